@@ -348,7 +348,7 @@ def _state_vector(electrical):
 
 
 def _resistance(load):
-    """Of the built-in resistor (Ω); 1/λ in scaled scenes, whose capacitance is 1."""
+    """The resistance of the built-in resistor (Ω); 1/λ in scaled scenes, whose capacitance is 1."""
     return load.resistance or 1.0 / load.decay_rate
 
 

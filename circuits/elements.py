@@ -71,7 +71,7 @@ def add_oscillator(circuit: Circuit, s: System, rate: float, start: tuple[str, .
 
 
 def pace_of(angle: float) -> float:
-    """By how much faster a clock lets the trapezoidal rule take a swing of ω h exactly.
+    """The clock's factor that makes the trapezoidal rule exact for an oscillation of ω h.
 
     The rule takes the frequency ω for one less by (ωh)²/12, which near a resonance is as much as
     its width. It takes tan(ωh/2)/(ωh/2) ω for ω.

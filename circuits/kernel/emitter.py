@@ -94,7 +94,7 @@ class Number:
         return self.greater(-self)
 
     def parts(self) -> list[Number]:
-        """Those that stand side by side, one by one."""
+        """The numbers of a vector, one by one."""
         return [
             Number(self.builder, self.builder.extract_element(self.value, ir.Constant(INDEX, k)))
             for k in range(self.count)

@@ -351,7 +351,7 @@ def _restart(scalars, step):
 
 @merged
 def _growth(ratio):
-    """By how much the next step may be longer, from the square of this one's error."""
+    """The factor by which the next step may be longer, from the square of this one's error."""
     return CAUTION / np.cbrt(np.sqrt(ratio))
 
 

@@ -106,7 +106,7 @@ class Expansion:
             refuse(card, f"more than {MOST_CHARACTERS // 1000} kB of netlist once expanded")
 
     def _own_characters(self, circuit):
-        """Of a sub-circuit's own cards and of the definitions within it."""
+        """The number of characters of a sub-circuit's own cards and of definitions within it."""
         if id(circuit) in self._characters:
             return self._characters[id(circuit)]
         cards = [(card, " ".join(words)) for card, words in circuit.elements]

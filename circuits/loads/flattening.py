@@ -110,7 +110,7 @@ class _Line:
 
 
 def _ordered(line):
-    """Of R, C or L its model or None, texts of values, the last of which counts, other numbers."""
+    """The model (or None), the values as text and the other numbers of an R, C or L."""
     model, values = None, []
     for word in line.rest:
         key, equals, text = word.partition("=") if word[0] != "{" else (word, "", "")

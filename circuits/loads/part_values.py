@@ -43,12 +43,12 @@ def negative_parts(load: LoadCircuit) -> tuple[str, ...]:
 
 
 def conductance(parts: Iterable[Element]) -> float:
-    """Of resistors side by side (S); what one below 0 delivers is not used."""
+    """The conductance (S) of resistors in parallel. Negative resistances are left out."""
     return sum(max(1.0 / each.size, 0.0) for each in parts if each.letter == "r" and each.size)
 
 
 def capacitance(parts: Iterable[Element]) -> float:
-    """Of capacitors side by side (F)."""
+    """The capacitance (F) of capacitors in parallel."""
     return sum(each.size or 0.0 for each in parts if each.letter == "c")
 
 

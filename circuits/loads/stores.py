@@ -73,7 +73,7 @@ def _store(each):
 
 
 def weights(store: Store, levels: Iterable[str]) -> np.ndarray:
-    """Of each level in what a store holds: 1, −1 or 0."""
+    """The sign with which each level counts in the voltage of a store: 1, −1 or 0."""
     return np.array([float(name == store.first) - float(name == store.second) for name in levels])
 
 

@@ -106,7 +106,7 @@ class LoadCircuit:
 
     @cached_property
     def run_text(self) -> str:
-        """Its sub-circuit as ngspice runs it: every number written out."""
+        """The sub-circuit as ngspice runs it, with every number written out."""
         return run_text(self.name, self.pins, self.elements)
 
     @cached_property
@@ -126,7 +126,7 @@ class LoadCircuit:
 
     @cached_property
     def periods(self) -> tuple[float, ...]:
-        """Of its sources that repeat themselves (s), each once."""
+        """The periods (s) of its periodic sources, each once."""
         found = (each.wave.period for each in self.elements if each.wave)
         return tuple(dict.fromkeys(period for period in found if period is not None))
 
@@ -153,12 +153,12 @@ class LoadCircuit:
 
     @property
     def values(self) -> dict[str, float]:
-        """Its parameters that are plain numbers, as given or by default (SI)."""
+        """The parameters that are plain numbers, given or by default (SI)."""
         return dict(self.defaults) | dict(self.parameters)
 
     @cached_property
     def stores(self) -> tuple[Store, ...]:
-        """Its capacitors and coils."""
+        """The capacitors and coils of the load."""
         return stores_of(self)
 
     @cached_property

@@ -44,7 +44,7 @@ class Waveform(NamedTuple):
 
     @property
     def start(self) -> float:
-        """Its value at the beginning."""
+        """The value at the beginning."""
         first = self.numbers
         if self.kind == "pwl":
             late = [k for k in range(0, len(first), 2) if first[k] <= 0.0]

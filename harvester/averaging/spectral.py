@@ -112,7 +112,7 @@ def _has_state(part):
 
 
 def _covariance(matrix, excitation, unit, nodes):
-    """Of (X, X', e), scaled: ndarray of shape (3, 3), 0 where there is no state."""
+    """The scaled covariance of (X, X', e), shape (3, 3); 0 for states that do not exist."""
     frequencies, weights = _quadrature(matrix, excitation.corners, nodes)
     weights = weights * excitation.density(frequencies)
     lines = [(frequency, 0.5 * a**2) for frequency, a in excitation.lines]
@@ -187,7 +187,7 @@ class GaussianDensity:
 
     @property
     def names(self) -> tuple[str, ...]:
-        """Of the densities there are."""
+        """The names of the available densities."""
         return ("displacement", "velocity") if self.gaussian else ()
 
     def tabulated(self, name: str) -> tuple[np.ndarray, np.ndarray]:

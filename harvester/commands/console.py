@@ -119,7 +119,7 @@ class _Lines:
 
 
 def _duration(seconds):
-    """In seconds, minutes, hours or days."""
+    """A duration as text in seconds, minutes, hours or days."""
     if seconds > LONGEST_TOLD_SECONDS:
         return "centuries"
     for size, unit in ((86400.0, "days"), (3600.0, "h"), (60.0, "min")):

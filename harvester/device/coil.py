@@ -26,7 +26,7 @@ TERMINAL = "coil"
 
 
 class Coil(LinearTransducer, Rates):
-    """With inductance; β = Φ²/(M L), λ = (R_coil + R)/L. Voltages in units of Φ l (1/s)."""
+    """A coil with inductance: β = Φ²/(M L), λ = (R_coil + R)/L. Its unit of voltage is Φ l (1/s)."""
 
     __slots__ = ()
 
@@ -186,5 +186,5 @@ class CoilTable(TransducerTable):
         )
 
     def matched_resistance(self, rate: float) -> float:
-        """That of the winding."""
+        """The load resistance that matches the winding's (Ω)."""
         return self.resistance

@@ -141,7 +141,7 @@ class TransducerTable:
         raise NotImplementedError
 
     def network(self, setting: Setting, equations: Any, rate: float) -> Network:
-        """Its elements up to the terminal.
+        """The elements of the transducer up to its terminal.
 
         Parameters
         ----------

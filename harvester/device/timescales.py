@@ -169,7 +169,7 @@ def stiffness(system: System, x: float) -> float:
 
 
 def well_frequency(system: System, well: float) -> float:
-    """Of small oscillations about a well with the transducer open (rad/s).
+    """The angular frequency (rad/s) of small oscillations about a well, with the transducer open.
 
     A vanishing one is replaced by the noise's own rate.
     """
@@ -180,7 +180,7 @@ def well_frequency(system: System, well: float) -> float:
 
 @kept
 def angular_frequency(system: System) -> float:
-    """Of small oscillations about the stiffest well with the transducer open (rad/s)."""
+    """Angular frequency (rad/s) of small oscillations about the stiffest well, transducer open."""
     return max(well_frequency(system, well) for well in wells(system))
 
 
@@ -224,7 +224,7 @@ def contact_time(system: System) -> float:
 
 @kept
 def fastest_angular_frequency(system: System) -> float:
-    """Of small oscillations or of the greatest that the noise drives, whichever is faster (rad/s).
+    """The angular frequency (rad/s) of the fastest motion: small oscillations, or the greatest.
 
     The greatest has the energy `RESOLVED_ENERGY` E[X'²] at the frequency ω of that motion itself;
     its stiffness is that of harmonic balance. What the contacts add belongs to the contact's own

@@ -337,7 +337,7 @@ def _unclip(values, clipped):
 
 
 def _even(values, times, rate, mend, file, most):
-    """On a grid of the mean spacing, or of the rate where one is given."""
+    """The samples on an even grid, with the mean spacing or the given rate."""
     largest = float(np.abs(times).max())
     if largest > LARGEST_TIME:
         raise SceneError(f"{file}: the time column reaches {largest:g} s: it must be in seconds")

@@ -80,7 +80,7 @@ def read_record(file: str) -> tuple[bytes, str]:
 
 
 def most_samples() -> int:
-    """That a record may have, by the memory they take."""
+    """The largest number of samples of a record, by the memory that they take."""
     return memory_limit() // BYTES_PER_SAMPLE
 
 

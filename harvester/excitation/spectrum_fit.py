@@ -236,7 +236,7 @@ def _model(frequency, intensity, time):
 
 
 def _relative_errors(frequency, time, weight):
-    """Of D and τ1, from the expected information of their logarithms."""
+    """The relative errors of D and τ1, from the expected information of their logarithms."""
     square = (2.0 * np.pi * frequency * time) ** 2
     slopes = np.stack([np.ones_like(square), -2.0 * square / (1.0 + square)])
     information = weight * slopes @ slopes.T

@@ -252,7 +252,7 @@ def _form_of(lines):
 
 
 def _most_common_kind(kinds):
-    """Of one column; a gap in it is text, too."""
+    """The most common kind of a column's fields. A gap counts as text."""
     counted = Counter(kind for kind in kinds if kind != TEXT)
     return counted.most_common(1)[0][0] if counted else TEXT
 

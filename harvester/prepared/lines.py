@@ -61,7 +61,7 @@ def spread(ready: Prepared) -> float:
 
 
 def half_width(ready: Prepared) -> float:
-    """That of the resonance over its frequency, by damper and, if it is one, resistor."""
+    """Half width of the resonance over its frequency, from the damper and a resistor as load."""
     return _half_width(ready.system, line_frequency(ready))
 
 
@@ -92,7 +92,7 @@ def _mobility(system: System, omega: float) -> float:
 
 
 def _resonances(system: System) -> tuple[float, float]:
-    """Of small oscillations about the stiffest well, without and with the transducer (rad/s)."""
+    """Frequencies (rad/s) of small oscillations in the stiffest well, without and with transducer."""
     stiffest = max(timescales.wells(system), key=lambda well: timescales.stiffness(system, well))
     short = math.sqrt(max(timescales.stiffness(system, stiffest), 0.0))
     return short, max(short, timescales.angular_frequency(system))

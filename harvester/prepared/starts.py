@@ -47,7 +47,7 @@ class EnergyRange(NamedTuple):
 
 
 def energy_range(ready: Prepared) -> EnergyRange:
-    """From rest to beyond the highest orbit that the excitation can keep up, saddles included."""
+    """The range of energies from which starts are drawn."""
     return _energy_range(ready)
 
 

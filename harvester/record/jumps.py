@@ -74,7 +74,7 @@ class Jumps:
 
     @classmethod
     def between_no_wells(cls, batches: int) -> Jumps:
-        """Of a device with one well: there is nothing to count."""
+        """The jumps of a device with one well, which has none."""
         nothing = np.zeros(0)
         ends, times = (0.0, 0.0), np.zeros((batches + 1, 0))
         return cls(0.0, 1.0, nothing, nothing, ends, nothing, times, times[:, None])

@@ -69,22 +69,22 @@ class Waveform:
 
     @property
     def displacement(self) -> np.ndarray:
-        """Of the mass, relative to the base."""
+        """Displacement of the mass relative to the base."""
         return self.columns["displacement"]
 
     @property
     def velocity(self) -> np.ndarray:
-        """Of the mass, relative to the base."""
+        """Velocity of the mass relative to the base."""
         return self.columns["velocity"]
 
     @property
     def voltage(self) -> np.ndarray:
-        """At the transducer's terminals."""
+        """Voltage at the transducer's terminals."""
         return self.columns["voltage"]
 
     @property
     def current(self) -> np.ndarray:
-        """From the terminals into the load."""
+        """Current from the terminals into the load."""
         return self.columns["current"]
 
     def data(self) -> tuple[list[str], list[list[float]]]:
@@ -152,7 +152,7 @@ class Waveform:
         return f"<Waveform of {self.scene.name} by {self.engine}: {self.said()}>"
 
     def said(self) -> str:
-        """Its ends, points and columns, in words."""
+        """Range of time, number of points and columns, in words."""
         if not self.time.size:
             return "no points"
         ends = f"{self.time[0]:.4g} to {self.time[-1]:.4g} s, {self.time.size} points"

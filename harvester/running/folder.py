@@ -154,7 +154,7 @@ def _clean(folder):
 
 
 def _let_go():
-    """In a forked process: the lock is the parent's alone, and ends with it."""
+    """Close the lock in a forked process: only the parent holds it."""
     for handle in _HANDLES:
         os.close(handle)
     _HANDLES.clear()

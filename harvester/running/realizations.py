@@ -130,13 +130,13 @@ class Realizations:
         density: bool = False,
         waveform: bool = False,
     ) -> "Realizations":
-        """Those of a scene, several in a task where they cost less so."""
+        """The realizations of a scene. Several form a task if that costs less."""
         size = min(_together(scene, method), scene.run.realizations)
         many = scene.replace({"run.realizations": min(scene.run.realizations, MANY_REALIZATIONS)})
         return cls(many, method, size, version, density, waveform)
 
     def tasks(self, start: int, stop: int, most: float = math.inf) -> list[Task]:
-        """Of the realizations from one to before another; none from `most` on.
+        """The tasks of the realizations from `start` to before `stop`, and none from `most` on.
 
         `start` is a multiple of `size`; the last task may go beyond `stop`, not beyond `most`.
         """

@@ -131,7 +131,7 @@ class Runner:
         return self.follow(plans, on_answer, in_turn)
 
     def version(self, method: str) -> str:
-        """Of what computes by an engine or a closure, besides this package."""
+        """The version of the program that an engine or closure uses beside this package."""
         if method != "circuit":
             return ""
         if not self._circuit:

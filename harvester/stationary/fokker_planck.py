@@ -335,7 +335,7 @@ def _compared(grids, find):
 
 
 def _summed(values, taken, doubted):
-    """Those of the first grid with all that finer ones changed, and shares of the last changes.
+    """The means, summed from the first grid and the changes on finer ones, with their errors.
 
     Of the last change of each respect one share is taken as well, and one is its error.
     """

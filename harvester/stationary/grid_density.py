@@ -56,7 +56,7 @@ class GridDensity:
 
     @cached_property
     def _voltage(self):
-        """Of the last of some grids alone: it takes as long as all else here."""
+        """The density of the voltage. It takes as long as all others: last grid only."""
         if len(self._grid.z) == 1:
             voltage = self._transducer.voltage(self.v, 0.0)
             return CubicSpline(voltage, self._velocity(self.v) * self.v[-1] / voltage[-1])

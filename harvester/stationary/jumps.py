@@ -61,7 +61,7 @@ class _Found:
             raise AveragingError("rates of jumps take too many steps")
 
     def inverse(self, later: Callable, parity: float, decayed: float = 1.0) -> Inverse:
-        """Of a map of states of this parity."""
+        """The inverse of a map of states with this parity."""
         known = self.coarser.inverses[parity] if self.coarser else None
         found = Inverse(self.solution.grid, later, known, decayed=decayed, parity=parity)
         self.inverses[parity] = found
@@ -131,7 +131,7 @@ class _SlowestDecay(_Found):
         return float(np.sum(self._signs * state[:, :, 0]))
 
     def _by_arnoldi(self, propagator):
-        """From nothing; refused where it oscillates, which no rate tells."""
+        """The slowest decay by Arnoldi's method. One that oscillates has no rate and is refused."""
         shape = self.solution.grid.shape
         start = self.solution.before_flow * self.solution.grid.x[:, None, None, None]
         operator = LinearOperator(
@@ -201,7 +201,7 @@ class _Jumps(_Found):
         return later
 
     def _last_in_cores(self, later, source, guess, parity):
-        """From the mass between the saddles beside each core, or as the coarser grid has it."""
+        """The mass by the core it was in last, found from the coarser grid's or the wells'."""
         coarser, p = self.coarser, self.masses[0]
         if coarser is None:
             start = guess[:, None, None, None] * p

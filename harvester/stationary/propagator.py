@@ -64,12 +64,12 @@ class Grid(NamedTuple):
 
     @property
     def shape(self) -> tuple[int, int, int, int]:
-        """Of a state: nodes of X and Z, Hermite functions of η, nodes of X'."""
+        """The shape of a state: nodes of X and Z, Hermite functions of η, nodes of X'."""
         return len(self.x), len(self.kept), self.modes, len(self.v)
 
     @property
     def push_bytes(self) -> int:
-        """Of the matrices that push the noise, for a whole and half a step, and of their making."""
+        """Bytes of the noise's matrices for whole and half steps, and of computing them."""
         complex_matrices = 4 * len(self.x) * (len(self.v) // 2 + 1) * self.modes**2
         return 16 * complex_matrices
 

@@ -214,7 +214,7 @@ class Region(NamedTuple):
         return cls(left - spare, right + spare, REGION_MARGIN * speed, *cores, mean, well)
 
     def grid(self, device: System, level: Level, step: float) -> Grid:
-        """Its nodes on a level; where half of them tells the others, these alone."""
+        """The nodes of a level. Where half of them mirror the others, only that half."""
         follows = device.transducer.decay_rate() > 0.0
         mirrored = self.well is None and device.symmetric and follows
         noise = device.noise.correlation_time
@@ -228,7 +228,7 @@ class Region(NamedTuple):
         )
 
     def displaced(self, device: System) -> float:
-        """By how many half widths of its density the greatest Z displaces the mass."""
+        """The displacement of the mass by the greatest Z, in half widths of its density."""
         if device.transducer.decay_rate() == 0.0:
             return 0.0
         _, reach = self._charge(device)

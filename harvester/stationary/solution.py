@@ -171,7 +171,7 @@ class Solution:
         return change
 
     def _of_wells(self, state):
-        """Its part in each of the wells between which jumps are rare, of sum 1."""
+        """The parts of a state in wells between which jumps are rare, each with sum 1."""
         parts = self._wells[:, :, None, None, None] * state
         return parts / parts[:, :, :, 0].sum(axis=(1, 2, 3))[:, None, None, None, None]
 
@@ -227,5 +227,5 @@ def _gibbs(device, region, grid):
 
 
 def period(device: System) -> float:
-    """Of small oscillations (s)."""
+    """The period of small oscillations (s)."""
     return 2.0 * np.pi / timescales.angular_frequency(device)

@@ -65,7 +65,7 @@ def density_of_charge(grid: Grid, mass: np.ndarray) -> tuple[np.ndarray, np.ndar
 
 
 def _of_normals(grid, mass):
-    """By normal densities of Z at each X and X', no narrower than nodes of X leave no gap."""
+    """p(V) from normal densities of Z at each X and X', so wide that nodes of X leave no gap."""
     moments = np.einsum("nz,xzv->nxv", [grid.z**power for power in range(3)], mass)
     for axis in (1, 2):
         moments = convolve1d(moments, SMOOTHING, axis=axis, mode="constant")
@@ -83,7 +83,7 @@ def _of_normals(grid, mass):
 
 
 def _of_greatest_entropy(grid, mass):
-    """By densities of Z at each X, from the moments that the nodes tell of it."""
+    """p(V) from densities of greatest entropy of Z at each X, by the moments of the nodes."""
     x, z = grid.x, grid.z
     along = convolve1d(mass.sum(axis=2), SMOOTHING, axis=0, mode="constant")
     held = along.sum(axis=1)

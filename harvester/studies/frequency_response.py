@@ -342,7 +342,7 @@ def one_direction(
 
 
 def rising_frequencies(frequencies: Any) -> np.ndarray:
-    """In Hz, each once, of a list, a generator, an array or one number.
+    """Frequencies in Hz in rising order, each once, from a list, generator, array or number.
 
     Raises
     ------

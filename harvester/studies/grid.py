@@ -162,7 +162,7 @@ def _check_sweep(scene, key, values, any_key):
 
 
 def _every_key():
-    """Those that a scene may hold, whatever its tables; one of several is a number's name."""
+    """All keys that a scene may hold, whatever its tables."""
     kinds = {
         "excitation.kind",
         *(f"excitation.{key}" for kind in KINDS.values() for key in kind.KEYS),

@@ -44,7 +44,7 @@ class Worker:
 
     @property
     def process_id(self) -> int | None:
-        """Of the running process, or None."""
+        """The number of the running process, or None."""
         return self._process.pid if self._process else None
 
     def call(

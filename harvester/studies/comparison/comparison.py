@@ -264,7 +264,7 @@ class Comparison:
         return [each.note for each in found if each is not None and each.note][:1]
 
     def joint_distances(self) -> dict[str, tuple[float, float]]:
-        """Of closures with a joint density: ∬|p − p'| from Monte Carlo's, and that by chance."""
+        """∬|p − p'| of each joint density from Monte Carlo's, and that expected by chance."""
         simulated = self.monte_carlo.joint_density
         return {
             name: simulated.distance(result.joint_density)

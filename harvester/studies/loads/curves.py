@@ -41,7 +41,7 @@ class CurveOptimum:
 
 @dataclass(frozen=True)
 class Difference:
-    """By how much the better of two loads is ahead at their optima, P_better/P_worse − 1."""
+    """The lead of the better of two loads at their optima, P_better/P_worse − 1."""
 
     better: str
     worse: str

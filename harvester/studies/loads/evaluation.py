@@ -81,7 +81,7 @@ class Evaluation(Cell):
 
     @property
     def relative_error(self) -> float:
-        """Of the output power; infinite without an error bar."""
+        """The relative error of the output power, infinite if it has no error bar."""
         share = self.power_error / abs(self.power) if self.power else math.nan
         return math.inf if math.isnan(share) else share
 

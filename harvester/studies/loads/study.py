@@ -89,7 +89,7 @@ class Study:
 
     @property
     def scene(self) -> Scene:
-        """With one spacing of knots for all points."""
+        """The scene, with one spacing of knots for all points."""
         return self.grid.scene
 
     @property
@@ -113,7 +113,7 @@ class Study:
 
     @property
     def unit(self) -> str:
-        """Of power."""
+        """The unit of power."""
         return "W" if self.scene.units == "SI" else "scaled power"
 
     @cached_property

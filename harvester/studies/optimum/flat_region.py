@@ -41,7 +41,7 @@ class Side:
 
 
 def climb(objective: Objective, place: tuple, stage: int) -> tuple[tuple, Any, list]:
-    """From a place to one that no place along an axis exceeds, and how flat it is there.
+    """Climb to a place that no other along an axis exceeds; gives how flat the region is there.
 
     Parameters
     ----------
@@ -85,7 +85,7 @@ def _look_around(objective, place, answer, stage):
 
 
 def _gain(objective, found, answer):
-    """By how much a place is higher, and the error of that."""
+    """The gain of a place over another, with its error."""
     value = objective.value(found)
     if np.isnan(value):
         return -np.inf, 0.0
@@ -98,7 +98,7 @@ def _paired(rays):
 
 
 class _Ray:
-    """From a place along one axis to one end of its range."""
+    """The line from a place along one axis to an end of its range."""
 
     def __init__(self, axis, way, place):
         self._axis, self._way, self._place = axis, way, place

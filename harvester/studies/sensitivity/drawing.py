@@ -19,7 +19,7 @@ BINS = 30
 
 
 def draw_tornado(study: Sensitivity) -> Figure:
-    """By how much each parameter moves the quantity, and its Sobol indices beside it."""
+    """A figure of each parameter's effect on the quantity, with its Sobol indices."""
     from matplotlib.figure import Figure
 
     order = study.order()[::-1]

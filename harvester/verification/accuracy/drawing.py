@@ -115,7 +115,7 @@ def _draw_line(axes, line, name, seconds, mark, limits):
 
 
 def _span(result, name):
-    """From the first time at which a method says anything to the last that is read off."""
+    """The range of times, from the first with a result of a method to the last that is read off."""
     errors = [line.errors[name] for line in result.lines if line.errors]
     times = [error.seconds_to(limit) for error in errors for limit in result.limits]
     times += [point.seconds for point in result.points]

@@ -282,7 +282,7 @@ def _coupled_bridges():
 
 
 def _flanks_of_a_resistor():
-    """On resonance and where the power is about half of that: steps must not shift it."""
+    """A resistor on resonance and at half power beside it: steps must not shift the resonance."""
     device = formulas.Driven(force=1e-3, damping=1e-3, coupling=1e-3, capacitance=2e-3)
     resistance, damping = 0.2 / device.capacitance, device.damping
     for side, words in FLANKS:

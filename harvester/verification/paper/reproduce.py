@@ -274,7 +274,7 @@ def _plan(scene, figure, quick, precision=None):
 
 
 def _density_values(panel, place, curve, quick):
-    """By method, the one value of a curve."""
+    """The single value of a curve, for each method."""
     # The circuit takes a hundred times as long and gets one curve of each panel.
     methods = [*NOISE_CLOSURES, "monte-carlo"] + ["circuit"] * (place == 0)
     value = dict(curve.changes)[panel.swept]
@@ -282,7 +282,7 @@ def _density_values(panel, place, curve, quick):
 
 
 def _sweep_values(panel, place, curve, quick):
-    """By method, the values along a curve: the circuit's is the middle one."""
+    """The values along a curve, for each method. The circuit has the middle one alone."""
     fine, coarse = panel.values(quick)
     circuit = [coarse[len(coarse) // 2]] if place == 0 or not quick else []
     return {**dict.fromkeys(NOISE_CLOSURES, fine), "monte-carlo": coarse, "circuit": circuit}
@@ -295,7 +295,7 @@ def _requests(plan):
 
 
 def _request(scene, method, efforts, precision, density):
-    """With as many realizations as the effort asks for."""
+    """The request for a scene, with as many realizations as the effort asks for."""
     first = {engine: effort.realizations for engine, effort in efforts.items()}
     options = {}
     if method in efforts:

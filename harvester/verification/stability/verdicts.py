@@ -248,7 +248,7 @@ def _of_mean(judge, name, ours, value, error):
 
 
 def _share(part, whole):
-    """As a share of the whole; 0 of nothing where both vanish."""
+    """part/whole, and 0 if both vanish."""
     if part == 0.0:
         return 0.0
     return part / abs(whole) if whole else math.inf
