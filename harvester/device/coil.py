@@ -26,7 +26,7 @@ TERMINAL = "coil"
 
 
 class Coil(LinearTransducer, Rates):
-    """A coil with inductance: β = Φ²/(M L), λ = (R_coil + R)/L. Its unit of voltage is Φ l (1/s)."""
+    """A coil with inductance: β = Φ²/(M L), λ = (R_coil + R)/L. Unit of voltage: Φ l (1/s)."""
 
     __slots__ = ()
 

@@ -92,7 +92,7 @@ def _mobility(system: System, omega: float) -> float:
 
 
 def _resonances(system: System) -> tuple[float, float]:
-    """Frequencies (rad/s) of small oscillations in the stiffest well, without and with transducer."""
+    """Frequencies (rad/s) of small oscillations, stiffest well, without and with transducer."""
     stiffest = max(timescales.wells(system), key=lambda well: timescales.stiffness(system, well))
     short = math.sqrt(max(timescales.stiffness(system, stiffest), 0.0))
     return short, max(short, timescales.angular_frequency(system))

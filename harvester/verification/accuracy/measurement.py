@@ -383,7 +383,7 @@ def _runs_by_time(scene, methods, seconds, runner):
     sizes = [_together(scene, method) for method in methods]
 
     def answers(spans):
-        """For each method the answers of a span of tasks, each of as many realizations as its size."""
+        """For each method the answers of a span of tasks, with as many realizations as its size."""
         groups = [
             [
                 realizations_task(scene, method, range(k * size, (k + 1) * size), runner)
