@@ -195,6 +195,7 @@ class Verification:
             before = row.truth
         said = [
             "# Verified against others",
+            "*For whoever asks why to believe a number.*",
             f"Written by `harvester verify`, harvester {__version__}, {self.date}: closed forms, "
             "exact limits, published powers and other integrators beside this project's results.",
             "\n".join(f"- {line}" for line in self._said_of_exact()),

@@ -155,8 +155,22 @@ class Judgement:
         """The table with the sentences quoted, and the details, as Markdown."""
         header = ["section", "sentence", "tested", *METHODS]
         rows = [[c.section, c.sentence, c.says, *_texts(verdicts)] for c, verdicts in self.judged]
-        details = "".join(f"- {line}\n" for line in self.sentences())
-        return f"{markdown_table([header, *rows])}\n\n{details}"
+        return f"{markdown_table([header, *rows])}\n\n{self._folded()}"
+
+    def _folded(self) -> str:
+        """The details as Markdown, one fold for each statement."""
+        folds: dict[str, list[str]] = {}
+        for line in self.sentences():
+            says = next((c.says for c in self.claims if line.startswith(f"{c.says}: ")), "")
+            folds.setdefault(says, []).append(line.removeprefix(f"{says}: "))
+        plain_lines = "".join(f"- {line}\n" for line in folds.pop("", []))
+        parts = "\n".join(
+            f"<details><summary>{says}</summary>\n\n"
+            + "".join(f"- {line}\n" for line in lines)
+            + "\n</details>\n"
+            for says, lines in folds.items()
+        )
+        return f"{plain_lines}\n## Where a statement does not simply hold\n\n{parts}"
 
     def figure(self) -> None:
         """Statements have none."""
