@@ -37,7 +37,7 @@ from harvester.simulation.methods import Engine
 from harvester.simulation.outcome import LARGEST_RESIDUAL
 from harvester.studies.sweep import Cell
 
-# Dimensions of a record's columns; the others are powers.
+# Dimensions of a record's columns. All others are powers.
 WAVEFORM = {
     "time": "time",
     "displacement": "displacement",
@@ -48,7 +48,7 @@ WAVEFORM = {
 POWER = "output_power"
 
 
-# With a precision, of one point.
+# Most realizations of one point if a precision is asked for.
 MOST_REALIZATIONS = 4000
 
 

@@ -44,9 +44,10 @@ if TYPE_CHECKING:
 
     from harvester.running.folder import StudyFolder
 
-# Measured time of a realization over its settling: a fifth of the run is then spent on settling.
+# Measured time of a realization over its settling time. A fifth of the run is then spent on
+# settling.
 DURATION_OVER_SETTLE = 4.0
-# Of the time budget, kept for the circuit as judge.
+# Share of the time budget that is kept for the circuit as judge.
 PROOF_SHARE = 0.2
 
 

@@ -14,11 +14,12 @@ import numpy as np
 from harvester.studies.optimum.axis import Axis, Parameter
 from harvester.studies.optimum.objective import Objective
 
-# Lost height, as a share, up to which a place counts as flat; and standard errors of the loss.
+# A place belongs to the flat region if it loses at most this share, within so many standard errors.
 FLAT_SHARE, FLAT_SIGMAS = 0.01, 2.0
-# Steps outwards: the whole way to the end of the range halved so often; then the edge is halved.
+# The first step outwards is the way to the end of the range, halved so often. The edge is then
+# located by so many halvings.
 HALVINGS, REFINEMENTS = 6, 2
-# A higher place must be so many standard errors higher, and by this share.
+# A place counts as higher if it is so by so many standard errors, and by this share.
 HIGHER, SHARE_HIGHER = 3.0, 1e-3
 MOVES = 6
 

@@ -23,7 +23,7 @@ from harvester.studies.optimum.flat_region import FLAT_SHARE
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-# Attributes of the release before, and where each is now.
+# Former attributes, and where each is now.
 _FORMER = {
     "axis": "parameters[0].axis",
     "ranges": "parameters",
