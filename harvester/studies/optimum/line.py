@@ -30,8 +30,8 @@ SCANNED, REFINED, DEGREE, PLACES = 17, 7, 4, 7
 # halved while the fit falls by more than `DROP` of its maximum within it.
 WINDOW, NARROWEST, DROP = 0.25, 0.02, 0.15
 MOVES = 16
-# Two standard errors of the place may be this share of the window's half width; and the factor by
-# which the realizations grow at most in one round.
+# Two standard errors of the place may be this share of the window's half width. Otherwise the next
+# round has so many times the realizations, up to the largest multiple.
 WANTED, TIMES_REALIZATIONS = 0.15, 4
 MOST_TIMES_REALIZATIONS = {"monte-carlo": 16, "circuit": 1}
 # A curvature, a slope or a fall counts from so many standard errors on.
