@@ -29,10 +29,10 @@ INPUT = re.compile(r"[\w./-]+\.(?:csv|mat|s1p|net|lib|toml|json|cir)")
 # A kill after this (s) ends a command that hangs.
 HANGS = 900.0
 PREFIXES = {"": 1.0, "n": 1e-9, "µ": 1e-6, "m": 1e-3, "k": 1e3, "M": 1e6}
-# An estimate with its error and its unit, if it has one.
-NUMBER = re.compile(
-    r"([+\-−]?\d[\d.]*(?:e-?\d+)?) ± (\d[\d.]*(?:e-?\d+)?)\s?([nµmkM]?)((?:W|V|%)²?|Ω)?"
-)
+# An estimate with its error and its unit, if it has one; a table has the unit in a column before.
+DIGITS = r"\d+(?:\.\d+)?(?:e-?\d+)?"
+NUMBER = re.compile(rf"([+\-−]?{DIGITS}) ± ({DIGITS})\s?([nµmkM]?)((?:W|V|%)²?|Ω)?(?!\w)")
+COLUMN = re.compile(r"\s([nµmkM]?)((?:W|V|%)²?|Ω)\s")
 
 
 def lines_of(block):
@@ -52,9 +52,12 @@ def parts_of(text):
 def numbers(text):
     """(estimate, error, unit) of a text, in units without a prefix."""
     found = []
-    for value, error, prefix, unit in NUMBER.findall(text):
-        factor = PREFIXES[prefix] ** (2 if unit.endswith("²") else 1)
-        found.append((float(value.replace("−", "-")) * factor, float(error) * factor, unit))
+    for line in text.splitlines():
+        column = COLUMN.search(line)
+        for value, error, *own in NUMBER.findall(line):
+            prefix, unit = own if own[1] or not column else column.groups()
+            factor = PREFIXES[prefix] ** (2 if unit.endswith("²") else 1)
+            found.append((float(value.replace("−", "-")) * factor, float(error) * factor, unit))
     return found
 
 
