@@ -228,11 +228,11 @@ class Parser:
         return (_WORDS.get(sign, sign), left, right)
 
     def raised(self, base: Tree, exponent: Tree) -> Tree:
-        """A power."""
+        """Parse a power."""
         return ("^", base, exponent)
 
     def called(self, name: str, arguments: list[Tree]) -> Tree:
-        """A function's call."""
+        """Parse the call of a function."""
         return ("call", name, *arguments)
 
 
@@ -405,7 +405,7 @@ class Names:
     parameters_only = False
 
     def name(self, name: str) -> Tree:
-        """A name's tree."""
+        """The tree of a name."""
         raise ExpressionError(f"unknown name {name[:60]}")
 
     def function(self, name: str) -> Any:

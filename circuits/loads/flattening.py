@@ -105,7 +105,7 @@ class _Line:
         return self.scope.path + name
 
     def made(self, **what: Any) -> Element:
-        """The element."""
+        """The element that the line describes."""
         return Element(self.letter, self.name, self.nodes, self.card.where, **what)
 
 

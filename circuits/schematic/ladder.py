@@ -38,7 +38,7 @@ class Column:
 
     @property
     def ends(self) -> tuple[str, str]:
-        """The two rails."""
+        """The two rails that the column connects."""
         return self.nodes[0], self.nodes[-1]
 
 

@@ -170,7 +170,7 @@ class Lumped(NamedTuple):
 
     @property
     def short_frequency(self) -> float:
-        """√(K/M)/2π (Hz)."""
+        """The short-circuit frequency √(K/M)/2π (Hz)."""
         return math.sqrt(self.stiffness / self.mass) / (2.0 * math.pi)
 
     @property

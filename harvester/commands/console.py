@@ -95,7 +95,7 @@ class _Lines:
         self._start.start()
 
     def close(self):
-        """Say nothing more."""
+        """End the output."""
         self._start.cancel()
 
     def _say_start(self):

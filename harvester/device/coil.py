@@ -100,7 +100,7 @@ class ResistiveCoil(NamedTuple):
         return 0.0
 
     def stiffness(self, mechanical: float) -> float:
-        """None."""
+        """A coil without inductance adds no stiffness."""
         return 0.0
 
     def loss_rate(self, frequency: float) -> float:
@@ -146,7 +146,7 @@ class CoilTable(TransducerTable):
     }
 
     def voltage_unit(self, setting: Setting) -> float:
-        """Φ l."""
+        """The scaled unit of voltage, Φ l."""
         return self.coupling * setting.length
 
     def state_unit(self, setting: Setting) -> float:

@@ -92,7 +92,7 @@ class ForceTable(NamedTuple):
         return -math.inf, math.inf
 
     def force(self, x: Values) -> Values:
-        """F(x)."""
+        """The force F(x)."""
         k0, k1, k2, k3 = self.core
         bent = bends_squared(self.sides, self.offsets, self.squares, self.cubes, x)
         return k0 + x * (k1 + x * (k2 + x * k3)) + bent
@@ -108,7 +108,7 @@ class ForceTable(NamedTuple):
         return self.steepest + 0.0 * x
 
     def slope(self, x: Values) -> Values:
-        """F'(x)."""
+        """The stiffness F'(x)."""
         return self.taylor(x)[0]
 
     def taylor(self, x: Values) -> tuple[Values, Values, Values]:
@@ -186,7 +186,7 @@ class ForceTable(NamedTuple):
         return places[np.diff(places, prepend=-math.inf) > 10.0 * least]
 
     def nonlinear_formula(self, x: str, rate: float, number: Callable) -> str:
-        """F(x) over rate²."""
+        """A formula of F(x)/rate² for netlists."""
         pieces = [(origin, force / rate**2) for origin, force in self.pieces()]
         return self._chosen(x, "force", pieces, "F/rate^2", number)
 

@@ -44,7 +44,7 @@ class HertzDamp(NamedTuple):
     duration_factor: float
 
     def power_below(self, depth: Values) -> Values:
-        """d^(n−1)."""
+        """d^(n−1), the power below that of the force."""
         return depth ** (self.exponent - 1.0)
 
     def elastic_force(self, depth: Values) -> Values:
@@ -148,7 +148,7 @@ class Hertz(HertzDamp):
     __slots__ = ()
 
     def power_below(self, depth: Values) -> Values:
-        """√d."""
+        """√d, the power below that of the force."""
         return np.sqrt(depth)
 
 

@@ -64,7 +64,7 @@ class PiezoTable(TransducerTable):
     takes_voltage: ClassVar[bool] = True
 
     def voltage_unit(self, setting: Setting) -> float:
-        """θ l/Cp."""
+        """The scaled unit of voltage, θ l/Cp."""
         if setting.units != SI:
             return 1.0
         return self.coupling * setting.length / self.capacitance
@@ -124,5 +124,5 @@ class PiezoTable(TransducerTable):
         )
 
     def matched_resistance(self, rate: float) -> float:
-        """1/(ω Cp)."""
+        """The load resistance 1/(ω Cp) that matches the capacitance."""
         return 1.0 / (rate * (self.capacitance or 1.0))

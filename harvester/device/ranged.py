@@ -67,7 +67,7 @@ class Ranged(NamedTuple):
         return self.low, self.high
 
     def force(self, x: Values) -> Values:
-        """F(x)."""
+        """The force F(x)."""
         inside = np.minimum(np.maximum(x, self.low), self.high)
         return inner_force(self.spring, inside) + self.stiffness * (x - inside)
 
@@ -83,7 +83,7 @@ class Ranged(NamedTuple):
         return inner_bound(self.spring, x) + self.stiffness
 
     def slope(self, x: Values) -> Values:
-        """F'(x)."""
+        """The stiffness F'(x)."""
         inside = (self.low <= np.asarray(x)) & (np.asarray(x) <= self.high)
         return np.where(inside, self.spring.slope(x), self.stiffness)[()]
 
@@ -104,7 +104,7 @@ class Ranged(NamedTuple):
         return (float(reached.min()), float(reached.max())) if reached.size > 1 else self.range
 
     def nonlinear_formula(self, x: str, rate: float, number: Callable) -> str:
-        """F(x) over rate²."""
+        """A formula of F(x)/rate² for netlists."""
         tilt, linear = self.spring.line
         parts = [
             number("tilt", tilt / rate**2, "F(0)/rate^2") if tilt else "",

@@ -76,7 +76,7 @@ class Shortfall:
 
     @property
     def note(self) -> str:
-        """The whole sentence."""
+        """The note as a whole sentence."""
         return f"{self.reason}: {self.advice}"
 
 

@@ -138,7 +138,7 @@ class RecordedMotion(Excitation):
 
     @property
     def interval(self) -> float:
-        """Between knots (s)."""
+        """Time between two knots (s)."""
         return _knots(self).interval
 
     @property
@@ -388,7 +388,7 @@ def _offset_remark(values, record, unit):
 
 
 def _columns(record, name):
-    """The file's columns."""
+    """The columns of the file that the scene names."""
     content, digest = read_record(record.file)
     if digest != record.sha256:
         raise SceneError(f"{name}: the record has changed since the scene was read")

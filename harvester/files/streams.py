@@ -58,12 +58,12 @@ class GuardedStream:
         return getattr(self._stream, name)
 
     def write(self, text: str) -> int:
-        """Write, or not."""
+        """Write, unless the stream is closed or full."""
         self.attempt(lambda: self._stream.write(text))
         return len(text)
 
     def flush(self) -> None:
-        """Flush, or not."""
+        """Flush, unless the stream is closed or full."""
         self.attempt(self._stream.flush)
 
     @property

@@ -37,7 +37,7 @@ class JointHistogram:
 
     @classmethod
     def empty(cls, start: float, interval: float) -> JointHistogram:
-        """Nothing sampled yet."""
+        """A histogram without samples."""
         counts = np.zeros((BINS, BINS), dtype=np.uint32)
         return cls(start, interval, counts, np.full(2, FINEST_BIN), np.full(3, np.nan))
 

@@ -78,7 +78,7 @@ class Axis:
         return float(self.low + coordinate * (self.high - self.low))
 
     def slope(self, coordinate: float) -> float:
-        """d(value)/d(coordinate)."""
+        """The derivative of the value by the coordinate."""
         if self.logarithmic:
             return self.value(coordinate) * math.log(self.high / self.low)
         return self.high - self.low

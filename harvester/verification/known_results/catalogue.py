@@ -62,7 +62,7 @@ SHU_LIEN = "Shu and Lien 2006"
 
 
 def catalogue() -> list[Truth]:
-    """All of them."""
+    """All known results."""
     return [
         *_linear_piezo(),
         *_linear_coil(),

@@ -105,7 +105,7 @@ class Along(StatementTest):
     values: tuple[float, ...]
 
     def places(self) -> list[tuple[str, float]]:
-        """All values."""
+        """The key with each of its values."""
         return [(self.swept, value) for value in self.values]
 
     def known(self, condition: Changes, read: Read) -> list[tuple[float, Answer]]:

@@ -173,7 +173,7 @@ class Judgement:
         return f"{plain_lines}\n## Where a statement does not simply hold\n\n{parts}"
 
     def figure(self) -> None:
-        """Statements have none."""
+        """None: statements have no figure."""
 
     def to_dict(self) -> dict[str, Any]:
         """Plain values for JSON."""

@@ -78,7 +78,7 @@ class Surfaces(_Figure):
         ]
 
     def sentences(self) -> list[str]:
-        """What was computed."""
+        """Sentences on what was computed."""
         return [f"{self.name}: orbits of Eq. 13 up to H − U(0) = {HIGHEST:g}; no noise enters"]
 
 
@@ -136,7 +136,7 @@ class OrbitVoltages(_Figure):
         return header, rows
 
     def sentences(self) -> list[str]:
-        """What was computed."""
+        """Sentences on what was computed."""
         return [
             f"{self.name}: extremes of V (Eq. 10) along the orbits of Eq. 13 up to H − U(0) = "
             f"{HIGHEST:g}; symbols: Eq. 4b itself along the same orbits; no noise enters",

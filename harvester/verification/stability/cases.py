@@ -48,7 +48,7 @@ class Case:
 
     @property
     def title(self) -> str:
-        """Family and name."""
+        """Family and name of the case."""
         return f"{self.family}: {self.name}" if self.family != "corner" else self.name
 
 
