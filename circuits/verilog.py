@@ -56,7 +56,7 @@ _BASE_NOTE = """\
 // charge of Q a on the terminals: modes of a beam that follow the base at once. A source sets it;
 // Cp d/dt (V(piezo) - V(base)) stands in (4b).
 """
-# Longest line of an expression.
+# Longest line of an expression, in characters.
 _WIDTH = 84
 _SIGN = """
     analog function real sgn;
@@ -67,7 +67,7 @@ _SIGN = """
 """
 
 
-# Elements of a piezo's network that a module holds.
+# Elements of a piezo's network that stand in a module.
 HELD = ("piezo", "charge", "back_action")
 
 

@@ -21,11 +21,12 @@ from harvester.compilation import intrinsic, overload, types
 from harvester.device.values import Values
 
 MOST_PIECES = 32
-# Every table has as many terms, those that it lacks being zero: one compiled code serves all.
+# Every table is filled with zero terms up to this number, so that one compiled code serves all.
 TERMS = MOST_PIECES + 1
 # A smoothed table has so many points for each of its pieces.
 POINTS_PER_PIECE = 3
-# Of the greatest force: a table is symmetric whose force differs by less from its mirrored one.
+# A table is symmetric if its force differs from the mirrored one by less than this share of the
+# greatest force.
 SYMMETRY = 1e-9
 CHECKED_POINTS = 201
 INTERPOLATIONS = ("monotone", "smooth")
@@ -91,7 +92,7 @@ class ForceTable(NamedTuple):
         return -math.inf, math.inf
 
     def force(self, x: Values) -> Values:
-        """F(x)."""
+        """The force F(x)."""
         k0, k1, k2, k3 = self.core
         bent = bends_squared(self.sides, self.offsets, self.squares, self.cubes, x)
         return k0 + x * (k1 + x * (k2 + x * k3)) + bent
@@ -107,7 +108,7 @@ class ForceTable(NamedTuple):
         return self.steepest + 0.0 * x
 
     def slope(self, x: Values) -> Values:
-        """F'(x)."""
+        """The stiffness F'(x)."""
         return self.taylor(x)[0]
 
     def taylor(self, x: Values) -> tuple[Values, Values, Values]:
@@ -140,12 +141,12 @@ class ForceTable(NamedTuple):
         """(origin, coefficients by powers of x − origin) of each piece, from the left."""
         breaks = self.breaks()
         middles = 0.5 * (breaks[1:] + breaks[:-1])
-        # The lines beyond both ends have their origins there.
+        # The straight lines beyond both ends begin at the ends.
         for origin, inside in zip(
             [breaks[0], *breaks], [breaks[0] - 1.0, *middles, breaks[-1] + 1.0], strict=True
         ):
             linear, square, cube = (float(each) for each in self.taylor(inside))
-            # The same cubic about the origin: from where it is known to be smooth.
+            # The same cubic, expanded about the origin.
             about = np.polynomial.Polynomial([float(self.force(inside)), linear, square, cube])
             moved = about(np.polynomial.Polynomial([origin - inside, 1.0]))
             cubic = np.append(moved.coef, np.zeros(4))[:4]
@@ -179,12 +180,13 @@ class ForceTable(NamedTuple):
             real = origin + roots.real[np.abs(roots.imag) < 1e-7 * (least + np.abs(roots.real))]
             found += [x for x in real if low - least <= x <= high + least]
         places = np.sort(found)
-        # A rest position off zero by rounding would be taken for a length of the device.
+        # A rest position that differs from zero by rounding would be taken for a length of the
+        # device.
         places[np.abs(places) < 10.0 * least] = 0.0
         return places[np.diff(places, prepend=-math.inf) > 10.0 * least]
 
     def nonlinear_formula(self, x: str, rate: float, number: Callable) -> str:
-        """F(x) over rate²."""
+        """A formula of F(x)/rate² for netlists."""
         pieces = [(origin, force / rate**2) for origin, force in self.pieces()]
         return self._chosen(x, "force", pieces, "F/rate^2", number)
 
