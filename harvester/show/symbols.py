@@ -26,6 +26,7 @@ KEYS = {
     "piezo.coupling": ("piezoelectric coupling", "N/V"),
     "piezo.capacitance": ("capacitance of the piezo", "F"),
     "piezo.leakage_resistance": ("leakage resistance of the piezo", "Ω"),
+    "piezo.base_charge": ("charge that the base moves", "C s²/m"),
     "coil.coupling": ("coupling of the coil", "V s/m"),
     "coil.resistance": ("resistance of the coil", "Ω"),
     "coil.inductance": ("inductance of the coil", "H"),
