@@ -23,6 +23,7 @@ from harvester.estimates.estimate import Density, Estimate
 from harvester.record.jumps import Jumps
 from harvester.record.moments import Moments
 from harvester.record.output_side import OutputMoments
+from harvester.record.strain import StrainMoments
 
 # An answer is some hundred kilobytes; more than this, packed or unpacked, is none (bytes).
 MOST_BYTES = 32_000_000
@@ -44,7 +45,8 @@ PASSING_REASON = re.compile(r"memory|alloc|disk|no space|too many open files", r
 TREE, DIGEST = "tree", "digest"
 # Dataclasses that an answer may hold, by their names.
 _KNOWN: dict[str, type] = {
-    each.__name__: each for each in (Density, Estimate, Jumps, Moments, OutputMoments)
+    each.__name__: each
+    for each in (Density, Estimate, Jumps, Moments, OutputMoments, StrainMoments)
 }
 
 

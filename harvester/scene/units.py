@@ -23,8 +23,8 @@ if TYPE_CHECKING:
 
 # Knots per period of small oscillations.
 KNOTS_PER_PERIOD = 40
-# Dimensions of time, which is never rescaled.
-UNSCALED = ("rate", "hourly_rate", "time")
+# Dimensions of time and stress, which are never rescaled.
+UNSCALED = ("rate", "hourly_rate", "time", "stress")
 
 
 @dataclass(frozen=True)
