@@ -98,6 +98,6 @@ def strain_notes(scene: Scene, moments: Sequence[Moments]) -> tuple[str, ...]:
         return ()
     return (
         f"the strain at the clamp exceeds beam.strain_limit = {limit:g} in {beyond} of "
-        f"{len(highest)} realizations, by up to {max(highest) / limit - 1.0:.3g} of it "
-        f"(stress up to {max(each.peaks[:, STRESS].max() for each in strains):.4g} Pa)",
+        f"{len(highest)} realizations, by up to {100.0 * (max(highest) / limit - 1.0):.3g} % "
+        f"(stress up to {max(each.peaks[:, STRESS].max() for each in strains) * 1e-6:.4g} MPa)",
     )

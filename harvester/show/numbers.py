@@ -13,7 +13,7 @@ NOT_KNOWN = "—"
 MOST_DIGITS = 6
 PREFIXES = {-12: "p", -9: "n", -6: "µ", -3: "m", 0: "", 3: "k", 6: "M", 9: "G"}
 # Units that take a prefix; of seconds only small ones do.
-PREFIXED = ("V", "W", "m", "m/s", "s", "J", "A", "Ω", "F", "H", "Hz")
+PREFIXED = ("V", "W", "m", "m/s", "s", "J", "A", "Ω", "F", "H", "Hz", "Pa")
 SHARES = ("efficiency", "share")
 # Counts from which two digits tell enough.
 ROUNDED_COUNT = 1000.0

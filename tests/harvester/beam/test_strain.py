@@ -70,16 +70,22 @@ def test_outer_fibre_is_the_layers():
     assert clamp_strain(Beam(**BARE_ROOT)).modulus == 105e9
 
 
-@pytest.mark.slow
-def test_peak_and_rms_of_a_sine():
-    frequency, resistance, base = 46.5, 33e3, 2.0
-    scene = Scene.load("bimorph").replace(
+def _driven(frequency, resistance, base):
+    """The bimorph under a sine."""
+    return Scene.load("bimorph").replace(
+        {"load.resistance": resistance},
         excitation={
             "kind": "sine", "amplitude": base, "frequency": frequency, "intensity": None,
             "correlation_time": None,
         },
         run={"duration": 2.0, "settle": 2.0, "realizations": 1},
     )  # fmt: skip
+
+
+@pytest.mark.slow
+def test_peak_and_rms_of_a_sine():
+    frequency, resistance, base = 46.5, 33e3, 2.0
+    scene = _driven(frequency, resistance, base)
     result = harvester.simulate(scene, method="monte-carlo", step="fine", workers=1)
     made, strain = lumped(scene.beam), clamp_strain(scene.beam)
     # As engines see the device: without the charge of the modes left out.
@@ -201,3 +207,17 @@ def test_refusals():
     assert lumped_scene.beam is None
     with pytest.raises(HarvesterError):
         Scene.load("cantilever").replace({"beam.strain_limit": 1e-4})
+
+
+@pytest.mark.exhaustive
+def test_an_optimum_keeps_the_limit():
+    """The power grows with a sine's amplitude until the strain, in proportion, is at its limit."""
+    pytest.importorskip("optuna")
+    scene = _driven(46.5, 33e3, 1.0).replace({"run.duration": 0.5, "run.settle": 1.0})
+    unit = harvester.simulate(scene, method="monte-carlo", workers=1)["peak_strain"].estimate
+    limited = scene.replace({"beam.strain_limit": 4.0 * unit})
+    found = harvester.optimum(limited, {"excitation.amplitude": (1.0, 10.0)}, evaluations=16)
+    assert 0.9 * 4.0 < found.parameters[0].place <= 4.0 * (1.0 + 1e-6)
+    assert any("strain_limit" in line for line in found.sentences())
+    with pytest.raises(HarvesterError, match="knows no peak of the strain"):
+        harvester.optimum(limited, {"excitation.amplitude": (1.0, 10.0)}, method="spectral")
