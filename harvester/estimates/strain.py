@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from harvester.beam.table import FATIGUE
 from harvester.estimates.batch_means import complete_batches, ratio_estimate, standard_error
 from harvester.estimates.estimate import Estimate, root
 from harvester.record.strain import STRAIN, STRESS
@@ -19,6 +20,8 @@ if TYPE_CHECKING:
 # The normal distribution's quantile that two standard errors stand for.
 TWO_SIDED = 1.959964
 ONE_PEAK = "one realization has one peak: raise run.realizations for an error bar"
+# What there is only with a line of Basquin.
+LIFE = ("damage_rate", "fatigue_life")
 NO_CYCLE = "no cycle of strain was seen"
 
 
@@ -57,7 +60,7 @@ def estimate_strain(
     if all(each.damage is not None for each in strains):
         damage = np.stack([each.damage[:count] for each in strains])
         rate = ratio_estimate(damage, time, "rate", error_of=error_of)
-        found |= {"damage_rate": rate, "fatigue_life": _life(rate)}
+        found |= dict(zip(LIFE, (rate, _life(rate)), strict=True))
     return found
 
 
@@ -101,3 +104,11 @@ def strain_notes(scene: Scene, moments: Sequence[Moments]) -> tuple[str, ...]:
         f"{len(highest)} realizations, by up to {100.0 * (max(highest) / limit - 1.0):.3g} % "
         f"(stress up to {max(each.peaks[:, STRESS].max() for each in strains) * 1e-6:.4g} MPa)",
     )
+
+
+def without_line(scene: Scene, name: str) -> str:
+    """Why a scene with a drawing has not this quantity; "" where its line of Basquin is not it."""
+    if name not in LIFE or scene.beam is None or scene.beam.fatigue_line is not None:
+        return ""
+    keys = ", ".join(f"beam.{key}" for key in FATIGUE)
+    return f"{scene.name}: {name} needs a line of Basquin of your layers: give {keys}"

@@ -76,7 +76,7 @@ class StrainWatch:
         self._moments, self._line = moments, line
         self._strain: Any = moments.strain
         self._turns: list[np.ndarray] = []
-        self._rainflow: Any = line and optional_library("rainflow", "fatigue", "fatigue")
+        self._rainflow: Any = line and optional_library("rainflow", "a life", "fatigue")
         # Time, strain and stress of the last two points.
         self._last = np.full((2, 3), np.nan)
 

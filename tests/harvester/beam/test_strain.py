@@ -1,6 +1,7 @@
 """Strain at the clamp and the layers' life: closed forms, finite elements and E1049."""
 
 import math
+import sys
 
 import numpy as np
 import pytest
@@ -10,7 +11,7 @@ import harvester
 from harvester.beam.modes import rest
 from harvester.beam.strain import clamp_strain
 from harvester.beam.table import Beam, lumped, pieces_of, section, tip_of
-from harvester.errors import HarvesterError, SceneError
+from harvester.errors import HarvesterError, MissingLibrary, SceneError
 from harvester.estimates.strain import estimate_strain
 from harvester.excitation.base import kernel_loss
 from harvester.record.strain import StrainWatch
@@ -105,6 +106,8 @@ def test_peak_and_rms_of_a_sine():
     assert result["peak_stress"].estimate == pytest.approx(stress, rel=2e-3)
     assert result["rms_stress"].estimate == pytest.approx(stress / math.sqrt(2.0), rel=2e-3)
     assert not any("strain_limit" in note for note in result.notes)
+    with pytest.raises(HarvesterError, match="needs a line of Basquin"):
+        result["fatigue_life"]
 
 
 @pytest.mark.exhaustive
@@ -199,8 +202,11 @@ def test_peaks_have_the_errors_of_their_realizations():
     assert "one peak" in estimate_strain(several[:1])["peak_strain"].note
 
 
-def test_refusals():
+def test_refusals(monkeypatch):
     scene = Scene.load("bimorph")
+    monkeypatch.setitem(sys.modules, "rainflow", None)
+    with pytest.raises(MissingLibrary, match=r"pip install 'harvester\[fatigue\]'"):
+        _watched(scene.replace({**LINE, "run.settle": 0.0}), HISTORY)
     with pytest.raises(SceneError, match=r"give beam.fatigue_cycles, "):
         scene.replace({"beam.fatigue_strain": 1e-4})
     lumped_scene = scene.without_drawing()
