@@ -11,6 +11,7 @@ works on several realizations at a time. A wall far out adds nothing nearer to x
 
 from __future__ import annotations
 
+import functools
 import math
 from collections.abc import Callable, Iterator, Sequence
 from typing import Any, NamedTuple
@@ -145,8 +146,8 @@ class ForceTable(NamedTuple):
             [breaks[0], *breaks], [breaks[0] - 1.0, *middles, breaks[-1] + 1.0], strict=True
         ):
             linear, square, cube = (float(each) for each in self.taylor(inside))
-            # The same cubic about the origin: from where it is known to be smooth. By hand, as
-            # numpy's Polynomial takes 60 ms for a drawn device, and a study of yield makes hundreds.
+            # The same cubic about the origin: from where it is known to be smooth. By hand: with
+            # numpy's Polynomial a drawn device took 80 ms, and a study of yield makes hundreds.
             away = float(origin) - float(inside)
             bent = square + cube * away
             first, second = linear + bent * away, bent + cube * away
@@ -158,7 +159,7 @@ class ForceTable(NamedTuple):
 
     def roots(self) -> np.ndarray:
         """Displacements without a force, ascending."""
-        return self._levels(self.force, lambda origin, force: force)
+        return _roots(self).copy()
 
     def turning_points(self, energy: float) -> tuple[float, float]:
         """The outermost displacements that this energy above the deepest well reaches."""
@@ -230,6 +231,12 @@ class ForceTable(NamedTuple):
             return f"(({x}<{ends[middle]}) ? {half(low, middle)} : {half(middle + 1, high)})"
 
         return half(0, len(pieces) - 1)
+
+
+@functools.lru_cache(maxsize=64)
+def _roots(table: ForceTable) -> np.ndarray:
+    """See `ForceTable.roots`: a scene that is made ready asks six times."""
+    return table._levels(table.force, lambda origin, force: force)
 
 
 def force_table(
