@@ -101,7 +101,7 @@ def run_estimates(
     balanced = weighted(moments, balance)
     error = balance.error if balance else error_of(scene)
     whole = estimate_all(balanced, system, error) | estimate_output(balanced, error)
-    whole |= estimate_strain(balanced, scene.excitation.random, error)
+    whole |= estimate_strain(balanced, scene.excitation, error)
     whole = {name: with_steps(scene, each, step_error) for name, each in whole.items()}
     found = shortfalls(ready, moments, whole, balance)
     notes = (

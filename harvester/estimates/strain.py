@@ -14,6 +14,7 @@ from harvester.estimates.estimate import Estimate, root
 from harvester.record.strain import STRAIN, STRESS
 
 if TYPE_CHECKING:
+    from harvester.excitation.base import Excitation
     from harvester.record.moments import Moments
     from harvester.scene.model import Scene
 
@@ -22,19 +23,20 @@ TWO_SIDED = 1.959964
 ONE_PEAK = "one realization has one peak: raise run.realizations for an error bar"
 # What there is only with a line of Basquin.
 LIFE = ("damage_rate", "fatigue_life")
+ONE_PASS = "the peak of one pass without chance"
 NO_CYCLE = "no cycle of strain was seen"
 
 
 def estimate_strain(
-    moments: Sequence[Moments], random: bool = True, error_of: Callable = standard_error
+    moments: Sequence[Moments], excitation: Excitation, error_of: Callable = standard_error
 ) -> dict[str, Estimate]:
     """Strain and stress of a set of realizations, and their life where there is a line of Basquin.
 
     Parameters
     ----------
     moments : sequence of Moments
-    random : bool
-        Whether realizations differ by chance.
+    excitation : Excitation
+        Of the scene: whether realizations differ by chance, and have periods.
     error_of : callable
         See `harvester.estimates.means.estimate_all`.
 
@@ -53,7 +55,7 @@ def estimate_strain(
     peaks = np.stack([each.peaks[:count] for each in strains])
     time, found = squares[:, :, 0], {}
     for row, (name, dimension) in enumerate((("strain", "1"), ("stress", "stress"))):
-        found[f"peak_{name}"] = _peak(peaks[:, :, row], dimension, random, error_of)
+        found[f"peak_{name}"] = _peak(peaks[:, :, row], dimension, excitation, error_of)
         square = f"{dimension}^2" if dimension != "1" else "1"
         mean = ratio_estimate(squares[:, :, row + 1], time, square, error_of=error_of)
         found[f"rms_{name}"] = root(mean)
@@ -64,12 +66,14 @@ def estimate_strain(
     return found
 
 
-def _peak(peaks, dimension, random, error_of):
-    """Mean of each realization's greatest; without chance its error is the batches' scatter."""
+def _peak(peaks, dimension, excitation, error_of):
+    """Mean of the realizations' greatest; of a periodic motion with the batches' scatter."""
     highest = peaks.max(axis=1)
     count = highest.size
-    if not random:
-        return Estimate(float(highest.mean()), error_of(peaks), None, dimension)
+    if not excitation.random:
+        error = None if excitation.period is None else error_of(peaks)
+        note = ONE_PASS if error is None else ""
+        return Estimate(float(highest.mean()), error, None, dimension, note)
     if count == 1:
         return Estimate(float(highest[0]), None, None, dimension, ONE_PEAK)
     from scipy.stats import t as student

@@ -194,12 +194,13 @@ def test_peaks_have_the_errors_of_their_realizations():
         strain = replace(one.strain, peaks=one.strain.peaks.copy())
         strain.peaks[1], strain.squares[:, 0] = (height, 2.0 * height), one.batch_length
         several.append(replace(one, strain=strain))
-    found = estimate_strain(several)["peak_strain"]
+    noise = Scene.load("bimorph").excitation
+    found = estimate_strain(several, noise)["peak_strain"]
     assert found.estimate == 4.5
     # Student's t of three degrees of freedom over the normal's 1.96.
     expected = np.std(heights, ddof=1) / 2.0 * 3.182446 / 1.959964
     assert found.standard_error == pytest.approx(expected, rel=1e-5)
-    assert "one peak" in estimate_strain(several[:1])["peak_strain"].note
+    assert "one peak" in estimate_strain(several[:1], noise)["peak_strain"].note
 
 
 def test_refusals(monkeypatch):
