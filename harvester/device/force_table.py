@@ -13,7 +13,7 @@ from __future__ import annotations
 
 import functools
 import math
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -137,25 +137,9 @@ class ForceTable(NamedTuple):
         ]
         return np.unique(bent) if bent else np.array([0.0])
 
-    def pieces(self) -> Iterator[tuple[float, np.ndarray]]:
+    def pieces(self) -> tuple[tuple[float, np.ndarray], ...]:
         """(origin, coefficients by powers of x − origin) of each piece, from the left."""
-        breaks = self.breaks()
-        middles = 0.5 * (breaks[1:] + breaks[:-1])
-        # The lines beyond both ends have their origins there.
-        for origin, inside in zip(
-            [breaks[0], *breaks], [breaks[0] - 1.0, *middles, breaks[-1] + 1.0], strict=True
-        ):
-            linear, square, cube = (float(each) for each in self.taylor(inside))
-            # The same cubic about the origin: from where it is known to be smooth. By hand: with
-            # numpy's Polynomial a drawn device took 80 ms, and a study of yield makes hundreds.
-            away = float(origin) - float(inside)
-            bent = square + cube * away
-            first, second = linear + bent * away, bent + cube * away
-            value = float(self.force(inside)) + first * away
-            cubic = np.array([value, first + second * away, second + cube * away, cube])
-            if not breaks[0] < inside < breaks[-1]:
-                cubic[2:] = 0.0
-            yield float(origin), cubic
+        return _pieces(self)
 
     def roots(self) -> np.ndarray:
         """Displacements without a force, ascending."""
@@ -233,9 +217,34 @@ class ForceTable(NamedTuple):
         return half(0, len(pieces) - 1)
 
 
+# Both are asked for six times while a scene is made ready.
+@functools.lru_cache(maxsize=64)
+def _pieces(table: ForceTable) -> tuple[tuple[float, np.ndarray], ...]:
+    """See `ForceTable.pieces`."""
+    breaks, found = table.breaks(), []
+    middles = 0.5 * (breaks[1:] + breaks[:-1])
+    # The lines beyond both ends have their origins there.
+    for origin, inside in zip(
+        [breaks[0], *breaks], [breaks[0] - 1.0, *middles, breaks[-1] + 1.0], strict=True
+    ):
+        linear, square, cube = (float(each) for each in table.taylor(inside))
+        # The same cubic about the origin: from where it is known to be smooth. By hand: with
+        # numpy's Polynomial a drawn device took 80 ms, and a study of yield makes hundreds.
+        away = float(origin) - float(inside)
+        bent = square + cube * away
+        first, second = linear + bent * away, bent + cube * away
+        value = float(table.force(inside)) + first * away
+        cubic = np.array([value, first + second * away, second + cube * away, cube])
+        if not breaks[0] < inside < breaks[-1]:
+            cubic[2:] = 0.0
+        cubic.setflags(write=False)
+        found.append((float(origin), cubic))
+    return tuple(found)
+
+
 @functools.lru_cache(maxsize=64)
 def _roots(table: ForceTable) -> np.ndarray:
-    """See `ForceTable.roots`: a scene that is made ready asks six times."""
+    """See `ForceTable.roots`."""
     return table._levels(table.force, lambda origin, force: force)
 
 
