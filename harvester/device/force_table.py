@@ -153,19 +153,36 @@ class ForceTable(NamedTuple):
             rising = force / np.arange(1, 5)
             return np.concatenate([[float(self.energy(origin)) - level], rising])
 
-        found = self._levels(lambda x: self.energy(x) - level, excess)
+        found = self._levels(lambda x: self.energy(x) - level, excess, self._outermost(level))
         return float(found.min()), float(found.max())
 
-    def _levels(self, value, polynomial):
-        """Where a function made of one polynomial on each piece is zero."""
+    def _outermost(self, level):
+        """The pieces in which the energy comes below a level, and the lines at both ends.
+
+        None, which stands for all pieces, where the level lies above an end of the table.
+        """
+        places, energies = _ladder(self)
+        below, breaks = places[energies <= level], self.breaks()
+        if not below.size or np.isin(breaks[[0, -1]], below).any():
+            return None
+        first = int(np.searchsorted(breaks, below[0], side="left"))
+        return {0, first, int(np.searchsorted(breaks, below[-1], side="right")), breaks.size}
+
+    def _levels(self, value, polynomial, some=None):
+        """Where a function made of one polynomial on each piece is zero, on all or some pieces."""
         breaks = self.breaks()
         ends = [-math.inf, *breaks, math.inf]
         least = 1e-12 * (abs(breaks[0]) + abs(breaks[-1]) or 1.0)
-        found = [x for x in breaks if value(x) == 0.0]
-        for (origin, force), low, high in zip(self.pieces(), ends[:-1], ends[1:], strict=True):
+        found = [x for x in breaks if value(x) == 0.0] if some is None else []
+        for k, (origin, force) in enumerate(self.pieces()):
+            if some is not None and k not in some:
+                continue
+            low, high = ends[k], ends[k + 1]
             roots = np.polynomial.Polynomial(np.trim_zeros(polynomial(origin, force), "b")).roots()
             real = origin + roots.real[np.abs(roots.imag) < 1e-7 * (least + np.abs(roots.real))]
             found += [x for x in real if low - least <= x <= high + least]
+        if not found and some is not None:
+            return self._levels(value, polynomial)
         places = np.sort(found)
         # A rest position off zero by rounding would be taken for a length of the device.
         places[np.abs(places) < 10.0 * least] = 0.0
@@ -246,6 +263,17 @@ def _pieces(table: ForceTable) -> tuple[tuple[float, np.ndarray], ...]:
 def _roots(table: ForceTable) -> np.ndarray:
     """See `ForceTable.roots`."""
     return table._levels(table.force, lambda origin, force: force)
+
+
+@functools.lru_cache(maxsize=64)
+def _ladder(table: ForceTable) -> tuple[np.ndarray, np.ndarray]:
+    """Ends of pieces and rest positions, ascending, and the energy there: it is monotone between.
+
+    With it turning points need the roots of four pieces, and not of all 34: a drawn device, whose
+    frequency under noise is found in 60 steps, took 0.3 s.
+    """
+    places = np.unique(np.concatenate([table.breaks(), table.roots()]))
+    return places, np.array([float(table.energy(x)) for x in places])
 
 
 def force_table(
