@@ -29,13 +29,14 @@ if TYPE_CHECKING:
     from harvester.excitation.prescribed import PrescribedDisplacement
     from harvester.scene.units import Scales
 
-# Node `noise` is there only where the displacement is prescribed: elsewhere the noise is a current.
+# Node `noise` exists only if the displacement is prescribed. Otherwise the noise is a current.
 DISPLACEMENT, VELOCITY, NOISE, HELD = "displacement", "velocity", "noise", "held_speed"
-# The load's DC side, and ngspice's name of the current through the ammeter before the load.
+# Nodes of the load's DC side, and ngspice's name of the current through the ammeter before the
+# load.
 OUTPUT, REFERENCE, LOAD_CURRENT = "load_out", "load_ref", f"v{LOAD_AMMETER}#branch"
 # Stray capacitance of each output node, as a share of the transducer's.
 STRAY_SHARE = 1e-6
-# Follows the impact speed that `HELD` holds, a step behind.
+# Node that follows the held impact speed (`HELD`) one step later.
 LAGGING = "lagging_speed"
 X, U, H = f"v({DISPLACEMENT})", f"v({VELOCITY})", f"v({HELD})"
 
@@ -70,7 +71,7 @@ def add_oscillator(circuit: Circuit, s: System, rate: float, start: tuple[str, .
 
 
 def pace_of(angle: float) -> float:
-    """By how much faster a clock lets the trapezoidal rule take a swing of ω h exactly.
+    """The clock's factor that makes the trapezoidal rule exact for an oscillation of ω h.
 
     The rule takes the frequency ω for one less by (ωh)²/12, which near a resonance is as much as
     its width. It takes tan(ωh/2)/(ωh/2) ω for ω.

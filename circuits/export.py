@@ -27,7 +27,7 @@ if TYPE_CHECKING:
 
 POINTS_PER_LINE = 4
 FEWEST_STEPS_PER_CONTACT = 10
-# Points of the noise that a netlist holds: some 40 MB, which ngspice reads at half a millisecond a
+# Most points of noise in a netlist. They are about 40 MB, and cost ngspice half a millisecond per
 # step.
 MOST_KNOTS = 1_000_000
 
@@ -137,7 +137,7 @@ def for_ltspice(
         "Other than in ngspice:",
         *DIFFERENCES,
     ]
-    # LTspice may read a file as one-byte characters.
+    # LTspice may read a file in a one-byte encoding.
     said = "".join(f"* {line}\n" for line in header).replace("η", "eta")
     noise = None if points is None else "\n".join(points) + "\n"
     return said + to_ltspice(text) + ".end\n", noise

@@ -50,7 +50,7 @@ _HEAD = """\
 //
 // The impact velocity held from the moment of contact (`event`) and coils stay behavioural.
 """
-# Longest line of an expression.
+# Longest line of an expression, in characters.
 _WIDTH = 84
 _SIGN = """
     analog function real sgn;
@@ -61,7 +61,7 @@ _SIGN = """
 """
 
 
-# Elements of a piezo's network that a module holds.
+# Elements of a piezo's network that stand in a module.
 HELD = ("piezo", "charge", "back_action")
 
 

@@ -24,7 +24,7 @@ if TYPE_CHECKING:
     from circuits.loads.measurement import Measurement
     from harvester.prepared.prepared import Prepared
 
-# In front of the names of the device's nodes, so that none of a load's is one of them.
+# Prefix of the names of the device's nodes. No node of a load can have it.
 DEVICE = "device:"
 
 
@@ -53,7 +53,7 @@ def collect(ready: Prepared, whole: bool = True) -> tuple[Builder, Measurement, 
     outside = b.node(circuit_elements.behind_ammeter(network))
     ammeter = b.through(LOAD_AMMETER, inside, outside)
     add_load(b, load, network, whole)
-    # A load without an output has none that differs from 0.
+    # A load without an output has an output voltage of 0.
     ends = (circuit_elements.OUTPUT, circuit_elements.REFERENCE)
     places = [b.node(name) for name in ends] if load.has_output else [inside, inside]
     row_unit = 1.0 / network.power_unit if network.power_unit > 0.0 else 1.0

@@ -27,13 +27,13 @@ class Builder:
         self.tape = Tape()
         self.behavioural: list[tuple[int, int, int, int]] = []
         self.inputs: list[tuple[int, int, int]] = []
-        # Places on the tape of what passes 0 where a source jumps.
+        # Places on the tape whose value passes 0 where a source jumps.
         self.turns: list[int] = []
         self.waiting: list[tuple] = []
         self.nonlinear: set[tuple[str, int]] = set()
         self.initial: list[tuple[int, int, float, float]] = []
         self.inductances: dict[str, float] = {}
-        # (row, column) of the mass, then of the currents that its velocity drives.
+        # (row, column) of the mass, then of the currents that the velocity drives.
         self.retimed: list[tuple[int, int]] = []
 
     def node(self, name: str) -> int:
@@ -125,7 +125,7 @@ def tables_of(b: Builder, velocity: int) -> Tables:
         if place >= 0:
             flags[int(kind == "column"), place] = True
 
-    # Those alike one after another.
+    # Junctions of the same kind stand together.
     junctions = sorted(b.junctions, key=lambda each: junction.traits(each[2]))
 
     def places(found, width):

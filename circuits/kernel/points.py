@@ -18,10 +18,11 @@ if TYPE_CHECKING:
     from circuits.kernel.tables import Probes
     from harvester.record.record import Record
 
-# Of the power at both ends, a difference of their mean from the step's that asks for a point more:
-# at five times this, two tenths of a percent of SECE's energy was missing.
+# An extra point is recorded if the mean of the powers at a step's two ends differs from the step's
+# mean power by more than this share. With five times this value 0.2 % of SECE's energy was missing.
 POWER_DIFFERENCE = 0.002
-# Of the transducer's energy, what a step's mean power may miss without one.
+# No extra point is recorded if the difference in energy is below this share of the transducer's
+# energy.
 LEAST_ENERGY = 1e-5
 
 
@@ -87,7 +88,7 @@ def add_points(
     missing = abs(2.0 * mean - power - last)
     counts = missing * h > LEAST_ENERGY * probes.units[3] * scale
     if points > 0 and counts and missing > POWER_DIFFERENCE * (abs(power) + abs(last)):
-        # The power there that makes the mean of both ends the step's.
+        # The point is repeated with the power that makes the mean of both ends equal to the step's.
         _again(record, output, points, 2.0 * mean - last)
         points += 1
     _write(device, probes, state, record, output, points, time, noise, free)

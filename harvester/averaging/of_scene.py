@@ -31,7 +31,7 @@ DIMENSIONS = {
     "mean_transducer_loss": "power",
 }
 
-# Of the quantities that tell of several wells these are shares, all others rates.
+# Quantities of several wells whose name begins so are shares; all others are rates.
 SHARE = "share_of_time"
 
 
@@ -237,6 +237,6 @@ def _fitted(scene):
         scene.excitation, timescales.angular_frequency(parameters) / (2.0 * math.pi)
     )
     noise = OrnsteinUhlenbeck(found.intensity, found.correlation_time)
-    # The length unit stays the one of the scene.
+    # Results keep the scene's unit of length.
     length = scales.displacement if scene.units == "SI" else None
     return found, replace(scene, excitation=noise, length_scale=length)

@@ -17,14 +17,14 @@ if TYPE_CHECKING:
     from harvester.excitation.base import Excitation
     from harvester.prepared.prepared import Prepared
 
-# Nodes of Gauss and Legendre on each piece, and those whose result tells the error.
+# Gauss–Legendre nodes on each piece. The difference to the coarse nodes is the numerical error.
 NODES, COARSE_NODES = 20, 12
 # Pieces begin at this share of the lowest scale of frequency and end at this multiple of the
 # highest: of E[X'²] under white noise a part in 10^10 lies beyond.
 LOWEST, HIGHEST = 2.0**-10, 2.0**34
-# No mean is claimed to be better known than to this share of it.
+# The stated relative error of a mean is never smaller than this.
 LEAST_ERROR = 1e-8
-# A Gaussian density is tabulated as far as this many deviations, at so many places.
+# A Gaussian density is tabulated up to so many standard deviations, at so many places.
 DEVIATIONS, PLACES = 6.0, 241
 
 
@@ -112,7 +112,7 @@ def _has_state(part):
 
 
 def _covariance(matrix, excitation, unit, nodes):
-    """Of (X, X', e), scaled: ndarray of shape (3, 3), 0 where there is no state."""
+    """The scaled covariance of (X, X', e), shape (3, 3); 0 for states that do not exist."""
     frequencies, weights = _quadrature(matrix, excitation.corners, nodes)
     weights = weights * excitation.density(frequencies)
     lines = [(frequency, 0.5 * a**2) for frequency, a in excitation.lines]
@@ -187,7 +187,7 @@ class GaussianDensity:
 
     @property
     def names(self) -> tuple[str, ...]:
-        """Of the densities there are."""
+        """The names of the available densities."""
         return ("displacement", "velocity") if self.gaussian else ()
 
     def tabulated(self, name: str) -> tuple[np.ndarray, np.ndarray]:

@@ -185,12 +185,12 @@ class Lumped(NamedTuple):
 
     @property
     def short_frequency(self) -> float:
-        """√(K/M)/2π (Hz)."""
+        """The short-circuit frequency √(K/M)/2π (Hz)."""
         return math.sqrt(self.stiffness / self.mass) / (2.0 * math.pi)
 
     @property
     def open_frequency(self) -> float:
-        """With the electrodes open (Hz): √((K + θ²/C)/M)/2π, C with the modes left out."""
+        """The open-circuit frequency (Hz), √((K + θ²/C)/M)/2π. C includes the modes left out."""
         stiffness = self.stiffness + self.coupling**2 / self.capacitance
         return math.sqrt(stiffness / self.mass) / (2.0 * math.pi)
 

@@ -174,7 +174,7 @@ def _changed(text, name):
 
 
 def _fitting(keys, scene):
-    """Those of a question's keys that a scene of such units can have."""
+    """The keys of a question that a scene with such units can have."""
     scaled = {"oscillator.damping", "excitation.intensity"} & {*keys}
     return keys if scene.units == "SI" else tuple(scaled or keys)
 

@@ -22,11 +22,12 @@ from harvester.compilation import intrinsic, overload, types
 from harvester.device.values import Values
 
 MOST_PIECES = 32
-# Every table has as many terms, those that it lacks being zero: one compiled code serves all.
+# Every table is filled with zero terms up to this number, so that one compiled code serves all.
 TERMS = MOST_PIECES + 1
 # A smoothed table has so many points for each of its pieces.
 POINTS_PER_PIECE = 3
-# Of the greatest force: a table is symmetric whose force differs by less from its mirrored one.
+# A table is symmetric if its force differs from the mirrored one by less than this share of the
+# greatest force.
 SYMMETRY = 1e-9
 CHECKED_POINTS = 201
 INTERPOLATIONS = ("monotone", "smooth")
@@ -92,7 +93,7 @@ class ForceTable(NamedTuple):
         return -math.inf, math.inf
 
     def force(self, x: Values) -> Values:
-        """F(x)."""
+        """The force F(x)."""
         k0, k1, k2, k3 = self.core
         bent = bends_squared(self.sides, self.offsets, self.squares, self.cubes, x)
         return k0 + x * (k1 + x * (k2 + x * k3)) + bent
@@ -108,7 +109,7 @@ class ForceTable(NamedTuple):
         return self.steepest + 0.0 * x
 
     def slope(self, x: Values) -> Values:
-        """F'(x)."""
+        """The stiffness F'(x)."""
         return self.taylor(x)[0]
 
     def taylor(self, x: Values) -> tuple[Values, Values, Values]:
@@ -184,12 +185,13 @@ class ForceTable(NamedTuple):
         if not found and some is not None:
             return self._levels(value, polynomial)
         places = np.sort(found)
-        # A rest position off zero by rounding would be taken for a length of the device.
+        # A rest position that differs from zero by rounding would be taken for a length of the
+        # device.
         places[np.abs(places) < 10.0 * least] = 0.0
         return places[np.diff(places, prepend=-math.inf) > 10.0 * least]
 
     def nonlinear_formula(self, x: str, rate: float, number: Callable) -> str:
-        """F(x) over rate²."""
+        """A formula of F(x)/rate² for netlists."""
         pieces = [(origin, force / rate**2) for origin, force in self.pieces()]
         return self._chosen(x, "force", pieces, "F/rate^2", number)
 
@@ -240,12 +242,12 @@ def _pieces(table: ForceTable) -> tuple[tuple[float, np.ndarray], ...]:
     """See `ForceTable.pieces`."""
     breaks, found = table.breaks(), []
     middles = 0.5 * (breaks[1:] + breaks[:-1])
-    # The lines beyond both ends have their origins there.
+    # The straight lines beyond both ends begin at the ends.
     for origin, inside in zip(
         [breaks[0], *breaks], [breaks[0] - 1.0, *middles, breaks[-1] + 1.0], strict=True
     ):
         linear, square, cube = (float(each) for each in table.taylor(inside))
-        # The same cubic about the origin: from where it is known to be smooth. By hand: with
+        # The same cubic, expanded about the origin. By hand: with
         # numpy's Polynomial a drawn device took 80 ms, and a study of yield makes hundreds.
         away = float(origin) - float(inside)
         bent = square + cube * away

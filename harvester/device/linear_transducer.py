@@ -54,7 +54,7 @@ class LinearTransducer:
         return self.coupling * self.load_rate * state * state
 
     def stored_energy(self, state: Values) -> Values:
-        """½ β e²."""
+        """The stored energy ½ β e²."""
         return 0.5 * self.coupling * state * state
 
     def stiffness(self, mechanical: float) -> float:

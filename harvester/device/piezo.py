@@ -14,7 +14,7 @@ from harvester.device.terminals import GROUND, Element, Network, Setting, Transd
 from harvester.device.values import Values
 from harvester.errors import LoadError
 
-# λ (1/s) whose square is still a number.
+# The square of a larger λ (1/s) would overflow.
 FASTEST_DECAY = 1e150
 TERMINAL = "piezo"
 
@@ -64,7 +64,7 @@ class PiezoTable(TransducerTable):
     takes_voltage: ClassVar[bool] = True
 
     def voltage_unit(self, setting: Setting) -> float:
-        """θ l/Cp."""
+        """The scaled unit of voltage, θ l/Cp."""
         if setting.units != SI:
             return 1.0
         return self.coupling * setting.length / self.capacitance
@@ -124,5 +124,5 @@ class PiezoTable(TransducerTable):
         )
 
     def matched_resistance(self, rate: float) -> float:
-        """1/(ω Cp)."""
+        """The load resistance 1/(ω Cp) that matches the capacitance."""
         return 1.0 / (rate * (self.capacitance or 1.0))

@@ -21,8 +21,8 @@ if TYPE_CHECKING:
     from harvester.device.spring import Spring
     from harvester.device.values import Values
 
-# Share of the earliest way to a contact that one step takes: the approach then ends in a few ever
-# shorter steps, none of which jumps into the stopper.
+# One step covers at most this share of the shortest time to a contact. The approach then ends in a
+# few ever shorter steps, none of which jumps into the stopper.
 APPROACH_SHARE = 0.8
 
 part_force = equation("force")
@@ -183,7 +183,7 @@ def resolving_step(
     landing : float
         Share of such a step in which the contact may begin unforeseen.
     """
-    # A mass pressed or drawn onto the stopper meets it with what it gains on the way.
+    # A mass that is pressed onto the stopper meets it with the speed that it gains on the way.
     speed = abs(v) + (abs(acceleration) + margin) * longest
     step = contacts.step(s.contacts, x, speed * speed, longest, steps)
     if x < low or x > high or (step == longest and landing == 1.0):

@@ -9,9 +9,9 @@ from __future__ import annotations
 
 from typing import Any, ClassVar, NamedTuple
 
-# The node against which the terminal's voltage counts.
+# The terminal's voltage is measured against this node.
 GROUND = "0"
-# The ammeter (0 V) between terminal and load; its current leaves the transducer.
+# Name of the ammeter (0 V) between terminal and load. Its current leaves the transducer.
 LOAD_AMMETER = "load"
 
 
@@ -141,7 +141,7 @@ class TransducerTable:
         raise NotImplementedError
 
     def network(self, setting: Setting, equations: Any, rate: float) -> Network:
-        """Its elements up to the terminal.
+        """The elements of the transducer up to its terminal.
 
         Parameters
         ----------

@@ -40,10 +40,10 @@ if TYPE_CHECKING:
     from harvester.excitation.base import ExcitationPath
     from harvester.prepared.prepared import Prepared
 
-# Realizations in step with each other: more are hardly faster.
+# So many realizations are stepped together. More are hardly faster.
 MOST_TOGETHER = 64
-# Segments between knots worked on at a time, of all realizations together: their noise and,
-# where points are kept, these stay in the processor's cache.
+# So many segments between knots are computed at a time, counted over all realizations. Their noise
+# and, if points are kept, these then stay in the processor's cache.
 SEGMENTS, SEGMENTS_KEPT = 262144, 65536
 
 

@@ -13,8 +13,8 @@ if TYPE_CHECKING:
     from harvester.device.system import System
 
 
-# Decay of V or X' by load or damper, as an exponent, in a step of an explicit scheme: those are
-# stable up to 2 (Heun) and 2.78 (Runge–Kutta). Beyond it the decay is taken exactly.
+# If load or damper let V or X' decay by more than exp(−1) in a step, the decay is computed exactly.
+# Explicit schemes are stable up to exponents of 2 (Heun) and 2.78 (Runge–Kutta).
 LARGEST_DECAY = 1.0
 
 
@@ -36,7 +36,7 @@ class Scheme(enum.Enum):
         return {Scheme.RUNGE_KUTTA: None, Scheme.HEUN: True, Scheme.EXACT_DECAY: False}[self]
 
 
-# By the names that `harvester.MonteCarlo` takes.
+# Schemes by the names that `harvester.MonteCarlo` takes.
 NAMED = {"runge-kutta": Scheme.RUNGE_KUTTA, "heun": Scheme.HEUN}
 
 
@@ -119,7 +119,7 @@ def _exponential(s, touching, low, high, held, x, v, voltage, noise, slope, h, r
     force = start
     v2 = voltage2 = 0.0
     for _ in range(2):
-        # The drive goes on in a straight line from the beginning through the middle.
+        # The drive is extrapolated along the straight line from the beginning through the middle.
         v2 = decayed(v, c, half, start, 0.5 * (start + force), force)
         x2 = x + 0.5 * half * (v + v2)
         voltage2 = decayed(voltage, rate, half, v, 0.5 * (v + v2), v2)

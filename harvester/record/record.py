@@ -50,7 +50,7 @@ def empty_record(count: int) -> Record:
 @register_jitable
 def part(record: Record, start: int, stop: int) -> Record:
     """Points start … stop − 1 of a record, as views."""
-    # One by one, for compiled code as well: it takes no generator here.
+    # Written out one by one, since compiled code accepts no generator here.
     return Record(
         record.time[start:stop],
         record.displacement[start:stop],

@@ -10,7 +10,7 @@ from harvester.device.keys import SI
 from harvester.errors import SceneError
 from harvester.scene.schema import OTHER_KEYS, check_table
 
-# What the drawing gives, and so may not stand beside it.
+# Keys that follow from the drawing. A scene with [beam] may not hold them.
 DRAWN = {
     "oscillator": (
         "mass", "damping", "quality_factor", "damping_ratio", "base_factor", "linear_stiffness",

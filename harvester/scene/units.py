@@ -21,9 +21,9 @@ if TYPE_CHECKING:
     from harvester.device.spring import Spring
     from harvester.scene.model import Oscillator, Scene
 
-# Knots per period of small oscillations.
+# Knots of the noise per period of small oscillations.
 KNOTS_PER_PERIOD = 40
-# Dimensions of time and stress, which are never rescaled.
+# Dimensions that are never rescaled, since time is not; stress is in Pa.
 UNSCALED = ("rate", "hourly_rate", "time", "stress")
 
 
@@ -62,7 +62,7 @@ def scale(scene: Scene) -> tuple[System, Scales]:
     place = setting(scene)
     mass, length = place.mass, place.length
     if scene.excitation.prescribes_displacement:
-        # Only the transducer is left: what drives a mass without spring and damper is its η.
+        # Without spring and damper only the transducer is left; its η drives the mass.
         parts: dict[str, Any] = {"spring": polynomial(()), "damper": damper(0.0), "contacts": ()}
     else:
         made = restoring_spring(scene.oscillator, mass, length)

@@ -14,7 +14,7 @@ SYMBOLS = {
     "mean_output_power": "output power",
 }
 
-# Words and SI units of the keys that studies vary.
+# Names and SI units of the keys that studies vary.
 KEYS = {
     "oscillator.mass": ("mass", "kg"),
     "oscillator.damping": ("damping", "N s/m"),
@@ -37,7 +37,7 @@ KEYS = {
     "excitation.amplitude": ("amplitude", "m/s²"),
     "excitation.frequency": ("frequency", "Hz"),
 }
-# Those in seconds or without a unit in every scene.
+# These units are the same in scaled scenes.
 ALWAYS = ("s", "1/s", "Hz", "1")
 
 EFFICIENCIES = {

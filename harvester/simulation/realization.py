@@ -150,7 +150,7 @@ class _WatchedOutput:
 class Reporter:
     """Sends the moments of all realizations so far, several times a second."""
 
-    # A record without points will do.
+    # A record without points is enough.
     reads_points = False
 
     def __init__(self, moments: list[Moments], report: Callable) -> None:
@@ -197,7 +197,7 @@ def run(
     ready = prepared(scene)
     paths = [noise_path(ready, index) for index in indices]
     moments = [empty_moments(ready) for _ in indices]
-    # Only a netlist has an output side or stores.
+    # Only a netlist has an output side and stores.
     outputs: list[Any] | None = None
     load = scene.load.circuit
     nodes = stretch.nodes if stretch else ()

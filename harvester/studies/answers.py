@@ -97,7 +97,7 @@ def value_of(answer: Any, quantity: str) -> float:
 
 
 def missing_from(quantity: str, estimate: Estimate) -> list[str]:
-    """In a sentence, what the runs were too short for: it moves what is found from them as well.
+    """Sentences on what the runs were too short for, which affects what is derived from them too.
 
     Parameters
     ----------

@@ -65,7 +65,7 @@ class Equations:
         self._damping = system.damper.damping
         self._drag = getattr(system.damper, "quadratic_damping", 0.0)
         self._electrical, self.voltage = _electrical_equations(system.transducer)
-        # (side, gap, law) of each single stopper; v0 that each holds; whether it is touched.
+        # For each stopper: side, gap and law; then the v0 that it holds, and whether it is touched.
         for contact in system.contacts:
             if not isinstance(contact.law, HertzDamp):
                 raise _not_written_out(contact.law)
@@ -124,7 +124,7 @@ class Equations:
             def depth(time, state, *_):
                 return side * state[0] - gap
 
-            # What scipy's `solve_ivp` asks of an event.
+            # `solve_ivp` expects attributes on the function of an event.
             event: Any = depth
             event.terminal = True
             event.direction = -1.0 if touching else 1.0
@@ -162,7 +162,7 @@ class Equations:
 def _spring_equations(spring):
     """F(x), and the energy gained from one displacement to another, of a spring's numbers alone."""
     if isinstance(spring, Ranged):
-        # No run goes on beyond the range.
+        # A run ends at the range, so that the spring within it is enough.
         return _spring_equations(spring.spring)
     if isinstance(spring, ForceTable) and not spring.straight:
         return _table_equations(spring)

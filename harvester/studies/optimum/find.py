@@ -44,7 +44,7 @@ def largest(
     follow = running.pop("progress", None) or (lambda share, words: None)
     beside = check_name("closure", closure or DEFAULT_CLOSURE, CLOSURES)
     if is_one:
-        # Averaging stands beside it, and what is compared with it is a simulation.
+        # Averaging is compared with a simulation.
         method = engine_of(method or checked_method(scene, None))
         load = scene.load.circuit
         outputs = RATIOS if load and load.has_output else ()
