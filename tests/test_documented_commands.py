@@ -23,7 +23,8 @@ PAGES = [
 # Commands of more than a minute, by their first word or first two.
 LONGER = re.compile(
     r"harvester (accuracy|work-precision|time-to-accuracy|stability|verify|reproduce|claims|"
-    r"sensitivity|load-study|identify|bifurcation|residence|optimum (paper|device --max))"
+    r"sensitivity|load-study|identify|bifurcation|residence|"
+    r"optimum (paper|device --max|mine.toml --over beam.tip_mass))"
 )
 INPUT = re.compile(r"[\w./-]+\.(?:csv|mat|s1p|net|lib|toml|json|cir)")
 # A kill after this (s) ends a command that hangs.

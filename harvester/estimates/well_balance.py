@@ -306,10 +306,15 @@ def _weighted(moments, weights):
             integrals=output.integrals * whole[:, None],
             measured=output.measured * whole[:, None, None],
         )
+    strain = moments.strain
+    if strain is not None:
+        damage = None if strain.damage is None else strain.damage * whole
+        strain = replace(strain, squares=strain.squares * whole[:, None], damage=damage)
     return replace(
         moments,
         integrals=moments.integrals * whole[:, None],
         products=moments.products * whole.mean(),
         histograms=moments.histograms * of_groups[:, None, None],
         output=output,
+        strain=strain,
     )

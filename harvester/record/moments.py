@@ -16,6 +16,7 @@ from harvester.compilation import compiled, merged, summing, uncounted
 from harvester.record.jumps import Jumps
 from harvester.record.output_side import OutputMoments
 from harvester.record.record import Record, copy_point, part
+from harvester.record.strain import StrainMoments
 
 # Rows of `Moments.integrals`: time integrals of these quantities, and the numbers of two events.
 QUANTITIES = (
@@ -78,6 +79,8 @@ class Moments:
         Of the load's output side and of what its stores hold, where it has them.
     jumps : Jumps or None
         Between wells, where there are several.
+    strain : StrainMoments or None
+        At the clamp, of a scene with a drawing; `StrainWatch` adds to it.
     """
 
     start: float
@@ -94,6 +97,7 @@ class Moments:
     points: int = 0
     output: OutputMoments | None = None
     jumps: Jumps | None = None
+    strain: StrainMoments | None = None
 
     @property
     def has_output(self) -> bool:

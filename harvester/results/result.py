@@ -12,6 +12,7 @@ import numpy as np
 from harvester.errors import HarvesterError, UnknownQuantity
 from harvester.estimates.estimate import Density, Estimate, root
 from harvester.estimates.joint_density import JointDensity
+from harvester.estimates.strain import without_line
 from harvester.estimates.units import SI_UNITS, unit_of
 from harvester.excitation.spectrum_fit import SpectrumFit
 from harvester.files.plain_text import nearest, one_line, shown
@@ -148,7 +149,8 @@ class Result:
         """
         if name not in self.scaled_quantities:
             raise UnknownQuantity(
-                f"{self.scene.name}: no quantity {shown(name)}"
+                without_line(self.scene, name)
+                or f"{self.scene.name}: no quantity {shown(name)}"
                 f"{nearest(name, self.scaled_quantities)}; there are "
                 f"{', '.join(self.scaled_quantities)}"
             )

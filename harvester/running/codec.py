@@ -23,6 +23,7 @@ from harvester.estimates.estimate import Density, Estimate
 from harvester.record.jumps import Jumps
 from harvester.record.moments import Moments
 from harvester.record.output_side import OutputMoments
+from harvester.record.strain import StrainMoments
 
 # Largest size of a stored answer, packed or unpacked, in bytes. Usual ones have some hundred
 # kilobytes.
@@ -45,7 +46,8 @@ PASSING_REASON = re.compile(r"memory|alloc|disk|no space|too many open files", r
 TREE, DIGEST = "tree", "digest"
 # Dataclasses that a stored answer may hold, by name.
 _KNOWN: dict[str, type] = {
-    each.__name__: each for each in (Density, Estimate, Jumps, Moments, OutputMoments)
+    each.__name__: each
+    for each in (Density, Estimate, Jumps, Moments, OutputMoments, StrainMoments)
 }
 
 

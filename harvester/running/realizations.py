@@ -159,6 +159,7 @@ class Realizations:
         load = self.scene.load.circuit
         rows = load.recorded if load and (load.has_output or load.recorded) else None
         fit = all(_fits(m, self._template, rows, self.density) for m in moments)
+        fit &= all(_strain_fits(m.strain, self._template.strain, self.scene.beam) for m in moments)
         return "" if fit else "its numbers are not those of this scene"
 
     def _task(self, start, most):
@@ -282,3 +283,16 @@ def _jumps_fit(jumps, template):
         elif name not in ("well", "time") and not np.array_equal(found, expected):
             return False
     return True
+
+
+def _strain_fits(strain, template, beam):
+    """The same of the strain at a beam's clamp."""
+    if strain is None or template is None:
+        return strain is template
+    arrays = [(strain.squares, template.squares), (strain.peaks, template.peaks)]
+    if (strain.damage is None) != (beam.fatigue_line is None):
+        return False
+    if strain.damage is not None:
+        arrays.append((strain.damage, template.squares[:, 0]))
+    shaped = all(np.shape(a) == b.shape and (np.isfinite(a) & (a >= 0.0)).all() for a, b in arrays)
+    return shaped and np.array_equal(strain.rows, template.rows)

@@ -23,8 +23,8 @@ if TYPE_CHECKING:
 
 # Knots of the noise per period of small oscillations.
 KNOTS_PER_PERIOD = 40
-# Dimensions that are never rescaled, since time is not.
-UNSCALED = ("rate", "hourly_rate", "time")
+# Dimensions that are never rescaled, since time is not; stress is in Pa.
+UNSCALED = ("rate", "hourly_rate", "time", "stress")
 
 
 @dataclass(frozen=True)

@@ -13,7 +13,7 @@ NOT_KNOWN = "—"
 MOST_DIGITS = 6
 PREFIXES = {-12: "p", -9: "n", -6: "µ", -3: "m", 0: "", 3: "k", 6: "M", 9: "G"}
 # Units that take a prefix. Seconds take only prefixes below 1.
-PREFIXED = ("V", "W", "m", "m/s", "s", "J", "A", "Ω", "F", "H", "Hz")
+PREFIXED = ("V", "W", "m", "m/s", "s", "J", "A", "Ω", "F", "H", "Hz", "Pa")
 SHARES = ("efficiency", "share")
 # Counts above this are rounded to two digits.
 ROUNDED_COUNT = 1000.0

@@ -243,8 +243,12 @@ class Optimum:
                         f"{each.axis.key}: still within {FLAT_SHARE:.0%} at the end of its range, "
                         f"{self._at(each.axis.key, end)}: there may be more beyond"
                     )
+        limit = self.scene.beam.strain_limit if self.scene.beam else None
         if failures:
-            lines.append(f"at {failures} of {len(self.searched)} places no run came to its end")
+            strained = "" if limit is None else ", or the strain is beyond beam.strain_limit"
+            lines.append(
+                f"at {failures} of {len(self.searched)} places no run came to its end{strained}"
+            )
         return lines
 
     def _on_starts(self):
