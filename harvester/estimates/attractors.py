@@ -26,9 +26,11 @@ STILL_SETTLING = 3e-3
 # Samples beyond two periods for which a start that still settles is that close to its cycle: of
 # 1681 starts of the scene `device` under a sine one came to its orbit too late for `REPEATS`.
 STAYS = 6
-# Cells a side of the section in which motions without a period are told apart, and the share of one
-# start's samples in cells of the other, or beside them, from which they are on one attractor.
-CELLS, SAME_CELLS = 24, 0.7
+# Cells a side of the section in which motions without a period are told apart, in units of √samples
+# (24 for 64; with 24 for 19 samples one chaotic motion of eight starts was taken for two), and
+# the share of one start's samples in cells of the other, or beside them, from which they are on one
+# attractor.
+CELLS, SAME_CELLS = 3.0, 0.7
 
 
 @dataclass(frozen=True)
@@ -177,7 +179,8 @@ def _wanderers(samples, members):
     section = samples[members][:, :, :2]
     low, high = section.min(axis=(0, 1)), section.max(axis=(0, 1))
     span = np.where(high > low, high - low, 1.0)
-    cells = np.minimum(((section - low) / span * CELLS).astype(int), CELLS - 1)
+    count = round(CELLS * math.sqrt(section.shape[1]))
+    cells = np.minimum(((section - low) / span * count).astype(int), count - 1)
     # Of each group the cells that it fills, and these with those beside them.
     filled: list[tuple[np.ndarray, np.ndarray]] = []
     groups: list[list[int]] = []
@@ -186,7 +189,7 @@ def _wanderers(samples, members):
         shares = [float(near[x, v].mean()) for _, near in filled]
         best = int(np.argmax(shares)) if shares else -1
         if best < 0 or shares[best] < SAME_CELLS:
-            nothing = np.zeros((CELLS, CELLS), dtype=bool)
+            nothing = np.zeros((count, count), dtype=bool)
             filled.append((nothing, nothing))
             groups.append([])
             best = len(filled) - 1
@@ -250,6 +253,9 @@ class Divergence:
     def chaotic(self) -> bool:
         """Whether neighbours part, beyond chance."""
         return self.exponent > 3.0 * self.standard_error
+
+    def __str__(self) -> str:
+        return f"{self.exponent:.3g} ± {self.standard_error:.2g}"
 
 
 # Of neighbours' distance, in units of the motion's size: up to where it grows as it does without an

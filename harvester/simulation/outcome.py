@@ -19,12 +19,11 @@ from harvester.estimates.units import unit_of
 from harvester.estimates.well_balance import FEWEST_JUMPS
 from harvester.prepared.prepared import prepared
 from harvester.prepared.steps import knot_spacing, step_error, steps_per_knot
-from harvester.results.orbit import Attractor
+from harvester.results.orbit import UNTOLD, Attractor
 from harvester.results.residual_cause import suspected_cause
 from harvester.results.result import Result
 from harvester.results.waveform import waveform_of
 from harvester.scene.model import Scene
-from harvester.simulation.orbits import attractors, several_starts
 from harvester.simulation.realization import Realization
 
 if TYPE_CHECKING:
@@ -45,8 +44,9 @@ def result_of(
     realizations: list[Realization],
     failures: dict[int, SimulationError],
     outcome: str = "complete",
+    motions: tuple[Attractor, ...] = (),
 ) -> Result:
-    """The result of realizations that came to their end, failures named."""
+    """The result of realizations that came to their end, failures named, with their motions."""
     ready = prepared(scene)
     parameters, scales = ready.system, ready.scales
     moments = [realization.moments for realization in realizations]
@@ -59,9 +59,6 @@ def result_of(
     joint = joint_density_of(joints, is_symmetric(scene, parameters)) if joints else None
     kept = [each.stroboscope for each in realizations if each.stroboscope is not None]
     samples = np.array(kept) if kept else None
-    motions: tuple[Attractor, ...] = ()
-    if samples is not None and several_starts(scene):
-        motions = attractors(scene, samples, moments, cost)
     if found.shortfalls:
         shapes = {name: replace(shape, standard_error=None) for name, shape in shapes.items()}
     if found.shortfalls or slow_exchange(scene, found.balance):
@@ -164,8 +161,11 @@ def _notes_on_starts(scene, motions):
         )
     unit = unit_of(scene, "power")
     lines = tuple(each.sentence(unit) for each in motions)
-    if any(each.period is None and each.periodic_drive for each in motions):
-        lines += ("whether what has no period is chaotic: harvester basins gives its exponent",)
+    if any(each.kind == UNTOLD for each in motions):
+        lines += (
+            "whether what has no period is chaotic: run.starts = 100 or harvester basins give its "
+            "exponent",
+        )
     if len(motions) > 1:
         lines += (
             "the quantities above are means over all starts; their error bars hold for these "

@@ -26,12 +26,8 @@ from harvester.scene.model import Scene
 from harvester.show.palette import CIRCUIT, MONTE_CARLO
 from harvester.show.panels import Panel, Series, draw_panels
 from harvester.show.symbols import key_label
-from harvester.studies.orbits.following import (
-    SAMPLES,
-    follow,
-    forced,
-    periods_of,
-)
+from harvester.simulation.following import follow, forced
+from harvester.studies.orbits.following import SAMPLES, periods_of
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure

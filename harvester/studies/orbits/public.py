@@ -80,8 +80,9 @@ def basins(
 
     from harvester.prepared.prepared import prepared
     from harvester.running import open_runner
+    from harvester.simulation.following import forced
     from harvester.studies.orbits import basins as work
-    from harvester.studies.orbits.following import SAMPLES, forced, orbits_of, periods_of
+    from harvester.studies.orbits.following import SAMPLES, orbits_of, periods_of
 
     clock = time.perf_counter()
     engine = engine_of(method, step=step)
