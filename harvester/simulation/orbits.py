@@ -10,7 +10,7 @@ import numpy as np
 from harvester.errors import SimulationError
 from harvester.estimates.attractors import groups_of, groups_that_meet
 from harvester.estimates.of_run import run_estimates
-from harvester.prepared.paths import start_state
+from harvester.prepared.paths import distinct_realizations, start_state
 from harvester.prepared.prepared import prepared
 from harvester.prepared.steps import step_error
 from harvester.record.stroboscope import STATE
@@ -40,8 +40,9 @@ SAMPLES, FEWEST_SAMPLES = 64, 6
 def several_starts(scene: Scene) -> bool:
     """Whether realizations differ by their starts alone."""
     excitation = scene.excitation
-    moves = not (excitation.random or excitation.prescribes_displacement)
-    return scene.run.realizations > 1 and moves
+    if excitation.random or excitation.prescribes_displacement:
+        return False
+    return distinct_realizations(prepared(scene)) > 1
 
 
 def attractors(
