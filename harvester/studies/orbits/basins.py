@@ -26,6 +26,8 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
     from xarray import Dataset
 
+# Starts a side: a million in all, as many as `run.starts` takes.
+MOST_POINTS = 1000
 # Orbits that a figure names.
 MOST_NAMED = 10
 COLOURS = (
@@ -207,6 +209,8 @@ def axes_of_starts(
     """
     ready = prepared(scene)
     span = energy_range(ready)
+    if points > MOST_POINTS:
+        raise HarvesterError(f"--points {points}: at most {MOST_POINTS} starts a side")
     default = {
         "displacement": (span.low, span.high),
         "velocity": (-span.speed, span.speed),

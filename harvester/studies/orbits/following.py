@@ -32,6 +32,8 @@ if TYPE_CHECKING:
 SETTLED_SHARE = 1e-6
 # Periods followed where the device forgets its start sooner, and where that would take longer.
 FEWEST_PERIODS, MOST_PERIODS = 100, 2000
+# Periods that a command takes: some hundred megabytes of the excitation's samples.
+MOST_PERIODS_ASKED = 100_000
 # Samples at the end of each start, in which periods are looked for.
 SAMPLES = 64
 # How much longer those are followed that have no period by then: chaos may be a transient.
@@ -84,6 +86,19 @@ def periods_of(scene: Scene) -> int:
     transient = transient_time(prepared(scene), SETTLED_SHARE)
     wanted = transient / float(scene.excitation.period or 1.0)
     return int(min(max(wanted, FEWEST_PERIODS), MOST_PERIODS)) + 1
+
+
+def check_periods(periods: int | None, fewest: int) -> None:
+    """Refuse what cannot be followed, or has no room in memory.
+
+    Raises
+    ------
+    HarvesterError
+    """
+    if periods is not None and not fewest <= periods <= MOST_PERIODS_ASKED:
+        raise HarvesterError(
+            f"--periods {periods}: must be a whole number in [{fewest}, {MOST_PERIODS_ASKED}]"
+        )
 
 
 def following(

@@ -172,6 +172,11 @@ def test_refusals():
         harvester.residence(duffing(0.25, 0.2, 1.0))
     with pytest.raises(HarvesterError, match=r"run\.starts"):
         Scene.load("duffing", ["run.starts=10"])
+    for wrong in ({"points": 1001}, {"periods": 1}, {"periods": 10**12}):
+        with pytest.raises(HarvesterError, match=next(iter(wrong))):
+            harvester.basins(duffing(0.25, 0.2, 1.0), **wrong)
+    with pytest.raises(HarvesterError, match=r"leave out the table \[start\]"):
+        duffing(0.25, 0.2, 1.0, starts=2).replace({"start.velocity": 1.0})
     with pytest.raises(HarvesterError, match="two different numbers"):
         harvester.bifurcation(duffing(0.25, 0.2, 1.0), over="excitation.amplitude", values=[0.1])
     with pytest.raises(HarvesterError, match=r"nothing in \[run\]"):
