@@ -9,7 +9,7 @@ from scipy.integrate import solve_ivp
 
 import harvester
 from harvester.errors import HarvesterError
-from harvester.estimates.attractors import divergence, groups_of, repetition
+from harvester.estimates.attractors import divergence, groups_of, repeats_in_noise, repetition
 from harvester.prepared.prepared import prepared
 from harvester.prepared.starts import drawn_start, energy_range
 from harvester.scene.model import Scene
@@ -271,3 +271,24 @@ def plain_residence(intensity, damping, copies=2000, total=1000.0, step=0.01):
         well = np.where(reached, np.sign(x), well)
     time = copies * total / jumps
     return time, time / math.sqrt(jumps)
+
+
+@pytest.mark.exhaustive
+@pytest.mark.parametrize(
+    ("amplitude", "expected"), [(0.2, 1), (0.28, 2), (0.29, 4), (0.37, 5), (0.5, 0), (0.65, 2)]
+)
+def test_a_measured_path_repeats_as_its_section_does(amplitude, expected):
+    """Two wells by scipy, δ = 0.3, ω = 1.2: the periods that are known of this example."""
+    frequency, points = 1.2, 40
+
+    def rates(t, y):
+        return [y[1], amplitude * math.cos(frequency * t) - 0.3 * y[1] + y[0] - y[0] ** 3]
+
+    times = 2.0 * math.pi / frequency * (100.0 + np.arange(64 * points + 1) / points)
+    path = solve_ivp(
+        rates, (0.0, times[-1]), [1.0, 0.0], method="DOP853", t_eval=times, rtol=1e-8, atol=1e-9
+    ).y
+    section = np.stack([*path[:, ::points], np.zeros(65)], axis=1)
+    assert repetition(section[None])[0] == expected
+    noise = 0.02 * np.random.default_rng(3).standard_normal(times.size)
+    assert repeats_in_noise(path[0] + noise, points) == (expected > 0)
