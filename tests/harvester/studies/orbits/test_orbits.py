@@ -77,6 +77,35 @@ def test_basins_of_two_wells():
 
 
 @pytest.mark.exhaustive
+def test_basins_of_three_wells():
+    """x'' + 0.15 x' + x − 1.4 x³ + 0.4 x⁵ = 0.15 cos 0.9 t: three motions."""
+    damping, amplitude, frequency, periods = 0.15, 0.15, 0.9, 200
+    tables = duffing(damping, amplitude, frequency).to_tables()
+    tables["oscillator"] = {"damping": damping, "restoring_force": [0.0, 1.0, 0.0, -1.4, 0.0, 0.4]}
+    x, v = np.linspace(-2.2, 2.2, 15), np.linspace(-1.5, 1.5, 15)
+    found = harvester.basins(
+        Scene.from_tables(tables), displacement=x, velocity=v, periods=periods, workers=1
+    )
+
+    def rates(t, y):
+        x, v = y.reshape(2, -1)
+        force = amplitude * math.cos(frequency * t) - x + 1.4 * x**3 - 0.4 * x**5
+        return np.concatenate([v, force - damping * v])
+
+    times = 2.0 * math.pi / frequency * np.arange(periods - 64, periods + 1)
+    start = np.concatenate([each.ravel() for each in np.meshgrid(x, v)])
+    path = solve_ivp(
+        rates, (0.0, times[-1]), start, method="DOP853", t_eval=times, rtol=1e-9, atol=1e-10
+    ).y.reshape(2, 225, 65)
+    own = groups_of(np.stack([*path, np.zeros((225, 65))], axis=2))
+    assert len(own) == len(found.orbits) == 3
+    for orbit, group in zip(found.orbits, own, strict=True):
+        assert orbit.period == group.period == 1
+        assert orbit.points[0] == pytest.approx(group.points[0, :2], abs=1e-3)
+        assert orbit.share == pytest.approx(group.members.size / 225, abs=0.02)
+
+
+@pytest.mark.exhaustive
 def test_chaos_has_the_exponent_of_its_variational_equation():
     damping, amplitude, frequency = 0.3, 0.5, 1.2
     found = harvester.basins(
@@ -239,18 +268,25 @@ def test_kramers_at_strong_damping():
 
 
 @pytest.mark.exhaustive
-@pytest.mark.parametrize("intensity", [0.02, 0.026, 0.034, 0.044, 0.06])
-def test_residence_against_plain_euler(intensity):
+@pytest.mark.parametrize(
+    ("intensity", "method", "precision"),
+    [
+        *((each, "monte-carlo", 0.03) for each in (0.02, 0.026, 0.034, 0.044, 0.06)),
+        (0.06, "circuit", None),
+    ],
+)
+def test_residence_against_plain_euler(intensity, method, precision):
     """Langevin's equation by a scheme of our own, counted by the wells' cores."""
+    duration = 4000 if precision else 400
     scene = Scene.load(
         "duffing",
         [
             "oscillator.damping=0.25", "oscillator.linear_stiffness=-1", "piezo.coupling=0",
-            "oscillator.cubic_stiffness=1", "run.duration=4000", "run.realizations=16",
+            "oscillator.cubic_stiffness=1", f"run.duration={duration}", "run.realizations=16",
             f'excitation={{kind="white", intensity={intensity}, knot_spacing=0.02}}',
         ],
     )  # fmt: skip
-    (stay,) = harvester.residence(scene, precision=0.03).stays
+    (stay,) = harvester.residence(scene, method=method, precision=precision).stays
     time, error = plain_residence(intensity, 0.25)
     assert abs(stay.time - time) < 3.0 * math.hypot(stay.standard_error, error)
 
