@@ -57,7 +57,7 @@ class Attractor:
 
     @property
     def kind(self) -> str:
-        """In words."""
+        """The kind of motion, in words."""
         if self.period is not None:
             return f"period {self.period}"
         if not self.periodic_drive:

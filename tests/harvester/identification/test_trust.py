@@ -9,9 +9,9 @@ from measured_sets import FAULTS, a_set
 from scipy.stats import t
 
 from harvester.errors import HarvesterError
+from harvester.estimates.attractors import repeats_in_noise
 from harvester.identification.identify import identify
 from harvester.identification.intervals import HALF_INTERVAL, moved_by_records
-from harvester.estimates.attractors import repeats_in_noise
 from harvester.identification.kept_aside import _orbit, _repeats
 from harvester.identification.shooting import Fit, Shooting
 from harvester.identification.unknowns import Unknown
