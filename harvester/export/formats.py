@@ -1,0 +1,73 @@
+"""What a scene can be written as, by name: a function that writes files and returns their paths.
+
+A further kind is a function here and its entry in `FORMATS`. Its keyword arguments are those
+options of `harvester export` that it has.
+"""
+
+from __future__ import annotations
+
+import inspect
+from collections.abc import Callable
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from harvester.errors import HarvesterError
+from harvester.files.plain_text import nearest
+
+if TYPE_CHECKING:
+    from harvester.scene.model import Scene
+
+
+def write(scene: Scene, kind: str, output: str | Path, **options: Any) -> list[Path]:
+    """Write a scene as one of the kinds.
+
+    Parameters
+    ----------
+    scene : harvester.scene.model.Scene
+    kind : str
+        A name in `FORMATS`.
+    output : str or Path
+        Folder; for a deck also a file, or - for standard output.
+    **options
+        Those of the kind; None stands for the kind's own default.
+
+    Returns
+    -------
+    list of Path
+        The files that were written; none for standard output.
+
+    Raises
+    ------
+    HarvesterError
+        No such kind, or an option that it does not have.
+    """
+    if kind not in FORMATS:
+        raise HarvesterError(
+            f"--as {kind}: no such kind{nearest(kind, FORMATS)}; there are {', '.join(FORMATS)}"
+        )
+    writer = FORMATS[kind]
+    given = {name: value for name, value in options.items() if value is not None}
+    known = inspect.signature(writer).parameters
+    for name in given:
+        if name not in known:
+            raise HarvesterError(
+                f"--{name.replace('_', '-')}: `export --as {kind}` has no such option; leave it out"
+            )
+    return writer(scene, output, **given)
+
+
+def deck(
+    scene: Scene,
+    output: str | Path,
+    *,
+    dialect: str = "ngspice",
+    step: str | float = "default",
+    realization: int = 0,
+) -> list[Path]:
+    """A whole deck with load and noise, see `harvester.export.deck.write_deck`."""
+    from harvester.export.deck import write_deck
+
+    return write_deck(scene, output, dialect, step, realization)
+
+
+FORMATS: dict[str, Callable[..., list[Path]]] = {"deck": deck}
