@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Annotated
 from harvester.commands.quiet import say
 from harvester.errors import HarvesterError
 from harvester.export.formats import write
-from harvester.signatures import File, Kind, Step
+from harvester.signatures import File, Kind, Metres, Seconds, Step
 
 if TYPE_CHECKING:
     from harvester.scene.model import Scene
@@ -53,6 +53,8 @@ def export(
     dialect: str | None = None,
     step: Step | None = None,
     realization: int | None = None,
+    displacement_unit: Metres | None = None,
+    duration: Seconds | None = None,
 ) -> None:
     """Write a scene for other tools.
 
@@ -60,17 +62,23 @@ def export(
     ----------
     scene : Scene
     kind : str
-        deck, the whole circuit with its noise.
+        deck, the whole circuit with its noise (default); subckt, a block in SI for circuits of
+        your own.
     output : str
         Folder; for a deck also a file (default: standard output).
     dialect : str or None
-        ngspice (default), or ltspice.
+        ngspice (default), ltspice; of a subckt also pspice, xyce.
     step : str or float
         default, fine, finest, or the longest step in seconds.
     realization : int or None
         Whose noise path (default: 0).
+    displacement_unit : float or None
+        Metres for a volt at a block's pin x (default: 1e-3).
+    duration : float or None
+        Of the deck that tries a block, and its vibration, in s (default: 25 periods).
     """
-    options = {"dialect": dialect, "step": step, "realization": realization}
+    options = {"dialect": dialect, "step": step, "realization": realization,
+               "displacement_unit": displacement_unit, "duration": duration}  # fmt: skip
     for path in write(scene, kind, output, **options):
         say(f"written: {path}")
 

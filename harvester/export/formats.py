@@ -70,4 +70,20 @@ def deck(
     return write_deck(scene, output, dialect, step, realization)
 
 
-FORMATS: dict[str, Callable[..., list[Path]]] = {"deck": deck}
+def subckt(
+    scene: Scene,
+    output: str | Path,
+    *,
+    dialect: str = "ngspice",
+    step: str | float = "default",
+    realization: int = 0,
+    displacement_unit: float = 1e-3,
+    duration: float | None = None,
+) -> list[Path]:
+    """A sub-circuit in SI, see `harvester.export.block.write_subcircuit`."""
+    from harvester.export.block import write_subcircuit
+
+    return write_subcircuit(scene, output, dialect, step, realization, displacement_unit, duration)
+
+
+FORMATS: dict[str, Callable[..., list[Path]]] = {"deck": deck, "subckt": subckt}
