@@ -53,7 +53,7 @@ _HEAD = """\
 """
 # Longest line of an expression.
 _WIDTH = 84
-_SIGN = """
+SIGN = """
     analog function real sgn;
         input value;
         real value;
@@ -120,7 +120,7 @@ def module(
     )
     body = "".join(f"        {line}\n" for line in lines)
     name = name or f"{NAME}_{hashlib.sha256((declared + body).encode()).hexdigest()[:12]}"
-    sign = _SIGN if "sgn(" in body else ""
+    sign = SIGN if "sgn(" in body else ""
     text = _TEXT.format(head=_HEAD, name=name, declared=declared, body=body, sign=sign)
     return name, text, values
 

@@ -47,12 +47,12 @@ def _lines(card):
     """A card's lines, none of them longer than every reader takes."""
     if len(card) <= WIDTH:
         return [card]
-    # A break within an expression may stand behind an operator, where no name or number is cut.
-    pieces = re.split(r"(?<=[*,(])|(?<= )", card)
+    # A break within an expression stands where no name, number or call is cut.
+    pieces = re.split(r"(?<=[*,])|(?<= )", card)
     lines, line = [], ""
     for piece in pieces:
         if line and len(line + piece) > WIDTH:
-            lines.append(line)
+            lines.append(line.rstrip())
             line = "+ "
         line += piece
     return [*lines, line]

@@ -1,11 +1,11 @@
-"""What stands at the head of a block's file: what it holds, its pins, and where its accuracy ends."""
+"""The head of a block's file: what it holds, its pins, and where its accuracy ends."""
 
 from __future__ import annotations
 
 import math
 from typing import TYPE_CHECKING
 
-from circuits.elements import named_contacts
+from circuits.elements import named_contacts, number
 from harvester.device import timescales
 from harvester.device.polynomial import Polynomial
 
@@ -34,6 +34,7 @@ def head(ready: Prepared, parameters: Parameters) -> list[str]:
     """Lines without marks of a comment, a line for each parameter at the end."""
     system, step = ready.system, longest_step(ready)
     period = 2.0 * math.pi / timescales.fastest_angular_frequency(system)
+    speed = parameters.rate * parameters.length
     lines = [
         f"harvester scene {ready.scene.name}: {_parts(ready)}",
         *LICENCE,
@@ -41,20 +42,18 @@ def head(ready: Prepared, parameters: Parameters) -> list[str]:
         "Pins: p, n    terminals, floating; give them a path to ground",
         "      base    acceleration of the base, 1 V for 1 m/s2, against ground",
         "      x       displacement of the mass, 1 V for displacement_unit metres, against ground",
-        "Inside: displacement (V for "
-        f"{parameters.length:g} m), velocity (V for {parameters.rate * parameters.length:.17g} m/s)",
-        "It starts from start_displacement, start_velocity and start_state: a transient analysis",
-        "with uic, without an operating point before it.",
+        f"Inside: V(velocity) is the velocity in units of {number(speed)} m/s.",
         "",
-        f"Longest step: {step:.2g} s holds the path of 25 periods to about 1e-4 by the trapezoidal",
-        f"rule, with a relative tolerance of 1e-6; the error grows as the step's square. A period",
-        f"lasts {period:.3g} s. Backward Euler and Gear damp the motion: do not use them.",
+        f"Longest step: {step:.2g} s holds a path that is not chaotic to 1e-5 over 25 periods by",
+        "the trapezoidal rule at a relative tolerance of 1e-9; the error grows as its square.",
+        f"A period lasts {period:.3g} s. Backward Euler and Gear damp the motion: do not use them.",
     ]
     contact = timescales.contact_time(system)
     if contact < STIFF * period:
         lines += [
-            f"WARNING: a contact lasts {contact:.2g} s at the rms speed, {contact / period:.2g} of a",
-            "period: a simulator with its own longest step passes over it without a word.",
+            f"WARNING: stiff contact. At the rms speed it lasts {contact:.2g} s,",
+            f"{contact / period:.2g} of a period: a simulator with its own longest step passes over",
+            "it without a word.",
         ]
     named = [f"  {name} ({each.unit}): {each.meaning}" for name, each in parameters.given.items()]
     return [*lines, "", "Parameters:", *named]

@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Callable
-from typing import TYPE_CHECKING, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 from circuits.elements import named_contacts, number
 from harvester.device import timescales
@@ -101,7 +101,7 @@ class Parameters:
 
     def _add_mechanics(self):
         oscillator, spring = self.ready.scene.oscillator, self.ready.system.spring
-        mass = oscillator.mass
+        mass: Any = oscillator.mass
         self.given["mass"] = Parameter(mass, "kg", "moving mass", "(0:inf)")
         self.given["base_factor"] = Parameter(
             oscillator.base_factor, "1", "how many times the base's acceleration counts"
@@ -255,8 +255,8 @@ def check_block(ready: Prepared) -> None:
         )
     if scene.excitation.prescribes_displacement:
         raise NetlistError(
-            f"{scene.name}: excitation.kind = {scene.excitation.kind!r} says where the mass is, and "
-            "a block's base moves: choose another excitation, or take `--as deck`"
+            f"{scene.name}: excitation.kind = {scene.excitation.kind!r} says where the mass is, "
+            "and a block's base moves: choose another excitation, or take `--as deck`"
         )
     if any(getattr(each.law, "holds", 0.0) for each in ready.system.contacts):
         raise NetlistError(

@@ -26,7 +26,11 @@ def subcircuit(name: str, parameters: Parameters) -> str:
     name : str
     parameters : Parameters
     """
-    body = [*_mechanics(parameters), *_electrical(parameters)]
+    body = [
+        "* It starts from start_displacement, start_velocity and start_state: use uic.",
+        *_mechanics(parameters),
+        *_electrical(parameters),
+    ]
     given = "".join(f"+ {key}={number(each.value)}\n" for key, each in parameters.given.items())
     derived = "".join(f".param {key}={{{text}}}\n" for key, text in parameters.derived.items())
     return (

@@ -86,4 +86,23 @@ def subckt(
     return write_subcircuit(scene, output, dialect, step, realization, displacement_unit, duration)
 
 
-FORMATS: dict[str, Callable[..., list[Path]]] = {"deck": deck, "subckt": subckt}
+def verilog_a(
+    scene: Scene,
+    output: str | Path,
+    *,
+    step: str | float = "default",
+    realization: int = 0,
+    displacement_unit: float = 1e-3,
+    duration: float | None = None,
+) -> list[Path]:
+    """A Verilog-A module in SI, see `harvester.export.block.write_verilog_a`."""
+    from harvester.export.block import write_verilog_a
+
+    return write_verilog_a(scene, output, step, realization, displacement_unit, duration)
+
+
+FORMATS: dict[str, Callable[..., list[Path]]] = {
+    "deck": deck,
+    "subckt": subckt,
+    "verilog-a": verilog_a,
+}

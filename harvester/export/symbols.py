@@ -26,7 +26,6 @@ def ltspice_symbol(name: str, library: str, pins: tuple[str, ...]) -> str:
         "WINDOW 0 0 -64 Center 2",
         "SYMATTR Prefix X",
         f"SYMATTR Value {name}",
-        f"SYMATTR SpiceModel {name}",
         f"SYMATTR ModelFile {library}",
         f"SYMATTR Description Vibration energy harvester {name}",
     ]
