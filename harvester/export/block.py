@@ -34,8 +34,8 @@ if TYPE_CHECKING:
 
 # Periods of the device that the deck runs where nothing else is asked for.
 TEST_PERIODS = 25
-# Of the deck: with ngspice's own of 1e-3 Newton's iterations end early; from 1e-6 to 1e-9 the path of
-# the scene `tristable` came out half as far off. A rectifier does not converge at 1e-9.
+# Of the deck: with ngspice's own of 1e-3 Newton's iterations end early; from 1e-6 to 1e-9 the path
+# of the scene `tristable` came out half as far off. A rectifier does not converge at 1e-9.
 TOLERANCES = "reltol=1e-9"
 POINTS_PER_LINE = 4
 
