@@ -70,4 +70,18 @@ def deck(
     return write_deck(scene, output, dialect, step, realization)
 
 
-FORMATS: dict[str, Callable[..., list[Path]]] = {"deck": deck}
+def c(scene: Scene, output: str | Path) -> list[Path]:
+    """The device as C, see `harvester.export.device_code.write_c`."""
+    from harvester.export.device_code import write_c
+
+    return write_c(scene, output)
+
+
+def fmu(scene: Scene, output: str | Path) -> list[Path]:
+    """The device as FMUs of both versions, see `harvester.export.fmu.write_fmu`."""
+    from harvester.export.fmu import write_fmu
+
+    return write_fmu(scene, output)
+
+
+FORMATS: dict[str, Callable[..., list[Path]]] = {"deck": deck, "c": c, "fmu": fmu}
