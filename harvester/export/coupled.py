@@ -163,12 +163,9 @@ class Coupled:
             begin, slope, knot = self._segment()
             end = min(time, knot)
             self._set("base_acceleration", begin)
-            reference, order, value = (
-                _array([1]),
-                (ctypes.c_int * 1)(1),
-                (ctypes.c_double * 1)(slope),
-            )
-            self._library.fmi2SetRealInputDerivatives(self._device, reference, 1, order, value)
+            order, value = (ctypes.c_int * 1)(1), (ctypes.c_double * 1)(slope)
+            place = self._place("base_acceleration")
+            self._library.fmi2SetRealInputDerivatives(self._device, place, 1, order, value)
             failed = self._library.fmi2DoStep(self._device, self.time, end - self.time, 1)
             self.time = end
             if failed:

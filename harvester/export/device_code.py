@@ -94,7 +94,7 @@ def equations(scene: Scene) -> str:
         return key
 
     functions = _forces(ready.system, named) + _contacts(ready.system, named)
-    head = f"/* Of the scene {scene.name}. Displacements are over LENGTH, forces over MASS LENGTH. */\n"
+    head = f"/* Of the scene {scene.name}. Lengths are over LENGTH, forces over MASS LENGTH. */\n"
     return "\n".join([head + _numbers(ready), "".join(constants.values()), functions])
 
 
