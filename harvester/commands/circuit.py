@@ -6,12 +6,12 @@ import re
 import sys
 from contextlib import closing
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 from harvester.commands.quiet import say
 from harvester.errors import HarvesterError
 from harvester.export.formats import write
-from harvester.signatures import File, Kind, Step
+from harvester.signatures import File, Hertz, Kind, Seconds, Step
 
 if TYPE_CHECKING:
     from harvester.scene.model import Scene
@@ -53,6 +53,9 @@ def export(
     dialect: str | None = None,
     step: Step | None = None,
     realization: int | None = None,
+    duration: Seconds | None = None,
+    rate: Hertz | None = None,
+    data: str | None = None,
 ) -> None:
     """Write a scene for other tools.
 
@@ -60,7 +63,8 @@ def export(
     ----------
     scene : Scene
     kind : str
-        deck, the whole circuit with its noise.
+        deck, the whole circuit with its noise; fmu, for co-simulation; c, the device's code; csv
+        and shepherd, what the load takes over time.
     output : str
         Folder; for a deck also a file (default: standard output).
     dialect : str or None
@@ -69,9 +73,18 @@ def export(
         default, fine, finest, or the longest step in seconds.
     realization : int or None
         Whose noise path (default: 0).
+    duration : float or None
+        Of a trace, in s (default: the scene's).
+    rate : float or None
+        Samples a second of csv (default: 10000); Shepherd's is 100000.
+    data : str or None
+        Of shepherd: ivsample (default), or isc_voc.
     """
-    options = {"dialect": dialect, "step": step, "realization": realization}
-    for path in write(scene, kind, output, **options):
+    options: dict[str, Any] = {
+        "dialect": dialect, "step": step, "realization": realization, "duration": duration,
+        "rate": rate, "data": data,
+    }  # fmt: skip
+    for path in write(scene, kind, output, say, **options):
         say(f"written: {path}")
 
 

@@ -29,12 +29,12 @@ TERMINAL, START_STATE = 2, 6
 
 
 class Energies(NamedTuple):
-    """Energies since the beginning (J); `stored` against that of the device at rest at x = 0.
+    """Energies since the beginning (J): input = stored + all others.
 
     Attributes
     ----------
     input : put in by the base.
-    stored : in mass, spring, contacts and transducer.
+    stored : gained by mass, spring, contacts and transducer.
     damper, contacts, transducer : lost there.
     delivered : out of the terminals.
     """

@@ -77,7 +77,7 @@ def variables(scene: Scene) -> list[Variable]:
         Variable("displacement", "output", "m", "Of the mass, against the base"),
         Variable("velocity", "output", "m/s", "Of the mass, against the base"),
         Variable("energy_input", "output", "J", "Put in by the base since the beginning"),
-        Variable("energy_stored", "output", "J", "In mass, spring, contacts and transducer"),
+        Variable("energy_stored", "output", "J", "Gained by mass, spring, contacts and transducer"),
         Variable("energy_damper", "output", "J", "Lost in the damper"),
         Variable("energy_contacts", "output", "J", "Lost in contacts"),
         Variable("energy_transducer", "output", "J", "Lost in the transducer itself"),

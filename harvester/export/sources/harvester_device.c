@@ -110,6 +110,13 @@ static double contact_energy(double x)
     return energy;
 }
 
+static double stored_energy(const double y[])
+{
+    double x = y[HARVESTER_DISPLACEMENT], u = y[HARVESTER_VELOCITY], state = y[HARVESTER_STATE];
+    return ENERGY_UNIT * (0.5 * u * u + spring_energy(x) + contact_energy(x)) +
+           STATE_ENERGY * state * state;
+}
+
 static void rates(const harvester_device *d, double time, const double y[], double dy[])
 {
     double since = time - d->time, x = y[HARVESTER_DISPLACEMENT], u = y[HARVESTER_VELOCITY];
@@ -291,6 +298,7 @@ void harvester_start(harvester_device *d, double displacement, double velocity, 
     d->state[HARVESTER_DISPLACEMENT] = x;
     d->state[HARVESTER_VELOCITY] = u;
     d->state[HARVESTER_STATE] = state;
+    d->start_energy = stored_energy(d->state);
     d->step = 1e-3 / RATE;
     d->held_speed = sqrt(u * u + 2.0 * contact_energy(x));
     d->zone = 0;
@@ -322,7 +330,5 @@ double harvester_output(const harvester_device *d)
 
 double harvester_stored_energy(const harvester_device *d)
 {
-    double x = d->state[HARVESTER_DISPLACEMENT], u = d->state[HARVESTER_VELOCITY];
-    return ENERGY_UNIT * (0.5 * u * u + spring_energy(x) + contact_energy(x)) +
-           STATE_ENERGY * d->state[HARVESTER_STATE] * d->state[HARVESTER_STATE];
+    return stored_energy(d->state) - d->start_energy;
 }

@@ -37,6 +37,7 @@ typedef struct {
     double terminal_slope;    /* A/s or V/s */
     double load_resistance;   /* ohm: across a piezo, in series with a coil; 0: none */
     double step;              /* s, the step to be tried next */
+    double start_energy;      /* J, stored at the beginning */
     double held_speed;        /* with which the contact began, over the length unit */
     double state[HARVESTER_STATES];
     int zone;                 /* between which contacts the mass is */
@@ -50,6 +51,6 @@ int harvester_advance(harvester_device *device, double time);
 double harvester_displacement(const harvester_device *device); /* m */
 double harvester_velocity(const harvester_device *device);     /* m/s */
 double harvester_output(const harvester_device *device);       /* V of a piezo, A of a coil */
-double harvester_stored_energy(const harvester_device *device); /* J, spring's zero at x = 0 */
+double harvester_stored_energy(const harvester_device *device); /* J, since the beginning */
 
 #endif

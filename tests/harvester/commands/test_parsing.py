@@ -53,7 +53,7 @@ OPTIONS = {
     "claims": f"--json --output --report --seed --thorough {RUN}",
     "schematic": f"--output {SCENE}",
     "netlist": f"--dialect --output --realization --step {SCENE}",
-    "export": f"--as --dialect --output --realization --step {SCENE}",
+    "export": f"--as --data --dialect --duration --output --rate --realization --step {SCENE}",
     "cite": "FILE",
     "engine": "--json",
     "completion": "SHELL",
