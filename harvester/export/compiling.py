@@ -16,6 +16,10 @@ from harvester.files.temporary import TemporaryFolder
 LIBRARY = {"win32": ".dll", "darwin": ".dylib"}.get(sys.platform, ".so")
 # A compiler that takes longer hangs: the sources take it half a second.
 TIME_LIMIT = 120.0
+NO_COMPILER = (
+    "no C compiler (cc, gcc, clang, or the one that CC names) is here: install one, or pip install "
+    "ziglang"
+)
 
 
 @cache
@@ -49,10 +53,7 @@ def compile_library(files: dict[str, str], target: str | Path) -> None:
     """
     words = compiler()
     if words is None:
-        raise ProgramNotFound(
-            "no C compiler (cc, gcc, clang, or the one that CC names) is here: install one, or "
-            "pip install ziglang"
-        )
+        raise ProgramNotFound(NO_COMPILER)
     with TemporaryFolder() as folder:
         for name, text in files.items():
             (Path(folder) / name).write_text(text, "utf-8")

@@ -8,12 +8,13 @@ import platform
 import re
 import sys
 import zipfile
+from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING, NamedTuple
 from xml.sax.saxutils import quoteattr
 
 from harvester.device.piezo import PiezoTable
-from harvester.export.compiling import LIBRARY, compile_library, compiler
+from harvester.export.compiling import LIBRARY, NO_COMPILER, compile_library, compiler
 from harvester.export.device_code import device_files, source
 from harvester.files.temporary import TemporaryFolder
 from harvester.files.writing import in_folder, whole_file
@@ -95,7 +96,7 @@ def unit_files(scene: Scene, version: int) -> tuple[str, dict[str, str]]:
     return token, files
 
 
-def write_fmu(scene: Scene, output: str | Path) -> list[Path]:
+def write_fmu(scene: Scene, output: str | Path, report: Callable[[str], None]) -> list[Path]:
     """Write a scene's device as FMUs of both versions: SCENE.fmi2.fmu and SCENE.fmi3.fmu.
 
     Compiled for this machine where a C compiler is there; the sources are in them.
@@ -105,6 +106,8 @@ def write_fmu(scene: Scene, output: str | Path) -> list[Path]:
     scene : harvester.scene.model.Scene
     output : str or Path
         Folder.
+    report : callable
+        Told where no compiler is there.
 
     Returns
     -------
@@ -121,6 +124,8 @@ def write_fmu(scene: Scene, output: str | Path) -> list[Path]:
     for path, content in zip(paths, contents, strict=True):
         with whole_file(path) as file:
             file.write(content)
+    if compiler() is None:
+        report(f"{NO_COMPILER}; the FMUs hold their sources alone: `fmpy compile` makes the rest")
     return paths
 
 

@@ -87,11 +87,11 @@ def c(scene: Scene, output: str | Path) -> list[Path]:
     return write_c(scene, output)
 
 
-def fmu(scene: Scene, output: str | Path) -> list[Path]:
+def fmu(scene: Scene, output: str | Path, *, report: Callable[[str], None]) -> list[Path]:
     """The device as FMUs of both versions, see `harvester.export.fmu.write_fmu`."""
     from harvester.export.fmu import write_fmu
 
-    return write_fmu(scene, output)
+    return write_fmu(scene, output, report)
 
 
 def csv(
