@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 from harvester.commands.quiet import say
 from harvester.errors import HarvesterError
 from harvester.export.formats import write
-from harvester.signatures import File, Hertz, Kind, Seconds, Step
+from harvester.signatures import File, Hertz, Kind, Metres, Seconds, Step
 
 if TYPE_CHECKING:
     from harvester.scene.model import Scene
@@ -53,6 +53,7 @@ def export(
     dialect: str | None = None,
     step: Step | None = None,
     realization: int | None = None,
+    displacement_unit: Metres | None = None,
     duration: Seconds | None = None,
     rate: Hertz | None = None,
     data: str | None = None,
@@ -63,26 +64,30 @@ def export(
     ----------
     scene : Scene
     kind : str
-        deck, the whole circuit with its noise; fmu, for co-simulation; c, the device's code; csv
-        and shepherd, what the load takes over time.
+        deck, the whole circuit with its noise (default); subckt and verilog-a, a block in SI for
+        circuits of your own; fmu, for co-simulation; c, the device's code; csv and shepherd, what
+        the load takes over time.
     output : str
         Folder; for a deck also a file (default: standard output).
     dialect : str or None
-        ngspice (default), or ltspice.
+        ngspice (default), ltspice; of a subckt also pspice, xyce.
     step : str or float
         default, fine, finest, or the longest step in seconds.
     realization : int or None
         Whose noise path (default: 0).
+    displacement_unit : float or None
+        Metres for a volt at a block's pin x (default: 1e-3).
     duration : float or None
-        Of a trace, in s (default: the scene's).
+        Of the deck that tries a block, and its vibration, in s (default: 25 periods); of a trace
+        (default: the scene's).
     rate : float or None
         Samples a second of csv (default: 10000); Shepherd's is 100000.
     data : str or None
         Of shepherd: ivsample (default), or isc_voc.
     """
     options: dict[str, Any] = {
-        "dialect": dialect, "step": step, "realization": realization, "duration": duration,
-        "rate": rate, "data": data,
+        "dialect": dialect, "step": step, "realization": realization,
+        "displacement_unit": displacement_unit, "duration": duration, "rate": rate, "data": data,
     }  # fmt: skip
     for path in write(scene, kind, output, say, **options):
         say(f"written: {path}")

@@ -11,6 +11,7 @@ from importlib import resources
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from circuits.block.head import LICENCE
 from circuits.elements import literal, named_contacts, number
 from harvester.device import contact as contacts
 from harvester.device import timescales
@@ -18,7 +19,7 @@ from harvester.device.coil import CoilTable
 from harvester.device.damper import drag_formula
 from harvester.device.piezo import PiezoTable
 from harvester.errors import ExportError
-from harvester.files.writing import in_folder, write_text
+from harvester.export.block import folder_of, write_files
 from harvester.prepared.paths import start_state
 from harvester.prepared.prepared import prepared
 
@@ -27,12 +28,14 @@ if TYPE_CHECKING:
     from harvester.prepared.prepared import Prepared
     from harvester.scene.model import Scene
 
+HEAD = "/* " + "\n * ".join(LICENCE) + "\n */\n"
 STEPPER = ("harvester_device.h", "harvester_device.c")
 
 
 def source(name: str) -> str:
-    """Text of a file of `sources/`."""
-    return resources.files("harvester.export").joinpath("sources", name).read_text("utf-8")
+    """Text of a file of `sources/`, with the licence ahead."""
+    text = resources.files("harvester.export").joinpath("sources", name).read_text("utf-8")
+    return HEAD + text
 
 
 def write_c(scene: Scene, output: str | Path) -> list[Path]:
@@ -53,12 +56,7 @@ def write_c(scene: Scene, output: str | Path) -> list[Path]:
     ExportError
         The device has no SI form, or parts without C.
     """
-    files = device_files(scene)
-    Path(output).mkdir(parents=True, exist_ok=True)
-    paths = [in_folder(output, name) for name in files]
-    for path, text in zip(paths, files.values(), strict=True):
-        write_text(path, text)
-    return paths
+    return write_files(folder_of(output, "c"), device_files(scene))
 
 
 def device_files(scene: Scene) -> dict[str, str]:
@@ -94,8 +92,8 @@ def equations(scene: Scene) -> str:
         return key
 
     functions = _forces(ready.system, named) + _contacts(ready.system, named)
-    head = f"/* Of the scene {scene.name}. Lengths are over LENGTH, forces over MASS LENGTH. */\n"
-    return "\n".join([head + _numbers(ready), "".join(constants.values()), functions])
+    said = f"/* Of the scene {scene.name}. Lengths are over LENGTH, forces over MASS LENGTH. */\n"
+    return "\n".join([HEAD + said + _numbers(ready), "".join(constants.values()), functions])
 
 
 def _numbers(ready: Prepared) -> str:

@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING, NamedTuple
 from xml.sax.saxutils import quoteattr
 
 from harvester.device.piezo import PiezoTable
+from harvester.export.block import folder_of
 from harvester.export.compiling import LIBRARY, NO_COMPILER, compile_library, compiler
 from harvester.export.device_code import device_files, source
 from harvester.files.temporary import TemporaryFolder
@@ -119,8 +120,8 @@ def write_fmu(scene: Scene, output: str | Path, report: Callable[[str], None]) -
         See `harvester.export.device_code.equations`.
     """
     contents = [_fmu(scene, version) for version in VERSIONS]
-    Path(output).mkdir(parents=True, exist_ok=True)
-    paths = [in_folder(output, f"{scene.name}.fmi{version}.fmu") for version in VERSIONS]
+    folder = folder_of(output, "fmu")
+    paths = [in_folder(folder, f"{scene.name}.fmi{version}.fmu") for version in VERSIONS]
     for path, content in zip(paths, contents, strict=True):
         with whole_file(path) as file:
             file.write(content)

@@ -80,6 +80,37 @@ def deck(
     return write_deck(scene, output, dialect, step, realization)
 
 
+def subckt(
+    scene: Scene,
+    output: str | Path,
+    *,
+    dialect: str = "ngspice",
+    step: str | float = "default",
+    realization: int = 0,
+    displacement_unit: float = 1e-3,
+    duration: float | None = None,
+) -> list[Path]:
+    """A sub-circuit in SI, see `harvester.export.block.write_subcircuit`."""
+    from harvester.export.block import write_subcircuit
+
+    return write_subcircuit(scene, output, dialect, step, realization, displacement_unit, duration)
+
+
+def verilog_a(
+    scene: Scene,
+    output: str | Path,
+    *,
+    step: str | float = "default",
+    realization: int = 0,
+    displacement_unit: float = 1e-3,
+    duration: float | None = None,
+) -> list[Path]:
+    """A Verilog-A module in SI, see `harvester.export.block.write_verilog_a`."""
+    from harvester.export.block import write_verilog_a
+
+    return write_verilog_a(scene, output, step, realization, displacement_unit, duration)
+
+
 def c(scene: Scene, output: str | Path) -> list[Path]:
     """The device as C, see `harvester.export.device_code.write_c`."""
     from harvester.export.device_code import write_c
@@ -125,5 +156,11 @@ def shepherd(
 
 
 FORMATS: dict[str, Callable[..., list[Path]]] = {
-    "deck": deck, "c": c, "fmu": fmu, "csv": csv, "shepherd": shepherd,
-}  # fmt: skip
+    "deck": deck,
+    "subckt": subckt,
+    "verilog-a": verilog_a,
+    "fmu": fmu,
+    "c": c,
+    "csv": csv,
+    "shepherd": shepherd,
+}

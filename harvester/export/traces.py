@@ -17,9 +17,10 @@ import numpy as np
 
 from harvester.device import timescales
 from harvester.errors import ExportError
+from harvester.export.block import folder_of
 from harvester.export.deck import check_realization
 from harvester.files.libraries import optional_library
-from harvester.files.writing import check_writable, in_folder, whole_file
+from harvester.files.writing import in_folder, whole_file
 from harvester.prepared.paths import noise_path, start_state
 from harvester.prepared.prepared import prepared
 from harvester.record.range_watch import with_range_watch
@@ -227,7 +228,7 @@ def write_csv(
     """
     rate = rate or CSV_RATE
     duration = _check(scene, "csv", rate, duration, realization, report)
-    path = _target(output, f"{scene.name}-trace.csv")
+    path = in_folder(folder_of(output, "csv"), f"{scene.name}-trace.csv")
     trace = record_trace(scene, rate, duration, realization)
     rows = np.array([np.arange(trace.voltage.size) / rate, trace.voltage, trace.current]).T
     text = io.StringIO()
@@ -269,7 +270,7 @@ def write_shepherd(
     optional_library("shepherd_core", "a Shepherd file", "shepherd")
     duration = _check(scene, "shepherd", SHEPHERD_RATE, duration, realization, report)
     duration = math.ceil(duration * SHEPHERD_RATE / BLOCK - 1e-9) * BLOCK / SHEPHERD_RATE
-    path = _target(output, f"{scene.name}-{data}.h5")
+    path = in_folder(folder_of(output, "shepherd"), f"{scene.name}-{data}.h5")
     if data == "ivsample":
         trace = record_trace(scene, SHEPHERD_RATE, duration, realization)
         voltage, current = trace.voltage, trace.current
@@ -329,13 +330,6 @@ def _gain(values: np.ndarray, usual: float) -> float:
     if peak == 0.0 or FEWEST_STEPS * usual <= peak <= HIGHEST_RAW * usual:
         return usual
     return peak / (HIGHEST_RAW // 2)
-
-
-def _target(output: str | Path, name: str) -> Path:
-    Path(output).mkdir(parents=True, exist_ok=True)
-    path = in_folder(output, name)
-    check_writable(path)
-    return path
 
 
 def _check(scene, kind, rate, duration, realization, report):

@@ -53,7 +53,8 @@ OPTIONS = {
     "claims": f"--json --output --report --seed --thorough {RUN}",
     "schematic": f"--output {SCENE}",
     "netlist": f"--dialect --output --realization --step {SCENE}",
-    "export": f"--as --data --dialect --duration --output --rate --realization --step {SCENE}",
+    "export": "--as --data --dialect --displacement-unit --duration --output --rate "
+    f"--realization --step {SCENE}",
     "cite": "FILE",
     "engine": "--json",
     "completion": "SHELL",
