@@ -6,12 +6,12 @@ import re
 import sys
 from contextlib import closing
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 from harvester.commands.quiet import say
 from harvester.errors import HarvesterError
 from harvester.export.formats import write
-from harvester.signatures import File, Kind, Metres, Seconds, Step
+from harvester.signatures import File, Hertz, Kind, Metres, Seconds, Step
 
 if TYPE_CHECKING:
     from harvester.scene.model import Scene
@@ -55,6 +55,8 @@ def export(
     realization: int | None = None,
     displacement_unit: Metres | None = None,
     duration: Seconds | None = None,
+    rate: Hertz | None = None,
+    data: str | None = None,
 ) -> None:
     """Write a scene for other tools.
 
@@ -62,8 +64,9 @@ def export(
     ----------
     scene : Scene
     kind : str
-        deck, the whole circuit with its noise (default); subckt, a block in SI for circuits of
-        your own.
+        deck, the whole circuit with its noise (default); subckt and verilog-a, a block in SI for
+        circuits of your own; fmu, for co-simulation; c, the device's code; csv and shepherd, what
+        the load takes over time.
     output : str
         Folder; for a deck also a file (default: standard output).
     dialect : str or None
@@ -75,11 +78,18 @@ def export(
     displacement_unit : float or None
         Metres for a volt at a block's pin x (default: 1e-3).
     duration : float or None
-        Of the deck that tries a block, and its vibration, in s (default: 25 periods).
+        Of the deck that tries a block, and its vibration, in s (default: 25 periods); of a trace
+        (default: the scene's).
+    rate : float or None
+        Samples a second of csv (default: 10000); Shepherd's is 100000.
+    data : str or None
+        Of shepherd: ivsample (default), or isc_voc.
     """
-    options = {"dialect": dialect, "step": step, "realization": realization,
-               "displacement_unit": displacement_unit, "duration": duration}  # fmt: skip
-    for path in write(scene, kind, output, **options):
+    options: dict[str, Any] = {
+        "dialect": dialect, "step": step, "realization": realization,
+        "displacement_unit": displacement_unit, "duration": duration, "rate": rate, "data": data,
+    }  # fmt: skip
+    for path in write(scene, kind, output, say, **options):
         say(f"written: {path}")
 
 

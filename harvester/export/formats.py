@@ -18,7 +18,13 @@ if TYPE_CHECKING:
     from harvester.scene.model import Scene
 
 
-def write(scene: Scene, kind: str, output: str | Path, **options: Any) -> list[Path]:
+def write(
+    scene: Scene,
+    kind: str,
+    output: str | Path,
+    report: Callable[[str], None] = lambda text: None,
+    **options: Any,
+) -> list[Path]:
     """Write a scene as one of the kinds.
 
     Parameters
@@ -28,6 +34,8 @@ def write(scene: Scene, kind: str, output: str | Path, **options: Any) -> list[P
         A name in `FORMATS`.
     output : str or Path
         Folder; for a deck also a file, or - for standard output.
+    report : callable
+        Told what the reader must know of what is written, in a line each.
     **options
         Those of the kind; None stands for the kind's own default.
 
@@ -53,6 +61,8 @@ def write(scene: Scene, kind: str, output: str | Path, **options: Any) -> list[P
             raise HarvesterError(
                 f"--{name.replace('_', '-')}: `export --as {kind}` has no such option; leave it out"
             )
+    if "report" in known:
+        given["report"] = report
     return writer(scene, output, **given)
 
 
@@ -101,8 +111,56 @@ def verilog_a(
     return write_verilog_a(scene, output, step, realization, displacement_unit, duration)
 
 
+def c(scene: Scene, output: str | Path) -> list[Path]:
+    """The device as C, see `harvester.export.device_code.write_c`."""
+    from harvester.export.device_code import write_c
+
+    return write_c(scene, output)
+
+
+def fmu(scene: Scene, output: str | Path, *, report: Callable[[str], None]) -> list[Path]:
+    """The device as FMUs of both versions, see `harvester.export.fmu.write_fmu`."""
+    from harvester.export.fmu import write_fmu
+
+    return write_fmu(scene, output, report)
+
+
+def csv(
+    scene: Scene,
+    output: str | Path,
+    *,
+    rate: float | None = None,
+    duration: float | None = None,
+    realization: int = 0,
+    report: Callable[[str], None],
+) -> list[Path]:
+    """Voltage and current over time, see `harvester.export.traces.write_csv`."""
+    from harvester.export.traces import write_csv
+
+    return write_csv(scene, output, rate, duration, realization, report)
+
+
+def shepherd(
+    scene: Scene,
+    output: str | Path,
+    *,
+    data: str = "ivsample",
+    duration: float | None = None,
+    realization: int = 0,
+    report: Callable[[str], None],
+) -> list[Path]:
+    """The same for the Shepherd testbed, see `harvester.export.traces.write_shepherd`."""
+    from harvester.export.traces import write_shepherd
+
+    return write_shepherd(scene, output, data, duration, realization, report)
+
+
 FORMATS: dict[str, Callable[..., list[Path]]] = {
     "deck": deck,
     "subckt": subckt,
     "verilog-a": verilog_a,
+    "fmu": fmu,
+    "c": c,
+    "csv": csv,
+    "shepherd": shepherd,
 }
