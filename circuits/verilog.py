@@ -17,6 +17,7 @@ from harvester.device.damper import drag_formula
 from harvester.device.piezo import TERMINAL, Piezo
 from harvester.device.system import System
 from harvester.errors import CompiledDeviceUnavailable
+from harvester.files import licence
 
 if TYPE_CHECKING:
     from PySpice.Spice.Netlist import Circuit
@@ -50,7 +51,7 @@ _HEAD = """\
 //     N1 displacement velocity piezo device
 //
 // The impact velocity held from the moment of contact (`event`) and coils stay behavioural.
-"""
+""" + "".join(f"// {line}\n" for line in licence.EXPORTED)
 # Longest line of an expression.
 _WIDTH = 84
 SIGN = """

@@ -8,15 +8,12 @@ from typing import TYPE_CHECKING
 from circuits.elements import named_contacts, number
 from harvester.device import timescales
 from harvester.device.polynomial import Polynomial
+from harvester.files import licence
 
 if TYPE_CHECKING:
     from circuits.block.parameters import Parameters
     from harvester.prepared.prepared import Prepared
 
-LICENCE = (
-    "This file may be used, changed and passed on under any terms: see LICENSE-EXCEPTION of",
-    "harvester, from which its lines come.",
-)
 # Steps of the trapezoidal rule in a period, and in a contact.
 STEPS_PER_PERIOD, STEPS_PER_CONTACT = 2500, 400
 # A contact shorter than this share of a period is called stiff.
@@ -37,7 +34,7 @@ def head(ready: Prepared, parameters: Parameters) -> list[str]:
     speed = parameters.rate * parameters.length
     lines = [
         f"harvester scene {ready.scene.name}: {_parts(ready)}",
-        *LICENCE,
+        *licence.EXPORTED,
         "",
         "Pins: p, n    terminals, floating; give them a path to ground",
         "      base    acceleration of the base, 1 V for 1 m/s2, against ground",
@@ -52,8 +49,8 @@ def head(ready: Prepared, parameters: Parameters) -> list[str]:
     if contact < STIFF * period:
         lines += [
             f"WARNING: stiff contact. At the rms speed it lasts {contact:.2g} s,",
-            f"{contact / period:.2g} of a period: a simulator with its own longest step passes over",
-            "it without a word.",
+            f"{contact / period:.2g} of a period: a simulator with its own longest step passes",
+            "over it without a word.",
         ]
     named = [f"  {name} ({each.unit}): {each.meaning}" for name, each in parameters.given.items()]
     return [*lines, "", "Parameters:", *named]

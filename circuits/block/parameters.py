@@ -35,6 +35,7 @@ ELEMENTS = {
     "leak": ("leakage_resistance",),
     "winding": ("resistance",),
     "coil": ("inductance",),
+    "base_charge": ("base_charge", "/capacitance"),
 }
 
 
@@ -138,12 +139,15 @@ class Parameters:
         table = self.ready.scene.transducer
         if not isinstance(table, (PiezoTable, CoilTable)):
             return
-        units = {"coupling": "N/V" if isinstance(table, PiezoTable) else "N/A",
-                 "capacitance": "F", "leakage_resistance": "ohm", "resistance": "ohm",
+        per_volt = isinstance(table, PiezoTable)
+        units = {"coupling": "N/V" if per_volt else "N/A", "capacitance": "F",
+                 "leakage_resistance": "ohm", "base_charge": "C s2/m", "resistance": "ohm",
                  "inductance": "H"}  # fmt: skip
         for name, unit in units.items():
-            if getattr(table, name, None):
-                self.given[name] = Parameter(getattr(table, name), unit, "transducer", "(0:inf)")
+            value = getattr(table, name, None)
+            if value:
+                bounds = "" if name == "base_charge" else "(0:inf)"
+                self.given[name] = Parameter(value, unit, "transducer", bounds)
 
     def proportional(self, value: float, *names: str) -> str:
         """A value as an expression of parameters; a slash before a name divides by it."""

@@ -92,6 +92,7 @@ def _electrical(parameters: Parameters) -> Iterator[str]:
             "inductor": f"L{each.name} {ends} {value}{start}",
             "ammeter": f"V{each.name} {ends} 0",
             "moving voltage": f"E{each.name} {ends} {VELOCITY} 0 {value}",
+            "base voltage": f"E{each.name} {ends} base 0 {value}",
             "moving current": f"G{each.name} {swapped} {VELOCITY} 0 {value}",
             "force of voltage": f"G{each.name} {VELOCITY} 0 {ends} {value}",
             "force of current": f"F{each.name} {VELOCITY} 0 V{each.plus} {value}",
@@ -106,14 +107,17 @@ def metered(network: Network) -> bool:
 def nodes_of(network: Network) -> dict[str, str]:
     """The block's nodes for those of the network that are pins of it."""
     terminal = "terminal" if metered(network) else "p"
-    return {GROUND: "n", network.terminal: terminal}
+    # A network may have a node of this name, too: what the base's acceleration lifts.
+    return {GROUND: "n", network.terminal: terminal, "base": "lifted"}
 
 
 def si_value(each: Element, parameters: Parameters) -> float:
-    """What an element is to V(velocity), or to the current into it; others as they are."""
+    """What an element is to V(velocity), the current into it or V(base); others as they are."""
     rate, scales = parameters.rate, parameters.ready.scales
     if each.kind.startswith("moving"):
         return each.value * rate
+    if each.kind == "base voltage":
+        return -each.value / parameters.ready.excitation_unit
     if each.kind.startswith("force"):
         unit = scales.voltage if each.kind == "force of voltage" else 1.0
         return each.value / (rate**2 * unit)

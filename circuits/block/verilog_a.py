@@ -59,7 +59,9 @@ def module(name: str, parameters: Parameters) -> str:
     refer = parameters.named(str)
     moved = mechanics(ready.system, rate, refer, "place", "u", bounded=True)
     network: Network = ready.network
-    inside = sorted(network.nodes - {network.terminal}) + ["terminal"] * metered(network)
+    named = nodes_of(network)
+    inside = sorted(named.get(node, node) for node in network.nodes - {network.terminal})
+    inside += ["terminal"] * metered(network)
     electrical = _electrical(parameters)
     text = _TEXT.format(
         head="".join(f"// {line}".rstrip() + "\n" for line in head(ready, parameters)),
@@ -90,7 +92,8 @@ def _electrical(parameters: Parameters) -> list[str]:
     """Contributions of the transducer's network."""
     network: Network = parameters.ready.network
     lines = [_contribution(each, nodes_of(network), parameters) for each in network.elements]
-    return ["V(terminal, p) <+ 0.0;", *lines] if metered(network) else lines
+    # A voltage of nothing would make one node of two, and the current between them be none.
+    return ["V(terminal, p) <+ 1e-9*I(terminal, p);", *lines] if metered(network) else lines
 
 
 def _contribution(each: Element, node: dict[str, str], parameters: Parameters) -> str:
@@ -102,6 +105,7 @@ def _contribution(each: Element, node: dict[str, str], parameters: Parameters) -
         "inductor": f"V({ends}) <+ {value}*ddt(I({ends}));",
         "ammeter": f"V({ends}) <+ 0.0;",
         "moving voltage": f"V({ends}) <+ {value}*u;",
+        "base voltage": f"V({ends}) <+ {value}*V(base);",
         "moving current": f"I({ends}) <+ -{value}*u;",
         "force of voltage": f"pull = pull + {value}*V({ends});",
         "force of current": f"pull = pull + {value}*I(terminal, p);",
