@@ -11,7 +11,6 @@ from importlib import resources
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from circuits.block.head import LICENCE
 from circuits.elements import named_contacts, number
 from harvester.device import contact as contacts
 from harvester.device import timescales
@@ -20,6 +19,7 @@ from harvester.device.damper import drag_formula
 from harvester.device.piezo import PiezoTable
 from harvester.errors import ExportError
 from harvester.export.block import folder_of, write_files
+from harvester.files import licence
 from harvester.prepared.paths import start_state
 from harvester.prepared.prepared import prepared
 
@@ -28,7 +28,7 @@ if TYPE_CHECKING:
     from harvester.prepared.prepared import Prepared
     from harvester.scene.model import Scene
 
-HEAD = "/* " + "\n * ".join(LICENCE) + "\n */\n"
+HEAD = "/* " + "\n * ".join(licence.EXPORTED) + "\n */\n"
 STEPPER = ("harvester_device.h", "harvester_device.c")
 
 

@@ -47,8 +47,8 @@ def test_table_between_stoppers_that_hold_the_speed():
     scene = harvester.Scene.from_tables(TABLE, "table")
     found, energies = follow(scene, 300)
     truth = written_path(scene, 300)
-    assert deviation(found[:, 0], truth[:, 0]) < 1e-6
-    assert deviation(found[:, 1], truth[:, 1]) < 1e-5
+    assert deviation(found[:, 0], truth[:, 0]) < 1e-5
+    assert deviation(found[:, 1], truth[:, 1]) < 3e-5
     assert energies.contacts > 0.02 * energies.input
     assert sum(energies[1:]) == pytest.approx(energies.input, rel=1e-6)
 

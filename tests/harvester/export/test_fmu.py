@@ -72,7 +72,7 @@ def test_path_through_fmpy_and_pathsim(name, spacing, resistance, tmp_path):
 
 
 def smooth(t):
-    return 6.0 * np.sin(61.0 * t) + 4.0 * np.sin(97.0 * t + 1.0)
+    return 1.2 * np.sin(61.0 * t) + 0.8 * np.sin(97.0 * t + 1.0)
 
 
 def order(run, truth, lengths):

@@ -33,7 +33,7 @@ def test_shepherd_reads_the_energy_of_the_load(tmp_path, caplog):
     assert not caplog.records
     assert (rate, kind) == (100_000, "ivsample")
     result = harvester.simulate(scene.replace({"run.duration": 2.0}), method="monte-carlo")
-    assert energy == pytest.approx(2.0 * result["mean_power"].value, rel=1e-3)
+    assert energy == pytest.approx(2.0 * result["mean_power"].estimate, rel=1e-3)
 
 
 @pytest.mark.exhaustive
