@@ -16,7 +16,7 @@ from harvester.signatures import File, Hertz, Kind, Metres, Seconds, Step
 if TYPE_CHECKING:
     from harvester.scene.model import Scene
 
-# Length (s) of a record of vibrations for which a new load's cost is told.
+# The cost of a new load is stated for a record of this length, in seconds.
 RECORD = 10.0
 
 
