@@ -4,7 +4,8 @@ import numpy as np
 import pytest
 from device_scenes import COIL, MAGNETS
 from device_truths import written_path
-from driven_fmus import deviation
+from driven_fmus import base_acceleration, deviation
+from scipy.integrate import solve_ivp
 
 import harvester
 from harvester.errors import HarvesterError, SpringRangeLeft
@@ -89,3 +90,36 @@ def test_the_end_of_the_springs_range_ends_it():
         device.advance(5.0)
     with pytest.raises(HarvesterError, match="give a time from"):
         device.advance(0.0)
+
+
+@pytest.mark.exhaustive
+def test_charge_that_the_base_moves():
+    """A drawn beam, whose other modes charge the piezo with the base's acceleration."""
+    scene, knots = harvester.Scene.load("bimorph"), 200
+    table, oscillator, load = scene.transducer, scene.oscillator, scene.load.resistance
+    assert table.base_charge
+    device = harvester.coupled(scene, load_resistance=load)
+    times, base = base_acceleration(scene, 0.05)
+    stiffness = oscillator.coefficients[1]
+
+    def voltage(t, state):
+        return state - table.base_charge * np.interp(t, times, base) / table.capacitance
+
+    def rates(t, y):
+        x, v, state = y
+        force = oscillator.damping * v + stiffness * x + table.coupling * voltage(t, state)
+        drive = -oscillator.base_factor * np.interp(t, times, base)
+        current = voltage(t, state) / load
+        return [
+            v,
+            drive - force / oscillator.mass,
+            (table.coupling * v - current) / table.capacitance,
+        ]
+
+    y = np.zeros(3)
+    for k in range(knots):
+        y = solve_ivp(rates, times[k : k + 2], y, "DOP853", rtol=1e-10, atol=1e-14).y[:, -1]
+    device.advance(times[knots])
+    assert device.displacement == pytest.approx(y[0], rel=1e-6)
+    assert device.voltage == pytest.approx(voltage(times[knots], y[2]), rel=1e-6)
+    assert sum(device.energies[1:]) == pytest.approx(device.energies.input, rel=1e-6)
