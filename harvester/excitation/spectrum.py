@@ -47,7 +47,8 @@ class Spectrum(Excitation):
     ----------
     breakpoints : tuple of (float, float)
         Frequency (Hz, ascending) and density of each; nothing lies beyond the first and the last.
-        In a scene also the name of a CSV file with two columns.
+        In a scene also the name of a CSV file with two columns; or `profile`, a name in
+        `harvester.excitation.profiles`, stands in place of these, the unit and the source.
     unit : str or None
         Of the densities: a name in `UNITS`.
     kurtosis : float
