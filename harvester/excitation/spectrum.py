@@ -30,8 +30,8 @@ UNITS = {"g^2/Hz": ACCELERATION["g"] ** 2, "(m/s^2)^2/Hz": 1.0, "scaled": 1.0}
 # Knots in a period of the highest frequency, where the device itself needs them so close: the
 # signal is raised by 1/sinc², there by 0.2 dB, so that its density is right between them. Where the
 # device is slower its own spacing is enough, down to a quarter of that period: the first image, at
-# three times the highest frequency, then has 1.2 % of the density there, and a bridge at 46 Hz under
-# 500 Hz takes half the steps, one under 2 kHz a third.
+# three times the highest frequency, then has 1.2 % of the density there. A bridge at 46 Hz under
+# 500 Hz takes half the steps so, one under 2 kHz a third.
 KNOTS_PER_PERIOD, FEWEST_KNOTS_PER_PERIOD = 12.0, 4.0
 # Excess of the rms of the knots themselves that a note says.
 NOTED_EXCESS, EXCESS_FREQUENCIES = 0.01, 2001
@@ -123,6 +123,12 @@ class Spectrum(Excitation):
                     f"{origin}: excitation.breakpoints[{place}] = {high:g} Hz after {low:g} Hz: "
                     "frequencies must ascend; write a jump as two that lie close together"
                 )
+        if self.burst_time is not None and self.burst_time < 1.0 / frequencies[0]:
+            raise SceneError(
+                f"{origin}: excitation.burst_time = {self.burst_time:g}: must be at least "
+                f"{1.0 / frequencies[0]:.3g}, a period of the lowest frequency: shorter bursts "
+                "would blur the density away"
+            )
         longest = 1.0 / (FEWEST_KNOTS_PER_PERIOD * frequencies[-1])
         if self.knot_spacing is not None and self.knot_spacing > longest:
             raise SceneError(

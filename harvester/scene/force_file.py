@@ -18,8 +18,8 @@ SEPARATORS = re.compile(r"\s*[,;\t]\s*|\s+")
 def with_points(tables: dict[str, Any], origin: str) -> dict[str, Any]:
     """A scene's tables with the points of the files that its keys of points name.
 
-    `oscillator.force_table`, and `breakpoints` of an excitation or of a part of one; a named profile
-    is written out.
+    `oscillator.force_table`, and `breakpoints` of an excitation or of a part of one. A profile
+    that is named is written out.
 
     Raises
     ------
@@ -74,4 +74,8 @@ def _points(file, kind, pair):
             raise SceneError(
                 f"{named(file)}, line {number}: {shown(line)}: must be {pair}, such as 0.001, 0.25"
             )
+    if len(points) < 2:
+        raise SceneError(
+            f"{named(file)}: {len(points)} lines with {pair}: must be at least 2 for a {kind}"
+        )
     return points

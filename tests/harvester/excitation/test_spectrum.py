@@ -108,6 +108,9 @@ def test_breakpoints_may_stand_in_a_file(tmp_path):
     """
     (tmp_path / "beam.toml").write_text(text)
     assert Scene.load(tmp_path / "beam.toml").digest() == scene_with().digest()
+    (tmp_path / "truck.csv").write_text("frequency, density\n5, 1\n")
+    with pytest.raises(SceneError, match=r"truck\.csv: 1 lines with a frequency"):
+        Scene.load(tmp_path / "beam.toml")
 
 
 @pytest.mark.parametrize(
@@ -119,6 +122,7 @@ def test_breakpoints_may_stand_in_a_file(tmp_path):
         ({"breakpoints": "nowhere.csv"}, "nowhere.csv"),
         ({"kurtosis": 2.0}, "kurtosis"),
         ({"knot_spacing": 0.01}, "a quarter of the highest"),
+        ({"kurtosis": 5.0, "burst_time": 0.1}, "at least 0.125, a period of the lowest"),
     ],
 )
 def test_what_makes_no_spectrum_is_refused(change, words):
@@ -166,13 +170,13 @@ def test_a_profile_that_is_none_or_has_values_beside_it_is_refused(change, words
         Scene.from_tables(tables)
 
 
-@pytest.mark.parametrize("fastest, spacing", [(46.0, 1 / 2000), (150.0, 1 / 6000)])
+@pytest.mark.parametrize(("fastest", "spacing"), [(46.0, 1 / 2000), (150.0, 1 / 6000)])
 def test_knots_are_as_close_as_the_slower_of_device_and_spectrum_asks(fastest, spacing):
     """A quarter to a twelfth of the period of 500 Hz; at 46 Hz 1/1840 s would do for the device."""
     excitation = Spectrum(((10.0, 1.0), (500.0, 0.1)), "g^2/Hz")
     assert excitation.spacing(1.0 / (40.0 * fastest)) == pytest.approx(spacing)
     assert excitation.spacing(1.0 / (40.0 * 400.0)) == pytest.approx(1 / 16000)
-    # Of the flat spectrum 1/sinc⁴ is 1.153 on average at four knots a period: quad of the closed form.
+    # Of a flat spectrum the knots have 1/sinc⁴, on average, at four knots a period.
     flat = Spectrum(((1e-3, 1.0), (500.0, 1.0)), "(m/s^2)^2/Hz")
     square = quad(lambda x: (math.pi * x / math.sin(math.pi * x)) ** 4, 1e-9, 0.25)[0] / 0.25
     (line,) = [line for line in flat.notes(1 / 2000, 600.0, None) if "more rms" in line]
