@@ -22,19 +22,19 @@ if TYPE_CHECKING:
 
     from harvester.studies.sweep import Sweep
 
-# Standard errors that a bar spans to either side.
+# An error bar reaches so many standard errors to either side.
 BARS = 2.0
 OTHER_CLOSURE = ("0.3", "-.")
-# Colour, mark and its size: the one drawn first shows around the other.
+# Colour, marker and its size. The larger one shows around the other.
 ENGINES = {"circuit": (CIRCUIT, "o", 8.0), "monte-carlo": (MONTE_CARLO, "s", 4.0)}
-# Width of the first line, and of each further one: a thin one over a thick one shows both.
+# Width of the first line, and by how much each further one is thinner: thin over thick shows both.
 WIDEST, THINNER = 3.0, 0.6
 
 
 def draw(sweep: Sweep) -> Figure:
     """A panel for each quantity and each place of the other keys."""
     lengths = [len(values) for values in sweep.values.values()]
-    # Words have no distances: an axis of numbers goes before them.
+    # An axis of numbers is preferred to one of words, which have no distances.
     ranks = [(not has_words(values), len(values)) for values in sweep.values.values()]
     along = ranks.index(max(ranks)) if ranks else None
     others = [range(length) for k, length in enumerate(lengths) if k != along]
@@ -78,7 +78,7 @@ def has_words(values: Sequence[object]) -> bool:
 
 def _series(name, label, x, cells, place):
     """One method's estimates; those that are missing leave a gap."""
-    # Settings stand behind the name where two methods have one name.
+    # If two methods have the same name, their settings follow it in brackets.
     method = label.partition(" (")[0]
     estimates = [each.estimates.get(name) for each in cells]
     y = [math.nan if each is None else each.estimate for each in estimates]

@@ -29,7 +29,7 @@ FACE = {
 }
 INK = {WRONG: "white", REFUSED: "0.25"}
 BLOCKS = 2
-# Share of a block's width for the names of cases, and letters that a column has room for at least.
+# Share of a block's width for the names of cases, and the fewest letters of a column.
 NAME, SHORTEST = 0.22, 14
 
 
