@@ -15,7 +15,7 @@ if TYPE_CHECKING:
 # Panels in one row, unless told otherwise.
 COLUMNS = 3
 LEGEND_COLUMNS = 5
-# Ratio of values beyond which their axis is logarithmic: over less it has no room for labels.
+# Ratio of values from which their axis is logarithmic: over less it has no room for labels.
 WIDE_RATIO = 10.0
 # Ratio of a logarithmic axis's ends below which decades alone would be one or two labels.
 FEW_DECADES = 100.0
@@ -46,6 +46,8 @@ class Series:
         Of a mark.
     width : float or None
         Of a line; None: the style's own.
+    shift : float
+        Points of print to the right, so that marks at the same place stand side by side.
     """
 
     x: Any
@@ -59,6 +61,7 @@ class Series:
     hollow: Any = None
     size: float = 4.0
     width: float | None = None
+    shift: float = 0.0
 
 
 @dataclass(frozen=True)
@@ -89,7 +92,7 @@ class Panel:
 def is_wide(values: Iterable[float]) -> bool:
     """Whether values are worth a logarithmic axis."""
     values = list(values)
-    return min(values) > 0.0 and max(values) > WIDE_RATIO * min(values)
+    return min(values) > 0.0 and max(values) >= WIDE_RATIO * min(values)
 
 
 def draw_panels(
@@ -204,9 +207,29 @@ def _draw_series(axes, series):
         elinewidth=1.0,
         label=series.label,
     )
-    colour = bars.lines[0].get_color()
+    line, caps, stems = bars.lines
+    colour, empty = line.get_color(), []
     if series.band is not None:
         axes.fill_between(x, y - series.band, y + series.band, color=colour, alpha=0.25, lw=0)
     if series.hollow is not None and np.any(series.hollow):
-        style = {"color": colour, "markersize": series.size, "markerfacecolor": "white"}
-        axes.plot(x[series.hollow], y[series.hollow], series.marker, **style)
+        empty = axes.plot(
+            x[series.hollow],
+            y[series.hollow],
+            series.marker,
+            color=colour,
+            markersize=series.size,
+            markerfacecolor="white",
+            # An error bar's own marks lie a little above its lines.
+            zorder=line.get_zorder() + 0.1,
+        )
+    if series.shift:
+        # After the drawing: the axes' limits follow marks in their own places only.
+        for artist in (line, *caps, *stems, *empty):
+            artist.set_transform(axes.transData + _to_the_right(axes, series.shift))
+
+
+def _to_the_right(axes, points):
+    """The transform that moves a drawing by points of print."""
+    from matplotlib.transforms import ScaledTranslation
+
+    return ScaledTranslation(points / 72.0, 0.0, axes.figure.dpi_scale_trans)

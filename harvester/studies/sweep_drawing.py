@@ -12,7 +12,7 @@ import numpy as np
 from harvester.averaging import CLOSURES
 from harvester.estimates.units import unit_of
 from harvester.show.numbers import in_print
-from harvester.show.palette import CIRCUIT, LINES, MONTE_CARLO
+from harvester.show.palette import CIRCUIT, LINES, MONTE_CARLO, styles
 from harvester.show.panels import Panel, Series, draw_panels, is_wide
 from harvester.show.symbols import key_label
 from harvester.studies.sweep import in_words
@@ -25,8 +25,10 @@ if TYPE_CHECKING:
 # Standard errors that a bar spans to either side.
 BARS = 2.0
 OTHER_CLOSURE = ("0.3", "-.")
-# Colour, mark and its size: the one drawn first shows around the other.
-ENGINES = {"circuit": (CIRCUIT, "o", 8.0), "monte-carlo": (MONTE_CARLO, "s", 4.0)}
+# Colour and mark of an engine with its default settings.
+ENGINES = {"circuit": (CIRCUIT, "o"), "monte-carlo": (MONTE_CARLO, "s")}
+# Points of print between the marks of two engines at the same place.
+APART = 6.0
 # Width of the first line, and of each further one: a thin one over a thick one shows both.
 WIDEST, THINNER = 3.0, 0.6
 
@@ -59,8 +61,7 @@ def _panel(sweep, name, along, other):
     ]
     found = [each.estimates[name] for each in rows.ravel() if name in each.estimates]
     unit = unit_of(sweep.scene, found[0].dimension) if found else ""
-    series = [_series(name, label, x, rows[:, k], k) for k, label in enumerate(sweep.methods)]
-    series.sort(key=lambda each: -each.size)
+    series = [_series(sweep, name, x, rows[:, k], k) for k in range(len(sweep.methods))]
     label = f"{name.replace('_', ' ')} [{in_print(unit) or '1'}]"
     return Panel(
         key_label(key, sweep.scene.units) if key else "",
@@ -76,10 +77,10 @@ def has_words(values: Sequence[object]) -> bool:
     return any(isinstance(value, str) for value in values)
 
 
-def _series(name, label, x, cells, place):
+def _series(sweep, name, x, cells, place):
     """One method's estimates; those that are missing leave a gap."""
-    # Settings stand behind the name where two methods have one name.
-    method = label.partition(" (")[0]
+    label = sweep.methods[place]
+    method = _without_settings(label)
     estimates = [each.estimates.get(name) for each in cells]
     y = [math.nan if each is None else each.estimate for each in estimates]
     if method in CLOSURES:
@@ -87,6 +88,13 @@ def _series(name, label, x, cells, place):
         return Series(x, y, f"averaging, {label}", colour, line, width=WIDEST * THINNER**place)
     errors = [each and each.standard_error for each in estimates]
     bars = [0.0 if error is None else BARS * error for error in errors]
-    colour, marker, size = ENGINES[method]
+    engines = [each for each in sweep.methods if _without_settings(each) not in CLOSURES]
+    colour, marker = ENGINES.get(label) or styles(engines)[label]
     bare = [error is None for error in errors]
-    return Series(x, y, label, colour, "", marker, bars=bars, hollow=bare, size=size)
+    shift = APART * (engines.index(label) - 0.5 * (len(engines) - 1))
+    return Series(x, y, label, colour, "", marker, bars=bars, hollow=bare, shift=shift)
+
+
+def _without_settings(label):
+    """A method's name; settings stand behind it where two methods have one name."""
+    return label.partition(" (")[0]
