@@ -69,6 +69,7 @@ def _draw_waveforms(top, middle, bottom, comparison):
     knots = np.isin(np.round(reference.time, 9), np.round(circuit.time, 9))
     difference = (difference - reference.displacement)[knots]
     bottom.plot(reference.time[knots], difference, color="0.2", linewidth=0.8)
-    bottom.set_ylabel("difference")
+    unit = axis_label(comparison.circuit, "displacement").partition(" ")[2]
+    bottom.set_ylabel(f"difference\n{unit}")
     bottom.set_title("displacement, circuit − Monte Carlo")
     bottom.set_xlabel("time [s]")
