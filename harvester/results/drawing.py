@@ -42,7 +42,7 @@ def draw_result(result: Result) -> Figure | None:
         axes = figure.add_subplot(1, panels, place + 1)
         draw_density(axes, result, name, CIRCUIT, "-", None)
         axes.set_xlabel(axis_label(result, name))
-        axes.set_ylabel("probability density" if place == 0 else "")
+        axes.set_ylabel(density_label(result, name))
         axes.set_ylim(bottom=0.0)
         frame(axes, [result], name)
     if fitted:
@@ -135,3 +135,11 @@ def axis_label(result: Result, name: str) -> str:
     """A dimension and its unit."""
     unit = result.unit(name)
     return f"{name} [{'scaled' if unit.startswith('scaled') else unit}]"
+
+
+def density_label(result: Result, name: str) -> str:
+    """ "probability density [1/m]" of a dimension."""
+    unit = result.unit(name)
+    if unit.startswith("scaled"):
+        return "probability density"
+    return f"probability density [1/{f'({unit})' if '/' in unit else unit}]"

@@ -11,7 +11,7 @@ import numpy as np
 
 from harvester.averaging import CLOSURES
 from harvester.estimates.units import unit_of
-from harvester.show.numbers import in_print
+from harvester.show.numbers import is_share, prefixed
 from harvester.show.palette import CIRCUIT, LINES, MONTE_CARLO, styles
 from harvester.show.panels import Panel, Series, draw_panels, is_wide
 from harvester.show.symbols import key_label
@@ -45,7 +45,8 @@ def draw(sweep: Sweep) -> Figure:
         for name in sweep.quantities
         for other in itertools.product(*others)
     ]
-    return draw_panels(panels, f"{sweep.scene.name}: bars of two standard errors")
+    title = f"{sweep.scene.name}: bars of two standard errors (hollow: none)"
+    return draw_panels(panels, title)
 
 
 def _panel(sweep, name, along, other):
@@ -61,8 +62,11 @@ def _panel(sweep, name, along, other):
     ]
     found = [each.estimates[name] for each in rows.ravel() if name in each.estimates]
     unit = unit_of(sweep.scene, found[0].dimension) if found else ""
-    series = [_series(sweep, name, x, rows[:, k], k) for k in range(len(sweep.methods))]
-    label = f"{name.replace('_', ' ')} [{in_print(unit) or '1'}]"
+    factor, unit = 100.0, "%"
+    if not is_share(name):
+        factor, unit = prefixed(max((abs(each.estimate) for each in found), default=0.0), unit)
+    series = [_series(sweep, name, x, rows[:, k], k, factor) for k in range(len(sweep.methods))]
+    label = f"{name.replace('_', ' ')} [{unit or '1'}]"
     return Panel(
         key_label(key, sweep.scene.units) if key else "",
         label,
@@ -77,11 +81,12 @@ def has_words(values: Sequence[object]) -> bool:
     return any(isinstance(value, str) for value in values)
 
 
-def _series(sweep, name, x, cells, place):
+def _series(sweep, name, x, cells, place, factor):
     """One method's estimates; those that are missing leave a gap."""
     label = sweep.methods[place]
     method = _without_settings(label)
-    estimates = [each.estimates.get(name) for each in cells]
+    found = [each.estimates.get(name) for each in cells]
+    estimates = [each and each.times(factor) for each in found]
     y = [math.nan if each is None else each.estimate for each in estimates]
     if method in CLOSURES:
         colour, line = LINES.get(method, OTHER_CLOSURE)

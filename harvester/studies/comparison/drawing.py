@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from harvester.results.drawing import axis_label, draw_density, frame
+from harvester.results.drawing import axis_label, density_label, draw_density, frame
 from harvester.show.palette import CIRCUIT, LINES, MONTE_CARLO
 from harvester.show.panels import entitle, legend_below
 
@@ -27,7 +27,7 @@ def draw_comparison(comparison: Comparison) -> Figure:
     panels = [figure.add_subplot(across[place]) for place in range(len(names))]
     for panel, name in zip(panels, names, strict=True):
         _draw_densities(panel, comparison, name)
-    panels[0].set_ylabel("probability density")
+        panel.set_ylabel(density_label(comparison.circuit, name))
     below = rows[1].subgridspec(3, 1, height_ratios=(1.4, 1.4, 1.0))
     top = figure.add_subplot(below[0])
     middle, bottom = (figure.add_subplot(below[k], sharex=top) for k in (1, 2))

@@ -64,4 +64,6 @@ def _draw_bounds(found, each, factor, axes):
     if not math.isnan(low + high):
         axes.axvspan(low, high, color=MAXIMUM, alpha=0.15, lw=0, label=label)
     if found.own is not None:
-        axes.axhline(factor * found.own.estimate, color=OWN, linestyle=":", label="the scene itself")
+        axes.axhline(
+            factor * found.own.estimate, color=OWN, linestyle=":", label="the scene itself"
+        )
