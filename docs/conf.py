@@ -6,6 +6,7 @@ or to a netlist is the same path on the site as in the repository.
 
 import html
 import re
+from importlib import resources
 
 from docutils import nodes
 from docutils.utils.math import MathError
@@ -49,7 +50,11 @@ html_additional_pages = {"index": "root.html"}
 templates_path = ["templates"]
 html_title = f"harvester {version}"
 html_show_copyright = False
-html_static_path = ["site.css"]
+# Formulas are MathML: not every machine has a font for them, so that the site brings STIX Two Math.
+html_static_path = [
+    "site.css",
+    str(resources.files("ziamath") / "fonts" / "STIXTwoMath-Regular.ttf"),
+]
 html_css_files = ["site.css"]
 html_math_renderer = "mathml"
 

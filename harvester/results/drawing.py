@@ -103,10 +103,12 @@ def _merged(result, name):
     density = result.densities[name]
     about = result.scaled_quantities.get(f"mean_square_{name}")
     samples = about.effective_sample_size if about else None
-    if density.standard_error is None or not samples:
+    random = result.scene.excitation.random
+    if random and (density.standard_error is None or not samples):
         return density
     held = int(np.count_nonzero(density.density > WORTH_DRAWING * density.density.max()))
-    size = held // max(FEWEST_BINS, math.ceil(2.0 * samples ** (1.0 / 3.0)))
+    # A periodic motion is sampled at the same few places again and again: narrow bins are hash.
+    size = held // max(FEWEST_BINS, math.ceil(2.0 * (samples or 0.0) ** (1.0 / 3.0)))
     if size < 2:
         return density
     bins = density.centre.size // size
@@ -115,8 +117,8 @@ def _merged(result, name):
         return values[: bins * size].reshape(bins, size).mean(axis=1)
 
     # Neighbours err together: the mean of their errors is what is left at most.
-    centre, value, error = map(means, (density.centre, density.density, density.standard_error))
-    return Density(centre, value, error, density.dimension)
+    error = None if density.standard_error is None else means(density.standard_error)
+    return Density(means(density.centre), means(density.density), error, density.dimension)
 
 
 def frame(axes: Axes, results: Sequence[Result], name: str) -> None:

@@ -15,6 +15,8 @@ if TYPE_CHECKING:
 # Panels in one row, unless told otherwise.
 COLUMNS = 3
 LEGEND_COLUMNS = 5
+# Inches of a legend's entry beside its words, and of a letter at the house's size.
+MARK, LETTER = 0.6, 0.075
 # Ratio of values from which their axis is logarithmic: over less it has no room for labels.
 WIDE_RATIO = 10.0
 # Ratio of a logarithmic axis's ends below which decades alone would be one or two labels.
@@ -141,8 +143,18 @@ def legend_below(figure: Figure, panels: Iterable[Axes]) -> None:
         handles, labels = axes.get_legend_handles_labels()
         legend |= dict(zip(labels, handles, strict=True))
     if legend:
-        columns = min(len(legend), LEGEND_COLUMNS)
+        columns = _columns([*legend], figure.get_figwidth())
         figure.legend([*legend.values()], [*legend], loc="outside lower center", ncols=columns)
+
+
+def _columns(labels, width):
+    """How many columns of a legend a figure of so many inches has room for."""
+    for columns in range(min(len(labels), LEGEND_COLUMNS), 1, -1):
+        # As matplotlib fills them, one after the other.
+        longest = (max(map(len, part)) for part in np.array_split(labels, columns))
+        if sum(MARK + LETTER * letters for letters in longest) <= width:
+            return columns
+    return 1
 
 
 def entitle(figure: Figure, title: str) -> None:
