@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
-from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -13,10 +12,9 @@ import numpy as np
 from harvester.errors import HarvesterError
 from harvester.estimates.estimate import Estimate
 from harvester.estimates.units import unit_of
-from harvester.files.libraries import optional_library
 from harvester.files.plain_text import json_text
 from harvester.files.serialising import plain
-from harvester.files.tables import write_csv, xarray_or_say
+from harvester.files.tables import Tabular, xarray_or_say
 from harvester.method import Method
 from harvester.running.request import COMPLETE, OUT_OF_TIME, told
 from harvester.scene.model import Scene
@@ -25,7 +23,6 @@ from harvester.simulation.simulate import check_name
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
-    from pandas import DataFrame
     from xarray import Dataset
 
     from harvester.studies.loads.evaluation import Evaluation
@@ -52,7 +49,7 @@ class Cell:
 
 
 @dataclass(frozen=True)
-class Sweep:
+class Sweep(Tabular):
     """A scene at every place of a grid by every method.
 
     Attributes
@@ -100,28 +97,6 @@ class Sweep:
                 row = [*place, cell.method, name, each.estimate, error, unit]
                 rows.append([*row, cell.realizations, cell.outcome])
         return [*header, "realizations", "outcome"], rows
-
-    def to_csv(self, path: str | Path) -> None:
-        """Write the tidy table.
-
-        Raises
-        ------
-        OutputError
-        """
-        write_csv(path, *self.data())
-
-    def to_pandas(self) -> DataFrame:
-        """The tidy table as a DataFrame.
-
-        Raises
-        ------
-        MissingLibrary
-            pandas, of the extra `study`.
-        """
-        header, rows = self.data()
-        return optional_library("pandas", "Sweep.to_pandas", "study").DataFrame(
-            rows, columns=header
-        )
 
     def to_xarray(self) -> Dataset:
         """Every quantity beside its `…_standard_error` over the keys and the method.

@@ -15,9 +15,8 @@ import numpy as np
 from harvester.arguments import check_name
 from harvester.errors import LoadError
 from harvester.estimates.estimate import Estimate
-from harvester.files.libraries import optional_library
 from harvester.files.serialising import fields_of, plain
-from harvester.files.tables import write_csv, write_netcdf
+from harvester.files.tables import Tabular, write_netcdf
 from harvester.files.writing import in_folder
 from harvester.former_names import handed_on
 from harvester.method import Method
@@ -39,7 +38,6 @@ from harvester.studies.sweep import Sweep, columns, outcome_and_notes
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
-    from pandas import DataFrame
     from xarray import Dataset
 
     from harvester.running.folder import StudyFolder
@@ -51,7 +49,7 @@ PROOF_SHARE = 0.2
 
 
 @dataclass(frozen=True)
-class Study:
+class Study(Tabular):
     """A load study's points, how it ended, and what follows: optima, ranking, verdict.
 
     Attributes
@@ -319,7 +317,10 @@ class Study:
         save(self, folder)
 
     def data(self) -> tuple[list[str], list[list[Any]]]:
-        """Header and a row for each point: load, swept values, all quantities with their errors."""
+        """Header and a row for each point: load, swept values, all quantities with their errors.
+
+        `sweep.data()` has a row for each quantity.
+        """
         quantities = list(columns(self.scene, self.cells))
         header = ["load", *self.grid.sweeps, *(f"{name} [{unit}]" for name, _, unit in quantities)]
         rows = [
@@ -335,27 +336,6 @@ class Study:
             )
         ]
         return [*header, "realizations", "outcome"], rows
-
-    def to_csv(self, path: str | Path) -> None:
-        """Write the rows of `data`.
-
-        Raises
-        ------
-        OutputError
-        """
-        write_csv(path, *self.data())
-
-    def to_pandas(self) -> DataFrame:
-        """The rows of `data` as a DataFrame; `sweep.to_pandas()` has a row for each quantity.
-
-        Raises
-        ------
-        MissingLibrary
-            pandas, of the extra `study`.
-        """
-        header, rows = self.data()
-        pandas = optional_library("pandas", "Study.to_pandas", "study")
-        return pandas.DataFrame(rows, columns=header)
 
     def to_xarray(self) -> Dataset:
         """The study as an xarray Dataset; see `harvester.studies.loads.dataset`."""
