@@ -6,7 +6,6 @@ or to a netlist is the same path on the site as in the repository.
 
 import html
 import re
-from importlib import resources
 
 from docutils import nodes
 from docutils.utils.math import MathError
@@ -50,11 +49,8 @@ html_additional_pages = {"index": "root.html"}
 templates_path = ["templates"]
 html_title = f"harvester {version}"
 html_show_copyright = False
-# Formulas are MathML: not every machine has a font for them, so that the site brings STIX Two Math.
-html_static_path = [
-    "site.css",
-    str(resources.files("ziamath") / "fonts" / "STIXTwoMath-Regular.ttf"),
-]
+# Formulas are MathML: not every machine has a font for them, so that the site brings one.
+html_static_path = ["site.css", "stix-two-math.woff"]
 html_css_files = ["site.css"]
 html_math_renderer = "mathml"
 
