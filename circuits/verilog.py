@@ -13,7 +13,7 @@ from circuits import elements
 from circuits.elements import DISPLACEMENT, VELOCITY, holding, number
 from harvester.device import contact as contacts
 from harvester.device.damper import drag_formula
-from harvester.device.piezo import TERMINAL, Piezo
+from harvester.device.piezo import BASE, TERMINAL, PiezoLaw, ShakenPiezo
 from harvester.device.system import System
 from harvester.errors import CompiledDeviceUnavailable
 
@@ -50,7 +50,13 @@ _HEAD = """\
 //
 // The impact velocity held from the moment of contact (`event`) and coils stay behavioural.
 """
-# Longest line of an expression.
+_BASE_NOTE = """\
+//
+// `base` carries the voltage that the base's acceleration adds in series with Cp, -Q a/Cp with a
+// charge of Q a on the terminals: modes of a beam that follow the base at once. A source sets it;
+// Cp d/dt (V(piezo) - V(base)) stands in (4b).
+"""
+# Longest line of an expression, in characters.
 _WIDTH = 84
 _SIGN = """
     analog function real sgn;
@@ -61,7 +67,7 @@ _SIGN = """
 """
 
 
-# Elements of a piezo's network that a module holds.
+# Elements of a piezo's network that stand in a module.
 HELD = ("piezo", "charge", "back_action")
 
 
@@ -118,9 +124,20 @@ def module(
         for key, (bounds, said) in described.items()
     )
     body = "".join(f"        {line}\n" for line in lines)
-    name = name or f"{NAME}_{hashlib.sha256((declared + body).encode()).hexdigest()[:12]}"
-    sign = _SIGN if "sgn(" in body else ""
-    text = _TEXT.format(head=_HEAD, name=name, declared=declared, body=body, sign=sign)
+    note, nodes, plates = "", "", "V(piezo)"
+    if isinstance(system.transducer, ShakenPiezo):
+        note, nodes, plates = _BASE_NOTE, f", {BASE}", f"V(piezo) - V({BASE})"
+    digest = hashlib.sha256((declared + body + nodes).encode()).hexdigest()
+    name = name or f"{NAME}_{digest[:12]}"
+    text = _TEXT.format(
+        head=_HEAD + note,
+        name=name,
+        declared=declared,
+        body=body,
+        sign=_SIGN if "sgn(" in body else "",
+        nodes=nodes,
+        plates=plates,
+    )
     return name, text, values
 
 
@@ -164,9 +181,9 @@ _TEXT = """\
 {head}
 `include "disciplines.vams"
 
-module {name}(displacement, velocity, piezo);
-    inout displacement, velocity, piezo;
-    electrical displacement, velocity, piezo;
+module {name}(displacement, velocity, piezo{nodes});
+    inout displacement, velocity, piezo{nodes};
+    electrical displacement, velocity, piezo{nodes};
 
 {declared}
     real x, u, push;
@@ -179,15 +196,16 @@ module {name}(displacement, velocity, piezo);
 {body}
         I(displacement) <+ ddt(x / rate) - u;
         I(velocity) <+ ddt(u / rate) + push + coupling * V(piezo);  // (4a)
-        I(piezo) <+ capacitance * ddt(V(piezo)) - charge * rate * u;  // (4b)
+        I(piezo) <+ capacitance * ddt({plates}) - charge * rate * u;  // (4b)
     end
 endmodule
 """
 
 
-def add_device(circuit: Circuit) -> None:
+def add_device(circuit: Circuit, network: Network) -> None:
     """One copy between the nodes that `circuits.elements` names, the load's side included."""
-    circuit.raw_spice += f"Nharvester {DISPLACEMENT} {VELOCITY} {TERMINAL} {MODEL}\n"
+    ends = (DISPLACEMENT, VELOCITY, TERMINAL, *({BASE} & network.nodes))
+    circuit.raw_spice += f"Nharvester {' '.join(ends)} {MODEL}\n"
 
 
 def left_out(network: Network) -> list:
@@ -243,6 +261,6 @@ def module_of(system: System) -> tuple[str, str]:
         raise CompiledDeviceUnavailable(
             'the compiled device has no stoppers.impact_velocity = "event"'
         )
-    if not isinstance(system.transducer, Piezo):
+    if not isinstance(system.transducer, PiezoLaw):
         raise CompiledDeviceUnavailable("the compiled device has a piezo only")
     return module(system)[:2]

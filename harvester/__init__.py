@@ -20,7 +20,8 @@ from harvester.version import __version__
 
 install()
 
-# As `typing` has it, which a worker process cannot import yet: see `harvester.workers.isolation`.
+# Type checkers take this for `typing.TYPE_CHECKING`. A worker process cannot import `typing` yet:
+# see `harvester.workers.isolation`.
 TYPE_CHECKING = False
 if TYPE_CHECKING:
     from circuits.schematic.drawing import schematic as schematic
@@ -84,7 +85,8 @@ if TYPE_CHECKING:
     from harvester.verification.paper.reproduce import reproduce as reproduce
     from harvester.verification.stability.matrix import stability as stability
 
-# The same again, imported where it is first used, so that `import harvester` stays light.
+# Where each public name stands. It is imported at its first use, so that `import harvester` stays
+# light.
 _WHERE = {
     "Scene": "harvester.scene.model",
     "Result": "harvester.results.result",
@@ -146,7 +148,7 @@ _WHERE = {
     "OutOfTime": "harvester.errors",
 }
 __all__ = ["__version__", *_WHERE]
-# Former names: where they are, and what took their place. They work for one release more.
+# Former names, with their place and what to use instead. They work for one release more.
 _FORMER = {
     "Report": ("harvester.studies.former", "load_study"),
     "optimum_of_several": ("harvester.studies.former", "optimum"),

@@ -17,7 +17,7 @@ from harvester.signatures import File, Step
 if TYPE_CHECKING:
     from harvester.scene.model import Scene
 
-# Length (s) of a record of vibrations for which a new load's cost is told.
+# The cost of a new load is stated for a record of this length, in seconds.
 RECORD = 10.0
 DIALECTS = ("ngspice", "ltspice")
 
@@ -74,7 +74,7 @@ def netlist(
     if dialect == "ngspice":
         write_text(target, stand_alone(*call, start, longest).text + ".end\n")
         return
-    # The netlist holds this name.
+    # The netlist refers to the file of the noise by this name.
     noise_file = name_of(Path(target).with_suffix("").name) + "-noise.txt"
     text, noise = for_ltspice(*call, noise_file, start, longest)
     if noise is not None:

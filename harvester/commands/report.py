@@ -65,5 +65,5 @@ def _pictures(content: Any, title: str) -> Iterator[str]:
         part = getattr(content, name, None)
         found.append(part and (part() if callable(part) else part.figure()))
     for each in filter(None, found):
-        # A figure is drawn already.
+        # This one is a figure already.
         yield figure_of(figures.picture(lambda drawn: drawn, each), title, "")

@@ -16,7 +16,7 @@ def _engine(result):
     return result.engine
 
 
-# Each with the example of its help; a text is the name of a public function of `harvester`.
+# All commands, each with the example of its help. A text names a public function of `harvester`.
 COMMANDS = (
     Command(new, "new beam.toml --from asymmetric"),
     Study(
@@ -131,7 +131,7 @@ COMMANDS = (
     Command(circuit.engine, "engine --json -"),
     Command(completion, "completion bash"),
 )
-# Of `harvester --help`, what comes first and what comes last; the rest stands between them.
+# Commands that `harvester --help` lists first and last; the others stand between them.
 FIRST = (
     "average", "validate", "new", "simulate", "load-study", "optimum", "schematic", "identify"
 )  # fmt: skip

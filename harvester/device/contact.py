@@ -23,7 +23,7 @@ if TYPE_CHECKING:
     from harvester.device.spring import Spring
     from harvester.device.values import Values
 
-# Contact laws by the word of `law` in a scene, each made from a contact's scaled values.
+# Contact laws by the word that a scene's `law` takes. Each is made from a contact's scaled values.
 LAWS: Registry[Callable] = Registry("harvester.contact_laws", {"hertz-damp": hertz_damp})
 SIDES = {"left": -1.0, "right": 1.0, "both": 0.0}
 
@@ -65,7 +65,7 @@ def one_reaction(
     acts = low >= contact.gap if s > 0.0 else high <= -contact.gap
     if not acts:
         return 0.0, 0.0
-    # A step of the zone may begin a rounding short of its edge, where a dashpot already acts.
+    # By rounding a step in the zone may begin just outside it. Depth 0 lets a dashpot act there.
     depth = max(s * x - contact.gap, 0.0)
     gain = springs.energy(spring, x) - springs.energy(spring, s * contact.gap)
     push = s * elastic_force(contact.law, depth)

@@ -25,12 +25,12 @@ FEWEST_BATCHES = 16
 LARGEST_CORRELATION = 0.25
 TOTAL_BATCHES = 256
 TOTAL_GROUPS = 32
-# Batches of each of many realizations: a drift shows between their halves.
+# Fewest batches of each of many realizations: their halves show whether the mean drifts.
 FEWEST_TO_DRIFT = 4
 KNOTS_PER_BATCH = 8
 # A standard error of at most this share of its ratio is rounding in the sums, and taken for zero.
 ROUNDING_SHARE = 1e-12
-# Between the samples of a histogram: some ten samples per period of the motion.
+# Knots of the noise between two samples of a histogram, about ten samples per period of the motion.
 KNOTS_PER_SAMPLE = 4
 
 
@@ -162,7 +162,7 @@ def ratio_of_sums(
     """Ratio of two sums over batches and its standard error (None when too short)."""
     ratio = float(upper.sum() / lower.sum())
     error = error_of((upper - ratio * lower) / lower.mean())
-    # Of a ratio that is the same in every batch only rounding is left.
+    # If the ratio is the same in every batch, its scatter is rounding.
     return ratio, 0.0 if error is not None and error <= ROUNDING_SHARE * abs(ratio) else error
 
 

@@ -24,6 +24,7 @@ from harvester.estimates.passivity import (
     source_notes,
 )
 from harvester.estimates.settling import Shortfall, shortfalls, slow_exchange, withheld
+from harvester.estimates.strain import estimate_strain, strain_notes
 from harvester.estimates.units import unit_of
 from harvester.estimates.well_balance import weighted, well_balance
 
@@ -100,6 +101,7 @@ def run_estimates(
     balanced = weighted(moments, balance)
     error = balance.error if balance else error_of(scene)
     whole = estimate_all(balanced, system, error) | estimate_output(balanced, error)
+    whole |= estimate_strain(balanced, scene.excitation, error)
     whole = {name: with_steps(scene, each, step_error) for name, each in whole.items()}
     found = shortfalls(ready, moments, whole, balance)
     notes = (
@@ -109,6 +111,7 @@ def run_estimates(
         *(scene.load.circuit.reading_notes if scene.load.circuit else ()),
         *efficiency_notes(whole, scales.of("power"), unit_of(scene, "power")),
         *faint_output_notes(whole),
+        *strain_notes(scene, moments),
         *(each.note for each in found),
         *slow_exchange(scene, balance),
     )

@@ -17,7 +17,7 @@ if TYPE_CHECKING:
     from harvester.excitation.run import Run
 
 KNOTS_PER_PERIOD = 40
-# Straight lines through fewer points a period are no sine.
+# Straight lines through fewer points per period do not resemble a sine.
 FEWEST_KNOTS_PER_PERIOD = 8
 WITHOUT_CHANCE = (
     "the excitation is periodic and without chance: means are over whole periods, and error bars "
@@ -38,8 +38,8 @@ class Harmonic(Excitation):
         return False
 
     def equivalent_noise(self, relaxation_time: float, longest: float) -> tuple[float, float]:
-        # In resonance 2 E[X'²] = (amplitude · relaxation time)², which is D/(1 + ω²τ1²) times
-        # the relaxation time for noise.
+        # In resonance 2 E[X'²] = (amplitude · relaxation time)². Noise gives the relaxation time
+        # times D/(1 + ω²τ1²).
         return max(
             (max(amplitude, 1e-150) ** 2 * relaxation_time, 1.0 / (2.0 * math.pi * frequency))
             for frequency, amplitude in self.lines
@@ -128,7 +128,7 @@ class SteppedSine(Harmonic):
         return SinePath(self.amplitude / length, self.frequencies, self.dwell, spacing)
 
     def base_displacement(self, times: np.ndarray, place: int) -> np.ndarray:
-        """Of the base while it moves at the frequency of this place, m in SI: η/ω²."""
+        """The displacement η/ω² of the base at the frequency of this place (m in SI)."""
         frequency = self.frequencies[place]
         turns = sum(self.frequencies[:place]) * self.dwell
         angle = 2.0 * math.pi * (turns + frequency * (times - place * self.dwell))

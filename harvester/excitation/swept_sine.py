@@ -16,7 +16,7 @@ from harvester.excitation.sine import FEWEST_KNOTS_PER_PERIOD, KNOTS_PER_PERIOD,
 if TYPE_CHECKING:
     from harvester.excitation.run import Run
 
-# Frequencies at which steps look for the device's resonance.
+# The choice of the step examines the resonance at so many frequencies of the sweep.
 LINES = 24
 
 

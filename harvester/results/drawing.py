@@ -18,13 +18,13 @@ if TYPE_CHECKING:
 
     from harvester.results.result import Result
 
-# Share of its peak down to which a density is drawn.
+# Densities are drawn down to this share of their peak.
 WORTH_DRAWING = 1e-3
-# Intervals between ticks on a density's axis: the labels of an SI scene are long.
+# Most intervals between ticks on a density's axis, since labels of SI scenes are long.
 MOST_TICKS = 5
-# Bins a side of the density in a section.
+# Bins per axis of the density in a section.
 SECTION_BINS = 60
-# Of a density from chance, however few its effective samples: its shape is still to be seen.
+# Fewest bins of a density, however few its effective samples: its shape remains visible.
 FEWEST_BINS = 40
 
 
@@ -81,7 +81,7 @@ def _draw_fit(axes, result):
     axes.set_xlabel("frequency [Hz]")
     unit = "(m/s²)²/Hz" if result.scene.units == "SI" else "scaled"
     axes.set_ylabel(f"density [{unit}]")
-    # Above the data: a spectrum fills its axes.
+    # The legend stands above the axes, since a spectrum fills them.
     axes.legend(fontsize=6, loc="lower left", bbox_to_anchor=(0.0, 1.0))
 
 
@@ -116,7 +116,7 @@ def _merged(result, name):
     def means(values):
         return values[: bins * size].reshape(bins, size).mean(axis=1)
 
-    # Neighbours err together: the mean of their errors is what is left at most.
+    # Neighbouring bins have correlated errors, so that the mean of their errors is an upper bound.
     error = None if density.standard_error is None else means(density.standard_error)
     return Density(means(density.centre), means(density.density), error, density.dimension)
 

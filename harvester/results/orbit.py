@@ -49,7 +49,7 @@ class Attractor:
 
     @property
     def kind(self) -> str:
-        """In words."""
+        """The kind of motion, in words."""
         if self.period is not None:
             return f"period {self.period}"
         return "no period: chaotic or not settled" if self.periodic_drive else "one motion"

@@ -13,7 +13,7 @@ if TYPE_CHECKING:
 
     from harvester.results.waveform import Waveform
 
-# Inches of a panel.
+# Width and height of a panel, in inches.
 WIDTH, HEIGHT = 7.0, 1.3
 
 

@@ -21,10 +21,10 @@ if TYPE_CHECKING:
     from harvester.device.spring import Spring
     from harvester.scene.model import Oscillator, Scene
 
-# Knots per period of small oscillations.
+# Knots of the noise per period of small oscillations.
 KNOTS_PER_PERIOD = 40
-# Dimensions of time, which is never rescaled.
-UNSCALED = ("rate", "hourly_rate", "time")
+# Dimensions that are never rescaled, since time is not; stress is in Pa.
+UNSCALED = ("rate", "hourly_rate", "time", "stress")
 
 
 @dataclass(frozen=True)
@@ -62,7 +62,7 @@ def scale(scene: Scene) -> tuple[System, Scales]:
     place = setting(scene)
     mass, length = place.mass, place.length
     if scene.excitation.prescribes_displacement:
-        # Only the transducer is left: what drives a mass without spring and damper is its η.
+        # Without spring and damper only the transducer is left; its η drives the mass.
         parts: dict[str, Any] = {"spring": polynomial(()), "damper": damper(0.0), "contacts": ()}
     else:
         made = restoring_spring(scene.oscillator, mass, length)
@@ -160,13 +160,16 @@ def setting(scene: Scene) -> Setting:
     """What a scene's transducer is built into: `harvester.device.terminals.Setting`."""
     scaled = scene.units != "SI"
     mass: Any = 1.0 if scaled else scene.oscillator.mass
+    length = 1.0 if scaled else length_scale(scene)
+    rests = scene.excitation.prescribes_displacement
     return Setting(
         scene.units,
         mass,
-        1.0 if scaled else length_scale(scene),
+        length,
         load_resistance(scene),
         scene.load.decay_rate,
         scene.name,
+        0.0 if rests else excitation_unit(scene, length),
     )
 
 

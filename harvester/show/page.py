@@ -14,12 +14,12 @@ from typing import NamedTuple
 from harvester.files.plain_text import one_line
 from harvester.version import __version__
 
-# Below this width a picture scrolls in its frame instead of becoming unreadable, a schematic below
-# this share of its own size: its values are then 7 points high.
+# A picture narrower than this scrolls in its frame instead of becoming unreadable. A schematic does
+# so below this share of its own size, at which its values are 7 points high.
 NARROWEST_FIGURE, LEAST_SCALE = "36rem", 0.7
-# Rows of a table that stand on one page of it, and sentences beyond which the others are folded.
+# A longer table comes in pages of so many rows. Sentences after the first few are folded.
 ROWS, SENTENCES = 25, 8
-# Of its own size, that a picture is drawn at most.
+# A picture is drawn at most at this multiple of its own size.
 LARGEST_SCALE = 1.3
 
 

@@ -12,16 +12,17 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-# Panels in one row, unless told otherwise.
+# Default number of panels in a row.
 COLUMNS = 3
 LEGEND_COLUMNS = 5
 # Inches of a legend's entry beside its words, and of a letter at the house's size.
 MARK, LETTER = 0.6, 0.075
-# Ratio of values from which their axis is logarithmic: over less it has no room for labels.
+# An axis is logarithmic from this ratio of its values. Over less it would have too few labels.
 WIDE_RATIO = 10.0
-# Ratio of a logarithmic axis's ends below which decades alone would be one or two labels.
+# Below this ratio of its ends a logarithmic axis has labels between the decades too, of which there
+# are at most two.
 FEW_DECADES = 100.0
-# Labels from the first to the second of these have no power of ten.
+# Labels between these two values are printed without a power of ten.
 PLAIN = (1e-3, 1e4)
 
 
@@ -203,7 +204,7 @@ def _draw_panel(axes, panel):
 
 def _draw_series(axes, series):
     x, y = np.asarray(series.x), np.asarray(series.y)
-    # Bars of length 0 would be caps.
+    # Error bars of length 0 would show as caps.
     has_bars = series.bars is not None and np.any(series.bars)
     bars = axes.errorbar(
         x,
@@ -213,7 +214,7 @@ def _draw_series(axes, series):
         linestyle=series.line or "none",
         marker=series.marker,
         markersize=series.size,
-        # The caps of one series show beside those of another at the same place.
+        # Caps of different size stay visible where two series coincide.
         capsize=0.5 * series.size,
         linewidth=series.width,
         elinewidth=1.0,

@@ -31,13 +31,13 @@ if TYPE_CHECKING:
     from harvester.device.system import System
     from harvester.simulation.methods import Engine
 
-# Largest energy balance residual that is not an error; a result with more than the second carries
-# a note.
+# A result whose energy balance residual exceeds the first is an error; above the second it has a
+# note.
 LARGEST_RESIDUAL = 0.1
 NOTED_RESIDUAL = 0.01
 
 
-# The sums of a run that diverged may overflow: its residual is then no number, which is refused.
+# The sums of a run that diverged may overflow. Its residual is then NaN, which is refused.
 @np.errstate(over="ignore", invalid="ignore")
 def result_of(
     scene: Scene,
@@ -65,7 +65,8 @@ def result_of(
     if found.shortfalls:
         shapes = {name: replace(shape, standard_error=None) for name, shape in shapes.items()}
     if found.shortfalls or slow_exchange(scene, found.balance):
-        # Its samples have no weights: their shares of the wells are those of the starts.
+        # Samples of the joint density have no weights, so that their shares of the wells follow the
+        # starts.
         joint = joint and replace(joint, standard_error=None)
     return Result(
         scene=scene,

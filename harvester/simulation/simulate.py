@@ -20,7 +20,7 @@ if TYPE_CHECKING:
     from harvester.scene.model import Scene
     from harvester.workers.pools import Workers
 
-# Wall-clock limit of one realization (s) where the user sets none.
+# Default wall-clock limit of one realization, in seconds.
 TIME_LIMIT = 3600.0
 
 

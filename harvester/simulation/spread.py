@@ -20,8 +20,8 @@ from harvester.simulation.methods import Circuit, Engine, MonteCarlo
 from harvester.simulation.realization import Realization, Stretch, run
 from harvester.workers.pools import Workers, processes
 
-# Length of the waveform that is kept where no window is asked for, in periods of small
-# oscillations; and its points, which a load that switches fast may reach before.
+# If no window is asked for, the waveform has so many periods of small oscillations and at most so
+# many points. A load that switches fast may reach the number of points first.
 SHOWN_PERIODS, MOST_POINTS = 50, 100_000
 
 

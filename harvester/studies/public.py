@@ -56,17 +56,17 @@ if TYPE_CHECKING:
     from harvester.studies.sweep import Sweep
     from harvester.workers.pools import Workers
 
-# Monte Carlo everywhere, and the circuit as its judge at some places.
+# The default: Monte Carlo everywhere, and the circuit as its judge at some places.
 JUDGED = "judged"
-# Wall-clock seconds of a load study with a precision, unless told otherwise.
+# Default time budget of a load study with a precision, in seconds.
 TIME_BUDGET = 540.0
-# Rows of a design of devices.
+# Default number of rows of a design of devices.
 ROWS = 64
-# How a caller writes what is varied.
+# Example for messages.
 OVER = 'over={"load.resistance": (1e4, 1e6)}'
 METHODS_WRITTEN = 'methods=["monte-carlo"]'
 QUANTITIES_WRITTEN = 'quantities=["mean_power"]'
-# What the folder of a load study and that of a sensitivity study get.
+# Files in the folder of a load study, and in that of a sensitivity study.
 LOAD_STUDY_FILES = (
     "load-study.nc",
     "load-study.csv",
@@ -439,7 +439,7 @@ def load_study(
     grid = make_grid(scene, loads, sweeps or {})
     methods = tuple(work.method_at(point.scene, chosen, judge) for point in grid.points)
     with open_runner(**running) as runner:
-        # Here already, so that a machine without ngspice says so before it has worked.
+        # Asked here already, so that a machine without ngspice says so before any work.
         version = runner.version((judge or chosen).name)
         aim = precision if statistical else None
         plans = [

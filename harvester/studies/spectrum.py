@@ -241,12 +241,12 @@ class SpectrumAnalysis:
 
     @property
     def unit(self) -> str:
-        """Of the density."""
+        """The unit of the density."""
         return "scaled" if self.units == "scaled" else "(m/s^2)^2/Hz"
 
     @property
     def rms(self) -> float:
-        """√∫ G df."""
+        """The rms value, √∫ G df."""
         return math.sqrt(float(self.density.sum()) * self._bin)
 
     @property

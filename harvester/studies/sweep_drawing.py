@@ -22,21 +22,21 @@ if TYPE_CHECKING:
 
     from harvester.studies.sweep import Sweep
 
-# Standard errors that a bar spans to either side.
+# An error bar reaches so many standard errors to either side.
 BARS = 2.0
 OTHER_CLOSURE = ("0.3", "-.")
-# Colour and mark of an engine with its default settings.
+# Colour and marker of an engine with its default settings.
 ENGINES = {"circuit": (CIRCUIT, "o"), "monte-carlo": (MONTE_CARLO, "s")}
-# Points of print between the marks of two engines at the same place.
+# Points of print between the markers of two engines at the same place.
 APART = 6.0
-# Width of the first line, and of each further one: a thin one over a thick one shows both.
+# Width of the first line, and by how much each further one is thinner: thin over thick shows both.
 WIDEST, THINNER = 3.0, 0.6
 
 
 def draw(sweep: Sweep) -> Figure:
     """A panel for each quantity and each place of the other keys."""
     lengths = [len(values) for values in sweep.values.values()]
-    # Words have no distances: an axis of numbers goes before them.
+    # An axis of numbers is preferred to one of words, which have no distances.
     ranks = [(not has_words(values), len(values)) for values in sweep.values.values()]
     along = ranks.index(max(ranks)) if ranks else None
     others = [range(length) for k, length in enumerate(lengths) if k != along]

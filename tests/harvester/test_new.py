@@ -125,6 +125,21 @@ def test_no_answer_is_taken_for_another_question(answers, capsys):
     assert f"matched load about {1e-3 / (2 * math.pi * 120 * 60e-9):.1f} kΩ" in said
 
 
+def test_a_drawing_is_asked_for(answers, capsys):
+    said = "40 mm\n8 mm\n0.3 mm\n0.2 mm\nsteal\nstainless steel\nAPC 850\nparallel\n5 g\n40\n"
+    answers(f"bimorph\n{said}")
+    assert main(["new", "mine.toml"]) == 0
+    assert "steal" in capsys.readouterr().err
+    beam = Scene.load("mine.toml").beam
+    assert (beam.length, beam.width, beam.thickness) == pytest.approx((0.04, 0.008, 0.3e-3))
+    assert (beam.material, beam.piezo, beam.connection) == (
+        "stainless steel",
+        "APC 850",
+        "parallel",
+    )
+    assert (beam.piezo_thickness, beam.tip_mass, beam.ratio) == pytest.approx((2e-4, 5e-3, 1 / 80))
+
+
 def test_the_bare_command_says_what_to_try(capsys):
     assert main([]) == 0
     shown = capsys.readouterr().out

@@ -35,7 +35,7 @@ def draw_comparison(comparison: Comparison) -> Figure:
     figure.align_ylabels([top, middle, bottom])
     compared = "circuit, Monte Carlo and averaging" if comparison.closures else "both engines"
     entitle(figure, f"{comparison.scene.name}: {compared} (bands: two standard errors)")
-    # A closure may have fewer densities than another.
+    # Closures differ in the densities that they have: one legend for all panels.
     legend_below(figure, panels)
     return figure
 
@@ -43,7 +43,7 @@ def draw_comparison(comparison: Comparison) -> Figure:
 def _draw_densities(axes, comparison, name):
     draw_density(axes, comparison.monte_carlo, name, MONTE_CARLO, "-", "Monte Carlo")
     draw_density(axes, comparison.circuit, name, CIRCUIT, "--", "circuit")
-    # Above the simulations, which are broad where they are noisy.
+    # Closures are drawn above the simulations, whose bands are broad where they are noisy.
     for closure, result in comparison.closures.items():
         colour, style = LINES[closure]
         if name in result.densities:
@@ -51,7 +51,7 @@ def _draw_densities(axes, comparison, name):
     simulated = comparison.monte_carlo.densities[name]
     frame(axes, [comparison.circuit, comparison.monte_carlo], name)
     peak = simulated.density.max() / comparison.monte_carlo.scales.of(name)
-    # A closure that is far off must not flatten the others.
+    # A closure that is far too high would flatten the others.
     axes.set_ylim(0.0, min(axes.get_ylim()[1], 2.5 * peak))
     axes.set_xlabel(axis_label(comparison.circuit, name))
 
@@ -64,7 +64,7 @@ def _draw_waveforms(top, middle, bottom, comparison):
         axes.set_ylabel(axis_label(comparison.circuit, name).replace(" ", "\n"))
         axes.tick_params(labelbottom=False)
     top.set_title("the same noise path")
-    # Both have every knot of the noise among their points.
+    # Both records contain every knot of the noise.
     difference = np.interp(reference.time, circuit.time, circuit.displacement)
     knots = np.isin(np.round(reference.time, 9), np.round(circuit.time, 9))
     difference = (difference - reference.displacement)[knots]

@@ -21,7 +21,7 @@ if TYPE_CHECKING:
     from harvester.studies.loads.study import Study
 
 MARKERS = "osD^vP*X"
-# Standard errors that a bar spans to either side.
+# An error bar reaches so many standard errors to either side.
 BARS = 2.0
 EFFICIENCIES = ("end_to_end_efficiency", "power_conversion_efficiency_of_input")
 
@@ -157,7 +157,7 @@ def _draw_optima(study, other, axes):
             ends = [optimum.low, optimum.high]
             axes.plot(ends, [height] * 2, color=colour, linewidth=2.0, transform=where)
             axes.plot([optimum.place], [height], "|", color=colour, transform=where)
-            # Said once, in the legend below.
+            # Explained once, in the legend below.
             axes.plot([], [], "-|", color="0.3", lw=2.0, label="bar at the bottom: optimum, 95 %")
 
 
@@ -176,5 +176,5 @@ def _draw_waveform(axes, study, load, evaluation, colour):
     beside.set_ylabel("X [mm]" if in_metres else "X", color="0.5")
 
 
-# Of `harvester.studies.public.LOAD_STUDY_FILES`, behind the tables.
+# The figures of `harvester.studies.public.LOAD_STUDY_FILES`, in their order.
 FIGURES = (draw_power, draw_efficiency, draw_waveforms)

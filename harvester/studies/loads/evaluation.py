@@ -37,7 +37,7 @@ from harvester.simulation.methods import Engine
 from harvester.simulation.outcome import LARGEST_RESIDUAL
 from harvester.studies.sweep import Cell
 
-# Dimensions of a record's columns; the others are powers.
+# Dimensions of a record's columns. All others are powers.
 WAVEFORM = {
     "time": "time",
     "displacement": "displacement",
@@ -48,7 +48,7 @@ WAVEFORM = {
 POWER = "output_power"
 
 
-# With a precision, of one point.
+# Most realizations of one point if a precision is asked for.
 MOST_REALIZATIONS = 4000
 
 
@@ -81,7 +81,7 @@ class Evaluation(Cell):
 
     @property
     def relative_error(self) -> float:
-        """Of the output power; infinite without an error bar."""
+        """The relative error of the output power, infinite if it has no error bar."""
         share = self.power_error / abs(self.power) if self.power else math.nan
         return math.inf if math.isnan(share) else share
 

@@ -42,9 +42,10 @@ if TYPE_CHECKING:
 
     from harvester.running.folder import StudyFolder
 
-# Measured time of a realization over its settling: a fifth of the run is then spent on settling.
+# Measured time of a realization over its settling time. A fifth of the run is then spent on
+# settling.
 DURATION_OVER_SETTLE = 4.0
-# Of the time budget, kept for the circuit as judge.
+# Share of the time budget that is kept for the circuit as judge.
 PROOF_SHARE = 0.2
 
 
@@ -87,7 +88,7 @@ class Study(Tabular):
 
     @property
     def scene(self) -> Scene:
-        """With one spacing of knots for all points."""
+        """The scene, with one spacing of knots for all points."""
         return self.grid.scene
 
     @property
@@ -111,7 +112,7 @@ class Study(Tabular):
 
     @property
     def unit(self) -> str:
-        """Of power."""
+        """The unit of power."""
         return "W" if self.scene.units == "SI" else "scaled power"
 
     @cached_property

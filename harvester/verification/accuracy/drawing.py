@@ -14,12 +14,13 @@ from harvester.show.symbols import SYMBOLS
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-# Errors that are drawn (%), and the largest from which a line begins.
+# Range of the errors that are drawn, in percent. A line begins at an error below the second.
 LEAST_ERROR, GREATEST_ERROR = 0.2, 300.0
 POINTS = 200
-# Widths and marks of the first and the last line: thin over thick shows both where they coincide.
+# Widths and marker sizes of the first and the last line: thin over thick shows both where they
+# coincide.
 WIDTHS, MARKS = (3.0, 1.0), (8.0, 4.0)
-# Smallest bias that is drawn (%).
+# Smallest bias that is drawn, in percent.
 LEAST_BIAS = 1e-3
 TICKS = {1e-3: "1 ms", 1e-2: "", 1e-1: "0.1 s", 1.0: "1 s", 10.0: "10 s", 60.0: "1 min"}
 TICKS |= {600.0: "10 min", 3600.0: "1 h", 36000.0: "10 h", 864000.0: "10 d"}
@@ -114,7 +115,7 @@ def _draw_line(axes, line, name, seconds, mark, limits):
 
 
 def _span(result, name):
-    """From the first time at which a method says anything to the last that is read off."""
+    """The range of times, from the first with a result of a method to the last that is read off."""
     errors = [line.errors[name] for line in result.lines if line.errors]
     times = [error.seconds_to(limit) for error in errors for limit in result.limits]
     times += [point.seconds for point in result.points]
@@ -197,7 +198,7 @@ def _draw_biases(axes, diagram, name, marks):
             markersize=4,
             color=colour,
             elinewidth=0.8,
-            # Hollow: no error bar could be given.
+            # A hollow marker has no error bar.
             markerfacecolor=colour if reach else "none",
         )
     _draw_sampling_error(axes, diagram, name)

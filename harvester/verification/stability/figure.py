@@ -31,7 +31,7 @@ INK = {WRONG: "white", REFUSED: "0.25"}
 BLOCKS = 2
 # Rows of a page, and the width of a block in inches.
 PAGE, WIDTH = 30, 12.0
-# Share of a block's width for the names of cases, and letters that a column has room for at least.
+# Share of a block's width for the names of cases, and the fewest letters of a column.
 NAME, SHORTEST = 0.22, 14
 
 

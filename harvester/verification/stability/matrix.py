@@ -201,7 +201,7 @@ def _short(judge):
 
 
 def _percent(share):
-    """With one digit, or two of what begins with 1."""
+    """A percentage with one digit, or two if the first is 1."""
     return f"{100.0 * share:.2g} %" if share >= 1e-4 else "<0.01 %"
 
 
