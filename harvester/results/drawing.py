@@ -86,7 +86,13 @@ def _draw_fit(axes, result):
 
 
 def draw_density(
-    axes: Axes, result: Result, name: str, colour: str, style: str, label: str | None
+    axes: Axes,
+    result: Result,
+    name: str,
+    colour: str,
+    style: str,
+    label: str | None,
+    width: float | None = None,
 ) -> None:
     """One density in the scene's units, with a band of two standard errors."""
     density = _merged(result, name)
@@ -95,7 +101,7 @@ def draw_density(
     if density.standard_error is not None:
         band = 2.0 * density.standard_error / unit
         axes.fill_between(centre, values - band, values + band, color=colour, alpha=0.25, lw=0)
-    axes.plot(centre, values, style, color=colour, label=label)
+    axes.plot(centre, values, style, color=colour, label=label, linewidth=width)
 
 
 def _merged(result, name):

@@ -16,6 +16,10 @@ if TYPE_CHECKING:
     from harvester.studies.comparison import Comparison
 
 
+# Line widths of the reference below all others, and of the closures above them.
+WIDTHS = (3.0, 1.0)
+
+
 def draw_comparison(comparison: Comparison) -> Figure:
     """Densities by every engine and closure; waveforms on one path; their difference."""
     from matplotlib.figure import Figure
@@ -41,13 +45,15 @@ def draw_comparison(comparison: Comparison) -> Figure:
 
 
 def _draw_densities(axes, comparison, name):
-    draw_density(axes, comparison.monte_carlo, name, MONTE_CARLO, "-", "Monte Carlo")
+    # Thin lines over thick ones show both where they coincide.
+    thick, thin = WIDTHS
+    draw_density(axes, comparison.monte_carlo, name, MONTE_CARLO, "-", "Monte Carlo", thick)
     draw_density(axes, comparison.circuit, name, CIRCUIT, "--", "circuit")
     # Closures are drawn above the simulations, whose bands are broad where they are noisy.
     for closure, result in comparison.closures.items():
         colour, style = LINES[closure]
         if name in result.densities:
-            draw_density(axes, result, name, colour, style, f"averaging, {closure}")
+            draw_density(axes, result, name, colour, style, f"averaging, {closure}", thin)
     simulated = comparison.monte_carlo.densities[name]
     frame(axes, [comparison.circuit, comparison.monte_carlo], name)
     peak = simulated.density.max() / comparison.monte_carlo.scales.of(name)
@@ -59,7 +65,7 @@ def _draw_densities(axes, comparison, name):
 def _draw_waveforms(top, middle, bottom, comparison):
     circuit, reference = comparison.circuit.waveform, comparison.monte_carlo.waveform
     for axes, name in ((top, "displacement"), (middle, "voltage")):
-        axes.plot(reference.time, reference[name], color=MONTE_CARLO, linewidth=2.4)
+        axes.plot(reference.time, reference[name], color=MONTE_CARLO, linewidth=WIDTHS[0])
         axes.plot(circuit.time, circuit[name], "--", color=CIRCUIT)
         axes.set_ylabel(axis_label(comparison.circuit, name).replace(" ", "\n"))
         axes.tick_params(labelbottom=False)

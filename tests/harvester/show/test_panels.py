@@ -26,6 +26,15 @@ def test_a_point_without_an_error_bar_shows_its_hollow_mark():
     assert [bool(np.all(pixel == 255)) for pixel in centres] == hollow
 
 
+@pytest.mark.parametrize("names", [["a", "b"], ["a rather long name of a load", *"abcd"]])
+def test_a_legend_is_no_wider_than_its_figure(names):
+    figure, _ = drawn(*(Series(X, Y, f"{name}{k}") for k, name in enumerate(names)))
+    (legend,) = figure.legends
+    extent = legend.get_window_extent()
+    assert extent.x0 >= 0.0
+    assert extent.x1 <= figure.bbox.width
+
+
 @pytest.mark.parametrize("log_x", [False, True])
 def test_marks_at_one_place_stand_side_by_side_and_the_axis_holds_both(log_x):
     places = np.array([1.0, 2.0, 300.0])
