@@ -95,8 +95,9 @@ class Sweep(Tabular):
                 unit = unit_of(self.scene, each.dimension) if name in cell.estimates else ""
                 error = math.nan if each.standard_error is None else each.standard_error
                 row = [*place, cell.method, name, each.estimate, error, unit]
-                rows.append([*row, cell.realizations, cell.outcome])
-        return [*header, "realizations", "outcome"], rows
+                outcome, notes = outcome_and_notes(cell)
+                rows.append([*row, cell.realizations, outcome, "; ".join(notes)])
+        return [*header, "realizations", "outcome", "notes"], rows
 
     def to_xarray(self) -> Dataset:
         """Every quantity beside its `…_standard_error` over the keys and the method.

@@ -330,13 +330,14 @@ class Study(Tabular):
                 *point.place,
                 *(values[where] for _, values, _ in quantities),
                 each.realizations,
-                each.outcome,
+                outcome_and_notes(each)[0],
+                "; ".join(outcome_and_notes(each)[1]),
             ]
             for point, each, where in zip(
                 self.grid.points, self.evaluations, np.ndindex(self.cells.shape), strict=True
             )
         ]
-        return [*header, "realizations", "outcome"], rows
+        return [*header, "realizations", "outcome", "notes"], rows
 
     def to_xarray(self) -> Dataset:
         """The study as an xarray Dataset; see `harvester.studies.loads.dataset`."""
