@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import hashlib
 import re
+from collections.abc import Callable
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 from circuits import elements
@@ -16,6 +17,7 @@ from harvester.device.damper import drag_formula
 from harvester.device.piezo import BASE, TERMINAL, PiezoLaw, ShakenPiezo
 from harvester.device.system import System
 from harvester.errors import CompiledDeviceUnavailable
+from harvester.files import licence
 
 if TYPE_CHECKING:
     from PySpice.Spice.Netlist import Circuit
@@ -49,7 +51,7 @@ _HEAD = """\
 //     N1 displacement velocity piezo device
 //
 // The impact velocity held from the moment of contact (`event`) and coils stay behavioural.
-"""
+""" + "".join(f"// {line}\n" for line in licence.EXPORTED)
 _BASE_NOTE = """\
 //
 // `base` carries the voltage that the base's acceleration adds in series with Cp, -Q a/Cp with a
@@ -58,7 +60,7 @@ _BASE_NOTE = """\
 """
 # Longest line of an expression, in characters.
 _WIDTH = 84
-_SIGN = """
+SIGN = """
     analog function real sgn;
         input value;
         real value;
@@ -109,7 +111,7 @@ def module(
         return key
 
     parameter("rate", rate, "rad/s", "(0:inf)")
-    lines = _mechanics(system, rate, parameter)
+    lines = mechanics(system, rate, parameter)
     volts, charge, capacitance = side or Side()
     back_action = system.transducer.coupling / rate**2 / volts
     parameter("coupling", back_action, "beta/rate^2 per scaled volt", "[0:inf)")
@@ -134,15 +136,29 @@ def module(
         name=name,
         declared=declared,
         body=body,
-        sign=_SIGN if "sgn(" in body else "",
+        sign=SIGN if "sgn(" in body else "",
         nodes=nodes,
         plates=plates,
     )
     return name, text, values
 
 
-def _mechanics(system, rate, parameter):
-    """Statements that set `push`, the forces of spring, damper and contacts over rate²."""
+def mechanics(
+    system: System, rate: float, parameter: Callable, x: str = "x", u: str = "u", **own: Any
+) -> list[str]:
+    """Statements that set `push`, the forces of spring, damper and contacts over rate².
+
+    Parameters
+    ----------
+    system : harvester.device.system.System
+    rate : float
+    parameter : callable
+        Turns (name, value, meaning, range) into the text of a number.
+    x, u : str
+        Names of X and X'/rate.
+    **own
+        Of `harvester.device.contact.formulas`.
+    """
 
     def over_square(key, value, meaning):
         return parameter(key, value / rate**2, meaning)
@@ -150,19 +166,19 @@ def _mechanics(system, rate, parameter):
     tilt, linear = system.spring.line
     damping = parameter("damping", system.damper.damping / rate, "c/rate", "[0:inf)")
     terms = [
-        f"{damping}*u",
+        f"{damping}*{u}",
         over_square("tilt", tilt, "F(0)/rate^2") if tilt != 0.0 else "",
-        f"{over_square('linear_stiffness', linear, 'k1/rate^2')}*x" if linear != 0.0 else "",
-        system.spring.nonlinear_formula("x", rate, parameter),
-        drag_formula(system.damper, "u", parameter),
+        f"{over_square('linear_stiffness', linear, 'k1/rate^2')}*{x}" if linear != 0.0 else "",
+        system.spring.nonlinear_formula(x, rate, parameter),
+        drag_formula(system.damper, u, parameter),
     ]
     lines = _wrapped(f"push = {' + '.join(filter(None, terms))};")
     for name, contact in elements.named_contacts(system):
 
-        def own(key, value, *description, name=name):
+        def of_contact(key, value, *description, name=name):
             return parameter(f"{name}_{key}", value, *description)
 
-        condition, force = contacts.formulas(contact, system.spring, "x", "u", rate, own)
+        condition, force = contacts.formulas(contact, system.spring, x, u, rate, of_contact, **own)
         lines += [f"if ({condition})", *_wrapped(f"    push = push + {force};")]
     return lines
 

@@ -31,6 +31,7 @@ if TYPE_CHECKING:
     from harvester.errors import CompiledDeviceUnavailable as CompiledDeviceUnavailable
     from harvester.errors import EnergyNotBalanced as EnergyNotBalanced
     from harvester.errors import EngineNotFound as EngineNotFound
+    from harvester.errors import ExportError as ExportError
     from harvester.errors import FolderInUse as FolderInUse
     from harvester.errors import HarvesterError as HarvesterError
     from harvester.errors import IdentificationError as IdentificationError
@@ -52,6 +53,7 @@ if TYPE_CHECKING:
     from harvester.errors import UnknownOption as UnknownOption
     from harvester.errors import UnknownQuantity as UnknownQuantity
     from harvester.explorer.explorer import explore as explore
+    from harvester.export.coupled import coupled as coupled
     from harvester.identification.identify import identify as identify
     from harvester.identification.measured_impedance import MeasuredImpedance as MeasuredImpedance
     from harvester.identification.measured_impedance import read_impedance as read_impedance
@@ -97,6 +99,7 @@ _WHERE = {
     "Stationary": "harvester.averaging.method",
     "validate": "harvester.studies.public",
     "explore": "harvester.explorer.explorer",
+    "coupled": "harvester.export.coupled",
     "frequency_response": "harvester.studies.public",
     "basins": "harvester.studies.orbits.public",
     "bifurcation": "harvester.studies.orbits.public",
@@ -136,6 +139,7 @@ _WHERE = {
     "CompiledDeviceUnavailable": "harvester.errors",
     "MissingLibrary": "harvester.errors",
     "ProgramNotFound": "harvester.errors",
+    "ExportError": "harvester.errors",
     "OutputError": "harvester.errors",
     "FolderInUse": "harvester.errors",
     "SimulationError": "harvester.errors",

@@ -243,12 +243,20 @@ def arrival_formula(
 
 
 def formulas(
-    each: Contact, spring: Spring, x: str, u: str, rate: float, number: Callable, held: str = ""
+    each: Contact,
+    spring: Spring,
+    x: str,
+    u: str,
+    rate: float,
+    number: Callable,
+    held: str = "",
+    bounded: bool = False,
 ) -> tuple[str, str]:
     """(condition, force over rate²) of one contact as expressions of circuits and Verilog-A.
 
     The force is meant where the condition holds. See `HertzDamp.force_formula` for the arguments;
-    a pair of stoppers takes a symmetric spring.
+    a pair of stoppers takes a symmetric spring. `bounded` asks for a bound of U(x) − U(gap) by 0
+    that this spring does without: its numbers may be varied.
     """
     gap = number("gap", each.gap, "displacement at which it begins", "(0:inf)")
     sides = {
@@ -258,6 +266,6 @@ def formulas(
     }
     condition, depth, sign = sides[each.side]
     gain = arrival_formula(each, each.side or 1.0, spring, x, rate, number)
-    if not (pulled_back(each, spring) and spring.gain_is_product):
+    if bounded or not (pulled_back(each, spring) and spring.gain_is_product):
         gain = f"((({gain})>0) ? ({gain}) : 0)"
     return condition, each.law.force_formula(depth, sign, u, gain, number, held, rate)

@@ -139,7 +139,7 @@ class Ranged(NamedTuple):
 
         def outside(side, end, place):
             texts = [
-                number(f"{name}_{side}{n}", value, f"beyond the range, power {n}")
+                number(f"{name}_{side}{n}", value, f"/rate^2 beyond the range, power {n}")
                 for n, value in enumerate(beyond(place))
             ]
             inner = texts.pop()

@@ -18,8 +18,10 @@ from harvester.device.terminals import Setting
 from harvester.errors import LoadError, SceneError
 
 if TYPE_CHECKING:
+    from collections.abc import Iterator
+
     from harvester.device.spring import Spring
-    from harvester.scene.model import Oscillator, Scene
+    from harvester.scene.model import Oscillator, Scene, Stopper
 
 # Knots of the noise per period of small oscillations.
 KNOTS_PER_PERIOD = 40
@@ -73,10 +75,7 @@ def scale(scene: Scene) -> tuple[System, Scales]:
                 scene.oscillator.quadratic_damping * length / mass,
             ),
             "contacts": tuple(
-                _contact(each, side, mass, length)
-                for each in scene.stoppers
-                if each.stiffness > 0.0
-                for side in _sides(each, made)
+                _contact(each, side, mass, length) for each, side in acting_stoppers(scene, made)
             ),
         }
     transducer = scene.transducer.equations(place)
@@ -116,6 +115,14 @@ def rest_stiffness(oscillator: Oscillator) -> float:
     """F' at the stiffest rest position of the spring, in the scene's units; 0 without any."""
     made = restoring_spring(oscillator)
     return max([float(made.slope(float(x))) for x in made.roots()], default=0.0)
+
+
+def acting_stoppers(scene: Scene, spring: Spring) -> Iterator[tuple[Stopper, str]]:
+    """(stopper, side) of each contact of the scaled device, in its order."""
+    for each in scene.stoppers:
+        if each.stiffness > 0.0:
+            for side in _sides(each, spring):
+                yield each, side
 
 
 def _sides(stopper, made):

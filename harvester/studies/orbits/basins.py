@@ -16,16 +16,19 @@ from harvester.files.serialising import plain
 from harvester.files.tables import xarray_or_say
 from harvester.prepared.prepared import prepared
 from harvester.prepared.starts import energy_range
+from harvester.results.orbit import NOT_SETTLED
 from harvester.results.result import unit_of
 from harvester.scene.model import Scene
 from harvester.show.numbers import quantity, value_and_error
 from harvester.show.panels import entitle
-from harvester.studies.orbits.following import NOT_SETTLED, Orbit
+from harvester.studies.orbits.following import Orbit
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
     from xarray import Dataset
 
+# Starts a side: a million in all, as many as `run.starts` takes.
+MOST_POINTS = 1000
 # Orbits that a figure names.
 MOST_NAMED = 10
 COLOURS = (
@@ -153,9 +156,7 @@ def orbit_table(orbits: Sequence[Orbit], unit: Any) -> tuple[list[str], list[lis
             quantity(each.mean_power, unit("power")),
             quantity(each.rms_voltage, unit("voltage")),
             quantity(each.rms_displacement, unit("displacement")),
-            "—"
-            if each.lyapunov is None
-            else value_and_error(each.lyapunov.exponent, each.lyapunov.standard_error),
+            "—" if each.lyapunov is None else str(each.lyapunov),
         ]
         for each in orbits
     ]
@@ -209,6 +210,8 @@ def axes_of_starts(
     """
     ready = prepared(scene)
     span = energy_range(ready)
+    if points > MOST_POINTS:
+        raise HarvesterError(f"--points {points}: at most {MOST_POINTS} starts a side")
     default = {
         "displacement": (span.low, span.high),
         "velocity": (-span.speed, span.speed),
