@@ -406,12 +406,13 @@ class SpectrumAnalysis:
 
 
 def _draw(analysis):
+    from harvester.show.numbers import in_print
     from harvester.show.panels import Panel, Series, draw_panels
 
     loud = analysis.density > FAINTEST * analysis.density.max()
     x, y = analysis.profile.T
     series = [
-        Series(analysis.frequencies[loud], analysis.density[loud], "Welch", "0.6"),
+        Series(analysis.frequencies[loud], analysis.density[loud], "Welch", "0.7", width=3.0),
         Series(x, y, "specification", "#0072B2", "-", "o"),
     ]
     device = analysis.device_band()
@@ -419,7 +420,7 @@ def _draw(analysis):
         series.append(
             Series([device[0]] * 2, [y.min(), y.max()], "device's frequency", "#D55E00", "--")
         )
-    label = f"one-sided density [{analysis.unit}]"
+    label = f"one-sided density [{in_print(analysis.unit)}]"
     panel = Panel("frequency [Hz]", label, series, log_x=True, log_y=True)
     return draw_panels([panel], f"{analysis.name}: spectrum", (6.0, 4.0))
 
