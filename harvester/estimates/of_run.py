@@ -5,11 +5,15 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
+from functools import partial
 from typing import TYPE_CHECKING
+
+import numpy as np
 
 from harvester.errors import SceneError
 from harvester.estimates.balance import energy_balance_residual
 from harvester.estimates.batch_means import (
+    error_of_starts,
     error_without_chance,
     measured_time,
     standard_error,
@@ -132,10 +136,22 @@ def _without_value(load, moments):
 
 
 def error_of(scene: Scene) -> Callable:
-    """The error of a mean from batches that holds for a scene's excitation."""
-    if scene.excitation.drifts:
-        return standard_error_of_drift
-    return standard_error if scene.excitation.period is None else error_without_chance
+    """The error of a mean from batches that holds for a scene's excitation and starts."""
+    excitation = scene.excitation
+    drawn = excitation.random or scene.run.starts is not None
+    if excitation.period is not None:
+        return partial(error_without_chance, drawn=drawn)
+    in_time = standard_error_of_drift if excitation.drifts else standard_error
+    if excitation.random:
+        return in_time
+
+    def error(series: np.ndarray) -> float | None:
+        # All starts meet the same stretch of the excitation.
+        common = in_time(series.mean(axis=0, keepdims=True))
+        chance = error_of_starts(series) if drawn else 0.0
+        return None if common is None else math.hypot(common, chance)
+
+    return error
 
 
 def with_steps(scene: Scene, estimate: Estimate, step_error: float) -> Estimate:

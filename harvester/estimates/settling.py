@@ -109,7 +109,8 @@ def shortfalls(
         _charge(scene, p, moments, estimates),
         _storage(ready, moments, estimates),
         _jumps(p, moments, estimates),
-        _residence(moments, estimates, balance),
+        # Without chance the well is decided by the start, and a longer run has no more jumps.
+        _residence(moments, estimates, balance) if scene.excitation.random else None,
     ]
     found = [each for each in found if each]
     return found or _drift(moments, balance)

@@ -11,7 +11,7 @@ from importlib import resources
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from circuits.elements import literal, named_contacts, number
+from circuits.elements import named_contacts, number
 from harvester.device import contact as contacts
 from harvester.device import timescales
 from harvester.device.coil import CoilTable
@@ -87,7 +87,8 @@ def equations(scene: Scene) -> str:
     constants: dict[str, str] = {}
 
     def named(key: str, value: float, *meaning: str) -> str:
-        said = f" /* {meaning[0]} */" if meaning and meaning[0] else ""
+        # Formulas are of the circuit, whose time is in units of 1/rate: here of a second.
+        said = f" /* {meaning[0].replace('/rate^2', '')} */" if meaning and meaning[0] else ""
         constants[key] = f"static const double {key} = {number(value)};{said}\n"
         return key
 
@@ -159,7 +160,7 @@ def _forces(s: System, named: Any) -> str:
         s.spring.nonlinear_formula("x", 1.0, named),
     ]
     damper = [f"{named('damping', s.damper.damping, 'c')}*u", drag_formula(s.damper, "u", named)]
-    energy = f"0.5*({s.spring.gain_formula('x', 0.0, 1.0, literal)})"
+    energy = f"0.5*({s.spring.gain_formula('x', 0.0, 1.0, _literal)})"
     return (
         _function("spring_force", "x", "+".join(filter(None, spring)) or "0.0*x")
         + _function("spring_energy", "x", energy)
@@ -191,6 +192,11 @@ def _contacts(s: System, named: Any) -> str:
         "    (void)x, (void)u, (void)held;\n"
         f"    switch (contact) {{\n{cases}    default: return 0.0;\n    }}\n}}\n"
     )
+
+
+def _literal(key: str, value: float, *meaning: str) -> str:
+    """A number within a formula."""
+    return f"({number(value)})"
 
 
 def _function(name: str, argument: str, formula: str) -> str:

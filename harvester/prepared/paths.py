@@ -33,6 +33,16 @@ def start_state(ready: Prepared, index: int) -> tuple[float, float, float]:
     return displacement, velocity, state
 
 
+def distinct_realizations(ready: Prepared) -> int:
+    """How many of a run's realizations differ: without chance as many as there are starts."""
+    scene = ready.scene
+    if scene.excitation.random or scene.run.starts is not None:
+        return scene.run.realizations
+    placed = scene.start is not None and scene.start.displacement is not None
+    alike = placed or scene.excitation.prescribes_displacement
+    return min(scene.run.realizations, 1 if alike else len(timescales.wells(ready.system)))
+
+
 def noise_path(ready: Prepared, index: int) -> ExcitationPath:
     """The excitation of one realization, at its beginning; the same for every engine."""
     seed = realization_seed(ready.scene.run.seed, index)

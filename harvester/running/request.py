@@ -13,6 +13,7 @@ from harvester.estimates.of_run import run_estimates
 from harvester.estimates.settling import unseen_jump
 from harvester.files.plain_text import nearest
 from harvester.files.serialising import plain
+from harvester.prepared.paths import distinct_realizations
 from harvester.prepared.prepared import prepared
 from harvester.prepared.steps import knot_spacing, step_error
 from harvester.running.realizations import MANY_REALIZATIONS, Realizations, averaging
@@ -107,9 +108,10 @@ class Request:
     @property
     def first(self) -> int:
         """Realizations to begin with."""
-        return self.realizations or (
-            FIRST_REALIZATIONS if self.precision else self.scene.run.realizations
-        )
+        if self.precision:
+            return self.realizations or FIRST_REALIZATIONS
+        wanted = self.realizations or self.scene.run.realizations
+        return min(wanted, distinct_realizations(prepared(self.scene)))
 
 
 @dataclass(frozen=True)

@@ -277,6 +277,11 @@ class Scene:
                 f"{origin}: run.starts = {scene.run.starts}: starts are for an excitation without "
                 "chance, a sine or one pass of a record; under noise set run.realizations"
             )
+        if scene.run.starts is not None and scene.start is not None:
+            raise SceneError(
+                f"{origin}: run.starts = {scene.run.starts} draws where each realization begins: "
+                "leave out the table [start], or run.starts"
+            )
         _check_range(scene, origin)
         _check_sampling(scene, origin)
         return scene

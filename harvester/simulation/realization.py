@@ -313,7 +313,8 @@ def _period(scene):
 def _measured(ready, spacing):
     """When measuring begins (s), and the numbers of batches and groups: whole periods if it can."""
     run, period = ready.scene.run, _period(ready.scene)
-    batches, groups = batch_counts(run.realizations, run.duration / spacing)
+    one_path = period is None and not ready.scene.excitation.random
+    batches, groups = batch_counts(run.realizations, run.duration / spacing, one_path)
     if period is None or period > run.duration:
         return run.settle, batches, groups
     periods = math.floor(run.duration / period + 1e-9)

@@ -12,6 +12,7 @@ from harvester.arguments import listed
 from harvester.device import timescales
 from harvester.errors import HarvesterError, LoadError, SimulationError
 from harvester.files.plain_text import named
+from harvester.prepared.paths import distinct_realizations
 from harvester.prepared.prepared import prepared
 from harvester.prepared.steps import stop_time
 from harvester.scene.model import Scene
@@ -39,7 +40,7 @@ def running(
 
 def copies_that_pay(scene: Scene, engine: Engine, pool: Workers) -> int:
     """Realizations in one call of an engine: those that it is told, else as many as pay."""
-    count = scene.run.realizations
+    count = distinct_realizations(prepared(scene))
     if isinstance(engine, MonteCarlo):
         workers = getattr(pool, "size", math.inf)
         return side_by_side.together(count, workers) if scene.load.is_resistor else 1
@@ -70,7 +71,7 @@ def calls_of(
     stroboscope: bool = False,
 ) -> list[dict[str, Any]]:
     """Arguments of `harvester.simulation.realization.run`, `copies` realizations in each."""
-    indices = range(scene.run.realizations)
+    indices = range(distinct_realizations(prepared(scene)))
     return [
         {
             "scene": scene,
@@ -154,7 +155,8 @@ class Follower:
 
     def __init__(self, scene: Scene, method: str, progress: Callable[[float, str], object]):
         self._method = method
-        self._total = (scene.run.settle + scene.run.duration) * scene.run.realizations
+        count = distinct_realizations(prepared(scene))
+        self._total = (scene.run.settle + scene.run.duration) * count
         self._reached: dict[int, float] = {}
         self._sum = 0.0
         self._progress = progress

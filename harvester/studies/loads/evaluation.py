@@ -13,6 +13,7 @@ from harvester.estimates.estimate import Estimate
 from harvester.estimates.of_run import run_estimates, with_steps
 from harvester.estimates.settling import withheld
 from harvester.method import Method
+from harvester.prepared.paths import distinct_realizations
 from harvester.prepared.prepared import prepared
 from harvester.prepared.steps import step_error
 from harvester.record.moments import Moments
@@ -114,7 +115,7 @@ def evaluating(
         found = _evaluate(scene, method.name, good, ended, cost)
         return found, found.relative_error if found.realizations else 0.0
 
-    most = MOST_REALIZATIONS if precision else scene.run.realizations
+    most = MOST_REALIZATIONS if precision else distinct_realizations(prepared(scene))
     first = FIRST_REALIZATIONS if precision else most
     aim = aim_beside_steps(precision, cost) if precision else None
     found = yield from in_rounds(cut, first, most, aim, judge)

@@ -139,7 +139,8 @@ def _other_starts(objective, place, answer):
     """Values from states drawn over what the motion at the maximum spans, and half as far again."""
     if objective.noisy or not isinstance(objective.method, Engine):
         return ()
-    if objective.scene.excitation.prescribes_displacement:
+    scene = objective.scene
+    if scene.excitation.prescribes_displacement or scene.run.starts is not None:
         return ()
     means = answer.in_units()
     reach = [

@@ -16,15 +16,18 @@ from harvester.files.serialising import plain
 from harvester.files.tables import xarray_or_say
 from harvester.prepared.prepared import prepared
 from harvester.prepared.starts import energy_range
+from harvester.results.orbit import NOT_SETTLED
 from harvester.results.result import unit_of
 from harvester.scene.model import Scene
 from harvester.show.panels import entitle
-from harvester.studies.orbits.following import NOT_SETTLED, Orbit
+from harvester.studies.orbits.following import Orbit
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
     from xarray import Dataset
 
+# Starts a side: a million in all, as many as `run.starts` takes.
+MOST_POINTS = 1000
 # Orbits that a figure names.
 MOST_NAMED = 10
 COLOURS = (
@@ -152,9 +155,7 @@ def orbit_table(orbits: Sequence[Orbit], unit: Any) -> tuple[list[str], list[lis
             f"{each.mean_power:.5g}",
             f"{each.rms_voltage:.5g}",
             f"{each.rms_displacement:.5g}",
-            "—"
-            if each.lyapunov is None
-            else f"{each.lyapunov.exponent:.3g} ± {each.lyapunov.standard_error:.2g}",
+            "—" if each.lyapunov is None else str(each.lyapunov),
         ]
         for each in orbits
     ]
@@ -208,6 +209,8 @@ def axes_of_starts(
     """
     ready = prepared(scene)
     span = energy_range(ready)
+    if points > MOST_POINTS:
+        raise HarvesterError(f"--points {points}: at most {MOST_POINTS} starts a side")
     default = {
         "displacement": (span.low, span.high),
         "velocity": (-span.speed, span.speed),

@@ -6,6 +6,7 @@ there is one.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Generator
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
@@ -26,12 +27,8 @@ from harvester.scene.model import Scene
 from harvester.show.palette import CIRCUIT, MONTE_CARLO
 from harvester.show.panels import Panel, Series, draw_panels
 from harvester.show.symbols import key_label
-from harvester.studies.orbits.following import (
-    SAMPLES,
-    follow,
-    forced,
-    periods_of,
-)
+from harvester.simulation.following import follow, forced
+from harvester.studies.orbits.following import SAMPLES, periods_of
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -45,6 +42,8 @@ PLACES_TOGETHER = 25
 # of its greatest displacement, and in units of the two changes before or behind it, whichever are
 # less: chaos changes everywhere.
 JUMP_SHARE, JUMP_RATIO, NEARBY = 0.1, 4.0, 2
+# Values of one direction that a table shows; files hold all.
+MOST_VALUES_SHOWN = 25
 # Tables of a scene that no place depends on.
 UNUSED_TABLES = ("run", "start")
 COLOURS = {"up": CIRCUIT, "down": MONTE_CARLO}
@@ -132,9 +131,20 @@ class Bifurcation:
         return unit_of(self.scene, dimension)
 
     def table(self) -> tuple[list[str], list[list[str]]]:
-        """Header and rows, as text."""
+        """Header and rows, as text; of many values some, and both sides of each jump."""
         header, rows = self.data()
-        return header, [[row[0], f"{row[1]:.6g}", row[2], *map(_text, row[3:])] for row in rows]
+        ends = {(each.direction, end) for each in self.jumps for end in (each.before, each.after)}
+        shown = {*self.values[:: self._every].tolist(), float(self.values[-1])}
+        return header, [
+            [row[0], f"{row[1]:.6g}", row[2], *map(_text, row[3:])]
+            for row in rows
+            if row[1] in shown or tuple(row[:2]) in ends
+        ]
+
+    @property
+    def _every(self):
+        """Of how many values a table shows one."""
+        return math.ceil(self.values.size / MOST_VALUES_SHOWN)
 
     def data(self) -> tuple[list[str], list[list[Any]]]:
         """Header and rows of numbers, in the scene's units."""
@@ -180,6 +190,11 @@ class Bifurcation:
             f"from {each.power_before:.4g} to {each.power_after:.4g} {power}"
             for each in self.jumps
         ]
+        if self._every > 1:
+            lines.append(
+                f"the table has one of {self._every} values and both sides of each jump; the CSV "
+                "file that --output writes has all"
+            )
         if self.scene.load.circuit and not self.scene.load.is_resistor:
             lines.append("a load's own stores begin at each place as its netlist says")
         lines += [f"{place}: {why}" for place, why in self.failures.items()]
