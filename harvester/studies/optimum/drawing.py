@@ -18,6 +18,8 @@ if TYPE_CHECKING:
 
     from harvester.studies.optimum.result import Optimum
 
+# Points of print from a place searched to the maximum that was found at it.
+APART = 6.0
 SEARCHED, MAXIMUM, OWN = "0.6", MONTE_CARLO, CIRCUIT
 
 
@@ -44,9 +46,9 @@ def _panel(found, each):
     bars = [INTERVAL * (value.standard_error or 0.0) for value in searched]
     top = found.value.times(factor)
     height = INTERVAL * (top.standard_error or 0.0)
-    maximum = Series(
-        [each.place], [top.estimate], "maximum", MAXIMUM, "", "*", bars=[height], size=8
-    )
+    # Beside the place searched there, which it would hide.
+    look = {"bars": [height], "size": 8.0, "shift": APART}
+    maximum = Series([each.place], [top.estimate], "maximum", MAXIMUM, "", "*", **look)
     return Panel(
         x_label=key_label(key, found.scene.units),
         y_label=f"{found.quantity.replace('_', ' ')} [{unit or '1'}]",
