@@ -195,8 +195,8 @@ def _header(before, scene, netlist, scales):
     """The netlist's first part, with what a reader by hand needs to know."""
     title, rest = before.split("\n", 1)
     lines = [
-        *licence.EXPORTED,
         f"Run it with: ngspice -b -r {quote(scene.name + '.raw')} {quote(scene.name + '.cir')}",
+        *licence.EXPORTED,
         *_reading(scene, netlist, scales),
         f"i(@inoise[current]): {_noise_unit(scene, netlist)}",
     ]

@@ -111,7 +111,7 @@ class Request:
         if self.precision:
             return self.realizations or FIRST_REALIZATIONS
         wanted = self.realizations or self.scene.run.realizations
-        return min(wanted, distinct_realizations(prepared(self.scene)))
+        return distinct_realizations(prepared(self.scene), wanted)
 
 
 @dataclass(frozen=True)
