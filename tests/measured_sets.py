@@ -22,6 +22,8 @@ FAULTS = (
     "mislabelled frequency",
     "swapped sign",
 )
+# Beside the faults of which a verdict is asked; new kinds stand behind the others.
+KINDS = (*FAULTS, "voltage highpass")
 NOISE, DURATION, SETTLED, LINES = 0.004, 30.0, 15.0, 40
 # Of the length, where a spring softens: the widest motion.
 WIDE = 0.7
@@ -99,8 +101,11 @@ def solved(parts, sines, load, start, times, stopper=None, corner=None):
 
 
 def a_set(seed, fault=None, noise=False):
-    """The scene to begin with, off the truth, and three records; `fault` is one of `FAULTS`."""
-    random = np.random.default_rng([seed, FAULTS.index(fault) if fault else 99])
+    """The scene to begin with, off the truth, three records, the truth, and the sensor's corner.
+
+    `fault` is one of `KINDS`; the corner is in Hz.
+    """
+    random = np.random.default_rng([seed, KINDS.index(fault) if fault else 99])
     parts = device(random, fault)
     mass, damping, force, piezo, load, frequency, length, where = parts
     bistable = where > 0.0
@@ -109,7 +114,7 @@ def a_set(seed, fault=None, noise=False):
     corner = frequency * {
         "highpass": random.uniform(0.05, 0.15),
         "lowpass": random.uniform(4, 8),
-    }.get(fault, 0.0)
+    }.get("highpass" if fault == "voltage highpass" else fault, 0.0)
     records, start = [], where
     for number, share in enumerate((0.03, 0.06, 0.12)):
         level = size * share * (0.7 if noise else 0.35)
@@ -127,7 +132,7 @@ def a_set(seed, fault=None, noise=False):
         "piezo.capacitance": piezo["piezo"]["capacitance"] * random.uniform(0.8, 1.25),
     }
     changes = {**known, "length_scale": length} if bistable else known
-    return truth.replace(changes), records, truth
+    return truth.replace(changes), records, truth, corner
 
 
 def _widened(parts, sines, load, rate, reach):
@@ -154,11 +159,13 @@ def _record(random, parts, sines, load, start, rate, fault, number, corner):
     if fault == "missing stopper":
         quiet = solved(parts, sines, load, start, wanted)[0][1:]
         stopper = (0.8 * np.abs(quiet).max(), 5.0 * abs(parts[2][1]) / math.sqrt(length))
-    low = corner if fault == "lowpass" else None
+    low = corner if fault in ("lowpass", "voltage highpass") else None
     _, v, voltage, behind = solved(parts, sines, load, start, wanted, stopper, low)[:, 1:]
     gain = (lambda f: 1j * f / (corner + 1j * f)) if fault == "highpass" else None
     base = summed(sines, times, gain)
-    columns = {"voltage": behind if low else voltage}
+    columns = {"voltage": behind if fault == "lowpass" else voltage}
+    if fault == "voltage highpass":
+        columns["voltage"] = voltage - behind
     if fault == "absolute velocity":
         columns["velocity"] = v - _velocity(sines, times)
     if fault == "swapped sign":

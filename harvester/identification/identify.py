@@ -155,8 +155,8 @@ def identify(
     follow(MODELS_BEGIN, "other models")
     sizes = fitted_sizes(base, measurements)
     left = misfits(base)
-    if worst(left):
-        moved = moved_by_records(base.shooting, base.fit)
+    if base.settled and worst(left):
+        moved = moved_by_records(base.shooting, base.fit, len(base.settled.edges))
         base = base.with_covariance(base.covariance + moved)
     found = [Candidate("as given", base, 0.0, 0.0)]
     if compare and any(each.acceleration is not None for each in measurements):

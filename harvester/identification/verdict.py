@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
-from harvester.identification.candidates import SURE, Candidate, proposed
+from harvester.identification.candidates import SURE, Candidate, proposed, rivals
 from harvester.identification.consistency import Misfit, worst
 from harvester.identification.proof import Whiteness, sensor_noise
 from harvester.show.numbers import share_with_error
@@ -73,7 +73,7 @@ def verdict(
         return Verdict(
             "wrong",
             f"the model is wrong: {said}; {best.name} leaves {best.fitted.nrmse:.2%} and is "
-            f"proposed instead{_freed(best, base)}{claims}",
+            f"proposed instead{_freed(best, base)}{_rivals(found, base)}{claims}",
         )
     fault = _fault(base, whiteness, misfits, kept)
     if fault is not None:
@@ -118,6 +118,14 @@ def _freed(best, base):
     values = dict(zip(best.fitted.keys, best.fitted.values, strict=True))
     sensors = [key for key in values if key.startswith("sensor.") and key not in base.keys]
     return "".join(f" ({key} = {values[key]:.4g}, to be freed by --free {key})" for key in sensors)
+
+
+def _rivals(found, base):
+    """Other models that the records do not tell from the proposed one, in words."""
+    names = [f"{each.name}{_freed(each, base)}" for each in rivals(found)]
+    if not names:
+        return ""
+    return f"; the records do not tell it from {' nor from '.join(names)}"
 
 
 def _claims(kept):

@@ -22,7 +22,7 @@ TIMES = np.arange(6000) / RATE
 
 def word(seed, fault=None):
     """The verdict's word on a set; of sines, or of noise where the seed is odd."""
-    scene, records, _ = a_set(seed, fault, noise=seed % 2 == 1)
+    scene, records, *_ = a_set(seed, fault, noise=seed % 2 == 1)
     try:
         return identify(scene, records, compare=False).verdict.word
     except HarvesterError:
@@ -58,7 +58,7 @@ def test_leaving_records_out_gives_the_variance_of_a_mean_of_means():
     shooting.sizes = np.array([1.0])
     edges = [np.array([0, samples])] * 4
     fit = Fit(np.array([means.mean()]), edges, [], [], grams=grams)
-    found = moved_by_records(shooting, fit)[0, 0]
+    found = moved_by_records(shooting, fit, 4)[0, 0]
     wanted = np.var(means, ddof=1) / 4 * (t.ppf(0.975, 3) / HALF_INTERVAL) ** 2
     assert found == pytest.approx(wanted, rel=1e-3)
 
