@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from copy import copy
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any
 
@@ -134,7 +135,9 @@ class Responses:
 
     def with_keys(self, keys: Sequence[str]) -> Responses:
         """The same experiments with other unknowns."""
-        return Responses(self.experiments, keys, self.interpolation, self.length)
+        other = copy(self)
+        other.keys = list(keys)
+        return other
 
     def device(self, number: int, values: np.ndarray) -> tuple[System, Scales] | None:
         """Scaled equations of one experiment; None where the scene refuses the values."""
