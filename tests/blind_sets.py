@@ -1,6 +1,6 @@
 """Verdicts on right and on faulty sets that are drawn anew: a table of what is said of each kind.
 
-    python tests/blind_sets.py SEED COUNT
+    PYTHONPATH=tests python -m blind_sets SEED COUNT
 
 Kind, excitation, strength, device, load and sensors are drawn from the seed.
 """
