@@ -27,31 +27,35 @@ if TYPE_CHECKING:
 
     from harvester.prepared.prepared import Prepared
 
-# Steps set from outside: a tight tolerance for Newton, none for the local error (trtol).
+# Options for steps that are set from outside: a tight tolerance for Newton's iterations, and none
+# for the local error (trtol).
 FIXED_STEP = "reltol=1e-10 vntol=1e-11 trtol=1e9"
 # Integrators by name, as ngspice calls them.
 INTEGRATORS = {"trapezoidal": "trap", "gear": "gear"}
-# With diodes Newton needs many iterations where one turns on: a step that it gives up is tried
-# again at an eighth, where the rounding of a large capacitor's current is eight times worse.
+# Newton's tolerance with diodes. Where one turns on many iterations are needed; a failed step is
+# repeated at an eighth of its length, where the rounding of a large capacitor's current is eight
+# times larger.
 RECTIFIER_NEWTON = 1e-6
 RECTIFIER_STEP = f"reltol={RECTIFIER_NEWTON!r} trtol=1e9 itl4=100"
-# Steps of a load that switches are short, and in them the rounding of a large capacitor's current
-# moves what is held by stray capacitances alone: Newton's tolerance is so many times that, between
-# a rectifier's and the greatest.
+# A load that switches has short steps, in which the rounding of a large capacitor's current moves
+# nodes that only stray capacitances hold. Newton's tolerance is ROUNDING_MARGIN times this
+# rounding, between the value for rectifiers and the greatest.
 ROUNDING_MARGIN, GREATEST_NEWTON = 10.0, 1e-4
-# The local error of a load that may jump.
+# Tolerance of the local error for loads that may jump.
 LOAD_TOLERANCE = 1e-5
-# ngspice's own relative tolerance.
+# ngspice's default relative tolerance.
 OWN_TOLERANCE = 1e-3
-# Charge (C) whose error counts in a load that oscillates by itself, before a third: ngspice's own.
+# Smallest charge (C) whose error counts in a load that oscillates by itself: a third of ngspice's
+# default.
 OWN_CHARGE = 3e-15
-# Steps. ngspice 46 never ends a shorter run: its least step, 1e-11 of the longest one, is then more
-# than what it takes for equal at the end.
+# Fewest steps of a run. ngspice 46 never ends a shorter one: its smallest step, 1e-11 of the
+# longest, then exceeds the tolerance by which it recognises the end.
 SHORTEST_RUN = 1000
-# ngspice takes its first steps by backward Euler, which costs a mass at speed energy: they are this
-# share of the usual one. So is the printing interval, where ngspice falls back to first order too.
+# ngspice takes its first steps by backward Euler, which takes energy from a moving mass. These
+# steps are this share of the usual one. So is the printing interval, at which ngspice returns to
+# first order too.
 FIRST_ORDER_SHARE = 1e-3
-# Share of one scaled volt below which the load's voltages do not shorten a step.
+# Voltages of the load below this share of one scaled volt do not shorten a step.
 SMALL_VOLTAGE = 1e-3
 
 
@@ -232,14 +236,14 @@ def assemble(
         if isinstance(scene.excitation, PrescribedDisplacement):
             elements.add_prescribed_displacement(place, rate, scene.excitation, scales, electrical)
         elif compiled:
-            verilog.add_device(place)
+            verilog.add_device(place, electrical)
         else:
             _add_mechanics(place, system, rate, length, start)
         parts = verilog.left_out(electrical) if compiled else electrical.elements
         elements.add_transducer(place, parts, rate, scales, start[2], pace)
         if not scene.excitation.prescribes_displacement:
             elements.add_pace(place, rate, pace, start)
-            elements.add_excitation(place, waveform)
+            elements.add_excitation(place, waveform, electrical)
         if load:
             elements.add_load(place, load, electrical, named and load.is_plain)
         else:
@@ -249,7 +253,8 @@ def assemble(
         add_device(circuit, starts[0])
         prefixes: tuple[str, ...] = ("",)
     else:
-        # The wells differ in where they lie and in how far they press a mass onto a stopper.
+        # Each copy has its own start. With held speeds it also has its own compression of a stopper
+        # at the start.
         own = {"start": 0, "held": 3} if elements.holding(system) else {"start": 0}
         device = SubCircuit("device", "ground", **dict.fromkeys(own, elements.number(0.0)))
         add_device(device, ("{start}", *starts[0][1:3], "{held}"))
@@ -266,11 +271,12 @@ def assemble(
     measured: Any = (electrical.power_unit,) if electrical.current_per_ampere > 0.0 else ()
     pins, capacitance = elements.load_pins(electrical), electrical.reference_capacitance
     if load and load.resistance is None:
-        # No step is to follow a stray capacitance's charge or what rings on in an idle coil.
+        # Charges and fluxes below this do not shorten steps: those of stray capacitances and of
+        # idle coils.
         stray = elements.STRAY_SHARE * capacitance
         charge = stray * scales.voltage
         if load.own_motion.oscillates:
-            # What it stores may be as little.
+            # A load that oscillates may store as little as that.
             charge = min(charge, OWN_CHARGE)
         options += (
             f" chgtol={elements.number(3.0 * charge)} abstol={elements.number(charge * rate)}"
@@ -278,7 +284,7 @@ def assemble(
         across = load.across_output
         measured = (electrical.power_unit, part_values.conductance(across),
                     part_values.capacitance(across))  # fmt: skip
-    # The load was vetted when the scene was read.
+    # The load was checked when the scene was read.
     if load:
         text += load.text if named and load.is_plain else load.run_text
     stop = stop_time(ready)
@@ -342,7 +348,7 @@ def _state_vector(electrical):
 
 
 def _resistance(load):
-    """Of the built-in resistor (Ω); 1/λ in scaled scenes, whose capacitance is 1."""
+    """The resistance of the built-in resistor (Ω); 1/λ in scaled scenes, whose capacitance is 1."""
     return load.resistance or 1.0 / load.decay_rate
 
 

@@ -29,13 +29,16 @@ if TYPE_CHECKING:
     from harvester.excitation.prescribed import PrescribedDisplacement
     from harvester.scene.units import Scales
 
-# Node `noise` is there only where the displacement is prescribed: elsewhere the noise is a current.
+# Before the velocity, where the noise's current is measured for what else it drives; only there.
+EXCITED, EXCITATION = "excited", "excitation"
+# Node `noise` exists only if the displacement is prescribed. Otherwise the noise is a current.
 DISPLACEMENT, VELOCITY, NOISE, HELD = "displacement", "velocity", "noise", "held_speed"
-# The load's DC side, and ngspice's name of the current through the ammeter before the load.
+# Nodes of the load's DC side, and ngspice's name of the current through the ammeter before the
+# load.
 OUTPUT, REFERENCE, LOAD_CURRENT = "load_out", "load_ref", f"v{LOAD_AMMETER}#branch"
 # Stray capacitance of each output node, as a share of the transducer's.
 STRAY_SHARE = 1e-6
-# Follows the impact speed that `HELD` holds, a step behind.
+# Node that follows the held impact speed (`HELD`) one step later.
 LAGGING = "lagging_speed"
 X, U, H = f"v({DISPLACEMENT})", f"v({VELOCITY})", f"v({HELD})"
 
@@ -70,7 +73,7 @@ def add_oscillator(circuit: Circuit, s: System, rate: float, start: tuple[str, .
 
 
 def pace_of(angle: float) -> float:
-    """By how much faster a clock lets the trapezoidal rule take a swing of ω h exactly.
+    """The clock's factor that makes the trapezoidal rule exact for an oscillation of ω h.
 
     The rule takes the frequency ω for one less by (ωh)²/12, which near a resonance is as much as
     its width. It takes tan(ωh/2)/(ωh/2) ω for ω.
@@ -86,9 +89,18 @@ def add_pace(circuit: Circuit, rate: float, pace: float, start: tuple[str, ...])
         circuit.C("velocity_pace", VELOCITY, circuit.gnd, less, ic=start[1])
 
 
-def add_excitation(circuit: Circuit, waveform: str) -> None:
+def excited_node(network: Network) -> str:
+    """The node into which the noise flows: the velocity, or an ammeter's before it."""
+    driven = any(each.kind == "base voltage" for each in network.elements)
+    return EXCITED if driven else VELOCITY
+
+
+def add_excitation(circuit: Circuit, waveform: str, network: Network) -> None:
     """Base acceleration over ω² as a current; `waveform` is `external` or a PWL."""
-    circuit.I("noise", circuit.gnd, VELOCITY, waveform)
+    node = excited_node(network)
+    circuit.I("noise", circuit.gnd, node, waveform)
+    if node != VELOCITY:
+        circuit.V(EXCITATION, node, VELOCITY, number(0.0))
 
 
 def add_prescribed_displacement(
@@ -206,10 +218,10 @@ def add_transducer(
     """Elements of a transducer's network; `state` is the volts or amperes it begins with, as text.
 
     A source that moves with the mass is controlled by the velocity, and a force is a current out of
-    it (Eq. 4). The charge that the mass moves goes at its `pace`.
+    it (Eq. 4). The charge that the mass moves goes at its `pace`, by which the excitation is less.
     """
     for each in elements:
-        gain = pace if each.kind == "moving current" else 1.0
+        gain = pace if each.kind in ("moving current", "base voltage") else 1.0
         each = each._replace(value=each.value * gain)
         _add_element(circuit, each, rate, scales, state or number(0.0))
 
@@ -230,6 +242,9 @@ def _add_element(circuit: Circuit, each: Element, rate: float, scales: Scales, s
     elif each.kind == "moving current":
         source = circuit.VoltageControlledCurrentSource
         source(each.name, each.minus, each.plus, VELOCITY, gnd, number(each.value * rate))
+    elif each.kind == "base voltage":
+        gain = number(each.value * rate**2)
+        circuit.CurrentControlledVoltageSource(*ends, f"V{EXCITATION}", gain)
     elif each.kind == "force of voltage":
         gain = number(_force_gain(each, rate, scales))
         source = circuit.VoltageControlledCurrentSource

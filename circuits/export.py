@@ -17,7 +17,9 @@ from circuits.assembly import (
 )
 from circuits.ltspice import DIFFERENCES, to_ltspice
 from harvester.device import timescales
+from harvester.device.piezo import BASE
 from harvester.errors import NetlistError
+from harvester.files import licence
 from harvester.prepared.steps import REJECTING_STEPS, knot_spacing, steps_per_knot
 
 if TYPE_CHECKING:
@@ -27,7 +29,7 @@ if TYPE_CHECKING:
 
 POINTS_PER_LINE = 4
 FEWEST_STEPS_PER_CONTACT = 10
-# Points of the noise that a netlist holds: some 40 MB, which ngspice reads at half a millisecond a
+# Most points of noise in a netlist. They are about 40 MB, and cost ngspice half a millisecond per
 # step.
 MOST_KNOTS = 1_000_000
 
@@ -84,7 +86,7 @@ def stand_alone(
         "+ " + " ".join(points[start : start + POINTS_PER_LINE])
         for start in range(0, len(points), POINTS_PER_LINE)
     ]
-    source = f"Inoise 0 {elements.VELOCITY} PWL"
+    source = f"Inoise 0 {elements.excited_node(ready.network)} PWL"
     before, after = netlist.text.split(source, 1)
     text = "".join(
         [
@@ -128,16 +130,17 @@ def for_ltspice(
     netlist, scales, points = _assembled(ready, path, start, step)
     scene, text = ready.scene, netlist.text
     if points is not None:
-        source = f"Inoise 0 {elements.VELOCITY} PWL"
+        source = f"Inoise 0 {elements.excited_node(ready.network)} PWL"
         text = text.replace(source, f'{source} file="{noise_file}"', 1)
     header = [
         f"harvester scene {scene.name}, for LTspice: harvester netlist writes it for ngspice",
+        *licence.EXPORTED,
         *_reading(scene, netlist, scales),
         f"I(Inoise): {_noise_unit(scene, netlist)}",
         "Other than in ngspice:",
         *DIFFERENCES,
     ]
-    # LTspice may read a file as one-byte characters.
+    # LTspice may read a file in a one-byte encoding.
     said = "".join(f"* {line}\n" for line in header).replace("η", "eta")
     noise = None if points is None else "\n".join(points) + "\n"
     return said + to_ltspice(text) + ".end\n", noise
@@ -193,6 +196,7 @@ def _header(before, scene, netlist, scales):
     title, rest = before.split("\n", 1)
     lines = [
         f"Run it with: ngspice -b -r {quote(scene.name + '.raw')} {quote(scene.name + '.cir')}",
+        *licence.EXPORTED,
         *_reading(scene, netlist, scales),
         f"i(@inoise[current]): {_noise_unit(scene, netlist)}",
     ]
@@ -202,10 +206,13 @@ def _header(before, scene, netlist, scales):
 def _reading(scene, netlist, scales):
     """How the nodes read."""
     si = scene.units == "SI"
+    volts = "volts" if si else "scaled"
+    shaken = f"v({BASE}): what the base's acceleration adds in series with the piezo, {volts}"
     return [
         f"v(displacement): X in units of {scales.displacement:g} {'m' if si else '(scaled)'}",
         f"v(velocity): X' over {netlist.rate!r} per second",
-        f"v({netlist.terminal}): terminal voltage, {'volts' if si else 'scaled'}",
+        f"v({netlist.terminal}): terminal voltage, {volts}",
+        *([shaken] if "\nHbase_charge " in netlist.text else []),
     ]
 
 

@@ -18,7 +18,7 @@ from circuits.loads.expression import (
 from circuits.loads.reader import statements
 from harvester.errors import NetlistError
 
-# Of a B source itself; `temper` is ngspice's name of the last.
+# Variables of a B source. ngspice calls the last one `temper`.
 VARIABLES = {"time", "pi", "temp"}
 DIFFERENCES = (
     "the noise is read from a file beside this one (PWL file=), not written out here",

@@ -7,15 +7,17 @@ from __future__ import annotations
 
 import hashlib
 import re
+from collections.abc import Callable
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 from circuits import elements
 from circuits.elements import DISPLACEMENT, VELOCITY, holding, number
 from harvester.device import contact as contacts
 from harvester.device.damper import drag_formula
-from harvester.device.piezo import TERMINAL, Piezo
+from harvester.device.piezo import BASE, TERMINAL, PiezoLaw, ShakenPiezo
 from harvester.device.system import System
 from harvester.errors import CompiledDeviceUnavailable
+from harvester.files import licence
 
 if TYPE_CHECKING:
     from PySpice.Spice.Netlist import Circuit
@@ -49,10 +51,16 @@ _HEAD = """\
 //     N1 displacement velocity piezo device
 //
 // The impact velocity held from the moment of contact (`event`) and coils stay behavioural.
+""" + "".join(f"// {line}\n" for line in licence.EXPORTED)
+_BASE_NOTE = """\
+//
+// `base` carries the voltage that the base's acceleration adds in series with Cp, -Q a/Cp with a
+// charge of Q a on the terminals: modes of a beam that follow the base at once. A source sets it;
+// Cp d/dt (V(piezo) - V(base)) stands in (4b).
 """
-# Longest line of an expression.
+# Longest line of an expression, in characters.
 _WIDTH = 84
-_SIGN = """
+SIGN = """
     analog function real sgn;
         input value;
         real value;
@@ -61,7 +69,7 @@ _SIGN = """
 """
 
 
-# Elements of a piezo's network that a module holds.
+# Elements of a piezo's network that stand in a module.
 HELD = ("piezo", "charge", "back_action")
 
 
@@ -103,7 +111,7 @@ def module(
         return key
 
     parameter("rate", rate, "rad/s", "(0:inf)")
-    lines = _mechanics(system, rate, parameter)
+    lines = mechanics(system, rate, parameter)
     volts, charge, capacitance = side or Side()
     back_action = system.transducer.coupling / rate**2 / volts
     parameter("coupling", back_action, "beta/rate^2 per scaled volt", "[0:inf)")
@@ -118,14 +126,39 @@ def module(
         for key, (bounds, said) in described.items()
     )
     body = "".join(f"        {line}\n" for line in lines)
-    name = name or f"{NAME}_{hashlib.sha256((declared + body).encode()).hexdigest()[:12]}"
-    sign = _SIGN if "sgn(" in body else ""
-    text = _TEXT.format(head=_HEAD, name=name, declared=declared, body=body, sign=sign)
+    note, nodes, plates = "", "", "V(piezo)"
+    if isinstance(system.transducer, ShakenPiezo):
+        note, nodes, plates = _BASE_NOTE, f", {BASE}", f"V(piezo) - V({BASE})"
+    digest = hashlib.sha256((declared + body + nodes).encode()).hexdigest()
+    name = name or f"{NAME}_{digest[:12]}"
+    text = _TEXT.format(
+        head=_HEAD + note,
+        name=name,
+        declared=declared,
+        body=body,
+        sign=SIGN if "sgn(" in body else "",
+        nodes=nodes,
+        plates=plates,
+    )
     return name, text, values
 
 
-def _mechanics(system, rate, parameter):
-    """Statements that set `push`, the forces of spring, damper and contacts over rate²."""
+def mechanics(
+    system: System, rate: float, parameter: Callable, x: str = "x", u: str = "u", **own: Any
+) -> list[str]:
+    """Statements that set `push`, the forces of spring, damper and contacts over rate².
+
+    Parameters
+    ----------
+    system : harvester.device.system.System
+    rate : float
+    parameter : callable
+        Turns (name, value, meaning, range) into the text of a number.
+    x, u : str
+        Names of X and X'/rate.
+    **own
+        Of `harvester.device.contact.formulas`.
+    """
 
     def over_square(key, value, meaning):
         return parameter(key, value / rate**2, meaning)
@@ -133,19 +166,19 @@ def _mechanics(system, rate, parameter):
     tilt, linear = system.spring.line
     damping = parameter("damping", system.damper.damping / rate, "c/rate", "[0:inf)")
     terms = [
-        f"{damping}*u",
+        f"{damping}*{u}",
         over_square("tilt", tilt, "F(0)/rate^2") if tilt != 0.0 else "",
-        f"{over_square('linear_stiffness', linear, 'k1/rate^2')}*x" if linear != 0.0 else "",
-        system.spring.nonlinear_formula("x", rate, parameter),
-        drag_formula(system.damper, "u", parameter),
+        f"{over_square('linear_stiffness', linear, 'k1/rate^2')}*{x}" if linear != 0.0 else "",
+        system.spring.nonlinear_formula(x, rate, parameter),
+        drag_formula(system.damper, u, parameter),
     ]
     lines = _wrapped(f"push = {' + '.join(filter(None, terms))};")
     for name, contact in elements.named_contacts(system):
 
-        def own(key, value, *description, name=name):
+        def of_contact(key, value, *description, name=name):
             return parameter(f"{name}_{key}", value, *description)
 
-        condition, force = contacts.formulas(contact, system.spring, "x", "u", rate, own)
+        condition, force = contacts.formulas(contact, system.spring, x, u, rate, of_contact, **own)
         lines += [f"if ({condition})", *_wrapped(f"    push = push + {force};")]
     return lines
 
@@ -164,9 +197,9 @@ _TEXT = """\
 {head}
 `include "disciplines.vams"
 
-module {name}(displacement, velocity, piezo);
-    inout displacement, velocity, piezo;
-    electrical displacement, velocity, piezo;
+module {name}(displacement, velocity, piezo{nodes});
+    inout displacement, velocity, piezo{nodes};
+    electrical displacement, velocity, piezo{nodes};
 
 {declared}
     real x, u, push;
@@ -179,15 +212,16 @@ module {name}(displacement, velocity, piezo);
 {body}
         I(displacement) <+ ddt(x / rate) - u;
         I(velocity) <+ ddt(u / rate) + push + coupling * V(piezo);  // (4a)
-        I(piezo) <+ capacitance * ddt(V(piezo)) - charge * rate * u;  // (4b)
+        I(piezo) <+ capacitance * ddt({plates}) - charge * rate * u;  // (4b)
     end
 endmodule
 """
 
 
-def add_device(circuit: Circuit) -> None:
+def add_device(circuit: Circuit, network: Network) -> None:
     """One copy between the nodes that `circuits.elements` names, the load's side included."""
-    circuit.raw_spice += f"Nharvester {DISPLACEMENT} {VELOCITY} {TERMINAL} {MODEL}\n"
+    ends = (DISPLACEMENT, VELOCITY, TERMINAL, *({BASE} & network.nodes))
+    circuit.raw_spice += f"Nharvester {' '.join(ends)} {MODEL}\n"
 
 
 def left_out(network: Network) -> list:
@@ -243,6 +277,6 @@ def module_of(system: System) -> tuple[str, str]:
         raise CompiledDeviceUnavailable(
             'the compiled device has no stoppers.impact_velocity = "event"'
         )
-    if not isinstance(system.transducer, Piezo):
+    if not isinstance(system.transducer, PiezoLaw):
         raise CompiledDeviceUnavailable("the compiled device has a piezo only")
     return module(system)[:2]

@@ -20,7 +20,8 @@ from harvester.version import __version__
 
 install()
 
-# As `typing` has it, which a worker process cannot import yet: see `harvester.workers.isolation`.
+# Type checkers take this for `typing.TYPE_CHECKING`. A worker process cannot import `typing` yet:
+# see `harvester.workers.isolation`.
 TYPE_CHECKING = False
 if TYPE_CHECKING:
     from circuits.schematic.drawing import schematic as schematic
@@ -30,6 +31,7 @@ if TYPE_CHECKING:
     from harvester.errors import CompiledDeviceUnavailable as CompiledDeviceUnavailable
     from harvester.errors import EnergyNotBalanced as EnergyNotBalanced
     from harvester.errors import EngineNotFound as EngineNotFound
+    from harvester.errors import ExportError as ExportError
     from harvester.errors import FolderInUse as FolderInUse
     from harvester.errors import HarvesterError as HarvesterError
     from harvester.errors import IdentificationError as IdentificationError
@@ -51,6 +53,7 @@ if TYPE_CHECKING:
     from harvester.errors import UnknownOption as UnknownOption
     from harvester.errors import UnknownQuantity as UnknownQuantity
     from harvester.explorer.explorer import explore as explore
+    from harvester.export.coupled import coupled as coupled
     from harvester.identification.identify import identify as identify
     from harvester.identification.measured_impedance import MeasuredImpedance as MeasuredImpedance
     from harvester.identification.measured_impedance import read_impedance as read_impedance
@@ -84,7 +87,8 @@ if TYPE_CHECKING:
     from harvester.verification.paper.reproduce import reproduce as reproduce
     from harvester.verification.stability.matrix import stability as stability
 
-# The same again, imported where it is first used, so that `import harvester` stays light.
+# Where each public name stands. It is imported at its first use, so that `import harvester` stays
+# light.
 _WHERE = {
     "Scene": "harvester.scene.model",
     "Result": "harvester.results.result",
@@ -95,6 +99,7 @@ _WHERE = {
     "Stationary": "harvester.averaging.method",
     "validate": "harvester.studies.public",
     "explore": "harvester.explorer.explorer",
+    "coupled": "harvester.export.coupled",
     "frequency_response": "harvester.studies.public",
     "basins": "harvester.studies.orbits.public",
     "bifurcation": "harvester.studies.orbits.public",
@@ -134,6 +139,7 @@ _WHERE = {
     "CompiledDeviceUnavailable": "harvester.errors",
     "MissingLibrary": "harvester.errors",
     "ProgramNotFound": "harvester.errors",
+    "ExportError": "harvester.errors",
     "OutputError": "harvester.errors",
     "FolderInUse": "harvester.errors",
     "SimulationError": "harvester.errors",
@@ -146,7 +152,7 @@ _WHERE = {
     "OutOfTime": "harvester.errors",
 }
 __all__ = ["__version__", *_WHERE]
-# Former names: where they are, and what took their place. They work for one release more.
+# Former names, with their place and what to use instead. They work for one release more.
 _FORMER = {
     "Report": ("harvester.studies.former", "load_study"),
     "optimum_of_several": ("harvester.studies.former", "optimum"),

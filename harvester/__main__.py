@@ -20,7 +20,8 @@ def main() -> int:
 if __name__ == "__main__":
     import os
 
-    # Python has put the working folder first on the path; nothing there is meant.
+    # Python has put the working folder first on the path. It is removed: nothing is imported from
+    # there.
     if not sys.flags.safe_path and sys.path[0] != os.path.dirname(os.path.dirname(__file__)):
         del sys.path[0]
     sys.exit(main())

@@ -12,9 +12,9 @@ from harvester.files.plain_text import nearest, shown
 if TYPE_CHECKING:
     import numpy as np
 
-# Of a list that is given by what yields its values, which may have no end.
+# Longest list taken from an iterator, which may have no end.
 MOST_VALUES = 100_000
-# numpy's own settings.
+# numpy's defaults for floating-point errors.
 USUAL: dict[str, Any] = {"divide": "warn", "over": "warn", "under": "ignore", "invalid": "warn"}
 
 

@@ -16,10 +16,10 @@ from harvester.signatures import check_options, options_of
 if TYPE_CHECKING:
     from harvester.scene.model import Scene
 
-# Text, so that a module with public functions needs no scene, and with it no numba, to be read.
+# Written as text, so that importing a module with public functions imports no scene and no numba.
 SceneOrName: TypeAlias = Union["Scene", str, Path]
 KEYWORD_ONLY = inspect.Parameter.KEYWORD_ONLY
-# What options were called before one convention held for all functions.
+# Former names of options, with the present ones.
 FORMER_NAMES = {"engine": "method", "closure": "method", "pool": "runner"}
 
 Options = ParamSpec("Options")

@@ -16,9 +16,9 @@ from harvester.files.plain_text import nearest, one_line
 from harvester.files.streams import guarded_streams
 from harvester.version import __version__
 
-# What options were called before one name held for all commands.
+# Former names of options, with the present ones.
 FORMER_OPTIONS = {"--engine": "--method", "--closure": "--method"}
-# More are refused: argparse takes the square of their number to read them.
+# Most words of a call. argparse's time grows with the square of their number.
 MOST_ARGUMENTS = 2000
 WELCOME = """\
 harvester simulates vibration energy harvesters. What to try first:
@@ -49,7 +49,7 @@ def main(arguments: list[str] | None = None) -> int:
     """Run the command line; returns the exit code."""
     arguments = sys.argv[1:] if arguments is None else arguments
     with guarded_streams() as exit_code, warnings.catch_warnings():
-        # The check of the result reports an overflow, in words for whoever ran it.
+        # The check of the result reports overflows in its own words.
         warnings.simplefilter("ignore", RuntimeWarning)
         try:
             return exit_code(_run(arguments))
@@ -83,7 +83,7 @@ def _run(arguments):
     except (MemoryError, ImportError, OSError, RuntimeError) as error:
         if isinstance(error, RuntimeError) and "thread" not in str(error):
             raise
-        # The machine's limits: no memory, too few files, a library that does not load, no thread.
+        # A limit of the machine: no memory, too few files, a library that does not load, no thread.
         reason = str(error).partition("\n")[0] or "no memory left"
         if isinstance(error, RuntimeError):
             reason = "a thread cannot be started; raise the limit (ulimit -a shows it)"
@@ -93,6 +93,8 @@ def _run(arguments):
 
 def _parsed(arguments):
     """The options; one that a command does not have is refused with the nearest."""
+    if arguments[0] == "help":
+        arguments = [*arguments[1:2], "--help"]
     # Only this command's function is imported for its options.
     parser, commands = build_parser(arguments[0])
     options, unknown = parser.parse_known_args(arguments)
@@ -113,7 +115,7 @@ class Parser(argparse.ArgumentParser):
 
     def __init__(self, *arguments: Any, **options: Any) -> None:
         super().__init__(*arguments, **options)
-        # A range such as -0.02:0.02:60 is a value, no option.
+        # A range such as -0.02:0.02:60 is a value and not an option.
         self._negative_number_matcher = re.compile(r"^-\.?\d")
 
     def error(self, message: str) -> NoReturn:
@@ -147,7 +149,8 @@ def build_parser(wanted: str | None = None) -> tuple[Parser, Any]:
             continue
         first, text = about(command.found)
         summaries[command.name] = first
-        # Scripts of shells offer what has a help; `--help` lists commands in groups instead.
+        # Completion scripts list the commands that have a help text. `--help` lists all of them in
+        # groups.
         listed: dict[str, Any] = {"help": first.replace("%", "%%")} if wanted is None else {}
         own = commands.add_parser(
             command.name,
@@ -160,7 +163,7 @@ def build_parser(wanted: str | None = None) -> tuple[Parser, Any]:
             "--quiet", action="store_true", help="show errors only, and what goes to -"
         )
         own.set_defaults(command=command)
-    # argparse knows one list of commands; its epilog holds ours.
+    # argparse can print one list of commands only; the groups stand in its epilog.
     parser.epilog = f"{_in_groups(summaries)}\n\n{EPILOG}"
     return parser, commands
 

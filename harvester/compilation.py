@@ -64,7 +64,7 @@ __all__ = [
 __all__ += ["overload", "register_jitable", "summing", "types", "uncounted", "ziggurat"]
 
 numba_patches.read_no_settings_file()
-# Eight numbers at a time where the processor can: LLVM else keeps to four on some that can.
+# Vectors of eight numbers if the processor has them: by default LLVM uses four on some of these.
 if not numba.core.config.CPU_FEATURES:
     features = llvmlite.binding.get_host_cpu_features()
     if features.get("avx512f"):
@@ -72,7 +72,8 @@ if not numba.core.config.CPU_FEATURES:
 
 numba_patches.keep_own_index()
 numba_patches.wait_for_other_processes()
-# Without it everything is compiled at every start: slower by some seconds, and the same.
+# Without the cache everything is compiled at every start. That takes some seconds and changes no
+# number.
 CACHED = numba_cache.is_safe()
 compiled = partial(njit, cache=CACHED, error_model="numpy")
 uncounted = partial(njit, cache=CACHED, error_model="numpy", **UNCOUNTED)
@@ -193,7 +194,7 @@ def forget_stale_code() -> None:
         stamp.parent.mkdir(exist_ok=True)
         stamp.write_text(digest.hexdigest())
     except OSError:
-        # Not ours to write: numba then keeps its files elsewhere.
+        # The folder may not be written: numba then keeps its files elsewhere.
         return
 
 

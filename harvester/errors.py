@@ -40,6 +40,10 @@ class LoadError(HarvesterError):
     """A method does not know this load."""
 
 
+class ExportError(HarvesterError):
+    """A scene cannot be written as what was asked for."""
+
+
 class OutputError(HarvesterError):
     """A result cannot be written where the user asked for it."""
 

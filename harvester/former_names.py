@@ -8,7 +8,7 @@ import sys
 import warnings
 from importlib.machinery import ModuleSpec
 
-# Both without "harvester." in front.
+# Former and present modules, both without "harvester." in front.
 _MOVED = {
     "engines": "simulation",
     "engines.circuit": "simulation.methods",
@@ -113,7 +113,7 @@ def handed_on(package: str, module: str, name: str) -> object:
     """
     folders = getattr(sys.modules[package], "__path__", ())
     if name.startswith("__") or any(os.path.exists(f"{each}/{name}.py") for each in folders):
-        # A module of the package is asked for here before it is imported.
+        # Python asks here for a submodule before it imports it.
         raise AttributeError(f"module {package!r} has no attribute {name!r}")
     found = getattr(importlib.import_module(module), name)
     warnings.warn(f"{package}.{name} is now {module}.{name}", DeprecationWarning, stacklevel=3)

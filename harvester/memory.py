@@ -10,7 +10,7 @@ import importlib
 import re
 from pathlib import Path
 
-# What is imported inside functions elsewhere.
+# Modules that are imported inside functions elsewhere.
 IMPORTED_LATER = (
     "scipy.linalg",
     "scipy.optimize",
@@ -18,8 +18,8 @@ IMPORTED_LATER = (
     "scipy.sparse.linalg",
     "scipy.stats",
 )
-# Of each limit: the line of /proc/self/status, the shell's name, and how much more than numpy the
-# libraries take, measured with numba 0.68 and scipy 1.18 (bytes).
+# For each limit its line of /proc/self/status, the shell's name for it, and how much more memory
+# than numpy's the libraries take, in bytes, measured with numba 0.68 and scipy 1.18.
 LIMITS = {
     "RLIMIT_AS": ("VmSize", "address space (ulimit -v)", 400 << 20),
     "RLIMIT_DATA": ("VmData", "data (ulimit -d)", 180 << 20),

@@ -33,7 +33,7 @@ class Method(ABC):
 
     @property
     def label(self) -> str:
-        """Its name, and the settings that tell it from another of that name."""
+        """The name of the method, with the settings by which it differs from others."""
         settings = ", ".join(f"{name} {value}" for name, value in self.settings.items())
         return f"{self.name} ({settings})" if settings else self.name
 

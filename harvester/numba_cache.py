@@ -18,8 +18,8 @@ from typing import Any
 
 from harvester.files.surroundings import PACKAGE, who_else_writes
 
-# Packages whose types may stand in the cache: code for a part defined elsewhere is compiled anew in
-# each process, and no other process stumbles over a class that it does not have.
+# The cache holds code for types of these packages only. Code for a part of another package is
+# compiled anew in each process, since other processes may lack that package.
 OWN = ("harvester", "circuits")
 DIGEST_BYTES = hashlib.sha256().digest_size
 
@@ -32,7 +32,7 @@ def keep_environment_usable() -> None:
     """
     os.environ.pop("NUMBA_CACHE_LOCATOR_CLASSES", None)
     with contextlib.suppress(ValueError):
-        # One that is no number numba leaves out by itself.
+        # numba itself ignores a value that is no number.
         if int(os.environ.get("NUMBA_NUM_THREADS", "1")) < 1:
             del os.environ["NUMBA_NUM_THREADS"]
 
@@ -40,7 +40,7 @@ def keep_environment_usable() -> None:
 def plain_file(path: str) -> bytes | None:
     """The bytes of a file; None where there is none, or something that is no file."""
     try:
-        # A pipe that lies there does not block.
+        # O_NONBLOCK: a pipe under this name does not block.
         descriptor = os.open(path, os.O_RDONLY | os.O_NONBLOCK)
         with open(descriptor, "rb") as file:
             if stat.S_ISREG(os.fstat(descriptor).st_mode):
@@ -57,7 +57,7 @@ def begins_with_text(content: bytes) -> bool:
     """Whether a pickled text stands in front, as the version does in an index of any release."""
     try:
         return isinstance(pickle.loads(content), str)
-    # Damaged bytes raise anything.
+    # Damaged bytes may raise anything.
     except Exception:
         return False
 
@@ -85,7 +85,7 @@ def _say_damage(path: str) -> None:
 
 
 _said: list[str] = []
-# Called with the path of a damaged file; a worker process hands it to whom it works for.
+# Called with the path of a damaged file. A worker process passes it on to its caller.
 on_damage: Callable[[str], None] = _say_damage
 
 
@@ -128,7 +128,7 @@ def is_foreign(kind: Any) -> bool:
     if made is not None and made.__module__.partition(".")[0] not in OWN:
         return True
     inner = kind if isinstance(kind, tuple) else getattr(kind, "types", ())
-    # An array, or a pointer.
+    # The type is an array or a pointer.
     if hasattr(kind, "dtype"):
         inner = (*inner, kind.dtype)
     return any(is_foreign(each) for each in inner)

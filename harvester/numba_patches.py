@@ -40,10 +40,10 @@ with away_from_working_folder():
 
 __all__ = ["INLINE", "REPLACED", "TRIED_WITH", "UNCOUNTED", "WITHIN", "ziggurat"]
 TRIED_WITH = "0.68.1"
-# Loops that make and keep no array: counting references costs more than their work.
+# For loops that create no array: reference counting would cost more than their work.
 UNCOUNTED = {"_nrt": False}
 INLINE = {"forceinline": True}
-# Only compiled code calls what is compiled so: an entry for C takes a third as long again.
+# For functions that only compiled code calls: an entry point for C takes a third longer to compile.
 WITHIN = {"no_cfunc_wrapper": True}
 
 
@@ -52,12 +52,12 @@ def digest_of(part: Any) -> str:
     return hashlib.sha256(inspect.getsource(part).encode()).hexdigest()[:16]
 
 
-# What stands in numba before it is replaced or derived from.
+# Functions of numba before they are replaced or derived from.
 ORIGINAL = {
     "numba.core.caching.IndexDataCacheFile": caching.IndexDataCacheFile,
     "numba.core.dispatcher.Dispatcher.compile": dispatcher.Dispatcher.compile,
 }
-# Its source in the release that the patches were tried with.
+# Digests of their source in the release that the patches were tested with.
 REPLACED = {
     "numba.core.caching.IndexDataCacheFile": "953c3b4c113b8f4d",
     "numba.core.dispatcher.Dispatcher.compile": "0ab4aee15e79bb1d",
@@ -66,7 +66,7 @@ REPLACED = {
 
 def read_no_settings_file() -> None:
     """Keep numba from reading `.numba_config.yaml` of the working folder whenever it compiles."""
-    # No name: no file.
+    # An empty name: no settings file is read.
     numba.core.config._config_fname = ""
 
 
@@ -80,7 +80,7 @@ def keep_own_index() -> None:
     class OwnIndex(caching.IndexDataCacheFile):
         def __init__(self, *arguments, **options):
             super().__init__(*arguments, **options)
-            # Files without digests are those of another version.
+            # Files without digests count as files of another version.
             self._version += ", with digests"
 
         def save(self, key, data):
@@ -125,7 +125,8 @@ def wait_for_other_processes() -> None:
         if isinstance(self._cache, caching.NullCache):
             return compile_now(self, signature)
         name = f"{self.py_func.__module__}.{self.py_func.__qualname__}{signature}"
-        # The process's own lock first: of its threads only one then waits for other processes.
+        # The process's own lock comes first, so that only one of its threads waits for other
+        # processes.
         with global_compiler_lock, numba_cache.alone(Path(self._cache.cache_path), name):
             return compile_now(self, signature)
 

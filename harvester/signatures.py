@@ -23,7 +23,7 @@ from harvester.files.numbers import NotANumber, number
 from harvester.files.plain_text import named, shown
 from harvester.method import Method
 
-# Longest list that the ends of a grid may ask for.
+# Longest list of numbers that a grid such as 1:10:log:50 may give.
 MOST_NUMBERS = 100_000
 
 
@@ -177,14 +177,14 @@ def records_of(groups: list[list[str]], option: str) -> list[tuple[str, dict[str
             name, _, value = (part.strip() for part in word.partition("="))
             if not name or not value:
                 raise HarvesterError(f"{option} {named(word)}: write a setting as NAME=VALUE")
-            # A key of the scene has a number, a column may have any name.
+            # Keys of the scene take numbers, columns any name.
             settings = files[-1][1]
             settings[name] = value
             with contextlib.suppress(ValueError):
                 settings[name] = number(value) if "." in name else value
     seen: list[tuple[str, dict[str, Any]]] = []
     for file, settings in files:
-        # One file has several names: ./shaker.csv, a link.
+        # One file may have several names, such as shaker.csv, ./shaker.csv and a link.
         one = (os.path.realpath(file), settings)
         if one in seen:
             raise HarvesterError(
@@ -232,11 +232,13 @@ def _share(value: Any) -> bool:
     return isinstance(value, numbers.Real) and 0.0 < float(value) < 1.0
 
 
-# A name at the command line, in Python also the object.
+# A name at the command line; in Python also an object.
 MethodOrName = Annotated[str | Method, Kind("NAME")]
 Step = Annotated[str | float, Kind("STEP")]
 Seed = Annotated[int, Kind("SEED")]
 Seconds = Annotated[float, Kind("SECONDS", "a number of seconds > 0", _positive)]
+Hertz = Annotated[float, Kind("HERTZ", "a number of hertz > 0", _positive)]
+Metres = Annotated[float, Kind("METRES", "a number of metres > 0", _positive)]
 Share = Annotated[float, Kind("SHARE", "a number in (0, 1)", _share)]
 Processes = Annotated[int, Kind("N", "a whole number ≥ 1", _counts)]
 File = Annotated[str, Kind("FILE")]
@@ -296,7 +298,8 @@ class RunnerOptions(TypedDict, total=False):
     workers: Processes | None
     scheduler: Annotated[str, Kind("ADDRESS")] | None
     output: Folder | None
-    # These two by their own types in `open_runner`: what is described here stands below them.
+    # `open_runner` annotates these two by their types. They stand above this module, so that it has
+    # Any.
     executor: Any
     time_limit: Seconds
     progress: Callable[[float, str], object] | None

@@ -113,6 +113,7 @@ COMMANDS = {
         ("netlist",),
         ("--dialect", "ltspice", "--output", "{folder}/ltspice.cir"),
     ),
+    "export": (("export",), ("--as", "deck", "--output", "{folder}/exported")),
     "schematic": (("schematic",), ("--output", "{folder}/schematic.svg")),
 }
 # One of each kind of part: what is compiled for one kind serves all of it.

@@ -148,3 +148,8 @@ def test_the_load_that_a_page_shows_is_one(page, tmp_path):
     load = read_load(path)
     assert load.has_output
     assert {each.letter for each in load.across_output} == {"c", "r"}
+
+
+def test_the_citation_has_the_programs_version():
+    text = (ROOT / "CITATION.cff").read_text(encoding="utf-8")
+    assert f"\nversion: {harvester.__version__}\n" in text

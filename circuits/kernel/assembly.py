@@ -24,7 +24,7 @@ if TYPE_CHECKING:
     from circuits.loads.measurement import Measurement
     from harvester.prepared.prepared import Prepared
 
-# In front of the names of the device's nodes, so that none of a load's is one of them.
+# Prefix of the names of the device's nodes. No node of a load can have it.
 DEVICE = "device:"
 
 
@@ -53,7 +53,7 @@ def collect(ready: Prepared, whole: bool = True) -> tuple[Builder, Measurement, 
     outside = b.node(circuit_elements.behind_ammeter(network))
     ammeter = b.through(LOAD_AMMETER, inside, outside)
     add_load(b, load, network, whole)
-    # A load without an output has none that differs from 0.
+    # A load without an output has an output voltage of 0.
     ends = (circuit_elements.OUTPUT, circuit_elements.REFERENCE)
     places = [b.node(name) for name in ends] if load.has_output else [inside, inside]
     row_unit = 1.0 / network.power_unit if network.power_unit > 0.0 else 1.0
@@ -149,7 +149,7 @@ def _add_transducer(b, network, scales, row_unit):
     for each in network.elements:
         if each.kind == "inductor":
             b.branch(DEVICE + each.name)
-        elif each.kind in ("ammeter", "moving voltage"):
+        elif each.kind in ("ammeter", "moving voltage", "base voltage"):
             b.branch(each.name if each.kind == "ammeter" else DEVICE + each.name)
     velocity = len(b.unknowns)
     for each in network.elements:
@@ -173,6 +173,9 @@ def _add_part(b, each, nodes, velocity, scales, row_unit):
     elif each.kind == "moving voltage":
         row = b.through(DEVICE + each.name, a, z)
         b.enter(row, velocity, conductance=each.value)
+    elif each.kind == "base voltage":
+        # The branch's row is minus the voltage across it.
+        b.driven.append((b.through(DEVICE + each.name, a, z), -each.value))
     elif each.kind == "moving current":
         b.enter(a, velocity, conductance=-each.value)
         b.enter(z, velocity, conductance=each.value)

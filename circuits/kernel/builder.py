@@ -21,19 +21,20 @@ class Builder:
         self.steady: dict[int, float] = {}
         self.waves: list[tuple] = []
         self.corners: list[tuple[float, float]] = []
+        self.driven: list[tuple[int, float]] = []
         self.junctions: list[tuple] = []
         self.switches: list[tuple] = []
         self.switch_names: list[tuple[str, str]] = []
         self.tape = Tape()
         self.behavioural: list[tuple[int, int, int, int]] = []
         self.inputs: list[tuple[int, int, int]] = []
-        # Places on the tape of what passes 0 where a source jumps.
+        # Places on the tape whose value passes 0 where a source jumps.
         self.turns: list[int] = []
         self.waiting: list[tuple] = []
         self.nonlinear: set[tuple[str, int]] = set()
         self.initial: list[tuple[int, int, float, float]] = []
         self.inductances: dict[str, float] = {}
-        # (row, column) of the mass, then of the currents that its velocity drives.
+        # (row, column) of the mass, then of the currents that the velocity drives.
         self.retimed: list[tuple[int, int]] = []
 
     def node(self, name: str) -> int:
@@ -125,7 +126,7 @@ def tables_of(b: Builder, velocity: int) -> Tables:
         if place >= 0:
             flags[int(kind == "column"), place] = True
 
-    # Those alike one after another.
+    # Junctions of the same kind stand together.
     junctions = sorted(b.junctions, key=lambda each: junction.traits(each[2]))
 
     def places(found, width):
@@ -143,6 +144,8 @@ def tables_of(b: Builder, velocity: int) -> Tables:
         sources=np.array([wave[:2] for wave in b.waves], dtype=np.int64).reshape(-1, 2),
         waves=numbers([wave[2:] for wave in b.waves], waveform.COLUMNS),
         corners=numbers(b.corners, 2),
+        driven=np.array([row for row, _ in b.driven], dtype=np.int64),
+        drives=np.array([gain for _, gain in b.driven], dtype=float),
         junctions=places([each[:2] for each in junctions], 2),
         junction_values=numbers([each[2] for each in junctions], junction.COLUMNS),
         switches=places([each[0] for each in b.switches], 6),

@@ -33,12 +33,12 @@ from circuits.kernel.linear import Order
 from circuits.kernel.memory import Layout, layout_of
 from circuits.kernel.tables import Tables
 
-# Weights of the rates at the step's beginning, in its first stage and at its end in the estimate of
-# its error: of the formula of third order on these rates, less TR-BDF2's own of second order.
+# Weights of the error estimate for the rates at the step's beginning, in its first stage and at its
+# end: the formula of third order on these rates less TR-BDF2's own of second order.
 ERROR = ((1.0 - 2.0**0.5) / 3.0, 1.0 / 3.0, (2.0**0.5 - 2.0) / 3.0)
 
-# Junctions of one kind are computed side by side, at most so many: a processor's widest registers
-# hold eight numbers.
+# At most so many junctions of one kind are computed side by side: the widest registers hold eight
+# numbers.
 MOST_BESIDE = 8
 
 

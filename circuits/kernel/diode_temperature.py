@@ -7,10 +7,10 @@ from collections.abc import Mapping
 
 from circuits.loads.part_models import TEMPERATURE
 
-# ngspice's: 0 °C and its reference, both in K, and k/q in V/K.
+# ngspice's constants: 0 °C and its reference temperature, both in K, and k/q in V/K.
 FREEZING, REFERENCE = 273.15, 300.15
 VOLT_PER_KELVIN = 1.38064852e-23 / 1.6021766208e-19
-# Of the depletion capacitance's grading.
+# Largest grading coefficient of the depletion capacitance.
 LARGEST_GRADING = 0.9
 
 

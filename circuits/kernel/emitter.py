@@ -21,11 +21,11 @@ DOUBLE, INTEGER, INDEX = ir.DoubleType(), ir.IntType(64), ir.IntType(32)
 TYPE = ir.FunctionType(DOUBLE, [DOUBLE.as_pointer(), INTEGER, DOUBLE, DOUBLE, DOUBLE])
 
 
-# On top of it a number is rounded to a whole one, which its last bits then tell.
+# Adding this rounds a number to a whole one, which then stands in the last bits.
 ROUNDING = 1.5 * 2.0**52
-# ln 2, the first part with few enough digits that a multiple of it is exact.
+# ln 2 in two parts. The first has so few digits that its multiples are exact.
 LN_2 = (6.93147180369123816490e-01, 1.90821492927058770002e-10)
-# Of the exponential within ln 2/2 of 0; what is left out is 6e-15 of it.
+# Coefficients of the exponential within ln 2/2 of 0. Its relative error is 6e-15.
 SERIES = [1.0 / math.factorial(k) for k in range(12)]
 
 
@@ -94,7 +94,7 @@ class Number:
         return self.greater(-self)
 
     def parts(self) -> list[Number]:
-        """Those that stand side by side, one by one."""
+        """The numbers of a vector, one by one."""
         return [
             Number(self.builder, self.builder.extract_element(self.value, ir.Constant(INDEX, k)))
             for k in range(self.count)

@@ -45,9 +45,9 @@ if TYPE_CHECKING:
     from harvester.prepared.prepared import Prepared
 
 CHUNK = 16384
-# Refinement beyond which no less error is asked of a step.
+# Finer steps than these do not ask for a smaller error.
 FINEST = STEP_LEVELS["finest"]
-# Of a run, beside what `advance` tells: it gets nowhere.
+# A further way in which a run may end, beside those of `advance`: it makes no progress.
 CRAWLING = -1
 SCHEME = "TR-BDF2"
 
@@ -264,7 +264,7 @@ def _beginning(s, circuit, start):
     known = np.append(y, 0.0)
     state.iterated[:] = known[tables.junctions[:, 0]] - known[tables.junctions[:, 1]]
     state.voltages[:] = state.before[:] = state.iterated
-    # Nothing has moved yet: it finds the junctions' charges.
+    # Before the first step: computes the charges of the junctions.
     call_once(circuit.code.finish, state.address, state.slots)
     state.charges[:] = state.new_charges
     return state

@@ -21,9 +21,9 @@ from circuits.loads.part_models import TEMPERATURE
 if TYPE_CHECKING:
     from circuits.kernel.emitter import Emitter, Number
 
-# The conductance beside every junction (S), ngspice's own.
+# Conductance beside every junction, in siemens, as ngspice has it.
 LEAST_CONDUCTANCE = 1e-12
-# A: where the exponential ends.
+# Current, in amperes, above which the exponential goes on as its tangent.
 LARGEST_CURRENT = 100.0
 # Columns of the table of junctions.
 (
@@ -31,16 +31,17 @@ LARGEST_CURRENT = 100.0
     CAPACITANCE, POTENTIAL, GRADING, EDGE, LOWEST, BREAKDOWN_SWING, PER_SWING,
     PER_BREAKDOWN_SWING, KNEE, RECOMBINATION, PER_RECOMBINATION_SWING, COLUMNS,
 ) = range(19)  # fmt: skip
-# Newton's step at which the iterations end, against the swing; the next would be half its square. A
-# voltage is then known to a fiftieth of the swing, 1 mV, and no charge is lost by it.
+# The iterations end at a Newton step below this share of the swing n kT/q; the next step would be
+# half its square. The voltage is then accurate to a fiftieth of the swing, 1 mV, and no charge is
+# lost.
 JUNCTION_STEP = 0.2
-# Swings below which an exponential counts as 0.
+# Exponentials of less than this exponent count as 0.
 BLOCKED = -40.0
-# Swings below 0 from where on a junction blocks: recombination stays what it is there.
+# So many swings below 0 a junction blocks, and its recombination stays constant.
 REVERSE = 3.0
-# Least square of recombination's width.
+# Smallest square of the recombination's width.
 RECOMBINATION_FLOOR = 0.005
-# Swings of recombination: as far as its exponential is worked out.
+# Largest exponent of the recombination current.
 MOST_SWINGS = 300.0
 
 
@@ -135,7 +136,7 @@ def _at_breakdown(given, saturation, row, volts):
     onset = row[BREAKDOWN]
     if not math.isfinite(onset) or given < saturation * onset / volts:
         return saturation
-    # As many times as ngspice at most.
+    # At most as many iterations as ngspice takes.
     for _ in range(25):
         current = given + saturation * (1.0 - onset / volts)
         onset = row[BREAKDOWN] - row[BREAKDOWN_SWING] * math.log(current / saturation)
@@ -176,7 +177,7 @@ class Law:
             rise = saturation * swings.greater(BLOCKED).exponential()
             slope = rise * per_swing
             through = rise - saturation + slope * excess
-            # ngspice's own law of the blocked junction, as steep where it takes over.
+            # ngspice's law of the blocked junction. Its slope is continuous where it begins.
             inverse = 1.0 / swings.lesser(-REVERSE)
             share = inverse * (REVERSE / math.e)
             back, reverse = saturation * share * share * share, swings < -REVERSE
@@ -281,7 +282,7 @@ class Law:
         free = swing * JUNCTION_STEP * self._flatness(old, chosen)
         if self._has.depletion:
             free = free.lesser((swing + (-chosen).greater(0.0)) * JUNCTION_STEP)
-        # Not a number is not near.
+        # The comparison is false for NaN.
         near = self._e.both((chosen - old).size() <= free, (chosen - new).size() <= free)
         return chosen, self._e.all(near)
 

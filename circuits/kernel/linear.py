@@ -14,8 +14,8 @@ import numpy as np
 if TYPE_CHECKING:
     from circuits.kernel.tables import Tables
 
-# A pivot against the greatest number of its column, in every trial; what a column without one
-# makes do with.
+# A pivot must exceed the first share of the greatest number in its column, in every trial. Columns
+# without such a pivot take the next share.
 PIVOT_SHARES = (1e-3, 1e-6, 1e-12, 0.0)
 # Steps (s) and conductances of junctions (S) at which pivots are tried.
 TRIAL_STEPS = (1e-3, 1e-5, 1e-8)
@@ -108,7 +108,7 @@ def _pivots(tables, pattern, trials):
             allowed = np.outer(free_rows, free_columns)
             chosen = _best(filled, work, allowed, free_rows, free_columns, PIVOT_SHARES)
         if chosen is None:
-            # Singular in every trial: elimination will tell.
+            # The matrix is singular in every trial; the elimination reports it.
             chosen = int(np.flatnonzero(free_rows)[0]), int(np.flatnonzero(free_columns)[0])
             filled[chosen] = True
         i, j = chosen

@@ -60,7 +60,7 @@ def device_of(s: System) -> Device:
 
 
 def _address(function: Any, kind: Any) -> int:
-    """That of a function of a device of this kind and floats."""
+    """The address of a compiled function of a device of this kind and floats."""
     floats = function.py_func.__code__.co_argcount - 1
     return address_of(function, kind, *(types.float64,) * floats)
 

@@ -10,8 +10,9 @@ from circuits.kernel import junction
 from circuits.kernel.linear import Order
 from circuits.kernel.tables import Tables
 
-# Factored matrices kept at a time, one for each length of step and each state of the switches:
-# steps are the grid's divided by powers of 2 (`stepping._length`), so that few lengths come back.
+# So many factored matrices are kept, one for each length of step and each state of the switches.
+# Steps are those of the grid divided by powers of 2 (`stepping._length`), so that few lengths
+# occur.
 SLOTS = 24
 
 

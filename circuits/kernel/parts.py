@@ -18,12 +18,12 @@ if TYPE_CHECKING:
     from circuits.loads.elements import Element
     from circuits.loads.subcircuits import LoadCircuit
 
-# Of a diode's model all that counts, at any temperature.
+# Parameters of a diode's model that have an effect here, at any temperature.
 _DIODE = {"is", "n", "rs", "bv", "ibv", "nbv", "cjo", "vj", "m", "tt", "fc", "ikf", "isr", "nr",
           "area", "eg", "xti", "tnom", "trs1", "trs2", "tm1", "tm2", "ttt1",
           "ttt2", "tcv", "tlev", "tlevc", "tpb", "cta"}  # fmt: skip
-# What takes no part in a transient: noise, limits that are only told, the path of its heat, of a
-# tunnel's current its temperature.
+# Parameters without an effect in a transient: noise, limits that are only reported, the thermal
+# path, and the temperature of a tunnel current.
 _NO_PART = {
     "kf",
     "af",
@@ -39,10 +39,10 @@ _NO_PART = {
     "rth0",
     "cth0",
 }
-# Of its periphery, which takes no part without a length `pj`.
+# Parameters of the periphery. They have no effect without a length `pj`.
 _PERIPHERY = {"isw", "jsw", "ns", "cjp", "cjsw", "php", "vjsw", "mjsw", "fcs", "ikp", "ctp", "ctc",
               "tphp", "pj"}  # fmt: skip
-# Numbers of a diode that say all that counts here.
+# Parameters of a diode instance that have an effect here.
 _NUMBERS = {"area", "m", "ic", "temp", "dtemp"}
 
 
@@ -124,7 +124,7 @@ def _diode(b, each):
     row = junction.table_row(model, area, each.many, celsius)
     anode, cathode = _ends(b, each)
     if row[junction.RESISTANCE] > 0.0 and (row[junction.TRANSIT] or row[junction.CAPACITANCE]):
-        # The junction's charge does not pass its series resistance at once.
+        # The junction lies behind its series resistance, at a node of its own.
         inner = b.node(f"{each.name}#inside")
         b.between(anode, inner, conductance=1.0 / row[junction.RESISTANCE])
         row[junction.RESISTANCE] = 0.0
@@ -141,7 +141,7 @@ def _switch(b, each):
     row = (*siemens, each.get("low"), each.get("high"))
     b.switches.append(((*_ends(b, each), *control, int("on" in each.flags), 0), row))
     b.switch_names.append((each.name, each.where))
-    # Its entries are changed in place.
+    # The entries of a switch are changed in place.
     b.between(*_ends(b, each))
 
 

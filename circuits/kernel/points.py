@@ -18,10 +18,11 @@ if TYPE_CHECKING:
     from circuits.kernel.tables import Probes
     from harvester.record.record import Record
 
-# Of the power at both ends, a difference of their mean from the step's that asks for a point more:
-# at five times this, two tenths of a percent of SECE's energy was missing.
+# An extra point is recorded if the mean of the powers at a step's two ends differs from the step's
+# mean power by more than this share. With five times this value 0.2 % of SECE's energy was missing.
 POWER_DIFFERENCE = 0.002
-# Of the transducer's energy, what a step's mean power may miss without one.
+# No extra point is recorded if the difference in energy is below this share of the transducer's
+# energy.
 LEAST_ENERGY = 1e-5
 
 
@@ -42,8 +43,10 @@ def stored_energy(device: Device, probes: Probes, state: State) -> float:
 
 
 @merged
-def given_power(device: Device, probes: Probes, state: State, share: float) -> float:
-    """What the mass gives the transducer beyond its own loss, a share of the change ahead (scaled).
+def given_power(device: Device, probes: Probes, state: State, slope: float, share: float) -> float:
+    """What mass and base give the transducer beyond its loss, a share of the change ahead (scaled).
+
+    `slope` is the excitation's.
 
     Less what the transducer stores it is the load's power, also over a step in which a pulse
     empties it: the motion is smooth there, voltage times current is not.
@@ -57,7 +60,8 @@ def given_power(device: Device, probes: Probes, state: State, share: float) -> f
     electrical = (y[place] + share * change[place]) * units[1]
     own = systems.own_loss(device.transducer, v, electrical, amperes * units[2])
     pace = state.scalars[0].pace
-    return systems.part_force(device.transducer, v, electrical) * v * pace - own
+    force = systems.part_force(device.transducer, v, electrical)
+    return force * v * pace + force * systems.base_rate(device.transducer, slope) - own
 
 
 @merged
@@ -87,7 +91,7 @@ def add_points(
     missing = abs(2.0 * mean - power - last)
     counts = missing * h > LEAST_ENERGY * probes.units[3] * scale
     if points > 0 and counts and missing > POWER_DIFFERENCE * (abs(power) + abs(last)):
-        # The power there that makes the mean of both ends the step's.
+        # The point is repeated with the power that makes the mean of both ends equal to the step's.
         _again(record, output, points, 2.0 * mean - last)
         points += 1
     _write(device, probes, state, record, output, points, time, noise, free)
@@ -117,7 +121,9 @@ def _write(device, probes, state, record, output, point, time, noise, free):
     loss = evaluate(device.loss_power, device.numbers, (x, v, scalars.held_speed, touches))
     own = systems.own_loss(device.transducer, v, electrical, amperes * units[2])
     power = volts * amperes * units[3]
-    fill(record, point, time, x, v, volts * units[0], power, noise * v, loss, own, electrical)
+    put_in = noise * systems.base_speed(device.transducer, v, electrical, amperes * units[2])
+    kept = systems.kept_state(device.transducer, electrical, noise)
+    fill(record, point, time, x, v, volts * units[0], power, put_in, loss, own, kept)
     output[0, point] = (y[places[3]] - y[places[4]]) * units[0]
     for k in range(1, output.shape[0]):
         output[k, point] = y[places[4 + k]]

@@ -21,7 +21,7 @@ from circuits.kernel.stage import (
 from circuits.kernel.tables import Tables
 from harvester.compilation import compiled, merged
 
-# δ of a stage over the step.
+# The coefficient δ of a stage, over the step.
 DIAGONAL = 1.0 - 0.5 * np.sqrt(2.0)
 
 

@@ -19,10 +19,10 @@ if TYPE_CHECKING:
     from circuits.kernel.tables import Tables
     from harvester.prepared.prepared import Prepared
 
-# S: what leads from every node, so that one that nothing else leads from has a place. A hundredth
-# of what ngspice has beside a junction.
+# Conductance from every node to ground, in siemens, which gives isolated nodes a voltage. It is a
+# hundredth of what ngspice puts beside a junction.
 LEAK = 1e-2 * junction.LEAST_CONDUCTANCE
-# Share of the time in which that leak discharges a store from which a time is the leak's.
+# A time constant above this share of the leak's own is caused by the leak.
 LEAKS_SHARE = 0.1
 _ACTIVE = "swqjmb"
 
@@ -48,7 +48,7 @@ def relaxation(ready: Prepared, levels: Mapping[str, float], blocking: bool = Tr
     Elements that the compiled engine does not take count as blocking.
     """
     b, measurement, _, velocity = collect(ready, whole=False)
-    # Ground stands behind the velocity, which is no part of the load.
+    # The velocity and the ground stand last; they are no part of the load.
     ground = velocity + 1
     places = np.array([_place(tree, b, ground) for tree in measurement.trees[-len(levels) :]])
     y = np.zeros(ground + 1)
@@ -109,7 +109,7 @@ def _network(tables: Tables, y: np.ndarray, blocking: bool) -> tuple[np.ndarray,
     rows, columns = tables.entries.T
     np.add.at(capacity, (rows, columns), tables.capacity)
     np.add.at(conductance, (rows, columns), tables.conductance)
-    # What the velocity gives and takes is the device's.
+    # The terms of the velocity belong to the device.
     for matrix in (capacity, conductance):
         matrix[size - 2], matrix[:, size - 2] = 0.0, 0.0
     if blocking:

@@ -26,11 +26,11 @@ from circuits.loads.tape import slopes as tape_slopes
 from harvester.compilation import compiled, merged
 
 MOST_ITERATIONS = 40
-# Newton's step at which the iterations end; the next would be about its square. Of the velocity out
-# of contact, where the force is smooth, against its greatest so far; of other unknowns, and in
-# contact.
+# The iterations end at a relative Newton step below these; the next step would be about its square.
+# The first applies to the velocity out of contact, where the force is smooth, relative to the
+# greatest so far. The second applies to other unknowns, and in contact.
 SMOOTH_STEP, RELATIVE_STEP = 1e-2, 1e-5
-# Of a displacement and a velocity, for slopes of the force.
+# Relative change of displacement and velocity by which slopes of the force are computed.
 DIFFERENCE = 1e-6
 
 
@@ -42,7 +42,7 @@ class Rates(enum.IntEnum):
     KNOWN = 1
 
 
-# What a state holds beside its vectors, one number each.
+# The scalars of a state, beside its vectors.
 SCALARS = np.dtype(
     [
         ("displacement", np.float64),  # X, scaled
@@ -172,7 +172,7 @@ def slot_of(tables: Tables, state: State, delta: float) -> int:
         for k in range(state.closed.size):
             state.switches[k] = tables.switch_values[k, state.closed[k]]
         slot = 0
-        # In a ring: the steps of late are near.
+        # The slots form a ring, so that the latest steps are found first.
         while slot < SLOTS and not (keys[slot, 0] == delta and keys[slot, 1] == key):
             slot += 1
         if slot == SLOTS:

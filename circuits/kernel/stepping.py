@@ -39,11 +39,11 @@ from harvester.compilation import compiled, merged, uncounted
 from harvester.device.zones import crossing, overshoots
 
 ROOT = np.sqrt(2.0)
-# Where TR-BDF2's first stage ends, as a share of the step: only there have both of its stages one
-# matrix (Hosea and Shampine 1996).
+# End of TR-BDF2's first stage, as a share of the step. Only with this value both stages have the
+# same matrix (Hosea and Shampine 1996).
 STAGE = 2.0 - ROOT
-# Weight that the change in the first stage has in the second one: of TR-BDF2's backward
-# difference, and of Alexander's SDIRK.
+# Weight of the first stage's change in the second stage: for TR-BDF2's backward difference, and for
+# Alexander's SDIRK.
 BACKWARD, ALEXANDER = 0.5 * (1.0 + ROOT), 1.0 + ROOT
 # Largest error of a step: the root of the error's energy over the root of the transducer's energy.
 # `State.strictness` makes it smaller on a finer grid of steps.
@@ -53,8 +53,9 @@ TOLERANCE = 1e-3
 # no shorter than this one.
 CAUTION = 0.9
 GROWING = CAUTION**6
-# A step's mean power is the methods' own quadrature: weights of the power at the step's beginning,
-# in its first stage and at its end, of TR-BDF2 and of Alexander's SDIRK.
+# A step's mean power is the quadrature that belongs to the method. These are the weights of the
+# power at the step's beginning, in its first stage and at its end, for TR-BDF2 and for Alexander's
+# SDIRK.
 POWER_WEIGHTS = ((0.25 * ROOT, 0.25 * ROOT, DIAGONAL), (0.0, 1.0 - DIAGONAL, DIAGONAL))
 # These are shares of a step of the grid. RESTART: the first step after a switch has turned.
 # LEAST_RESTART: a step after a turn that is as short is accepted whatever its error. SHORTEST: a
@@ -179,7 +180,7 @@ def advance(
             _restart(scalars, step)
         phase += h
         if h >= bend or (jumps and h >= until):
-            # What follows is as new as after a switch, but nothing jumps.
+            # The next step begins anew as after a switch, but no voltage jumps.
             scalars.proposed = RESTART * step
         if phase >= end * (1.0 - CLOCK_ROUNDING):
             phase = end
@@ -265,7 +266,8 @@ def _find_step(device, tables, probes, state, time, longest, remaining, step, no
             continue
         scale = probes.energy[0] * max(scalars.energy, (SMALL_VOLTAGE * probes.energy[1]) ** 2)
         if scalars.rates == Rates.TURNED:
-            # Backward Euler's: of a swing, half the square of the angle that a step turns.
+            # The error of backward Euler: for an oscillation, half the square of the angle of a
+            # step.
             error = 0.25 * carried * carried / scale if h > LEAST_RESTART * step else 0.0
         ratio = scalars.strictness * max(error / scale / TOLERANCE**2, missed * missed)
         if ratio > 1.0 and entered == 0:
@@ -280,12 +282,12 @@ def _find_step(device, tables, probes, state, time, longest, remaining, step, no
                 continue
         switch, share = switched(tables, state)
         leaps, its = passed(tables, state, time + h)
-        # A source whose jump turns it back at once is met so often only.
+        # A source that jumps back at once is located only so often.
         leaps = leaps and scalars.switchings < MOST_JUMPS
         if (switch >= 0 or leaps) and found < 0.0:
             found = max(min(located, LOCATED_SHARE * h), 4.0 * least)
         if leaps and its <= share and h > 2.0 * found:
-            # It is crossed by a short step: all along one the source has what it has at the end.
+            # A short step crosses the jump: over a step the source has its value at the end.
             h = h * its - 0.5 * found if h * its > found else h * its + 0.5 * found
             entered = 0
             continue
@@ -349,7 +351,7 @@ def _restart(scalars, step):
 
 @merged
 def _growth(ratio):
-    """By how much the next step may be longer, from the square of this one's error."""
+    """The factor by which the next step may be longer, from the square of this one's error."""
     return CAUTION / np.cbrt(np.sqrt(ratio))
 
 
@@ -379,11 +381,13 @@ def _guess(tables, state, share):
 
 
 @merged
-def _set_sources(tables, state, time, delta):
-    """Set the right-hand side to what the sources that change in time add in a stage."""
-    if tables.sources.shape[0] > 0:
+def _set_sources(tables, state, time, noise, delta):
+    """Set the right-hand side to what sources add in a stage that change in time or with η."""
+    if tables.sources.shape[0] + tables.driven.shape[0] > 0:
         state.right[:] = 0.0
         add_waves(tables.sources, tables.waves, tables.corners, state.right, time, delta)
+        for k in range(tables.driven.shape[0]):
+            state.right[tables.driven[k]] += delta * tables.drives[k] * noise
 
 
 @merged
@@ -416,8 +420,9 @@ def _try_step(device, tables, probes, state, time, h, noise, slope, x, zone, loc
     settled, error, carried, missed, moved, mean, power = True, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
     for stage in range(1 if euler else 2):
         ahead = share * h if stage == 0 else h
-        _set_sources(tables, state, time + ahead, delta)
-        push = delta * row_unit / pace * (noise + slope * ahead)
+        excitation = noise + slope * ahead
+        _set_sources(tables, state, time + ahead, excitation, delta)
+        push = delta * row_unit / pace * excitation
         if stage == 0:
             call(code.begin, memory, slot, delta, delta if known else 0.0, push)
         else:
@@ -430,10 +435,10 @@ def _try_step(device, tables, probes, state, time, h, noise, slope, x, zone, loc
         if not settled:
             break
         moved = base - x + delta * pace * (y[n - 1] + state.change[n - 1])
-        power = given_power(device, probes, state, 1.0)
+        power = given_power(device, probes, state, slope, 1.0)
         weights = POWER_WEIGHTS[0] if known else POWER_WEIGHTS[1]
         if stage == 0:
-            mean = weights[0] * given_power(device, probes, state, 0.0) + weights[1] * power
+            mean = weights[0] * given_power(device, probes, state, slope, 0.0) + weights[1] * power
             base = x + factor * moved
             _guess(tables, state, 1.0 / share)
     if settled:
@@ -441,7 +446,7 @@ def _try_step(device, tables, probes, state, time, h, noise, slope, x, zone, loc
         call(code.conclude, memory, slot, delta, 0.0 if euler else factor, h)
         if known:
             error = call(code.error, memory, slot, 0.0, 0.0, 0.0)
-            # No turning is located better than so; what is left is Newton's rest.
+            # A turning point is located to this accuracy at best: Newton's residual limits it.
             if h >= located:
                 missed = missed_controls(tables, state)
                 if tables.own.shape[0] > 0:

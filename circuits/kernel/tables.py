@@ -27,6 +27,7 @@ class Tables(NamedTuple):
     steady : (n,) constant sources, s of the equation.
     sources : (k, 2) row and shape of a changing source, `waves` (k, waveform.COLUMNS) its numbers.
     corners : (k, 2) corners of sources drawn through points, one after another.
+    driven : (k,) rows of sources in proportion to η, `drives` (k,) their values for one unit.
     junctions : (k, 2) anode and cathode, `junction_values` (k, junction.COLUMNS).
     switches : (k, 6) nodes, nodes that control it (or a current and ground), initial state, sort;
         `switch_values` (k, 4) conductance off and on, control voltage below which it opens and
@@ -50,6 +51,8 @@ class Tables(NamedTuple):
     sources: np.ndarray
     waves: np.ndarray
     corners: np.ndarray
+    driven: np.ndarray
+    drives: np.ndarray
     junctions: np.ndarray
     junction_values: np.ndarray
     switches: np.ndarray

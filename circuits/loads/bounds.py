@@ -90,7 +90,7 @@ def _size(a):
 
 def _product(a, b):
     corners = np.array([one * other for one in a for other in b])
-    # An end that is 0 makes 0 of one that is infinite.
+    # 0 times an infinite end is 0 here, not NaN.
     corners = np.where(np.isnan(corners), 0.0, corners)
     return corners.min(axis=0), corners.max(axis=0)
 

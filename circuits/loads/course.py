@@ -23,23 +23,25 @@ if TYPE_CHECKING:
     from circuits.loads.elements import Element
     from circuits.loads.waveform import Waveform
 
-# Over a step, the change of what moves by itself and its distance from a straight line at most,
-# against its swing from peak to peak: a sine takes 31 to 62 steps a period, a ramp 10 to 20. The
-# mean square of either is then known to 0.5 %.
+# In one step a source may change by at most the first share of its peak-to-peak swing, and deviate
+# from a straight line by at most the second. A sine then takes 31 to 62 steps a period, a ramp 10
+# to 20, and the mean square of either is accurate to 0.5 %.
 CHANGE, BEND = 0.1, 0.0025
-# Of the largest value, a swing that is rounding.
+# A swing below this share of the largest value is rounding.
 ROUNDING = 1e-9
-# Halvings of a step of the grid after which what still changes jumps.
+# A source that still changes after so many halvings of a step of the grid jumps.
 HALVINGS = 20
-# Of a step of the grid, how well an engine's clock and an expression's value are known: what jumps
-# just at an interval's end jumps in it.
+# Accuracy of an engine's clock, as a share of a step of the grid. A jump at the end of an interval
+# counts as inside it.
 CLOCK = 1e-8
-# Steps of the grid that are looked ahead at a time.
+# So many steps of the grid are examined ahead at a time.
 AHEAD = 64
-# Rises of a pulse that are so much shorter than what is constant on both sides jump: their corners
-# are met, and what a straight line misses of their square is 0.4 % of it.
+# A rise of a pulse that is shorter than this share of the constant parts beside it counts as a
+# jump. Its corners are met by steps; the straight line between them misses 0.4 % of the mean
+# square.
 STEEP = 1.0 / 80.0
-# Steps in one of the grid's, on the mean of those looked ahead, that are too many for any run.
+# A source is refused if it needs more than so many steps in one of the grid's, on average over
+# those examined ahead.
 MOST_STEPS = 5000
 
 

@@ -21,14 +21,14 @@ from circuits.loads.reader import Card
 
 NGSPICE, LTSPICE, PSPICE = DIALECTS = ("ngspice", "ltspice", "pspice")
 _LOGIC = {"&": "and", "&&": "and", "|": "or", "||": "or"}
-# Words that only one of them writes.
+# Words that only one of the programs has.
 _MARKS = {
     LTSPICE: re.compile(
         r"\b(if|buf|inv|int|hypot|pwrs|round|limit)\(|\b(rser|rpar|cpar|mfg|iave|vpk)=|\b[vi]h=-"
     ),
     PSPICE: re.compile(r"^\.model \S+ [vi]switch|\bstp\(|\bvalue ?\{"),
 }
-# What of a card is an expression: in braces, behind a B source's i= or v=, a function's.
+# Matches the expressions of a card: in braces, or behind `i=` or `v=` of a B source.
 _EXPRESSION = re.compile(r"\{([^{}]*)\}|^b\S* \S+ \S+ [iv]=([^{}]+)$")
 
 

@@ -15,14 +15,15 @@ from circuits.loads.vetting import refuse
 if TYPE_CHECKING:
     from circuits.loads.tree import Subcircuit
 
-# Elements, and calls of sub-circuits, of a load with all that its sub-circuits hold.
+# Most elements, and most calls of sub-circuits, of a load with all that its sub-circuits hold.
 MOST_ELEMENTS = 2000
-# Characters of all its cards, and of one of them, once expanded.
+# Most characters of all cards together, and of one card, once expanded.
 MOST_CHARACTERS = 1_000_000
 LONGEST_EXPANDED = 20_000
-# Calls within calls, of sub-circuits or of functions.
+# Deepest nesting of calls of sub-circuits, or of functions.
 DEEPEST_CALL = 20
-# Parameters, functions, models and sub-circuits of the file: ngspice compares all with all.
+# Most parameters, functions, models and sub-circuits of a file. ngspice compares each with all
+# others.
 MOST_DEFINITIONS = 5000
 
 _PIECE = re.compile(r"[a-z_][\w.]*|[(),]|[^a-z_(),]+")
@@ -71,7 +72,7 @@ class Expansion:
         self._characters: dict = {}
         self._definitions = 0
         self._add_definitions(root)
-        # ngspice expands functions in what nothing calls, too.
+        # ngspice expands functions even in sub-circuits that nothing calls.
         self._check(root.card, self._own_characters(root))
 
     def content(self, circuit: Subcircuit, calling: tuple[Subcircuit, ...] = ()) -> Content:
@@ -105,7 +106,7 @@ class Expansion:
             refuse(card, f"more than {MOST_CHARACTERS // 1000} kB of netlist once expanded")
 
     def _own_characters(self, circuit):
-        """Of a sub-circuit's own cards and of the definitions within it."""
+        """The number of characters of a sub-circuit's own cards and of definitions within it."""
         if id(circuit) in self._characters:
             return self._characters[id(circuit)]
         cards = [(card, " ".join(words)) for card, words in circuit.elements]
@@ -158,7 +159,7 @@ class Expansion:
 
     def _length(self, text, circuit, arguments=(), calling=()):
         """Length of a text with every call in it expanded."""
-        # Of each open parenthesis: its function, the text before it, what is inside.
+        # For each open parenthesis: its function, the text before it, and what is inside.
         opened, here = [], Length()
         pieces = _PIECE.findall(text)
         for index, piece in enumerate(pieces):

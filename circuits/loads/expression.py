@@ -20,7 +20,7 @@ from harvester.files.plain_text import nearest
 
 Tree = tuple[Any, ...]
 NAMES = {*CONSTANTS, "time", "hertz"}
-# Functions of the same meaning under another name, and how many arguments they take.
+# Other names of functions.
 _SAME = {"log": "ln", "pow": "^", "ternary_fcn": "if", "round": "nint"}
 # Functions that only ngspice itself evaluates.
 CIRCUIT_ONLY = {"ddt": (1,), "pwl": range(5, 10_000, 2)}
@@ -46,9 +46,9 @@ _MADE: dict[str, tuple[int, Callable]] = {
     "pwrs": (2, lambda x, y: ("pwr", x, y)),
     "if": (3, lambda c, a, b: ("if", truth(c), a, b)),
 }
-# Of these the words that ngspice lacks, or means otherwise.
+# The names among them that ngspice lacks, or gives another meaning.
 ELSEWHERE_ALONE = {*_MADE, "round"} - {"log10", "u2"}
-# Functions of other SPICEs that have no equal here, and what to write.
+# Functions of other SPICEs without an equivalent here, and what to write instead.
 ELSEWHERE = {
     "sign": "sgn(x)", "fabs": "abs(x)", "table": "pwl(x, x1, y1, x2, y2, …)",
     "atan2": "atan(y/x), the quadrant by a condition",
@@ -58,7 +58,7 @@ ELSEWHERE = {
     "square": "x*x, or a pulse(…) source for a square wave",
     "delay": "a chain of R and C", "absdelay": "a chain of R and C",
 }  # fmt: skip
-# Parentheses within parentheses, conditions within conditions.
+# Deepest nesting of parentheses, and of conditions.
 DEEPEST = 100
 _TOKEN = re.compile(
     r"\s*(?:(?P<number>(?:\d+\.?\d*|\.\d+)(?:e[+-]?\d+)?[a-z_]*)"
@@ -228,11 +228,11 @@ class Parser:
         return (_WORDS.get(sign, sign), left, right)
 
     def raised(self, base: Tree, exponent: Tree) -> Tree:
-        """A power."""
+        """Parse a power."""
         return ("^", base, exponent)
 
     def called(self, name: str, arguments: list[Tree]) -> Tree:
-        """A function's call."""
+        """Parse the call of a function."""
         return ("call", name, *arguments)
 
 
@@ -388,7 +388,7 @@ def _arguments_of(name, functions):
 
 
 _HIDDEN = {"negative", "and", "or", "not"}
-# All that an expression may call, the file's own aside.
+# All functions that an expression may call, apart from the file's own.
 FUNCTIONS = {name for name in OPERATIONS if name.isalpha() and name not in _HIDDEN}
 FUNCTIONS |= {*_SAME, *_MADE, *CIRCUIT_ONLY, *SOLUTION}
 
@@ -405,7 +405,7 @@ class Names:
     parameters_only = False
 
     def name(self, name: str) -> Tree:
-        """A name's tree."""
+        """The tree of a name."""
         raise ExpressionError(f"unknown name {name[:60]}")
 
     def function(self, name: str) -> Any:
@@ -497,9 +497,9 @@ def _folded(kind, parts, names):
     return ("number", value)
 
 
-# LTspice's name of a function that only ngspice evaluates.
+# LTspice's names of functions that only ngspice evaluates.
 _LTSPICES = {"pwl": "table"}
-# Characters of an expression: LTspice's a == b says both sides twice.
+# Longest expression written for LTspice, in characters: its form of a == b repeats both sides.
 LONGEST_WRITTEN = 100_000
 _LOOSE = {"+": 1, "-": 1, "*": 2, "/": 2}
 

@@ -18,7 +18,7 @@ from circuits.loads.vetting import refuse
 from circuits.loads.waveform import KINDS as WAVEFORMS
 from circuits.loads.waveform import waveform
 
-# Letters whose second pair of nodes only controls.
+# Letters of elements whose second pair of nodes controls them and carries no current.
 _CONTROLLED = "esg"
 _EXPRESSIONS = ("value", "vol", "cur")
 
@@ -105,12 +105,12 @@ class _Line:
         return self.scope.path + name
 
     def made(self, **what: Any) -> Element:
-        """The element."""
+        """The element that the line describes."""
         return Element(self.letter, self.name, self.nodes, self.card.where, **what)
 
 
 def _ordered(line):
-    """Of R, C or L its model or None, texts of values, the last of which counts, other numbers."""
+    """The model (or None), the values as text and the other numbers of an R, C or L."""
     model, values = None, []
     for word in line.rest:
         key, equals, text = word.partition("=") if word[0] != "{" else (word, "", "")

@@ -13,9 +13,10 @@ import numpy as np
 
 # An exponential goes on as its tangent beyond this exponent, as a junction does.
 LARGEST_EXPONENT = 60.0
-# ngspice adds it to a divisor: x/0 is 1e32 x there, and 0/0 is 0.
+# ngspice adds this to a divisor, so that x/0 is 1e32 x and 0/0 is 0.
 LEAST_DIVISOR = 1e-32
-# A root's argument may be so much below 0: Newton's iterations come to 0 from both sides.
+# The argument of a root may be so far below 0, since Newton's iterations approach 0 from both
+# sides.
 ROUNDING = 1e-12
 
 
@@ -39,7 +40,7 @@ def _infix(sign, ltspice=None):
 
 
 _SAME = "((({0})>=({1}))*(({0})<=({1})))"
-# In the order of the codes below.
+# Operations in the order of the codes below.
 OPERATIONS: dict[str, Operation] = {
     "+": _infix("+"), "-": _infix("-"), "*": _infix("*"), "/": _infix("/"),
     "^": _named("pow", 2, "pwr"), "pwr": _named("pwr", 2, "pwrs"),
@@ -55,7 +56,7 @@ OPERATIONS: dict[str, Operation] = {
     "asinh": _named("asinh"), "asin": _named("asin"), "acos": _named("acos"),
     "acosh": _named("acosh"), "atanh": _named("atanh"), "nint": _named("nint", 1, "round"),
 }  # fmt: skip
-# Those that have no value everywhere.
+# Operations that are not defined everywhere.
 LIMITED = {"ln", "sqrt", "asin", "acos", "acosh", "atanh", "^", "pwr"}
 CODES = {name: code for code, name in enumerate(OPERATIONS)}
 (
@@ -117,7 +118,7 @@ def _piecewise(code, a, b):
         return np.floor(a)
     if code == CEILING:
         return np.ceil(a)
-    # What has no value is neither true nor false.
+    # NaN is neither true nor false.
     if np.isnan(a) or (code != NOT and code != STEP and code != RAMP and np.isnan(b)):
         return np.nan
     if code == STEP:
@@ -195,7 +196,7 @@ def slope(code: int, a: float, b: float, result: float) -> Any:
     if code == RAMP:
         return (1.0 if a > 0.0 else 0.0), 0.0
     if BELOW <= code <= STEP or code == NEAREST:
-        # What jumps has no slope.
+        # A jump counts as slope 0.
         return 0.0, 0.0
     return _slope_of_one(code, a, result), 0.0
 
@@ -246,17 +247,17 @@ def _slope_of_one(code, a, result):
     return size if code == ARC_SINE else -size
 
 
-# What compiled code calls of these.
+# Functions of this module that compiled code calls.
 COMPILED = (
     value, _arithmetic, divisor, _piecewise, _elementary, _of_a_range, slope, _slopes_of_two,
     _slope_of_one,
 )  # fmt: skip
-# Names that stand for a number of the circuit; what changes with time is no constant.
+# Names of constants. What changes with time is not among them.
 CONSTANTS = {
     "pi": math.pi, "e": math.e, "boltz": 1.38064852e-23, "echarge": 1.6021766208e-19,
     "planck": 6.62607004e-34, "c": 2.99792458e8, "kelvin": -273.15, "temper": 27.0,
 }  # fmt: skip
-# What changes while the circuit runs, whatever a parameter of that name says.
+# Names of quantities that change during a run. A parameter cannot take these names.
 VARYING = {"time", "temper", "hertz"}
 # Functions of the circuit's solution.
 SOLUTION = {"v", "i"}

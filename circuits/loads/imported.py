@@ -14,10 +14,10 @@ from harvester.errors import NetlistError
 from harvester.files.plain_text import nearest
 
 PINS = (*PIEZO_PINS, *OUTPUT_PINS)
-# Statements that stay, outside of the sub-circuit; of the others a simulator's run is made.
+# Statements that are kept, outside of the sub-circuit. The others control a simulator's run.
 KEPT = (".model", ".param", ".func")
 _WAVE = re.compile(r"(?i)\b(sine?|pulse|exp|sffm|pwl|wavefile)\b")
-# LTspice's parts within a part: what takes their place.
+# LTspice's parasitic parts within a part. Elements take their place.
 _WITHIN = re.compile(r"(?i)\s*\b(rser|rpar|cpar|lser)\s*=\s*(\{[^{}]*\}|\S+)")
 _VOLTAGE = re.compile(r"(?i)\bv\(([^()]*)\)")
 _CURRENT = re.compile(r"(?i)\bi\(([^()]*)\)")
@@ -98,7 +98,7 @@ def imported(text: str, name: str, nodes: Sequence[str], remove: Sequence[str] =
         if part.name.lower() not in gone and _is_wave(part):
             said.append(f"{part.name}: stays, a source of its own: --remove it if it drives")
     if len(nodes) == 4 and nodes[3] in nodes[:2]:
-        # One node cannot have two names: an ammeter joins them.
+        # A node cannot have two names: a source of 0 V joins the two pins.
         inside.append(f"Vcommon ref {pins[nodes[3]]} 0")
         said.append(f"Vcommon: joins ref to {pins[nodes[3]]}, as node {nodes[3]} was both")
     head = f".subckt {name} {' '.join(PINS[: len(nodes)])}"
@@ -135,7 +135,7 @@ def _pins(nodes, known):
         raise NetlistError("give the harvester's two nodes, or these and the output's two")
     pins = dict(zip(nodes[:2], PIEZO_PINS, strict=True))
     pins |= {n: pin for n, pin in zip(nodes[2:], OUTPUT_PINS, strict=False) if n not in pins}
-    # Within a load, node 0 is the harvester's n.
+    # In a load, node 0 is the harvester's terminal n: the schematic's ground gets another name.
     return {GROUND: "ground", **pins} | {n: f"{n}_" for n in known if n in PINS and n not in pins}
 
 
@@ -210,7 +210,8 @@ def _element(
     count = _nodes_of(words)
     nodes = [pins.get(node, node) for node in words[1 : 1 + count]]
     rest = " ".join(words[1 + count :])
-    # An element's own words may be those of a waveform; only these ask for voltages and currents.
+    # In the parentheses of V and I sources stands a waveform; in other elements V(…) and I(…) are
+    # measured.
     if letter not in "vi":
         asked = _CURRENT.findall(rest)
         rest = _rewritten(rest, pins, currents)

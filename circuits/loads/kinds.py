@@ -1,7 +1,7 @@
 """Kinds of the values that a load's measures ask for."""
 
-# A power into what the load is for, a power lost, a stored energy, 1 while a condition holds, and
-# the power taken while it does.
+# Kinds of measures: a power delivered to the load's purpose, a power lost, a stored energy, 1 while
+# a condition holds, and the power taken while it holds.
 OUTPUT, LOSS, STORE, STATE, TAKEN = "output", "loss", "store", "state", "taken"
-# A voltage (V) or a current (A) by which the load's stores are followed; no measure asks for it.
+# The voltage (V) or current (A) of a store that is followed. No measure of a file has this kind.
 LEVEL = "level"

@@ -20,7 +20,7 @@ if TYPE_CHECKING:
     from circuits.loads.scope import Scope
     from circuits.loads.subcircuits import LoadCircuit
 
-# Coils that are coupled fully hold no energy in some of their currents, to within rounding.
+# If coils are fully coupled, some of their currents hold no energy, to within this share.
 ROUNDING = 1e-9
 # Letters of elements whose second pair of nodes controls them and carries no current.
 _CONTROLLED = "seg"

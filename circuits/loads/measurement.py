@@ -51,7 +51,7 @@ class Measurement(_Rows):
 
     @cached_property
     def _values(self) -> Values:
-        # Compiled code: reading a load does without.
+        # Imported here, not at the head: reading a load needs no compiled code.
         from circuits.loads.tape import Values
 
         return Values(self.trees[: self._measures], self.watched)

@@ -15,9 +15,10 @@ if TYPE_CHECKING:
     from circuits.loads.vetting import Scope
 
 KINDS = (OUTPUT, LOSS, STORE, STATE)
-# Quantities and columns of tables have its name.
+# Longest name of a measure, since quantities and columns of tables carry it.
 LONGEST_NAME = 40
-# Names whose quantities are the program's own: `mean_power`, `stored_energy` and their like.
+# Names that are not allowed, since the program has quantities such as `mean_power` and
+# `stored_energy`.
 KEPT_NAMES = re.compile(r"mean(_.*)?|stored|final_stored")
 MOST_MEASURES = 50
 _FORM = re.compile(r"(\S+) (\S+?)=(.*)")

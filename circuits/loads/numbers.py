@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 import re
 
-# Powers of ten; a thousandth of an inch is 25.4e-6.
+# Suffixes and their powers of ten; `mil`, a thousandth of an inch, is 25.4e-6.
 POWERS = {
     "t": 12, "g": 9, "meg": 6, "k": 3, "mil": -6, "m": -3, "u": -6, "n": -9, "p": -12, "f": -15,
 }  # fmt: skip
@@ -13,11 +13,11 @@ _DIGITS = r"[+-]?(?:\d+(?:\.\d*)?|\.\d+)(?:e[+-]?\d+)?"
 NUMBER = re.compile(
     r"([+-]?(?:\d+(?:\.\d*)?|\.\d+))(?:e([+-]?\d+))?(meg|mil|[tgkmunpf])?([a-z_]*)", re.ASCII
 )
-# LTspice's 4k7 for 4.7k.
+# Matches LTspice's 4k7, which is 4.7k.
 INFIX = re.compile(r"(?<![\w.])(\d+)(meg|[tgkmunp])(\d+)(?![\w.])")
 # kT/q at 27 °C (V).
 THERMAL_VOLTAGE = 1.380649e-23 * 300.15 / 1.602176634e-19
-# ngspice 46 reads atto for A, 39 a unit; mil is a thousandth in its parameters.
+# ngspice 46 reads a suffix A as atto, version 39 as a unit without a factor.
 AMPERE = re.compile(rf"{_DIGITS}a[a-z_]*", re.ASCII)
 THOUSANDTH_OF_AN_INCH = re.compile(rf"{_DIGITS}mil[a-z_]*", re.ASCII)
 

@@ -23,26 +23,28 @@ if TYPE_CHECKING:
     from circuits.loads.elements import Element
     from circuits.loads.subcircuits import LoadCircuit
 
-# Conductance from every node to ground (S); Newton's iterations at most, and the share of the
-# currents at a node, or of the voltages around, whose sum ends them.
+# Conductance from every node to ground (S); most Newton iterations; and the residual at which they
+# end, as a share of the currents at a node or of the voltages around a loop.
 GMIN, MOST_ITERATIONS, SETTLED = 1e-12, 300, 1e-9
-# Conductance (S) that slows Newton's iterations where they fail without, and its share after each.
+# If Newton's iterations fail, they are repeated with this conductance (S), which is multiplied by
+# the second number after each.
 SLOWED, FADING = 1e-3, 0.9
-# A diode's exponent beyond which it goes on as a straight line.
+# Beyond this exponent a diode's current goes on as a straight line.
 LARGEST_EXPONENT = 40.0
-# Growth of a mode against its rate, and the rate (1/s) beyond which it is rounding.
+# A mode grows if its growth exceeds this share of its rate. Rates above the second number (1/s) are
+# rounding.
 GROWING, FASTEST = 1e-6, 1e13
-# Share of a control's way that a mode takes part in to count.
+# A mode counts if it makes up at least this share of a control's change.
 TAKES_PART = 0.05
-# Of a switch's control, the least time constant in steps of the grid that a run comes down to: a
-# hundred times Monte Carlo's shortest step, and ngspice's clock is no finer.
+# Shortest time constant of a switch's control that a run can follow, in steps of the grid. It is a
+# hundred times Monte Carlo's shortest step; ngspice's clock is no finer.
 LEAST_TURN = 1e-8
 # Time (s) on one core that a period of a load's own clock takes in each engine: a buck converter of
 # one switch behind a bridge, at 50 kHz, took 14 steps of Monte Carlo a period and 140 of ngspice.
 PERIOD_COST = {"Monte Carlo": 8.6e-6, "the circuit": 2.6e-3}
-# A realization that takes longer than this (s) with either is announced.
+# A note states the cost of a realization if it takes either engine more than so many seconds.
 LONG = 60.0
-# Unknowns of a load beyond which it is not looked at: half a second of work.
+# Loads with more unknowns are not analysed. So many take half a second.
 MOST_UNKNOWNS = 300
 
 
@@ -107,7 +109,7 @@ def following_notes(load: LoadCircuit, duration: float) -> tuple[str, ...]:
     period = min(load.periods, default=math.inf)
     costs = {engine: duration / period * cost for engine, cost in PERIOD_COST.items()}
     if any(each.letter in "jmq" for each in load.elements):
-        # Monte Carlo has no transistors.
+        # Monte Carlo does not run transistors.
         del costs["Monte Carlo"]
     if max(costs.values()) < LONG:
         return ()
@@ -368,14 +370,14 @@ class _Circuit:
     ) -> float:
         """The shortest of those with which a switch's control goes from one rest to another (s)."""
         rates, shapes, held = self._modes(y, closed)
-        # A turn changes nothing of what stores hold; nodes without one jump.
+        # A turn leaves the energy in stores unchanged; the voltages of nodes without a store jump.
         shares = np.linalg.pinv(held) @ (self._ends.T @ (before - y)) if rates.size else rates
         known = np.vstack([shapes * shares, np.zeros(rates.size)])
         one, other = self._switches[switch][2]
         parts = np.abs(known[one] - known[other])
         moved = np.append(before - y, 0.0)
         if abs((known[one] - known[other]).sum()) < 0.5 * abs(moved[one] - moved[other]):
-            # The rest is too fast for its rate to be told from rounding.
+            # Faster modes have rates that cannot be distinguished from rounding.
             return 0.0
         counts = parts > TAKES_PART * parts.sum()
         return float(1.0 / np.abs(rates[counts]).max(initial=0.0)) if counts.any() else math.inf

@@ -12,12 +12,13 @@ from harvester.files.plain_text import nearest
 if TYPE_CHECKING:
     from collections.abc import Mapping
 
-# °C of the circuit, and at which values count.
+# Temperature of the circuit, and reference temperature of its values, in °C.
 TEMPERATURE = 27.0
-# ngspice's own length and width of a resistor or capacitor (m).
+# ngspice's default length and width of a resistor or capacitor, in metres.
 _EDGE = 10e-6
 _TEMPERATURES = {"tc", "tc1", "tc1r", "tc2", "tc2r", "tce", "tnom"}
-# Of a resistor's or capacitor's model, and of a coil's; noise and limits do not count in a run.
+# Parameters of a resistor's, capacitor's or coil's model. Those of noise and limits have no effect
+# in a run.
 _NOISE = {"kf", "af", "lf", "wf", "ef", "bv_max"}
 _DIODE = (
     "level is js isw jsw rs trs trs1 trs2 n ns tt ttt1 ttt2 cjo cj0 cj cjp cjsw vj pb php vjsw m "
@@ -35,7 +36,7 @@ KNOWN = {
     "sw": {"vt", "vh", "ron", "roff"}, "csw": {"it", "ih", "ron", "roff"},
     "vswitch": {"von", "voff", "ron", "roff"}, "iswitch": {"ion", "ioff", "ron", "roff"},
 }  # fmt: skip
-# Words of switches that mean another law or part elsewhere.
+# Words of switches that mean another law or part in other programs.
 ELSEWHERE = {
     "level": "level=2 is LTspice's switch with a limit of current: write a B source",
     "ilimit": "it belongs to LTspice's switch: write a B source",
@@ -43,18 +44,19 @@ ELSEWHERE = {
     "vser": "it belongs to LTspice's switch: write an element of its own",
     "td": "it belongs to PSpice's switch: delay the control by R and C",
 }
-# Diodes' names of the same meaning.
+# Other names of diode parameters.
 _SAME = {
     "js": "is", "trs": "trs1", "cj0": "cjo", "cj": "cjo", "pb": "vj", "mj": "m", "ik": "ikf",
     "vb": "bv", "vrb": "bv", "ib": "ibv", "tref": "tnom",
 }  # fmt: skip
-# Ω: of less, rounding of the voltages at its ends hides the current of a harvester.
+# Smallest resistance, in ohms. Below it the rounding of the voltages hides the current of a
+# harvester.
 LEAST_RESISTANCE = 1e-6
-# A: ngspice's least saturation current.
+# ngspice's smallest saturation current, in amperes.
 LEAST_SATURATION = 1e-28
 # Threshold and half the hysteresis in a switch's model.
 LEVELS = {"s": ("vt", "vh"), "w": ("it", "ih")}
-# Controls at which PSpice's switches are on and off, and what they are without a word.
+# Controls at which PSpice's switches are on and off, with their defaults.
 _ENDS = {"vswitch": (("von", 1.0), ("voff", 0.0)), "iswitch": (("ion", 1e-3), ("ioff", 0.0))}
 
 
@@ -115,7 +117,7 @@ def _by_model(letter, model, numbers):
         )
         width -= 2.0 * said.get("narrow", said.get("dw", 0.0))
         return said["rsh"] * length / width if "rsh" in said and width > 0.0 else None
-    # A capacitor's model gives it no length.
+    # A capacitor's model has no default length.
     if "cj" not in said or "l" not in numbers:
         return None
     length = numbers["l"] - said.get("short", 2.0 * said.get("del", 0.0))
@@ -133,7 +135,7 @@ def check_diode(line: Any, model: Model, numbers: Mapping[str, float]) -> Model:
     if model.kind != "d":
         line.refuse(f"a diode with a model of {model.kind}")
     said = {_SAME.get(key, key): value for key, value in model.numbers}
-    # ngspice takes no less.
+    # ngspice raises smaller values to this one.
     said["is"] = max(said.get("is", 1e-14), LEAST_SATURATION) if said.get("is", 1.0) > 0.0 else 0.0
     area = numbers.get("area", 1.0) * numbers.get("m", 1.0)
     if not (said.get("is", 1e-14) > 0.0 and said.get("n", 1.0) > 0.0 and area > 0.0):

@@ -14,9 +14,10 @@ if TYPE_CHECKING:
     from circuits.loads.elements import Element
     from circuits.loads.subcircuits import LoadCircuit
 
-# Of what lies across an output (F and Ω): less is rather a misread suffix.
+# Smallest storage (F) and resistance (Ω) across an output. Smaller values are probably a misread
+# suffix.
 LEAST_STORAGE, LEAST_LOAD = 1e-12, 1.0
-# Where a source turns on and off without an end.
+# Advice for a source that turns on and off without end.
 SOURCE_CURE = (
     "its value jumps to and fro at one threshold, where what it does takes it back at once; use a "
     "switch with a hysteresis (S, vt= and vh=), or let it change smoothly over some millivolts, as "
@@ -42,12 +43,12 @@ def negative_parts(load: LoadCircuit) -> tuple[str, ...]:
 
 
 def conductance(parts: Iterable[Element]) -> float:
-    """Of resistors side by side (S); what one below 0 delivers is not used."""
+    """The conductance (S) of resistors in parallel. Negative resistances are left out."""
     return sum(max(1.0 / each.size, 0.0) for each in parts if each.letter == "r" and each.size)
 
 
 def capacitance(parts: Iterable[Element]) -> float:
-    """Of capacitors side by side (F)."""
+    """The capacitance (F) of capacitors in parallel."""
     return sum(each.size or 0.0 for each in parts if each.letter == "c")
 
 

@@ -8,8 +8,8 @@ from typing import TYPE_CHECKING
 if TYPE_CHECKING:
     from circuits.loads.subcircuits import LoadCircuit
 
-# ngspice's flat name: letters and the calls on the way, "d.xload.d.xbridge.dupper"; a model's name
-# follows a colon, "xload:ideal".
+# Matches ngspice's flat names: letters and calls, as in "d.xload.d.xbridge.dupper". The name of a
+# model follows a colon, as in "xload:ideal".
 _FLAT = re.compile(r"(?<![\w.])(?:[a-z]\.)*(?:xcopy\d+[.:])?xload([.:])([^\s,;()]*[^\s,;:.()])")
 
 
@@ -26,7 +26,7 @@ def with_places(message: str, load: LoadCircuit | None) -> str:
 def _named(flat, load):
     """ "dupper (bridge.lib:24)", or the bare name of what is no element, as a node."""
     path = re.split("[.:]", flat.removesuffix("#branch"))
-    # Between the calls stands the element's letter again.
+    # The element's letter is repeated between the calls.
     full = ".".join(part for k, part in enumerate(path) if len(part) > 1 or k == len(path) - 1)
     places = {each.name: each.where for each in load.elements}
     return f"{path[-1]} ({places[full]})" if full in places else f"{path[-1]} of the load"

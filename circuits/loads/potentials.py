@@ -12,11 +12,11 @@ from circuits.loads.part_models import hysteresis
 from circuits.loads.waveform import FOREVER, Waveform
 from harvester.device.terminals import GROUND
 
-# Points of a pwl beyond which its voltage is asked of the circuit.
+# The voltage of a pwl with more points is taken from the circuit.
 MOST_POINTS = 24
-# Of a switch's control (V or A), against the greater of 1 and its thresholds.
+# Rounding of a switch's control (V or A), relative to the greater of 1 and its thresholds.
 CONTROL_ROUNDING = 1e-12
-# What has no value, or no slope, at 0 V.
+# Functions without a value, or without a slope, at 0 V.
 _UNDEFINED_AT_0 = {"ln", "^", "pwr", "acosh"}
 
 
@@ -163,7 +163,7 @@ def levels(switch: Element, potentials: Potentials) -> tuple[float, float]:
     found = potentials.between(*switch.nodes[2:4]) if switch.letter == "s" else None
     sides = [_sides(sign, each) for sign, each in found or ()]
     least, most = (sum(side[k] for side in sides) for k in range(2))
-    # Where the control rests there ngspice begins with the switch closed.
+    # If the control rests at the threshold, ngspice begins with the switch closed.
     if sides and abs(most - low) <= rounding:
         return low - rounding, high - rounding
     if sides and abs(least - low) <= rounding:

@@ -15,19 +15,20 @@ from typing import NamedTuple
 
 from harvester.errors import NetlistError
 
-# Of a load with all that it includes: far above any, far below what would exhaust a machine.
+# Limits of a load with all that it includes. They are far above real loads and far below what would
+# exhaust a machine.
 MOST_BYTES = 1_000_000
 MOST_FILES = 100
 DEEPEST_INCLUDE = 16
 MOST_CARDS = 20_000
-# Characters of one statement with its continuation lines.
+# Longest statement with its continuation lines, in characters.
 LONGEST_CARD = 20_000
 
 INCLUDES = (".include", ".inc", ".lib")
 IGNORED = (".end", ".backanno")
 _COMMENT = re.compile(r";|//|(?:^|(?<=[\s,]))\$(?=\s|$)")
-# What the load's file wants to have measured, what its parameters must fulfil, and whose language
-# it is: comments to every SPICE.
+# Comments that this program reads: what is to be measured, what the parameters must fulfil, and the
+# dialect.
 _SAID = re.compile(r"\*\s*(measure|needs|dialect)\s*:", re.IGNORECASE)
 MEASURE, NEEDS, DIALECT = "*measure", "*needs", "*dialect"
 
@@ -124,7 +125,8 @@ class _Reader:
         with _named(place):
             if not path.is_file():
                 raise NetlistError(f"{place}: no regular file")
-            # No more than its size says: what the system shows as an empty file may have no end.
+            # Reads no more bytes than the file's size: a file that the system shows as empty may
+            # have no end.
             size = min(path.stat().st_size, MOST_BYTES - self._bytes + 1)
             with path.open("rb") as file:
                 content = file.read(size)
@@ -144,12 +146,12 @@ def _included(argument, beside, folder, where):
     if not name or (not quoted and len(name.split()) != 1):
         raise NetlistError(f"{where} {argument[:80]}: takes one file name (no library's section)")
     outside = re.match(r"[/\\~]|[a-z]:", name, re.IGNORECASE) or ".." in re.split(r"[/\\]", name)
-    # As Windows parts folders.
+    # Windows separates folders by a backslash.
     path, place = beside / name.replace("\\", "/"), f"{where} {name[:80]}"
     with _named(place):
         outside = outside or not path.resolve().is_relative_to(folder)
         missing = not path.exists()
-        # What the project's own files include stands beside them.
+        # Files that the project's own netlists include stand beside them.
         own = Path(str(resources.files("netlists"))) / name
         bare = re.fullmatch(r"[\w.]+\.lib", name)
         if bare and (missing or own.parent == beside) and own.is_file():
@@ -166,7 +168,7 @@ def _decoded(content):
         return content.decode("utf-16", errors="replace")
     if content[1:2] == b"\0":
         return content.decode("utf-16-le", errors="replace")
-    # A byte-order mark may stand before text of another encoding: files are put together.
+    # A byte-order mark may stand before text of another encoding, if files were joined.
     content = content.removeprefix(codecs.BOM_UTF8)
     try:
         return content.decode("utf-8")

@@ -29,7 +29,7 @@ from circuits.loads.numbers import number
 from circuits.loads.tree import Subcircuit
 from harvester.device.terminals import GROUND
 
-# Constants that go before parameters in ngspice's behavioural sources, unlike all others.
+# In ngspice's behavioural sources only these constants have precedence over parameters.
 _FIRST = ("pi", "e")
 
 

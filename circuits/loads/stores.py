@@ -14,11 +14,12 @@ if TYPE_CHECKING:
     from circuits.loads.elements import Element
     from circuits.loads.subcircuits import LoadCircuit
 
-# Elements with nodes that control them, and those whose slope depends on the voltage across them.
+# Letters of elements with controlling nodes, and of those whose slope depends on the voltage across
+# them.
 _CONTROLLED, _CURVED = "segw", "dqjm"
 
-# A mode takes part in a store whose voltage in it is this share of the mode's greatest: not that of
-# a DC side as a whole against ground, which stray capacitances hold.
+# A store belongs to a mode if its voltage is at least this share of the mode's greatest. This
+# excludes the voltage of a DC side as a whole against ground, which stray capacitances hold.
 TAKES_PART = 0.1
 
 
@@ -72,7 +73,7 @@ def _store(each):
 
 
 def weights(store: Store, levels: Iterable[str]) -> np.ndarray:
-    """Of each level in what a store holds: 1, −1 or 0."""
+    """The sign with which each level counts in the voltage of a store: 1, −1 or 0."""
     return np.array([float(name == store.first) - float(name == store.second) for name in levels])
 
 

@@ -42,10 +42,10 @@ from harvester.device.terminals import GROUND
 from harvester.errors import NetlistError
 from harvester.files.plain_text import nearest
 
-# What a load's sub-circuit is connected by: the piezo's terminals, and its DC side if it has one.
+# Pins of a load's sub-circuit: the piezo's terminals, and the DC side if it has one.
 PIEZO_PINS, OUTPUT_PINS = ("p", "n"), ("out", "ref")
 EXPECTED = "p n, or p n out ref (p n: the piezo's terminals; out ref: the DC side), in any order"
-# Suffixes that SPICE reads otherwise than people do, and both readings.
+# Matches suffixes that SPICE and people read differently: M and F.
 _MISREAD = re.compile(r"\s*([+-]?[\d.]+(?:[eE][+-]?\d+)?)(M(?![eE][gG]|[iI][lL])|F)", re.ASCII)
 _READINGS = {"M": ("a million", "a thousandth"), "F": ("a farad", "a femtofarad")}
 
@@ -106,7 +106,7 @@ class LoadCircuit:
 
     @cached_property
     def run_text(self) -> str:
-        """Its sub-circuit as ngspice runs it: every number written out."""
+        """The sub-circuit as ngspice runs it, with every number written out."""
         return run_text(self.name, self.pins, self.elements)
 
     @cached_property
@@ -126,7 +126,7 @@ class LoadCircuit:
 
     @cached_property
     def periods(self) -> tuple[float, ...]:
-        """Of its sources that repeat themselves (s), each once."""
+        """The periods (s) of its periodic sources, each once."""
         found = (each.wave.period for each in self.elements if each.wave)
         return tuple(dict.fromkeys(period for period in found if period is not None))
 
@@ -153,12 +153,12 @@ class LoadCircuit:
 
     @property
     def values(self) -> dict[str, float]:
-        """Its parameters that are plain numbers, as given or by default (SI)."""
+        """The parameters that are plain numbers, given or by default (SI)."""
         return dict(self.defaults) | dict(self.parameters)
 
     @cached_property
     def stores(self) -> tuple[Store, ...]:
-        """Its capacitors and coils."""
+        """The capacitors and coils of the load."""
         return stores_of(self)
 
     @cached_property
@@ -221,7 +221,7 @@ def find_netlist(netlist: str, folders: Sequence[str | Path] = (".",)) -> Path:
         return Path(str(resources.files("netlists").joinpath(f"{netlist}.lib")))
     for folder in folders:
         path = Path(folder) / netlist
-        # A name that no system takes is no file either.
+        # A name that the system does not accept is no file.
         if os.path.isfile(path):
             return path
         if os.path.isdir(path):

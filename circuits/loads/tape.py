@@ -16,7 +16,8 @@ from harvester.device.terminals import GROUND
 for function in functions.COMPILED:
     merged(function)
 
-# What is no operation: an unknown, a constant, the time. Operations' codes come behind.
+# Entries of the tape that are no operation: an unknown, a constant, the time. Codes of operations
+# follow.
 UNKNOWN, CONSTANT, TIME = range(3)
 FIRST = 3
 

@@ -11,10 +11,10 @@ from circuits.loads.vetting import ELEMENTS
 from harvester.errors import NetlistError
 
 GROUND = "0"
-# Elements whose third and fourth nodes only control.
+# Letters of elements whose third and fourth nodes control them and carry no current.
 CONTROLLED_BY_NODES = ("e", "g", "s")
-# Their current flows from the first node to the third: drain or collector, gate or base, source or
-# emitter, then a bulk or substrate that may be left out.
+# Letters of transistors. Current flows from the first node to the third: drain or collector, gate
+# or base, source or emitter. A bulk or substrate may follow.
 TRANSISTORS = ("m", "j", "q")
 
 

@@ -13,14 +13,14 @@ from circuits.loads.expression import FUNCTIONS
 from circuits.loads.reader import DIALECT, MEASURE, NEEDS, Card
 from circuits.loads.vetting import Scope, check_nodes, listed, refuse
 
-# Definitions within definitions.
+# Deepest nesting of definitions.
 DEEPEST_DEFINITION = 20
 _INSTEAD = {
     ".ic": " (write ic= behind the capacitor or coil)",
     ".title": " (write the title behind *)",
     ".global": " (give the sub-circuits a pin for it)",
 }
-# A comma in front of the next `name=`, and so within no function.
+# Matches a comma in front of the next `name=`, which is not one between a function's arguments.
 COMMA = re.compile(r"\s*,\s*(?=[a-z_]\w*\s*=[^=])")
 
 
@@ -86,7 +86,7 @@ def parse(cards: list[Card], name: str) -> Subcircuit:
                 refuse(card, f".ends {rest[:40]} closes .subckt {here.name[:40]}")
             here = here.outer or root
         elif first in (".param", ".params"):
-            # A comma may part two of them.
+            # Parameters may be separated by commas.
             pairs = vetting.vet_parameters(card, COMMA.sub(" ", rest))
             here.local.update(pairs)
             here.local_cards.update(dict.fromkeys(pairs, card))

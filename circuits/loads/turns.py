@@ -13,13 +13,13 @@ from circuits.loads.bounds import of_time_alone
 from circuits.loads.expression import ExpressionError, Tree, leaves
 from harvester.device.terminals import GROUND
 
-# Lines through the space of voltages and currents on which an expression is looked at, from and to
-# values of up to these powers of ten, and the halvings that find a turn on one.
+# An expression is examined on so many lines through the space of voltages and currents, with values
+# between these powers of ten. A turn on a line is located by so many halvings.
 LINES, SMALLEST, GREATEST, HALVINGS = 64, -2.0, 2.0, 60
-# Of an expression's values on both sides of a turn, a difference that is no jump, against its size
-# at the line's ends.
+# The values on both sides of a turn differ by a jump if their difference exceeds this share of the
+# values at the line's ends.
 CONTINUOUS = 1e-6
-# Of a comparison's slope, what is rounding.
+# A slope of a comparison below this share is rounding.
 ROUNDING = 1e-9
 
 

@@ -25,21 +25,21 @@ MODELS = {
     "d", "npn", "pnp", "njf", "pjf", "nmos", "pmos", "vdmos", "sw", "csw", "r", "c", "l",
     "vswitch", "iswitch",
 }  # fmt: skip
-# Data-sheet facts that LTspice keeps beside a model or a part and that do not enter it.
+# Facts from data sheets that LTspice writes beside a model or a part. They have no effect.
 FACTS = {"mfg", "type", "iave", "vpk", "vceo", "icrating", "tol", "pwr", "irms", "ipk", "pn", "v"}
 VDMOS_FACTS = {"vds", "ron", "qg"}
-# Of LTspice's idealised diode, which ngspice would ignore.
+# Parameters of LTspice's idealised diode. ngspice would ignore them.
 IDEAL_DIODE = {"ron", "roff", "vfwd", "vrev", "rrev", "ilimit", "revilimit", "epsilon"}
 PART_PARAMETERS = {
     "m", "ic", "temp", "dtemp", "area", "pj", "w", "ad", "as", "pd", "ps", "nrd", "nrs",
     "tc", "tc1", "tc2", "tce", "scale", "noisy", "r", "c", "l",
 }  # fmt: skip
-# Of LTspice's parts; 0 is none of those in SERIES, and LTspice writes it so.
+# Parasitic parts of LTspice in series. LTspice writes 0 where there is none.
 SERIES = {"rser", "lser"}
 PARASITICS = {"rser", "rpar", "cpar", "lser", "rlshunt"}
 WAVEFORMS = {"dc", "ac", "sine", "am", *KINDS}
 FLAGS = {"on", "off", "nchan", "pchan"}
-# Element letter → nodes, and what follows them.
+# For each element's letter its number of nodes, and what follows them.
 ELEMENTS = {
     "r": (2, "value"), "c": (2, "value"), "l": (2, "value"), "k": (0, "coupling"),
     "d": (2, "model"), "q": (3, "model"), "j": (3, "model"), "m": (3, "model"),
@@ -49,13 +49,13 @@ ELEMENTS = {
 }  # fmt: skip
 
 _CHARACTERS = re.compile(r"[\w\s.+\-*/^(){}\[\],=<>?:!&|%#~\"]*", re.ASCII)
-# Of a name or a number.
+# Longest name or number, in characters.
 LONGEST_WORD = 250
 _LONG_WORD = re.compile(rf"[\w.]{{{LONGEST_WORD + 1}}}")
-# Of names in messages.
+# Most names in a message, and the longest shown whole.
 MOST_SHOWN, LONGEST_SHOWN = 20, 60
 LONGEST_FAULT = 300
-# A pair name=value whose value may be an expression.
+# Matches a pair name=value, whose value may be an expression in braces.
 _PAIR = re.compile(r"([a-z_]\w*)=(\{[^{}]*\}|[^\s{}()=]+)")
 _NODE = re.compile(r"[\w.+\-#/\[\]]+")
 _SOURCE_WORD = re.compile(r"\w+=\{[^{}]*\}|\{[^{}]*\}|[(),]|[^\s(),{}]+|\S")
@@ -280,7 +280,7 @@ def _part_parameter(card, word, scope):
         refuse(card, f"{key}= is LTspice's alone: write it as an element of its own")
     if key not in PART_PARAMETERS:
         refuse(card, f"unknown {word[:40]!r}{nearest(key, PART_PARAMETERS)}")
-    # Two names of one number, of which the last counts.
+    # `tc` and `tc1` are the same parameter; the last one counts.
     key = "tc1" if key == "tc" else key
     return [f"{key}={check_value(card, value, scope, key)}"]
 
@@ -310,7 +310,8 @@ def _model(card, rest, scope):
     if not found:
         bare = [word for word in rest if "=" not in word]
         unknown = bare[-1] if bare else ""
-        refuse(card, f"no .model {unknown[:LONGEST_SHOWN]}{nearest(unknown, scope.models)}")
+        missing = f"{unknown[:LONGEST_SHOWN]}{nearest(unknown, scope.models)}"
+        refuse(card, f"no .model {missing}: copy that part's .model line into the file")
     return words
 
 

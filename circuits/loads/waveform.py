@@ -8,12 +8,12 @@ from typing import NamedTuple
 
 from circuits.loads.expression import ExpressionError
 
-# Names of waveforms, LTspice's among them, and how many numbers each takes here.
+# Waveforms, and how many numbers each takes here.
 KINDS = {"pulse": (7,), "sin": range(3, 7), "exp": (6,), "sffm": (5,), "pwl": range(2, 10_000)}
 SAME = {"sine": "sin"}
-# Longest time: what ngspice never reaches.
+# A time (s) that no run reaches.
 FOREVER = 1e30
-# Of a rise or fall of 0, for which ngspice takes its printing step (s).
+# Time (s) that a rise or fall of 0 takes here. ngspice would take its printing step.
 SHORTEST_RISE = 1e-9
 _FORMS = {
     "pulse": "pulse(low high delay rise fall width period): without one of them ngspice 39 and 46 "
@@ -44,7 +44,7 @@ class Waveform(NamedTuple):
 
     @property
     def start(self) -> float:
-        """Its value at the beginning."""
+        """The value at the beginning."""
         first = self.numbers
         if self.kind == "pwl":
             late = [k for k in range(0, len(first), 2) if first[k] <= 0.0]

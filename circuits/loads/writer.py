@@ -16,7 +16,7 @@ from circuits.loads.functions import CONSTANTS, SOLUTION
 from circuits.loads.numbers import number
 from circuits.loads.potentials import starts
 
-# Characters of a node's name that an expression could take for an operator.
+# Matches characters of a node's name that could be read as an operator.
 _ODD = re.compile(r"[^\w.#]", re.ASCII)
 
 
@@ -112,7 +112,7 @@ def _line(each, names):
     elif each.letter == "k":
         words.append(_number(each.value))
     else:
-        # ngspice's multiplier of a controlled source is its gain's.
+        # ngspice multiplies the gain of a controlled source by `m`.
         return " ".join([*words, _number(each.value * each.many)])
     return " ".join([*words, *numbers, *each.flags])
 

@@ -33,26 +33,26 @@ from harvester.device import system as systems
 if TYPE_CHECKING:
     from harvester.device.system import System
 
-# Points that are collected before Python is called with them, and knots of the noise that are held
-# ahead of the time, over all copies together: calls into Python are then some thousand steps apart.
+# So many points are collected before Python is called, and so many knots of the noise are held
+# ahead, over all copies together. Calls into Python are then some thousand steps apart.
 BUFFERED_POINTS = 4096
 BUFFERED_KNOTS = 65_536
 # Fewest points and knots for each copy, where there are many copies.
 FEWEST_POINTS, FEWEST_KNOTS = 512, 1024
-# Knots that stay in the window behind the latest accepted time when it moves on.
+# When the window moves on, so many knots behind the latest accepted time stay in it.
 KNOTS_KEPT_BEHIND = 8
-# Letters of a source's name that are read for the number of its copy, ngspice's prefix included;
-# the names are made in `circuits.elements` and are shorter.
+# Longest name of a source, with ngspice's prefix, from which the number of its copy is read. The
+# names come from `circuits.elements` and are shorter.
 LONGEST_NAME = 64
-# Columns of the buffer, of each copy, in front of the unknowns that its load's measures are made
-# of and those that are watched; what is not there is 0.
+# Columns of the buffer, for each copy, in front of the unknowns of the load's measures and of those
+# that are watched. Columns that do not apply are 0.
 COLUMNS = 9
 DISPLACEMENT, VELOCITY, TERMINAL, NOISE, HELD_SPEED = range(5)
 LOAD_CURRENT, OUTPUT, REFERENCE, TRANSDUCER = range(5, COLUMNS)
 
-# Steps that ngspice begins with by backward Euler, whatever the method. The following ones double
-# up to the usual length: whatever decays within that, one of them damps well. After tiny steps
-# the trapezoidal rule with whole ones would let it ring on.
+# ngspice begins with so many steps of backward Euler, whatever the method. The next steps double up
+# to the usual length, so that one of them damps each fast decay. With full steps directly after
+# tiny ones the trapezoidal rule would let such a decay ring on.
 FIRST_ORDER_STEPS = 2
 LENGTHENED_STEPS = FIRST_ORDER_STEPS + math.ceil(-math.log2(FIRST_ORDER_SHARE))
 
@@ -63,10 +63,11 @@ STEPS_TO_DIVIDE = 1.8
 # A bend of a source that is nearer than this share of a grid's step to a point of the grid is
 # reached together with it; ngspice itself merges two sources' bends at this distance.
 MERGED = 5e-5
-# An end in a load's own plan, such as a jump, counts as reached at this share of a grid's step.
+# The end of an interval in a load's own plan, such as a jump, counts as reached within this share
+# of a grid's step.
 LEAST_TO_END = 1e-9
 
-# Why `service` is called.
+# Reasons for a call of `service`.
 BUFFER_FULL, WINDOW_ENDS, PLAN_ENDS = 0, 1, 2
 
 STATE = np.dtype(
@@ -94,7 +95,8 @@ STATE = np.dtype(
         ("state_scale", np.float64),  # scaled state of the transducer for one volt or ampere
         ("landing", np.float64),  # see `harvester.device.system.resolving_step`
         ("rate", np.float64),
-        # What of a load is watched, see `circuits.ngspice.load_steps`; the latter three addresses.
+        # Watched quantities of the load, see `circuits.ngspice.load_steps`. The last three are
+        # addresses.
         ("first_watched", np.int64),  # its first column
         ("switch_count", np.int64),
         ("store_count", np.int64),
@@ -106,7 +108,7 @@ STATE = np.dtype(
         ("turn", np.float64),  # see `circuits.loads.load_watch.Watch` (s)
         ("pace", np.float64),  # of the motion's clock
         ("refinement", np.float64),  # of the steps against the default ones
-        # Of what the load does by itself, see `circuits.loads.course.Plan`; the latter addresses.
+        # The load's own motion, see `circuits.loads.course.Plan`. The last ones are addresses.
         ("planned_to", np.float64),  # infinite where it does nothing (s)
         ("planned_count", np.int64),
         ("planned_place", np.int64),

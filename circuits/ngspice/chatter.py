@@ -16,12 +16,12 @@ if TYPE_CHECKING:
     from circuits.assembly import Netlist
     from circuits.loads.subcircuits import LoadCircuit
 
-# A source chatters that jumps by half its greatest value at this share of the points, while steps
-# are shorter than this share of the usual one, each time of so many that one looks in turn, a
-# second apart. A step load without a hysteresis jumps at two of five points, at steps of 3e-4; a
-# pulse width modulated in thirty steps a period at one of fifteen.
+# A source chatters if it jumps by half its greatest value at JUMPING_SHARE of the points while
+# steps are shorter than SLIDING_STEP of the usual one, in each of LOOKS checks a second apart. A
+# step load without a hysteresis jumps at two of five points, at steps of 3e-4. A pulse-width
+# modulation with thirty steps a period jumps at one of fifteen.
 JUMPING_SHARE, SLIDING_STEP, LOOKS = 0.125, 1e-2, 6
-# Points that tell.
+# Fewest points of a check.
 FEWEST_POINTS = 200
 
 
@@ -41,7 +41,7 @@ class Chattering:
         self._names: list[str] = []
         trees = []
         levels = load.levels if load else ()
-        # Levels are the last of what is measured; "v", a node's full name and ground.
+        # Levels are the last measurements. Each is ("v", full name of the node, ground).
         own = measurement.trees[len(measurement.trees) - len(levels) :]
         pins = {name: tree[1] for name, tree in zip(levels, own, strict=True)}
         for each in jumping_sources(load) if load else ():

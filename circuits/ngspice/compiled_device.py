@@ -24,7 +24,8 @@ if TYPE_CHECKING:
     pass
 
 COMPILER = "openvaf-r"
-# The same machine code, and so the same last digits, on every processor that shares a cache.
+# Compiles for a generic processor: all processors that share a cache then give the same last
+# digits.
 OPTIONS = ("--target_cpu", "generic")
 TIME_LIMIT = 120.0
 _COLOUR = re.compile(r"\x1b\[[0-9;]*m")
@@ -47,7 +48,7 @@ def find_compiler() -> str | None:
     CompiledDeviceUnavailable
         Neither is there.
     """
-    # Not one that lies in the working folder, whatever PATH says.
+    # Relative folders of PATH are left out: they would lead into the working folder.
     folders = filter(os.path.isabs, os.get_exec_path())
     found = shutil.which(COMPILER, path=os.pathsep.join(folders))
     if found is None:
@@ -98,7 +99,7 @@ def compiled_file(text: str) -> Path:
 
 def has_osdi(engine: Any) -> bool:
     """Whether this ngspice takes compiled devices."""
-    # Without a file the command does nothing, and an ngspice without OSDI does not know it.
+    # Without a file the command has no effect. An ngspice without OSDI does not have it.
     return "no such command" not in _answer(engine, "osdi")
 
 
@@ -153,7 +154,7 @@ def _compile(compiler, text, work, folder, key):
     _run(compiler, str(work / "harvester.va"), "-o", str(made), *OPTIONS)
     if not made.is_file():
         raise CompiledDeviceUnavailable(f"compile failed: {compiler} wrote nothing")
-    # Whatever the umask, nobody else changes it.
+    # Nobody else may change it, whatever the umask.
     made.chmod(0o644)
     kept = folder / f"{key}-{_digest(made.read_bytes())}.osdi"
     os.replace(made, kept)
@@ -182,7 +183,7 @@ def _digest(content):
 def _answer(engine, command):
     """What ngspice has to say to a command, in one line."""
     heard = len(engine.messages)
-    # It goes into an exception, or is of no interest.
+    # The text goes into an exception if it matters.
     with contextlib.redirect_stderr(io.StringIO()):
         engine.exec_command(command)
     return "; ".join(engine.messages[heard:])

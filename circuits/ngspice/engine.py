@@ -103,7 +103,7 @@ def run_realizations(
 
 
 def _pace(ready, step):
-    """That at which steps of the grid are exact for the excitation's line."""
+    """The clock's factor at which steps of the grid are exact for the excitation's line."""
     length = knot_spacing(ready) / steps_per_knot(ready, step)
     return pace_of(line_frequency(ready) * length)
 

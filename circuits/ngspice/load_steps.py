@@ -29,18 +29,19 @@ APPROACH = 0.45
 # The same share for a coil whose current comes to zero, where a diode in series ends it. A current
 # below IDLE times the error that is allowed is not watched so.
 COIL_APPROACH, IDLE = 0.5, 10.0
-# A turn is known to this share of the switch's hysteresis, as a control that overshoots it may turn
-# another switch; but not better than this share of the shortest step, or than that step of the
-# default grid where the local error acts: ngspice's Newton fails in too short ones.
+# A turn is located to LOCATED of the switch's hysteresis, since a control that overshoots may turn
+# another switch. It is not located better than LEAST_LOCATED of the shortest step, or than that
+# step of the default grid under control by the local error: in shorter steps ngspice's Newton
+# iterations fail.
 LOCATED, LEAST_LOCATED = 0.2, 1.0 / 64.0
-# The same three of a switch that turns by itself, in time constants of what controls it.
+# SHORTEST, RESTART and LOCATED of a switch that turns by itself, in time constants of its control.
 TURN_STEPS = 0.1, 0.01, 0.05
 # Radians of the device's natural frequency after which the greatest energy of late is forgotten.
 MEMORY = 15.0
-# Accepted points that the third derivative is made of; before so many steps there is none.
+# The third derivative is computed from so many accepted points, and exists after so many steps.
 POINTS = 4
-# What `memory` says of a switch. The order counts: a switch that may still close is below CLOSED,
-# one that may still open is above OPEN.
+# States of a switch in `memory`. Their order matters: a switch that may still close is below
+# CLOSED, one that may still open is above OPEN.
 OPEN, UNKNOWN, CLOSED = 0.0, 0.5, 1.0
 
 
@@ -139,7 +140,8 @@ def _turns(history, now, last, switches, memory, limits, longest):
         elif control < opens:
             memory[k] = OPEN
         elif (state < CLOSED and expected > closes) or (state > OPEN and expected < opens):
-            # ngspice turns it by where the control was expected; the turn may have thrown it back.
+            # ngspice turns the switch by the predicted control; the turn itself may have reversed
+            # it.
             memory[k], state = UNKNOWN, -1.0
         if memory[k] != state:
             longest = min(longest, restart)

@@ -6,14 +6,14 @@ import re
 from collections.abc import Sequence
 from typing import Any
 
-# How ngspice begins a line on standard error that refuses a netlist or ends a run. A line of a
-# netlist that it repeats begins with an element's flat name or a dot.
+# Matches the beginning of a line by which ngspice refuses a netlist or ends a run. Lines of the
+# netlist that it repeats begin with an element's flat name or a dot.
 _FAULT = re.compile(r"(?:fatal |internal |pt)?error(?=[:!,]| -| on line| in )", re.I)
 _MISSING = re.compile(r"(?:could not|can't|cannot|unable to|no such|undefined|unknown) .*", re.I)
 _IGNORED = re.compile(r"unrecognized parameter \(.*\) - ignored", re.I)
 _ENDED = re.compile(r"doAnalyses: (?:TRAN: *)?", re.I)
 _SINGULAR = re.compile(r"warning: (?=singular matrix)", re.I)
-# What only says that a fault follows, went before, or is being worked around.
+# Matches lines that only announce or repeat a fault, or say that it is worked around.
 _EMPTY = re.compile(
     "|".join(
         (
@@ -37,8 +37,7 @@ _EMPTY = re.compile(
 )
 _SUBJECT = re.compile(r"(?:in line )?((?:[a-z]\.)+x\S+)(?: .*)?|\.model (\S+) .*", re.I)
 MOST_REASONS = 3
-# What steps that are too small come of: at a switch's instance, and where the transducer is a coil
-# with inductance.
+# Matches the message on steps that are too small. Causes are switches, and coils with inductance.
 _TOO_SMALL = re.compile("timestep too small", re.I)
 _AT_SWITCH = re.compile(r"-instance [sw]\.", re.I)
 _CHATTER = "; it undoes what turned it over and over: give it a hysteresis, or a wider one"
@@ -46,7 +45,7 @@ _CUT_OFF = (
     "; the inductance drives the coil's current on, and a load that switches leaves it no way: set "
     "coil.inductance = 0, which changes little while ωL is far below the resistances"
 )
-# Letters of a reason that is told: some repeat the whole expression.
+# Longest reason that is shown, in characters: some messages repeat a whole expression.
 LONGEST_REASON = 200
 
 

@@ -45,7 +45,8 @@ if TYPE_CHECKING:
     from harvester.excitation.base import ExcitationPath
     from harvester.record.output_side import OutputMoments
 
-# A speed is held from where the contact begins, within this share of the step that resolves it.
+# The impact speed is held from the beginning of the contact, located within this share of the
+# contact's step.
 LANDING = 1.0 / 32.0
 
 _session = None
@@ -102,7 +103,7 @@ class Session(NgSpiceShared):
         self._load_code_models()
         self.version_text = self.exec_command("version -f")
         self.exec_command("set nomoremode")
-        # Newer releases read a system file at every step otherwise.
+        # Otherwise newer releases read a system file at every step.
         self.exec_command("set no_mem_check")
         self.exec_command("set num_threads=1")
 
@@ -297,7 +298,7 @@ class Session(NgSpiceShared):
         if count == 0:
             return
         state["count"] = 0
-        # What lies beyond the end has no place in the record.
+        # Points beyond the end of the run are left out of the record.
         count = int(np.searchsorted(self._times[:count], self._netlist.stop * (1.0 + 1e-9)))
         if count == 0:
             return

@@ -105,5 +105,7 @@ def convert(
             power = nodes[row, callbacks.TERMINAL] * current * per_power
         else:
             power = systems.load_power(s.transducer, v, state)
-        put_in = noise * (rate * rate) * v
-        fill(record, row, times[row], x, v, voltage, power, put_in, loss, own, state)
+        excitation = noise * (rate * rate)
+        put_in = excitation * systems.base_speed(s.transducer, v, state, current * per_ampere)
+        kept = systems.kept_state(s.transducer, state, excitation)
+        fill(record, row, times[row], x, v, voltage, power, put_in, loss, own, kept)

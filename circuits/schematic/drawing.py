@@ -36,7 +36,7 @@ TITLE_SIZE, BOX_TITLE_SIZE = 14, 13
 # Distances in schemdraw's units: between parts of the drawing, from a box to what is in it, and the
 # length of a wire that leads out of a box.
 GAP, PADDING, LEAD = 1.8, 0.7, 0.8
-# The mechanical side is continued in a further row where it would be wider than this.
+# If the mechanical side would be wider than this, it continues in a further row.
 WIDEST_ROW = 17.0
 
 
@@ -114,7 +114,7 @@ def schematic(scene: SceneOrName) -> Schematic:
         turn = [(end, between), (0.4 * LEAD, between)]
         corner = (2.0 * LEAD, low - 2.0 * GAP)
     edge = _load(pen, circuit, call, [leave, *turn], corner, strays)
-    # Beside the electrical side, above the load, where there is room.
+    # It stands beside the electrical side and above the load, if there is room.
     above = len(inner.parts) > 1
     _definitions(pen, inner, (end + 2.0 * GAP, -PADDING) if above else (edge + GAP, corner[1]))
     return Schematic(tuple(pen.names), pen)

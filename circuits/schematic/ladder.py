@@ -38,7 +38,7 @@ class Column:
 
     @property
     def ends(self) -> tuple[str, str]:
-        """The two rails."""
+        """The two rails that the column connects."""
         return self.nodes[0], self.nodes[-1]
 
 
@@ -103,7 +103,7 @@ def _columns(parts, kept):
     for part in parts:
         for node in part.ends:
             ends.setdefault(node, []).append(part)
-    # The gate of a transistor is written beside its rail, so that it needs one.
+    # The gate of a transistor is written beside its own rail, so that the node needs a rail.
     kept = kept | {node for part in parts for node in part.beside}
     inner = {n for n, at in ends.items() if n not in kept and len(at) == 2 and at[0] != at[1]}
     columns: list[Column] = []

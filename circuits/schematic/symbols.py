@@ -16,8 +16,8 @@ from harvester.show.figure_settings import figure_settings, load_matplotlib
 if TYPE_CHECKING:
     from circuits.loads.topology import Part, Topology
 
-# Lengths in schemdraw's units: of an element along its column, of a column without its words, and
-# of one letter of a name.
+# Lengths in schemdraw's units: of an element along its column, of a column without text, and of one
+# character.
 ROW, COLUMN, LETTER = 2.0, 1.25, 0.185
 NAME_SIZE, VALUE_SIZE, LINE_HEIGHT = 12, 10, 0.44
 LONGEST_VALUE = 18
@@ -29,15 +29,16 @@ SYMBOLS = {
     "i": "SourceI", "e": "SourceControlledV", "h": "SourceControlledV", "s": "Switch",
     "f": "SourceControlledI", "g": "SourceControlledI", "w": "Switch",
 }  # fmt: skip
-# Of each kind of transistor: what its control and its fourth node are called, its kinds of channel
-# or doping, the second drawn where the model names it, and their symbols. Arrows point away from
-# an npn's base and into an n channel, which schemdraw's shapes of two terminals have the other way.
+# For each kind of transistor: the names of its control and of its fourth node, its kinds of channel
+# or doping (the second is drawn if the model names it), and their symbols. Arrows point away from
+# an npn's base and into an n channel; schemdraw's two-terminal shapes have them the other way
+# round.
 TRANSISTORS = {
     "q": (("base", "substrate"), "pnp", ("BjtPnp2", "BjtNpn2")),
     "j": (("gate",), "pjf", ("JFetP2", "JFetN2")),
     "m": (("gate", "bulk"), "pmos|pchan", ("NFet2", "PFet2")),
 }
-# Length of a transistor's control lead, beyond which its words stand.
+# Length of a transistor's control lead. Its text stands beyond it.
 CONTROL_LEAD = 1.4
 
 
@@ -118,7 +119,7 @@ class Pen:
         # and the shape that a pnp transistor is drawn with begins with the emitter.
         turned = reverse != (symbol.endswith("V") or symbol == "BjtNpn2")
         first, last = (end, start) if turned else (start, end)
-        # A control lead points to the right, where the words are.
+        # The control lead points to the right, where the text stands.
         self._add(symbol, first, last, flip=part.letter in TRANSISTORS and first[1] < last[1])
         x, y = 0.5 * (start[0] + end[0]), 0.5 * (start[1] + end[1])
         upright, lines = start[0] == end[0], words(part)
@@ -148,7 +149,7 @@ class Pen:
 
         if suffix == ".svg":
             drawing = schemdraw.Drawing(canvas="svg", show=False, margin=MARGIN)
-            # Black ink on a reader's dark page.
+            # A white ground, since the lines are black also on a dark page.
             drawing.config(bgcolor="white")
             self._draw(drawing, elements)
             return drawing.get_imagedata("svg")
@@ -188,7 +189,7 @@ def schemdraw_library() -> Any:
     ------
     MissingLibrary
     """
-    # Which imports it on its own.
+    # schemdraw imports matplotlib by itself.
     load_matplotlib()
     return optional_library("schemdraw", "a schematic", "schematic")
 
@@ -206,11 +207,11 @@ def words(part: Part) -> list[str]:
     value, control = _value(part), [node for node in part.control if node != GROUND]
     if part.letter in TRANSISTORS:
         names = TRANSISTORS[part.letter][0]
-        # A bulk at the source is drawn so by the symbol.
+        # The symbol itself shows a bulk that is connected to the source.
         beside = [pair for pair in zip(names, part.beside, strict=False) if pair[1] != part.ends[1]]
         lines = [*(f"{name}: {node}" for name, node in beside), value.split()[0]]
     elif part.letter == "b" or (part.letter in "eg" and re.search(r"=|\bv\(", part.value)):
-        # One line each: what a behavioural source depends on.
+        # One line for each node on which a behavioural source depends.
         lines = [f"{'and' if place else 'of'} {node}" for place, node in enumerate(control)]
     elif part.letter in "egs":
         voltage = f"v({', '.join(control)})"

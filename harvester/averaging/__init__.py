@@ -7,13 +7,13 @@ if TYPE_CHECKING:
     from harvester.averaging.closures import NOISE_CLOSURES as NOISE_CLOSURES
     from harvester.averaging.closures import average as average
 
-# The closure that holds most widely.
+# The default closure: it holds for the widest range of devices.
 DEFAULT_CLOSURE = "fokker_planck"
 __all__ = ["CLOSURES", "DEFAULT_CLOSURE", "NOISE_CLOSURES", "average"]
 
 
 def __getattr__(name: str) -> object:
-    # Imported where they are used: the closures need numba, the name of the usual one does not.
+    # Imported here, not at the head: the closures need numba, the default's name does not.
     if name in ("CLOSURES", "NOISE_CLOSURES", "average"):
         from harvester.averaging import closures
 

@@ -16,7 +16,7 @@ from harvester.averaging.spectral import spectral
 from harvester.device import timescales
 from harvester.device.damper import Damper
 from harvester.device.hertz import HERTZ_EXPONENT, HertzDamp
-from harvester.device.piezo import Piezo
+from harvester.device.piezo import PiezoLaw
 from harvester.device.polynomial import Polynomial
 from harvester.errors import AveragingError
 from harvester.files.plain_text import nearest
@@ -27,8 +27,10 @@ from harvester.stationary.fokker_planck import fokker_planck
 if TYPE_CHECKING:
     from harvester.device.system import System
 
-LEVELS, NODES = 400, 32  # of each edge; of an orbit on either side of the stopper
-COARSE_LEVELS, COARSE_NODES = 200, 24  # the grid that tells the numerical error
+# Levels of each edge, and nodes of an orbit on either side of the stopper. The difference to the
+# coarse grid is the numerical error.
+LEVELS, NODES = 400, 32
+COARSE_LEVELS, COARSE_NODES = 200, 24
 
 
 class Closure(NamedTuple):
@@ -110,7 +112,7 @@ def _over_orbits(closure, device, tolerance, memory):
     fine, density = _solve(closure, spans, LEVELS, NODES)
     error = {name: abs(fine[name] - means[name]) for name in fine}
     for name, mean in fine.items():
-        # The share in wells may be too small to matter.
+        # A share of time in the wells may be so small that its relative error does not matter.
         if name != "share_in_wells" and not error[name] <= tolerance * abs(mean):
             raise AveragingError(
                 f"{name.replace('_', ' ')} changes from one grid to a finer one by "
@@ -123,7 +125,7 @@ def _over_orbits(closure, device, tolerance, memory):
 def _check(s):
     """Refuse what Eqs. 10–37 do not know, and what their averaging does not hold for."""
     laws = [each.law for each in s.contacts]
-    piezo = isinstance(s.transducer, Piezo)
+    piezo = isinstance(s.transducer, PiezoLaw)
     refusals = {
         "the spring is not symmetric": not s.spring.symmetric,
         "the spring has a table or a range": not isinstance(s.spring, Polynomial),
@@ -169,8 +171,9 @@ def _solve(closure, spans, levels, nodes):
     families = [settled_orbits(e, np.linspace(a, b, levels), nodes) for e, a, b in spans]
     logarithms = _logarithms(closure, families)
     weights = [np.exp(logarithm) for logarithm in logarithms]
-    # Wells of another potential overlap the outer orbits: within these nothing else counts. Else
-    # wells lie there, and around them the density of the innermost outer orbit goes on.
+    # In `consistent` the wells have a potential of their own and overlap the outer orbits: inside
+    # the outer ones only the wells count. In `paper` the density of the innermost outer orbit goes
+    # on inside.
     overlap = families[0].edge.anchor > 0.0
     cores = [dict.fromkeys(families[0].enclosed, 0.0)]
     if len(families) == 2:
@@ -227,10 +230,11 @@ def _means(orbits, weight, core):
         values = weight * values
         change = values * CubicSpline(orbits.level, enclosed[name]).derivative()(orbits.level)
         inside = values[0] * (enclosed[name][0] - core[name])
-        # All four quarters of the phase plane.
+        # The integrals cover one quarter of the phase plane.
         return 4.0 * (inside + CubicSpline(orbits.level, change).integrate(*ends))
 
-    # Eq. 10 about X*: the orbit's own bottom in `paper`, one point for all in `consistent`.
+    # Eq. 10 is taken about X*: the bottom of the orbit in `paper`, one point for all in
+    # `consistent`.
     centre = orbits.edge.bottom(orbits.added) if orbits.edge.inside else 0.0
     across = orbits.gain**2
     along = (s.transducer.decay_rate() * orbits.gain / orbits.frequency**2) ** 2
@@ -255,5 +259,5 @@ CLOSURES: Registry[Closure] = Registry(
         "spectral": Closure(spectral, 1e-6, of_spectrum=True),
     },
 )
-# Those of the noise of Eq. 6, for devices that are not linear as well.
+# Closures that take the noise of Eq. 6, also for devices that are not linear.
 NOISE_CLOSURES = tuple(name for name, each in CLOSURES.items() if not each.of_spectrum)

@@ -13,10 +13,14 @@ if TYPE_CHECKING:
 
     from harvester.averaging.orbits import Orbits
 
-FINER = 10  # intervals between two orbits that are known, with orbits interpolated between them
-EVEN, TURNING = 100, 100  # points of half a table: evenly spaced, and where orbits turn
-PIECES = 1500  # even ones over which a density of X' is summed, besides those between orbits
-NEGLIGIBLE = np.log(1e-9)  # share of the greatest g below which orbits are not tabulated
+# Orbits are interpolated into so many intervals between two computed ones.
+FINER = 10
+# Half a table has so many evenly spaced points, and so many where orbits turn.
+EVEN, TURNING = 100, 100
+# A density of X' is summed over so many even pieces, besides those between orbits.
+PIECES = 1500
+# Orbits with less than this share of the greatest g are not tabulated.
+NEGLIGIBLE = np.log(1e-9)
 
 
 class Layer:

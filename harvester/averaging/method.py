@@ -28,10 +28,10 @@ class Stationary(Method):
 
     @property
     def settings(self) -> dict[str, Any]:
-        """Those beside the closure, which is the name."""
+        """The settings of the method, without the closure, which is its name."""
         return {name: value for name, value in super().settings.items() if name != "closure"}
 
     @property
     def name(self) -> str:
-        """That of the closure."""
+        """The name of the closure."""
         return self.closure

@@ -31,7 +31,7 @@ DIMENSIONS = {
     "mean_transducer_loss": "power",
 }
 
-# Of the quantities that tell of several wells these are shares, all others rates.
+# Quantities of several wells whose name begins so are shares; all others are rates.
 SHARE = "share_of_time"
 
 
@@ -129,8 +129,22 @@ def average(
         netlist_sha256=None,
         densities=densities,
         joint_density=joint,
-        notes=spectrum_fit.notes() if fit else (),
+        notes=(*(spectrum_fit.notes() if fit else ()), *_left_out(parameters, method)),
         spectrum_fit=spectrum_fit,
+    )
+
+
+def _left_out(system, closure):
+    """What a closure does not have of a device, said."""
+    from harvester.averaging import CLOSURES
+
+    share = system.transducer.base_rate(1.0)
+    if not share or CLOSURES[closure].of_spectrum:
+        return ()
+    change = abs(share) * system.transducer.coupling
+    return (
+        f"{closure} leaves out the charge that the base moves (piezo.base_charge), which changes "
+        f"the voltage near an open-circuit resonance by some {100.0 * change:.2g} %",
     )
 
 
@@ -237,6 +251,6 @@ def _fitted(scene):
         scene.excitation, timescales.angular_frequency(parameters) / (2.0 * math.pi)
     )
     noise = OrnsteinUhlenbeck(found.intensity, found.correlation_time)
-    # The length unit stays the one of the scene.
+    # Results keep the scene's unit of length.
     length = scales.displacement if scene.units == "SI" else None
     return found, replace(scene, excitation=noise, length_scale=length)

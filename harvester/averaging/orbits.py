@@ -27,13 +27,20 @@ if TYPE_CHECKING:
     from harvester.device.system import System
     from harvester.device.values import Values
 
-SMALLEST = 1e-150  # what to divide by where nothing is left
-SCAN_STEP, SCAN_NODES = 0.25, 24  # of the level; of an orbit on either side of the stopper
+# A divisor that has vanished is replaced by this.
+SMALLEST = 1e-150
+# The first scan takes levels so far apart, and so many nodes of an orbit on either side of the
+# stopper.
+SCAN_STEP, SCAN_NODES = 0.25, 24
 WELL_LEVELS = -15.0, 11.5
-NEGLIGIBLE = 1e-8  # fall of ln g within the innermost orbit of a well
-SMALL_ORBIT = -5.0  # level of a well's orbits from which on down ω is that of its bottom
-OUTER_LEVELS = -20.0, 32.0  # from that of D over the rate of loss
-OUTER_EXPONENT = 45.0  # ln g falls by this much up to the outer end
+# A well's orbits begin where ln g falls by this much from the bottom.
+NEGLIGIBLE = 1e-8
+# Orbits of a well below this level have the frequency of its bottom.
+SMALL_ORBIT = -5.0
+# Range of the outer levels, counted from that of the energy D over the rate of loss.
+OUTER_LEVELS = -20.0, 32.0
+# The outer orbits end where ln g has fallen by this much.
+OUTER_EXPONENT = 45.0
 
 
 def stiffnesses(system: System) -> tuple[float, float]:
@@ -272,7 +279,7 @@ def edges(system: System, closure: str) -> list[tuple[Edge, float, float]]:
     if closure == "consistent" and system.transducer.coupling > 0.0:
         wells, reach = Edge(system, inside=True, anchor=timescales.rest(system)), np.inf
     else:
-        # One potential for all: no well reaches out of the first outer orbit.
+        # With one potential for all, no well reaches out of the first outer orbit.
         wells = Edge(system, inside=True)
         reach = settled_orbits(outer, np.array([first]), SCAN_NODES).right[0]
     return [(wells, *_well_range(wells, reach)), (outer, first, last)]
@@ -282,7 +289,7 @@ def _well_range(edge, reach):
     """First and last level of the wells, which end at the latest where they come to `reach`."""
     scan = _scan(edge, *WELL_LEVELS)
     first = min([SMALL_ORBIT, *_zeros(scan.level, scan.exponent() - NEGLIGIBLE)])
-    # Of smaller orbits rounding alone may tell that they cross.
+    # Smaller orbits may seem to cross by rounding alone.
     crossings = [fold for fold in _folds(scan) if fold > first]
     return first, min([scan.level[-1], *crossings, *_zeros(scan.level, scan.right - reach)])
 
@@ -349,7 +356,7 @@ def _root_of_convex(function: Callable, derivative: Callable, x: np.ndarray) -> 
     found = np.zeros(x.shape, dtype=bool)
     for _ in range(100):
         change = function(x) / derivative(x)
-        # From beyond the root every change but those of rounding is positive.
+        # The iteration comes from beyond the root, so that every change but rounding is positive.
         found |= change <= 1e-15 * np.abs(x)
         if found.all():
             break

@@ -17,14 +17,16 @@ if TYPE_CHECKING:
     from harvester.excitation.base import Excitation
     from harvester.prepared.prepared import Prepared
 
-# Nodes of Gauss and Legendre on each piece, and those whose result tells the error.
+# Gauss–Legendre nodes on each piece. The difference to the coarse nodes is the numerical error.
 NODES, COARSE_NODES = 20, 12
 # Pieces begin at this share of the lowest scale of frequency and end at this multiple of the
 # highest: of E[X'²] under white noise a part in 10^10 lies beyond.
 LOWEST, HIGHEST = 2.0**-10, 2.0**34
-# No mean is claimed to be better known than to this share of it.
+# Frequencies (Hz) beyond all that a density bends at.
+BEYOND = np.array([1e14, 1e15])
+# The stated relative error of a mean is never smaller than this.
 LEAST_ERROR = 1e-8
-# A Gaussian density is tabulated as far as this many deviations, at so many places.
+# A Gaussian density is tabulated up to so many standard deviations, at so many places.
 DEVIATIONS, PLACES = 6.0, 241
 
 
@@ -48,8 +50,9 @@ def spectral(ready: Prepared, tolerance: float) -> Averages:
 
     Notes
     -----
-    With the state z = (X, X', e), z' = A z + b η, its covariance is
-    ∫ Re[h h*] G df, h = (iω − A)⁻¹ b, and each sine of amplitude a adds Re[h h*] a²/2. Pieces of
+    With the state z = (X, X', e), z' = A z + b η + d η', its covariance is
+    ∫ Re[h h*] G df, h = d + (iω − A)⁻¹ (b + A d), and each sine of amplitude a adds Re[h h*] a²/2.
+    Only where the base's acceleration moves charge by itself is d = (0, 0, κ) not zero. Pieces of
     the quadrature end where G bends and at each resonance, and double away from it.
     """
     system = ready.system
@@ -61,7 +64,8 @@ def spectral(ready: Prepared, tolerance: float) -> Averages:
     if not decay > 0.0:
         raise AveragingError(f"{ready.scene.name}: spectral: nothing damps or holds the motion")
     excitation, unit = ready.scene.excitation, ready.excitation_unit
-    fine, coarse = (_covariance(matrix, excitation, unit, n) for n in (NODES, COARSE_NODES))
+    share = system.transducer.base_rate(1.0)
+    fine, coarse = (_covariance(matrix, share, excitation, unit, n) for n in (NODES, COARSE_NODES))
     means, rough = _means(system, fine), _means(system, coarse)
     error = {
         name: abs(means[name] - rough[name]) + LEAST_ERROR * abs(means[name]) for name in means
@@ -90,7 +94,18 @@ def spectral_refusal(system: System, excitation: Excitation) -> str:
             f'excitation.kind = "{excitation.kind}" has no density that is known: simulate, or '
             "make a spectrum of it (harvester spectrum)"
         )
+    if system.transducer.base_rate(1.0) and not _falls_off(excitation):
+        return (
+            "the charge that the base moves (piezo.base_charge) has no mean square under noise "
+            "that is white at all frequencies: take a kind that falls off, or leave the key out"
+        )
     return ""
+
+
+def _falls_off(excitation):
+    """Whether its density is less at very high frequencies than at high ones, or none."""
+    high, higher = excitation.density(BEYOND)
+    return higher < high or high == 0.0
 
 
 def _matrix(system):
@@ -111,8 +126,11 @@ def _has_state(part):
     return part.state_rate(1.0, 0.0) != 0.0
 
 
-def _covariance(matrix, excitation, unit, nodes):
-    """Of (X, X', e), scaled: ndarray of shape (3, 3), 0 where there is no state."""
+def _covariance(matrix, share, excitation, unit, nodes):
+    """The scaled covariance of (X, X', e), shape (3, 3); 0 for states that do not exist.
+
+    `share` is κ of d.
+    """
     frequencies, weights = _quadrature(matrix, excitation.corners, nodes)
     weights = weights * excitation.density(frequencies)
     lines = [(frequency, 0.5 * a**2) for frequency, a in excitation.lines]
@@ -120,7 +138,12 @@ def _covariance(matrix, excitation, unit, nodes):
     weights = np.append(weights, [square for _, square in lines]) / unit**2
     size = matrix.shape[0]
     left = 2j * math.pi * frequencies[:, None, None] * np.eye(size) - matrix
-    response = np.linalg.solve(left, np.eye(size)[:, 1:2])[:, :, 0]
+    drive = np.eye(size)[:, 1]
+    if share:
+        drive = drive + share * matrix[:, 2]
+    response = np.linalg.solve(left, drive[:, None])[:, :, 0]
+    if share:
+        response[:, 2] += share
     whole = np.zeros((3, 3))
     whole[:size, :size] = np.einsum("n,ni,nj->ij", weights, response, response.conj()).real
     return whole
@@ -187,7 +210,7 @@ class GaussianDensity:
 
     @property
     def names(self) -> tuple[str, ...]:
-        """Of the densities there are."""
+        """The names of the available densities."""
         return ("displacement", "velocity") if self.gaussian else ()
 
     def tabulated(self, name: str) -> tuple[np.ndarray, np.ndarray]:

@@ -72,29 +72,20 @@ class Magnets:
         return self.remanence * volume / VACUUM_PERMEABILITY
 
 
-def magnetic_energy(
-    magnets: Magnets, slope: float, displacement: Any, origin: str = "magnets"
-) -> np.ndarray:
-    """Energy (J) of the dipoles at displacements of the tip (m)."""
-    return _potential(magnets, slope, displacement, origin)[0]
-
-
 def magnetic_force(
     magnets: Magnets, slope: float, displacement: Any, origin: str = "magnets"
 ) -> np.ndarray:
-    """dU/dx (N), positive where it pulls back: the force across and the torque on the tip."""
-    return _potential(magnets, slope, displacement, origin)[1]
+    """dU/dx (N), positive where it pulls back: the force across and the torque on the tip.
 
-
-def _potential(magnets, slope, displacement, origin):
-    """Energy of the dipoles and its derivative by the tip's displacement."""
+    U = ± strength (cos/r³ − 3 d along/r⁵) is the energy of the dipoles.
+    """
     x = np.asarray(displacement, dtype=float)
     strength = magnets.moment("tip", origin) * magnets.moment("frame", origin)
     strength *= VACUUM_PERMEABILITY / (4.0 * math.pi)
     attracting = magnets.arrangement == "attracting"
     half = magnets.spacing / 2.0
     sign, places = (1.0, (-half, half)) if attracting else (-1.0, (0.0,))
-    energy, force = np.zeros_like(x), np.zeros_like(x)
+    force = np.zeros_like(x)
     cos, sin, d = np.cos(slope * x), np.sin(slope * x), magnets.distance
     for place in places:
         y = place - x
@@ -103,12 +94,11 @@ def _potential(magnets, slope, displacement, origin):
         along = d * cos + y * sin
         turned = slope * (y * cos - d * sin) - sin
         r3, r5 = square**1.5, square**2.5
-        energy += sign * strength * (cos / r3 - 3.0 * d * along / r5)
         force += sign * strength * (
             -slope * sin / r3 + 3.0 * cos * y / r5 - 3.0 * d * turned / r5
             - 15.0 * d * along * y / (r5 * square)
         )  # fmt: skip
-    return energy, force
+    return force
 
 
 def spring_points(

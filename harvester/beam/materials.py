@@ -1,4 +1,4 @@
-"""Materials by name, each with the source of its values.
+"""Materials by name, each with the page where its values stand.
 
 Values of a batch differ from these by several per cents: a scene may give its own.
 """
@@ -8,10 +8,17 @@ from __future__ import annotations
 from typing import NamedTuple
 
 VACUUM_PERMITTIVITY = 8.8541878128e-12
-_BOOK = "Erturk and Inman, Piezoelectric Energy Harvesting (Wiley 2011), appendix E"
+_BOOK = (
+    "Erturk and Inman, Piezoelectric Energy Harvesting (Wiley 2011), appendix E, p. 373, table E.1"
+)
 _PAPER = "Erturk and Inman, Smart Mater. Struct. 18, 025009 (2009), table 1"
 _PROCEEDINGS = "Erturk and Inman, Proc. IMechE I 225, 485 (2011), table 2"
-_TYPICAL = "typical value of handbooks; that of a batch differs by some per cents"
+_APC = (
+    "APC International, Physical and Piezoelectric Properties of APC Materials (rev. 3, 2017), p. 1"
+)
+_MFC = (
+    "Smart Material, MFC Engineering Properties (smart-material.com/MFC-product-propertiesV2.html)"
+)
 
 
 class Material(NamedTuple):
@@ -32,6 +39,7 @@ class Piezoceramic(NamedTuple):
     d31 : m/V; of layers with the field along the beam d33 in its place.
     permittivity : over that of vacuum, at constant strain along the beam.
     source : where the values stand.
+    thickness : of a layer sold in one thickness, for whose whole package the values hold (m).
     """
 
     modulus: float
@@ -39,6 +47,7 @@ class Piezoceramic(NamedTuple):
     d31: float
     permittivity: float
     source: str
+    thickness: float | None = None
 
 
 def clamped(free: float, d31: float, modulus: float) -> float:
@@ -46,29 +55,71 @@ def clamped(free: float, d31: float, modulus: float) -> float:
     return free - d31**2 * modulus / VACUUM_PERMITTIVITY
 
 
-def _ceramic(s11, density, d31, free, source):
-    """A ceramic of its data sheet's compliance and free permittivity."""
-    return Piezoceramic(1.0 / s11, density, d31, clamped(free, d31, 1.0 / s11), source)
+def _ceramic(modulus, density, d31, free, source):
+    """A ceramic of its data sheet's modulus and free permittivity."""
+    return Piezoceramic(modulus, density, d31, clamped(free, d31, modulus), source)
+
+
+def _macro_fibre(strain_per_volt, farad_per_area, thickness, source):
+    """A layer of fibres in epoxy of its sheet's free strain and capacitance, taken as uniform."""
+    modulus, density = 30.336e9, 5440.0
+    d31 = -strain_per_volt * thickness
+    free = farad_per_area * thickness / VACUUM_PERMITTIVITY
+    return Piezoceramic(modulus, density, d31, clamped(free, d31, modulus), source, thickness)
 
 
 PASSIVE = {
-    "brass": Material(105e9, 9000.0, f"{_PAPER}: the shim of a bimorph"),
-    "steel": Material(200e9, 7850.0, _TYPICAL),
-    "stainless steel": Material(193e9, 8000.0, _TYPICAL),
-    "aluminium": Material(70e9, 2700.0, _TYPICAL),
-    "copper": Material(117e9, 8930.0, _TYPICAL),
-    "FR4": Material(22e9, 1850.0, f"{_TYPICAL}, lengthwise"),
-    "PET": Material(3.5e9, 1380.0, _TYPICAL),
+    "brass": Material(105e9, 9000.0, f"{_PAPER}: the shim of its bimorph"),
+    "brass C26000": Material(
+        112e9,
+        8530.0,
+        "Olin Brass, C26000 (ASTM B36) Cartridge Brass, Alloy "
+        "Data Specifications, physical properties",
+    ),
+    "steel": Material(200e9, 7870.0, "mem50212.com, Materials: ferrous metals, CS1020 (AS 1442)"),
+    "stainless steel": Material(
+        193e9, 8000.0, "APAC Infrastructure, Material Specifications: 304 Stainless Steel"
+    ),
+    "aluminium": Material(
+        68.9e9,
+        2700.0,
+        "Glemco, Aluminum 6061-T6 Material Information, typical values of the Aluminum Association",
+    ),
+    "copper": Material(
+        117e9,
+        8940.0,
+        "Lion Metal, C11000 Copper Alloy Technical Data Sheet, "
+        "version 2.0 (2025), physical properties",
+    ),
+    "FR4": Material(
+        24.3e9,
+        1800.0,
+        "Hirosugi-Keiki, Glass epoxy FR4, bending modulus lengthwise "
+        "(ASTM D790) and specific gravity (D792)",
+    ),
+    "PET": Material(
+        4.805e9,
+        1390.0,
+        "DuPont Teijin Films, Mylar polyester film: Physical-Thermal "
+        "Properties (H-37232-3), table 1: 490 kg/mm² in machine direction",
+    ),
 }
 ACTIVE = {
-    "PZT-5A": _ceramic(16.4e-12, 7750.0, -171e-12, 1700.0, _BOOK),
-    "PZT-5H": _ceramic(16.5e-12, 7500.0, -274e-12, 3400.0, _BOOK),
-    "PSI-5A4E": Piezoceramic(66e9, 7800.0, -190e-12, 1500.0, _PAPER),
+    "PZT-5A": _ceramic(1.0 / 16.4e-12, 7750.0, -171e-12, 1700.0, _BOOK),
+    "PZT-5H": _ceramic(1.0 / 16.5e-12, 7500.0, -274e-12, 3400.0, _BOOK),
+    "APC 850": _ceramic(63e9, 7600.0, -175e-12, 1900.0, _APC),
+    "APC 855": _ceramic(59e9, 7600.0, -276e-12, 3300.0, _APC),
+    "PSI-5A4E": Piezoceramic(66e9, 7800.0, -190e-12, 1500.0, f"{_PAPER}; modulus, d31 and density "
+        "as in Piezo Systems, Piezoceramic Materials and Properties, p. 1 (permittivity there: "
+        "1800 free, 1531 at constant strain)"),
     "PSI-5H4E": Piezoceramic(
-        60.6e9, 7500.0, -16.6 / 60.6e9, 25.55e-9 / VACUUM_PERMITTIVITY, _PROCEEDINGS
-    ),
-    "PVDF": Piezoceramic(
-        3e9, 1780.0, 23e-12, clamped(12.0, 23e-12, 3e9), "TE Connectivity, Piezo Film Sensors "
-        "Technical Manual, table 1: modulus 2 to 4 GPa, its middle here"
-    ),
+        60.6e9, 7500.0, -16.6 / 60.6e9, 25.55e-9 / VACUUM_PERMITTIVITY, f"{_PROCEEDINGS}, which "
+        "are those of PZT-5H; the maker's own sheet, Piezo Systems, Piezoceramic Materials and "
+        "Properties, p. 1, has 62 GPa, 7800 kg/m³, −320 pm/V, 3800 free"),
+    "PVDF": _ceramic(3e9, 1780.0, 23e-12, 12.5, "Measurement Specialties, Piezo Film Sensors "
+        "Technical Manual, p. 3, table 1: modulus 2 to 4 GPa, permittivity 12 to 13, the middles "
+        "here"),
+    "MFC-P2": _macro_fibre(1.1e-6, 7.8e-5, 0.3e-3, f"{_MFC}: modulus, 1.1 ppm/V, 7.8 nF/cm²; "
+        "Smart Material, FAQ: 5.44 g/cm³, 0.16 g/cm² and so 0.3 mm. Assumed here: fibres and "
+        "epoxy as one uniform layer"),
 }  # fmt: skip

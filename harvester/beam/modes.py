@@ -59,10 +59,14 @@ class Mode(NamedTuple):
 
 
 class Rest(NamedTuple):
-    """Static sums over all modes: Σ χr²/ωr² (F) and Σ χr γr/ωr² (C s²/m)."""
+    """Static sums over all modes: Σ χr²/ωr² (F) and Σ χr γr/ωr² (C s²/m).
+
+    `root_moment` is the bending moment at the clamp for a unit acceleration (N s²).
+    """
 
     capacitance: float
     charge: float
+    root_moment: float
 
 
 def modes(
@@ -121,7 +125,7 @@ def rest(pieces: Sequence[Piece], tip: Tip) -> Rest:
         charge += flux * area
         moment += shear * length + piece.mass * length**2 / 2.0
         shear += piece.mass * length
-    return Rest(capacitance, charge)
+    return Rest(capacitance, charge, moment)
 
 
 def shape(

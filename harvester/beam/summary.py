@@ -7,7 +7,9 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from harvester.beam.magnets import Magnets, polynomial_fit, spring_points
+from harvester.beam.materials import ACTIVE, PASSIVE
 from harvester.beam.modes import shape
+from harvester.beam.strain import clamp_strain
 from harvester.beam.table import Beam, frequencies, lumped, notes, pieces_of, tip_of
 
 if TYPE_CHECKING:
@@ -19,7 +21,7 @@ SUBSTRATE, LAYER, TIP, LINE = "0.6", "#d98c3f", "0.25", "#3b6ea5"
 def rows(beam: Beam) -> list[tuple[str, str, float, str]]:
     """(name, equation, value, unit) of every lumped value; numbers are those of docs/beams.md."""
     made = lumped(beam)
-    several = frequencies(beam)
+    several, strain = frequencies(beam), clamp_strain(beam)
     found = [
         ("mass M", "1/φ(L)² (B4)", made.mass, "kg"),
         ("stiffness K", "ω² M (B4)", made.stiffness, "N/m"),
@@ -35,7 +37,9 @@ def rows(beam: Beam) -> list[tuple[str, str, float, str]]:
         ("open-circuit frequency", "of one mode alone", made.one_mode_open_frequency, "Hz"),
         ("second frequency", "(B3)", several[1], "Hz"),
         ("third frequency", "(B3)", several[2], "Hz"),
-        ("strain at the clamp per displacement", "(B9)", made.surface_strain, "1/m"),
+        ("strain at the clamp per displacement", "(B9)", strain.per_displacement, "1/m"),
+        ("strain of the modes left out per volt", "(B9)", strain.per_volt, "1/V"),
+        ("strain of the modes left out per acceleration", "(B9)", strain.per_acceleration, "s²/m"),
     ]
     if beam.measured_frequency is not None:
         found.append(
@@ -50,8 +54,10 @@ def rows(beam: Beam) -> list[tuple[str, str, float, str]]:
 
 
 def remarks(beam: Beam, magnets: Magnets | None = None) -> list[str]:
-    """Where the theory holds only roughly, and what a polynomial makes of the magnets."""
+    """Where the theory holds only roughly, sources, and the magnets as a polynomial."""
     found = notes(beam)
+    for name, known in ((beam.material, PASSIVE), (beam.piezo, ACTIVE)):
+        found.append(f"{name}: {known[name].source}")
     if magnets is not None:
         made = lumped(beam)
         coefficients, error = polynomial_fit(magnets, made.stiffness, made.tip_slope)
@@ -108,4 +114,5 @@ def _draw_side(axes: Any, beam: Beam) -> None:
     axes.axvline(0.0, color="black", linewidth=3.0)
     axes.set(xlim=(-0.03 * length, 1.15 * length), ylim=(-2.0 * reach, 4.0 * reach))
     axes.set(xlabel="from the clamp [mm]", ylabel="[mm], stretched", title="side view")
-    axes.legend(loc="upper left", ncols=3)
+    # Above the drawing, which fills its axes.
+    axes.legend(loc="lower right", bbox_to_anchor=(1.0, 1.0), ncols=3)

@@ -23,6 +23,10 @@ THICKEST, THICK = 0.2, 0.1
 WIDE = 0.5
 # A patch shorter than so many of its thicknesses does not follow the beam at its ends.
 SHORTEST_PATCH, SHORT_PATCH = 2.0, 10.0
+# How far the thickness of a layer that is sold in one may be off it: its tolerances.
+PACKAGE = 0.1
+# The line of Basquin: N = cycles (strain/ε)^exponent cycles of the amplitude ε end the life.
+FATIGUE = ("fatigue_strain", "fatigue_cycles", "fatigue_exponent")
 
 
 def _length(**more: Any) -> Key:
@@ -35,7 +39,8 @@ class Beam:
 
     `piezo_start` and `piezo_length` place a patch that is shorter than the beam. The tip's body is
     `tip_mass` with `tip_inertia` about its own centre, or a block of `tip_material`;
-    `tip_offset` is how far its centre lies beyond the beam's end.
+    `tip_offset` is how far its centre lies beyond the beam's end. `strain_limit` is the greatest
+    strain at the clamp that the layers bear; see `FATIGUE` for their life.
     """
 
     length: float
@@ -67,6 +72,10 @@ class Beam:
     quality_factor: float | None = None
     measured_frequency: float | None = None
     measured_capacitance: float | None = None
+    strain_limit: float | None = None
+    fatigue_strain: float | None = None
+    fatigue_cycles: float | None = None
+    fatigue_exponent: float | None = None
 
     KEYS: ClassVar[dict] = {
         **dict.fromkeys(("length", "width", "thickness", "piezo_thickness"),
@@ -77,7 +86,7 @@ class Beam:
             ("modulus", "density", "piezo_modulus", "piezo_density", "piezo_permittivity",
              "piezo_free_permittivity", "piezo_length", "electrode_spacing", "tip_length",
              "tip_height", "tip_width", "quality_factor", "measured_frequency",
-             "measured_capacitance"), _length(),
+             "measured_capacitance", "strain_limit", *FATIGUE), _length(),
         ),
         "piezo_d31": Key(units=(SI,)),
         **dict.fromkeys(("piezo_start", "tip_mass", "tip_inertia"), not_negative(units=(SI,))),
@@ -94,6 +103,12 @@ class Beam:
         if self.quality_factor is not None:
             return 0.5 / self.quality_factor
         return self.damping_ratio or 0.0
+
+    @property
+    def fatigue_line(self) -> tuple[float, float, float] | None:
+        """Strain, cycles and exponent of Basquin's line, where it is given."""
+        strain, cycles, exponent = (getattr(self, name) for name in FATIGUE)
+        return None if strain is None else (strain, cycles, exponent)
 
     @property
     def patch(self) -> tuple[float, float]:
@@ -139,7 +154,7 @@ class Lumped(NamedTuple):
         Σ χr γr/ωr² over r > 1: a capacitance, and a charge per acceleration of the base.
     damping_ratio : ζ
     tip_slope : φ'(L)/φ(L), the tip's rotation for a displacement (1/m).
-    surface_strain : (distance of the outermost fibre) φ''(0)/φ(L), at the clamp (1/m).
+    surface_strain : (distance of the outer fibre) φ''(0)/φ(L), at the clamp (1/m).
     clamp_compliance : rotation of the clamp by a moment (rad/(N m)).
     permittivity_factor : by which a measured capacitance changes the layer's permittivity.
     """
@@ -170,12 +185,12 @@ class Lumped(NamedTuple):
 
     @property
     def short_frequency(self) -> float:
-        """√(K/M)/2π (Hz)."""
+        """The short-circuit frequency √(K/M)/2π (Hz)."""
         return math.sqrt(self.stiffness / self.mass) / (2.0 * math.pi)
 
     @property
     def open_frequency(self) -> float:
-        """With the electrodes open (Hz): √((K + θ²/C)/M)/2π, C with the modes left out."""
+        """The open-circuit frequency (Hz), √((K + θ²/C)/M)/2π. C includes the modes left out."""
         stiffness = self.stiffness + self.coupling**2 / self.capacitance
         return math.sqrt(stiffness / self.mass) / (2.0 * math.pi)
 
@@ -184,23 +199,17 @@ class Lumped(NamedTuple):
         """The same with the material's capacitance alone, as published models of one mode have."""
         return self.short_frequency * math.sqrt(1.0 + self.coupling_squared)
 
-    def voltage_per_acceleration(self, frequency: float, resistance: float) -> complex:
-        """V/a of the base's harmonic acceleration on a resistor (V s²/m), modes left out static."""
-        omega = 2.0 * math.pi * frequency
-        rate = 1j * omega
-        compliance = 1.0 / (self.stiffness - self.mass * omega**2 + rate * self.damping)
-        charge = self.coupling * self.base_factor * self.mass * compliance + self.rest_charge
-        load = 1.0 / resistance + rate * (self.capacitance + self.coupling**2 * compliance)
-        return -rate * charge / load
-
 
 class Section(NamedTuple):
-    """A cross-section: EI (N m²), kg/m, N m/V, and the outermost fibre's distance (m)."""
+    """A cross-section: EI (N m²), kg/m, N m/V, and the outer fibre's distance (m).
+
+    The outer fibre is that of the active layer, without one that of the substrate.
+    """
 
     rigidity: float
     mass: float
     moment_per_volt: float
-    outermost: float
+    outer: float
 
 
 def section(beam: Beam, covered: bool) -> Section:
@@ -218,8 +227,8 @@ def section(beam: Beam, covered: bool) -> Section:
     rigidity = sum(e * ((top - axis) ** 3 - (low - axis) ** 3) / 3.0 for low, top, e, _ in stack)
     mass = sum(rho * (top - low) for low, top, _, rho in stack)
     moment = _moment_per_volt(beam, axis) if covered else 0.0
-    outermost = max(abs(each - axis) for low, top, _, _ in stack for each in (low, top))
-    return Section(beam.width * rigidity, beam.width * mass, moment, outermost)
+    outer = half + height - axis if covered else half
+    return Section(beam.width * rigidity, beam.width * mass, moment, outer)
 
 
 def _moment_per_volt(beam, axis):
@@ -308,7 +317,7 @@ def lumped(beam: Beam, origin: str = "beam") -> Lumped:
         rest_charge=every.charge - first.coupling * first.forcing / omega**2,
         damping_ratio=beam.ratio,
         tip_slope=first.tip_slope / first.tip,
-        surface_strain=section(beam, beam.piezo_start == 0.0).outermost
+        surface_strain=section(beam, beam.piezo_start == 0.0).outer
         * first.root_curvature / first.tip,
         clamp_compliance=compliance,
         permittivity_factor=factor,
@@ -379,12 +388,24 @@ def _check(beam, origin):
             f"{origin}: beam.piezo_length = {end - begin:g}: must be at least {SHORTEST_PATCH:g} "
             "of the patch's thicknesses"
         )
+    sold = ACTIVE[beam.piezo].thickness
+    if sold is not None and abs(beam.piezo_thickness / sold - 1.0) > PACKAGE:
+        raise SceneError(
+            f"{origin}: beam.piezo_thickness = {beam.piezo_thickness:g}: {beam.piezo} is sold "
+            f"{sold:g} m thick, for which its values hold"
+        )
     for one, other in (
         ("damping_ratio", "quality_factor"),
         ("piezo_permittivity", "piezo_free_permittivity"),
     ):
         if getattr(beam, one) is not None and getattr(beam, other) is not None:
             raise SceneError(f"{origin}: beam.{one} and beam.{other} say the same thing twice")
+    given = [name for name in FATIGUE if getattr(beam, name) is not None]
+    if 0 < len(given) < len(FATIGUE):
+        missing = ", ".join(f"beam.{name}" for name in FATIGUE if name not in given)
+        raise SceneError(
+            f"{origin}: beam.{given[0]} is part of a line of three values; give {missing} too"
+        )
     if beam.active[3] <= 0.0:
         raise SceneError(
             f"{origin}: beam: d31² c11 is greater than the free permittivity; check piezo_d31"

@@ -6,20 +6,18 @@ import re
 import sys
 from contextlib import closing
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Annotated, Any
 
 from harvester.commands.quiet import say
 from harvester.errors import HarvesterError
-from harvester.files.plain_text import name as name_of
-from harvester.files.plain_text import nearest
-from harvester.signatures import File, Step
+from harvester.export.formats import write
+from harvester.signatures import File, Hertz, Kind, Metres, Seconds, Step
 
 if TYPE_CHECKING:
     from harvester.scene.model import Scene
 
-# Length (s) of a record of vibrations for which a new load's cost is told.
+# The cost of a new load is stated for a record of this length, in seconds.
 RECORD = 10.0
-DIALECTS = ("ngspice", "ltspice")
 
 
 def netlist(
@@ -44,42 +42,55 @@ def netlist(
     realization : int
         Whose noise path.
     """
-    from circuits.export import for_ltspice, stand_alone
-    from harvester.files.writing import check_writable, in_folder, is_stream, write_text
-    from harvester.prepared.paths import noise_path, start_state
-    from harvester.prepared.prepared import prepared
-    from harvester.simulation.simulate import check_step
+    write(scene, "deck", output, dialect=dialect, step=step, realization=realization)
 
-    if dialect not in DIALECTS:
-        raise HarvesterError(
-            f"--dialect {dialect}: no such dialect{nearest(dialect, DIALECTS)}; "
-            f"there are {', '.join(DIALECTS)}"
-        )
-    target: str | Path = output
-    if is_stream(target) and dialect != "ngspice":
-        raise HarvesterError(
-            "--dialect ltspice writes a second file, the noise: say where, --output FILE.cir"
-        )
-    if target != "-" and Path(target).is_dir():
-        target = in_folder(target, f"{scene.name}.cir")
-    check_writable(target)
-    if not 0 <= realization < scene.run.realizations:
-        raise HarvesterError(
-            f"--realization {realization}: must be a whole number in "
-            f"[0, {scene.run.realizations - 1}]"
-        )
-    ready = prepared(scene)
-    call = (ready, noise_path(ready, realization))
-    start, longest = start_state(ready, realization), check_step(step)
-    if dialect == "ngspice":
-        write_text(target, stand_alone(*call, start, longest).text + ".end\n")
-        return
-    # The netlist holds this name.
-    noise_file = name_of(Path(target).with_suffix("").name) + "-noise.txt"
-    text, noise = for_ltspice(*call, noise_file, start, longest)
-    if noise is not None:
-        write_text(in_folder(Path(target).parent, noise_file), noise)
-    write_text(target, text)
+
+def export(
+    scene: Scene,
+    *,
+    kind: Annotated[str, Kind("KIND", option="as")] = "deck",
+    output: File = "-",
+    dialect: str | None = None,
+    step: Step | None = None,
+    realization: int | None = None,
+    displacement_unit: Metres | None = None,
+    duration: Seconds | None = None,
+    rate: Hertz | None = None,
+    data: str | None = None,
+) -> None:
+    """Write a scene for other tools.
+
+    Parameters
+    ----------
+    scene : Scene
+    kind : str
+        deck, the whole circuit with its noise (default); subckt and verilog-a, a block in SI for
+        circuits of your own; fmu, for co-simulation; c, the device's code; csv and shepherd, what
+        the load takes over time.
+    output : str
+        Folder; for a deck also a file (default: standard output).
+    dialect : str or None
+        ngspice (default), ltspice; of a subckt also pspice, xyce.
+    step : str or float
+        default, fine, finest, or the longest step in seconds.
+    realization : int or None
+        Whose noise path (default: 0).
+    displacement_unit : float or None
+        Metres for a volt at a block's pin x (default: 1e-3).
+    duration : float or None
+        Of the deck that tries a block, and its vibration, in s (default: 25 periods); of a trace
+        (default: the scene's).
+    rate : float or None
+        Samples a second of csv (default: 10000); Shepherd's is 100000.
+    data : str or None
+        Of shepherd: ivsample (default), or isc_voc.
+    """
+    options: dict[str, Any] = {
+        "dialect": dialect, "step": step, "realization": realization,
+        "displacement_unit": displacement_unit, "duration": duration, "rate": rate, "data": data,
+    }  # fmt: skip
+    for path in write(scene, kind, output, say, **options):
+        say(f"written: {path}")
 
 
 def load(

@@ -158,6 +158,21 @@ SOURCES = (
         lambda used: "magnets" in used.scene,
     ),
     Source(
+        "the bimorph's dimensions and materials",
+        "A. Erturk and D. J. Inman, Proc. IMechE Part I 225, 485 (2011)",
+        lambda used: used.scene.get("name") == "bimorph_bare",
+    ),
+    Source(
+        "the cycles of strain: rainflow",
+        "ASTM E1049-85, Standard Practices for Cycle Counting in Fatigue Analysis, 5.4.4",
+        lambda used: "fatigue_strain" in used.scene.get("beam", {}),
+    ),
+    Source(
+        "the geophone's values",
+        "EGL, Equivalent to SM-24 geophone 10 Hz sensor vertical, product page",
+        lambda used: used.scene.get("name") == "geophone",
+    ),
+    Source(
         "the magnet, its coil and measured spring (coupling and fit are made here)",
         "T. Kapanen, EM_harvester_simulation (2016), public code",
         lambda used: used.scene.get("name") == "electromagnetic",
@@ -166,7 +181,7 @@ SOURCES = (
         "a device of this kind: a magnet between magnets in a coil; the values are others",
         "B. P. Mann and N. D. Sims, Energy harvesting from the nonlinear oscillations of magnetic "
         "levitation, J. Sound Vib. 319, 515-530 (2009)",
-        lambda used: "coil" in used.scene,
+        lambda used: "coil" in used.scene and used.scene.get("name") != "geophone",
     ),
     Source(
         "the load: rectifier with storage",

@@ -9,7 +9,7 @@ from pathlib import Path
 from harvester.errors import HarvesterError
 from harvester.signatures import File
 
-# Bytes that are read: a device such as /dev/zero never ends.
+# Most bytes that are read, since a device such as /dev/zero never ends.
 LARGEST_RESULT = 100_000_000
 
 

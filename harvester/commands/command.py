@@ -167,14 +167,14 @@ class Study(Command):
         places = {each: getattr(options, each, None) for each in kinds}
         check_places(**places, files=self.files or result_files(name))
         if places["output"] and any(file.endswith(".nc") for file in self.files):
-            # Says now, not after a long run, that the library of these files is missing.
+            # Raised now rather than after a long run: the library of these files is missing.
             xarray_or_say()
-        # A single simulation's bar names its method.
+        # The progress bar of a single simulation names its method.
         label = stem if self.bar == "simulated time" else self.name
         with self._opened(label, scene, values) as runner:
             result = self._computed(scene, values, places["json"])
             if runner:
-                # The folder is still held: another run's files would mix with these.
+                # The folder is still locked, so that no other run writes its files among these.
                 self._deliver(result, name, runner.folder, **places)
         if not runner:
             self._deliver(result, name, None, **places)

@@ -19,12 +19,12 @@ from harvester.commands.shown import Tabled
 from harvester.commands.sketch import densities
 from harvester.files.plain_text import one_line
 
-# A progress bar that lasts less than this would only flicker.
+# A progress bar appears after so many seconds; a shorter one would only flicker.
 SHOW_AFTER_SECONDS = 0.5
 SAY_AFTER_SECONDS = 5.0
-# Letters in a line: tables are never folded.
+# Width of a line in characters. It is so large that tables are never folded.
 TABLE_WIDTH = 1000
-# A remaining time beyond it is not told in numbers.
+# Longer remaining times, in seconds, are not given as a number.
 LONGEST_TOLD_SECONDS = 1e10
 
 
@@ -53,7 +53,7 @@ def progress() -> Iterator[Callable]:
         console=console,
         transient=True,
     )
-    # Not from the first report on: what is before it, as compilation, may take long.
+    # The delay begins now and not at the first report: compilation before it may take long.
     shown = threading.Timer(SHOW_AFTER_SECONDS, bar.start)
 
     def follow(label, scene):
@@ -95,7 +95,7 @@ class _Lines:
         self._start.start()
 
     def close(self):
-        """Say nothing more."""
+        """End the output."""
         self._start.cancel()
 
     def _say_start(self):
@@ -105,7 +105,8 @@ class _Lines:
         self._start.cancel()
         now = time.monotonic()
         if self._began is None or share < self._last:
-            # Not before the first report: what the start took tells nothing of the speed.
+            # The speed is measured from the first report on, since the start takes a time of its
+            # own.
             self._began = now, share
             self._next = SAY_AFTER_SECONDS
         self._last = share
@@ -118,7 +119,7 @@ class _Lines:
 
 
 def _duration(seconds):
-    """In seconds, minutes, hours or days."""
+    """A duration as text in seconds, minutes, hours or days."""
     if seconds > LONGEST_TOLD_SECONDS:
         return "centuries"
     for size, unit in ((86400.0, "days"), (3600.0, "h"), (60.0, "min")):
@@ -173,8 +174,7 @@ def _print(table, lines, to_stderr, alarms=(), sketch=()):
     if is_quiet():
         return
     stream = sys.stderr if to_stderr else sys.stdout
-    # As wide as the table needs: a number cut off at a terminal's edge would be worse than a
-    # line that runs on.
+    # As wide as the table needs: a line that runs on is better than a number that is cut off.
     console = Console(file=stream, highlight=False, markup=False, emoji=False, width=TABLE_WIDTH)
     if table is not None:
         console.print(table)

@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import json
 import math
 import os
 import re
 import sys
 from typing import TYPE_CHECKING, Annotated, Any, NamedTuple
 
+from harvester.beam.materials import ACTIVE, PASSIVE
 from harvester.commands.quiet import say
 from harvester.errors import OutputError, SceneError
 from harvester.files.numbers import NotANumber, number
@@ -37,13 +39,15 @@ class Question(NamedTuple):
     units : factor by the unit that may stand behind a bare number; the first is the key's own.
     low, high : between which such devices lie in SI; a bare number beyond was meant for something
         else, such as another question, and is taken only with its unit.
+    names : what may be answered in place of a number.
     """
 
     keys: tuple[str, ...]
     words: str
     units: dict[str, float]
-    low: float
-    high: float
+    low: float = -math.inf
+    high: float = math.inf
+    names: tuple[str, ...] = ()
 
 
 OHM = {"Ohm": 1.0, "Ω": 1.0}
@@ -53,6 +57,9 @@ QUESTIONS = (
     Question(("beam.width",), "width", METRE, 1e-5, 1.0),
     Question(("beam.thickness",), "thickness of the substrate", METRE, 1e-6, 0.02),
     Question(("beam.piezo_thickness",), "thickness of a piezo layer", METRE, 1e-7, 0.01),
+    Question(("beam.material",), "substrate", {}, names=tuple(PASSIVE)),
+    Question(("beam.piezo",), "piezo layers", {}, names=tuple(ACTIVE)),
+    Question(("beam.connection",), "the two layers", {}, names=("series", "parallel")),
     Question(("beam.tip_mass",), "tip mass", {"kg": 1.0, "g": 1e-3}, 0.0, 10.0),
     Question(("beam.quality_factor", "beam.damping_ratio"), "quality factor Q", {}, 1.0, 1e6),
     Question(("oscillator.mass",), "mass", {"kg": 1.0, "g": 1e-3}, 1e-7, 100.0),
@@ -64,6 +71,7 @@ QUESTIONS = (
         ("oscillator.quality_factor", "oscillator.damping_ratio", "oscillator.damping"),
         "quality factor Q", {}, 1.0, 1e6,
     ),
+    Question(("oscillator.base_factor",), "base factor, 1 if all mass is at the tip", {}, 0.5, 2.0),
     Question(("piezo.capacitance",), "capacitance", {"F": 1.0}, 1e-13, 1e-3),
     Question(("piezo.coupling", "piezo.k2"), "coupling", {"N/V": 1.0}, 1e-8, 1.0),
     Question(("coil.coupling",), "coupling", {"N/A": 1.0, "V s/m": 1.0}, 1e-4, 1e4),
@@ -137,7 +145,8 @@ def _chosen():
 
     names = built_in_names()
     print(
-        f"Built-in scenes: {', '.join(names)}. Enter keeps a value; 200k, 41n are numbers.",
+        f"Built-in scenes: {', '.join(names)} (bimorph asks for a drawing). Enter keeps a value; "
+        "200k, 41n are numbers.",
         file=sys.stderr,
     )
     while (answer := _answer("Scene to begin with", DEFAULT)) not in names:
@@ -160,13 +169,13 @@ def _changed(text, name):
         if key is not None:
             comment = re.sub(r"\s{2,}", ", ", line["comment"] or "")
             old = f"{line['key']} = {line['value']} in `{name}`"
-            said = f"{key} = {value!r}  # {f'{comment}; ' if comment else ''}{old}"
+            said = f"{key} = {json.dumps(value)}  # {f'{comment}; ' if comment else ''}{old}"
             text = text[: line.start("key")] + said + text[line.end() :]
     return text
 
 
 def _fitting(keys, scene):
-    """Those of a question's keys that a scene of such units can have."""
+    """The keys of a question that a scene with such units can have."""
     scaled = {"oscillator.damping", "excitation.intensity"} & {*keys}
     return keys if scene.units == "SI" else tuple(scaled or keys)
 
@@ -190,6 +199,7 @@ def _accepted(scene, question, keys, line):
     if scene.units == "SI" and question.units:
         words += f" in {next(iter(question.units))}"
     words += "".join(f", or {key.partition('.')[2]}=" for key in keys[1:])
+    words += f" ({', '.join(question.names)})" if question.names else ""
     while True:
         answer = _answer(words, f"{line['key']} = {line['value']}")
         if answer == f"{line['key']} = {line['value']}":
@@ -205,7 +215,9 @@ def _accepted(scene, question, keys, line):
 
 
 def _read(answer, question, keys, units):
-    """The key that an answer is for, and its number in the key's unit."""
+    """The key that an answer is for, and its number in the key's unit, or its name."""
+    if question.names:
+        return keys[0], answer.strip("\"'")
     name, equals, rest = (part.strip() for part in answer.partition("="))
     if equals:
         known = {key.partition(".")[2]: key for key in keys}
@@ -225,7 +237,7 @@ def _read(answer, question, keys, units):
     return keys[0], value
 
 
-def _in_scene(key: str, value: float, scene: Scene) -> tuple[str, float]:
+def _in_scene(key: str, value: Any, scene: Scene) -> tuple[str, Any]:
     """The scene's own key and value of an answer."""
     if key == "piezo.k2":
         from harvester.scene.units import rest_stiffness

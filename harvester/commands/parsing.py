@@ -88,17 +88,17 @@ def _add_scene(parser, option):
 
 def add_option(parser: ArgumentParser, option: Option, text: str) -> None:
     """Give a parser one option."""
-    # argparse puts values in place of a percent sign.
+    # argparse replaces a percent sign by values, so that it is doubled.
     words: dict[str, Any] = {"default": SUPPRESS, "help": _with_default(option, text)}
     kind = option.kind or Kind("NAME" if option.type is str else "N")
     if option.type is bool:
-        # What is on by default has an option that turns it off.
+        # A setting that is on by default has an option that turns it off.
         action = "store_false" if option.default is True else "store_true"
         parser.add_argument(f"--{option.spelling}", dest=option.name, action=action, **words)
         return
     words |= {"metavar": kind.metavar}
     if option.type in (int, float):
-        # Not of a time: 5m may be meant as minutes.
+        # No suffixes for a time, since 5m may mean five minutes.
         words["type"] = (
             _number if option.type is float and kind.metavar != "SECONDS" else option.type
         )

@@ -11,7 +11,7 @@ from harvester.commands.quiet import say
 if TYPE_CHECKING:
     from harvester.commands.shown import Shown
 
-# Endings of the files that a result may have in its folder.
+# Endings of the files of a result in its folder.
 RESULT_FILES = (".json", "-densities.csv", ".png", "-joint.png", ".csv", ".nc", ".md")
 TEXT_FILES = (".toml", "-proposed.toml", "-measured.md", ".html", "-profile.csv")
 
@@ -32,7 +32,7 @@ def write_result(
     """
     from harvester.files.writing import write_json
 
-    # Where one place turns out to be full, the other still gets the result.
+    # If one place is full, the other still gets the result.
     try:
         if json:
             write_json(json, content.to_dict())
@@ -53,7 +53,7 @@ def _write_folder(folder: str, name: str, content: Shown) -> None:
         write_text(densities, content.density_table())
     if hasattr(content, "data"):
         write_csv(table, *content.data())
-        # An extra: what is in it is in the others too.
+        # NetCDF is an extra; the other files hold the same.
         if hasattr(content, "to_xarray") and importlib.util.find_spec("xarray"):
             write_netcdf(grid, content.to_xarray())
     if hasattr(content, "markdown"):

@@ -8,11 +8,11 @@ from typing import TYPE_CHECKING
 if TYPE_CHECKING:
     from harvester.results.result import Result
 
-# Heights from nothing to the highest, an eighth apart.
+# Bars in steps of an eighth of the height.
 HEIGHTS = " ▁▂▃▄▅▆▇█"
-# Letters of a line, and places within each at which the density is taken.
+# Characters of a line, and samples of the density within each.
 WIDTH, FINER = 56, 32
-# Share of the highest density below which a side is left out.
+# Ends where the density is below this share of its peak are left out.
 SHOWN_SHARE = 0.01
 
 

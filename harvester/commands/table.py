@@ -16,7 +16,7 @@ def _engine(result):
     return result.engine
 
 
-# Each with the example of its help; a text is the name of a public function of `harvester`.
+# All commands, each with the example of its help. A text names a public function of `harvester`.
 COMMANDS = (
     Command(new, "new beam.toml --from asymmetric"),
     Study(
@@ -127,11 +127,12 @@ COMMANDS = (
     Command(circuit.schematic, "schematic device --set load.netlist=bridge --output bridge.svg"),
     Command(circuit.load, "load rectifier.net --nodes N001,N002,out,0 --output rectifier.lib"),
     Command(circuit.netlist, "netlist paper --set run.duration=100 --output paper.cir"),
+    Command(circuit.export, "export device --as deck --output block"),
     Command(cite, "cite results/paper-validate.json"),
     Command(circuit.engine, "engine --json -"),
     Command(completion, "completion bash"),
 )
-# Of `harvester --help`, what comes first and what comes last; the rest stands between them.
+# Commands that `harvester --help` lists first and last; the others stand between them.
 FIRST = (
     "average", "validate", "new", "simulate", "load-study", "optimum", "schematic", "identify"
 )  # fmt: skip

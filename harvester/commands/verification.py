@@ -31,7 +31,8 @@ if TYPE_CHECKING:
     from harvester.verification.paper.claims import Judgement
     from harvester.verification.stability.matrix import StabilityMatrix
 
-# Where no scene is named: the source paper's device as it jumps, and one with a rectifier.
+# Default scenes: the source paper's device at an intensity at which it jumps, and one with a
+# rectifier.
 SCENES = (
     ("paper", ("excitation.intensity=0.1",)),
     ("device", ("load.netlist=bridge",)),

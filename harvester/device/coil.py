@@ -11,7 +11,7 @@ from dataclasses import dataclass
 from typing import ClassVar, NamedTuple
 
 from harvester.device.keys import SI, not_negative, positive
-from harvester.device.linear_transducer import LinearTransducer, Rates
+from harvester.device.linear_transducer import LinearTransducer, Rates, Unshaken
 from harvester.device.terminals import (
     GROUND,
     LOAD_AMMETER,
@@ -26,7 +26,7 @@ TERMINAL = "coil"
 
 
 class Coil(LinearTransducer, Rates):
-    """With inductance; β = Φ²/(M L), λ = (R_coil + R)/L. Voltages in units of Φ l (1/s)."""
+    """A coil with inductance: β = Φ²/(M L), λ = (R_coil + R)/L. Unit of voltage: Φ l (1/s)."""
 
     __slots__ = ()
 
@@ -43,7 +43,12 @@ class Coil(LinearTransducer, Rates):
         return self.coupling * self.own_rate * current * current
 
 
-class ResistiveCoil(NamedTuple):
+class _Resistances(NamedTuple):
+    winding_damping: float
+    current_share: float
+
+
+class ResistiveCoil(Unshaken, _Resistances):
     """Without inductance: R_coil i = Φ x' − v, so that i follows X' at once.
 
     Currents are in units of Φ l/R_coil (1/s), voltages in Φ l (1/s).
@@ -54,8 +59,7 @@ class ResistiveCoil(NamedTuple):
     current_share : R_coil/(R_coil + R), the current over that of the shorted coil.
     """
 
-    winding_damping: float
-    current_share: float
+    __slots__ = ()
 
     @property
     def lossless(self) -> bool:
@@ -100,7 +104,7 @@ class ResistiveCoil(NamedTuple):
         return 0.0
 
     def stiffness(self, mechanical: float) -> float:
-        """None."""
+        """A coil without inductance adds no stiffness."""
         return 0.0
 
     def loss_rate(self, frequency: float) -> float:
@@ -146,7 +150,7 @@ class CoilTable(TransducerTable):
     }
 
     def voltage_unit(self, setting: Setting) -> float:
-        """Φ l."""
+        """The scaled unit of voltage, Φ l."""
         return self.coupling * setting.length
 
     def state_unit(self, setting: Setting) -> float:
@@ -178,7 +182,7 @@ class CoilTable(TransducerTable):
             terminal=TERMINAL,
             elements=tuple(elements),
             power_unit=1.0 / (setting.mass * setting.length**2),
-            # One that passes as little as the winding at the motion's own frequency.
+            # A capacitance whose impedance at the motion's frequency is that of the winding.
             reference_capacitance=1.0 / (rate * self.resistance),
             state_current=LOAD_AMMETER if self.inductance > 0.0 else "",
             state_unit=self.state_unit(setting),
@@ -186,5 +190,5 @@ class CoilTable(TransducerTable):
         )
 
     def matched_resistance(self, rate: float) -> float:
-        """That of the winding."""
+        """The load resistance that matches the winding's (Ω)."""
         return self.resistance

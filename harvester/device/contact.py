@@ -23,7 +23,7 @@ if TYPE_CHECKING:
     from harvester.device.spring import Spring
     from harvester.device.values import Values
 
-# Contact laws by the word of `law` in a scene, each made from a contact's scaled values.
+# Contact laws by the word that a scene's `law` takes. Each is made from a contact's scaled values.
 LAWS: Registry[Callable] = Registry("harvester.contact_laws", {"hertz-damp": hertz_damp})
 SIDES = {"left": -1.0, "right": 1.0, "both": 0.0}
 
@@ -65,7 +65,7 @@ def one_reaction(
     acts = low >= contact.gap if s > 0.0 else high <= -contact.gap
     if not acts:
         return 0.0, 0.0
-    # A step of the zone may begin a rounding short of its edge, where a dashpot already acts.
+    # By rounding a step in the zone may begin just outside it. Depth 0 lets a dashpot act there.
     depth = max(s * x - contact.gap, 0.0)
     gain = springs.energy(spring, x) - springs.energy(spring, s * contact.gap)
     push = s * elastic_force(contact.law, depth)
@@ -243,12 +243,20 @@ def arrival_formula(
 
 
 def formulas(
-    each: Contact, spring: Spring, x: str, u: str, rate: float, number: Callable, held: str = ""
+    each: Contact,
+    spring: Spring,
+    x: str,
+    u: str,
+    rate: float,
+    number: Callable,
+    held: str = "",
+    bounded: bool = False,
 ) -> tuple[str, str]:
     """(condition, force over rate²) of one contact as expressions of circuits and Verilog-A.
 
     The force is meant where the condition holds. See `HertzDamp.force_formula` for the arguments;
-    a pair of stoppers takes a symmetric spring.
+    a pair of stoppers takes a symmetric spring. `bounded` asks for a bound of U(x) − U(gap) by 0
+    that this spring does without: its numbers may be varied.
     """
     gap = number("gap", each.gap, "displacement at which it begins", "(0:inf)")
     sides = {
@@ -258,6 +266,6 @@ def formulas(
     }
     condition, depth, sign = sides[each.side]
     gain = arrival_formula(each, each.side or 1.0, spring, x, rate, number)
-    if not (pulled_back(each, spring) and spring.gain_is_product):
+    if bounded or not (pulled_back(each, spring) and spring.gain_is_product):
         gain = f"((({gain})>0) ? ({gain}) : 0)"
     return condition, each.law.force_formula(depth, sign, u, gain, number, held, rate)

@@ -18,7 +18,8 @@ from harvester.device.system import potential
 if TYPE_CHECKING:
     from harvester.device.system import System
 
-# Of the energy from a well's bottom to the lower saddle beside it.
+# The core of a well reaches up to this share of the energy from its bottom to the lower saddle
+# beside it.
 CORE_SHARE = 0.25
 
 

@@ -6,8 +6,8 @@ import numpy as np
 
 from harvester.compilation import compiled
 
-# Exponent below which the recursion for the drive's shares runs downwards from the last one:
-# upwards it would cancel.
+# Below this exponent the recursion for the drive's coefficients runs downwards: upwards it would
+# lose digits by cancellation.
 SMALL_EXPONENT = 0.5
 LAST_TERM = 14
 

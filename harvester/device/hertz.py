@@ -17,7 +17,7 @@ import numpy as np
 from harvester.device.dispatch import equation
 from harvester.device.values import Values
 
-# An elastic Hertz contact lasts so many times its greatest depth over the approach speed.
+# An elastic Hertz contact lasts 2.943 times its greatest depth over the approach speed.
 HERTZ_EXPONENT, HERTZ_DURATION = 1.5, 2.9432752
 # Compiled code finds a part's other equations by name.
 elastic_energy, impact_speed, duration, power_below = map(
@@ -44,7 +44,7 @@ class HertzDamp(NamedTuple):
     duration_factor: float
 
     def power_below(self, depth: Values) -> Values:
-        """d^(n−1)."""
+        """d^(n−1), the power below that of the force."""
         return depth ** (self.exponent - 1.0)
 
     def elastic_force(self, depth: Values) -> Values:
@@ -117,7 +117,7 @@ class HertzDamp(NamedTuple):
             twice = 2.0 / order * self.stiffness / rate**2
             twice = number("energy", twice, "2 K/((n + 1) rate^2)", "[0:inf)")
             energy = f"{twice}*pow({depth},{number('order', order, 'n + 1', '[2:inf)')})"
-            # The last term only keeps 0/0 away at the instant of contact.
+            # The term 1e-30 only avoids 0/0 at the instant of contact.
             share = f"{u}*pow({u}*{u}+{gain}+{energy}+1e-30,-0.5)"
         factor = number("damping_factor", self.damping_factor, "3 (1 - e^2)/4", "[0:0.75]")
         return f"{push}*({sign}+{factor}*{share})"
@@ -148,7 +148,7 @@ class Hertz(HertzDamp):
     __slots__ = ()
 
     def power_below(self, depth: Values) -> Values:
-        """√d."""
+        """√d, the power below that of the force."""
         return np.sqrt(depth)
 
 

@@ -14,7 +14,7 @@ from harvester.files.plain_text import nearest, shown
 SCALED, SI = "scaled", "SI"
 BOTH = (SCALED, SI)
 NAMED_VALUES = "named values"
-# Numbers beyond these, zero aside, overflow or vanish in products of a few of them.
+# Products of a few numbers beyond these limits overflow or vanish.
 SMALLEST, LARGEST = 1e-30, 1e30
 
 
@@ -110,7 +110,7 @@ def check_value(where: str, value: Any, spec: Key, origin: str) -> Any:
     if spec.kind in _NOUNS:
         fits = isinstance(value, spec.kind) and value is not True and value is not False
         return value if fits else refuse()
-    # A number in quotes without a suffix is a mistake, as it is in TOML.
+    # A number in quotes must have a suffix; without one the quotes are a mistake.
     if isinstance(value, str) and spec.kind is float and value[-1:].isalpha():
         try:
             value = number(value)

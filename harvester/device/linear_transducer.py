@@ -11,7 +11,28 @@ from typing import NamedTuple
 from harvester.device.values import Values
 
 
-class LinearTransducer:
+class Unshaken:
+    """What the base's acceleration does to a transducer by itself: nothing, unless it says so."""
+
+    __slots__ = ()
+
+    def base_rate(self, slope: float) -> float:
+        """What the excitation's rate of change η' adds to X' where X' drives the state.
+
+        Nothing is −0.0: a sum with it is the same to the last bit, and compiled code leaves it out.
+        """
+        return -0.0
+
+    def base_speed(self, v: Values, state: Values, current: Values) -> Values:
+        """The speed that times η is the power put in; `current` into the load, as `current`."""
+        return v
+
+    def kept_state(self, state: Values, noise: Values) -> Values:
+        """The state whose energy `stored_energy` is, and in which a run begins."""
+        return state
+
+
+class LinearTransducer(Unshaken):
     """Base of the named tuples of such equations; without fields of its own.
 
     Methods take and return floats and are compiled as they stand. A subclass has at least
@@ -54,7 +75,7 @@ class LinearTransducer:
         return self.coupling * self.load_rate * state * state
 
     def stored_energy(self, state: Values) -> Values:
-        """½ β e²."""
+        """The stored energy ½ β e²."""
         return 0.5 * self.coupling * state * state
 
     def stiffness(self, mechanical: float) -> float:

@@ -1,26 +1,30 @@
 """The piezo: a clamped capacitance that the velocity charges, perhaps leaky (Eq. 4).
 
-M x'' + … + θ V = …, Cp V' = θ x' − V/R_leak − i, with i into the load. Scaled: V' = X' − λ V.
+M x'' + … + θ V = …, Cp V' = θ x' − Q a' − V/R_leak − i, with i into the load. Scaled:
+V' = X' + κ η' − λ V. The base's acceleration a moves the charge Q a by itself where modes of a beam
+that are left out follow it at once (`base_charge`); η = −μ a/l, so that κ = Q/(μ θ).
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any, ClassVar
+from typing import Any, ClassVar, NamedTuple
 
-from harvester.device.keys import SCALED, SI, not_negative, positive
+from harvester.device.keys import SCALED, SI, Key, not_negative, positive
 from harvester.device.linear_transducer import LinearTransducer, Rates
 from harvester.device.terminals import GROUND, Element, Network, Setting, TransducerTable
 from harvester.device.values import Values
 from harvester.errors import LoadError
 
-# λ (1/s) whose square is still a number.
+# The square of a larger λ (1/s) would overflow.
 FASTEST_DECAY = 1e150
 TERMINAL = "piezo"
+# The node whose voltage against ground the base's acceleration sets, in series with Cp.
+BASE = "base"
 
 
-class Piezo(LinearTransducer, Rates):
-    """The state is V; β = θ²/(M Cp), λ = 1/(R Cp) + 1/(R_leak Cp)."""
+class PiezoLaw(LinearTransducer):
+    """What a piezo has, whether the base's acceleration moves charge or not."""
 
     __slots__ = ()
 
@@ -37,50 +41,107 @@ class Piezo(LinearTransducer, Rates):
         return self.coupling
 
 
-def piezo(coupling: float, load_rate: float, leakage_rate: float = 0.0) -> Piezo:
-    """The piezo with these scaled values (1/s for the rates)."""
-    return Piezo(float(coupling), float(load_rate), float(leakage_rate))
+class Piezo(PiezoLaw, Rates):
+    """The state is V; β = θ²/(M Cp), λ = 1/(R Cp) + 1/(R_leak Cp)."""
+
+    __slots__ = ()
+
+
+class _ShakenRates(NamedTuple):
+    coupling: float
+    load_rate: float
+    own_rate: float
+    base_share: float
+
+
+class ShakenPiezo(PiezoLaw, _ShakenRates):
+    """A piezo in which the base's acceleration moves charge by itself.
+
+    The state is V. What is kept in Cp is W = V − κ η, W' = X' − λ V; ½βW² is energy of the
+    capacitance and of the modes left out.
+
+    Attributes
+    ----------
+    base_share : κ, the scaled voltage that one unit of η adds while no charge flows (s²).
+    """
+
+    __slots__ = ()
+
+    def base_rate(self, slope: float) -> float:
+        """κ η'."""
+        return self.base_share * slope
+
+    def base_speed(self, v: Values, state: Values, current: Values) -> Values:
+        """X' − βκ W': the base also moves the modes that are left out."""
+        return v - self.coupling * self.base_share * (v - self.own_rate * state - current)
+
+    def kept_state(self, state: Values, noise: Values) -> Values:
+        """W."""
+        return state - self.base_share * noise
+
+    def current(self, v: Values, state: Values) -> Values:
+        """Of a resistor as load, V/(R Cp)."""
+        return self.load_rate * state
+
+
+def piezo(
+    coupling: float, load_rate: float, leakage_rate: float = 0.0, base_share: float = 0.0
+) -> Piezo | ShakenPiezo:
+    """The piezo with these scaled values (1/s for the rates, s² for κ)."""
+    rates = float(coupling), float(load_rate), float(leakage_rate)
+    return ShakenPiezo(*rates, float(base_share)) if base_share else Piezo(*rates)
 
 
 @dataclass(frozen=True)
 class PiezoTable(TransducerTable):
     """A piezoelectric transducer.
 
-    SI: θ in N/V, the clamped capacitance in F, the resistance of its dielectric loss in Ω.
-    Scaled: β, and 1/(R_leak Cp) as `leakage_rate`.
+    SI: θ in N/V, the clamped capacitance in F, the resistance of its dielectric loss in Ω, the
+    charge that 1 m/s² of the base moves in C. Scaled: β, 1/(R_leak Cp) as `leakage_rate`, and what
+    a unit of the excitation adds to V at constant charge in s².
     """
 
     coupling: float
     capacitance: Any = None
     leakage_resistance: float | None = None
     leakage_rate: float | None = None
+    base_charge: float = 0.0
 
     KEYS: ClassVar[dict] = {
         "coupling": not_negative(required=True),
         "capacitance": positive(units=(SI,), required=True),
         "leakage_resistance": positive(units=(SI,)),
         "leakage_rate": not_negative(units=(SCALED,)),
+        "base_charge": Key(),
     }
     takes_voltage: ClassVar[bool] = True
 
     def voltage_unit(self, setting: Setting) -> float:
-        """θ l/Cp."""
+        """The scaled unit of voltage, θ l/Cp."""
         if setting.units != SI:
             return 1.0
         return self.coupling * setting.length / self.capacitance
 
-    def equations(self, setting: Setting) -> Piezo:
+    def equations(self, setting: Setting) -> Piezo | ShakenPiezo:
         """The piezo; a load that is no resistor leaves it open.
 
         Steps are then chosen for the motion that the damper alone bounds, the greatest there is,
         and the load's power is measured in the circuit.
         """
-        rate = self._load_rate(setting)
+        rate, share = self._load_rate(setting), self._base_share(setting)
         if setting.units != SI:
-            return piezo(self.coupling, rate, self.leakage_rate or 0.0)
+            return piezo(self.coupling, rate, self.leakage_rate or 0.0, share)
         theta, cp = self.coupling, self.capacitance
         leak = 1.0 / (self.leakage_resistance * cp) if self.leakage_resistance else 0.0
-        return piezo(theta**2 / (setting.mass * cp), rate, leak)
+        return piezo(theta**2 / (setting.mass * cp), rate, leak, share)
+
+    def _base_share(self, setting):
+        """κ = Q/(μ θ); 0 where the base rests."""
+        if not self.base_charge:
+            return 0.0
+        if setting.units != SI:
+            return self.base_charge * setting.excitation_unit
+        return self.base_charge * setting.excitation_unit / (self.coupling * setting.length)
 
     def _load_rate(self, setting):
         """1/(R Cp), 0 for an open circuit."""
@@ -97,16 +158,26 @@ class PiezoTable(TransducerTable):
             )
         return 1.0 / (resistance * capacitance)
 
-    def network(self, setting: Setting, equations: Piezo, rate: float) -> Network:
-        """Capacitance, the current that the velocity drives into it, the force back, the leak."""
+    def network(self, setting: Setting, equations: Piezo | ShakenPiezo, rate: float) -> Network:
+        """Capacitance, the current that the velocity drives into it, the force back, the leak.
+
+        What the base's acceleration adds is a voltage in series with the capacitance.
+        """
         volts, power_unit, charge, capacitance = 1.0, equations.coupling, 1.0, 1.0
         if setting.units == SI:
             capacitance, volts = self.capacitance, self.voltage_unit(setting)
             power_unit = equations.coupling / (capacitance * volts**2)
             charge = self.coupling * setting.length
+        behind, current_per_ampere = GROUND, 0.0
+        base: tuple[Element, ...] = ()
+        if isinstance(equations, ShakenPiezo):
+            behind, current_per_ampere = BASE, 1.0 / charge
+            share = equations.base_share * volts
+            base = (Element("base voltage", "base_charge", BASE, GROUND, share),)
         elements = [
-            Element("capacitor", "piezo", TERMINAL, GROUND, capacitance, holds_state=True),
+            Element("capacitor", "piezo", TERMINAL, behind, capacitance, holds_state=True),
             Element("moving current", "charge", TERMINAL, GROUND, charge),
+            *base,
         ]
         if equations.coupling > 0.0:
             force = equations.coupling
@@ -121,8 +192,9 @@ class PiezoTable(TransducerTable):
             reference_capacitance=capacitance,
             state_voltage=TERMINAL,
             state_unit=volts,
+            current_per_ampere=current_per_ampere,
         )
 
     def matched_resistance(self, rate: float) -> float:
-        """1/(ω Cp)."""
+        """The load resistance 1/(ω Cp) that matches the capacitance."""
         return 1.0 / (rate * (self.capacitance or 1.0))

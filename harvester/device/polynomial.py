@@ -81,7 +81,7 @@ class Polynomial(NamedTuple):
         return -math.inf, math.inf
 
     def force(self, x: Values) -> Values:
-        """F(x)."""
+        """The force F(x)."""
         if len(self.even) == 0:
             return in_powers(self.odd, x) * x
         return in_powers(self.even, x) + in_powers(self.odd, x) * x
@@ -102,7 +102,7 @@ class Polynomial(NamedTuple):
         return in_powers(self.odd_slope, x) + np.abs(x) * in_powers(self.even_slope, x)
 
     def slope(self, x: Values) -> Values:
-        """F'(x)."""
+        """The stiffness F'(x)."""
         odd = in_powers([(2 * m + 1) * k for m, k in enumerate(self.odd)], x)
         if not self.even:
             return odd

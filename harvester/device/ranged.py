@@ -15,7 +15,7 @@ from harvester.device.dispatch import equation
 from harvester.device.values import Values
 
 inner_force, inner_energy, inner_bound = map(equation, ("force", "energy", "greatest_stiffness"))
-# Of the range: points among which the greatest stiffness is looked for.
+# The greatest stiffness is searched among so many points of the range.
 STIFFNESS_POINTS = 201
 
 
@@ -67,7 +67,7 @@ class Ranged(NamedTuple):
         return self.low, self.high
 
     def force(self, x: Values) -> Values:
-        """F(x)."""
+        """The force F(x)."""
         inside = np.minimum(np.maximum(x, self.low), self.high)
         return inner_force(self.spring, inside) + self.stiffness * (x - inside)
 
@@ -83,7 +83,7 @@ class Ranged(NamedTuple):
         return inner_bound(self.spring, x) + self.stiffness
 
     def slope(self, x: Values) -> Values:
-        """F'(x)."""
+        """The stiffness F'(x)."""
         inside = (self.low <= np.asarray(x)) & (np.asarray(x) <= self.high)
         return np.where(inside, self.spring.slope(x), self.stiffness)[()]
 
@@ -104,7 +104,7 @@ class Ranged(NamedTuple):
         return (float(reached.min()), float(reached.max())) if reached.size > 1 else self.range
 
     def nonlinear_formula(self, x: str, rate: float, number: Callable) -> str:
-        """F(x) over rate²."""
+        """A formula of F(x)/rate² for netlists."""
         tilt, linear = self.spring.line
         parts = [
             number("tilt", tilt / rate**2, "F(0)/rate^2") if tilt else "",
@@ -139,7 +139,7 @@ class Ranged(NamedTuple):
 
         def outside(side, end, place):
             texts = [
-                number(f"{name}_{side}{n}", value, f"beyond the range, power {n}")
+                number(f"{name}_{side}{n}", value, f"/rate^2 beyond the range, power {n}")
                 for n, value in enumerate(beyond(place))
             ]
             inner = texts.pop()
@@ -157,6 +157,6 @@ def ranged(spring: Any, low: float, high: float) -> Ranged:
     """A spring within a range; the lines beyond are as stiff as its stiffest place."""
     x = np.linspace(low, high, STIFFNESS_POINTS)
     stiffness = float(np.abs(spring.slope(x)).max())
-    # What begins outwards at the end must come back within a length like the range.
+    # A mass that leaves the range must turn within a distance like the range itself.
     pull = max(abs(float(spring.force(low))), abs(float(spring.force(high))))
     return Ranged(spring, float(low), float(high), max(stiffness, pull / (high - low)) or 1.0)

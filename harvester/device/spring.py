@@ -17,8 +17,8 @@ from harvester.device.ranged import Ranged
 
 Spring = Polynomial | ForceTable | Ranged
 
-# Of (spring, x): F(x), U(x) = ∫F dx from 0, and a bound of |F'| at all displacements up to |x|; x a
-# float or, called by Python, an array of any shape.
+# Functions of (spring, x): the force F(x), the energy U(x) = ∫F dx from 0, and a bound of |F'| at
+# all displacements up to |x|. x is a float or, if called by Python, an array of any shape.
 force = equation("force")
 energy = equation("energy")
 greatest_stiffness = equation("greatest_stiffness")

@@ -21,8 +21,8 @@ if TYPE_CHECKING:
     from harvester.device.spring import Spring
     from harvester.device.values import Values
 
-# Share of the earliest way to a contact that one step takes: the approach then ends in a few ever
-# shorter steps, none of which jumps into the stopper.
+# One step covers at most this share of the shortest time to a contact. The approach then ends in a
+# few ever shorter steps, none of which jumps into the stopper.
 APPROACH_SHARE = 0.8
 
 part_force = equation("force")
@@ -36,6 +36,9 @@ load_power = equation("load_power")
 own_loss = equation("loss")
 transducer_energy = equation("stored_energy")
 transducer_stiffness = equation("stiffness")
+base_rate = equation("base_rate")
+base_speed = equation("base_speed")
+kept_state = equation("kept_state")
 
 
 class Noise(NamedTuple):
@@ -118,6 +121,14 @@ def stored_energy(s: System, x: float, v: float, state: float) -> float:
     return mechanical + transducer_energy(s.transducer, state)
 
 
+def begun_state(s: System, kept: float, noise: float) -> float:
+    """The transducer's state where what it keeps is `kept` and the excitation begins with `noise`.
+
+    A base that is shaken from the first moment on has moved its charge by then.
+    """
+    return kept - s.transducer.kept_state(0.0, noise)
+
+
 def speed_held(s: System, x: float, v: float) -> float:
     """Impact speed that a state at the beginning of a run holds (`event`).
 
@@ -183,7 +194,7 @@ def resolving_step(
     landing : float
         Share of such a step in which the contact may begin unforeseen.
     """
-    # A mass pressed or drawn onto the stopper meets it with what it gains on the way.
+    # A mass that is pressed onto the stopper meets it with the speed that it gains on the way.
     speed = abs(v) + (abs(acceleration) + margin) * longest
     step = contacts.step(s.contacts, x, speed * speed, longest, steps)
     if x < low or x > high or (step == longest and landing == 1.0):

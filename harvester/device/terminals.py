@@ -9,9 +9,9 @@ from __future__ import annotations
 
 from typing import Any, ClassVar, NamedTuple
 
-# The node against which the terminal's voltage counts.
+# The terminal's voltage is measured against this node.
 GROUND = "0"
-# The ammeter (0 V) between terminal and load; its current leaves the transducer.
+# Name of the ammeter (0 V) between terminal and load. Its current leaves the transducer.
 LOAD_AMMETER = "load"
 
 
@@ -25,6 +25,8 @@ class Setting(NamedTuple):
     resistance : of a load that is a resistor (Ω); None for others, taken as an open circuit.
     decay_rate : λ of a scaled scene's built-in resistor (1/s), else None.
     name : of the scene, for messages.
+    excitation_unit : the base's acceleration for one unit of η, in the scene's units; 0 where the
+        displacement is prescribed and the base rests.
     """
 
     units: str
@@ -33,6 +35,7 @@ class Setting(NamedTuple):
     resistance: float | None
     decay_rate: float | None
     name: str
+    excitation_unit: float = 1.0
 
 
 class Element(NamedTuple):
@@ -44,6 +47,7 @@ class Element(NamedTuple):
         "resistor" (Ω), "capacitor" (F), "inductor" (H), "ammeter" (0 V);
         "moving voltage", "moving current": a source in proportion to X' (V or A for one scaled
         unit; the current flows from `minus` to `plus`, and out of it);
+        "base voltage": a source in proportion to η (V for one scaled unit);
         "force of voltage", "force of current": what acts on the mass against X', by the voltage
         between the nodes (scaled acceleration per scaled volt) or by the current of the ammeter
         whose name is `plus` (scaled acceleration per ampere).
@@ -141,7 +145,7 @@ class TransducerTable:
         raise NotImplementedError
 
     def network(self, setting: Setting, equations: Any, rate: float) -> Network:
-        """Its elements up to the terminal.
+        """The elements of the transducer up to its terminal.
 
         Parameters
         ----------

@@ -17,11 +17,12 @@ from harvester.device.system import elastic_force, potential
 if TYPE_CHECKING:
     from harvester.device.system import System
 
-# Energy up to which the default step resolves the motion, in units of the mean-square velocity:
-# the density of the energy falls as exp(−H/E[X'²]), so it is beyond for under 1 % of the time.
+# The default step resolves motion up to this energy, in units of the mean-square velocity E[X'²].
+# The density of the energy falls as exp(−H/E[X'²]), so that the energy is higher for under 1 % of
+# the time.
 RESOLVED_ENERGY = 5.0
-# Points in which equilibria are looked for, and nodes of a describing function: exact up to the
-# seventh power.
+# Equilibria are searched among so many points. The describing function has so many nodes: it is
+# exact up to the seventh power.
 SEARCH_POINTS, HARMONIC_NODES = 4001, 16
 
 kept = functools.lru_cache(maxsize=256)
@@ -39,7 +40,7 @@ def equilibria(system: System) -> tuple[tuple[float, bool], ...]:
         Stable and unstable ones alternate where the potential is bounded.
     """
     reach = _reach(system)
-    # The spring's own roots are known to the last digit where no contact acts.
+    # Where no contact acts, the roots are those of the spring, exact to the last digit.
     free = free_zone(system)
     exact = [float(x) for x in system.spring.roots() if free[0] <= x <= free[1]]
     points = np.unique(np.concatenate([np.linspace(-reach, reach, SEARCH_POINTS), _finite(free)]))
@@ -53,7 +54,7 @@ def equilibria(system: System) -> tuple[tuple[float, bool], ...]:
             continue
         inside = [x for x in exact if left <= x <= right]
         root = inside[0] if len(inside) == 1 else _balance(system, left, right)
-        # A zero without a sign.
+        # Adding 0.0 turns −0.0 into 0.0.
         found.append((_polished(system, root) + 0.0, bool(values[k + 1] > values[k])))
     return tuple(found)
 
@@ -168,7 +169,7 @@ def stiffness(system: System, x: float) -> float:
 
 
 def well_frequency(system: System, well: float) -> float:
-    """Of small oscillations about a well with the transducer open (rad/s).
+    """The angular frequency (rad/s) of small oscillations about a well, with the transducer open.
 
     A vanishing one is replaced by the noise's own rate.
     """
@@ -179,7 +180,7 @@ def well_frequency(system: System, well: float) -> float:
 
 @kept
 def angular_frequency(system: System) -> float:
-    """Of small oscillations about the stiffest well with the transducer open (rad/s)."""
+    """Angular frequency (rad/s) of small oscillations about the stiffest well, transducer open."""
     return max(well_frequency(system, well) for well in wells(system))
 
 
@@ -204,7 +205,7 @@ def driven_square_velocity(system: System, frequency: float) -> float:
     square = system.noise.intensity / (loss * colour) if loss > 0.0 else math.inf
     drag = getattr(system.damper, "quadratic_damping", 0.0)
     if drag > 0.0:
-        # Drag alone: C2 E|X'|³ = D, with E|X'|³ = √(8/π) σ³ of a normal velocity.
+        # With quadratic drag alone C2 E|X'|³ = D, and E|X'|³ = √(8/π) σ³ for a normal velocity.
         power = system.noise.intensity / colour
         square = min(square, (power / (drag * math.sqrt(8.0 / math.pi))) ** (2.0 / 3.0))
     return square
@@ -223,14 +224,15 @@ def contact_time(system: System) -> float:
 
 @kept
 def fastest_angular_frequency(system: System) -> float:
-    """Of small oscillations or of the greatest that the noise drives, whichever is faster (rad/s).
+    """The angular frequency (rad/s) of the fastest motion: small oscillations, or the greatest.
 
     The greatest has the energy `RESOLVED_ENERGY` E[X'²] at the frequency ω of that motion itself;
     its stiffness is that of harmonic balance. What the contacts add belongs to the contact's own
     step.
     """
     frequency = slowest = angular_frequency(system)
-    # The greater the frequency, the less noise it meets: half-way steps settle.
+    # The higher the frequency, the less noise there is at it: the iteration halves its steps to
+    # converge.
     for _ in range(60):
         square = _driven_stiffness(system, frequency)
         frequency = math.sqrt(0.5 * (frequency**2 + max(square, slowest**2)))

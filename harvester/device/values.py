@@ -2,5 +2,6 @@
 
 from typing import Any, TypeAlias
 
-# The same of both, which no type checker can say of compiled functions.
+# A float or an array; the result is of the same kind. No type checker can express this for compiled
+# functions.
 Values: TypeAlias = Any

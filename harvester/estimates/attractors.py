@@ -26,9 +26,13 @@ STILL_SETTLING = 3e-3
 # Samples beyond two periods for which a start that still settles is that close to its cycle: of
 # 1681 starts of the scene `device` under a sine one came to its orbit too late for `REPEATS`.
 STAYS = 6
-# Cells a side of the section in which motions without a period are told apart, and the share of one
-# start's samples in cells of the other, or beside them, from which they are on one attractor.
-CELLS, SAME_CELLS = 24, 0.7
+# The same for a path with noise in it: the longest period looked for, and the correlation.
+LONGEST_IN_NOISE, CORRELATED = 6, 0.95
+# Cells a side of the section in which motions without a period are told apart, in units of √samples
+# (24 for 64; with 24 for 19 samples one chaotic motion of eight starts was taken for two), and
+# the share of one start's samples in cells of the other, or beside them, from which they are on one
+# attractor.
+CELLS, SAME_CELLS = 3.0, 0.7
 
 
 @dataclass(frozen=True)
@@ -86,6 +90,31 @@ def repetition(samples: np.ndarray, scale: np.ndarray | None = None) -> np.ndarr
                 found[open_[nearly]] = shorter
                 repeats &= ~nearly
     return found
+
+
+def repeats_in_noise(path: np.ndarray, period: float) -> bool:
+    """Whether a measured path repeats itself after some periods of the forcing.
+
+    The samples of one path with a sensor's noise in it never agree as those that `repetition` asks
+    for: here the whole path and the path some periods later are correlated.
+
+    Parameters
+    ----------
+    path : ndarray, shape (n,)
+        Evenly spaced; its first third, in which a start is forgotten, does not count.
+    period : float
+        Of the forcing, in samples.
+    """
+    late = path[path.size // 3 :] - np.mean(path[path.size // 3 :])
+    places = np.arange(late.size)
+    for count in range(1, LONGEST_IN_NOISE + 1):
+        moved = places[: int(late.size - count * period) - 1] + count * period
+        if moved.size < 2:
+            return True
+        later = np.interp(moved, places, late)
+        if np.corrcoef(late[: moved.size], later)[0, 1] > CORRELATED:
+            return True
+    return False
 
 
 def _change(samples, period, scale):
@@ -177,7 +206,8 @@ def _wanderers(samples, members):
     section = samples[members][:, :, :2]
     low, high = section.min(axis=(0, 1)), section.max(axis=(0, 1))
     span = np.where(high > low, high - low, 1.0)
-    cells = np.minimum(((section - low) / span * CELLS).astype(int), CELLS - 1)
+    count = round(CELLS * math.sqrt(section.shape[1]))
+    cells = np.minimum(((section - low) / span * count).astype(int), count - 1)
     # Of each group the cells that it fills, and these with those beside them.
     filled: list[tuple[np.ndarray, np.ndarray]] = []
     groups: list[list[int]] = []
@@ -186,7 +216,7 @@ def _wanderers(samples, members):
         shares = [float(near[x, v].mean()) for _, near in filled]
         best = int(np.argmax(shares)) if shares else -1
         if best < 0 or shares[best] < SAME_CELLS:
-            nothing = np.zeros((CELLS, CELLS), dtype=bool)
+            nothing = np.zeros((count, count), dtype=bool)
             filled.append((nothing, nothing))
             groups.append([])
             best = len(filled) - 1
@@ -250,6 +280,9 @@ class Divergence:
     def chaotic(self) -> bool:
         """Whether neighbours part, beyond chance."""
         return self.exponent > 3.0 * self.standard_error
+
+    def __str__(self) -> str:
+        return f"{self.exponent:.3g} ± {self.standard_error:.2g}"
 
 
 # Of neighbours' distance, in units of the motion's size: up to where it grows as it does without an

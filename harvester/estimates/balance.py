@@ -31,7 +31,7 @@ def energy_balance_residual(moments: list[Moments], parameters: System) -> float
         stored += stored_change(m, parameters)
     scale = max(abs(put_in), load + loss)
     if scale == 0.0 and stored == 0.0:
-        # A device at rest that nothing drives.
+        # The device is at rest and nothing drives it.
         return 0.0
     return float((put_in - load - loss - stored) / scale) if scale > 0.0 else math.nan
 

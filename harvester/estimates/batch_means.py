@@ -25,16 +25,18 @@ FEWEST_BATCHES = 16
 LARGEST_CORRELATION = 0.25
 TOTAL_BATCHES = 256
 TOTAL_GROUPS = 32
-# Batches of each of many realizations: a drift shows between their halves.
-FEWEST_TO_DRIFT = 4
+# Fewest batches of each of many realizations: their halves show whether the mean drifts.
+# Realizations under one path without a period have more: their batches are averaged over them
+# before they are joined.
+FEWEST_TO_DRIFT, FEWEST_ON_ONE_PATH = 4, 64
 KNOTS_PER_BATCH = 8
 # A standard error of at most this share of its ratio is rounding in the sums, and taken for zero.
 ROUNDING_SHARE = 1e-12
-# Between the samples of a histogram: some ten samples per period of the motion.
+# Knots of the noise between two samples of a histogram, about ten samples per period of the motion.
 KNOTS_PER_SAMPLE = 4
 
 
-def batch_counts(realizations: int, knots: float) -> tuple[int, int]:
+def batch_counts(realizations: int, knots: float, one_path: bool = False) -> tuple[int, int]:
     """Batches and histogram groups per realization.
 
     Parameters
@@ -42,9 +44,12 @@ def batch_counts(realizations: int, knots: float) -> tuple[int, int]:
     realizations : int
     knots : float
         Knots of the noise per realization: a batch spans several.
+    one_path : bool
+        Whether all realizations meet the same path, without a period.
     """
     most = max(1, int(knots / KNOTS_PER_BATCH))
-    batches = min(max(-(-TOTAL_BATCHES // realizations), FEWEST_TO_DRIFT), most)
+    fewest = FEWEST_ON_ONE_PATH if one_path else FEWEST_TO_DRIFT
+    batches = min(max(-(-TOTAL_BATCHES // realizations), fewest), most)
     return batches, min(-(-TOTAL_GROUPS // realizations), batches)
 
 
@@ -78,16 +83,19 @@ def standard_error(series: np.ndarray, least_correlation: float = 0.0) -> float 
     return None
 
 
-def error_without_chance(series: np.ndarray) -> float | None:
+def error_without_chance(series: np.ndarray, drawn: bool = False) -> float | None:
     """Error of a mean over whole periods of an excitation without chance.
 
     What is left of the start: the change from the first to the second half. Where the motion has
     another period or none, how far batches scatter about that, as if each were by chance.
+    Realizations differ by their starts alone, so that these are errors of their mean.
 
     Parameters
     ----------
     series : ndarray, shape (realizations, batches)
         Whole periods each.
+    drawn : bool
+        Whether realizations begin by chance: see `error_of_starts`.
 
     Returns
     -------
@@ -95,16 +103,36 @@ def error_without_chance(series: np.ndarray) -> float | None:
         None for a single batch, or without a batch.
     """
     series = np.asarray(series, dtype=float)
-    middle = series.shape[1] // 2
-    if series.size < 2:
-        return None
+    mean = series.mean(axis=0, keepdims=True)
+    chance = error_of_starts(series) if drawn else 0.0
+    middle = mean.size // 2
     if middle == 0:
-        return float(series.std() / math.sqrt(len(series)))
-    left = abs(float(series[:, -middle:].mean() - series[:, :middle].mean()))
-    scatter = standard_error(series)
+        return chance if drawn and series.size > 1 else None
+    left = abs(float(mean[:, -middle:].mean() - mean[:, :middle].mean()))
+    scatter = standard_error(mean)
     if scatter is None:
-        scatter = float(series.std()) / math.sqrt(series.size)
-    return math.hypot(left, scatter)
+        scatter = float(mean.std()) / math.sqrt(mean.size)
+    # Realizations that wander without a period scatter about each other by the same chance.
+    return math.hypot(left, max(scatter, chance))
+
+
+def error_of_starts(series: np.ndarray) -> float:
+    """Standard error of a mean over starts that are drawn independently of each other.
+
+    The variance among motions, by the multinomial of their shares, and within each motion: both
+    are that among the starts' own means.
+
+    Parameters
+    ----------
+    series : ndarray, shape (realizations, batches)
+
+    Returns
+    -------
+    float
+        0 for a single start.
+    """
+    means = np.asarray(series, dtype=float).mean(axis=1)
+    return float(means.std(ddof=1)) / math.sqrt(means.size) if means.size > 1 else 0.0
 
 
 def standard_error_of_drift(series: np.ndarray) -> float | None:
@@ -162,7 +190,7 @@ def ratio_of_sums(
     """Ratio of two sums over batches and its standard error (None when too short)."""
     ratio = float(upper.sum() / lower.sum())
     error = error_of((upper - ratio * lower) / lower.mean())
-    # Of a ratio that is the same in every batch only rounding is left.
+    # If the ratio is the same in every batch, its scatter is rounding.
     return ratio, 0.0 if error is not None and error <= ROUNDING_SHARE * abs(ratio) else error
 
 

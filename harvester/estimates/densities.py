@@ -17,12 +17,17 @@ if TYPE_CHECKING:
 
 
 def densities(
-    moments: list[Moments], symmetric: bool = True, balance: WellBalance | None = None
+    moments: list[Moments],
+    symmetric: bool = True,
+    balance: WellBalance | None = None,
+    drawn: bool = False,
 ) -> dict[str, Density]:
     """Densities of displacement, velocity and voltage, {name: Density}, scaled units.
 
     `balance` is that of the wells by whose weights the moments are weighted. There are no error
     bars where it gives none.
+
+    `drawn` says that only the starts are by chance: error bars are then those among realizations.
 
     `symmetric` says that −η is as likely as η. Eq. 4 is then the same for (−X, −V, −η), so each
     value counts half for its mirror image: a run that spent its time in one well would else give
@@ -31,7 +36,10 @@ def densities(
     result = {}
     for k, name in enumerate(HISTOGRAMS):
         width = max(float(m.bin_widths[k]) for m in moments)
-        groups = np.concatenate([_rebinned(m, k, width) for m in moments])
+        of_each = [_rebinned(m, k, width) for m in moments]
+        if drawn:
+            of_each = [each.sum(axis=0, keepdims=True) for each in of_each]
+        groups = np.concatenate(of_each)
         if symmetric:
             groups = 0.5 * (groups + groups[:, ::-1])
         times = groups.sum(axis=1)

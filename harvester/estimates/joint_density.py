@@ -11,7 +11,7 @@ import numpy as np
 from harvester.estimates.batch_means import FEWEST_BATCHES
 from harvester.record.joint import JointHistogram
 
-# Bins across the range in which a density is above this share of its peak.
+# Number of bins across the range in which the density is above this share of its peak.
 BINS, MATTERS = 90, 1e-3
 
 

@@ -25,7 +25,7 @@ if TYPE_CHECKING:
     from harvester.record.moments import Moments
 
 NEVER_REACHED = "no realization reached that well"
-# Means over time: the integral each is made from, and its dimension.
+# Means over time: for each the integral it is computed from, and its dimension.
 MEANS = {
     "mean_square_voltage": ("square_voltage", "voltage^2"),
     "mean_power": ("load_power", "power"),

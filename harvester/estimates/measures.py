@@ -29,7 +29,7 @@ if TYPE_CHECKING:
     from harvester.record.moments import Moments
 
 SECONDS_PER_HOUR = 3600.0
-# Events up to which their number is known no better than that of independent ones.
+# Up to so many events, the error of their number is that of independent events.
 FEW_EVENTS = 10
 UNCHANGED = "it never changed: no error bar tells how rare that is"
 INTEGRAL, CHANGE, RISES, FALLS, SQUARE = range(len(MEASURED))

@@ -5,11 +5,15 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
+from functools import partial
 from typing import TYPE_CHECKING
+
+import numpy as np
 
 from harvester.errors import SceneError
 from harvester.estimates.balance import energy_balance_residual
 from harvester.estimates.batch_means import (
+    error_of_starts,
     error_without_chance,
     measured_time,
     standard_error,
@@ -24,6 +28,7 @@ from harvester.estimates.passivity import (
     source_notes,
 )
 from harvester.estimates.settling import Shortfall, shortfalls, slow_exchange, withheld
+from harvester.estimates.strain import estimate_strain, strain_notes
 from harvester.estimates.units import unit_of
 from harvester.estimates.well_balance import weighted, well_balance
 
@@ -100,6 +105,7 @@ def run_estimates(
     balanced = weighted(moments, balance)
     error = balance.error if balance else error_of(scene)
     whole = estimate_all(balanced, system, error) | estimate_output(balanced, error)
+    whole |= estimate_strain(balanced, scene.excitation, error)
     whole = {name: with_steps(scene, each, step_error) for name, each in whole.items()}
     found = shortfalls(ready, moments, whole, balance)
     notes = (
@@ -109,6 +115,7 @@ def run_estimates(
         *(scene.load.circuit.reading_notes if scene.load.circuit else ()),
         *efficiency_notes(whole, scales.of("power"), unit_of(scene, "power")),
         *faint_output_notes(whole),
+        *strain_notes(scene, moments),
         *(each.note for each in found),
         *slow_exchange(scene, balance),
     )
@@ -129,10 +136,22 @@ def _without_value(load, moments):
 
 
 def error_of(scene: Scene) -> Callable:
-    """The error of a mean from batches that holds for a scene's excitation."""
-    if scene.excitation.drifts:
-        return standard_error_of_drift
-    return standard_error if scene.excitation.period is None else error_without_chance
+    """The error of a mean from batches that holds for a scene's excitation and starts."""
+    excitation = scene.excitation
+    drawn = excitation.random or scene.run.starts is not None
+    if excitation.period is not None:
+        return partial(error_without_chance, drawn=drawn)
+    in_time = standard_error_of_drift if excitation.drifts else standard_error
+    if excitation.random:
+        return in_time
+
+    def error(series: np.ndarray) -> float | None:
+        # All starts meet the same stretch of the excitation.
+        common = in_time(series.mean(axis=0, keepdims=True))
+        chance = error_of_starts(series) if drawn else 0.0
+        return None if common is None else math.hypot(common, chance)
+
+    return error
 
 
 def with_steps(scene: Scene, estimate: Estimate, step_error: float) -> Estimate:

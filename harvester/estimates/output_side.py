@@ -24,7 +24,7 @@ from harvester.record.output_side import QUANTITIES
 # The output counts as started once its voltage has reached this share of the final mean voltage.
 STARTED_SHARE = 0.9
 ONE_VALUE_NOTE = "one value a realization: no error bar"
-# Quantities that are one sum over batches by another, and their dimensions.
+# Quantities that are a ratio of two sums over batches, with their dimensions.
 RATIOS = {
     "mean_output_power": "power",
     "mean_storage_power": "power",
@@ -140,7 +140,7 @@ def _output_series(moments, batches):
 def _ripple(output, time, error_of):
     """RMS of the voltage about its mean over the measured time (delta method)."""
     mean = float(output["voltage"].sum() / time.sum())
-    # ⟨(v − mean)²⟩ batch by batch; to first order the mean's own error does not enter.
+    # ⟨(v − mean)²⟩ in each batch. To first order the error of the mean has no effect on it.
     spread = output["square_voltage"] - 2.0 * mean * output["voltage"] + mean**2 * time
     variance, error = ratio_of_sums(spread, time, error_of)
     ripple = math.sqrt(max(variance, 0.0))

@@ -8,13 +8,16 @@ from typing import TYPE_CHECKING, Any
 if TYPE_CHECKING:
     from harvester.estimates.estimate import Estimate
 
-# Share of the load's power up to which an excess may be the steps' own error.
+# If a load gives out more than it takes, by less than this share of its power, the steps may be the
+# cause.
 SMALL_EXCESS = 0.01
-# And up to which it is one: a load that loses next to nothing has such an error either way.
+# Below this share the steps are the cause: a load that loses hardly anything has such an error of
+# either sign.
 STEPS_OWN_EXCESS = 5e-4
-# Output power over the power put in below which steps may cost it per cents: a step's error is
-# weighed by the transducer's energy. Of 300 random loads at `fine` the engines differed by 1 to
-# 12 % in four, of 1e-8 to 4e-6, and in none above 6e-5.
+# If the output power is below this share of the input power, its step error may reach per cents,
+# since steps are controlled by the transducer's energy. Among 300 random loads at `fine` the
+# engines differed by 1 to 12 % in four, with shares of 1e-8 to 4e-6, and by less in all with shares
+# above 6e-5.
 FAINT_OUTPUT = 1e-5
 
 
@@ -44,7 +47,7 @@ def efficiency_notes(
         for name, estimate in estimates.items()
         if "efficiency" in name
         and not 0.0 <= estimate.estimate <= 1.0
-        # Nothing was put in.
+        # NaN: no power was put in.
         and estimate.estimate == estimate.estimate
     ]
     taken = estimates["mean_power"].estimate if "mean_power" in estimates else 0.0

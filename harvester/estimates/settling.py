@@ -29,15 +29,16 @@ if TYPE_CHECKING:
     from harvester.record.moments import Moments
     from harvester.scene.model import Scene
 
-# The start of a run counts as forgotten after so many relaxation times: 3e-4 of it are left.
+# After so many relaxation times the start of a run counts as forgotten: exp(−8) = 3e-4 of it are
+# left.
 FORGETTING_TIMES = 8.0
 # A drift is reported when it exceeds this share of the mean and so many of its standard errors.
 SMALLEST_DRIFT, DRIFT_IN_STANDARD_ERRORS = 2e-3, 4.5
-# Settling, in times in which the wells exchange, that leaves 5 % of the starts; and by how much a
-# share of time may be that of the starts without a note.
+# After three exchange times of the wells exp(−3) = 5 % of the starts are left. A note names shares
+# of time that the starts move by more than 0.005.
 SETTLED, NOTED_START = 3.0, 0.005
-# With fewer jumps between the wells than the first, one more or less changes the means visibly.
-# Where fewer than the second are expected, a run without any jump is no shortfall.
+# With fewer than 16 jumps between the wells, a single jump more changes the means visibly. A run
+# without a jump is no surprise where fewer than 0.05 are expected.
 FEW_JUMPS, UNLIKELY_JUMPS = 16, 0.05
 QUANTITIES_OF_THE_CHARGE = (
     "mean_square_voltage",
@@ -75,7 +76,7 @@ class Shortfall:
 
     @property
     def note(self) -> str:
-        """The whole sentence."""
+        """The note as a whole sentence."""
         return f"{self.reason}: {self.advice}"
 
 
@@ -108,7 +109,8 @@ def shortfalls(
         _charge(scene, p, moments, estimates),
         _storage(ready, moments, estimates),
         _jumps(p, moments, estimates),
-        _residence(moments, estimates, balance),
+        # Without chance the well is decided by the start, and a longer run has no more jumps.
+        _residence(moments, estimates, balance) if scene.excitation.random else None,
     ]
     found = [each for each in found if each]
     return found or _drift(moments, balance)
@@ -183,7 +185,7 @@ def _slow(scene, time, what, error, names=None):
 def _few_values(scene, time, what, names=None):
     """The shortfall of a run that sees too few independent values of what is slow, or None."""
     run = scene.run
-    # Independent values that the slow part takes in all.
+    # The number of independent values that the slow part of the motion takes.
     values = run.realizations * (1.0 + run.duration / (2.0 * time))
     if values >= FEWEST_BATCHES:
         return None
@@ -220,7 +222,7 @@ def _motion(p, run, estimates):
             share = left(run.settle)
             if share <= bound:
                 return None
-            # The slowest may hardly move what is measured: the first whose end is enough.
+            # The slowest decays may hardly change what is measured: take the first that suffices.
             times = sorted(1.0 / rates)
             slow = next(
                 (time for time in times if left(FORGETTING_TIMES * time) <= bound), times[-1]
@@ -345,7 +347,8 @@ def _residence(moments, estimates, balance):
     counts = sum(each.jumps.counts[:-1].sum(axis=0) for each in moments)
     times = sum(each.jumps.times[:-1].sum(axis=0) for each in moments)
     if balance is None:
-        # Wells alike, or a start of one's own without jumps: other means are those of either well.
+        # If the wells are alike, or all runs stay in the well of a given start, only the shares are
+        # affected.
         names = tuple(shares)
         if counts.sum() >= FEWEST_JUMPS:
             return None

@@ -25,10 +25,11 @@ if TYPE_CHECKING:
     from harvester.prepared.prepared import Prepared
     from harvester.record.moments import Moments
 
-# A store that holds less than this share of the terminal's rms voltage counts by that share of it.
+# The error of a store is relative to its voltage, but at least to this share of the terminal's rms
+# voltage.
 LEAST_HELD = 0.01
-# Ratio of the rates in a run's last two quarters up to which their decay tells a time, and how well
-# (as a share of what it lacks to 1) it must agree with that of the quarters before.
+# The charging rates in a run's last two quarters give a time constant if their ratio is below 0.98.
+# The ratio of the two quarters before must agree with it to 20 % of its distance from 1.
 SLOWEST_DECAY, ALIKE = 0.98, 0.2
 
 
@@ -80,7 +81,7 @@ def store_states(ready: Prepared, moments: Sequence[Moments]) -> list[StoreState
     mean = series[..., INTEGRAL].sum(axis=(0, 1)) / time.sum()
     matrix = _matrix(ready, dict(zip(names, mean, strict=True)))
     square = batches[:, :, QUANTITIES.index("square_voltage")].sum() / time.sum()
-    # In volts, as the levels are.
+    # Converted to volts, the unit of the levels.
     volts = ready.scales.voltage * math.sqrt(max(float(square), 0.0))
     levels = _Levels(names, series, time, mean, LEAST_HELD * volts, ready.scene.excitation.random)
     return [_state(each, levels, matrix) for each in load.stores]
@@ -114,7 +115,7 @@ def _state(store, levels, matrix):
     if store.first.startswith("i("):
         squares = levels.series[..., SQUARE].sum(axis=(0, 1)) / levels.time.sum()
         least = LEAST_HELD * math.sqrt(float(squares @ np.abs(ends)))
-    # What swings about 0 has no mean that chance could move.
+    # A voltage that swings about 0 has no mean of its own.
     steady, held = held > least, max(held, least)
     missing, time = (math.inf, math.nan) if levels.random else _by_decay(changes, length)
     memory = math.inf
@@ -126,7 +127,7 @@ def _state(store, levels, matrix):
             missing, time = by_network, by_network / rate
         memory = float(times_of(matrix, ends).max(initial=0.0))
     if not math.isfinite(missing):
-        # Nothing tells a time: it is as far off at least as the run has moved it.
+        # Without a time constant: it still lacks at least as much as the run has changed it.
         missing, time = rate * length, length
     memory = min(memory, _remembered(levels, ends)) if steady else 0.0
     if not held:
@@ -183,5 +184,5 @@ def _error_of_change(changes, random):
     if batches > 2:
         trend = trend + places * (changes.mean(axis=0) @ places) / (places @ places)
     spread = float((changes - trend).std()) / math.sqrt(realizations)
-    # Under noise the changes may be a random walk's; a periodic motion's take back one another.
+    # Under noise the changes add up like a random walk; in a periodic motion they cancel.
     return spread * math.sqrt(batches) if random else spread

@@ -18,6 +18,7 @@ SI_UNITS = {
     "rate": "1/s",
     "hourly_rate": "1/h",
     "time": "s",
+    "stress": "Pa",
     "1": "1",
 }
 

@@ -27,10 +27,10 @@ if TYPE_CHECKING:
     from harvester.record.moments import Moments
     from harvester.scene.model import Scene
 
-# Jumps that an error bar stands on at least: 16 are known to a quarter of themselves.
+# Fewest jumps behind an error bar: 16 jumps have a relative error of a quarter.
 FEWEST_JUMPS = 16.0
-# Of batches that follow each other: without it the shares' errors of a device that left its wells
-# every two seconds were a sixth too large.
+# Correlation of neighbouring batches down to which their error is reduced. Without it the errors of
+# the shares were a sixth too large for a device that left its wells every two seconds.
 LEAST_CORRELATION = -0.25
 
 
@@ -113,7 +113,8 @@ class WellBalance:
     @staticmethod
     def error_of_parts(parts: np.ndarray) -> float | None:
         """Standard error of the mean of `parts`, or of a combination of several results'."""
-        # A jump out of a well makes the next one out of it wait.
+        # After a jump out of a well the next one out of it comes later than by chance: correlations
+        # are negative.
         return standard_error(parts, LEAST_CORRELATION)
 
     def errors_of_groups(self, series: np.ndarray) -> np.ndarray | None:
@@ -184,7 +185,7 @@ def well_balance(scene: Scene, system: System, moments: Sequence[Moments]) -> We
     )
     total, time = jumps.sum(axis=(0, 1)), times.sum(axis=(0, 1))
     if not total.any() and scene.start is not None:
-        # Means within the well of a start of one's own.
+        # All runs stay in the well of the given start: the means are those of this well.
         return None
     features = _features(moments, batches, total)
     rates = total / np.maximum(time, np.finfo(float).tiny)[:, None]
@@ -305,10 +306,15 @@ def _weighted(moments, weights):
             integrals=output.integrals * whole[:, None],
             measured=output.measured * whole[:, None, None],
         )
+    strain = moments.strain
+    if strain is not None:
+        damage = None if strain.damage is None else strain.damage * whole
+        strain = replace(strain, squares=strain.squares * whole[:, None], damage=damage)
     return replace(
         moments,
         integrals=moments.integrals * whole[:, None],
         products=moments.products * whole.mean(),
         histograms=moments.histograms * of_groups[:, None, None],
         output=output,
+        strain=strain,
     )

@@ -20,7 +20,7 @@ from harvester.excitation.swept_sine import SweptSine
 from harvester.excitation.white import White
 from harvester.registry import Registry
 
-# By the word in `[excitation] kind`; the first is meant where it is left out.
+# Excitations by the word that `[excitation] kind` takes. The first is the default.
 KINDS: Registry[type[Excitation]] = Registry(
     "harvester.excitations",
     {

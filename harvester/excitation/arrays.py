@@ -9,9 +9,10 @@ import numpy as np
 from harvester.excitation.table import Table, Unreadable
 
 REAL_KINDS, NUMBER_KINDS = "iuf", "iufc"
-# Numbers in all: a compressed file may claim more than it has bytes.
+# Most numbers in a file. A compressed file may claim more than it has bytes.
 MOST_NUMBERS = 2**26
-# Names of a single number that is the sampling rate (Hz), or the time between samples (s).
+# A single number with one of these names is the sampling rate (Hz), or the time between samples
+# (s).
 RATES = ("fs", "sampling_rate", "samplingrate", "sample_rate", "samplerate", "sampling_frequency")
 INTERVALS = ("dt", "tinterval", "wf_increment")
 
@@ -44,7 +45,7 @@ class ArraysTable(Table):
     ) -> None:
         sizes = {name: max(shape, default=1) for name, shape in shapes.items()}
         longest = max(sizes.values(), default=0)
-        # Single numbers are no samples.
+        # A single number is no series of samples.
         self.rows = longest if longest > 1 else 0
         kept = [name for name, size in sizes.items() if size == self.rows]
         if sum(int(np.prod(shapes[name], dtype=float)) for name in kept) > MOST_NUMBERS:

@@ -22,8 +22,8 @@ from harvester.excitation.table import Table
 from harvester.files.plain_text import named, nearest, shown
 
 SHOWN_NAMES = 12
-# A time column's mean rate and a given one may differ by these factors, the larger where the
-# column itself is asked for: uneven samples may then be brought to another rate.
+# The mean rate of a time column and the given rate may differ by the first factor. If the scene
+# names the column, the second applies: uneven samples may then be brought to another rate.
 RATE_TOLERANCE, RATE_FACTOR = 1.05, 5.0
 
 
@@ -234,7 +234,8 @@ class MeasuredFile:
                 f"{cure}"
             )
         finite = np.flatnonzero(np.isfinite(values))
-        # Before they are scaled: the digits of an epoch's milliseconds are kept.
+        # The first time is subtracted before scaling, so that the milliseconds of an epoch are
+        # kept.
         with np.errstate(all="ignore"):
             since = values - values[finite[0]] if finite.size else values
             factor = 1.0 / rate if unit == SAMPLES and rate else QUANTITIES["time"][unit]
@@ -272,7 +273,7 @@ class MeasuredFile:
         span = float(steps.sum())
         if not rising.size or not np.isfinite(span):
             return
-        # Stamps in whole seconds say the time of many samples only to within a second.
+        # Time stamps in whole seconds give the time of many samples only to within a second.
         unsure = float(rising.min()) if rising.size < steps.size else 0.0
         low, high = (steps.size / max(span + part, 1e-300) for part in (unsure, -unsure))
         if low > rate * factor or high < rate / factor:

@@ -12,31 +12,32 @@ from harvester.errors import SceneError
 if TYPE_CHECKING:
     from harvester.excitation.columns import Columns
 
-# A record's largest sample (m/s², or scaled): squares of others overflow or vanish.
+# Limits of a record's largest sample, in m/s² or scaled. Squares of others overflow or vanish.
 SMALLEST_PEAK, LARGEST_PEAK = 1e-30, 1e12
-# Of a time column (s).
+# Limits of a time column, in seconds.
 LARGEST_TIME, SHORTEST_STEP = 1e20, 1e-20
 FAULTS = ("nan", "uneven", "clipped")
 FEWEST_SAMPLES = 64
-# Of the spline between the samples of a smooth record.
+# Degree of the spline between the samples of a record with `interpolation = "smooth"`.
 SPLINE_DEGREE = 7
-# Share of the samples that may be mended.
+# Largest share of the samples that may be mended.
 LARGEST_MENDED_SHARE = 0.1
 # Samples are far outside the rest if they leave its middle by more than this multiple of the
 # largest deviation of all others. A shock's samples differ; those of a marker are equal, or it is
 # one sample alone.
 FAR_RATIO, FAR_RATIO_OF_ONE, SAMPLES_PER_MARKER = 5.0, 20.0, 2
-# Of the samples, those that show where the middle is and how far the rest reaches.
+# The middle half of the samples shows where the centre is and how far the rest reaches.
 SHARE_OF_REST = 0.5
-# Deviation from an even grid, in spacings, that a printed time's rounding explains.
+# Largest deviation of a time from an even grid, in spacings. Rounding of printed times explains so
+# much.
 LARGEST_JITTER = 0.1
 # A clipped crest has this many equal extreme samples, and a clipped record two of them: one
 # flat crest is a coincidence.
 FLAT_SAMPLES, FLAT_CRESTS = 3, 2
 FILTER_ORDER = 4
-# Of the sampling rate: the coefficients of narrower filters are lost in rounding.
+# Narrowest band of a filter as a share of the sampling rate. Rounding spoils narrower ones.
 SMALLEST_BAND_SHARE = 1e-6
-# Of a repeated record, at each end.
+# Share of a repeated record that is cross-faded, at each end.
 CROSS_FADE_SHARE = 0.05
 
 
@@ -162,7 +163,7 @@ def even_samples(columns: Columns, mend: Collection[str], file: str, most: int) 
         A fault that was not to be mended, or cannot be.
     """
     values = np.array(columns.values)
-    # A record without times has one.
+    # A record without times has a sampling rate.
     rate: Any = columns.sampling_rate
     if values.size < FEWEST_SAMPLES:
         raise SceneError(
@@ -181,7 +182,7 @@ def even_samples(columns: Columns, mend: Collection[str], file: str, most: int) 
             f"{lost} of {values.size} samples were without a number and are on straight lines: the "
             f"largest gap has {longest} sample{'s' if longest > 1 else ''}",
         )
-        # Without its times a sample leaves an uneven record; with them a gap on the grid.
+        # Bad samples are interpolated over their indices, and so are their times.
         values[~good] = np.interp(np.flatnonzero(~good), np.flatnonzero(good), values[good])
         if columns.times is not None:
             times = np.interp(np.arange(values.size), np.flatnonzero(good), times[good])
@@ -265,7 +266,8 @@ def smoothed(values: np.ndarray, factor: int) -> np.ndarray:
 
     spline = make_interp_spline(np.arange(values.size), values, SPLINE_DEGREE)
     places = np.arange(factor * (values.size - 1) + 1) / factor
-    # Straight lines between knots weaken a sine by 1 − (ω h)²/12, h = 1/factor: that is given back.
+    # Straight lines between knots weaken a sine by the factor 1 − (ω h)²/12, h = 1/factor. The
+    # second derivative restores it.
     return spline(places) - spline.derivative(2)(places) / (12.0 * factor**2)
 
 
@@ -328,14 +330,14 @@ def _unclip(values, clipped):
     good = np.flatnonzero(~clipped)
     mended = values.copy()
     mended[clipped] = CubicSpline(good, values[good])(np.flatnonzero(clipped))
-    # A spline's guess never lies inside what was seen.
+    # The true crest cannot lie inside the clipped value, whatever the spline gives.
     inside = clipped & (np.abs(mended) < np.abs(values))
     mended[inside] = values[inside]
     return mended
 
 
 def _even(values, times, rate, mend, file, most):
-    """On a grid of the mean spacing, or of the rate where one is given."""
+    """The samples on an even grid, with the mean spacing or the given rate."""
     largest = float(np.abs(times).max())
     if largest > LARGEST_TIME:
         raise SceneError(f"{file}: the time column reaches {largest:g} s: it must be in seconds")

@@ -15,10 +15,10 @@ from harvester.files.libraries import optional_library
 # Filters that HDF5 and h5py have built in (deflate, shuffle, Fletcher's sum, szip, nbit,
 # scale-offset, LZF); for others HDF5 would load a plug-in, which is code.
 FILTERS = {1, 2, 3, 4, 5, 6, 32000}
-# Objects of a file.
+# Most objects of a file.
 MOST_OBJECTS = 10_000
 UNITS = ("units", "unit", "unit_string", "Units", "Unit")
-# MATLAB's classes of numbers, by an attribute that only its files have; and its own groups.
+# MATLAB writes the class of an array into this attribute, and its own data into these groups.
 MATLAB_CLASS, MATLAB_GROUPS = "MATLAB_class", ("#refs#", "#subsystem#")
 MATLAB_COMPLEX = ("real", "imag")
 NUMBER_CLASSES = ("double", "single", "int", "uint")
@@ -51,7 +51,7 @@ class Hdf5Table(ArraysTable):
         shapes, places, units, numbers = {}, {}, {}, {}
         for path, dataset in _datasets(h5py, file):
             fields = dataset.dtype.names or ("",)
-            # As MATLAB writes complex numbers; h5py's own are of a kind of their own.
+            # MATLAB writes a complex number as two fields; h5py has a type for it.
             fields = ("",) if fields == MATLAB_COMPLEX else fields
             for field in fields:
                 kind = dataset.dtype[field] if field else dataset.dtype
@@ -94,7 +94,8 @@ def _datasets(h5py: Any, file: Any) -> Iterator[tuple[str, Any]]:
             link = group.get(name, getlink=True)
             if isinstance(link, h5py.ExternalLink):
                 raise Unreadable(f"{where} is a link to another file: copy its data into this one")
-            # A soft link names what is found under its own path, or what an external one leads to.
+            # Only hard links are followed: a soft link leads to an object with a path of its own,
+            # or out of the file.
             if not isinstance(link, h5py.HardLink) or name in MATLAB_GROUPS:
                 continue
             each = group[name]

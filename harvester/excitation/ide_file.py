@@ -13,7 +13,7 @@ from harvester.excitation.table import Unreadable, broken_file
 from harvester.files.libraries import optional_library
 
 SCHEMA = "mide_ide.xml"
-# Texts of the file that the reader evaluates: nothing but numbers and ratios is let through.
+# The reader evaluates these texts of the file. Only numbers and ratios are allowed in them.
 EVALUATED = ("SampleRate", "TimeCodeScale", "ValuePrecision")
 NUMBER = re.compile(rb"\s*[\d.]{1,30}(e[+-]?\d{1,3})?\s*(/\s*[\d.]{1,30}\s*)?")
 ACCELERATION, MICROSECONDS = "Acceleration", 1e-6

@@ -7,7 +7,7 @@ import re
 from harvester.excitation.text_file import TextTable
 
 END_OF_HEADER = b"***End_of_Header***"
-# The header of the file and that of its one segment.
+# Most headers: that of the file and that of its one segment.
 MOST_HEADERS = 2
 SEPARATORS = {"Comma": ","}
 COMMENT = "comment"
@@ -34,7 +34,7 @@ class LvmTable(TextTable):
                 f"it has {len(parts) - 1} headers, and one segment with its own is read: save each "
                 "segment as a file"
             )
-        # Of several segments each has a header; behind the last one stand names and samples.
+        # Behind the last header stand names and samples.
         names_line, _, samples = _trimmed(parts[-1]).partition(b"\n")
         super().__init__(samples)
         header = b"\n".join(parts[:-1]).decode("utf-8", errors="replace")

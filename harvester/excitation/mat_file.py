@@ -13,17 +13,17 @@ import numpy as np
 from harvester.excitation.arrays import NUMBER_KINDS, REAL_KINDS, ArraysTable, rate_of
 from harvester.excitation.table import Unreadable, broken_file
 
-# Classes of MATLAB that hold plain numbers; at the top no cells, objects or code are read.
+# MATLAB's classes of plain numbers. At the top level no cells, objects or code are read.
 NUMBER_CLASSES = {
     "double",
     "single",
     *(f"{sign}int{bits}" for sign in ("", "u") for bits in (8, 16, 32, 64)),
 }
-# scipy makes room for what cells and structures claim to hold before it reads them, and calls
-# itself for each within another.
+# scipy allocates what cells and structures claim to hold before it reads them, and recurses into
+# each.
 MOST_PARTS, DEEPEST = 100_000, 16
 LARGEST_STRUCTURE = 2**28
-# Of the format: kinds of elements and classes of matrices.
+# Numbers of the format: kinds of elements and classes of matrices.
 MATRIX, COMPRESSED = 14, 15
 CELL, STRUCTURE, OBJECT = 1, 2, 3
 HEADER_BYTES, HEAD_BYTES = 128, 64
@@ -121,7 +121,8 @@ def _refuse_claims(content):
     try:
         for kind, data in _elements(memoryview(content)[HEADER_BYTES:], order):
             if kind == COMPRESSED:
-                # Only structures are unpacked here: arrays are read by their shape.
+                # Only the head is unpacked, which is enough to see a structure. Arrays are read by
+                # their shape.
                 _, head = next(_elements(_unpacked(data, HEAD_BYTES), order))
                 if _class_of(head, order) != STRUCTURE:
                     continue
@@ -137,7 +138,7 @@ def _elements(data, order):
     place = 0
     while place + 8 <= len(data):
         kind, size = struct.unpack_from(f"{order}II", data, place)
-        # Up to four bytes lie within the tag itself.
+        # An element of up to four bytes stands within its tag.
         if kind >> 16:
             kind, size, start, place = kind & 0xFFFF, kind >> 16, place + 4, place + 8
         else:

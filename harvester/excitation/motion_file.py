@@ -21,14 +21,14 @@ from harvester.excitation.wav_file import WavTable
 from harvester.files.plain_text import named
 from harvester.files.reading import memory_limit, read_input
 
-# Bytes: a text takes seconds to read, and .npy of the same motion is smaller.
+# Largest record and largest text file, in bytes. A text takes seconds to read; .npy is smaller.
 LARGEST_RECORD, LARGEST_TEXT = 2**29, 2**27
-# A file lies in memory as it is, and decoded once more.
+# Share of the memory limit for the file itself; it is held a second time when decoded.
 FILE_SHARE = 0.25
-# Memory that reading and conditioning take for each sample, at most (measured: 92).
+# Memory per sample that reading and conditioning take, in bytes (92 were measured).
 BYTES_PER_SAMPLE = 100
 READERS: dict[str, Any] = {".npy": NpyTable, ".wav": WavTable, ".mat": MatTable}
-# By how files begin, whatever their ending.
+# Readers by the first bytes of a file, whatever its ending.
 READERS_BY_START: dict[bytes, Any] = {
     b"\x89HDF\r\n\x1a\n": Hdf5Table,
     b"MATLAB 7.3 MAT-file": Hdf5Table,
@@ -37,7 +37,7 @@ READERS_BY_START: dict[bytes, Any] = {
     b"LabVIEW Measurement": LvmTable,
 }
 BINARY_ENDINGS = (*READERS, ".h5", ".hdf5", ".hdf", ".nc", ".tdms", ".ide")
-# How files begin that are often taken for records, and what to do with them.
+# First bytes of files that are often taken for records, and what to do with them.
 UNPACK = "unpack it"
 EXPORT = "export the samples as .csv from the program that wrote it"
 FOREIGN = {
@@ -80,7 +80,7 @@ def read_record(file: str) -> tuple[bytes, str]:
 
 
 def most_samples() -> int:
-    """That a record may have, by the memory they take."""
+    """The largest number of samples of a record, by the memory that they take."""
     return memory_limit() // BYTES_PER_SAMPLE
 
 

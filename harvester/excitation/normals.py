@@ -17,13 +17,14 @@ from harvester.compilation import compiled, uncounted, ziggurat
 if TYPE_CHECKING:
     from numpy.random.bit_generator import SeedSequence
 
-# Of each strip under the bell: the width of its rectangle as a share of the strip's, in 52 bits,
-# the strip's width for one of these, and the bell's height. Where the tail begins, and 1 over it.
+# Tables of the ziggurat method. For each strip under the bell curve: the width of its rectangle
+# over the strip's, in units of 2⁻⁵²; the strip's width in the same unit; the curve's height. Then
+# the beginning of the tail and its inverse.
 INNER, WIDTH, HEIGHT = ziggurat.ki_double, ziggurat.wi_double, ziggurat.fi_double
 TAIL, INVERSE_TAIL = ziggurat.ziggurat_nor_r, ziggurat.ziggurat_nor_inv_r
-# One word makes a number, but for 1.2 % of the numbers, which take some more.
+# Random words per number: one is enough but for 1.2 % of the numbers.
 WORDS_FOR_A_NUMBER = 1.02
-# Left unused at a block's end, so that no number begins that could run out of words.
+# So many words at the end of a block stay unused, so that no number runs out of words.
 SPARE_WORDS = 64
 DOUBLES_IN_ONE = 2.0**53
 
@@ -68,7 +69,7 @@ def _write(words, law, last, numbers, done):
     while done < numbers.size and place < words.size - SPARE_WORDS:
         word = words[place]
         place += 1
-        # 8 bits choose a strip of the bell, one the sign, 52 the place in the strip.
+        # Eight bits choose the strip, one bit the sign, 52 bits the place in the strip.
         strip, across = word & np.uint64(0xFF), (word >> np.uint64(9)) & np.uint64(2**52 - 1)
         normal = across * WIDTH[strip]
         normal = -normal if (word >> np.uint64(8)) & np.uint64(1) else normal

@@ -63,11 +63,11 @@ def _array(content):
     if not content.startswith(b"\x93NUMPY"):
         raise ValueError("it does not begin as a .npy file does: save the array with numpy.save")
     try:
-        # What a broken header warns of says less than the error that follows.
+        # Warnings about a broken header say less than the error that follows.
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")
             return np.load(io.BytesIO(content), allow_pickle=False)
-    # The header is Python's own notation: numpy passes on whatever its reading raises.
+    # The header is a Python literal: numpy passes on any exception that evaluating it raises.
     except Exception as error:
         raise ValueError(
             f"not a whole .npy file of numbers ({type(error).__name__}: {error}); save the array "

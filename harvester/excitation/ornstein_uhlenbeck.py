@@ -18,8 +18,8 @@ if TYPE_CHECKING:
 
     from harvester.excitation.run import Run
 
-# The linear interpolation between knots lowers the noise's variance by spacing/(3 τ1) of
-# itself, 4 % here.
+# Linear interpolation between knots lowers the variance of the noise by the share spacing/(3 τ1),
+# which is 4 % here.
 KNOTS_PER_CORRELATION_TIME = 8
 
 
@@ -49,7 +49,7 @@ class OrnsteinUhlenbeck(Excitation):
     def spacing(self, longest: float) -> float:
         if self.knot_spacing is None:
             return min(self.correlation_time / KNOTS_PER_CORRELATION_TIME, longest)
-        # Only here: averaging needs the noise and no knots.
+        # Checked here, where knots are needed. Averaging needs the noise alone.
         if self.knot_spacing > self.correlation_time:
             raise SceneError(
                 f"excitation.knot_spacing = {self.knot_spacing:g}: must be a number in "

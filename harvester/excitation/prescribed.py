@@ -15,7 +15,7 @@ from harvester.excitation.sine import WITHOUT_CHANCE
 if TYPE_CHECKING:
     from harvester.excitation.run import Run
 
-# A rectifier's switching is resolved, not only the sine.
+# Knots per cycle: so many resolve the switching of a rectifier, not only the sine.
 KNOTS_PER_CYCLE = 200
 
 

@@ -14,7 +14,7 @@ from harvester.errors import SceneError
 from harvester.files.plain_text import named, nearest
 
 SAMPLES = "samples"
-# Factors to SI, by the unit's usual spelling; others are brought to it by `unit_named`.
+# Factors to SI, by the unit's usual spelling. `unit_named` translates other spellings.
 ACCELERATION = {
     "m/s^2": 1.0,
     "cm/s^2": 1e-2,
@@ -28,12 +28,12 @@ ACCELERATION = {
 }
 TIME = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9, "min": 60.0, "h": 3600.0}
 QUANTITIES: dict[str, dict[str, float]] = {
-    # Sample numbers need a sampling rate.
+    # A column of sample numbers needs a sampling rate.
     "time": TIME | {SAMPLES: 1.0},
     "acceleration": ACCELERATION,
     "voltage": {"V": 1.0, "mV": 1e-3, "uV": 1e-6, "kV": 1e3},
     "displacement": {"m": 1.0, "cm": 1e-2, "mm": 1e-3, "um": 1e-6, "in": 0.0254},
-    # In volts, a laser's output: its scale is free or given.
+    # Volts are the output of a laser vibrometer, whose scale is free or given.
     "velocity": {"m/s": 1.0, "cm/s": 1e-2, "mm/s": 1e-3, "in/s": 0.0254, "V": 1.0, "mV": 1e-3},
     "frequency": {"Hz": 1.0, "kHz": 1e3, "rad/s": 0.5 / math.pi},
     "phase": {"rad": 1.0, "deg": math.pi / 180.0},
@@ -45,13 +45,13 @@ RESPONSE = {
     for bracketed in (f"({unit})" if "/" in unit else unit,)
 }
 QUANTITIES |= dict.fromkeys(("amplitude", "real", "imaginary", "response"), RESPONSE)
-# What an impedance analyser measures.
+# Quantities that an impedance analyser measures.
 IMPEDANCES = ("impedance", "resistance", "reactance")
 QUANTITIES |= {name: {"ohm": 1.0, "kohm": 1e3, "Mohm": 1e6} for name in IMPEDANCES}
 # Quantities that a column of complex numbers may hold.
 COMPLEX_QUANTITIES = ("response", "impedance")
 
-# Words for a unit, where letters for it would do.
+# Words for units, such as "volts" for V.
 WORDS: dict[str, dict[str, tuple[str, ...]]] = {
     "time": {
         "s": ("sec", "secs", "second", "seconds"),
@@ -88,7 +88,7 @@ PER_SECOND_SQUARED = (
     *("_s2", "_s^2", "_s-2", "s2", "ps2", "ps^2", "pers2", "_per_s2", "_per_s^2"),
 )
 PER_SECOND = ("/sec", "s^-1", "s-1", "_s", "ps")
-# A unit that is read in two ways is refused with both.
+# A unit with two readings is refused, and both are named.
 AMBIGUOUS = {
     ("time", "m"): "minutes (min) or milliseconds (ms)",
     ("voltage", "MV"): "millivolts (mV) or megavolts (1e3 kV)",
@@ -215,7 +215,7 @@ BRACKETS = (
     re.compile(r"(.*?)\{([^{}]*)\}\s*"),
     re.compile(r"(.*?)\(((?:[^()]|\([^()]*\))*)\)\s*"),
 )
-# What stands in brackets behind a name and tells a place or a channel.
+# A text in brackets behind a name that gives a place or a channel.
 LABEL = re.compile(
     r"[xyznew]|[+-]?[xyz][ -]?axis|[+-]?\d+([ ,;:]+\d+)*|"
     r"north|east|south|west|up|down|vertical|horizontal|"
@@ -250,7 +250,7 @@ def heading(text: str) -> Heading:
         if quantity and unit_named(quantity, unit):
             return Heading(title, unit, quantity)
     for quantity in ("time", "acceleration"):
-        # A column that bears its unit's name: "ms", "samples", "m/s^2".
+        # A column may be named by its unit alone: "ms", "samples", "m/s^2".
         unit_alone = unit_named(quantity, text)
         if unit_alone and unit_alone not in ("min", "h"):
             return Heading(text, text, quantity)
@@ -263,7 +263,8 @@ def quantity_of(title: str, unit: str) -> str:
     Letters such as "a" name an acceleration only beside one of its units.
     """
     bare = _without_label(title)
-    # Behind the names of groups and structures: "data.time", "run 1/acceleration".
+    # The quantity may stand behind the names of groups and structures: "data.time", "run
+    # 1/acceleration".
     for name in (bare, re.split(r"[./](?=\w)", bare)[-1]):
         words = " ".join(re.sub(r"[_.-]", " ", name).lower().split())
         for quantity, titles in TITLES.items():

@@ -29,7 +29,7 @@ UNITS = (*ACCELERATION, "scaled")
 # The band that holds this share of the record's power misses the device if it lies beyond the
 # device's frequency by more than this factor.
 BAND_SHARE, BAND_MISS = 0.99, 3.0
-# Offset over the rms from which on the result carries a note.
+# The result has a note if the offset exceeds this share of the rms.
 NOTED_OFFSET = 0.1
 STRETCHES = 4
 # A record is one sine at a time, perhaps swept, where in most of so many stretches this share of
@@ -41,7 +41,7 @@ LINE_STRETCHES, LINE_SHARE, LINE_BINS = 16, 0.9, 3
 # then take 0.1 % of the amplitude.
 SMOOTH_KNOTS = 8
 LINES_AT_ONCE, SHARE_OF_SEVERAL, BINS_PER_LINE, SILENT = 3, 0.99, 100, 1e-6
-# Samples of a stretch.
+# Length of a stretch, in samples.
 SHORTEST_STRETCH, LONGEST_STRETCH = 128, 1024
 
 
@@ -138,7 +138,7 @@ class RecordedMotion(Excitation):
 
     @property
     def interval(self) -> float:
-        """Between knots (s)."""
+        """Time between two knots (s)."""
         return _knots(self).interval
 
     @property
@@ -388,7 +388,7 @@ def _offset_remark(values, record, unit):
 
 
 def _columns(record, name):
-    """The file's columns."""
+    """The columns of the file that the scene names."""
     content, digest = read_record(record.file)
     if digest != record.sha256:
         raise SceneError(f"{name}: the record has changed since the scene was read")
@@ -491,7 +491,7 @@ def _lines(record):
     )
     stretches = (stretches - stretches.mean(axis=1, keepdims=True)) * np.hanning(size)
     density = np.abs(np.fft.rfft(stretches, axis=1)) ** 2
-    # What the mean and the window leave at frequency 0 is no sine.
+    # The remainder of the mean at frequency 0 is no sine.
     density[:, 0] = 0.0
     whole = density.sum(axis=1)
     if np.median(whole) <= SILENT * whole.max():
@@ -502,7 +502,7 @@ def _lines(record):
         peaks = density.argmax(axis=1)
         nearby = np.abs(bins - peaks[:, None]) <= LINE_BINS
         power = (density * nearby).sum(axis=1)
-        # Hann's window leaves 3/8 of the square.
+        # Hann's window reduces the mean square to 3/8.
         amplitudes = np.sqrt(4.0 * power / (0.375 * size**2))
         found += zip((peaks / (size * interval)).tolist(), amplitudes.tolist(), strict=True)
         density[nearby] = 0.0
@@ -519,6 +519,6 @@ def _equivalent_noise(record):
 
     values, interval, _ = _knots(record)
     _, density = signal.welch(values, 1.0 / interval, nperseg=min(values.size, 1024))
-    # One-sided per hertz: 4 π S(ω).
+    # The density is one-sided and per hertz: 4 π S(ω).
     intensity = float(density.max()) / 4.0
     return intensity, intensity / float(np.mean(values**2))

@@ -15,22 +15,22 @@ from harvester.files.serialising import plain, read
 if TYPE_CHECKING:
     from harvester.excitation.recorded import RecordedMotion
 
-# Stretches of the record whose periodograms are averaged, without the half-overlapping ones.
+# Periodograms of so many stretches are averaged, not counting the half-overlapping ones.
 STRETCHES = 16
-# Shares of half the sampling rate up to which the noise is fitted, and compared: towards 1,
-# sampling folds the noise's tail back, by 5 % and 23 % of the density here.
+# The noise is fitted and compared up to these shares of half the sampling rate. Above, sampling
+# folds the tail of the noise back: at these shares by 5 % and 23 % of the density.
 FITTED_SHARE, COMPARED_SHARE = 0.25, 0.5
-# Share of the variance, at each end, that the fitted band leaves out: a stop band counts as much
-# as any other in the logarithm, and the device sees nothing of it.
+# The fitted band leaves out this share of the variance at each end. A stop band would weigh as much
+# as any other in the logarithm, though the device does not respond to it.
 LEFT_OUT_SHARE = 0.01
 FEWEST_FREQUENCIES = 8
-# ω τ1 at the lowest frequency, beyond which only D/τ1² is seen.
+# If ω τ1 at the lowest frequency exceeds this, the record determines only D/τ1².
 FALLING_CORNER_RATIO = 10.0
-# From which on the record is called far from Ornstein–Uhlenbeck.
+# Deviation in dB from which the record is called far from Ornstein–Uhlenbeck noise.
 FAR_DECIBELS = 1.0
 FAR_SHARE = 0.25
 FAR_KURTOSIS = 1.0
-# Parameters, each with an error, and keys in JSON of what else is told.
+# The parameters, each with an error, and the other keys in JSON.
 _PARAMETERS = ("intensity", "correlation_time")
 _KEYS = {
     "lowest_frequency": "lowest",
@@ -186,7 +186,7 @@ def fit_spectrum(record: RecordedMotion, device_frequency: float) -> SpectrumFit
         )
     compared = _band(record, frequency, COMPARED_SHARE * 0.5 / interval)
     used, frequency, density = used[compared], frequency[compared], density[compared]
-    # Independent values in the band, over the frequencies of the estimate.
+    # The number of independent values in the band, over the number of frequencies.
     weight = values.size * interval * (frequency[1] - frequency[0])
 
     def misfit(logarithms):
@@ -236,7 +236,7 @@ def _model(frequency, intensity, time):
 
 
 def _relative_errors(frequency, time, weight):
-    """Of D and τ1, from the expected information of their logarithms."""
+    """The relative errors of D and τ1, from the expected information of their logarithms."""
     square = (2.0 * np.pi * frequency * time) ** 2
     slopes = np.stack([np.ones_like(square), -2.0 * square / (1.0 + square)])
     information = weight * slopes @ slopes.T

@@ -20,7 +20,8 @@ if TYPE_CHECKING:
 
     from harvester.excitation.run import Run
 
-# Sines repeat together where their ratio is a fraction with at most this denominator, so nearly.
+# Sines have a common period if the ratio of their frequencies equals a fraction with at most the
+# first as denominator, to within the second.
 MOST_REPEATS, SAME_RATIO = 1000, 1e-9
 
 
@@ -31,7 +32,7 @@ def common_period(periods: Sequence[float]) -> float | None:
     pairs = zip(periods, ratios, strict=True)
     if any(not r or abs(each / first / r - 1.0) > SAME_RATIO for each, r in pairs):
         return None
-    # The least common multiple of fractions.
+    # The least common multiple of the periods.
     upper = math.lcm(*(ratio.numerator for ratio in ratios))
     return first * upper / math.gcd(*(ratio.denominator for ratio in ratios))
 
@@ -126,7 +127,7 @@ class Sum(Excitation):
         return intensity, intensity / sum(d / time for d, time in pairs)
 
     def path(self, spacing: float, length: float, seed: SeedSequence) -> ExcitationPath:
-        # The children that `seed.spawn` would give, without changing the seed.
+        # The same children that `seed.spawn` would give, without changing the seed.
         return SumPath(
             [
                 part.path(

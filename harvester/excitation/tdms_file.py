@@ -29,7 +29,7 @@ class TdmsTable(ArraysTable):
 
     def __init__(self, content: bytes) -> None:
         nptdms = optional_library("nptdms", "a TDMS record", "loggers")
-        # Its loggers write to the console what the file's state says as well.
+        # The library's log would repeat on the console what the error says.
         importlib.import_module("nptdms.log").log_manager.set_level(logging.ERROR)
         broken = broken_file("TDMS file", "save the samples as .csv")
         with broken, nptdms.TdmsFile.open(io.BytesIO(content)) as file:
@@ -44,7 +44,7 @@ class TdmsTable(ArraysTable):
             for group in groups
             for each in group.channels()
         }
-        # Samples are not packed: a file cannot hold more of them than it has bytes.
+        # Samples are not compressed: a file cannot hold more of them than bytes.
         if any(len(each) > most for each in channels.values()):
             raise Unreadable("it claims more samples than it holds: it is cut short")
         read = {

@@ -19,28 +19,28 @@ from harvester.excitation.time_stamps import StampReader, is_stamp
 
 COMMENTS = ("#", "%", "//")
 SEPARATORS = (";", "\t", ",")
-# (separator, decimal mark) of a line; None are blanks. The first of equally good ones is taken;
-# decimal commas between commas are quoted.
+# Forms of a line: separator and decimal mark, None for blanks. The first of equally good ones is
+# taken. Decimal commas between commas are in quotes.
 FORMS = (
     *((separator, ".") for separator in (*SEPARATORS, None)),
     *((separator, ",") for separator in (";", "\t", None, ",")),
 )
-# Characters: a line is one sample of every column.
+# Longest line in characters. A line holds one sample of every column.
 LONGEST_LINE = 1_000_000
-# The form is that of most of the last lines, of which a footer may be fewer than half.
+# The form is that of most of the last lines. A footer makes up less than half of them.
 LINES_SEEN, BYTES_SEEN = 41, 200_000
 HEADER_LINES = 50
 NO_NUMBER = ("nan", "na", "n/a", "#n/a", "null", "none", "-", "--")
 NUMBER, STAMP, COMPLEX, TEXT = "number", "stamp", "complex", "text"
-# 1.5e-3-2i, (0.1+2j), -3i with a real part before it.
+# Matches complex numbers such as 1.5e-3-2i and (0.1+2j).
 COMPLEX_NUMBER = re.compile(
     r"\(?\s*([+-]?[\d.]+(?:[eE][+-]?\d+)?)\s*([+-])\s*([\d.]+(?:[eE][+-]?\d+)?)\s*\*?[ij]\s*\)?"
 )
 # A quoted field, a unit in brackets, or a word with a unit in brackets behind it.
 BLANK_SEPARATED = re.compile(r"\"[^\"]*\"|[\[(][^\])]*[\])]|\S+(?:\s+[\[(][^\])]*[\])])?")
-# What loggers write in a row of units for a column without one.
+# In a row of units, loggers write this for a column without a unit.
 NO_UNIT = ("", "-", "ts", "rn")
-# Decimals and exponent of a number, of which a line that was cut short has fewer.
+# Decimals and exponent of a number. A line that was cut short has fewer of them.
 DIGITS = re.compile(r"[+-]?\d*[.,]?(\d*)([eE][+-]?\d*)?")
 
 
@@ -186,7 +186,8 @@ class TextTable(Table):
                     above.append((line, True))
                 continue
             fields = _fields(line, form.separator)
-            # One number shows a row between others; the first row and the last are seen whole.
+            # Between other rows one number is enough to recognise a row. The first and the last are
+            # examined whole.
             quick = self.rows and number_at is not None and len(fields) == self.width
             quick = quick and not isnan(_float(fields[number_at], form.decimal))
             if quick or form.fits(fields):
@@ -251,7 +252,7 @@ def _form_of(lines):
 
 
 def _most_common_kind(kinds):
-    """Of one column; a gap in it is text, too."""
+    """The most common kind of a column's fields. A gap counts as text."""
     counted = Counter(kind for kind in kinds if kind != TEXT)
     return counted.most_common(1)[0][0] if counted else TEXT
 
@@ -293,7 +294,7 @@ def _complex_match(text, decimal):
 
 def _float(text, decimal):
     try:
-        # Python's own 1_000 is no number elsewhere.
+        # Python reads 1_000 as a number; other programs do not.
         if "_" in text:
             return nan
         return float(text) if decimal == "." else float(text.replace(",", "."))

@@ -9,7 +9,8 @@ from typing import Any
 DAY = 86400.0
 STAMP = re.compile(
     r"(?:(?P<date>\d[\d./-]{5,9}\d)(?:T|,?\s+))?(?P<clock>\d{1,2}:\d{2}(?::\d{2})?)"
-    # Python reads microseconds, and some loggers write nanoseconds: the fraction is read apart.
+    # Python reads microseconds only and some loggers write nanoseconds, so that the fraction is
+    # read here.
     r"(?:[.,](?P<fraction>\d+))?\s*(?P<half>[AaPp]\.?[Mm]\.?)?\s*(?P<zone>Z|[+-]\d{2}:?\d{2})?"
 )
 ISO_DATE = re.compile(r"\d{4}-\d{2}-\d{2}|\d{8}")

@@ -11,7 +11,7 @@ import numpy as np
 from harvester.excitation.table import Table
 
 PCM, FLOAT, EXTENSIBLE = 1, 3, 0xFFFE
-# What a program writes that does not know the size yet.
+# Programs that do not know the size yet write this.
 UNKNOWN_SIZE = 0xFFFFFFFF
 MOST_CHUNKS = 1000
 
@@ -61,7 +61,7 @@ class WavTable(Table):
     def _column(self, raw):
         size = self._dtype.itemsize
         padded = np.zeros((self.rows, size), np.uint8)
-        # Whole numbers of 3, 5, 6 or 7 bytes become the upper ones of a longer one.
+        # Integers of 3, 5, 6 or 7 bytes become the upper bytes of a longer one.
         padded[:, slice(-raw.shape[1], None) if self._order == "<" else slice(raw.shape[1])] = raw
         samples = padded.view(self._dtype)[:, 0]
         if self._dtype.kind == "u":

@@ -20,7 +20,7 @@ def draw(view: View) -> Figure:
     """p(X), p(X') and p(V) by Monte Carlo and the stationary solver; X and V over time."""
     from matplotlib import rc_context
 
-    # To set every number as a formula, and to have places found, takes as long as all the rest.
+    # Setting tick labels as formulas would take as long as the rest of the drawing.
     with rc_context({"axes.formatter.use_mathtext": False}):
         return _drawn(view)
 

@@ -33,7 +33,7 @@ from harvester.workers.pools import WorkerPool
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-# Sliders where none are named: those of these that the scene has.
+# Default sliders: those of these keys that the scene has.
 USUAL_KEYS = (
     "intensity",
     "correlation_time",
@@ -43,17 +43,17 @@ USUAL_KEYS = (
     "resistance",
     "decay_rate",
 )
-# A range that was not given: the scene's value over and times this.
+# Default range of a slider: the scene's value divided by and multiplied by this.
 RANGE_RATIO = 3.0
-# Ranges wider than this ratio have a slider in equal ratios.
+# A slider whose range exceeds this ratio is logarithmic.
 LOGARITHMIC_RATIO = 3.0
-# Steps of Monte Carlo in a picture, a quarter of a second, and the fewest realizations.
+# Monte Carlo's steps in a picture, which take a quarter of a second, and the fewest realizations.
 STEPS_SHOWN, FEWEST_REALIZATIONS = 1_000_000, 2
-# A netlist's steps take so many times as long, and those of one that switches.
+# Steps with a netlist take 4 times as long, those of a load that switches 20 times.
 NETLIST_COST, SWITCHING_COST = 4, 20
-# Small oscillations in the waveform.
+# Length of the waveform in periods of small oscillations.
 WAVEFORM_PERIODS = 25
-# Wall-clock seconds of one realization: a place that takes longer is refused.
+# Wall-clock limit of one realization, in seconds. A setting that takes longer is refused.
 TIME_LIMIT = 60.0
 QUANTITIES = (
     "mean_power",
@@ -236,7 +236,7 @@ def outlined(scene: Scene, report: Callable) -> dict[str, Density]:
         It does not hold for this scene.
     """
     density = outline(averaged_device(scene))
-    # The joint density has none of what alternates from node to node of a coarse grid.
+    # On a coarse grid values alternate from node to node; the joint density is free of that.
     x, v, joint = density.tabulated_joint()
     marginals = {
         "displacement": (x, joint.sum(axis=1) * (v[1] - v[0])),

@@ -15,8 +15,10 @@ from harvester.scene.numbers import number
 if TYPE_CHECKING:
     from harvester.explorer.explorer import Explorer
 
-STEPS = 100  # of a slider
-LOST = "0.35"  # opacity of a picture that is not of the sliders' place
+# Steps of a slider.
+STEPS = 100
+# Opacity of a picture that does not belong to the present setting of the sliders.
+LOST = "0.35"
 
 
 def built(explorer: Explorer) -> Any:

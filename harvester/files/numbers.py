@@ -36,5 +36,5 @@ def number(text: str) -> float:
     power = POWERS.get(suffix if suffix in POWERS else suffix.lower())
     if power is None:
         raise NotANumber(f"no suffix {suffix}: there are {_LISTED}")
-    # As text, so that 200k is what 200e3 is to the last digit.
+    # Converted as text, so that 200k equals 200e3 to the last digit.
     return float(f"{digits}e{int(exponent or 0) + power}")

@@ -15,16 +15,17 @@ import reprlib
 from collections.abc import Iterable
 from typing import Any
 
-# What ngspice, LTspice, shells, TeX or file systems read as more than a letter.
+# Characters with a meaning in ngspice, LTspice, shells, TeX or file systems.
 _MEANT = re.compile(r"""[$\\{}"'`<>|*?:;/!^]""")
-# Bytes in UTF-8: leaves room in a file's name (255 bytes) for what is written behind it.
+# Longest name in bytes of UTF-8. A file's name has 255, so that there is room for an ending.
 LONGEST_NAME = 150
-# Letters of a name and of a value in a message.
+# Longest name or value shown in a message, in characters.
 LONGEST_NAMED = 300
 LONGEST_SHOWN = 80
-# Longer whole numbers are told by their length: Python itself refuses to print the longest.
+# Longer whole numbers are shown by their number of digits. Python itself refuses to print very long
+# ones.
 LONGEST_NUMBER_BITS = 128
-# Comparing words takes the product of their lengths.
+# Limits on the words that are compared: the time is proportional to the product of their lengths.
 LONGEST_MISSPELT, MOST_COMPARED = 100, 1000
 # A known word is suggested when it shares at least this part of its letters with what was written.
 LEAST_COMMON_SHARE = 0.5
@@ -61,7 +62,7 @@ def name(text: object) -> str:
     """
     letters = (letter if letter.isprintable() else "_" for letter in str(text))
     kept = _MEANT.sub("_", "".join(letters)).strip()
-    # A first sign of these is an option, a formula or a continued line somewhere.
+    # A name that begins so would be an option, a formula or a continued line somewhere.
     kept = re.sub(r"^[-+=@.]", "_", kept)
     return kept.encode()[:LONGEST_NAME].decode(errors="ignore") or "_"
 

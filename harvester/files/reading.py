@@ -9,7 +9,7 @@ from pathlib import Path
 from harvester.errors import SceneError
 from harvester.files.plain_text import named
 
-# Of the machine's memory, what one record may take at most; and never more than this many bytes.
+# One record may take this share of the machine's memory, and never more than so many bytes.
 MEMORY_SHARE = 0.25
 LARGEST_MEMORY = 4 * 2**30
 
@@ -46,9 +46,9 @@ def read_input(file: Path | str, noun: str, largest: int) -> bytes:
     """
     where = named(str(file))
     try:
-        # Before it is opened: opening a device may have effects of its own.
+        # Checked before it is opened, since opening a device may have an effect.
         _check(os.stat(file), where, noun, largest)
-        # A pipe that has taken its place since then does not block.
+        # O_NONBLOCK: a pipe that has taken the file's place since then does not block.
         descriptor = os.open(file, os.O_RDONLY | os.O_NONBLOCK | os.O_CLOEXEC)
         with open(descriptor, "rb") as stream:
             return stream.read(_check(os.fstat(descriptor), where, noun, largest))

@@ -27,7 +27,7 @@ from harvester.files.plain_text import shown
 from harvester.files.writing import finite
 
 _KEY = "key in JSON"
-# Metadata of a field that JSON does not hold.
+# Metadata of a field that is left out of JSON.
 LEFT_OUT = {_KEY: None}
 
 

@@ -15,7 +15,7 @@ if TYPE_CHECKING:
     pass
 
 OUTPUT_LOST = 2
-# What a terminal without these letters is shown; of all others their escape.
+# Replacements for a terminal that lacks these letters. All other letters are shown by their escape.
 PLAIN = {
     "±": "+-", "×": "x", "·": "*", "−": "-", "–": "-", "—": "-", "…": "...", "≥": ">=", "≤": "<=",
     "≈": "~", "⟨": "<", "⟩": ">", "→": "->", "²": "^2", "³": "^3", "Ω": "Ohm", "µ": "u",
@@ -58,12 +58,12 @@ class GuardedStream:
         return getattr(self._stream, name)
 
     def write(self, text: str) -> int:
-        """Write, or not."""
+        """Write, unless the stream is closed or full."""
         self.attempt(lambda: self._stream.write(text))
         return len(text)
 
     def flush(self) -> None:
-        """Flush, or not."""
+        """Flush, unless the stream is closed or full."""
         self.attempt(self._stream.flush)
 
     @property
@@ -126,7 +126,7 @@ def guarded_streams() -> Iterator[Callable]:
         try:
             os.fstat(number)
         except OSError:
-            # Or the next file that is opened would be standard output.
+            # Otherwise the next file that is opened would become standard output.
             _open_nowhere(number)
     before = sys.stdout, sys.stderr
     sys.stdout, sys.stderr = output, errors = GuardedStream(sys.stdout), GuardedStream(sys.stderr)

@@ -20,7 +20,7 @@ def away_from_working_folder() -> Iterator[None]:
     try:
         before = os.open(".", os.O_RDONLY | os.O_DIRECTORY)
     except OSError:
-        # A working folder that cannot be read holds no settings either.
+        # A working folder that cannot be read has no settings files.
         yield
         return
     try:
@@ -52,10 +52,11 @@ def who_else_writes(path: str | Path) -> str:
             continue
         if about.st_uid not in {0, os.geteuid(), PACKAGE.stat().st_uid}:
             return f"{place} belongs to another user"
-        # In a folder like /tmp everyone may add names, and only their owner may move them.
+        # In a folder with the sticky bit everyone may add files, but only the owner may replace
+        # them.
         if place != path and about.st_mode & stat.S_ISVTX:
             continue
-        # A group of the owner's own name and number is the owner alone.
+        # A group with the owner's number is the owner's own.
         shared = stat.S_IWGRP if about.st_gid != about.st_uid else 0
         if about.st_mode & (shared | stat.S_IWOTH):
             return f"{place} can be written by others"

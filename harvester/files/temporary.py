@@ -11,7 +11,8 @@ import weakref
 from pathlib import Path
 from types import TracebackType
 
-# Of the names of folders in use, and of one that its process has not locked yet.
+# Names of folders in use begin with the first, those not locked yet by their process with the
+# second.
 IN_USE, UNLOCKED = "harvester-run-", "harvester-new-"
 
 

@@ -24,7 +24,7 @@ STANDARD_OUTPUT = 1
 # Folders whose entries are this process's own open files.
 OPEN_FILES = ("/dev/fd", "/proc/self/fd", "/proc/thread-self/fd")
 MOST_LINKS = 40
-# Name of what is written before it is put in place; a kill may leave one behind.
+# Name of the temporary file that replaces the old one. A kill may leave it behind.
 ASIDE = ".harvester-{}"
 ASIDE_BYTES = 8
 UNWRITABLE = {stat.S_IFDIR: "a folder", stat.S_IFSOCK: "a socket", stat.S_IFBLK: "a disk"}
@@ -52,7 +52,7 @@ def whole_file(path: Path | str) -> Iterator[BytesIO]:
 def write_text(path: str | Path, text: str) -> None:
     """Write text as UTF-8, see `whole_file`."""
     with whole_file(path) as file:
-        # Undecodable bytes in the names of files have no UTF-8.
+        # Names of files may hold bytes that have no UTF-8.
         file.write(text.encode("utf-8", "backslashreplace"))
 
 
@@ -201,7 +201,7 @@ def _replace(real, old, content):
     real.parent.mkdir(parents=True, exist_ok=True)
     aside = real.with_name(ASIDE.format(secrets.token_hex(ASIDE_BYTES)))
     try:
-        # Not by tempfile, whose files are private: the umask decides.
+        # tempfile would make a private file; here the umask decides.
         with open(aside, "xb") as file:
             file.write(content)
         if old is not None:

@@ -15,6 +15,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from harvester.device import timescales
+from harvester.estimates.attractors import repeats_in_noise
 from harvester.estimates.estimate import Estimate
 from harvester.identification.intervals import HALF_INTERVAL, HELD
 from harvester.identification.proof import blocks_of, predicted
@@ -39,8 +40,6 @@ FORGOTTEN = 1.0 / 3.0
 CROSSING = 0.1
 # Share of the base's power within so many lines of its strongest that makes it a sine.
 SINE, SINE_LINES = 0.9, 3
-# Correlation of an orbit with itself some periods later from which on it repeats itself; periods.
-REPEATS, MOST_PERIODS = 0.95, 6
 # By which a run may leave the visited displacements or loads and still be claimed; a factor of the
 # frequencies.
 BEYOND, BEYOND_BAND = 0.1, 1.5
@@ -260,7 +259,7 @@ def _repeats(measurement):
 
 def _orbit(x, saddles, edges, period):
     """What kind of motion a displacement is, in words."""
-    repeats = "" if period is None or _is_periodic(x, period) else ", chaotic"
+    repeats = "" if period is None or repeats_in_noise(x, period) else ", chaotic"
     if not saddles.size:
         return f"in the well{repeats}"
     basins = np.searchsorted(np.sort(saddles), x)
@@ -272,20 +271,6 @@ def _orbit(x, saddles, edges, period):
     if saddles.size == 1:
         return f"in the well on the {('left', 'right')[number]}{repeats}"
     return f"in well {number + 1} from the left{repeats}"
-
-
-def _is_periodic(x, period):
-    """Whether a displacement repeats itself after some periods of the base."""
-    late = x[x.size // 3 :] - np.mean(x[x.size // 3 :])
-    places = np.arange(late.size)
-    for count in range(1, MOST_PERIODS + 1):
-        moved = places[: int(late.size - count * period) - 1] + count * period
-        if moved.size < 2:
-            return True
-        later = np.interp(moved, places, late)
-        if np.corrcoef(late[: moved.size], later)[0, 1] > REPEATS:
-            return True
-    return False
 
 
 def _why_not(visited, responses, x):

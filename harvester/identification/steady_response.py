@@ -127,6 +127,7 @@ class SteadyResponses(Responses):
             damping = system.damper.damping + drag * amplitude
             return rate**2 + damping * rate + stiffness + slope * amplitude**2 + force
 
+        share = transducer.base_rate(1.0)
         factor = self.base_factor(number, values)
         amplitude = np.zeros(rate.size)
         if measured.acceleration is not None:
@@ -135,7 +136,10 @@ class SteadyResponses(Responses):
             shown = np.abs(measured.response) * measured.acceleration
             amplitude = _amplitude(impedance, drive, shown / np.abs(volts))
         sign = -1.0 if each.scene.units == "SI" else 1.0
-        return factor * sign * volts / impedance(amplitude) / self.length
+        moved = impedance(amplitude)
+        # The base drives the state as X does, by the share of η; the force of that is taken back.
+        driven = (1.0 + share * (moved - force)) / moved
+        return factor * sign * volts * driven / self.length
 
     def _gain_of_sensors(self, number, values):
         """What the sensors make of it."""

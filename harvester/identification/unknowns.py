@@ -28,8 +28,8 @@ if TYPE_CHECKING:
 DEVICE_TABLES = ("oscillator", "stoppers", "piezo", "coil")
 # Known from a scale, a data sheet or an ohmmeter, and hardly to be told from records.
 KNOWN = (
-    "mass", "base_factor", "exponent", "resistance", "inductance", "leakage_resistance",
-    "leakage_rate",
+    "mass", "base_factor", "base_charge", "exponent", "resistance", "inductance",
+    "leakage_resistance", "leakage_rate",
 )  # fmt: skip
 BASE_FACTOR, BASE_SCALE = "oscillator.base_factor", "sensor.acceleration_scale"
 # Stands for all that is free by default.

@@ -21,7 +21,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from harvester.compilation import numba
-from harvester.device import contact
+from harvester.device import contact, system
 from harvester.errors import SolutionDiverged
 from harvester.monte_carlo.lockstep import Room, advance
 from harvester.monte_carlo.schemes import Scheme, scheme_of
@@ -40,10 +40,10 @@ if TYPE_CHECKING:
     from harvester.excitation.base import ExcitationPath
     from harvester.prepared.prepared import Prepared
 
-# Realizations in step with each other: more are hardly faster.
+# So many realizations are stepped together. More are hardly faster.
 MOST_TOGETHER = 64
-# Segments between knots worked on at a time, of all realizations together: their noise and,
-# where points are kept, these stay in the processor's cache.
+# So many segments between knots are computed at a time, counted over all realizations. Their noise
+# and, if points are kept, these then stay in the processor's cache.
 SEGMENTS, SEGMENTS_KEPT = 262144, 65536
 
 
@@ -158,11 +158,16 @@ def integrate(
     used = scheme_of(s, scheme, spacing / steps_per_knot)
     knots = math.ceil(stop / spacing - 1e-9)
     most = (SEGMENTS_KEPT if keep else SEGMENTS) // len(paths)
-    room, place = Room.of(s, starts, _points(most) if keep else 0), _beginning()
+    first_knots = [float(path.read(1)[0]) for path in paths]
+    begun = [
+        (x, v, system.begun_state(s, state, eta))
+        for (x, v, state), eta in zip(starts, first_knots, strict=True)
+    ]
+    room, place = Room.of(s, begun, _points(most) if keep else 0), _beginning()
     several = SeveralMoments(moments or [_unwanted(stop, spacing) for _ in paths], spacing)
     noise = np.zeros((most + 1, len(room.states), TOGETHER))
     samples = noise.reshape(most + 1, -1)
-    samples[0, : len(paths)] = [path.read(1)[0] for path in paths]
+    samples[0, : len(paths)] = first_knots
     for first in range(0, knots, most):
         count = min(most, knots - first)
         for k, path in enumerate(paths):

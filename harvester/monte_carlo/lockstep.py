@@ -29,19 +29,20 @@ if TYPE_CHECKING:
     from harvester.device.system import System
     from harvester.record.several import Tally
 
-# Room for points where none are kept: no run reaches it.
+# The number of points allowed if none are kept. No run reaches it.
 MOST_POINTS = 2**62
-# Where a block's rows of eight begin: the state at a step's beginning, with the zone's number, its
-# ends and the contacts' force, and for those stepped apart the excitation and its slope, the time
-# since the knot, the step, and by how many zones the mass moves at its end.
+# Where each row of eight numbers begins. The first rows are the state at the beginning of a step,
+# with the number of the zone, its ends and the contacts' force. Realizations that are stepped apart
+# also have the excitation and its slope, the time since the knot, the step, and the number of zones
+# by which the mass moves at the step's end.
 STATE_ROWS = 13
 (
     DISPLACEMENT, VELOCITY, TRANSDUCER, HELD_SPEED, ZONE, LOW, HIGH, REACTION, NOISE, SLOPE, PHASE,
     LENGTH, ENTERS,
 ) = range(0, STATE_ROWS * TOGETHER, TOGETHER)  # fmt: skip
 MOTION_ROWS = 3  # X, X' and the transducer's state
-# Behind them the step's end: the motion, the contacts' force and damping (1/s), the excitation, and
-# whether the step does not hold.
+# The rows behind them belong to the end of the step: the motion, the contacts' force and damping
+# (1/s), the excitation, and whether the step is rejected.
 ROWS = STATE_ROWS + 7
 END = STATE_ROWS * TOGETHER
 END_REACTION, CONTACT_DAMPING, EXCITED, LEAVES = range(
@@ -86,7 +87,7 @@ class Room(NamedTuple):
         edges = contact.edges(s.contacts)
         for k in range(blocks * TOGETHER):
             state = states[k // TOGETHER, :, k % TOGETHER]
-            # Places behind the last realization repeat its start and stand for nothing.
+            # Places behind the last realization are padding: they repeat its start.
             x, v, transducer = starts[min(k, len(starts) - 1)]
             zone = sum(x > edge if edge > 0.0 else x >= edge for edge in edges[1:-1])
             held, ends = system.speed_held(s, x, v), edges[zone : zone + 2]
@@ -145,8 +146,8 @@ def advance(
     left, right = edges[free - 1], edges[free]
     step = spacing / steps_per_knot
     segment, part, waiting, batch = place[0], place[1], place[2], place[3]
-    # Loops over a number known beforehand would be written out place by place. One alone takes as
-    # long as eight do, or less.
+    # A loop over a constant number would be unrolled place by place. One realization alone takes as
+    # long as eight, or less.
     lanes = noise.shape[2] if room.points.size > 1 else 1
     room_for = room.columns.shape[2]
     fullest, full = 0, room_for - 1 if room_for > 0 else MOST_POINTS
@@ -339,11 +340,11 @@ def _resolve(s, end, steps_per_contact, cells, i):
     cells[LENGTH + i] = longest
     if not cells[LOW + i] < 0.0 < cells[HIGH + i]:
         x, v, state = cells[DISPLACEMENT + i], cells[VELOCITY + i], cells[TRANSDUCER + i]
-        # A mass at rest on the stopper is pressed in by what else acts.
+        # The other forces press a mass at rest into the stopper.
         speed = abs(v) + abs(system.push(s, x, v, state, cells[NOISE + i])) * longest
         length = contact.step(s.contacts, x, speed * speed, longest, steps_per_contact)
         if length < longest:
-            # Steps of one length, as integrals by trapezoids are best with.
+            # Steps of equal length: integrals by trapezoids are then most accurate.
             cells[LENGTH + i] = longest / np.ceil(longest / length)
 
 
@@ -357,11 +358,14 @@ def _point(s, cells, i, motion, excited, time, measured, tally, rows, k):
     x, v = cells[motion + DISPLACEMENT + i], cells[motion + VELOCITY + i]
     state, noise = cells[motion + TRANSDUCER + i], cells[excited + i]
     damping = system.damping_rate(s.damper, v) + cells[CONTACT_DAMPING + i]
-    own = system.own_loss(s.transducer, v, state, system.load_current(s.transducer, v, state))
+    current = system.load_current(s.transducer, v, state)
+    own = system.own_loss(s.transducer, v, state, current)
+    put_in = noise * system.base_speed(s.transducer, v, state, current)
     several.add_point(
         rows, k, measured, tally.low, tally.high, time, x, v,
         system.terminal_voltage(s.transducer, v, state),
-        system.load_power(s.transducer, v, state), noise * v, damping * v * v + own, own, state,
+        system.load_power(s.transducer, v, state), put_in, damping * v * v + own, own,
+        system.kept_state(s.transducer, state, noise),
     )  # fmt: skip
 
 

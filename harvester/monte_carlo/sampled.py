@@ -18,10 +18,10 @@ from harvester.monte_carlo.schemes import one_step, scheme_of
 if TYPE_CHECKING:
     from harvester.device.system import System
 
-# Steps of a contact: four times those of Monte Carlo, as errors of its beginning would show in what
-# is identified of a stopper.
+# Steps per contact, four times those of Monte Carlo: an error of the contact's beginning would bias
+# the identified values of a stopper.
 STEPS_PER_CONTACT = 120
-# Scaled displacement, velocity or state from which on a trial device has run away.
+# A trial device whose scaled displacement, velocity or voltage exceeds this has diverged.
 LARGEST_STATE = 1e9
 
 
@@ -65,7 +65,7 @@ def states_at_samples(
     return states, ends
 
 
-# Free of Python's lock: columns of a Jacobian are integrated side by side.
+# Python's lock is released, so that the columns of a Jacobian are integrated in parallel.
 @compiled(nogil=True)
 def _run(scheme, s, zones, eta, spacing, every, edges, starts, states, ends):
     """Fill `states` and `ends`."""
@@ -143,7 +143,7 @@ def _contact_piece(
     """
     length = longest
     if touching:
-        # A mass at rest on the stopper is pressed in by what else acts.
+        # The other forces press a mass at rest into the stopper.
         speed = abs(v) + abs(system.push(s, x, v, voltage, noise)) * longest
         length = contact.step(s.contacts, x, speed * speed, longest, steps_per_contact)
     reaction = system.contact_force(s, x, v, held, low, high) if touching else 0.0

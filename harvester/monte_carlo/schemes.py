@@ -13,8 +13,8 @@ if TYPE_CHECKING:
     from harvester.device.system import System
 
 
-# Decay of V or X' by load or damper, as an exponent, in a step of an explicit scheme: those are
-# stable up to 2 (Heun) and 2.78 (Runge–Kutta). Beyond it the decay is taken exactly.
+# If load or damper let V or X' decay by more than exp(−1) in a step, the decay is computed exactly.
+# Explicit schemes are stable up to exponents of 2 (Heun) and 2.78 (Runge–Kutta).
 LARGEST_DECAY = 1.0
 
 
@@ -36,7 +36,7 @@ class Scheme(enum.Enum):
         return {Scheme.RUNGE_KUTTA: None, Scheme.HEUN: True, Scheme.EXACT_DECAY: False}[self]
 
 
-# By the names that `harvester.MonteCarlo` takes.
+# Schemes by the names that `harvester.MonteCarlo` takes.
 NAMED = {"runge-kutta": Scheme.RUNGE_KUTTA, "heun": Scheme.HEUN}
 
 
@@ -116,33 +116,34 @@ def _exponential(s, touching, low, high, held, x, v, voltage, noise, slope, h, r
     middle = noise + slope * half
     c, rate = s.damper.damping + system.own_damping(s.transducer), system.decay_rate(s.transducer)
     start = system.push(s, x, v, voltage, noise) - reaction + c * v
-    force = start
+    force, base = start, system.base_rate(s.transducer, slope)
     v2 = voltage2 = 0.0
     for _ in range(2):
-        # The drive goes on in a straight line from the beginning through the middle.
+        # The drive is extrapolated along the straight line from the beginning through the middle.
         v2 = decayed(v, c, half, start, 0.5 * (start + force), force)
         x2 = x + 0.5 * half * (v + v2)
-        voltage2 = decayed(voltage, rate, half, v, 0.5 * (v + v2), v2)
+        voltage2 = decayed(voltage, rate, half, v + base, 0.5 * (v + v2) + base, v2 + base)
         force = _acceleration(s, touching, low, high, held, x2, v2, voltage2, middle) + c * v2
     v4 = decayed(v, c, h, start, force, 2.0 * force - start)
     x4 = x + h / 6.0 * (v + 4.0 * v2 + v4)
-    voltage4 = decayed(voltage, rate, h, v, v2, v4)
+    voltage4 = decayed(voltage, rate, h, v + base, v2 + base, v4 + base)
     ahead = noise + slope * h
     end = _acceleration(s, touching, low, high, held, x4, v4, voltage4, ahead) + c * v4
     v4 = decayed(v, c, h, start, force, end)
     x4 = x + h / 6.0 * (v + 4.0 * v2 + v4)
-    return x4, v4, decayed(voltage, rate, h, v, v2, v4)
+    return x4, v4, decayed(voltage, rate, h, v + base, v2 + base, v4 + base)
 
 
 @compiled
 def _heun(s, touching, low, high, held, x, v, voltage, noise, slope, h, reaction):
     """Heun's step of second order: the mean of the slopes at both ends."""
+    base = system.base_rate(s.transducer, slope)
     a1 = system.push(s, x, v, voltage, noise) - reaction
-    u1 = system.state_rate(s.transducer, v, voltage)
+    u1 = system.state_rate(s.transducer, v + base, voltage)
     v2 = v + h * a1
     e2 = voltage + h * u1
     a2 = _acceleration(s, touching, low, high, held, x + h * v, v2, e2, noise + slope * h)
-    u2 = system.state_rate(s.transducer, v2, e2)
+    u2 = system.state_rate(s.transducer, v2 + base, e2)
     half = 0.5 * h
     return x + half * (v + v2), v + half * (a1 + a2), voltage + half * (u1 + u2)
 
@@ -152,20 +153,21 @@ def _runge_kutta(s, touching, low, high, held, x, v, voltage, noise, slope, h, r
     """Classical Runge–Kutta step of Eq. 4; the contact acts or not throughout the step."""
     half = 0.5 * h
     middle = noise + slope * half
+    base = system.base_rate(s.transducer, slope)
     a1 = system.push(s, x, v, voltage, noise) - reaction
-    u1 = system.state_rate(s.transducer, v, voltage)
+    u1 = system.state_rate(s.transducer, v + base, voltage)
     v2 = v + half * a1
     e2 = voltage + half * u1
     a2 = _acceleration(s, touching, low, high, held, x + half * v, v2, e2, middle)
-    u2 = system.state_rate(s.transducer, v2, e2)
+    u2 = system.state_rate(s.transducer, v2 + base, e2)
     v3 = v + half * a2
     e3 = voltage + half * u2
     a3 = _acceleration(s, touching, low, high, held, x + half * v2, v3, e3, middle)
-    u3 = system.state_rate(s.transducer, v3, e3)
+    u3 = system.state_rate(s.transducer, v3 + base, e3)
     v4 = v + h * a3
     e4 = voltage + h * u3
     a4 = _acceleration(s, touching, low, high, held, x + h * v3, v4, e4, noise + slope * h)
-    u4 = system.state_rate(s.transducer, v4, e4)
+    u4 = system.state_rate(s.transducer, v4 + base, e4)
     sixth = h / 6.0
     return (
         x + sixth * (v + 2.0 * (v2 + v3) + v4),

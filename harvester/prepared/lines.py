@@ -13,17 +13,17 @@ if TYPE_CHECKING:
     from harvester.prepared.prepared import Prepared
 
 
-# By how much of half a resonance's width an integrator may misplace it: a device on its flank then
-# gives half a percent more or less.
+# An integrator may misplace a resonance by this share of its half width. On the flank the power
+# then changes by half a percent.
 SHARE_OF_HALF_WIDTH = 0.005
 # A line whose response is this share of the greatest counts.
 COUNTING_RESPONSE = 0.1
-# Of the frequency's square, what a spring that is not linear or a stopper lets it change: ten times
-# what 14 devices between Q = 12 and 340 showed against steps 32 times shorter.
+# A nonlinear spring or a stopper may change the square of the frequency by this share. It is ten
+# times what 14 devices with Q from 12 to 340 showed against steps 32 times shorter.
 NONLINEAR_SPREAD = 0.05
 
-# Half width of a resonance over its frequency from which on noise is as wide: at Q = 370 and 410
-# default steps cost one path 1 % in 100 periods.
+# If the half width of a resonance is below this share of its frequency, noise is treated like a
+# line: at Q = 370 and 410 default steps cost one path 1 % in 100 periods.
 NARROW = 0.01
 
 
@@ -61,7 +61,7 @@ def spread(ready: Prepared) -> float:
 
 
 def half_width(ready: Prepared) -> float:
-    """That of the resonance over its frequency, by damper and, if it is one, resistor."""
+    """Half width of the resonance over its frequency, from the damper and a resistor as load."""
     return _half_width(ready.system, line_frequency(ready))
 
 
@@ -92,7 +92,7 @@ def _mobility(system: System, omega: float) -> float:
 
 
 def _resonances(system: System) -> tuple[float, float]:
-    """Of small oscillations about the stiffest well, without and with the transducer (rad/s)."""
+    """Frequencies (rad/s) of small oscillations, stiffest well, without and with transducer."""
     stiffest = max(timescales.wells(system), key=lambda well: timescales.stiffness(system, well))
     short = math.sqrt(max(timescales.stiffness(system, stiffest), 0.0))
     return short, max(short, timescales.angular_frequency(system))

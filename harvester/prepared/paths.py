@@ -33,6 +33,20 @@ def start_state(ready: Prepared, index: int) -> tuple[float, float, float]:
     return displacement, velocity, state
 
 
+def distinct_realizations(ready: Prepared, wanted: int | None = None) -> int:
+    """How many of the wanted realizations differ: without chance as many as there are starts.
+
+    `wanted` is by default the scene's own number.
+    """
+    scene = ready.scene
+    count = scene.run.realizations if wanted is None else wanted
+    if scene.excitation.random or scene.run.starts is not None:
+        return count
+    placed = scene.start is not None and scene.start.displacement is not None
+    alike = placed or scene.excitation.prescribes_displacement
+    return min(count, 1 if alike else len(timescales.wells(ready.system)))
+
+
 def noise_path(ready: Prepared, index: int) -> ExcitationPath:
     """The excitation of one realization, at its beginning; the same for every engine."""
     seed = realization_seed(ready.scene.run.seed, index)

@@ -15,7 +15,7 @@ if TYPE_CHECKING:
     from harvester.device.terminals import Network, Setting
     from harvester.scene.model import Scene
 
-# Scenes that are kept ready: a study's workers go from place to place.
+# So many scenes are kept ready, since a study's workers go to and fro between its places.
 KEPT = 64
 
 

@@ -14,15 +14,16 @@ from harvester.device.system import elastic_force, potential
 if TYPE_CHECKING:
     from harvester.prepared.prepared import Prepared
 
-# Of the amplitude at which the undamped device would follow the drive on its highest branch: a
-# start beyond it falls back to it.
+# Starts are drawn up to this multiple of the amplitude at which the undamped device follows the
+# drive on its highest branch: a start beyond it falls back to that branch.
 BEYOND_HIGHEST_BRANCH = 1.3
-# Amplitudes at which that branch is looked for, as ratios of the outermost well's or 1.
+# That branch is searched at these amplitudes, in units of the outermost well's displacement (or 1).
 AMPLITUDES = np.geomspace(1e-3, 1e3, 601)
-# Of motion under noise or a record, in units of its mean-square velocity: reached for under 1 % of
-# the time.
+# Under noise or a record starts are drawn up to this energy, in units of the mean-square velocity.
+# The motion exceeds it for under 1 % of the time.
 RESOLVED_ENERGY = 5.0
-# Trials for one start, of which a box about the energy range rejects fewer than nine in ten.
+# Most trials for one start. Of points drawn in a box about the energy range fewer than nine in ten
+# are rejected.
 MOST_TRIALS = 1000
 
 
@@ -46,7 +47,7 @@ class EnergyRange(NamedTuple):
 
 
 def energy_range(ready: Prepared) -> EnergyRange:
-    """From rest to beyond the highest orbit that the excitation can keep up, saddles included."""
+    """The range of energies from which starts are drawn."""
     return _energy_range(ready)
 
 
@@ -58,7 +59,7 @@ def _energy_range(ready):
     highest = min(bottoms)
     for each in saddles:
         top = float(potential(system, each))
-        # As far above the saddle as the deepest well lies below it.
+        # The range reaches as far above the saddle as the deepest well lies below it.
         highest = max(highest, 2.0 * top - min(bottoms))
     middle = 0.5 * (min(wells) + max(wells))
     size = max(max(wells) - middle, abs(middle)) or 1.0

@@ -27,40 +27,44 @@ if TYPE_CHECKING:
 STEPS_PER_PERIOD = {"circuit": 80, "monte-carlo": 40}
 # Fewest steps from the beginning of a contact to its end, at the default step and longer ones.
 STEPS_PER_CONTACT = 30
-# Those of Runge–Kutta: as accurate as 30 that end where they may, since those between two knots are
-# even.
+# Fewest steps per contact of Runge–Kutta. Between two knots they are equal, and 26 equal steps are
+# as accurate as 30 others.
 EVEN_STEPS_PER_CONTACT = 26
 # Steps by name, as divisions of the default one.
 STEP_LEVELS = {"default": 1, "fine": 4, "finest": 32}
-# Error of the frequency ω over itself, constant · (ω h)^order, of each method where it is not made
-# exact at a line: Runge–Kutta, TR-BDF2 and the trapezoidal rule, from their stability functions.
+# Relative error of a frequency ω, constant · (ω h)^order, of Runge–Kutta, TR-BDF2 and the
+# trapezoidal rule where they are not made exact at a line. It follows from their stability
+# functions.
 FREQUENCY_ERRORS = {
     "runge-kutta": (1.0 / 120.0, 4),
     "monte-carlo": (0.0404, 2),
     "circuit": (1.0 / 12.0, 2),
 }
-# Error of a load's power over that of the frequency: at most 4 behind bridges and doublers, and by
-# Monte Carlo behind switches. By the circuit SSHI cost up to 0.8 % at 80 steps a period, and a
-# twentieth of that at steps four times shorter.
+# Relative error of a load's power over that of the frequency. It was at most 4 behind bridges and
+# doublers, and in Monte Carlo behind switches. In the circuit SSHI cost up to 0.8 % at 80 steps a
+# period, and a twentieth of that at steps four times shorter.
 LOAD_ERRORS, SWITCHED_LOAD_ERRORS = 4.0, 16.0
-# Error of a power where there are contacts, times the square of the steps that each takes: one
-# stopper under noise cost 0.04 to 0.07 % at 26 steps, a sixteenth of it at 104.
+# Relative error of a power with contacts, times the square of the steps per contact. One stopper
+# under noise cost 0.04 to 0.07 % at 26 steps, and a sixteenth of that at 104.
 CONTACT_ERROR = 0.7
-# How much finer at most steps become for a line.
+# Steps become finer for a line by at most this factor.
 FINER_NEAR_LINES = 3.0
-# A run that takes this much processor time (s) for less than this share of its longest step would
-# not end.
+# A run that needs more than 6 s of processor time for less than a thousandth of its longest step is
+# given up: it would not end.
 PATIENCE, CRAWL = 6.0, 1e-3
 GETS_NOWHERE = f"it gets nowhere, {PATIENCE:g} s of work went into less than a thousandth of a step"
-# A step against the time between two knots below which no run ends.
+# Shortest step in units of the knot spacing; a run with shorter steps would not end.
 SHORTEST_STEP = 1e-9
-# Control by the local error rejects steps, and after each of them ngspice takes one of first order:
-# at a step of this share of the usual one that costs the motion under 0.1 % of its energy, not 1 %.
+# If ngspice controls the local error, it rejects steps, and takes one of first order after each
+# rejection. With steps divided by 4 that costs the motion less than 0.1 % of its energy; undivided
+# it costs 1 %.
 REJECTING_STEPS = 4
-# A load that decays within a knot takes Monte Carlo's scheme of third order, not of fourth.
+# If the load decays within a knot, Monte Carlo's scheme has order three, not four: steps are
+# halved.
 STEPS_OF_FAST_LOADS = 2
-# A damper that acts within a knot makes the velocity follow the noise's straight lines: the mean of
-# its square needs points within them (sixteen times less of the interpolation's loss is then left).
+# If the damper acts within a knot, the velocity follows the straight lines of the noise. The mean
+# of its square needs points between the knots; four steps reduce the loss by interpolation sixteen
+# times.
 STEPS_OF_SLAVED_VELOCITY = 4
 
 
@@ -159,7 +163,7 @@ def step_error(ready: Prepared, step: str | float = "default", engine: str = "ci
     constant, order, left = _frequency_error(ready, engine)
     length = knot_spacing(ready) / steps_per_knot(ready, step, engine)
     error = constant * (omega * length) ** order
-    # Without damping there is no width, and the whole power may be missed.
+    # Without damping the resonance has no width, and the whole power may be missed.
     flank = left * error / max(lines.half_width(ready), error) if left > 0.0 else 0.0
     load = scene.load.circuit
     switched = engine == "circuit" and load is not None and load.switches

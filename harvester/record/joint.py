@@ -37,7 +37,7 @@ class JointHistogram:
 
     @classmethod
     def empty(cls, start: float, interval: float) -> JointHistogram:
-        """Nothing sampled yet."""
+        """A histogram without samples."""
         counts = np.zeros((BINS, BINS), dtype=np.uint32)
         return cls(start, interval, counts, np.full(2, FINEST_BIN), np.full(3, np.nan))
 
@@ -59,7 +59,7 @@ def _add_samples(time, x, v, latest, start, interval, counts, widths):
                 share = (sample * interval - begin) / (time[i] - begin)
                 row = _place(latest[1] + share * (x[i] - latest[1]), 0, counts, widths)
                 column = _place(latest[2] + share * (v[i] - latest[2]), 1, counts, widths)
-                # The second may have doubled the bins of its own axis alone.
+                # The bins of the two axes may have been doubled separately.
                 counts[row + half, column + half] += np.uint32(1)
                 sample += 1.0
         latest[0], latest[1], latest[2] = time[i], x[i], v[i]

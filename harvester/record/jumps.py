@@ -16,7 +16,7 @@ if TYPE_CHECKING:
     from harvester.device.system import System
     from harvester.record.record import Record
 
-# Displacements at which the potential is known, linear between them.
+# Number of displacements at which the potential is tabulated. It is linear between them.
 TABULATED = 2049
 
 
@@ -74,7 +74,7 @@ class Jumps:
 
     @classmethod
     def between_no_wells(cls, batches: int) -> Jumps:
-        """Of a device with one well: there is nothing to count."""
+        """The jumps of a device with one well, which has none."""
         nothing = np.zeros(0)
         ends, times = (0.0, 0.0), np.zeros((batches + 1, 0))
         return cls(0.0, 1.0, nothing, nothing, ends, nothing, times, times[:, None])
@@ -138,7 +138,8 @@ def add_jumps(
         last = time[i]
         if left < x[i] < right or not low < x[i] < high:
             continue
-        # Beside the well reached last: in the core of the one that is here?
+        # The mass is beside the well that it reached last. Is it in the core of the well that lies
+        # here?
         here = np.searchsorted(saddles, x[i])
         energy = 0.5 * v[i] * v[i] + energy_at(energies, low, high, x[i])
         if energy <= limits[here]:

@@ -16,8 +16,9 @@ from harvester.compilation import compiled, merged, summing, uncounted
 from harvester.record.jumps import Jumps
 from harvester.record.output_side import OutputMoments
 from harvester.record.record import Record, copy_point, part
+from harvester.record.strain import StrainMoments
 
-# Rows of `Moments.integrals`: time integrals of these, and the numbers of two events.
+# Rows of `Moments.integrals`: time integrals of these quantities, and the numbers of two events.
 QUANTITIES = (
     "time",
     "square_voltage",
@@ -30,7 +31,8 @@ QUANTITIES = (
     "impacts",
     "transducer_loss",
 )
-# Behind them, where they tell more than symmetry does: the time in each well, from the left.
+# The rows behind them are the times in each well, from the left, if the wells are not mirror
+# images.
 WELLS = len(QUANTITIES)
 # Rows of `Moments.products`: time integrals of products, for variances within a run.
 PRODUCTS = {
@@ -77,6 +79,8 @@ class Moments:
         Of the load's output side and of what its stores hold, where it has them.
     jumps : Jumps or None
         Between wells, where there are several.
+    strain : StrainMoments or None
+        At the clamp, of a scene with a drawing; `StrainWatch` adds to it.
     """
 
     start: float
@@ -93,6 +97,7 @@ class Moments:
     points: int = 0
     output: OutputMoments | None = None
     jumps: Jumps | None = None
+    strain: StrainMoments | None = None
 
     @property
     def has_output(self) -> bool:
@@ -256,7 +261,7 @@ def _count_events(before, x, low, high, saddles, integrals):
 def _add_stretch(before, record, begin, end, saddles, integrals, products):
     """Add the intervals between two points to one batch's integrals and to the products."""
     time = record.time
-    # Half of both intervals that meet at a point.
+    # The weight of a point is half of both intervals that meet at it.
     weights = np.empty(end - begin + 1)
     previous = before[0] if begin < 0 else time[begin]
     weights[0] = weights[-1] = 0.5 * (time[begin + 1] - previous)
@@ -343,7 +348,7 @@ def count_sample(
     half = BINS // 2
     into = np.floor(value / widths[k])
     while into >= half or into < -half:
-        # None behind this group has a sample yet.
+        # No group behind this one has a sample yet.
         _double_bins(histograms, group, k)
         widths[k] *= 2.0
         into = np.floor(value / widths[k])

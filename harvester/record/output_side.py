@@ -21,7 +21,8 @@ QUANTITIES = (
 # Last axis of `OutputMoments.measured`: time integral, change, steps from 0 up and down to it, time
 # integral of the square.
 MEASURED = ("integral", "change", "rises", "falls", "square")
-# Sizes of the output voltage whose first passage is kept, from 2^-40 to 2^40 scaled volts.
+# The first passage of the output voltage is kept for levels from 2^-40 to 2^40 scaled volts, so
+# many for each doubling.
 LEVELS_PER_DOUBLING = 32
 DOUBLINGS = 40
 LEVELS = np.exp2(

@@ -17,11 +17,12 @@ class Record(NamedTuple):
     time : s, increasing; the spacing may vary.
     displacement, velocity, voltage : X, X', V of Eq. 4.
     load_power : power leaving the transducer, β λ V² for a resistor (Eq. 30).
-    input_power : η X', what the base puts in (Eq. 33).
+    input_power : η X', what the base puts in (Eq. 33), and on a piezo's charge −βκ η W' (see
+        `harvester.device.piezo.ShakenPiezo`).
     loss_power : what damper, contacts and the transducer's own resistance take, for a piezo
         without leak [c + contact damping] X'² (Eq. 36).
     transducer_loss : the part of it in leak or winding.
-    transducer_state : what the transducer stores its energy in, V of a piezo.
+    transducer_state : what the transducer stores its energy in, V of a piezo, or its W.
     """
 
     time: np.ndarray
@@ -50,7 +51,7 @@ def empty_record(count: int) -> Record:
 @register_jitable
 def part(record: Record, start: int, stop: int) -> Record:
     """Points start … stop − 1 of a record, as views."""
-    # One by one, for compiled code as well: it takes no generator here.
+    # Written out one by one, since compiled code accepts no generator here.
     return Record(
         record.time[start:stop],
         record.displacement[start:stop],

@@ -17,13 +17,13 @@ from harvester.record.jumps import Jumps, energy_at, neighbours
 from harvester.record.moments import PRODUCTS, QUANTITIES, WELLS, Moments, count_sample
 from harvester.record.record import Record
 
-# Realizations that one instruction takes: numbers of double precision in the widest registers.
-# They share a block of memory, in which each number has a row of eight, one beside the other.
+# One vector instruction treats eight realizations: the widest registers hold eight doubles. They
+# share a block of memory, in which each quantity has a row of eight numbers.
 TOGETHER = 8
 FIELDS, SUMS = len(Record._fields), len(QUANTITIES) + len(PRODUCTS)
-# Where rows begin: those of the latest point, of the sums in the order of `Moments.integrals` and
-# `Moments.products`, the displacement before, the time since (0 before the start), and the saddles
-# beside the well reached last.
+# Where each row begins. The rows are the latest point, the sums in the order of `Moments.integrals`
+# and `Moments.products`, the displacement before, the time since (0 before the start), and the two
+# saddles beside the well that was reached last.
 TIME, DISPLACEMENT, VELOCITY, VOLTAGE, LOAD_POWER, INPUT_POWER, LOSS_POWER, OWN_LOSS, STATE = range(
     0, FIELDS * TOGETHER, TOGETHER
 )
@@ -176,7 +176,7 @@ def end_batch(tally: Tally, batch: int) -> None:
                 else:
                     tally.products[k, row - quantities] += cells[place]
                 cells[place] = 0.0
-        # −1 is the last row of the times.
+        # Well −1 (none reached yet) would be counted in the last row.
         if tally.wells[k] >= 0:
             tally.times[k, batch, tally.wells[k]] += cells[TIME + lane] - tally.since[k]
         tally.since[k] = cells[TIME + lane]
@@ -282,7 +282,7 @@ def sample(tally: Tally, time: float) -> None:
     for k in range(tally.wells.size):
         cells, lane = tally.rows[k // TOGETHER], k % TOGETHER
         x, v, voltage = cells[DISPLACEMENT + lane], cells[VELOCITY + lane], cells[VOLTAGE + lane]
-        # What has left the finite numbers has no bin.
+        # Values that are not finite have no bin.
         if abs(x) + abs(v) + abs(voltage) < np.inf:
             for row, value in enumerate((x, v, voltage)):
                 count_sample(tally.histograms[k], tally.bin_widths[k], group, row, value)

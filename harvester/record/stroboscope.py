@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 COLUMNS = (
     "displacement", "velocity", "state", "load_energy", "square_voltage", "square_displacement",
 )  # fmt: skip
-# Of these the motion's state.
+# The first so many columns are the state of the motion.
 STATE = 3
 
 
@@ -43,7 +43,7 @@ class Stroboscope:
     """
 
     def __init__(self, first: float, period: float, count: int) -> None:
-        # Half a billionth earlier: a record's last time may be less than its end by a rounding.
+        # Earlier by 5e-10 periods, since rounding may put a record's last time before its end.
         self.times = (first + period * np.arange(count)) * (1.0 - 5e-10)
         self.samples = np.full((count, len(COLUMNS)), np.nan)
         self._next = 0
@@ -63,7 +63,8 @@ class Stroboscope:
         rates = np.array(_rates(record))
         start = self._last
         if start is None:
-            # The initial point is no part of a record: what lies before the first one counts as it.
+            # A record lacks the initial point: times before its first point take that point's
+            # values.
             start = np.array([*points[1, :4], 0.0, 0.0, 0.0, *rates[:, 0]])
         points[0] = start[: 1 + len(COLUMNS)]
         rates = np.concatenate([start[-3:, None], rates], axis=1)

@@ -18,9 +18,9 @@ if TYPE_CHECKING:
 
     from harvester.scene.model import Scene
 
-# Knots of the path that are transformed, and segments that they are averaged over.
+# At most so many knots of the path are transformed, divided into so many segments.
 MOST_KNOTS, SEGMENTS = 2**18, 32
-# Density beside its peak from which it is drawn: below is a sine's leakage.
+# The density is drawn down to this share of its peak. Below it lies the leakage of a sine.
 LEAST_SHARE = 1e-8
 
 

@@ -17,7 +17,7 @@ if TYPE_CHECKING:
 
     from harvester.results.result import Result
 
-# Share of the peak down to which a density is coloured.
+# A density is coloured down to this share of its peak.
 LEAST_SHARE = 1e-3
 COLOURS = "viridis"
 TITLES = {"averaging fokker_planck": "Fokker–Planck equation", "monte-carlo": "Monte Carlo"}
@@ -55,7 +55,7 @@ def _draw_panel(axes, result, places, values, highest):
 
     least = LEAST_SHARE * highest
     x, v = _in_units(result, places)
-    # Below the least nothing is drawn.
+    # Values below the least are left blank.
     shown = np.ma.masked_less(values, least)
     norm = LogNorm(least, highest)
     mesh = axes.pcolormesh(x, v, shown.T, norm=norm, cmap=COLOURS, rasterized=True)

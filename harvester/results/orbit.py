@@ -9,9 +9,13 @@ from typing import Any
 
 import numpy as np
 
+from harvester.estimates.attractors import Divergence
 from harvester.estimates.estimate import Estimate
 from harvester.files.serialising import plain
 from harvester.show.numbers import quantity
+
+# What motions without a period are called: with an exponent that is not above 0, and without one.
+NOT_SETTLED, UNTOLD = "not settled", "no period: chaotic or not settled"
 
 
 @dataclass(frozen=True)
@@ -36,6 +40,9 @@ class Attractor:
         Means of its starts alone.
     points : ndarray, shape (n, 2)
         Displacement and velocity at the beginnings of the excitation's periods.
+    lyapunov : Divergence or None
+        The largest Lyapunov exponent (1/s) of a motion without a period; None where it was not
+        looked for or no neighbours could be followed.
     """
 
     name: str
@@ -46,13 +53,18 @@ class Attractor:
     share_error: float | None
     quantities: dict[str, Estimate]
     points: np.ndarray
+    lyapunov: Divergence | None = None
 
     @property
     def kind(self) -> str:
-        """In words."""
+        """The kind of motion, in words."""
         if self.period is not None:
             return f"period {self.period}"
-        return "no period: chaotic or not settled" if self.periodic_drive else "one motion"
+        if not self.periodic_drive:
+            return "one motion"
+        if self.lyapunov is None:
+            return UNTOLD
+        return wandering_kind(self.lyapunov)
 
     def to_dict(self, unit: Callable[[str], str]) -> dict[str, Any]:
         """Plain values for JSON; `unit` gives that of a dimension."""
@@ -67,10 +79,16 @@ class Attractor:
         power = self.quantities["mean_power"].estimate if "mean_power" in self.quantities else None
         gives = "" if power is None else f", mean power {quantity(power, power_unit)}"
         plural = "s" if self.starts > 1 else ""
+        parts = "" if self.lyapunov is None else f", largest Lyapunov exponent {self.lyapunov} 1/s"
         return (
             f"orbit {self.name} ({self.kind}): {self.starts} start{plural}, "
-            f"{self.share:.1%}{error}{gives}"
+            f"{self.share:.1%}{error}{gives}{parts}"
         )
+
+
+def wandering_kind(exponent: Divergence | None) -> str:
+    """In words, what a motion without a period is by its largest Lyapunov exponent."""
+    return "chaotic" if exponent is not None and exponent.chaotic else NOT_SETTLED
 
 
 def share_error(part: int, count: int) -> float:

@@ -103,7 +103,8 @@ def _paired_efficiency(ours, theirs, balances):
         used = batches[:, :, load] + batches[:, :, loss]
         if not batches[:, :, load].any():
             return None
-        # Of each batch: its load power over the mean, less its used power over the mean.
+        # For each batch: its load power over the mean of all, less its used power over the mean of
+        # all.
         share = batches[:, :, load] / batches[:, :, load].mean() - used / used.mean()
         shares.append((batches[:, :, load].sum() / used.sum(), share))
     ratio = float(shares[0][0] / shares[1][0])

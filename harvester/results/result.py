@@ -12,6 +12,7 @@ import numpy as np
 from harvester.errors import HarvesterError, UnknownQuantity
 from harvester.estimates.estimate import Density, Estimate, root
 from harvester.estimates.joint_density import JointDensity
+from harvester.estimates.strain import without_line
 from harvester.estimates.units import SI_UNITS, unit_of
 from harvester.excitation.spectrum_fit import SpectrumFit
 from harvester.files.plain_text import nearest, one_line, shown
@@ -30,7 +31,7 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
     from xarray import Dataset
 
-# What JSON says of a result, in this order; the spectrum's fit and the scene come last.
+# Keys of a result in JSON, in this order. The fit of the spectrum and the scene follow them.
 _IN_JSON = (
     "engine",
     "engine_version",
@@ -148,7 +149,8 @@ class Result:
         """
         if name not in self.scaled_quantities:
             raise UnknownQuantity(
-                f"{self.scene.name}: no quantity {shown(name)}"
+                without_line(self.scene, name)
+                or f"{self.scene.name}: no quantity {shown(name)}"
                 f"{nearest(name, self.scaled_quantities)}; there are "
                 f"{', '.join(self.scaled_quantities)}"
             )
@@ -166,7 +168,7 @@ class Result:
 
     @property
     def seed(self) -> int:
-        """Of the noise, and of what else is drawn."""
+        """The seed of the noise and of all other random numbers."""
         return self.scene.run.seed
 
     @property
@@ -291,7 +293,7 @@ class Result:
         ]
 
     def headline(self) -> str:
-        """Its power, load and conditions, in one line."""
+        """Power, load and conditions in one line."""
         from harvester.results.headline import headline
 
         return headline(self)
@@ -313,7 +315,7 @@ class Result:
         ------
         UnknownQuantity
         """
-        from harvester.results.drawing import axis_label, draw_density
+        from harvester.results.drawing import axis_label, density_label, draw_density
 
         if name not in self.densities:
             raise UnknownQuantity(
@@ -322,21 +324,21 @@ class Result:
             )
         colour = style.pop("colour", f"C{len(axes.lines)}")
         draw_density(axes, self, name, colour, style.pop("line", "-"), label or self.engine)
-        axes.set(xlabel=axis_label(self, name), ylabel="probability density")
+        axes.set(xlabel=axis_label(self, name), ylabel=density_label(self, name))
 
     def results_by_method(self) -> dict[str, Result]:
         """Itself, by the name of its engine or closure."""
         return {self.engine: self}
 
     def figure(self) -> Figure | None:
-        """Its densities, and the fit to a record; None where it has neither."""
+        """A figure of the densities and of the fit to a record, or None if there is neither."""
         from harvester.results.drawing import draw_result
         from harvester.show import figures
 
         return figures.drawn(draw_result, self)
 
     def joint_figure(self) -> Figure | None:
-        """Its joint density of displacement and velocity; None where it has none."""
+        """A figure of the joint density of displacement and velocity, or None if there is none."""
         from harvester.results import joint_drawing
         from harvester.show import figures
 

@@ -26,7 +26,8 @@ if TYPE_CHECKING:
 
 PICTURES = (".png", ".svg", ".pdf")
 ENDINGS = (".csv", ".nc", *PICTURES)
-# Of the greatest voltage, below which power over voltage is no current: rounding would decide it.
+# Below this share of the greatest voltage the current is not power over voltage: rounding would
+# decide it.
 SMALL_VOLTAGE = 1e-9
 
 
@@ -68,22 +69,22 @@ class Waveform:
 
     @property
     def displacement(self) -> np.ndarray:
-        """Of the mass, relative to the base."""
+        """Displacement of the mass relative to the base."""
         return self.columns["displacement"]
 
     @property
     def velocity(self) -> np.ndarray:
-        """Of the mass, relative to the base."""
+        """Velocity of the mass relative to the base."""
         return self.columns["velocity"]
 
     @property
     def voltage(self) -> np.ndarray:
-        """At the transducer's terminals."""
+        """Voltage at the transducer's terminals."""
         return self.columns["voltage"]
 
     @property
     def current(self) -> np.ndarray:
-        """From the terminals into the load."""
+        """Current from the terminals into the load."""
         return self.columns["current"]
 
     def data(self) -> tuple[list[str], list[list[float]]]:
@@ -151,7 +152,7 @@ class Waveform:
         return f"<Waveform of {self.scene.name} by {self.engine}: {self.said()}>"
 
     def said(self) -> str:
-        """Its ends, points and columns, in words."""
+        """Range of time, number of points and columns, in words."""
         if not self.time.size:
             return "no points"
         ends = f"{self.time[0]:.4g} to {self.time[-1]:.4g} s, {self.time.size} points"
@@ -189,7 +190,8 @@ def waveform_of(
     electrical : dict of str to ndarray
         See `harvester.simulation.realization.Realization`.
     """
-    # A point that stands there once more has the power that makes the step's mean right.
+    # A repeated point has an adjusted power, so that the mean over the step is right. It is left
+    # out.
     once = np.diff(record.time, prepend=-np.inf) > 0.0
     record = Record(*(column[once] for column in record))
     motion = {name: getattr(record, name) * scales.of(name) for name in _MOTION}

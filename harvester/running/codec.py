@@ -23,10 +23,12 @@ from harvester.estimates.estimate import Density, Estimate
 from harvester.record.jumps import Jumps
 from harvester.record.moments import Moments
 from harvester.record.output_side import OutputMoments
+from harvester.record.strain import StrainMoments
 
-# An answer is some hundred kilobytes; more than this, packed or unpacked, is none (bytes).
+# Largest size of a stored answer, packed or unpacked, in bytes. Usual ones have some hundred
+# kilobytes.
 MOST_BYTES = 32_000_000
-# What a scene and a method decide by themselves; all else may end differently another time.
+# Failures that follow from scene and method alone, and are stored. All others may not happen again.
 LASTING = {
     each.__name__: each
     for each in (
@@ -39,12 +41,13 @@ LASTING = {
         errors.SpringRangeLeft,
     )
 }
-# Reasons that ngspice names and another hour or machine may not have.
+# Reasons that ngspice gives which depend on the machine and the moment.
 PASSING_REASON = re.compile(r"memory|alloc|disk|no space|too many open files", re.IGNORECASE)
 TREE, DIGEST = "tree", "digest"
-# Dataclasses that an answer may hold, by their names.
+# Dataclasses that a stored answer may hold, by name.
 _KNOWN: dict[str, type] = {
-    each.__name__: each for each in (Density, Estimate, Jumps, Moments, OutputMoments)
+    each.__name__: each
+    for each in (Density, Estimate, Jumps, Moments, OutputMoments, StrainMoments)
 }
 
 
@@ -96,7 +99,7 @@ def unpacked(content: bytes, key: str) -> object:
     try:
         arrays = _arrays(content)
         found = str(arrays.pop(DIGEST))
-    # Whatever foreign bytes make the readers raise, memory and recursion included: no answer.
+    # Foreign bytes may raise anything in the readers, MemoryError and RecursionError included.
     except Exception as error:
         raise NotAnAnswer("not a whole answer: damaged, cut off or of another kind") from error
     if found != digest_of(arrays):
@@ -121,7 +124,7 @@ def read(path: os.PathLike, key: str) -> object:
     NotAnAnswer
     """
     try:
-        # Neither through a link, nor waiting for whoever writes into a pipe.
+        # Links are not followed, and opening a pipe does not wait for its writer.
         handle = os.open(path, os.O_RDONLY | os.O_NOFOLLOW | os.O_NONBLOCK)
     except FileNotFoundError:
         raise
@@ -225,7 +228,7 @@ def _array(content):
     file = io.BytesIO(content)
     np.lib.format.read_magic(file)
     shape, _, kind = np.lib.format.read_array_header_1_0(file)
-    # A shape is believed, and memory taken for it, only where so many bytes follow.
+    # Memory is allocated only if the file holds as many bytes as the shape says.
     if kind.kind not in "biufU" or math.prod(shape) * kind.itemsize != len(content) - file.tell():
         raise ValueError("absurd shape")
     file.seek(0)

@@ -122,7 +122,7 @@ def _lock(handle, folder):
         return [f"{folder}: this file system cannot lock: see that no other run writes there"]
     if os.fstat(handle).st_nlink == 0:
         raise FolderInUse(f"{folder}: another run has just ended in this folder; start again")
-    # A second name may be that of somebody's file.
+    # A file with a second name may belong to somebody else.
     if os.fstat(handle).st_nlink == 1:
         with contextlib.suppress(OSError):
             os.ftruncate(handle, 0)
@@ -154,7 +154,7 @@ def _clean(folder):
 
 
 def _let_go():
-    """In a forked process: the lock is the parent's alone, and ends with it."""
+    """Close the lock in a forked process: only the parent holds it."""
     for handle in _HANDLES:
         os.close(handle)
     _HANDLES.clear()

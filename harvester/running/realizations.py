@@ -26,12 +26,12 @@ from harvester.simulation import side_by_side
 from harvester.simulation.methods import Circuit, Engine, engine_of
 from harvester.simulation.realization import empty_moments, run
 
-# Realizations in one task where they run side by side or fast.
+# Realizations in one task if they run side by side or fast.
 REALIZATIONS_TOGETHER = 8
-# Periods of small oscillations in a waveform, and its points, evenly spaced.
+# A waveform has so many periods of small oscillations and so many evenly spaced points.
 PERIODS, WAVEFORM_POINTS = 6.0, 1000
-# From so many realizations on, each has the fewest batches: a run's length is then no part of its
-# realizations' names, and a longer one goes on from a shorter one.
+# From so many realizations on each has the fewest batches. The number of realizations is then no
+# part of the tasks' names, so that a longer run continues a shorter one.
 MANY_REALIZATIONS = TOTAL_BATCHES // FEWEST_TO_DRIFT
 
 
@@ -63,7 +63,7 @@ def realizations(
     found = run(scene, engine_of(method, step=step, **settings or {}), indices, window, report)
     moments = [each.moments for each in found]
     if not density:
-        # By far the largest part.
+        # Histograms are by far the largest part of an answer.
         moments = [dataclasses.replace(m, histograms=np.zeros((1, 0, 0))) for m in moments]
     return {
         "moments": moments,
@@ -82,7 +82,7 @@ def averages(
     dict
         `quantities`, scaled; `density` of the displacement, or None; `seconds` of one core.
     """
-    # Not with this module: a process that simulates starts in half the time without it.
+    # Imported here, not at the head: a process that only simulates starts in half the time.
     from harvester.averaging.of_scene import average, averages_of, estimates_of
 
     clock = time.process_time()
@@ -90,7 +90,7 @@ def averages(
         result = average(scene, method=closure, tolerance=tolerance)
         quantities, shape = result.scaled_quantities, result.densities.get("displacement")
     else:
-        # A table of the density takes as long as all means.
+        # Tabulating the density takes as long as all means.
         found = averages_of(scene, closure, tolerance)
         quantities, shape = estimates_of(found), None
     seconds = time.process_time() - clock
@@ -130,13 +130,13 @@ class Realizations:
         density: bool = False,
         waveform: bool = False,
     ) -> "Realizations":
-        """Those of a scene, several in a task where they cost less so."""
+        """The realizations of a scene. Several form a task if that costs less."""
         size = min(_together(scene, method), scene.run.realizations)
         many = scene.replace({"run.realizations": min(scene.run.realizations, MANY_REALIZATIONS)})
         return cls(many, method, size, version, density, waveform)
 
     def tasks(self, start: int, stop: int, most: float = math.inf) -> list[Task]:
-        """Of the realizations from one to before another; none from `most` on.
+        """The tasks of the realizations from `start` to before `stop`, and none from `most` on.
 
         `start` is a multiple of `size`; the last task may go beyond `stop`, not beyond `most`.
         """
@@ -159,6 +159,7 @@ class Realizations:
         load = self.scene.load.circuit
         rows = load.recorded if load and (load.has_output or load.recorded) else None
         fit = all(_fits(m, self._template, rows, self.density) for m in moments)
+        fit &= all(_strain_fits(m.strain, self._template.strain, self.scene.beam) for m in moments)
         return "" if fit else "its numbers are not those of this scene"
 
     def _task(self, start, most):
@@ -192,7 +193,7 @@ def averaging(scene: Scene, method: Stationary, density: bool = True) -> Task:
     """
     for name in method.settings.keys() & {"fit", "jump_rates"}:
         raise HarvesterError(f"{method}: {name} is for harvester.average alone; leave it out")
-    # A closure's answer does not depend on the run: scenes that differ in it alone are one.
+    # A closure's answer does not depend on [run]: scenes that differ only there are the same.
     run = dataclasses.replace(scene.run, seed=1, realizations=1)
     arguments = {
         "scene": dataclasses.replace(scene, run=run),
@@ -282,3 +283,16 @@ def _jumps_fit(jumps, template):
         elif name not in ("well", "time") and not np.array_equal(found, expected):
             return False
     return True
+
+
+def _strain_fits(strain, template, beam):
+    """The same of the strain at a beam's clamp."""
+    if strain is None or template is None:
+        return strain is template
+    arrays = [(strain.squares, template.squares), (strain.peaks, template.peaks)]
+    if (strain.damage is None) != (beam.fatigue_line is None):
+        return False
+    if strain.damage is not None:
+        arrays.append((strain.damage, template.squares[:, 0]))
+    shaped = all(np.shape(a) == b.shape and (np.isfinite(a) & (a >= 0.0)).all() for a, b in arrays)
+    return shaped and np.array_equal(strain.rows, template.rows)

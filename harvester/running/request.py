@@ -13,6 +13,7 @@ from harvester.estimates.of_run import run_estimates
 from harvester.estimates.settling import unseen_jump
 from harvester.files.plain_text import nearest
 from harvester.files.serialising import plain
+from harvester.prepared.paths import distinct_realizations
 from harvester.prepared.prepared import prepared
 from harvester.prepared.steps import knot_spacing, step_error
 from harvester.running.realizations import MANY_REALIZATIONS, Realizations, averaging
@@ -30,14 +31,15 @@ from harvester.simulation.simulate import require_paths
 
 Found = TypeVar("Found")
 
-# Quantities that a precision holds for where a request names none.
+# A precision applies to these quantities if a request names none.
 JUDGED = ("mean_square_voltage", "power_conversion_efficiency")
 COMPLETE = "complete"
 OUT_OF_TIME = "the time budget was spent"
-# With a precision: realizations of the first round, and the most of all rounds together.
+# With a precision, the first round has so many realizations, and all rounds together at most so
+# many.
 FIRST_REALIZATIONS, MOST_REALIZATIONS = 8, 80
-# The next round brings the realizations to MARGIN times the number that the latest error bar calls
-# for, and to GROWTH times what there is at most: the first error bars are rough.
+# The next round brings the number of realizations to MARGIN times what the latest error bar asks
+# for, and at most to GROWTH times the present number, since the first error bars are rough.
 MARGIN, GROWTH = 1.1, 2.0
 
 
@@ -106,9 +108,10 @@ class Request:
     @property
     def first(self) -> int:
         """Realizations to begin with."""
-        return self.realizations or (
-            FIRST_REALIZATIONS if self.precision else self.scene.run.realizations
-        )
+        if self.precision:
+            return self.realizations or FIRST_REALIZATIONS
+        wanted = self.realizations or self.scene.run.realizations
+        return distinct_realizations(prepared(self.scene), wanted)
 
 
 @dataclass(frozen=True)
@@ -270,7 +273,7 @@ def in_rounds(
 
 def _next_count(had, reached, precision, cut, most):
     """Realizations of the next round, from the error that so many have reached."""
-    # What exceeds the growth is not squared: it may overflow.
+    # The ratio is limited before it is squared, since the square may overflow.
     needed = had * min(MARGIN * min(reached / precision, GROWTH) ** 2, GROWTH)
     return min(max(cut.whole(math.ceil(needed)), had + cut.size), most)
 
@@ -406,7 +409,7 @@ def _reached(request, scene, parameters, scaled):
     square = scaled["mean_square_voltage"].estimate
     measured = scene.run.duration * scene.run.realizations
     unseen = unseen_jump(parameters, square, measured)
-    # A jump's share falls as one over the time, an error as one over its root.
+    # The effect of one jump falls as 1/time, an error as 1/√time.
     if request.precision and unseen > request.precision:
         reached = max(reached, math.sqrt(unseen * request.precision))
     return reached, unseen

@@ -18,7 +18,7 @@ from harvester.running.task import Task, Wanted, compute
 from harvester.simulation.simulate import TIME_LIMIT
 from harvester.workers.pools import LOOK_AROUND, ExecutorPool, WorkerPool, lost
 
-# Answers that are named when they are not believed.
+# At most so many damaged answers are named.
 MOST_NAMED = 10
 
 Plan = Generator[Wanted, list, object]
@@ -122,7 +122,7 @@ class Runner:
         in_turn : bool
             See `follow`.
         """
-        # What is kept for one of them is computed for all: their tasks are the same.
+        # Requests with the same tasks share them: a density that one asks for is computed for all.
         shapes = {_cut(request) for request in requests if request.density}
         plans = [
             answering(request, self.version(request.method.name), _cut(request) in shapes)
@@ -131,7 +131,7 @@ class Runner:
         return self.follow(plans, on_answer, in_turn)
 
     def version(self, method: str) -> str:
-        """Of what computes by an engine or a closure, besides this package."""
+        """The version of the program that an engine or closure uses beside this package."""
         if method != "circuit":
             return ""
         if not self._circuit:
@@ -176,9 +176,9 @@ class _Following:
         self._in_turn = in_turn
         self._store, self._progress = runner._store, runner._progress
         self._returned = [None] * len(plans)
-        # Of a plan: its tasks and their results; of a task's key: the plans that wait for it.
+        # For each plan its tasks and their results; for each task's key the plans that wait for it.
         self._wanted, self._results, self._waiting = {}, {}, {}
-        # Tasks that have not been handed over yet, with what goes before what.
+        # Tasks that have not been handed over yet, with their priorities.
         self._ready, self._number = [], itertools.count()
         self._futures: dict = {}
         self._done: queue.SimpleQueue = queue.SimpleQueue()
@@ -298,7 +298,7 @@ def _outcome(future):
         raise
     except (Exception, CancelledError) as error:
         raise lost(error) from error
-    # What ended the process itself stands there alone.
+    # If the process itself ended, the failure stands there without a time.
     return found if isinstance(found, tuple) else (found, 0.0)
 
 

@@ -8,7 +8,7 @@ from harvester.files.writing import whole_file
 from harvester.running.codec import NotAnAnswer, is_final, packed, read
 from harvester.running.task import Task
 
-# What is not there; None may be an answer.
+# Stands for a missing answer, since None may be an answer.
 MISSING = object()
 
 
@@ -95,7 +95,7 @@ def _check(task, answer):
         return
     try:
         wrong = task.misfit(answer)
-    # Whatever a foreign form makes it stumble over.
+    # Foreign data may raise anything.
     except Exception as error:
         raise NotAnAnswer("has another form than an answer to this") from error
     if wrong:

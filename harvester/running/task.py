@@ -21,9 +21,9 @@ from harvester.errors import (
 from harvester.scene.model import Scene
 from harvester.version import __version__
 
-# Of what names a task: a change of it makes all kept answers strangers.
+# Version of the stored answers. Raising it makes all older ones invalid.
 FORMAT = 4
-# What is missing here is missing for every task: no answer, but the end of the study.
+# A failure of these kinds would repeat in every task, so that it ends the study.
 OF_THE_MACHINE = (EngineNotFound, CompiledDeviceUnavailable, MissingLibrary)
 
 

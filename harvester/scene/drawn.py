@@ -10,13 +10,13 @@ from harvester.device.keys import SI
 from harvester.errors import SceneError
 from harvester.scene.schema import OTHER_KEYS, check_table
 
-# What the drawing gives, and so may not stand beside it.
+# Keys that follow from the drawing. A scene with [beam] may not hold them.
 DRAWN = {
     "oscillator": (
         "mass", "damping", "quality_factor", "damping_ratio", "base_factor", "linear_stiffness",
         "frequency", "cubic_stiffness", "restoring_force", "force_table", "force_interpolation",
     ),
-    "piezo": ("coupling", "capacitance"),
+    "piezo": ("coupling", "capacitance", "base_charge"),
 }  # fmt: skip
 
 
@@ -45,7 +45,10 @@ def with_drawing(tables: dict[str, Any], origin: str) -> dict[str, Any]:
         oscillator |= {"force_table": points, "force_interpolation": "smooth"}
     else:
         oscillator["linear_stiffness"] = values.stiffness
-    piezo = {"coupling": values.coupling, "capacitance": values.capacitance}
+    piezo = {
+        "coupling": values.coupling, "capacitance": values.capacitance,
+        "base_charge": values.rest_charge,
+    }  # fmt: skip
     return {
         **tables,
         "oscillator": given["oscillator"] | oscillator,

@@ -31,9 +31,10 @@ from harvester.scene.source import BUILT_IN, built_in_names, tables_of
 from harvester.scene.toml import plain_tables
 from harvester.scene.units import rest_stiffness, scale
 
-# Keys that a scene is written without where they hold what they hold without being given.
+# A scene is written without these keys if they have their default values.
 RARE_KEYS = (
-    "base_factor", "force_interpolation", "quadratic_damping", "side", "exponent", "law",
+    "base_charge", "base_factor", "force_interpolation", "quadratic_damping", "side", "exponent",
+    "law",
 )  # fmt: skip
 
 
@@ -224,10 +225,11 @@ class Scene:
     stoppers: tuple[Stopper, ...] = ()
     start: Start | None = None
     length_scale: float | None = None
-    # The drawing, of which oscillator and transducer are what it comes to.
+    # The drawing from which oscillator and transducer were computed, if there is one.
     beam: Beam | None = None
     magnets: Magnets | None = None
-    # Of the scene's file; with a load's netlist, all folders where that is looked for, in order.
+    # Folder of the scene's file. With a netlist as load: all folders in which it is searched, in
+    # order.
     folder: str | tuple | None = field(default=None, compare=False, repr=False)
 
     @staticmethod
@@ -275,6 +277,11 @@ class Scene:
                 f"{origin}: run.starts = {scene.run.starts}: starts are for an excitation without "
                 "chance, a sine or one pass of a record; under noise set run.realizations"
             )
+        if scene.run.starts is not None and scene.start is not None:
+            raise SceneError(
+                f"{origin}: run.starts = {scene.run.starts} draws where each realization begins: "
+                "leave out the table [start], or run.starts"
+            )
         _check_range(scene, origin)
         _check_sampling(scene, origin)
         return scene
@@ -321,7 +328,7 @@ class Scene:
                 continue
             if isinstance(part, tuple):
                 plain = [_plain(each, kept) for each in part]
-                # One pair of stoppers is the table [stoppers], any others are [[stoppers]].
+                # One pair of equal stoppers is written as [stoppers], all others as [[stoppers]].
                 part = plain[0] if len(part) == 1 and part[0].side == "both" else plain
                 tables.update({table: part} if part else {})
             elif part is not None:

@@ -14,12 +14,12 @@ if TYPE_CHECKING:
     from harvester.scene.model import Scene
 
 
-# Where a scene is computed and where its spring holds is no property of the device.
+# Numerical settings and the range of validity are no properties of the device.
 NOT_VARIED = ("knot_spacing", "restoring_force_range")
 
 
 def numbers(scene: Scene) -> dict[str, Any]:
-    """Those of its device, load and excitation, not those of its run.
+    """The numbers of a scene's device, load and excitation, without those of its run.
 
     One of several tables, or of a list of numbers, is named by its place, as in `stoppers[1].gap`
     and `oscillator.restoring_force[2]`.
@@ -37,7 +37,7 @@ def numbers(scene: Scene) -> dict[str, Any]:
     for name, keys in {**table_keys(), "excitation": scene.excitation.KEYS}.items():
         if name != "run":
             _collect(found, name, tables.get(name, {}), lambda _, keys=keys: keys)
-    # Every scene but a drawn one has this one, and is written without it where it is 1.
+    # Every scene without a drawing has this key. It is left out where it is 1.
     if scene.beam:
         for name, value in scene.beam.default_values().items():
             found.setdefault(f"beam.{name}", (value, OTHER_KEYS["beam"][name]))

@@ -15,10 +15,11 @@ from harvester.files.plain_text import named, nearest, shown
 from harvester.scene.schema import NESTED_TABLES, REPLACED_KEYS, SEVERAL, table_keys
 from harvester.scene.toml import NotToml, read_toml
 
-# A table's name, perhaps with the place of one of several.
+# A table's name, with an index in brackets if there are several.
 PLACED = re.compile(r"([^\[\]]+)\[(\d{1,6})\]")
-# Texts in quotes, and numbers that begin or end with their point.
+# Matches texts in quotes.
 QUOTED = re.compile(r"""("[^"]*"|'[^']*')""")
+# Match a decimal point without a digit before it, and one without a digit after it.
 NO_DIGIT_BEFORE, NO_DIGIT_AFTER = (
     re.compile(r"(?<![\w.])\.(?=\d)"),
     re.compile(r"(?<=\d)\.(?![\w.])"),
@@ -50,7 +51,7 @@ def parsed(text: str) -> tuple[str, Any]:
             read = read_toml(f"value = {spelling}", f"--set {named(key)}")
         except NotToml:
             continue
-        # A value of several lines would bring keys of its own.
+        # A value that holds a line break would define further keys.
         return key, read["value"] if len(read) == 1 else value
     return key, _number(value)
 
@@ -70,7 +71,7 @@ def _number(text):
             number = kind(text)
         except ValueError:
             continue
-        # "infinity" and the like stay words, which no key takes for a number.
+        # "infinity" and "nan" stay words, which no key accepts as a number.
         return number if math.isfinite(number) else text
     return text
 

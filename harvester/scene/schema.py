@@ -31,9 +31,9 @@ from harvester.device.transducer import TRANSDUCERS
 from harvester.errors import SceneError
 from harvester.files.plain_text import named, nearest, shown
 
-# Points of a table of force, most of them to be smoothed.
+# Most points of a table of force. So many make sense only if it is smoothed.
 MOST_POINTS = 2000
-# As wide as what numpy draws one from.
+# Largest seed: numpy draws seeds of 128 bits.
 LARGEST_SEED = 2**128 - 1
 
 TOP = {
@@ -41,7 +41,7 @@ TOP = {
     "length_scale": positive(units=(SI,)),
 }
 
-# Those of a transducer's table are its own.
+# Keys of all tables but the transducer's, whose class defines its own.
 OTHER_KEYS: dict[str, Any] = {
     "beam": Beam.KEYS,
     "magnets": Magnets.KEYS,
@@ -78,7 +78,7 @@ OTHER_KEYS: dict[str, Any] = {
         "subcircuit": Key(kind=str),
         "parameters": Key(kind=NAMED_VALUES),
     },
-    # Decided by the table's own `kind`.
+    # The keys depend on the table's `kind`.
     "excitation": None,
     "run": {
         "duration": positive(),
@@ -90,7 +90,7 @@ OTHER_KEYS: dict[str, Any] = {
 }
 
 OPTIONAL_TABLES = ("beam", "magnets", "stoppers", "start")
-# Tables that may be there several times, and how often.
+# Tables that may stand several times, with the largest number.
 SEVERAL = {"stoppers": 16}
 NESTED_TABLES = {
     f"{table}.{name}"
@@ -98,7 +98,7 @@ NESTED_TABLES = {
     for name, key in (keys or {}).items()
     if key.kind is NAMED_VALUES
 }
-# A load is the built-in resistor or a netlist: an override of one takes the other's keys out.
+# A load is the built-in resistor or a netlist. Setting a key of one removes the keys of the other.
 RESISTOR_KEYS, NETLIST_KEYS = (
     ("kind", "resistance", "decay_rate"),
     ("netlist", "subcircuit", "parameters"),
@@ -120,7 +120,7 @@ REPLACED_KEYS = {
     "oscillator.quality_factor": ("damping", "damping_ratio"),
     "oscillator.damping_ratio": ("damping", "quality_factor"),
 }
-# Each of these says what the others of its line say: a scene has one of them.
+# Alternatives: each key gives the same property, and a scene holds one of each line.
 SPRING_KEYS = ("linear_stiffness", "frequency", "restoring_force", "force_table")
 DAMPING_KEYS = ("damping", "quality_factor", "damping_ratio")
 

@@ -11,14 +11,14 @@ import numpy as np
 from harvester.errors import SceneError
 from harvester.files.plain_text import named, shown
 
-# Bytes; a scene holds no data.
+# Largest scene in bytes. A scene holds no data.
 LARGEST_SCENE = 2**18
-# A list of lists is one deeper than a list.
+# Deepest nesting of tables and lists.
 DEEPEST = 16
 MOST_VALUES = 10_000
 LONGEST_TEXT = 4096
-# Of all lines, the squares of their numbers of dots: reading a dotted key takes the square of its
-# parts.
+# Limit on the sum over all lines of (number of dots)². The time to read a dotted key grows with the
+# square of its parts.
 MOST_DOTS_SQUARED = 4_000_000
 
 
@@ -43,7 +43,7 @@ def read_toml(text: str, origin: str) -> dict[str, Any]:
         raise NotToml(f"{origin}: not a TOML file: {named(' '.join(str(error).split()))}") from None
     except RecursionError:
         raise SceneError(f"{origin}: tables or lists are nested too deeply") from None
-    # Of Python's own limit on the length of whole numbers.
+    # Python limits the length of whole numbers.
     except ValueError:
         raise SceneError(f"{origin}: a number has too many digits") from None
 

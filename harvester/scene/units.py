@@ -18,13 +18,15 @@ from harvester.device.terminals import Setting
 from harvester.errors import LoadError, SceneError
 
 if TYPE_CHECKING:
-    from harvester.device.spring import Spring
-    from harvester.scene.model import Oscillator, Scene
+    from collections.abc import Iterator
 
-# Knots per period of small oscillations.
+    from harvester.device.spring import Spring
+    from harvester.scene.model import Oscillator, Scene, Stopper
+
+# Knots of the noise per period of small oscillations.
 KNOTS_PER_PERIOD = 40
-# Dimensions of time, which is never rescaled.
-UNSCALED = ("rate", "hourly_rate", "time")
+# Dimensions that are never rescaled, since time is not; stress is in Pa.
+UNSCALED = ("rate", "hourly_rate", "time", "stress")
 
 
 @dataclass(frozen=True)
@@ -62,7 +64,7 @@ def scale(scene: Scene) -> tuple[System, Scales]:
     place = setting(scene)
     mass, length = place.mass, place.length
     if scene.excitation.prescribes_displacement:
-        # Only the transducer is left: what drives a mass without spring and damper is its η.
+        # Without spring and damper only the transducer is left; its η drives the mass.
         parts: dict[str, Any] = {"spring": polynomial(()), "damper": damper(0.0), "contacts": ()}
     else:
         made = restoring_spring(scene.oscillator, mass, length)
@@ -73,10 +75,7 @@ def scale(scene: Scene) -> tuple[System, Scales]:
                 scene.oscillator.quadratic_damping * length / mass,
             ),
             "contacts": tuple(
-                _contact(each, side, mass, length)
-                for each in scene.stoppers
-                if each.stiffness > 0.0
-                for side in _sides(each, made)
+                _contact(each, side, mass, length) for each, side in acting_stoppers(scene, made)
             ),
         }
     transducer = scene.transducer.equations(place)
@@ -116,6 +115,14 @@ def rest_stiffness(oscillator: Oscillator) -> float:
     """F' at the stiffest rest position of the spring, in the scene's units; 0 without any."""
     made = restoring_spring(oscillator)
     return max([float(made.slope(float(x))) for x in made.roots()], default=0.0)
+
+
+def acting_stoppers(scene: Scene, spring: Spring) -> Iterator[tuple[Stopper, str]]:
+    """(stopper, side) of each contact of the scaled device, in its order."""
+    for each in scene.stoppers:
+        if each.stiffness > 0.0:
+            for side in _sides(each, spring):
+                yield each, side
 
 
 def _sides(stopper, made):
@@ -160,13 +167,16 @@ def setting(scene: Scene) -> Setting:
     """What a scene's transducer is built into: `harvester.device.terminals.Setting`."""
     scaled = scene.units != "SI"
     mass: Any = 1.0 if scaled else scene.oscillator.mass
+    length = 1.0 if scaled else length_scale(scene)
+    rests = scene.excitation.prescribes_displacement
     return Setting(
         scene.units,
         mass,
-        1.0 if scaled else length_scale(scene),
+        length,
         load_resistance(scene),
         scene.load.decay_rate,
         scene.name,
+        0.0 if rests else excitation_unit(scene, length),
     )
 
 

@@ -41,7 +41,7 @@ def _import_styles():
     import matplotlib
 
     folder_of_settings = matplotlib.get_configdir
-    # A folder without styles.
+    # A folder without styles: the user's own styles are not read.
     matplotlib.get_configdir = lambda: str(PACKAGE)
     try:
         import matplotlib.style

@@ -72,7 +72,7 @@ def _print(figure, target, **options):
     figure.savefig(target, **options)
 
 
-# What stood here before: where it is now.
+# Names that stood here before, with their present place.
 _FORMER = {
     **dict.fromkeys(
         ("draw_result", "draw_density", "frame", "axis_label"), "harvester.results.drawing"

@@ -9,13 +9,15 @@ import math
 from typing import Protocol
 
 NOT_KNOWN = "—"
-# Digits of a value whose error is below them: more is rounding.
+# Most digits of a value. More would show rounding.
 MOST_DIGITS = 6
 PREFIXES = {-12: "p", -9: "n", -6: "µ", -3: "m", 0: "", 3: "k", 6: "M", 9: "G"}
-# Units that take a prefix; of seconds only small ones do.
-PREFIXED = ("V", "W", "m", "m/s", "s", "J", "A", "Ω", "F", "H", "Hz")
+# Units that take a prefix. Seconds take only prefixes below 1.
+PREFIXED = ("V", "W", "m", "m/s", "s", "J", "A", "Ω", "F", "H", "Hz", "Pa")
 SHARES = ("efficiency", "share")
-# Counts from which two digits tell enough.
+# Numbers from here on are printed with a power of ten.
+LONGEST = 1e7
+# Counts above this are rounded to two digits.
 ROUNDED_COUNT = 1000.0
 
 
@@ -63,7 +65,7 @@ def value_and_error(value: float, error: float | None) -> str:
     if error < 0.5 * 10.0**-most:
         bound = "0" if error == 0.0 else f"<1e-{most}" if most else "<1"
         return f"{value:.{most}f} ± {bound}"
-    # Rounded first: 0.0996 has its two digits in 0.10.
+    # The error is rounded first, so that 0.0996 is shown as 0.10.
     places = max(0, 1 - math.floor(math.log10(float(f"{error:.1e}"))))
     return f"{_without_sign_of_zero(value, places)} ± {error:.{places}f}"
 
@@ -90,7 +92,7 @@ def prefixed(value: float, unit: str) -> tuple[float, str]:
     power, own = int(raised or 1), base.strip("()")
     if own not in PREFIXED or power not in (1, 2) or not value or not math.isfinite(value):
         return 1.0, in_print(unit)
-    # Of squares a prefix counts twice: 0.001 … 1000 is shown without one.
+    # A prefix of a squared unit counts twice, so that squares between 0.001 and 1000 have none.
     decades = math.floor(math.log10(abs(value)) + 1e-9) + (0 if power == 1 else 3)
     exponent = min(max(3 * (decades // (3 * power)), min(PREFIXES)), max(PREFIXES))
     if own == "s":
@@ -111,8 +113,17 @@ def quantity(value: float, unit: str = "", digits: int = 4) -> str:
 
 
 def number(value: float, digits: int = 4) -> str:
-    """A plain number; a dash where there is none."""
-    return f"{value + 0.0:.{digits}g}" if math.isfinite(value) else NOT_KNOWN
+    """A plain number; a dash where there is none.
+
+    Examples
+    --------
+    >>> number(139247.7), number(1.392e-5), number(2.5e9)
+    ('139200', '1.392e-05', '2.5e+09')
+    """
+    if not math.isfinite(value):
+        return NOT_KNOWN
+    text = f"{value + 0.0:.{digits}g}"
+    return f"{float(text):.0f}" if "e+" in text and abs(value) < LONGEST else text
 
 
 def count(size: float | None) -> str:

@@ -4,7 +4,7 @@ from collections.abc import Iterable
 from itertools import cycle
 
 CIRCUIT, MONTE_CARLO = "#0072B2", "#D55E00"
-# Of the closures: colour and line.
+# Colour and line style of each closure.
 LINES = {
     "paper": ("0.55", "--"),
     "consistent": ("#009E73", "-"),
@@ -12,7 +12,7 @@ LINES = {
     "spectral": ("#332288", "-."),
 }
 CLOSURE_MARKERS = dict(zip(LINES, "*Xhp", strict=False))
-# Of the families in `harvester.verification.accuracy.methods`: colour and marker.
+# Colour and marker of each family of methods in `harvester.verification.accuracy.methods`.
 _FAMILIES = {
     "PWL in the netlist, trapezoidal": ("#E69F00", "v"),
     "PWL in the netlist, gear": ("#CC79A7", "d"),

@@ -14,7 +14,7 @@ SYMBOLS = {
     "mean_output_power": "output power",
 }
 
-# Words and SI units of the keys that studies vary.
+# Names and SI units of the keys that studies vary.
 KEYS = {
     "oscillator.mass": ("mass", "kg"),
     "oscillator.damping": ("damping", "N s/m"),
@@ -26,6 +26,7 @@ KEYS = {
     "piezo.coupling": ("piezoelectric coupling", "N/V"),
     "piezo.capacitance": ("capacitance of the piezo", "F"),
     "piezo.leakage_resistance": ("leakage resistance of the piezo", "Ω"),
+    "piezo.base_charge": ("charge that the base moves", "C s²/m"),
     "coil.coupling": ("coupling of the coil", "V s/m"),
     "coil.resistance": ("resistance of the coil", "Ω"),
     "coil.inductance": ("inductance of the coil", "H"),
@@ -37,7 +38,7 @@ KEYS = {
     "excitation.amplitude": ("amplitude", "m/s²"),
     "excitation.frequency": ("frequency", "Hz"),
 }
-# Those in seconds or without a unit in every scene.
+# These units are the same in scaled scenes.
 ALWAYS = ("s", "1/s", "Hz", "1")
 
 EFFICIENCIES = {

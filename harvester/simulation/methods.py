@@ -46,7 +46,7 @@ class Engine(Method):
 
     @property
     def name(self) -> str:
-        """That of its class in `ENGINES`."""
+        """The name of its class in `ENGINES`."""
         return ENGINES.name_of(type(self))
 
     @property
@@ -136,12 +136,12 @@ class Circuit(Engine):
 
     @property
     def title(self) -> str:
-        """Its name, with the source where it is not the usual one."""
+        """The name, with the source of the noise if it is not the default."""
         return self.name if self.source == "external" else f"{self.name} ({self.source} source)"
 
     @property
     def chooses_steps(self) -> bool:
-        """With a source in the netlist ngspice takes its own steps."""
+        """True if ngspice chooses its steps, which it does with a source in the netlist."""
         return self.source == "pwl"
 
     def check(self, scene: Scene) -> None:
@@ -233,8 +233,8 @@ def _integrator(scene: Scene) -> Any:
 ENGINES: Registry[type[Engine]] = Registry(
     "harvester.engines", {"circuit": Circuit, "monte-carlo": MonteCarlo}
 )
-# Options of `simulate` where they are left out; those of a method that is given as an object stand
-# in the object.
+# Defaults of the options of `simulate`. If a method is given as an object, the object holds its
+# options.
 DEFAULTS = {"step": "default", "source": "external", "device": "automatic"}
 
 

@@ -17,27 +17,27 @@ from harvester.estimates.of_run import run_estimates
 from harvester.estimates.settling import slow_exchange
 from harvester.estimates.units import unit_of
 from harvester.estimates.well_balance import FEWEST_JUMPS
+from harvester.prepared.paths import distinct_realizations
 from harvester.prepared.prepared import prepared
 from harvester.prepared.steps import knot_spacing, step_error, steps_per_knot
-from harvester.results.orbit import Attractor
+from harvester.results.orbit import UNTOLD, Attractor
 from harvester.results.residual_cause import suspected_cause
 from harvester.results.result import Result
 from harvester.results.waveform import waveform_of
 from harvester.scene.model import Scene
-from harvester.simulation.orbits import attractors, several_starts
 from harvester.simulation.realization import Realization
 
 if TYPE_CHECKING:
     from harvester.device.system import System
     from harvester.simulation.methods import Engine
 
-# Largest energy balance residual that is not an error; a result with more than the second carries
-# a note.
+# A result whose energy balance residual exceeds the first is an error; above the second it has a
+# note.
 LARGEST_RESIDUAL = 0.1
 NOTED_RESIDUAL = 0.01
 
 
-# The sums of a run that diverged may overflow: its residual is then no number, which is refused.
+# The sums of a run that diverged may overflow. Its residual is then NaN, which is refused.
 @np.errstate(over="ignore", invalid="ignore")
 def result_of(
     scene: Scene,
@@ -45,8 +45,9 @@ def result_of(
     realizations: list[Realization],
     failures: dict[int, SimulationError],
     outcome: str = "complete",
+    motions: tuple[Attractor, ...] = (),
 ) -> Result:
-    """The result of realizations that came to their end, failures named."""
+    """The result of realizations that came to their end, failures named, with their motions."""
     ready = prepared(scene)
     parameters, scales = ready.system, ready.scales
     moments = [realization.moments for realization in realizations]
@@ -54,18 +55,17 @@ def result_of(
     last = max(realization.ended for realization in realizations)
     cost = step_error(ready, engine.step, engine.name)
     found = run_estimates(ready, moments, cost)
-    shapes = densities(found.moments, is_symmetric(scene, parameters), found.balance)
+    drawn = scene.run.starts is not None
+    shapes = densities(found.moments, is_symmetric(scene, parameters), found.balance, drawn)
     joints = [realization.joint for realization in realizations if realization.joint is not None]
     joint = joint_density_of(joints, is_symmetric(scene, parameters)) if joints else None
     kept = [each.stroboscope for each in realizations if each.stroboscope is not None]
     samples = np.array(kept) if kept else None
-    motions: tuple[Attractor, ...] = ()
-    if samples is not None and several_starts(scene):
-        motions = attractors(scene, samples, moments, cost)
     if found.shortfalls:
         shapes = {name: replace(shape, standard_error=None) for name, shape in shapes.items()}
     if found.shortfalls or slow_exchange(scene, found.balance):
-        # Its samples have no weights: their shares of the wells are those of the starts.
+        # Samples of the joint density have no weights, so that their shares of the wells follow the
+        # starts.
         joint = joint and replace(joint, standard_error=None)
     return Result(
         scene=scene,
@@ -88,7 +88,7 @@ def result_of(
             *_notes_on_starts(scene, motions),
             *found.notes,
             *_density_notes(found, shapes),
-            *_failure_notes(failures, scene),
+            *_failure_notes(failures, len(moments)),
         ),
         failures={index: f"{type(e).__name__}: {e}" for index, e in failures.items()},
         densities=shapes,
@@ -152,21 +152,35 @@ def notes_on_excitation(scene: Scene) -> tuple[str, ...]:
 
 def _notes_on_starts(scene, motions):
     """How many motions a run without chance tells of."""
-    if scene.excitation.random or scene.excitation.prescribes_displacement:
+    if scene.excitation.random:
         return ()
-    if scene.run.realizations == 1:
+    count, given = distinct_realizations(prepared(scene)), scene.run.realizations
+    repeated = _notes_on_repetition(count, given)
+    if count == 1:
         system = prepared(scene).system
+        if scene.excitation.prescribes_displacement:
+            return repeated
         if system.spring.straight and not system.contacts and scene.load.is_resistor:
-            return ()
+            return repeated
         return (
+            *repeated,
             "one start: a driven device that is not linear may have other motions with other "
             "powers: set run.starts = 100, or ask harvester basins",
         )
     unit = unit_of(scene, "power")
-    lines = tuple(each.sentence(unit) for each in motions)
-    if any(each.period is None and each.periodic_drive for each in motions):
-        lines += ("whether what has no period is chaotic: harvester basins gives its exponent",)
-    if len(motions) > 1:
+    lines = (*repeated, *(each.sentence(unit) for each in motions))
+    if any(each.kind == UNTOLD for each in motions):
+        lines += (
+            "whether what has no period is chaotic: run.starts = 100 or harvester basins give its "
+            "exponent",
+        )
+    if scene.run.starts:
+        lines += (
+            "the quantities above are means over all starts; their error bars hold the chance of "
+            f"{given} drawn starts; a motion that fewer than {3.0 / given:.1%} of all starts come "
+            "to may be missing",
+        )
+    elif len(motions) > 1:
         lines += (
             "the quantities above are means over all starts; their error bars hold for these "
             "starts alone: others have other shares",
@@ -174,11 +188,22 @@ def _notes_on_starts(scene, motions):
     return lines
 
 
-def _failure_notes(failures, scene):
+def _notes_on_repetition(count, given):
+    """How many of the realizations asked for have a start of their own."""
+    if count == given:
+        return ()
+    starts = "there is one" if count == 1 else f"there are {count}, one in each well"
+    return (
+        f"run.realizations = {given}: without chance in the excitation realizations differ by "
+        f"their starts alone, and {starts}: each is run once; run.starts = 100 draws others",
+    )
+
+
+def _failure_notes(failures, good):
     if not failures:
         return ()
     first = next(iter(failures.values()))
-    return (f"{len(failures)} of {scene.run.realizations} realizations failed: {first}",)
+    return (f"{len(failures)} of {len(failures) + good} realizations failed: {first}",)
 
 
 def checked(result: Result) -> Result:

@@ -24,6 +24,8 @@ from harvester.record.moments import prepare as prepare_moments
 from harvester.record.output_side import OutputMoments
 from harvester.record.range_watch import with_range_watch
 from harvester.record.record import Record
+from harvester.record.strain import StrainMoments, strain_watches
+from harvester.record.strain import prepare as prepare_strain
 from harvester.record.stroboscope import Stroboscope, strobe_times
 from harvester.simulation.methods import Engine
 
@@ -148,7 +150,7 @@ class _WatchedOutput:
 class Reporter:
     """Sends the moments of all realizations so far, several times a second."""
 
-    # A record without points will do.
+    # A record without points is enough.
     reads_points = False
 
     def __init__(self, moments: list[Moments], report: Callable) -> None:
@@ -195,7 +197,7 @@ def run(
     ready = prepared(scene)
     paths = [noise_path(ready, index) for index in indices]
     moments = [empty_moments(ready) for _ in indices]
-    # Only a netlist has an output side or stores.
+    # Only a netlist has an output side and stores.
     outputs: list[Any] | None = None
     load = scene.load.circuit
     nodes = stretch.nodes if stretch else ()
@@ -215,8 +217,13 @@ def run(
     strobes = [Stroboscope(*strobe_times(ready)) if stroboscope else None for _ in indices]
     for watching, *others in zip(observers, waveforms, joints, strobes, strict=True):
         watching[:0] = [each for each in others if each is not None]
+    strained = strain_watches(ready, moments)
+    for watching, watch in zip(observers, strained, strict=False):
+        watching[:0] = [watch]
     engine.prepare(ready)
     prepare_moments()
+    if strained:
+        prepare_strain()
     if joint_density:
         prepare_joint()
     started = time.time()
@@ -227,6 +234,8 @@ def run(
     for each, seen in zip(moments, outputs or (), strict=False):
         if each.output:
             each.output.conductance, each.output.capacitance = seen.conductance, seen.capacitance
+    for watch in strained:
+        watch.close()
     elapsed, seconds = time.perf_counter() - clock, time.process_time() - processor
     # Realizations that finish before their first progress report still report once.
     report(moments)
@@ -285,6 +294,7 @@ def empty_moments(ready: Prepared) -> Moments:
     )
     if saddles:
         moments.jumps = Jumps.empty(parameters, moments.start, moments.batch_length, batches)
+    moments.strain = StrainMoments.of(ready, batches)
     return moments
 
 
@@ -303,7 +313,8 @@ def _period(scene):
 def _measured(ready, spacing):
     """When measuring begins (s), and the numbers of batches and groups: whole periods if it can."""
     run, period = ready.scene.run, _period(ready.scene)
-    batches, groups = batch_counts(run.realizations, run.duration / spacing)
+    one_path = period is None and not ready.scene.excitation.random
+    batches, groups = batch_counts(run.realizations, run.duration / spacing, one_path)
     if period is None or period > run.duration:
         return run.settle, batches, groups
     periods = math.floor(run.duration / period + 1e-9)

@@ -13,12 +13,13 @@ if TYPE_CHECKING:
     from harvester.prepared.prepared import Prepared
 
 # More copies in one netlist are no faster, as `work-precision` measures: behavioural elements soon
-# fill the processor's cache.
+# exceed the processor's cache.
 MOST_COPIES = {"behavioural": 16, "compiled": 200}
-# The realizations of a run are split into at least so many netlists, for the machine's cores,
+# The realizations of a run are split into at least so many netlists, to use all cores.
 FEWEST_NETLISTS = 8
-# but for copies too few to pay for the steps that they share: 32 compiled ones are 1.7 times as
-# fast as 8 and 3.7 times as fast as behavioural ones. Two netlists there are even so.
+# Fewest copies in one netlist, since copies share the shortest step: 32 compiled ones are 1.7 times
+# as fast as 8, and 3.7 times as fast as behavioural ones. There are at least two netlists all the
+# same.
 FEWEST_COPIES = {"behavioural": 1, "compiled": 32}
 FEWEST_FOR_COPIES = 2
 

@@ -16,11 +16,12 @@ from harvester.simulation.methods import check_step as check_step
 if TYPE_CHECKING:
     from concurrent.futures import Executor
 
+    from harvester.results.orbit import Attractor
     from harvester.results.result import Result
     from harvester.scene.model import Scene
     from harvester.workers.pools import Workers
 
-# Wall-clock limit of one realization (s) where the user sets none.
+# Default wall-clock limit of one realization, in seconds.
 TIME_LIMIT = 3600.0
 
 
@@ -125,7 +126,7 @@ def simulate(
     if isinstance(method, Stationary):
         return _averaged(scene, method.beside_options(given, DEFAULTS))
     from harvester.simulation import outcome, spread
-    from harvester.simulation.orbits import several_starts
+    from harvester.simulation.orbits import attractors, several_starts
 
     engine = engine_of(method, **given)
     engine.check(scene)
@@ -138,12 +139,15 @@ def simulate(
             together = spread.copies_that_pay(scene, engine, pool)
             calls = spread.calls_of(scene, engine, together, stretch, joint_density, strobe)
             outcomes = spread.outcomes(pool, calls, time_limit, follow, keep_going)
+            good = {k: o for k, o in enumerate(outcomes) if not isinstance(o, SimulationError)}
+            motions: tuple[Attractor, ...] = ()
+            if several_starts(scene):
+                motions = attractors(scene, engine, good, pool, time_limit)
     except SimulationError as error:
         error.partial = outcome.partial_result(scene, engine, error)
         raise
     failures = {k: o for k, o in enumerate(outcomes) if isinstance(o, SimulationError)}
-    realizations = [each for each in outcomes if not isinstance(each, SimulationError)]
-    found = outcome.result_of(scene, engine, realizations, failures)
+    found = outcome.result_of(scene, engine, [*good.values()], failures, motions=motions)
     return outcome.checked(found if stroboscope else replace(found, stroboscope=None))
 
 

@@ -12,6 +12,7 @@ from harvester.arguments import listed
 from harvester.device import timescales
 from harvester.errors import HarvesterError, LoadError, SimulationError
 from harvester.files.plain_text import named
+from harvester.prepared.paths import distinct_realizations
 from harvester.prepared.prepared import prepared
 from harvester.prepared.steps import stop_time
 from harvester.scene.model import Scene
@@ -20,8 +21,8 @@ from harvester.simulation.methods import Circuit, Engine, MonteCarlo
 from harvester.simulation.realization import Realization, Stretch, run
 from harvester.workers.pools import Workers, processes
 
-# Length of the waveform that is kept where no window is asked for, in periods of small
-# oscillations; and its points, which a load that switches fast may reach before.
+# If no window is asked for, the waveform has so many periods of small oscillations and at most so
+# many points. A load that switches fast may reach the number of points first.
 SHOWN_PERIODS, MOST_POINTS = 50, 100_000
 
 
@@ -39,7 +40,7 @@ def running(
 
 def copies_that_pay(scene: Scene, engine: Engine, pool: Workers) -> int:
     """Realizations in one call of an engine: those that it is told, else as many as pay."""
-    count = scene.run.realizations
+    count = distinct_realizations(prepared(scene))
     if isinstance(engine, MonteCarlo):
         workers = getattr(pool, "size", math.inf)
         return side_by_side.together(count, workers) if scene.load.is_resistor else 1
@@ -70,7 +71,7 @@ def calls_of(
     stroboscope: bool = False,
 ) -> list[dict[str, Any]]:
     """Arguments of `harvester.simulation.realization.run`, `copies` realizations in each."""
-    indices = range(scene.run.realizations)
+    indices = range(distinct_realizations(prepared(scene)))
     return [
         {
             "scene": scene,
@@ -154,7 +155,8 @@ class Follower:
 
     def __init__(self, scene: Scene, method: str, progress: Callable[[float, str], object]):
         self._method = method
-        self._total = (scene.run.settle + scene.run.duration) * scene.run.realizations
+        count = distinct_realizations(prepared(scene))
+        self._total = (scene.run.settle + scene.run.duration) * count
         self._reached: dict[int, float] = {}
         self._sum = 0.0
         self._progress = progress

@@ -22,13 +22,19 @@ if TYPE_CHECKING:
     from harvester.stationary.propagator import Grid
 
 NEIGHBOURS = 6
-LANES = 8  # nodes of X' in a row that take their shares together, some of them none
-PATH_TOLERANCE = 1e-6  # of a step along a path, as a share of the greatest displacement and speed
-MOST_TRIALS = 250  # steps along a path, in the mean
-MOST_OF_ALL_PATHS = 4e7  # steps: seven seconds
-SAMPLED = 8  # one of so many nodes of X and of X' begins a path that tells how long all take
+# So many neighbouring nodes of X' receive their shares in one vector operation.
+LANES = 8
+# Largest local error of a step along a path, as a share of the greatest displacement and speed.
+PATH_TOLERANCE = 1e-6
+# Most steps per path, on average over all paths.
+MOST_TRIALS = 250
+# Most steps of all paths together. So many take seven seconds.
+MOST_OF_ALL_PATHS = 4e7
+# Every eighth node of X and of X' starts a trial path, from which the work of all is estimated.
+SAMPLED = 8
 SAFETY, SHRINK, GROWTH = 0.9, 0.2, 5.0
-# Of Dormand and Prince: weights of the stages before each one, and in what order four has else.
+# Dormand and Prince's method: the weights of the stages before each one, and the difference between
+# the weights of order five and order four, which estimates the error.
 STAGES, OFF = np.vstack([np.pad(RK45.A, ((0, 0), (0, 1))), RK45.B]), RK45.E
 
 
@@ -104,7 +110,8 @@ def _ends(s, x, z, v, time, most, end_x, end_v):
                         # The last stage is at the end.
                         here, speeds[0], pushes[0] = place, speeds[-1], pushes[-1]
                         left -= h
-                    # A step cut short by the end of the time tells nothing against longer ones.
+                    # A step that only the end of the interval made short does not limit the next
+                    # one.
                     if off > 1.0 or h == length or change < 1.0:
                         length = h * change
                     trials += 1.0

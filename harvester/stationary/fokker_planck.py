@@ -31,7 +31,7 @@ if TYPE_CHECKING:
     from harvester.device.system import System
     from harvester.stationary.grid_density import GridDensity
 
-# The coarse grid on which the region is found, and the first one for the answer; see `Level`.
+# The coarse grid on which the region is found, and the first grid of the answer; see `Level`.
 REGION_LEVEL = Level(5.0, 2.2, 1.7, 3, 3, 50.0)
 FIRST_LEVEL = Level(6.0, 3.0, 2.3, 4, 3)
 # The error of the nodes of Z falls exponentially with their number: so many are taken for each
@@ -63,7 +63,7 @@ SLOWEST_DECAY = 2e-3
 FARTHER = 2.0
 LINE_TOLERANCE_SHARE = 0.3
 CONTINUED_WORK = 2.0
-# The first coarse grid may give an E[X'²] that is wrong by this factor.
+# The first coarse grid may give an E[X'²] that is wrong by up to this factor.
 UNTOLD_FACTOR = 2.0
 # Two grids that differ in their steps give Richardson's correction for an error of second order.
 # Where steps are long the error is of higher order: CORRECTION_TAKEN of it is added. The stated
@@ -80,13 +80,13 @@ JUDGED = (
     "mean_square_velocity",
     "mean_square_displacement",
 )
-# A negative one is the small difference of large numbers: refused.
+# A negative value of these is rounding in the difference of large numbers. It is refused.
 NEVER_NEGATIVE = ("mean_square_voltage", "power_in")
-# An efficiency's error beyond the second is judged as a share of the first at most: where 1 % of a
-# high one would be more, 0.3 points are asked for.
+# The tolerance of an efficiency is relative up to 0.3. Above it is 0.3 points at a tolerance of 1
+# %, so that a high efficiency does not get more.
 HIGH_EFFICIENCY, FEW_POINTS = 0.3, 3e-3
 
-# Arrays are small: threads of BLAS double the processor time and take nothing off the clock's.
+# Arrays are small: more threads of BLAS double the processor time and shorten no run.
 ONE_THREAD = {"limits": 1, "user_api": "blas"}
 
 
@@ -207,7 +207,7 @@ def _refined(task, share=1.0):
     _refine(grids, "nodes")
     while (known := _changed(nodes))[1] > tolerance:
         _refine(grids, "nodes", known)
-    # What the nodes leave undone would pass for an error of the step.
+    # On the coarser grid the error of the nodes would be taken for one of the step.
     before, after = (each.means.get("well_crossing_rate", 0.0) for each in nodes[-2:])
     rate, time = task.device.transducer.decay_rate(), period(task.device)
     leaking = rate * time < 1.0 and abs(after - before) > SPARSE_GRID_CROSSINGS * before
@@ -325,7 +325,7 @@ def _compared(grids, find):
 
     Empty where it takes too many steps.
     """
-    # In their order: what one grid learns serves those after it.
+    # The order matters: each grid starts from what the one before it found.
     found = find(dict.fromkeys(each for pair in grids.values() for each in pair))
     if not found:
         return {}, {}
@@ -335,7 +335,7 @@ def _compared(grids, find):
 
 
 def _summed(values, taken, doubted):
-    """Those of the first grid with all that finer ones changed, and shares of the last changes.
+    """The means, summed from the first grid and the changes on finer ones, with their errors.
 
     Of the last change of each respect one share is taken as well, and one is its error.
     """

@@ -17,7 +17,8 @@ if TYPE_CHECKING:
 
     from harvester.stationary.propagator import Grid
 
-JOINT_POINTS = 321  # displacements, and velocities, at which the joint density is tabulated
+# Points per axis of the tabulated joint density of displacement and velocity.
+JOINT_POINTS = 321
 
 
 class GridDensity:
@@ -55,7 +56,7 @@ class GridDensity:
 
     @cached_property
     def _voltage(self):
-        """Of the last of some grids alone: it takes as long as all else here."""
+        """The density of the voltage. It takes as long as all others: last grid only."""
         if len(self._grid.z) == 1:
             voltage = self._transducer.voltage(self.v, 0.0)
             return CubicSpline(voltage, self._velocity(self.v) * self.v[-1] / voltage[-1])
@@ -123,6 +124,6 @@ class GridDensity:
         for side in (1.0, -1.0)[: 1 + self.paired]:
             there = [side * place for place in places]
             inside = [(e[0] <= p) & (p <= e[-1]) for e, p in zip(ends, there, strict=True)]
-            # Between steep nodes the shares of a mass undershoot.
+            # Between steep nodes the interpolated density falls below zero.
             total += np.where(np.all(inside, axis=0), np.maximum(spline(*there), 0.0), 0.0)
         return total / (1 + self.paired)

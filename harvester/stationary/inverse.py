@@ -13,17 +13,25 @@ from harvester.stationary.propagator import Grid, whole
 
 Map = Callable[[np.ndarray], np.ndarray]
 
-LARGEST_BASIS = 2e8  # bytes: of larger states fewer directions are held at a time
-MOST_DIRECTIONS = 150  # held at a time
-MOST_SOUGHT = 400  # for one solution
-POOR_DIRECTION_REST = (
-    0.9  # share of a rest left by a direction, beyond which the inverse it began as is no help
-)
-KEPT, BYTES = np.float32, 4  # of what is kept: what it takes off is known as well as it is kept
-SMALLEST_NEW_PART = 1e-6  # of a direction's part that is new, below which nothing is left to find
-# Share of a rest that is left at least, before it is told anew: directions are kept in that too.
+# Largest memory of the directions, in bytes. Fewer are held if the state is large.
+LARGEST_BASIS = 2e8
+# Most directions held at a time.
+MOST_DIRECTIONS = 150
+# Most directions tried for one solution.
+MOST_SOUGHT = 400
+# If a direction leaves more than this share of the residual, the coarser grid's inverse that it
+# began with is of no use.
+POOR_DIRECTION_REST = 0.9
+# Number type of the directions that are kept, and its size in bytes. The change of each is kept in
+# the same precision, so that rounding does no harm.
+KEPT, BYTES = np.float32, 4
+# If less than this share of a direction is new, the iteration has nothing left to find.
+SMALLEST_NEW_PART = 1e-6
+# A residual is computed anew once it has fallen to this share. Kept directions have single
+# precision, so that more than this cannot be removed in one go.
 REDUCTION_IN_ONE_GO = 3e-3
-SUFFICIENT_REDUCTION = 0.1  # share of a rest that the coarser grid leaves
+# The coarser grid's solution is accurate enough when this share of the residual is left.
+SUFFICIENT_REDUCTION = 0.1
 
 
 class Inverse:
@@ -85,7 +93,7 @@ class Inverse:
             rest = left(state)
             before, size = size, float(np.linalg.norm(rest))
             enough = max(self.allowed, REDUCTION_IN_ONE_GO * size)
-            # Nodes of Z from which much is shared beyond their range magnify what rounding leaves.
+            # Outer nodes of Z have large weights and magnify rounding errors.
             state = state + self(rest, enough, before)
         return state
 
@@ -138,7 +146,7 @@ class Inverse:
         if self._directions.size == 0:
             held = int(LARGEST_BASIS / (2 * BYTES * new.size))
             shape = max(1, min(MOST_DIRECTIONS, held)), new.size
-            # Pages of these that are never written are never taken.
+            # The system gives memory only to pages that are written.
             self._directions, self._changes = (np.empty(shape, KEPT) for _ in range(2))
         if self._count == len(self._changes):
             self._count = 0
@@ -146,7 +154,7 @@ class Inverse:
         change = (self._decayed * new - self._later(new)).ravel()
         whole = np.linalg.norm(change)
         along = np.zeros(n, KEPT)
-        for _ in range(2):  # the second time takes off what rounding left
+        for _ in range(2):  # the second pass removes the rounding error of the first
             part = self._changes[:n] @ change.astype(KEPT)
             change -= part @ self._changes[:n]
             along += part

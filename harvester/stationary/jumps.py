@@ -23,15 +23,22 @@ if TYPE_CHECKING:
     from harvester.stationary.propagator import Grid
     from harvester.stationary.solution import Solution
 
-# What a period changes of the slowest state but for its decay, as a share of it; and of the
-# saddles' crossings in a period, by about which the eigenvalue of rare jumps differs from 1.
+# The slowest state is accepted if a period changes it, apart from its decay, by less than the
+# first, or by less than the second times the crossings of the saddles in a period. (These are about
+# the distance of the eigenvalue from 1 if jumps are rare.)
 STATE_TOLERANCE, CROSSINGS_TOLERANCE = 1e-6, 2e-4
-MOST_LEFT = 3.0  # of that, where it has been corrected; more is corrected anew
-START_TOLERANCE = 1e-5  # of an eigenvalue, as a share: what single precision tells
-VECTORS = 20  # of Arnoldi's method, between two restarts
-REACHED = 1e-7  # of the mass in the cores, as a share: left to be found, for rare jumps
-MOST_WORK = 2e8  # amplitudes moved by a step, on a grid, for either
-PARTS_OF_NODE = 5  # in X and in X' that tell how much of a node's surroundings lies in a core
+# A corrected state may miss that limit by this factor; otherwise it is corrected again.
+MOST_LEFT = 3.0
+# Relative tolerance of the first eigenvalue, about the rounding error of single precision.
+START_TOLERANCE = 1e-5
+# Vectors of Arnoldi's method between two restarts.
+VECTORS = 20
+# If jumps are rare, the iteration stops when this share of the mass in the cores is unassigned.
+REACHED = 1e-7
+# Most amplitudes moved on one grid, for the slowest state and for the jumps each.
+MOST_WORK = 2e8
+# Each node's cell is divided into 5 by 5 points, which give the share of it that lies in a core.
+PARTS_OF_NODE = 5
 
 
 class _Found:
@@ -54,7 +61,7 @@ class _Found:
             raise AveragingError("rates of jumps take too many steps")
 
     def inverse(self, later: Callable, parity: float, decayed: float = 1.0) -> Inverse:
-        """Of a map of states of this parity."""
+        """The inverse of a map of states with this parity."""
         known = self.coarser.inverses[parity] if self.coarser else None
         found = Inverse(self.solution.grid, later, known, decayed=decayed, parity=parity)
         self.inverses[parity] = found
@@ -77,7 +84,7 @@ class _SlowestDecay(_Found):
         else:
             state = moved(coarser.state, coarser.solution.grid, grid, parity)
             self.decayed = coarser.decayed
-        # Where jumps are rare this sum tells mass that has changed wells.
+        # If jumps are rare, this sum is the mass that has changed wells.
         self._signs = np.sign(state[:, :, 0])
         self._exact, self._single = exact, exact.single()
         self.state, time = self._later(state, exact), solution.steps * grid.step
@@ -124,7 +131,7 @@ class _SlowestDecay(_Found):
         return float(np.sum(self._signs * state[:, :, 0]))
 
     def _by_arnoldi(self, propagator):
-        """From nothing; refused where it oscillates, which no rate tells."""
+        """The slowest decay by Arnoldi's method. One that oscillates has no rate and is refused."""
         shape = self.solution.grid.shape
         start = self.solution.before_flow * self.solution.grid.x[:, None, None, None]
         operator = LinearOperator(
@@ -164,7 +171,7 @@ class _Jumps(_Found):
             single = self._later(exacts[parity].single(), outside.astype(np.float32))
             self.inverse(single, parity)
         self.masses = [p]
-        # A period leaves all mass as it is, and what enters each core.
+        # A period conserves all mass, and the mass that enters each core.
         entering = [np.einsum("xzv,uxv->u", p[:, :, 0], cores)]
         for weights, parity in zip(combinations[1:], parities[1:], strict=True):
             later = self._later(exacts[parity], outside)
@@ -194,7 +201,7 @@ class _Jumps(_Found):
         return later
 
     def _last_in_cores(self, later, source, guess, parity):
-        """From the mass between the saddles beside each core, or as the coarser grid has it."""
+        """The mass by the core it was in last, found from the coarser grid's or the wells'."""
         coarser, p = self.coarser, self.masses[0]
         if coarser is None:
             start = guess[:, None, None, None] * p

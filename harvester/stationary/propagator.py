@@ -26,8 +26,10 @@ from harvester.compilation import summing
 from harvester.device.system import elastic_force, state_rate
 from harvester.stationary.flow import lagrange, shared, shared_ends
 
-LEAST_MEMORY = 1e-6  # τ1, in steps, below which it makes no difference
-FASTEST_PHASE = 1.5  # ω dt beyond which a train of pushes is not corrected further
+# A correlation time τ1 shorter than this many steps gives the same numbers as this many.
+LEAST_MEMORY = 1e-6
+# The correction of the pushes' spectrum stops growing at this ω dt.
+FASTEST_PHASE = 1.5
 
 
 class Grid(NamedTuple):
@@ -62,12 +64,12 @@ class Grid(NamedTuple):
 
     @property
     def shape(self) -> tuple[int, int, int, int]:
-        """Of a state: nodes of X and Z, Hermite functions of η, nodes of X'."""
+        """The shape of a state: nodes of X and Z, Hermite functions of η, nodes of X'."""
         return len(self.x), len(self.kept), self.modes, len(self.v)
 
     @property
     def push_bytes(self) -> int:
-        """Of the matrices that push the noise, for a whole and half a step, and of their making."""
+        """Bytes of the noise's matrices for whole and half steps, and of computing them."""
         complex_matrices = 4 * len(self.x) * (len(self.v) // 2 + 1) * self.modes**2
         return 16 * complex_matrices
 

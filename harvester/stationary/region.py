@@ -29,29 +29,29 @@ NODES_WITHOUT_MIRROR = 1
 # Devices whose charge displaces the mass by more half widths are refused: there the charge decides
 # whether the potential has a well at all.
 GREATEST_DISPLACEMENT = 2.0
-# The same limit while the region is still being looked for: its width is not yet known well.
+# The same limit while the region is still sought, when its width is inaccurate.
 HOPELESS_DISPLACEMENT = 4.0
 # A normal density falls to 1e-6 of its peak at √(2 ln 1e6) = 5.26 standard deviations.
 GIBBS_REACH = 5.3
-# A coarse grid shows a density down to SEEN of its peak. A normal one falls to 1e-6 at
+# A coarse grid resolves a density down to SEEN of its peak. A normal one falls to 1e-6 at
 # √(ln 1e6 / ln 1e3) = 1.414 times that distance.
 SEEN, BEYOND = 1e-3, 1.42
-# More than this share of the peak at an end of the range: the density goes on beyond it.
+# If the density at an end of the range exceeds this share of its peak, it goes on beyond the end.
 GATHERED = 1e-4
 # Peaks lower than this share of the highest one do not decide how fine the grid is.
 SECOND_PEAK = 0.2
 # The grid's edge lies at least at 1.2² = 1.44 times the energy of the highest saddle: 1.2 times its
 # speed.
 EDGE_ENERGY_IN_BARRIERS = 1.44
-# The part of the motion that noise with a memory displaces counts up to so many standard
+# Noise with a memory displaces the mass slowly. This displacement counts up to so many standard
 # deviations.
 HELD_DEVIATIONS = 4.0
-# The range is by this factor wider than the motion that was found.
+# The range is wider than the motion found by this factor.
 REGION_MARGIN = 1.05
-# From one level to the next there are so many times the nodes, or so many times the steps.
+# From one level to the next the number of nodes, or of steps, grows by this factor.
 NODE_REFINEMENT = 4.0 / 3.0
 STEP_REFINEMENT = 1.5
-# Nodes of Z that the next level has more.
+# The next level has so many nodes of Z more.
 CHARGES_ADDED = 3
 # Mass beyond the last node of Z is shared among the nodes by a polynomial, whose weights grow with
 # the distance; the nodes reach so far that none exceeds this.
@@ -59,8 +59,8 @@ LARGEST_WEIGHT = 1e2
 # Each step shares mass anew among the nodes, with an error of order six in their distance: with
 # STEP_REFINEMENT times the steps, so many times the nodes keep that error as it was.
 STEADY = STEP_REFINEMENT ** (1.0 / 6.0)
-# From one attempt to the next a region shrinks to this share at most: a grid that is much too wide
-# shows little but that.
+# A region shrinks at most to this share in one attempt: a grid that is much too wide gives no
+# accurate width.
 STRONGEST_SHRINKING = 0.4
 # Two regions are alike, and the search ends, if their speeds, cores and ranges have ratios between
 # these, and their means differ by less than SAME_MEAN of the range.
@@ -159,15 +159,15 @@ class Region(NamedTuple):
         width, core = _widths(x, along_x)
         cores = np.array([core, _widths(v, along_v)[1], width])
         fastest = BEYOND * np.abs(v)[along_v > SEEN * along_v.max()].max()
-        # A grid much too wide tells little but that.
+        # A grid that is much too wide gives no accurate width.
         speed = max(fastest, STRONGEST_SHRINKING * before.speed)
         least = STRONGEST_SHRINKING * np.array([before.core, before.core_speed, before.width])
         mean = float(x @ along_x / along_x.sum())
         region = cls.of_speed(device, speed, tuple(np.maximum(cores, least)), mean, well)
         if well is None:
             return region
-        # As far as the density of X: noise with a memory takes no speed to displace. A range that
-        # ends where the density does not tells no more than that there is more.
+        # The range follows the density of X, since noise with a memory displaces the mass without
+        # speed. If the density does not end within the range, the range can only be extended.
         shape = along_x / along_x.max()
         seen = x[shape > SEEN]
         left, right = (
@@ -214,7 +214,7 @@ class Region(NamedTuple):
         return cls(left - spare, right + spare, REGION_MARGIN * speed, *cores, mean, well)
 
     def grid(self, device: System, level: Level, step: float) -> Grid:
-        """Its nodes on a level; where half of them tells the others, these alone."""
+        """The nodes of a level. Where half of them mirror the others, only that half."""
         follows = device.transducer.decay_rate() > 0.0
         mirrored = self.well is None and device.symmetric and follows
         noise = device.noise.correlation_time
@@ -228,7 +228,7 @@ class Region(NamedTuple):
         )
 
     def displaced(self, device: System) -> float:
-        """By how many half widths of its density the greatest Z displaces the mass."""
+        """The displacement of the mass by the greatest Z, in half widths of its density."""
         if device.transducer.decay_rate() == 0.0:
             return 0.0
         _, reach = self._charge(device)
@@ -253,7 +253,8 @@ class Region(NamedTuple):
         nodes = 2 * nodes if mirrored else nodes + NODES_WITHOUT_MIRROR
         far = max(self.right - centre, centre - self.left)
         moved = -np.expm1(-device.transducer.decay_rate() * step)
-        # As a share of the reach: there polynomials of so high a degree are at most so large.
+        # As a share of the reach: up to there Chebyshev polynomials of this degree stay below the
+        # weight.
         beyond = np.cosh(np.arccosh(LARGEST_WEIGHT) / nodes) - 1.0
         reach = max(reach, far * moved / (moved + beyond))
         return centre + reach * np.polynomial.legendre.leggauss(nodes)[0]
@@ -310,7 +311,7 @@ def _widths(nodes, density):
     peaks = peaks if peaks.size else np.array([values.argmax()])
     sides = []
     for deviations in (1.0, 3.0):
-        # Up to where a normal density has fallen for so many of them.
+        # Where a normal density has fallen after so many standard deviations.
         fallen = [values <= np.exp(-0.5 * deviations**2) * values[peak] for peak in peaks]
         left = [_first(low[peak::-1]) for peak, low in zip(peaks, fallen, strict=True)]
         right = [_first(low[peak:]) for peak, low in zip(peaks, fallen, strict=True)]

@@ -18,24 +18,31 @@ if TYPE_CHECKING:
     from harvester.device.system import System
     from harvester.stationary.region import Level, Region
 
-MOST_WORK = 4e8  # amplitudes moved by a step, on all grids together: five to ten seconds
-LEAST_PERIODS = 6  # on a grid
-LARGEST_PUSHES = 2e8  # of the noise's pushes on a grid (bytes)
-LARGEST_LOAD_DECAY = 2.8  # greatest λ dt, times the steps of a period
-# More of them by the share of its stiffness that a device has from its coupling.
+# Most amplitudes moved, times steps, on all grids together: five to ten seconds.
+MOST_WORK = 4e8
+# Fewest periods that the work on a grid must allow.
+LEAST_PERIODS = 6
+# Largest memory of the matrices of the noise on a grid, in bytes.
+LARGEST_PUSHES = 2e8
+# Upper limit of λ dt times the number of steps in a period.
+LARGEST_LOAD_DECAY = 2.8
+# The number of steps grows by this times the share of the stiffness that comes from the coupling.
 STEPS_OF_STRONG_COUPLING = 3.0
-# More of them where a spring stiffens: so many times the share by which it makes the fastest motion
-# faster than small oscillations.
+# If the spring stiffens, the number of steps grows by this times the share by which the fastest
+# motion exceeds the frequency of small oscillations.
 STEPS_OF_STIFFENING = 1.25
-# Of a contact that lasts less than a sixth of a period; where it is much shorter, the noise moves
-# little in it.
+# A contact shorter than a sixth of a period shortens the step, at most by the second factor: during
+# a much shorter contact the noise hardly changes.
 CONTACTS_OF_A_STEP, MOST_STEPS_FOR_CONTACTS = 1.0 / 6.0, 2.0
-# Rest of a period, in tolerances, as a share of what the slowest part moves in it.
+# The residual of a period, in tolerances, may be this share of what the slowest mode moves in it.
 RESIDUAL_OVER_TOLERANCE = 2e-2
-# Crossings in a period below which wells that are not alike are told apart where they hold so much.
+# If wells that differ are crossed less often per period than the first, those that hold at least
+# the second share of the time get a direction of their own.
 RARE_JUMPS, LEAST_SHARE_OF_WELL = 1e-2, 1e-9
-LEAST_RESIDUAL = 1e-8  # which rounding leaves
-LEAST_SINGLE_SHARE = 1e-6  # of a density, down to which a rest is known in single precision
+# Rounding does not allow a smaller residual.
+LEAST_RESIDUAL = 1e-8
+# Residuals below this share of the density are computed in double precision.
+LEAST_SINGLE_SHARE = 1e-6
 
 
 class Task:
@@ -109,13 +116,13 @@ class Solution:
             start = _gibbs(device, region, grid)
         else:
             start = moved(coarser.state, coarser.grid, grid)
-            # Those in a period between wells that are not alike.
+            # Jumps in a period between wells that differ.
             if "share_of_time_in_well_1" in coarser.means:
                 jumps = time * coarser.means.get("well_crossing_rate", np.inf)
         if jumps < RARE_JUMPS:
             wells = unlike_wells(device, grid)
             self._wells = wells[wells @ start[:, :, 0].sum(axis=(1, 2)) > LEAST_SHARE_OF_WELL]
-        # Of what a slow part leaves undone, only so small a share of the density changes at a time.
+        # The slower a mode, the smaller the share of its error that a period changes.
         slow = min(1.0, jumps, (device.transducer.decay_rate() or np.inf) * time)
         share = max(RESIDUAL_OVER_TOLERANCE * level.tolerance * slow, LEAST_RESIDUAL)
         self.state: np.ndarray = self._settled(start, share, exact)
@@ -133,10 +140,10 @@ class Solution:
 
     def _settled(self, start, share, exact):
         """The stationary state, from one that is near it; a period changes so small a share."""
-        # What a new grid makes of its start at once is no part of what is sought.
+        # The first period on a new grid removes what the interpolation between grids added.
         state = self._later(start).astype(float)
         state /= state[:, :, 0].sum()
-        # What jumps move is slow against all else: many other directions would not tell it.
+        # Jumps are slow against all else: many other directions would not represent them.
         for alone in self._of_wells(state)[1:]:
             self._inverse.extend(alone - state)
         teller = exact if share < LEAST_SINGLE_SHARE else self.propagator
@@ -164,7 +171,7 @@ class Solution:
         return change
 
     def _of_wells(self, state):
-        """Its part in each of the wells between which jumps are rare, of sum 1."""
+        """The parts of a state in wells between which jumps are rare, each with sum 1."""
         parts = self._wells[:, :, None, None, None] * state
         return parts / parts[:, :, :, 0].sum(axis=(1, 2, 3))[:, None, None, None, None]
 
@@ -172,8 +179,8 @@ class Solution:
         grid, transducer = self.grid, self.task.transducer
         x, v, charge = grid.x[:, None, None], grid.v, grid.x[:, None, None] - grid.kept[:, None]
         current = transducer.current(v, charge)
-        # What the noise adds to ½X'² in a step is known far better than what the contacts take, in
-        # times shorter than a step.
+        # The energy that the noise adds in a step is far more accurate than the energy that
+        # contacts take, which act in times shorter than a step.
         flowed = self.propagator.flowed(self.before_flow)
         gained = (self.propagator.pushed(flowed) - flowed)[:, :, 0]
         power_in = float(np.sum(gained * v**2)) * 0.5 / grid.step
@@ -220,5 +227,5 @@ def _gibbs(device, region, grid):
 
 
 def period(device: System) -> float:
-    """Of small oscillations (s)."""
+    """The period of small oscillations (s)."""
     return 2.0 * np.pi / timescales.angular_frequency(device)

@@ -16,19 +16,24 @@ from scipy.ndimage import convolve1d, map_coordinates
 if TYPE_CHECKING:
     from harvester.stationary.propagator import Grid
 
-# Takes off what changes sign from node to node, and keeps moments up to the third.
+# This filter removes what changes sign from node to node, and keeps moments up to the third.
 SMOOTHING = np.array([-1.0, 4.0, 10.0, 4.0, -1.0]) / 16.0
-VALUES = 481  # of X − Z at which the density is known
-COUNTED_MASS = 1e-4  # share of the greatest mass from which a place tells of Z
-NORMAL_TAIL = 5.0  # standard deviations of a normal density
+# Number of voltages X − Z at which the density is tabulated.
+VALUES = 481
+# Places with less than this share of the greatest mass are left out of the density of Z.
+COUNTED_MASS = 1e-4
+# A normal density is followed up to so many standard deviations.
+NORMAL_TAIL = 5.0
 NORMALS_AT_A_TIME = 4000
-NORMAL_FOURTH_MOMENT = 0.03  # share by which normal densities may miss the fourth moment
-# Of the density of greatest entropy: its degree, the values of Z at which it is known, and how
-# loosely it keeps to the first moment, and by how much more to each higher one, which nodes tell
-# less well.
+# Normal densities are used if they miss the fourth moment by less than this share.
+NORMAL_FOURTH_MOMENT = 0.03
+# The density of greatest entropy: its degree, the number of values of Z at which it is tabulated,
+# the weight ε₁ of the penalty on the first moment, and its growth with each higher moment, which
+# the nodes give less accurately.
 DEGREE, CHARGES, LOOSENESS, LOOSER = 12, 121, 2e-5, 2.0
 MOST_ITERATIONS, SETTLED, MOST_HALVINGS = 60, 1e-6, 30
-SUFFICIENT_DECREASE = 1e-4  # of what the slope predicts (Armijo)
+# A step of the search must achieve this share of the decrease that the slope predicts (Armijo).
+SUFFICIENT_DECREASE = 1e-4
 
 
 def density_of_charge(grid: Grid, mass: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -60,7 +65,7 @@ def density_of_charge(grid: Grid, mass: np.ndarray) -> tuple[np.ndarray, np.ndar
 
 
 def _of_normals(grid, mass):
-    """By normal densities of Z at each X and X', no narrower than nodes of X leave no gap."""
+    """p(V) from normal densities of Z at each X and X', so wide that nodes of X leave no gap."""
     moments = np.einsum("nz,xzv->nxv", [grid.z**power for power in range(3)], mass)
     for axis in (1, 2):
         moments = convolve1d(moments, SMOOTHING, axis=axis, mode="constant")
@@ -78,7 +83,7 @@ def _of_normals(grid, mass):
 
 
 def _of_greatest_entropy(grid, mass):
-    """By densities of Z at each X, from the moments that the nodes tell of it."""
+    """p(V) from densities of greatest entropy of Z at each X, by the moments of the nodes."""
     x, z = grid.x, grid.z
     along = convolve1d(mass.sum(axis=2), SMOOTHING, axis=0, mode="constant")
     held = along.sum(axis=1)
@@ -89,7 +94,7 @@ def _of_greatest_entropy(grid, mass):
     shares = np.zeros((x.size, CHARGES))
     shares[rows] = held[rows, None] * _greatest_entropy(_polynomials(place, degree), moments)
     charge = np.linspace(x[0] - z[-1], x[-1] - z[0], VALUES)
-    # At each value of Z, the density of X that is as far away.
+    # For each value of Z, the density of X at the distance V from it.
     row = (charge[:, None] + middle + half * place - x[0]) / (x[1] - x[0])
     column = np.broadcast_to(np.arange(CHARGES), row.shape)
     return charge, np.maximum(map_coordinates(shares, [row, column]), 0.0).sum(axis=1)

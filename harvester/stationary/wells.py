@@ -19,11 +19,13 @@ if TYPE_CHECKING:
     from harvester.stationary.grid_density import GridDensity
     from harvester.stationary.propagator import Grid
 
-HELD_BACK = 16.0  # E[X'²] in a barrier that hardly any motion passes
-# Share of the exponent of the rate of jumps out of a well that is sure, and by how much that is
-# above the exponent of any other: the time in the other is then below exp(−6) of the whole.
+# Hardly any motion passes a barrier of more than so many E[X'²].
+HELD_BACK = 16.0
+# Only this share of a well's exponent S is relied upon. If it exceeds the exponent of every other
+# well by 6, the share of time in the others is below exp(−6), and one well is laid.
 SURE_SHARE, LEAST_LEAD = 0.8, 6.0
-ENERGIES, PLACES = 24, 201  # of orbits, and along each, that tell that exponent
+# The exponent is an integral over so many energies, and so many places along each orbit.
+ENERGIES, PLACES = 24, 201
 
 
 def between_wells(device: System, density: GridDensity) -> dict[str, float]:
@@ -108,7 +110,7 @@ def _exponent(device, well):
     x = np.linspace(low, high, PLACES)
     above = energies[:, None] - (potential(device, x) - float(potential(device, well)))
     v = np.sqrt(2.0 * np.maximum(above, 0.0))
-    # Of what is lost at X' the integral over time is that of loss/X' over X, both ways.
+    # The energy lost in a cycle is the integral of loss/X' over X, there and back.
     lost = np.vectorize(lambda x, v: loss_power(device, x, v, 0.0, True))(x, v)
     action = 2.0 * np.trapezoid(v, x)
     loss = 2.0 * np.trapezoid(lost / np.maximum(v, np.finfo(float).tiny), x)

@@ -8,9 +8,9 @@ if TYPE_CHECKING:
     from harvester.studies.loads.study import save as save
     from harvester.studies.public import load_study as load_study
 
-# Imported where they are used: reading a study's signature needs no numba.
+# Imported at their first use, so that reading a study's signature needs no numba.
 _WHERE = {"load_study": "harvester.studies.public", "save": "harvester.studies.loads.study"}
-# Former names and what took their place; they work for one release more.
+# Former names, and what to use instead. They work for one release more.
 _FORMER = {"Report": "what load_study returns", "to_dataset": "its to_xarray()"}
 __all__ = [*_WHERE]
 

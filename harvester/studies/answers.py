@@ -10,6 +10,7 @@ from typing import Any
 from harvester.arguments import check_name
 from harvester.errors import HarvesterError, LoadError, OutOfTime
 from harvester.estimates.estimate import Estimate
+from harvester.estimates.strain import without_line
 from harvester.method import Method
 from harvester.prepared.prepared import prepared
 from harvester.prepared.steps import knot_spacing, resolving
@@ -55,6 +56,9 @@ def check_quantity(quantity: str, answer: Any) -> None:
     ------
     HarvesterError
     """
+    missing = without_line(answer.scene, quantity)
+    if missing:
+        raise HarvesterError(missing)
     check_name("quantity", quantity, tuple(answer.quantities))
 
 
@@ -93,7 +97,7 @@ def value_of(answer: Any, quantity: str) -> float:
 
 
 def missing_from(quantity: str, estimate: Estimate) -> list[str]:
-    """In a sentence, what the runs were too short for: it moves what is found from them as well.
+    """Sentences on what the runs were too short for, which affects what is derived from them too.
 
     Parameters
     ----------

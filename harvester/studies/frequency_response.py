@@ -31,6 +31,7 @@ from harvester.prepared.steps import knot_spacing
 from harvester.record.range_watch import with_range_watch
 from harvester.scene.model import Scene
 from harvester.scene.units import Scales
+from harvester.show.numbers import quantity
 from harvester.show.palette import CIRCUIT, MONTE_CARLO
 from harvester.show.panels import Panel, Series, draw_panels, is_wide
 from harvester.simulation.methods import engine_of
@@ -42,15 +43,15 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
     from xarray import Dataset
 
-# At each frequency a transient falls to this share before the measurement.
+# The measurement at a frequency begins when the transient has fallen to this share.
 SETTLED_SHARE = 1e-4
-# Pieces of the sine at one frequency, beyond which no run ends.
+# Most knots of the sine at one frequency. No run with more would end.
 MOST_KNOTS = 1e10
-# Measured periods of the lowest frequency; the change from their first to their second half is
-# the residual.
+# So many periods of the lowest frequency are measured. The change from their first half to their
+# second is the residual.
 MEASURED_PERIODS = 16
 NOTED_RESIDUAL = 0.01
-# Quantity, its dimension.
+# Quantities and their dimensions.
 QUANTITIES = {
     "displacement_amplitude": "displacement",
     "absolute_amplitude": "displacement",
@@ -64,7 +65,7 @@ QUANTITIES = {
 USUAL = ("displacement_amplitude", "rms_voltage", "mean_power")
 AT_THE_OUTPUT = ("mean_output_voltage", "mean_output_power")
 G = 9.80665
-# Colour, line and mark of each direction.
+# Colour, line style and marker of each direction.
 UP, DOWN = (CIRCUIT, "-", ">"), (MONTE_CARLO, "--", "<")
 
 
@@ -203,7 +204,7 @@ class FrequencyResponse:
             best = int(np.argmax(getattr(sweep, name)))
             lines.append(
                 f"sweep {sweep.direction}: most {name.removeprefix('mean_').replace('_', ' ')}, "
-                f"{self.values(name, sweep)[best]:.4g} {self.unit('power')}, at "
+                f"{quantity(self.values(name, sweep)[best], self.unit('power'))}, at "
                 f"{self.frequencies[best]:.4g} Hz"
             )
             unsettled = int(np.count_nonzero(~(sweep.residual <= NOTED_RESIDUAL)))
@@ -221,7 +222,7 @@ class FrequencyResponse:
         place = self.frequencies[int(np.nanargmax(getattr(sweep, self.power)))]
         words = self.power.removeprefix("mean_").replace("_", " ")
         return (
-            f"most {words}: {power:.4g} {self.unit('power')} at {place:.4g} Hz, sweep "
+            f"most {words}: {quantity(power, self.unit('power'))} at {place:.4g} Hz, sweep "
             f"{sweep.direction}, by {self.engine}"
         )
 
@@ -342,7 +343,7 @@ def one_direction(
 
 
 def rising_frequencies(frequencies: Any) -> np.ndarray:
-    """In Hz, each once, of a list, a generator, an array or one number.
+    """Frequencies in Hz in rising order, each once, from a list, generator, array or number.
 
     Raises
     ------
@@ -470,7 +471,8 @@ def _integrals(times, values, edges):
 
 
 def _integral_to(times, values, total, edge):
-    # Where a switch turns there are two points at one time: none of length 0 is found.
+    # Where a switch turns there are two points at the same time. The interval found has a length
+    # above 0.
     place = max(int(np.searchsorted(times, min(edge, times[-1]))) - 1, 0)
     since = edge - times[place]
     slope = (values[place + 1] - values[place]) / (times[place + 1] - times[place])

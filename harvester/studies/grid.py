@@ -18,11 +18,11 @@ from harvester.scene.model import Scene
 from harvester.scene.numbers import numbers
 from harvester.scene.schema import table_keys
 
-# Both name the load's resistor, whether it is the built-in one or a netlist's parameter.
+# Either key names the load's resistor, be it the built-in one or a netlist's parameter.
 RESISTANCES = ("load.parameters.resistance", "load.resistance")
-# Numbers of a run that are whole.
+# Keys of [run] with whole numbers.
 WHOLE = ("run.seed", "run.realizations")
-# Time constants of a load's output between a realization's start and its measured time.
+# A realization settles for at least so many time constants of the load's output.
 CHARGING_TIMES = 5.0
 OWN_LOAD = "scene"
 SWEEPS_WRITTEN = '{}={{"load.resistance": [1e4, 1e5]}}'
@@ -162,7 +162,7 @@ def _check_sweep(scene, key, values, any_key):
 
 
 def _every_key():
-    """Those that a scene may hold, whatever its tables; one of several is a number's name."""
+    """All keys that a scene may hold, whatever its tables."""
     kinds = {
         "excitation.kind",
         *(f"excitation.{key}" for kind in KINDS.values() for key in kind.KEYS),
@@ -179,7 +179,7 @@ def _at(scene, values):
             if scene.load.decay_rate is not None:
                 if value == 0.0:
                     raise HarvesterError(f"--sweep {RESISTANCES[1]}: 0: must be a number > 0")
-                # Of the scaled resistor, whose λ is 1/R.
+                # In scaled scenes the resistor is given by λ = 1/R.
                 key, value = "load.decay_rate", 1.0 / value
         changes[key] = int(value) if key in WHOLE and value % 1 == 0 else value
     return scene.replace(changes)

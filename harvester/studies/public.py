@@ -56,17 +56,17 @@ if TYPE_CHECKING:
     from harvester.studies.sweep import Sweep
     from harvester.workers.pools import Workers
 
-# Monte Carlo everywhere, and the circuit as its judge at some places.
+# The default: Monte Carlo everywhere, and the circuit as its judge at some places.
 JUDGED = "judged"
-# Wall-clock seconds of a load study with a precision, unless told otherwise.
+# Default time budget of a load study with a precision, in seconds.
 TIME_BUDGET = 540.0
-# Rows of a design of devices.
+# Default number of rows of a design of devices.
 ROWS = 64
-# How a caller writes what is varied.
+# Example for messages.
 OVER = 'over={"load.resistance": (1e4, 1e6)}'
 METHODS_WRITTEN = 'methods=["monte-carlo"]'
 QUANTITIES_WRITTEN = 'quantities=["mean_power"]'
-# What the folder of a load study and that of a sensitivity study get.
+# Files in the folder of a load study, and in that of a sensitivity study.
 LOAD_STUDY_FILES = (
     "load-study.nc",
     "load-study.csv",
@@ -439,7 +439,7 @@ def load_study(
     grid = make_grid(scene, loads, sweeps or {})
     methods = tuple(work.method_at(point.scene, chosen, judge) for point in grid.points)
     with open_runner(**running) as runner:
-        # Here already, so that a machine without ngspice says so before it has worked.
+        # Asked here already, so that a machine without ngspice says so before any work.
         version = runner.version((judge or chosen).name)
         aim = precision if statistical else None
         plans = [
@@ -470,7 +470,7 @@ def sensitivity(
     vary: Distributions | None = None,
     *,
     covariance: Annotated[Mapping[str, Any] | str | Path, Kind("FILE")] | None = None,
-    quantity: str = "mean_power",
+    quantity: str | None = None,
     method: MethodOrName | None = None,
     above: Annotated[float, Kind("LIMIT")] | None = None,
     rows: int = ROWS,
@@ -489,8 +489,9 @@ def sensitivity(
     covariance : dict or file
         JSON of `harvester identify`: its values scatter as far as records leave them open, along
         the principal axes (`harvester.studies.sensitivity.joint_tolerance`).
-    quantity : str
+    quantity : str or None
         mean_power, power_conversion_efficiency, of a load with an output mean_output_power, …
+        (default: the power, at the output where the load has one).
     method : str, Method or None
         An engine or a closure (default: monte-carlo, or circuit where the load needs it).
     above : float or None
@@ -535,6 +536,7 @@ def sensitivity(
         tolerances += axes
     chosen = work.checked(scene, tolerances, method, rows)
     shape = rows, len(tolerances) + 2
+    quantity = quantity or _power_of(scene)
     with open_runner(**running) as opened:
         study = work.study_of(scene, tolerances, quantity, chosen, above, shape, precision, opened)
     return replace(study, seconds=time.perf_counter() - clock)
@@ -620,10 +622,14 @@ def optimum(
             )
         ranges = dict.fromkeys(ranges, (low, high))
     ends = {key: _ends(key, each) for key, each in ranges.items()}
-    if maximise is None:
-        load = scene.load.circuit
-        maximise = "mean_output_power" if load and load.has_output else "mean_power"
+    maximise = maximise or _power_of(scene)
     return largest(scene, ends, maximise, method, closure, evaluations, precision, running)
+
+
+def _power_of(scene):
+    """The power that a load is for: at its output where it has one."""
+    load = scene.load.circuit
+    return "mean_output_power" if load and load.has_output else "mean_power"
 
 
 def _ends(key, ends):

@@ -17,7 +17,7 @@ from scipy.interpolate import PPoly
 from harvester.device.coil import Coil, ResistiveCoil
 from harvester.device.force_table import ForceTable
 from harvester.device.hertz import HertzDamp
-from harvester.device.piezo import Piezo
+from harvester.device.piezo import PiezoLaw
 from harvester.device.polynomial import Polynomial
 from harvester.device.ranged import Ranged
 from harvester.errors import SceneError
@@ -42,7 +42,7 @@ def run(scene: Scene, index: int, report: Callable = ignore) -> np.ndarray:
     equations = Equations(ready.system)
     noise, spacing = noise_at_knots(scene, index), knot_spacing(ready)
     state = np.array(start_state(ready, index), dtype=float)
-    equations.begin(state)
+    equations.begin(state, noise[0])
     states = np.empty((noise.size - 1, 3))
     for knot in range(noise.size - 1):
         slope = (noise[knot + 1] - noise[knot]) / spacing
@@ -65,7 +65,9 @@ class Equations:
         self._damping = system.damper.damping
         self._drag = getattr(system.damper, "quadratic_damping", 0.0)
         self._electrical, self.voltage = _electrical_equations(system.transducer)
-        # (side, gap, law) of each single stopper; v0 that each holds; whether it is touched.
+        # κ of V' = X' + κ η' − λ V.
+        self._base_share = getattr(system.transducer, "base_share", 0.0)
+        # For each stopper: side, gap and law; then the v0 that it holds, and whether it is touched.
         for contact in system.contacts:
             if not isinstance(contact.law, HertzDamp):
                 raise _not_written_out(contact.law)
@@ -77,9 +79,13 @@ class Equations:
         self._held = [0.0] * len(self._stoppers)
         self._touching = [False] * len(self._stoppers)
 
-    def begin(self, state: np.ndarray) -> None:
-        """Take up the contacts of a run's first state, each with the speed it stands for."""
+    def begin(self, state: np.ndarray, noise: float) -> None:
+        """Take up a run's first state: its contacts, each with the speed it stands for, its charge.
+
+        `state` is changed.
+        """
         x, v, _ = state
+        state[2] += self._base_share * noise
         for k, (side, gap, law) in enumerate(self._stoppers):
             depth = side * x - gap
             self._touching[k] = depth > 0.0
@@ -124,7 +130,7 @@ class Equations:
             def depth(time, state, *_):
                 return side * state[0] - gap
 
-            # What scipy's `solve_ivp` asks of an event.
+            # `solve_ivp` expects attributes on the function of an event.
             event: Any = depth
             event.terminal = True
             event.direction = -1.0 if touching else 1.0
@@ -137,6 +143,7 @@ class Equations:
         """Right-hand side within one segment of the noise."""
         x, v, charge = state
         pull, rate = self._electrical(v, charge)
+        rate += self._base_share * slope
         force = noise + slope * time - (self._damping + self._drag * abs(v)) * v - pull
         force -= self._force(x)
         for (side, gap, law), held in zip(self._stoppers, self._held, strict=True):
@@ -162,7 +169,7 @@ class Equations:
 def _spring_equations(spring):
     """F(x), and the energy gained from one displacement to another, of a spring's numbers alone."""
     if isinstance(spring, Ranged):
-        # No run goes on beyond the range.
+        # A run ends at the range, so that the spring within it is enough.
         return _spring_equations(spring.spring)
     if isinstance(spring, ForceTable) and not spring.straight:
         return _table_equations(spring)
@@ -216,7 +223,7 @@ def _electrical_equations(transducer):
         share = transducer.current_share
         damping = transducer.winding_damping * share
         return lambda v, state: (damping * v, 0.0), lambda v, state: (1.0 - share) * v
-    if not isinstance(transducer, Piezo | Coil):
+    if not isinstance(transducer, PiezoLaw | Coil):
         raise _not_written_out(transducer)
     coupling, load = transducer.coupling, transducer.load_rate
     decay = load + transducer.own_rate

@@ -5,5 +5,5 @@ VOLTAGE, VELOCITY = "mean_square_voltage", "mean_square_velocity"
 POWER, OUTPUT_POWER = "mean_power", "mean_output_power"
 EFFICIENCY = "power_conversion_efficiency"
 MEANS = (VOLTAGE, VELOCITY, EFFICIENCY)
-# Standard errors from which on a difference counts; by chance alone one in 370 does.
+# A difference counts from so many standard errors on. By chance alone one in 370 does.
 SIGNIFICANT_SIGMAS = 3.0

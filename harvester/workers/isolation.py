@@ -12,9 +12,9 @@ import sys
 from collections.abc import Sequence
 from pathlib import Path
 
-# What the worker needs beside harvester itself.
+# Packages that the worker needs beside harvester itself.
 REQUIRED = ("numpy", "scipy", "numba", "cffi", "PySpice")
-# Lists of folders; those that are not absolute would mean the working folder.
+# Variables that list folders. Relative ones are removed: they would lead into the working folder.
 SEARCHED = ("PATH", "LD_LIBRARY_PATH", "DYLD_LIBRARY_PATH", "DYLD_FALLBACK_LIBRARY_PATH")
 FOLDERS = ("HOME", "TMPDIR", "TEMP", "TMP", "XDG_CACHE_HOME", "NUMBA_CACHE_DIR")
 WINDOWS = ("SYSTEMROOT", "SYSTEMDRIVE", "USERPROFILE", "APPDATA", "LOCALAPPDATA", "PATHEXT")
@@ -22,8 +22,8 @@ WORDS = ("LANG", "LANGUAGE", "TZ", "USER", "LOGNAME")
 PREFIXES = ("LC_", "NUMBA_")
 FIXED = {"OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1"}
 
-# harvester's own packages are taken from where the caller has them, and before anything else is
-# on the path but that; what the environment lacks is looked for where the caller finds it.
+# The worker imports harvester's own packages from where the caller has them, before anything else
+# is on its path. Packages that its environment lacks are searched where the caller finds them.
 _START = f"""\
 import importlib.util, json, sys
 own, folders, callers = json.loads(sys.argv[1])
@@ -61,7 +61,7 @@ def environment() -> dict[str, str]:
             kept[name] = value
     library = os.environ.get("NGSPICE_LIBRARY_PATH")
     if library:
-        # A bare name is one for the linker to find, not a file of the working folder.
+        # A bare name is left to the linker; it is no file of the working folder.
         kept["NGSPICE_LIBRARY_PATH"] = (
             os.path.abspath(library) if os.path.dirname(library) else library
         )

@@ -19,7 +19,7 @@ from harvester.workers.process import Worker
 if TYPE_CHECKING:
     from concurrent.futures import Executor, Future
 
-# Between looks at what else there is (s).
+# Time between two checks for other events, in seconds.
 LOOK_AROUND = 0.5
 
 
@@ -158,7 +158,7 @@ class ExecutorPool:
     hang of the simulator never reaches the executor. There is no progress.
     """
 
-    # It queues them itself, and knows how many processes there are.
+    # The executor queues tasks by itself.
     size = math.inf
 
     def __init__(self, executor: Executor) -> None:
@@ -191,7 +191,7 @@ class ExecutorPool:
         """The Future of one call."""
         try:
             return self._executor.submit(call_here, *call)
-        # Whatever it raises: executors have no common error for having been shut down.
+        # Executors have no common exception for having been shut down.
         except Exception as error:
             raise HarvesterError(
                 f"executor: takes no calls: {type(error).__name__}: {error}; give one that is open"
@@ -232,7 +232,7 @@ def gather(futures: Sequence[Future]) -> list[Any]:
     left = set(futures)
     try:
         while left:
-            # A finite wait lets an interrupt through anywhere.
+            # A wait of finite length can be interrupted on every system.
             done, left = wait(left, LOOK_AROUND, FIRST_EXCEPTION)
             for future in done:
                 future.result()

@@ -19,7 +19,7 @@ from harvester.errors import SimulatorCrashed, SimulatorTimeout
 from harvester.files.temporary import TemporaryFolder
 from harvester.workers import isolation
 
-# What a process prints just before it dies of its own, in the order of interest.
+# So many of the last lines that a process printed are given when it died by itself.
 LAST_LINES = 3
 
 
@@ -39,12 +39,12 @@ class Worker:
         self._errors: IO[bytes] | None = None
         self._workplace: TemporaryFolder | None = None
         self._closed = False
-        # One thread may end the process while another starts it, or reads its last words.
+        # One thread may end the process while another starts it or reads its last lines.
         self._changing = threading.RLock()
 
     @property
     def process_id(self) -> int | None:
-        """Of the running process, or None."""
+        """The number of the running process, or None."""
         return self._process.pid if self._process else None
 
     def call(

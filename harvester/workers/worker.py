@@ -45,7 +45,7 @@ def main() -> None:
     """Serve calls until standard input closes."""
     global _give_up
     signal.signal(signal.SIGINT, signal.SIG_IGN)
-    # Libraries that print must not write between the answers.
+    # Answers go to a copy of standard output, so that no library prints between them.
     answers = os.fdopen(os.dup(1), "wb")
     os.dup2(2, 1)
     calls: queue.SimpleQueue = queue.SimpleQueue()
@@ -77,7 +77,7 @@ def _read_calls(calls):
         except EOFError:
             _leave()
         except BaseException as error:
-            # A call that cannot be read would be waited for without end.
+            # If a call cannot be read, the process ends: the caller would wait for ever.
             print(f"{type(error).__name__}: {error}", file=sys.stderr, flush=True)
             os._exit(72)
 

@@ -68,6 +68,10 @@ ANSWERS = {
             and large + 2.0 * margin < up
         ),
     ),
+    "08": (
+        r"(\d) other tools follow the circuit's path .* by (\d\.\de-\d+) of the rms",
+        lambda tools, off: tools >= 1 and off < 1e-3,
+    ),
 }
 
 
@@ -80,7 +84,7 @@ def outputs(cell, kind):
 
 def test_the_notebooks_are_there():
     numbers = [path.name[:2] for path in NOTEBOOKS]
-    assert numbers == ["01", "02", "03", "04", "05", "06", "07"]
+    assert numbers == ["01", "02", "03", "04", "05", "06", "07", "08"]
 
 
 @pytest.mark.parametrize("path", NOTEBOOKS, ids=lambda path: path.stem)

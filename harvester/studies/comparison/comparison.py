@@ -28,19 +28,20 @@ COMPARED = (
     "mean_square_displacement",
     "mean_square_velocity",
 )
-# Beside these, where several wells are: how often it passes and jumps, and where it stays.
+# Further quantities of a device with several wells: rates of crossings and of jumps, and shares of
+# time.
 BETWEEN_WELLS = ("well_crossing_rate", "share_of_time_in_well", "jump_rate")
-# And where the load has an output: what reaches it.
+# Further quantities of a load with an output.
 AT_THE_OUTPUT = ("mean_output_power", "end_to_end_efficiency", "output_voltage")
 BESIDE = (*BETWEEN_WELLS, *AT_THE_OUTPUT)
-# Joint standard errors up to which the engines agree, and the share of a quantity up to which a
-# greater difference is small all the same: what the default steps may cost, see docs/accuracy.md.
+# The engines agree within 3 joint standard errors. A larger difference below 1 % of the quantity is
+# small all the same: the default steps may cost as much, see docs/accuracy.md.
 AGREEING_STANDARD_ERRORS, AGREEING_SHARE = 3.0, 0.01
-# Difference as a share that is rounding, where neither has an error.
+# If neither result has an error, a relative difference below this is rounding.
 SAME = 1e-9
-# From which to which share of the work a method lasts: Monte Carlo takes little of it.
+# Beginning and end of each engine's part in the progress bar. Monte Carlo takes little of the work.
 SHARES = {"circuit": (0.0, 0.95), "monte-carlo": (0.95, 1.0)}
-# Length of the waveform that is shown, in periods of small oscillations.
+# The waveform shows so many periods of small oscillations.
 SHOWN_PERIODS = 20
 
 
@@ -200,7 +201,7 @@ class Comparison:
         lines = [headline(self.circuit), self.verdict().text]
         lines += [f"{engine.engine}: {'; '.join(engine.evidence())}" for engine in self._engines()]
         bare = [name for name in self.compared if math.isnan(self.difference(name))]
-        # Where all are bare the verdict says it already.
+        # If no quantity has an error bar, the verdict says so already.
         lines += self.without_error_bar(bare) if len(bare) < len(self.compared) else []
         lines += self.not_applying()
         for name, (apart, chance) in self.joint_distances().items():
@@ -224,7 +225,7 @@ class Comparison:
             within = f"Circuit and Monte Carlo agree within {AGREEING_SHARE:.0%}"
             small = "significant, but negligible against that limit: it is what steps may cost"
             return Verdict(f"{within}: {self._greatest()}; {small}{tail}.", True)
-        # Of runs without chance the difference may be 0.
+        # Runs without chance may have a difference of 0.
         worst = max(0.1, *known.values())
         agreed = f"Circuit and Monte Carlo agree within {worst:.1f} standard errors"
         return Verdict(f"{agreed} of every quantity{tail}.", True)
@@ -264,7 +265,7 @@ class Comparison:
         return [each.note for each in found if each is not None and each.note][:1]
 
     def joint_distances(self) -> dict[str, tuple[float, float]]:
-        """Of closures with a joint density: ∬|p − p'| from Monte Carlo's, and that by chance."""
+        """∬|p − p'| of each joint density from Monte Carlo's, and that expected by chance."""
         simulated = self.monte_carlo.joint_density
         return {
             name: simulated.distance(result.joint_density)
@@ -340,5 +341,5 @@ def _or_infinite(share):
 
 
 def _sigmas(number, places):
-    # Rounded first, and without the sign of −0.
+    # Rounded first, so that −0 is printed without its sign.
     return "no error bar" if math.isnan(number) else f"{round(number, places) + 0.0:+.{places}f} σ"

@@ -12,11 +12,11 @@ from harvester.studies.comparison.comparison import (
     words,
 )
 
-# The quantity by which closures are judged.
+# Closures are judged by this quantity.
 JUDGED = "mean_square_voltage"
-# A closure is judged off only from here: every one is an approximation.
+# A closure counts as off if it deviates by more than this share. Every closure is an approximation.
 NEGLIGIBLE_SHARE = 0.01
-# What the closures' documentation (harvester.averaging.average) says of each.
+# Known limits of each closure, from its documentation (harvester.averaging.average).
 LIMITS = {
     "paper": "it leaves the constant force of the piezo out of the potential (Eqs. 11–15)",
     "consistent": "it is for motion inside a well and misses the slow part of the voltage after "

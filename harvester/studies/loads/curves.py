@@ -12,7 +12,7 @@ import numpy as np
 
 from harvester.estimates.batch_means import standard_error
 
-# Standard errors to either side that make an interval.
+# An interval reaches so many standard errors to either side.
 INTERVAL = 2.0
 EDGE = "at the edge of the sweep: no interval"
 
@@ -41,7 +41,7 @@ class CurveOptimum:
 
 @dataclass(frozen=True)
 class Difference:
-    """By how much the better of two loads is ahead at their optima, P_better/P_worse − 1."""
+    """The lead of the better of two loads at their optima, P_better/P_worse − 1."""
 
     better: str
     worse: str
@@ -160,7 +160,8 @@ def error_of_sum(weights: Sequence[float], series: Sequence[np.ndarray]) -> floa
         covariance = 0.5 * (parts[0] ** 2 + parts[1] ** 2 - parts[2] ** 2)
         shared = count**2 / (counts[i] * counts[j])
         variance += 2.0 * weights[i] * weights[j] * covariance * shared
-    # Estimated parts can add up to too little; no longer runs could make it less than this.
+    # The estimated parts of the variance may add up to too little. This is the least that the runs
+    # allow.
     return math.sqrt(max(variance, together**2 * min(counts) / max(counts)))
 
 

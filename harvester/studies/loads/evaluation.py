@@ -13,6 +13,7 @@ from harvester.estimates.estimate import Estimate
 from harvester.estimates.of_run import run_estimates, with_steps
 from harvester.estimates.settling import withheld
 from harvester.method import Method
+from harvester.prepared.paths import distinct_realizations
 from harvester.prepared.prepared import prepared
 from harvester.prepared.steps import step_error
 from harvester.record.moments import Moments
@@ -37,7 +38,7 @@ from harvester.simulation.methods import Engine
 from harvester.simulation.outcome import LARGEST_RESIDUAL
 from harvester.studies.sweep import Cell
 
-# Dimensions of a record's columns; the others are powers.
+# Dimensions of a record's columns. All others are powers.
 WAVEFORM = {
     "time": "time",
     "displacement": "displacement",
@@ -48,7 +49,7 @@ WAVEFORM = {
 POWER = "output_power"
 
 
-# With a precision, of one point.
+# Most realizations of one point if a precision is asked for.
 MOST_REALIZATIONS = 4000
 
 
@@ -81,7 +82,7 @@ class Evaluation(Cell):
 
     @property
     def relative_error(self) -> float:
-        """Of the output power; infinite without an error bar."""
+        """The relative error of the output power, infinite if it has no error bar."""
         share = self.power_error / abs(self.power) if self.power else math.nan
         return math.inf if math.isnan(share) else share
 
@@ -114,7 +115,7 @@ def evaluating(
         found = _evaluate(scene, method.name, good, ended, cost)
         return found, found.relative_error if found.realizations else 0.0
 
-    most = MOST_REALIZATIONS if precision else scene.run.realizations
+    most = MOST_REALIZATIONS if precision else distinct_realizations(prepared(scene))
     first = FIRST_REALIZATIONS if precision else most
     aim = aim_beside_steps(precision, cost) if precision else None
     found = yield from in_rounds(cut, first, most, aim, judge)

@@ -24,10 +24,11 @@ from harvester.simulation.methods import Engine
 from harvester.studies.grid import Grid
 from harvester.studies.loads.evaluation import Evaluation, series_of
 
-# Realizations of a place that both engines run, of its own length and of the first periods alone.
+# Both engines run so many realizations of a place: of its own length, and of the first periods
+# alone.
 PROOF_REALIZATIONS, EARLY_REALIZATIONS = 8, 64
-# Share of the settled power from which the early one is worth a comparison: a store that has yet
-# to be charged leaves leakage alone.
+# The early power is compared if it is at least this share of the settled one. Before a store is
+# charged only leakage reaches the output.
 LEAST_EARLY_SHARE = 1e-3
 # A difference counts from so many of its standard errors and from this share on.
 SIGNIFICANT_SIGMAS, SIGNIFICANT_SHARE = 3.0, 0.01

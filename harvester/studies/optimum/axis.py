@@ -7,13 +7,13 @@ from harvester.errors import HarvesterError
 from harvester.scene.model import Scene
 from harvester.scene.numbers import number
 
-# Ranges wider than this ratio are gone through over ln of the parameter.
+# A range whose ends have a larger ratio is searched over the logarithm of the parameter.
 LOGARITHMIC = 3.0
-# Share of a range that a flat region is narrow below.
+# A flat region below this share of the range counts as narrow.
 NARROW = 0.02
-# Standard errors to either side that make an interval.
+# An interval reaches so many standard errors to either side.
 INTERVAL = 2.0
-# A range that was not given: the scene's value over and times this.
+# Default range: the scene's value divided by and multiplied by this.
 SPAN = 10.0
 
 
@@ -78,7 +78,7 @@ class Axis:
         return float(self.low + coordinate * (self.high - self.low))
 
     def slope(self, coordinate: float) -> float:
-        """d(value)/d(coordinate)."""
+        """The derivative of the value by the coordinate."""
         if self.logarithmic:
             return self.value(coordinate) * math.log(self.high / self.low)
         return self.high - self.low

@@ -14,11 +14,12 @@ import numpy as np
 from harvester.studies.optimum.axis import Axis, Parameter
 from harvester.studies.optimum.objective import Objective
 
-# Lost height, as a share, up to which a place counts as flat; and standard errors of the loss.
+# A place belongs to the flat region if it loses at most this share, within so many standard errors.
 FLAT_SHARE, FLAT_SIGMAS = 0.01, 2.0
-# Steps outwards: the whole way to the end of the range halved so often; then the edge is halved.
+# The first step outwards is the way to the end of the range, halved so often. The edge is then
+# located by so many halvings.
 HALVINGS, REFINEMENTS = 6, 2
-# A higher place must be so many standard errors higher, and by this share.
+# A place counts as higher if it is so by so many standard errors, and by this share.
 HIGHER, SHARE_HIGHER = 3.0, 1e-3
 MOVES = 6
 
@@ -41,7 +42,7 @@ class Side:
 
 
 def climb(objective: Objective, place: tuple, stage: int) -> tuple[tuple, Any, list]:
-    """From a place to one that no place along an axis exceeds, and how flat it is there.
+    """Climb to a place that no other along an axis exceeds; gives how flat the region is there.
 
     Parameters
     ----------
@@ -85,7 +86,7 @@ def _look_around(objective, place, answer, stage):
 
 
 def _gain(objective, found, answer):
-    """By how much a place is higher, and the error of that."""
+    """The gain of a place over another, with its error."""
     value = objective.value(found)
     if np.isnan(value):
         return -np.inf, 0.0
@@ -98,7 +99,7 @@ def _paired(rays):
 
 
 class _Ray:
-    """From a place along one axis to one end of its range."""
+    """The line from a place along one axis to an end of its range."""
 
     def __init__(self, axis, way, place):
         self._axis, self._way, self._place = axis, way, place

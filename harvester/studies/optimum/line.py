@@ -23,26 +23,27 @@ from harvester.studies.optimum.axis import Axis, Parameter
 from harvester.studies.optimum.objective import series_in_units
 from harvester.studies.optimum.result import Averaging, Optimum
 
-# Places of averaging's scan, those between the neighbours of its highest, and the degree of the
-# polynomial through them; places of a fit to simulations.
+# Places of averaging's scan; places between the neighbours of its highest; degree of the polynomial
+# through them; places of a fit to simulations.
 SCANNED, REFINED, DEGREE, PLACES = 17, 7, 4, 7
-# Half of the fitted window as a share of the range, at first and at least; it is halved while the
-# fit falls by more than `DROP` of its maximum within it.
+# Half width of the fitted window as a share of the range, at first and at least. The window is
+# halved while the fit falls by more than `DROP` of its maximum within it.
 WINDOW, NARROWEST, DROP = 0.25, 0.02, 0.15
 MOVES = 16
-# Share of the window's half that two standard errors of the place may be; how many times as many
-# realizations are asked for at a time, and at most.
+# Two standard errors of the place may be this share of the window's half width. Otherwise the next
+# round has so many times the realizations, up to the largest multiple.
 WANTED, TIMES_REALIZATIONS = 0.15, 4
 MOST_TIMES_REALIZATIONS = {"monte-carlo": 16, "circuit": 1}
-# Standard errors from which on a curvature, a slope or a fall is one.
+# A curvature, a slope or a fall counts from so many standard errors on.
 SIGNIFICANT_SIGMAS = 3.0
-# Standard errors of a value off the cubic, and its share of the fall within the window, from both
-# of which on a narrower window is fitted.
+# A narrower window is fitted if a value deviates from the cubic by so many standard errors, and by
+# this share of the fall within the window.
 MISFIT, MISFIT_SHARE = 4.0, 0.05
-# What a maximum must stand out by within its window, as a share; less is a plateau. A bend that no
-# cubic follows is the same at every scale: narrower windows end before it is lost in this.
+# A maximum must exceed the ends of its window by STANDS_OUT of itself; less is a plateau. The
+# window is not narrowed if the fall is below NARROWED: a kink looks the same at every scale, and no
+# cubic follows it.
 STANDS_OUT, NARROWED = 1e-3, 1e-2
-# A window is moved to a maximum that lies off its middle by more than this share of its half.
+# The window moves to a maximum that is off its middle by more than this share of its half width.
 RECENTRED = 0.2
 MAXIMISED = ("power_conversion_efficiency", "mean_power", "mean_square_voltage")
 
@@ -317,7 +318,7 @@ class Fit:
         self.place, self.error, self.drop = math.inf, None, 0.0
         if self.peaked:
             self.place = t = float(c1 / (math.sqrt(inside) - c2))
-            # Where c1 + 2 c2 t + 3 c3 t² stays zero.
+            # The maximum moves so that c1 + 2 c2 t + 3 c3 t² stays zero.
             moved = (noise[1] + 2.0 * t * noise[2] + 3.0 * t * t * noise[3]) / (c2 + 3.0 * c3 * t)
             self.error = standard_error(-0.5 * moved)
             top = c0 + t * (c1 + t * (c2 + t * c3))

@@ -14,7 +14,13 @@ from harvester.prepared.prepared import prepared
 from harvester.results.paired import deviations, has_deviations
 from harvester.running import Request
 from harvester.scene.model import Scene
-from harvester.studies.answers import answers_in_time, is_noisy, on_common_knots, value_of
+from harvester.studies.answers import (
+    answers_in_time,
+    is_complete,
+    is_noisy,
+    on_common_knots,
+    value_of,
+)
 from harvester.studies.optimum.axis import Axis
 
 
@@ -115,8 +121,15 @@ class Objective:
         return answers_in_time(self._runner, requests, on_answer=self._count)
 
     def value(self, answer: Any) -> float:
-        """See `value_of`."""
-        return value_of(answer, self.quantity)
+        """See `value_of`; nan of a beam that is strained beyond its limit."""
+        return math.nan if self.is_overstrained(answer) else value_of(answer, self.quantity)
+
+    def is_overstrained(self, answer: Any) -> bool:
+        """Whether the mean peak of the strain at the clamp is above the scene's limit."""
+        limit = self.scene.beam.strain_limit if self.scene.beam else None
+        if limit is None or not is_complete(answer):
+            return False
+        return answer.quantities["peak_strain"].estimate > limit
 
     def error_of_difference(self, answer: Any, other: Any) -> float:
         """Standard error of the difference of two answers on the same noise; infinite without."""

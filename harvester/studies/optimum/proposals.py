@@ -32,7 +32,8 @@ import numpy as np
 
 from harvester.errors import MissingLibrary
 
-# Places proposed at a time, whatever computes them: the answers decide the next ones.
+# Places proposed at a time. The number does not depend on the workers, since the answers decide the
+# next places.
 BATCH = 8
 
 

@@ -23,7 +23,7 @@ from harvester.studies.optimum.flat_region import FLAT_SHARE
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-# Attributes of the release before, and where each is now.
+# Former attributes, and where each is now.
 _FORMER = {
     "axis": "parameters[0].axis",
     "ranges": "parameters",
@@ -116,12 +116,12 @@ class Optimum:
 
     @property
     def keys(self) -> list[str]:
-        """Of the parameters."""
+        """The keys of the parameters."""
         return [each.axis.key for each in self.parameters]
 
     @property
     def place(self) -> Estimate:
-        """Of the first parameter."""
+        """The best value of the first parameter."""
         first = self.parameters[0]
         return Estimate(first.place, first.standard_error, None, "1")
 
@@ -243,8 +243,12 @@ class Optimum:
                         f"{each.axis.key}: still within {FLAT_SHARE:.0%} at the end of its range, "
                         f"{self._at(each.axis.key, end)}: there may be more beyond"
                     )
+        limit = self.scene.beam.strain_limit if self.scene.beam else None
         if failures:
-            lines.append(f"at {failures} of {len(self.searched)} places no run came to its end")
+            strained = "" if limit is None else ", or the strain is beyond beam.strain_limit"
+            lines.append(
+                f"at {failures} of {len(self.searched)} places no run came to its end{strained}"
+            )
         return lines
 
     def _on_starts(self):

@@ -28,17 +28,17 @@ from harvester.studies.optimum.objective import Objective
 from harvester.studies.optimum.proposals import BATCH, Proposals
 from harvester.studies.optimum.result import Optimum
 
-# Proposals for each parameter, unless told otherwise.
+# Default number of proposals for each parameter.
 EVALUATIONS_EACH = 60
 FEWEST_EVALUATIONS, MOST_EVALUATIONS = 16, 100_000
 MOST_PARAMETERS = 8
-# Places that are run again on fresh noise.
+# So many places are run again on fresh noise.
 CONFIRMED = 5
-# About how many evaluations the climb takes for each parameter: for the time left.
+# The climb takes about so many evaluations for each parameter. The progress bar uses this.
 CLIMB_EACH = 30
-# Noise of the search, of the places chosen again, and of the value.
+# Numbers of the noise: of the search, of the chosen places, and of the final value.
 SEARCH, AGAIN, VALUE = 0, 1, 2
-# Other states in which a device without chance is started at the maximum.
+# At the maximum a device without chance is started from so many other states.
 STARTS = 8
 
 
@@ -139,7 +139,8 @@ def _other_starts(objective, place, answer):
     """Values from states drawn over what the motion at the maximum spans, and half as far again."""
     if objective.noisy or not isinstance(objective.method, Engine):
         return ()
-    if objective.scene.excitation.prescribes_displacement:
+    scene = objective.scene
+    if scene.excitation.prescribes_displacement or scene.run.starts is not None:
         return ()
     means = answer.in_units()
     reach = [

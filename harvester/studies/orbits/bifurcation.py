@@ -6,6 +6,7 @@ there is one.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Generator
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
@@ -23,15 +24,12 @@ from harvester.record.stroboscope import STATE
 from harvester.results.result import unit_of
 from harvester.running.task import Task, Wanted
 from harvester.scene.model import Scene
+from harvester.show.numbers import prefixed, quantity
 from harvester.show.palette import CIRCUIT, MONTE_CARLO
 from harvester.show.panels import Panel, Series, draw_panels
 from harvester.show.symbols import key_label
-from harvester.studies.orbits.following import (
-    SAMPLES,
-    follow,
-    forced,
-    periods_of,
-)
+from harvester.simulation.following import follow, forced
+from harvester.studies.orbits.following import SAMPLES, periods_of
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -45,6 +43,8 @@ PLACES_TOGETHER = 25
 # of its greatest displacement, and in units of the two changes before or behind it, whichever are
 # less: chaos changes everywhere.
 JUMP_SHARE, JUMP_RATIO, NEARBY = 0.1, 4.0, 2
+# Values of one direction that a table shows; files hold all.
+MOST_VALUES_SHOWN = 25
 # Tables of a scene that no place depends on.
 UNUSED_TABLES = ("run", "start")
 COLOURS = {"up": CIRCUIT, "down": MONTE_CARLO}
@@ -132,9 +132,20 @@ class Bifurcation:
         return unit_of(self.scene, dimension)
 
     def table(self) -> tuple[list[str], list[list[str]]]:
-        """Header and rows, as text."""
+        """Header and rows, as text; of many values some, and both sides of each jump."""
         header, rows = self.data()
-        return header, [[row[0], f"{row[1]:.6g}", row[2], *map(_text, row[3:])] for row in rows]
+        ends = {(each.direction, end) for each in self.jumps for end in (each.before, each.after)}
+        shown = {*self.values[:: self._every].tolist(), float(self.values[-1])}
+        return header, [
+            [row[0], f"{row[1]:.6g}", row[2], *map(_text, row[3:])]
+            for row in rows
+            if row[1] in shown or tuple(row[:2]) in ends
+        ]
+
+    @property
+    def _every(self):
+        """Of how many values a table shows one."""
+        return math.ceil(self.values.size / MOST_VALUES_SHOWN)
 
     def data(self) -> tuple[list[str], list[list[Any]]]:
         """Header and rows of numbers, in the scene's units."""
@@ -169,17 +180,23 @@ class Bifurcation:
         for branch in self.branches:
             if np.isfinite(branch.mean_power).any():
                 best = int(np.nanargmax(branch.mean_power))
+                most = quantity(branch.mean_power[best], self.unit("power"))
                 lines.append(
-                    f"{branch.direction}: most power, {branch.mean_power[best]:.4g} "
-                    f"{self.unit('power')}, at {self.key} = {self.values[best]:.6g} "
+                    f"{branch.direction}: most power, {most}, at {self.key} = "
+                    f"{self.values[best]:.6g} "
                     f"({_motion(branch.period[best])})"
                 )
         power = self.unit("power")
         lines += [
             f"{each.direction}: jump between {self.key} = {each.before:.6g} and {each.after:.6g}, "
-            f"from {each.power_before:.4g} to {each.power_after:.4g} {power}"
+            f"from {quantity(each.power_before, power)} to {quantity(each.power_after, power)}"
             for each in self.jumps
         ]
+        if self._every > 1:
+            lines.append(
+                f"the table has one of {self._every} values and both sides of each jump; the CSV "
+                "file that --output writes has all"
+            )
         if self.scene.load.circuit and not self.scene.load.is_resistor:
             lines.append("a load's own stores begin at each place as its netlist says")
         lines += [f"{place}: {why}" for place, why in self.failures.items()]
@@ -376,15 +393,18 @@ def settling_periods(scenes: list[Scene]) -> int:
 def _draw(result):
     """Section over the key, and mean power."""
     section, power = [], []
+    top = max(np.nanmax(branch.mean_power, initial=0.0) for branch in result.branches)
+    factor, unit = prefixed(top, result.unit("power"))
     for branch in result.branches:
         colour, size = COLOURS[branch.direction], 1.0 if branch.direction == "up" else 0.6
         x = np.repeat(result.values, branch.displacement.shape[1])
         section.append(Series(x, branch.displacement.ravel(), None, colour, "", ".", size=size))
-        power.append(Series(result.values, branch.mean_power, branch.direction, colour, "-"))
+        y = factor * branch.mean_power
+        power.append(Series(result.values, y, branch.direction, colour, "-"))
     label = key_label(result.key, result.scene.units)
     panels = [
         Panel(label, f"displacement [{result.unit('displacement')}]", section),
-        Panel(label, f"mean power [{result.unit('power')}]", power, from_zero=True),
+        Panel(label, f"mean power [{unit}]", power, from_zero=True),
     ]
     title = f"{result.scene.name}: one sample a period of the excitation, and the mean power"
     return draw_panels(panels, title, size=(4.4, 3.2), columns=1, sharex=True)

@@ -80,14 +80,14 @@ def basins(
 
     from harvester.prepared.prepared import prepared
     from harvester.running import open_runner
+    from harvester.simulation.following import forced
     from harvester.studies.orbits import basins as work
-    from harvester.studies.orbits.following import SAMPLES, forced, orbits_of, periods_of
+    from harvester.studies.orbits.following import SAMPLES, check_periods, orbits_of, periods_of
 
     clock = time.perf_counter()
     engine = engine_of(method, step=step)
     engine.check(scene)
-    if periods is not None and periods < 2:
-        raise HarvesterError(f"--periods {periods}: must be at least 2")
+    check_periods(periods, 2)
     forced_scene = forced(scene, "basins")
     x, v = work.axes_of_starts(forced_scene, displacement, velocity, points)
     scales = prepared(forced_scene).scales
@@ -163,10 +163,12 @@ def bifurcation(
 
     from harvester.running import open_runner
     from harvester.studies.orbits import bifurcation as work
+    from harvester.studies.orbits.following import check_periods
 
     clock = time.perf_counter()
     engine = engine_of(method, step=step)
     engine.check(scene)
+    check_periods(periods, 1)
     try:
         rising = np.unique(np.array(listed(values, "values", "[0.1, 0.2]"), dtype=float))
     except (TypeError, ValueError):

@@ -66,6 +66,6 @@ def devices(
 
 
 def _seed(seed, row, replicate):
-    """Of the noise that the devices of a row have in common in one replicate."""
+    """The seed of the noise that all devices of a row share in one replicate."""
     words = np.random.SeedSequence(seed, spawn_key=(row, replicate)).generate_state(2, np.uint64)
     return int(words[0])

@@ -19,7 +19,7 @@ BINS = 30
 
 
 def draw_tornado(study: Sensitivity) -> Figure:
-    """By how much each parameter moves the quantity, and its Sobol indices beside it."""
+    """A figure of each parameter's effect on the quantity, with its Sobol indices."""
     from matplotlib.figure import Figure
 
     order = study.order()[::-1]
@@ -40,7 +40,7 @@ def draw_tornado(study: Sensitivity) -> Figure:
 
 
 def _draw_effects(axes, study, order):
-    # Where the mean is 0, the changes are 0 too.
+    # If the mean is 0, all changes are 0 too.
     mean = abs(study.population.mean.estimate) or 1.0
     for end, (colour, label) in enumerate(
         zip(COLOURS, ("low: 5 % of devices are below", "high: 95 % are below"), strict=True)
@@ -48,7 +48,7 @@ def _draw_effects(axes, study, order):
         found = [study.effects[k][end] for k in order]
         widths = 100.0 * np.array([each.estimate for each in found]) / mean
         ends = 100.0 * np.array([[each.low, each.high] for each in found]).T / mean
-        # Both may go the same way: one above the other.
+        # The two bars stand one above the other, since both may point the same way.
         heights = np.arange(len(order)) + (0.14, -0.14)[end]
         axes.barh(heights, widths, height=0.26, color=colour, label=label)
         axes.errorbar(widths, heights, xerr=_bars(widths, ends), fmt="none", color="0.2", capsize=2)

@@ -4,7 +4,7 @@ import numpy as np
 
 from harvester.studies.sensitivity.sobol import Interval, interval
 
-# Where a parameter counts as low and as high, as shares of the devices.
+# Quantiles of the devices at which a parameter counts as low and as high.
 ENDS = (0.05, 0.95)
 RESAMPLES = 1000
 

@@ -25,9 +25,9 @@ from harvester.scene.numbers import number
 if TYPE_CHECKING:
     from harvester.scene.model import Scene
 
-# Bytes of an identification's JSON.
+# Largest JSON of an identification, in bytes.
 LARGEST_FILE = 10_000_000
-# A share of the cases as close to 0 and 1 as the normal distribution is followed.
+# The normal distribution is followed up to this distance of the quantile from 0 and 1.
 SMALLEST_SHARE = 1e-12
 
 

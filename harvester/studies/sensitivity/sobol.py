@@ -25,7 +25,7 @@ import numpy as np
 from harvester.files.serialising import plain
 
 RESAMPLES = 2000
-# Share of all resamples within an interval.
+# An interval holds this share of all resamples.
 CONFIDENCE = 0.95
 
 

@@ -38,13 +38,13 @@ if TYPE_CHECKING:
 
     from harvester.running.folder import StudyFolder
 
-# Rows of a design without which no interval is worth naming, and the most there may be.
+# Fewest rows of a design, without which no interval is meaningful, and the most.
 FEWEST_ROWS, MOST_ROWS = 16, 65536
-# Replicates of a device's run, on noise of their own each.
+# Each device is run so many times, each on noise of its own.
 REPLICATES = 2
-# Share of the rows that may fail before the study does.
+# The study fails if more than this share of its rows fails.
 LARGEST_FAILURE = 0.1
-# Share of the noise in the variance of what is measured from which on it is told.
+# A note states the share of the noise in the measured variance if it exceeds this.
 NOTED_NOISE = 0.2
 
 

@@ -15,7 +15,7 @@ from harvester.scene.numbers import number
 
 FORMS = "±10%, ±0.5, uniform:LOW:HIGH, normal:5% or normal:MEAN:SD"
 PLUS_MINUS = re.compile(r"(?:±|\+/?-)(.+)")
-# A share of the cases as close to 0 and 1 as a normal distribution is followed.
+# A normal distribution is followed up to this distance of the quantile from 0 and 1.
 SMALLEST_SHARE = 1e-12
 
 

@@ -9,17 +9,19 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from harvester.show.palette import CLOSURE_MARKERS, LINES, styles
+from harvester.show.panels import thin_ticks
 from harvester.show.symbols import SYMBOLS
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-# Errors that are drawn (%), and the largest from which a line begins.
+# Range of the errors that are drawn, in percent. A line begins at an error below the second.
 LEAST_ERROR, GREATEST_ERROR = 0.2, 300.0
 POINTS = 200
-# Widths and marks of the first and the last line: thin over thick shows both where they coincide.
+# Widths and marker sizes of the first and the last line: thin over thick shows both where they
+# coincide.
 WIDTHS, MARKS = (3.0, 1.0), (8.0, 4.0)
-# Smallest bias that is drawn (%).
+# Smallest bias that is drawn, in percent.
 LEAST_BIAS = 1e-3
 TICKS = {1e-3: "1 ms", 1e-2: "", 1e-1: "0.1 s", 1.0: "1 s", 10.0: "10 s", 60.0: "1 min"}
 TICKS |= {600.0: "10 min", 3600.0: "1 h", 36000.0: "10 h", 864000.0: "10 d"}
@@ -114,7 +116,7 @@ def _draw_line(axes, line, name, seconds, mark, limits):
 
 
 def _span(result, name):
-    """From the first time at which a method says anything to the last that is read off."""
+    """The range of times, from the first with a result of a method to the last that is read off."""
     errors = [line.errors[name] for line in result.lines if line.errors]
     times = [error.seconds_to(limit) for error in errors for limit in result.limits]
     times += [point.seconds for point in result.points]
@@ -145,7 +147,7 @@ def draw_work_precision(diagram: Any) -> Figure:
     machine = diagram.measured.speeds["machine"]
     figure.suptitle(
         f"{diagram.scene.name}: error against run time "
-        f"({machine['date']}, {machine['cores']} cores)",
+        f"({machine['date']}, {machine['cores']} cores; bars: two standard errors)",
         x=0.01,
         ha="left",
         fontsize=9,
@@ -171,6 +173,7 @@ def _draw_strong_errors(axes, diagram, marks):
         )
     axes.set_xscale("log")
     axes.set_yscale("log")
+    thin_ticks(axes)
     axes.grid(alpha=0.2)
     axes.set_xlabel("seconds per simulated second, one core")
     axes.set_ylabel("RMS error of X [scaled]")
@@ -197,7 +200,7 @@ def _draw_biases(axes, diagram, name, marks):
             markersize=4,
             color=colour,
             elinewidth=0.8,
-            # Hollow: no error bar could be given.
+            # A hollow marker has no error bar.
             markerfacecolor=colour if reach else "none",
         )
     _draw_sampling_error(axes, diagram, name)
@@ -208,7 +211,7 @@ def _draw_biases(axes, diagram, name, marks):
             deviation, color=colour, linestyle=style, linewidth=0.9, label=f"averaging, {closure}"
         )
     axes.set_ylabel("|bias| [%]")
-    axes.set_title(f"{name.replace('_', ' ')}, two standard errors")
+    axes.set_title(name.replace("_", " "))
 
 
 def _draw_sampling_error(axes, diagram, name):

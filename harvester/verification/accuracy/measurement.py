@@ -45,26 +45,29 @@ from harvester.verification.accuracy.timed import (
 )
 from harvester.verification.quantities import MEANS, STATES
 
-# Strong errors: paths, and the length of each in periods of small oscillations, or in knots
-# where these are many.
+# Errors of paths: the number of paths, and the length of each in periods of small oscillations, or
+# in knots of the noise if a period has many.
 PATHS = 4
 PERIODS = 12
 MOST_KNOTS = 1000
-# Brief runs, for methods too slow for the scene's own: how many, and the knots of each.
+# Brief runs of methods that are too slow for the scene's own run: the number of realizations, and
+# the knots of each.
 BRIEF_REALIZATIONS = 8
 BRIEF_KNOTS = 4000
-# Factor of `thorough` on the numbers of paths and of realizations.
+# `thorough` multiplies the numbers of paths and of realizations by this.
 THOROUGH = 8
-# Runs by time: Monte Carlo's realizations in one task (each by itself is done before a clock sees
-# it), most in all, and the number of a run in which as many copies stand side by side as pay.
+# Runs of a given time: the realizations of Monte Carlo in one task (a single one is too short for
+# the clock), the most in all, and a number of realizations that allows the best number of copies
+# side by side.
 REALIZATIONS_TOGETHER = 16
 MOST_REALIZATIONS = 4096
 LONG_RUN = 1000
-# Seconds of the reference's run by time, in those of a method's.
+# The reference runs for this multiple of a method's time.
 REFERENCE_SHARE = 5.0
 # Fewest tasks of each method, however long they take.
 FEWEST_TASKS = 2
-# Each realization has its batches as if there were so many: few give an error bar, too.
+# Each realization has as many batches as in a run of so many realizations. Few realizations then
+# still give an error bar.
 BATCHED_AS = 8
 
 
@@ -284,7 +287,7 @@ def _speeds(scene, measured, runner):
     """How fast every way to run the circuit is; a load with more than a resistor has but one."""
     if not measured:
         return {"rows": [], "machine": throughput.machine()}
-    # By itself: the other tasks would take the processors that it measures.
+    # It runs alone, since other tasks would slow down the processors that it measures.
     return _there(runner.run([throughput.task(scene, runner.version("circuit"))]))[0]
 
 
@@ -380,7 +383,7 @@ def _runs_by_time(scene, methods, seconds, runner):
     sizes = [_together(scene, method) for method in methods]
 
     def answers(spans):
-        """Of each method the tasks of a span, each of as many realizations as its size."""
+        """For each method the answers of a span of tasks, with as many realizations as its size."""
         groups = [
             [
                 realizations_task(scene, method, range(k * size, (k + 1) * size), runner)
@@ -409,7 +412,7 @@ def _counts(sizes, first, seconds):
         taken = found["seconds"] if isinstance(found, dict) else math.inf
         most = max(MOST_REALIZATIONS // size, 1)
         counts.append(min(max(int(budget / max(taken, 1e-9)), FEWEST_TASKS), most))
-    # The reference holds every realization of the others, on the same noise.
+    # The reference has every realization of the other methods, on the same noise.
     wanted = max(count * size for count, size in zip(counts, sizes, strict=True))
     counts[0] = max(counts[0], math.ceil(wanted / sizes[0]))
     return counts

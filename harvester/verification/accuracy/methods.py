@@ -128,9 +128,9 @@ THOROUGH_METHODS = (
     *_local_error(1e-7, brief=True),
     *_monte_carlo("Heun", 8),
 )
-# Added where the compiled device is on.
+# Methods that are added if the compiled device is available.
 COMPILED_METHODS = (_batched("compiled device, trapezoidal", "compiled"),)
-# For scenes whose load is a netlist; a PWL is slow there.
+# Methods for scenes with a netlist as load. The PWL source is left out, since it is slow there.
 LOAD_METHODS = (
     *_fixed_steps("trapezoidal", 1),
     *_fixed_steps("trapezoidal", 0.5, 2, brief=True),
@@ -138,7 +138,8 @@ LOAD_METHODS = (
     *_local_error(1e-4, 1e-6, brief=True),
     *_monte_carlo("TR-BDF2", 1, 2, 4),
 )
-# What `time-to-accuracy` times, one setting of each family: ngspice's own tolerance, default steps.
+# `time-to-accuracy` measures one setting of each family: ngspice's own tolerance and the default
+# steps.
 TIMED_METHODS = (
     *_own_steps("trapezoidal", 1e-3),
     *_own_steps("gear", 1e-3),
@@ -155,10 +156,10 @@ TIMED_LOAD_METHODS = (
     *_local_error(1e-4),
     *_monte_carlo("TR-BDF2", 1),
 )
-# Biases are deviations from a quarter of the default step.
+# The reference of all biases.
 REFERENCE = Method("Monte Carlo, Runge–Kutta, a quarter of the step", "monte-carlo", 4, 4)
 LOAD_REFERENCE = Method("Monte Carlo, TR-BDF2, a quarter of the step", "monte-carlo", 2, 4)
-# What errors of paths are deviations from where no other integrator knows the load.
+# The reference of paths with a netlist as load, which no independent integrator runs.
 LOAD_PATHS = Method("Monte Carlo, TR-BDF2, a 32nd of the step", "monte-carlo", 2, 32)
 
 

@@ -18,8 +18,8 @@ from harvester.simulation.realization import run
 from harvester.simulation.side_by_side import MOST_COPIES
 from harvester.workers.pools import WorkerPool, Workers
 
-# Knots of a realization. A source in the netlist is scanned point by point, so that its cost
-# depends on their number.
+# Knots of a realization. The cost of a PWL source depends on their number, since ngspice scans it
+# point by point.
 KNOTS = 20_000
 # The best of so many measurements counts: other work on the machine only slows one down.
 REPEATS = 5
@@ -110,7 +110,7 @@ def measure(
         return _measured(scene, pool, knots, name, copies, processes, options)
 
     pwl = rate("PWL in the netlist", 1, 1, {**knot, "source": "pwl"})
-    # In turn, so that what else the machine does meets all of them alike.
+    # The ways are measured in turn, so that other work on the machine affects all of them alike.
     rounds = [[rate(*way) for way in ways] for _ in range(repeats)]
     return [pwl, *(max(rows, key=lambda row: row.rate) for rows in zip(*rounds, strict=True))]
 
@@ -130,7 +130,7 @@ def ratios(rows: list[Throughput]) -> dict[str, float]:
 def _measured(scene, pool, knots, name, copies, processes, options):
     """Rate of so many netlists at a time, each with so many copies."""
     spacing = knot_spacing(prepared(scene))
-    # Enough knots for a good clock, and fewer of them the more copies there are.
+    # Enough knots to be timed accurately; fewer if there are more copies.
     knots = math.ceil(knots / math.sqrt(copies))
     brief = scene.replace(
         run={"duration": knots * spacing, "settle": 0.0, "realizations": copies * processes},

@@ -22,9 +22,9 @@ from harvester.verification.quantities import EFFICIENCY, OUTPUT_POWER, VOLTAGE
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-# Seconds of one core that a method's run may take.
+# A method's run may take so many seconds of one core.
 SECONDS = 10.0
-# From the unit that fits down.
+# Units of time in seconds, from the longest down.
 UNITS = ((86400.0, "d"), (3600.0, "h"), (60.0, "min"), (1.0, "s"), (1e-3, "ms"))
 
 

@@ -30,7 +30,7 @@ def timed(
 
     In a worker process; `method` holds what `Method.options` gives.
     """
-    # What is compiled or loaded first takes its time before the clock runs.
+    # A brief run compiles and loads everything before the clock starts.
     brief = scene.replace(
         {"run.settle": 0.0, "run.duration": WARM_UP_KNOTS * knot_spacing(prepared(scene))}
     )

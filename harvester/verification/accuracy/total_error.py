@@ -17,9 +17,9 @@ from harvester.files.serialising import plain
 from harvester.results.paired import deviations
 from harvester.verification.accuracy.timed import Timed
 
-# Errors whose times are read off, as shares.
+# Relative errors for which the time is given.
 LIMITS = (0.1, 0.03, 0.01)
-# Standard errors of a bias within which it may be nought, and by which it may be larger.
+# A bias within so many standard errors may be zero, and may be larger by as many.
 BIAS_SIGMAS = 2.0
 
 

@@ -30,11 +30,11 @@ from harvester.verification.quantities import MEANS, SIGNIFICANT_SIGMAS, STATES,
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-# The answer that is timed, and the bias that is asked for, as shares of the mean.
+# Relative errors: of the answer that is timed, and of the bias that is asked for.
 WANTED_ERROR = 0.01
 WANTED_BIAS = 0.01
-# Ratio of the longest to the shortest mean step from which an order can be read: tolerances
-# change those of a PWL run little, which follow the restarts at its corners.
+# An order is fitted if the longest mean step is at least twice the shortest. A tolerance changes
+# the steps of a PWL run little, since these follow the restarts at its corners.
 LEAST_RATIO = 2.0
 
 
@@ -148,7 +148,7 @@ class WorkPrecision:
         ]
         default = [row for row in fixed if row.method.refinement == 1]
         lines = [f"the circuit's default step: {judged(row)}" for row in default if row.bias]
-        # A brief run misses what is rare, jumps between the wells first, and its error bar too.
+        # A brief run misses rare events, such as jumps between wells, and so does its error bar.
         below = [
             row
             for row in fixed
@@ -298,7 +298,7 @@ def _percent(estimate):
     if estimate is None or not math.isfinite(estimate.estimate):
         return "—"
     if estimate.estimate == 0.0 == estimate.standard_error:
-        # The same run as the reference.
+        # This method is the reference itself.
         return "reference"
     return share(estimate)
 

@@ -13,26 +13,28 @@ from harvester.scene.model import Scene
 from harvester.verification.known_results import formulas, tasks
 from harvester.verification.known_results.truth import Truth
 
-# Share by which near-ideal diodes and coils, and the ripple of the storage, leave a closed form.
+# Near-ideal diodes and coils, and the ripple of the storage, deviate from the closed form by this
+# share.
 IDEAL_PARTS = 0.03
-# Share of a mean that the numerical error of the circuit's and Monte Carlo's steps may take.
+# The steps of circuit and Monte Carlo may change a mean by this share.
 STEPS = 0.005
-# Share by which one harmonic, or a published power of two digits, may be off.
+# One harmonic, or a published power with two digits, may be off by this share.
 TWO_DIGITS = 0.02
-# Share that Kramers' formula itself is off at a barrier of five temperatures.
+# Kramers' formula itself is off by this share at a barrier of five temperatures.
 KRAMERS = 0.15
 BARRIER = 5.0
 CIRCUIT, MONTE_CARLO, SOLVER = "circuit", "monte-carlo", "fokker_planck"
 SPECTRAL = "spectral"
 ENGINES = (CIRCUIT, MONTE_CARLO)
-# Knots of scaled scenes so close that the noise is white for every motion.
+# With knots so close (in scaled scenes) the noise is white for every motion.
 WHITE = {"kind": "white", "knot_spacing": 0.05}
-# A coupling without an effect on the motion.
+# A coupling so weak that it does not affect the motion.
 UNCOUPLED = {"piezo.coupling": 1e-6}
-# Displacement (m) and frequency (Hz) of a piezo in prescribed motion; quality of its switched coil.
+# Amplitude (m) and frequency (Hz) of a piezo in prescribed motion; below, the quality factor of its
+# switched coil.
 PRESCRIBED = {"amplitude": 0.005, "frequency": 12.0}
 QUALITY = 8.0
-# (f, Ω) of published high orbits and ten times their mean power.
+# Published high orbits: forcing f, frequency Ω, and ten times the mean power.
 ORBITS = (
     (0.0922, 0.7500, 0.0164),
     (0.0997, 0.7500, 0.0165),
@@ -46,21 +48,21 @@ ORBIT_STARTS = tuple(
 )
 ORBIT_SOURCE = "HarvesterOpt (americocunhajr), DS_2var; Nonlinear Dynamics 103, 137"
 SINGLE_PATH = {"run.settle": 0.0, "run.realizations": 1}
-# Sources of paths by others, and the difference that their steps and ours leave.
+# Paths by other programs: the source, and the largest difference that their steps and ours explain.
 OTHERS = {
     "DOP853": ("scipy's DOP853 at 3e-14", 1e-4),
     "Radau": ("scipy's Radau on the node equations", 1e-4),
     "ngspice -b": ("plain ngspice on the exported netlist", 1e-4),
-    # At the longest step alone, without steps cut by the local error.
+    # VACASK runs at the longest step alone, without control by the local error.
     "VACASK": ("VACASK, another simulator, on the exported netlist", 5e-4),
 }
-# Half a width of the resonance off it, and the words for that.
+# Distances from the resonance, in half widths, and their names.
 FLANKS = ((-1.0, "on the lower flank"), (0.0, "on resonance"), (1.0, "on the upper flank"))
 SHU_LIEN = "Shu and Lien 2006"
 
 
 def catalogue() -> list[Truth]:
-    """All of them."""
+    """All known results."""
     return [
         *_linear_piezo(),
         *_linear_coil(),
@@ -99,7 +101,7 @@ def _linear_piezo():
         }
         scene = Scene.load("linear").replace(changes)
         system = prepared(scene).system
-        # The stationary solver refuses a load that decays within a step.
+        # The stationary solver refuses loads that decay within a step.
         methods = (*ENGINES, SOLVER) if decay_rate < 10.0 else ENGINES
         coupling, noise = system.transducer.coupling, scene.excitation
         assert isinstance(noise, OrnsteinUhlenbeck)
@@ -108,7 +110,7 @@ def _linear_piezo():
             system.damper.damping, 4.0, coupling, decay_rate, intensity, memory
         )
         title = f"power of a linear piezo harvester, lambda = {decay_rate:g}, tau1 = {memory:g}"
-        # Straight lines between knots take the first share of the noise's variance.
+        # Straight lines between knots lower the variance of the noise by 1/120.
         share = 1.0 / 120.0 + STEPS
         yield _within(share, title, source, exact, _by(scene, *methods), "mean_power")
 
@@ -280,7 +282,7 @@ def _coupled_bridges():
 
 
 def _flanks_of_a_resistor():
-    """On resonance and where the power is about half of that: steps must not shift it."""
+    """A resistor on resonance and at half power beside it: steps must not shift the resonance."""
     device = formulas.Driven(force=1e-3, damping=1e-3, coupling=1e-3, capacitance=2e-3)
     resistance, damping = 0.2 / device.capacitance, device.damping
     for side, words in FLANKS:

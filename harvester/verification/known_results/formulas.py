@@ -10,8 +10,8 @@ from typing import Any, NamedTuple
 import numpy as np
 from scipy.optimize import brentq, minimize
 
-# Points of a quadrature over displacements: the sum of a smooth function that vanishes at both
-# ends is exact to rounding.
+# Points of a quadrature over displacements. For a smooth function that vanishes at both ends the
+# trapezoidal sum is exact to rounding.
 QUADRATURE_POINTS = 20_001
 
 

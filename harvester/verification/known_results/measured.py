@@ -24,10 +24,10 @@ from harvester.verification.known_results.truth import Truth
 from harvester.verification.quantities import SIGNIFICANT_SIGMAS
 
 GRAVITY = 9.80665
-# Time constants of the device that a run waits, and periods that it averages.
+# A run settles for so many time constants of the device, and averages so many periods.
 SETTLING, PERIODS = 12.0, 100.0
-# Periods in which the rectifier's storage discharges by 1/e, and that its runs wait: the storage is
-# not stated, and this one's ripple takes less than 0.1 % of the power.
+# The rectifier's storage discharges to 1/e in 10 periods, and its runs settle for 260. The paper
+# does not state the storage; the ripple of this one costs less than 0.1 % of the power.
 STORED, RECTIFIED = 10.0, 260.0
 
 
@@ -234,9 +234,10 @@ DEVICES = (
 
 SILVERBOX = "Silverbox, a Duffing oscillator of electronics"
 SILVERBOX_SOURCE = "nonlinearbenchmark.org; figures of identified models in freq-statespace"
-# Published NRMSE of cubic models on the multisine's test part: 1.1 % and below.
+# Published relative rms errors of cubic models on the multisine's test part are 1.1 % and below.
 PUBLISHED_CUBIC = 0.011
-# The published split (nonlinear_benchmarks); the first samples of the test are left out.
+# Sampling rate (Hz) and the published split (nonlinear_benchmarks), which leaves out the first
+# samples of the test.
 RATE = 1e7 / 2**14
 TRAINED, TESTED, LEFT_OUT = (40_650, 105_712), (105_712, 127_400), 50
 GET_SILVERBOX = (

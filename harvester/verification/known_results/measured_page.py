@@ -32,6 +32,7 @@ def measured_page(rows: Sequence[TruthRow], date: str) -> str:
     """
     parts = [
         "# Measured against",
+        "*For whoever asks how far predictions lie from measurements. Misses stay on the page.*",
         f"Written by `harvester verify --output DIR`, harvester {__version__}, {date}.",
         OPENING,
     ]

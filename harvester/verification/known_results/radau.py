@@ -17,12 +17,12 @@ from harvester.verification.paths import noise_at_knots
 
 # 1N4148, of netlists/diodes.lib: saturation current (A), series resistance and leakage (ohm).
 SATURATION, SERIES, LEAKAGE = 2.52e-9, 0.568, 0.9e9
-# Emission coefficient times k T/e at 300.15 K.
+# Emission coefficient times k T/e at 300.15 K, in volts.
 SWING = 1.752 * 1.380649e-23 * 300.15 / 1.602176634e-19
-# What ngspice lays across every junction (S).
+# Conductance that ngspice puts across every junction, in siemens.
 GMIN = 1e-12
-# Stray capacitances: between the bridge's output and the piezo (F), and of every output node as a
-# share of the piezo's.
+# Stray capacitances: between the bridge's output and the piezo, in farads, and of every output node
+# as a share of the piezo's.
 STRAY, STRAY_SHARE = 10e-12, 1e-6
 RELATIVE_TOLERANCE, ABSOLUTE_TOLERANCE = 1e-6, 1e-9
 
@@ -82,7 +82,7 @@ def _diode(volts):
     """Current through junction, series resistance and leakage, by Newton on the junction."""
     junction = min(volts, 0.6)
     for _ in range(60):
-        # The integrator's trial steps go anywhere.
+        # Trial steps of the integrator may have any voltage: the exponent is limited.
         grown = np.exp(min(junction / SWING, 300.0))
         current = SATURATION * (grown - 1.0) + GMIN * junction
         slope = SATURATION * grown / SWING + GMIN

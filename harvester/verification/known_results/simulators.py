@@ -21,10 +21,10 @@ from harvester.simulation.realization import noise_path, start_state
 from harvester.verification.paths import knot_times
 
 TOLERANCE = 1e-6
-# Wall-clock limit of one run (s); it takes less than one second.
+# Wall-clock limit of one run, in seconds. A run takes less than one.
 TIME_LIMIT = 60.0
 _NOISE = re.compile(r"^Inoise 0 velocity PWL\((.*?)\)\n", re.MULTILINE | re.DOTALL)
-# Suffixes of ngspice's that VACASK's expressions do not have; its own are case-sensitive.
+# Suffixes that ngspice has and VACASK's expressions lack. VACASK's own are case-sensitive.
 _SUFFIXES = {"meg": "e6", "g": "e9", "t": "e12"}
 
 
@@ -39,7 +39,7 @@ def plain_ngspice(scene: Scene) -> np.ndarray:
     netlist = _exported(scene)
     with TemporaryFolder() as folder:
         (Path(folder) / "scene.cir").write_text(netlist.text + ".end\n", encoding="utf-8")
-        # Whatever the user's own start file says.
+        # -n: the user's own start file is not read.
         raw = _run(folder, program, "-n", "-b", "-r", "scene.raw", "scene.cir")
     return _at_knots(scene, raw, "v(displacement)", f"v({netlist.terminal})")
 

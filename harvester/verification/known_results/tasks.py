@@ -14,7 +14,8 @@ from harvester.verification.known_results import radau, simulators
 from harvester.verification.paths import recorded, states_at_knots
 from harvester.verification.quantities import STATES
 
-# Who else runs a scene's first path: X and terminal voltage, scaled, at the knots 1, 2, …
+# Other programs that run a scene's first path. Each gives X and the terminal voltage, scaled, at
+# the knots 1, 2, …
 OTHERS: dict[str, Callable[[Scene], np.ndarray]] = {
     "DOP853": lambda scene: exact_paths.run(scene, 0)[:, [0, 2]],
     "Radau": radau.bridge_path,

@@ -16,12 +16,13 @@ from harvester.running.request import told
 from harvester.verification.quantities import SIGNIFICANT_SIGMAS
 from harvester.version import __version__
 
-# Largest such error, as a share of the exact value, with which agreement says something.
+# Agreement is meaningful if that error is at most this share of the exact value.
 SHARPEST_NEEDED = 0.15
 HOLDS, FAILS, BLUNT, REFUSED, NOT_HERE, UNFINISHED = (
     "holds", "FAILS", "not known well enough", "refused", "not here", "unfinished",
 )  # fmt: skip
-# Of a measured device whose numbers are partly inferred: a prediction beyond the limit.
+# Verdict on a measured device whose values are partly inferred, if a prediction lies beyond the
+# limit.
 MISSES = "misses"
 
 
@@ -188,12 +189,13 @@ class Verification:
         before = None
         for row in self.exact:
             cells = row.cells()
-            # What several methods are compared with is said once.
+            # The truth is printed once if several methods are compared with it.
             named = cells if row.truth is not before else ["", *cells[1:3], "", *cells[4:]]
             lines.append([*named, str(1 + sources.index(row.truth.source))])
             before = row.truth
         said = [
             "# Verified against others",
+            "*For whoever asks why to believe a number.*",
             f"Written by `harvester verify`, harvester {__version__}, {self.date}: closed forms, "
             "exact limits, published powers and other integrators beside this project's results.",
             "\n".join(f"- {line}" for line in self._said_of_exact()),

@@ -22,7 +22,7 @@ from harvester.scene.model import Scene
 from harvester.verification.paper.density_features import FEATURES, middle_of, peak_of
 from harvester.verification.paper.figures_list import KEY_SYMBOLS, Changes
 
-# A method's answer under some changes, None where there is none.
+# Gives a method's answer for some changes of the scene, or None if it has none.
 Read: TypeAlias = Callable[[Changes], Answer | None]
 
 
@@ -105,7 +105,7 @@ class Along(StatementTest):
     values: tuple[float, ...]
 
     def places(self) -> list[tuple[str, float]]:
-        """All values."""
+        """The key with each of its values."""
         return [(self.swept, value) for value in self.values]
 
     def known(self, condition: Changes, read: Read) -> list[tuple[float, Answer]]:
@@ -167,7 +167,7 @@ class SingleHump(Along):
         if len(known) < 3:
             return []
         values = [answer.quantities[self.quantity].estimate for _, answer in known]
-        # Monotone to an edge is no hump either: the last step before it should fall.
+        # A rise up to the edge is no maximum either: the last step before the edge has to fall.
         top = min(max(int(np.argmax(values)), 1), len(known) - 2)
         steps = (
             self.change(condition, *step, 1 if k < top else -1)

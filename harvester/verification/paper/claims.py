@@ -21,11 +21,11 @@ from harvester.verification.quantities import SIGNIFICANT_SIGMAS
 
 HOLDS, IN_PART, FAILS = "holds", "holds in part", "does not hold"
 UNDECIDED, UNTESTED = "not significant", "not tested"
-# Realizations of each scene: of one number, for their batches are paired.
+# Realizations of each scene. All scenes have the same number, since their batches are paired.
 REALIZATIONS = {"monte-carlo": 48, "circuit": 16}
 THOROUGH = {"monte-carlo": 640, "circuit": 104}
 METHODS = ("monte-carlo", "circuit", *NOISE_CLOSURES)
-# A finding of so many standard errors is of an effect without chance, and no number to tell.
+# An effect of so many standard errors has no chance in it, and the number is not printed.
 WITHOUT_CHANCE = 1e3
 
 
@@ -56,7 +56,7 @@ class Opinion:
         if told and self.word != UNTESTED:
             words.append(f"≤ {max(told):.0f} σ" if undecided else f"≥ {min(told):.0f} σ")
         if self.word == IN_PART and not contra:
-            # Nothing speaks against it: more data may make it hold.
+            # Nothing contradicts the statement: it may hold with more data.
             words.append(f"{len(open_)} of {len(pro) + len(open_)} undecided")
         return f"{self.word} ({', '.join(words)})" if words else self.word
 
@@ -155,11 +155,25 @@ class Judgement:
         """The table with the sentences quoted, and the details, as Markdown."""
         header = ["section", "sentence", "tested", *METHODS]
         rows = [[c.section, c.sentence, c.says, *_texts(verdicts)] for c, verdicts in self.judged]
-        details = "".join(f"- {line}\n" for line in self.sentences())
-        return f"{markdown_table([header, *rows])}\n\n{details}"
+        return f"{markdown_table([header, *rows])}\n\n{self._folded()}"
+
+    def _folded(self) -> str:
+        """The details as Markdown, one fold for each statement."""
+        folds: dict[str, list[str]] = {}
+        for line in self.sentences():
+            says = next((c.says for c in self.claims if line.startswith(f"{c.says}: ")), "")
+            folds.setdefault(says, []).append(line.removeprefix(f"{says}: "))
+        plain_lines = "".join(f"- {line}\n" for line in folds.pop("", []))
+        parts = "\n".join(
+            f"<details><summary>{says}</summary>\n\n"
+            + "".join(f"- {line}\n" for line in lines)
+            + "\n</details>\n"
+            for says, lines in folds.items()
+        )
+        return f"{plain_lines}\n## Where a statement does not simply hold\n\n{parts}"
 
     def figure(self) -> None:
-        """Statements have none."""
+        """None: statements have no figure."""
 
     def to_dict(self) -> dict[str, Any]:
         """Plain values for JSON."""
@@ -252,7 +266,7 @@ def _wanted(scene, chosen, thorough):
             method,
             count,
             (method, changed) in dense,
-            # Closures have no moments.
+            # Closures have no time series of moments.
             **({"moments": True} if method in count else {}),
         )
         for (method, changes), changed in needed.items()
@@ -263,7 +277,8 @@ def _needed(claim, method, thorough):
     """Changes of the scene that one method is asked for."""
     conditions, brief = claim.conditions, method == "circuit" and not thorough
     if brief:
-        # A hundred times as slow as Monte Carlo: one condition, where it says most, and ends.
+        # The circuit is a hundred times slower than Monte Carlo: it gets one condition and the ends
+        # of a trend.
         conditions = [c for c in conditions if c == JUMPING][:1] or conditions[:1]
     scenes = [claim.test.scenes(condition) for condition in conditions]
     if brief and isinstance(claim.test, Trend):

@@ -81,7 +81,7 @@ ALL_NOISES = (
     *_each(INTENSITY, 0.005, 0.02, 0.08, 0.125),
     *_each(CORRELATION_TIME, 0.1, 1.1),
 )
-# Share of a peak that counts as a change worth naming.
+# A peak counts as changed if it changes by more than this share.
 LITTLE = 0.05
 GAPS, RESTITUTIONS, STIFFNESSES = (0.95, 1.1, 1.25), (0.3, 0.7, 1.0), (5.0, 10.0, 13.0)
 INTENSITIES = (0.005, 0.02, 0.06, 0.1, 0.125)

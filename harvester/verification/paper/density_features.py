@@ -7,9 +7,9 @@ import numpy as np
 
 from harvester.estimates.estimate import Density
 
-# Width of X over which the peak of a density is averaged.
+# The peak of a density is its mean over this width of X.
 PEAK_WIDTH = 0.1
-# Probability beyond the reach of a motion.
+# |X| is beyond the reach of the motion with this probability.
 BEYOND = 0.01
 
 
@@ -51,7 +51,7 @@ def reach_of(density: Density) -> tuple[float, float]:
     if density.standard_error is None:
         return distance, 0.0
     error = (density.standard_error[order] * width)[: last + 1].sum()
-    # Both sides share the slope of the tail's probability.
+    # The two sides together give the slope of the tail's probability.
     return distance, error / (2.0 * density.density[order][last])
 
 

@@ -16,11 +16,11 @@ from harvester.verification.paper.reproduce import Reproduction, answered
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-# Colours of a panel's curves in turn: blue and red as in the paper, then green.
+# Colours of a panel's curves: blue and red as in the paper, then green.
 COLOURS = ("#0077BB", "#CC3311", "#009988")
 # Line styles of the closures from the last, which is the default, to the first.
 STYLES = ("-", "--", ":", "-.")
-# Monte Carlo and circuit.
+# Markers of the two engines.
 MARKS = {"monte-carlo": "o", "circuit": "s"}
 NAMES = {
     "mean_square_voltage": "$E[V^2]$",
@@ -29,16 +29,16 @@ NAMES = {
 }
 PERCENT = ("power_conversion_efficiency",)
 LETTERS = "abc"
-# Symbols of a density from one end of the axis to the other.
+# Number of symbols of a density across the axis.
 SYMBOLS_ACROSS = 36
-# Opacity of a symbol whose run was too short for rare jumps.
+# Opacity of the symbols of runs that were too short for rare jumps.
 FADED = 0.35
-# Width of an entry of the legend below a figure (inches).
+# Width of a legend entry below a figure, in inches.
 LEGEND_ENTRY = 1.9
-# Fig. 2's frequency falls to 0 at the separatrix, in a trench narrower than the grid below this
-# (rad/s).
+# In Fig. 2 the frequency falls to 0 at the separatrix. Below this value, in rad/s, the dip is
+# narrower than the grid.
 TRENCH = 1.0
-# How far a density or a curve may rise above the simulated ones before it is cut off.
+# The axis ends at this multiple of the highest simulated value; higher curves are cut off.
 HEADROOM = 2.2
 
 
@@ -92,7 +92,7 @@ def _draw_curves(axes, panel, lines, quantity):
     for colour, line in zip(COLOURS, lines, strict=False):
         for method, points in line.items():
             if method not in MARKS:
-                # What was refused is a gap, never a line drawn past it.
+                # A refused point leaves a gap in the line.
                 y = [
                     factor * outcome.quantities[quantity].estimate if answered(outcome) else np.nan
                     for _, outcome in points
@@ -117,7 +117,7 @@ def _symbols(axes, method, x, y, errors, colour, opacity=1.0):
         errors,
         fmt=MARKS[method],
         color=colour,
-        # A hollow circle fits into a square: both are seen where they agree.
+        # The smaller circle lies inside the square, so that both are visible where they agree.
         markersize=4.0 if method == "monte-carlo" else 6.0,
         markerfacecolor="white" if method == "monte-carlo" else colour,
         markeredgecolor=colour if method == "monte-carlo" else "black",
@@ -161,7 +161,7 @@ def _draw_densities(content):
 def _density_symbols(axes, method, density, colour):
     seen = int(np.count_nonzero(density.density > WORTH_DRAWING * density.density.max()))
     step = max(1, seen // SYMBOLS_ACROSS)
-    # Symbols of the two engines on different bins, so that neither hides the other.
+    # The symbols of the two engines stand on different bins, so that neither hides the other.
     every = slice(0 if method == "monte-carlo" else step // 2, None, step)
     errors = density.standard_error
     bars = np.full(density.centre.shape, np.nan) if errors is None else 2.0 * errors

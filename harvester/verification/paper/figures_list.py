@@ -11,7 +11,7 @@ import numpy as np
 
 from harvester.verification.quantities import EFFICIENCY, POWER, VOLTAGE
 
-# Keys of a scene with the values that are put in.
+# Keys of a scene, with the values that they get.
 Changes: TypeAlias = tuple[tuple[str, Any], ...]
 
 GAP, RESTITUTION, STIFFNESS = "stoppers.gap", "stoppers.restitution", "stoppers.stiffness"

@@ -24,12 +24,12 @@ from harvester.scene.model import Scene
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-# Energy above U(0) of the outermost orbit (scaled): speeds up to 2.8.
+# Energy of the outermost orbit above U(0), scaled. It allows speeds up to 2.8.
 HIGHEST = 4.0
 LEVELS, NODES = 200, 24
 GRID = 121
 MARGIN = 0.995  # of the rectangle that is drawn, to the outermost orbit
-# Orbits of each edge along which Eq. 4b is solved, and points along each.
+# Eq. 4b is solved along so many orbits of each edge, at so many points of each.
 CHECKED, POINTS = 5, 512
 
 
@@ -78,7 +78,7 @@ class Surfaces(_Figure):
         ]
 
     def sentences(self) -> list[str]:
-        """What was computed."""
+        """Sentences on what was computed."""
         return [f"{self.name}: orbits of Eq. 13 up to H − U(0) = {HIGHEST:g}; no noise enters"]
 
 
@@ -136,7 +136,7 @@ class OrbitVoltages(_Figure):
         return header, rows
 
     def sentences(self) -> list[str]:
-        """What was computed."""
+        """Sentences on what was computed."""
         return [
             f"{self.name}: extremes of V (Eq. 10) along the orbits of Eq. 13 up to H − U(0) = "
             f"{HIGHEST:g}; symbols: Eq. 4b itself along the same orbits; no noise enters",
@@ -149,8 +149,8 @@ def surfaces(scene: Scene) -> Surfaces:
     """Fig. 2 of a bistable scene."""
     clock = time.perf_counter()
     wells, outer = _families(prepared(scene).system)
-    # A rectangle whose corners lie on the outermost orbit: half of its energy at rest, half of
-    # it in motion.
+    # The corners of the rectangle lie on the outermost orbit: half of the energy is potential, half
+    # kinetic.
     speed = MARGIN * np.sqrt(outer.height[-1])
     reach = MARGIN * np.interp(0.5 * outer.height[-1], outer.height, outer.right)
     x, v = np.linspace(-reach, reach, GRID), np.linspace(-speed, speed, GRID)

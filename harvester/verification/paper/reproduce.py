@@ -43,7 +43,8 @@ class Effort:
 QUICK = {"monte-carlo": Effort(16, 0.05, 32), "circuit": Effort(8, 0.10, 8)}
 DEFAULT = {"monte-carlo": Effort(40, 0.02, 1600), "circuit": Effort(48, 0.02, 336)}
 NOT_RUN = "not run: the time budget was spent"
-# What a point has: its answer, why there is none, or nothing yet.
+# The outcome of a point: its answer, the reason why there is none, or None if it is not computed
+# yet.
 Outcome: TypeAlias = Answer | HarvesterError | None
 
 
@@ -111,7 +112,7 @@ class Reproduction:
         short: dict[tuple[str, str], list[str]] = {}
         for panel, curve, method, value, outcome in self.points():
             for note in outcome.notes if answered(outcome) else ():
-                # The noise's interpolation is said once, in the caption's JSON.
+                # The note on the interpolation of the noise stands once, in the caption's JSON.
                 if not note.startswith("noise linear"):
                     short.setdefault((method, note), []).append(place(panel, curve, value))
         return lines + [
@@ -273,15 +274,15 @@ def _plan(scene, figure, quick, precision=None):
 
 
 def _density_values(panel, place, curve, quick):
-    """By method, the one value of a curve."""
-    # The circuit takes a hundred times as long: one curve of each panel.
+    """The single value of a curve, for each method."""
+    # The circuit takes a hundred times as long and gets one curve of each panel.
     methods = [*NOISE_CLOSURES, "monte-carlo"] + ["circuit"] * (place == 0)
     value = dict(curve.changes)[panel.swept]
     return {method: [value] for method in methods}
 
 
 def _sweep_values(panel, place, curve, quick):
-    """By method, the values along a curve: the circuit's is the middle one."""
+    """The values along a curve, for each method. The circuit has the middle one alone."""
     fine, coarse = panel.values(quick)
     circuit = [coarse[len(coarse) // 2]] if place == 0 or not quick else []
     return {**dict.fromkeys(NOISE_CLOSURES, fine), "monte-carlo": coarse, "circuit": circuit}
@@ -294,7 +295,7 @@ def _requests(plan):
 
 
 def _request(scene, method, efforts, precision, density):
-    """With as many realizations as the effort asks for."""
+    """The request for a scene, with as many realizations as the effort asks for."""
     first = {engine: effort.realizations for engine, effort in efforts.items()}
     options = {}
     if method in efforts:

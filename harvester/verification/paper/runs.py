@@ -11,11 +11,11 @@ from harvester.running import Request
 from harvester.scene.model import Scene
 from harvester.simulation.methods import ENGINES
 
-# Measured time of one realization (s).
+# Averaging time of one realization, in seconds.
 DURATIONS = {"monte-carlo": 5_000.0, "circuit": 1_200.0}
-# Largest numerical error of a closure: finer grids would show in no figure.
+# Largest numerical error of a closure. A smaller one would not be visible in a figure.
 CLOSURE_ERRORS = {"paper": 5e-3, "consistent": 5e-3, "fokker_planck": 2e-2}
-# Rough cost of a request in closure points.
+# Rough cost of a request, in units of a closure's point.
 COSTS = {"circuit": 20.0, "monte-carlo": 2.0, "fokker_planck": 5.0}
 
 

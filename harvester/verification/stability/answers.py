@@ -24,9 +24,9 @@ from harvester.verification.stability.cases import SETTLED_TIMES, STEP_BUDGET, s
 from harvester.verification.stability.path_deviation import PathDeviation, path_deviation
 
 METHODS = (*ENGINES, *NOISE_CLOSURES)
-# A run's means count if it lets pass at least this share of `SETTLED_TIMES` slow times first.
+# A run's means count if it has settled for at least this share of `SETTLED_TIMES` slow times.
 LEAST_SETTLED_SHARE = 0.5
-# Steps of the trial run that tells how many there are in a second.
+# Steps of the trial run that measures the number of steps per second.
 TRIAL_STEPS = 100_000
 
 

@@ -17,13 +17,13 @@ from harvester.prepared.steps import knot_spacing, steps_per_knot
 from harvester.scene.model import Scene
 from harvester.scene.units import length_scale
 
-# Realizations of Monte Carlo's run: few, so that the slowest time passes in each.
+# Realizations of Monte Carlo's run. Few realizations are long enough for the slowest time scale.
 REALIZATIONS = 4
-# Steps of all of them together, and the slow times that each lets pass first.
+# Steps of all realizations together, and the slow times for which each settles.
 STEP_BUDGET = 12_000_000
 SETTLED_TIMES = 5.0
 LARGEST_SETTLED_SHARE = 0.2
-# Stoppers of a scene that has none: gap in well distances, K, e.
+# Stoppers for a scene without: gap in units of the wells' distance, stiffness K, restitution e.
 GAP, STIFFNESS, RESTITUTION = 1.1, 10.0, 0.7
 
 
@@ -48,7 +48,7 @@ class Case:
 
     @property
     def title(self) -> str:
-        """Family and name."""
+        """Family and name of the case."""
         return f"{self.family}: {self.name}" if self.family != "corner" else self.name
 
 
@@ -115,7 +115,7 @@ def changed(scene: Scene, case: Case) -> Scene:
         **_changes(scene, case),
     }
     if scene.units == "SI":
-        # The scaled values stay those of the unchanged scene's length unit.
+        # The unit of length stays that of the unchanged scene, and so do the scaled values.
         changes["length_scale"] = length_scale(scene)
     new = scene.replace(changes)
     settle, duration = run_length(new)

@@ -11,6 +11,7 @@ import numpy as np
 from scipy.linalg import expm, solve_discrete_lyapunov
 
 from harvester.device import timescales
+from harvester.device.piezo import ShakenPiezo
 from harvester.device.system import System, elastic_force, potential
 from harvester.prepared.prepared import prepared
 from harvester.prepared.steps import knot_spacing
@@ -18,13 +19,13 @@ from harvester.scene.model import Scene
 from harvester.verification.known_results.formulas import gibbs_mean
 from harvester.verification.quantities import EFFICIENCY, VELOCITY, VOLTAGE
 
-# Largest share by which a mean may be off for a closed form to hold: by the change of the stiffness
-# within the motion, or by the noise's colour.
+# A closed form is used if its own error is at most this share of a mean: by the change of the
+# stiffness within the motion, or by the colour of the noise.
 LARGEST_ERROR = {"small motion": 3e-3, "Gibbs": 2e-2}
-# Standard deviations of the displacement that have to stay clear of contacts and saddles.
+# Contacts and saddles have to be at least so many standard deviations of the displacement away.
 CLEAR = 6.0
 
-# Value and largest error, by the quantity.
+# For each quantity its value and its largest error.
 Means: TypeAlias = dict[str, tuple[float, float]]
 
 
@@ -40,6 +41,9 @@ def closed_forms(scene: Scene, realizations: int) -> dict[str, Means]:
         return {}
     ready = prepared(scene)
     system = ready.system
+    if isinstance(system.transducer, ShakenPiezo):
+        # Neither form has the charge that the base moves.
+        return {}
     forms = {
         "small motion": small_motion(system, knot_spacing(ready), realizations),
         "Gibbs": gibbs(system),
@@ -98,7 +102,7 @@ def _covariance(system, stiffness, spacing):
     resistance = system.damper.damping + part.force(1.0, 0.0)
     drift[1, :4] = -stiffness, -resistance, -part.force(0.0, 1.0), 1.0
     drift[2, 1], drift[2, 2] = part.state_rate(1.0, 0.0), part.state_rate(0.0, 1.0) or -1.0
-    # The noise and its slope between knots.
+    # States 3 and 4 are the noise and its slope between knots.
     drift[3, 4] = 1.0
     rho = math.exp(-spacing / noise.correlation_time)
     variance = noise.intensity / noise.correlation_time
@@ -109,7 +113,7 @@ def _covariance(system, stiffness, spacing):
         slope = whole[:, 4] / spacing
         return np.column_stack([whole[:, :3], whole[:, 3] - slope, slope])
 
-    # What is kept from knot to knot: the three states and η, driven by η's own innovation.
+    # From knot to knot: the three states and η, driven by the innovation of η.
     step, kick = np.zeros((4, 4)), np.zeros(4)
     over = carried(spacing)
     step[:3, :3], step[:3, 3], step[3, 3] = over[:, :3], over[:, 3] + rho * over[:, 4], rho

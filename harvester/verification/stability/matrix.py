@@ -114,6 +114,13 @@ class StabilityMatrix:
 
         return drawn(draw, self)
 
+    def figures(self) -> list[Figure]:
+        """The same grid in pages that can be read in print."""
+        from harvester.show.figures import drawn
+        from harvester.verification.stability.figure import draw_pages
+
+        return drawn(draw_pages, self)
+
     def to_dict(self) -> dict[str, Any]:
         """Plain values for JSON."""
         return {
@@ -194,7 +201,7 @@ def _short(judge):
 
 
 def _percent(share):
-    """With one digit, or two of what begins with 1."""
+    """A percentage with one digit, or two if the first is 1."""
     return f"{100.0 * share:.2g} %" if share >= 1e-4 else "<0.01 %"
 
 

@@ -25,28 +25,29 @@ from harvester.verification.paths import ignore, recorded, states_at_knots
 from harvester.verification.quantities import STATES
 from harvester.verification.stability.replay import can_replay, replayed
 
-# Steps of the circuit along all paths together, away from contacts; greatest and smallest number
-# of paths, and the length of each where the noise's knots crowd (periods).
+# The circuit's steps along all paths together, away from contacts; the largest and the smallest
+# number of paths; and the length of each, in periods, if the knots of the noise are close.
 PATH_STEPS = 20_000
 MOST_PATHS, FEWEST_PATHS = 8, 2
 FEWEST_PERIODS = 3.0
 MOST_PERIODS = 30.0
-# Steps that a mass takes from rest to a state that is typical of it.
+# A mass takes so many steps from rest to a typical state.
 SETTLING_STEPS = 200_000
-# Divisions of the step asked for, in the second look that tells a wrong model from a long step.
+# The step is divided by this for the second comparison, which distinguishes a wrong model from a
+# long step.
 FINER = 2
-# Initial difference of the second fine path, as a share of the rms velocity, and the growth of it
-# up to which paths are compared.
+# A second fine path begins displaced by this share of the rms velocity. Paths are compared while
+# the difference grows by less than the second number.
 DISPLACED = 1e-4
 LARGEST_GROWTH = 5.0
-# Difference of the paths at the step and at half of it, as a share of the rms, up to which its
-# order can be relied on.
+# The order of the step is relied on if the paths at the step and at half of it differ by at most
+# this share of the rms.
 LARGEST_STEP_ERROR = 0.05
-# Deviations are those of X and V: X' changes its sign in a contact, where a knot in time finds it
-# far off though the paths are close.
+# Deviations are taken of X and V. X' changes its sign in a contact, so that close paths may differ
+# much at a knot.
 SMOOTH = (0, 2)
-# Least deviation of the limit that is taken for one; that where contacts shorten the steps, as a
-# step that grazes one spoils the order by which the limit is extrapolated; the share of the step's
+# Smallest deviation of the limit that counts; the same where contacts shorten the steps, since a
+# step that grazes a contact spoils the order of the extrapolation; and the share of the step's
 # error that extrapolation leaves.
 LEAST_DEVIATION = 3e-3
 LEAST_OF_STIFF_CONTACTS = 1e-2
@@ -191,14 +192,14 @@ def _typical_start(scene):
     system, scales = ready.system, ready.scales
     last: Any = settled.waveform
     low, high = timescales.free_zone(system)
-    # A mass that is pressed against a stopper is never out of contact: then the last point.
+    # A mass that is pressed against a stopper is never free: the last point is taken.
     free = np.flatnonzero((last.displacement > low) & (last.displacement < high))
     place = free[-1] if free.size else -1
     start = {
         "start.displacement": float(last.displacement[place] * scales.displacement),
         "start.velocity": float(last.velocity[place] * scales.displacement),
     }
-    # A coil holds its current, which no scene starts with.
+    # A coil with inductance has a current, which no scene can start with.
     if isinstance(scene.transducer, PiezoTable):
         start["start.voltage"] = float(last.voltage[place] * scales.voltage)
     return start

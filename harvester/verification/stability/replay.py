@@ -21,7 +21,8 @@ from harvester.scene.model import Scene
 from harvester.simulation.realization import start_state
 from harvester.verification.paths import noise_at_knots
 
-# Steps of the integrator for each of the engine's, and with stoppers: it has none of their own.
+# The integrator takes so many steps for each of the engine's, and more with stoppers, for which it
+# does not shorten its steps.
 FINER, FINER_IN_CONTACT = 2, 8
 
 
@@ -48,7 +49,8 @@ def replayed(scene: Scene, waveforms: Sequence[Record]) -> np.ndarray:
     times = np.linspace(0.0, knots * spacing, 2 * steps * knots + 1)
     starts = np.array([start_state(ready, index) for index in range(count)])
     drive = np.array([np.interp(times, times[:: 2 * steps], path) for path in noise]).T
-    # A load that switches empties the piezo within a step: what counts is the voltage's mean.
+    # A load that switches empties the piezo within a step: the mean of the voltage over the step is
+    # used.
     voltage = [_means(w, start[2], times[::2]) for w, start in zip(waveforms, starts, strict=True)]
     push = system.transducer.coupling * np.array(voltage).T
     x, v = starts[:, 0], starts[:, 1]

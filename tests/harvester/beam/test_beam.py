@@ -2,7 +2,8 @@
 
 import numpy as np
 import pytest
-from finite_elements_of_beams import matrices, modes_of
+from beam_voltages import discrete, of_lumped_values, sum_of_modes
+from finite_elements_of_beams import modes_of
 
 from harvester.beam.modes import modes, rest
 from harvester.beam.table import Beam, frequencies, lumped, pieces_of, section, tip_of
@@ -58,17 +59,10 @@ def test_bimorph_of_the_bare_paper():
     assert values == pytest.approx(expected, rel=1e-3)
 
 
-def _discrete(beam):
-    pieces, tip = pieces_of(beam), tip_of(beam)
-    ends = np.cumsum([0.0, *(each.length for each in pieces)])
-    rigid, heavy = [each.rigidity for each in pieces], [each.mass for each in pieces]
-    return ends, pieces, matrices(ends, rigid, heavy, tuple(tip))
-
-
 @pytest.mark.parametrize("beam", [LOADED, BARE, PATCHED, BLOCK])
 def test_frequencies_of_finite_elements(beam):
     beam = Beam(**beam)
-    _, _, (k, m, _, free, _) = _discrete(beam)
+    _, _, (k, m, _, free, _) = discrete(beam)
     expected = modes_of(k, m, free, 3)[0] / (2.0 * np.pi)
     assert frequencies(beam) == pytest.approx(expected, rel=2e-3)
 
@@ -78,20 +72,10 @@ def test_frequencies_of_finite_elements(beam):
 def test_voltage_of_a_sum_of_25_modes(beam, resistance):
     beam = Beam(**beam)
     found = lumped(beam)
-    ends, pieces, (k, m, load, free, slopes) = _discrete(beam)
-    omega, phi = modes_of(k, m, free, 25)
-    coupling = sum(
-        piece.moment_per_volt * (phi[slopes[float(b)]] - (phi[slopes[float(a)]] if a else 0.0))
-        for piece, a, b in zip(pieces, ends[:-1], ends[1:], strict=True)
-    )
-    forcing = load @ phi
-    for frequency in np.linspace(0.9, 1.15, 21) * found.short_frequency:
-        rate = 2j * np.pi * frequency
-        response = 1.0 / (omega**2 + rate**2 + 2.0 * beam.ratio * omega * rate)
-        admittance = rate * (found.material_capacitance + coupling**2 @ response)
-        exact = -rate * ((coupling * forcing) @ response) / (1.0 / resistance + admittance)
-        voltage = found.voltage_per_acceleration(frequency, resistance)
-        assert abs(voltage) == pytest.approx(abs(exact), rel=5e-3)
+    frequencies = np.linspace(0.9, 1.15, 21) * found.short_frequency
+    exact = np.abs(sum_of_modes(beam, frequencies, resistance))
+    voltage = np.abs(of_lumped_values(found, frequencies, 1.0 / resistance))
+    assert voltage == pytest.approx(exact, rel=5e-3)
 
 
 def test_the_static_rest_is_the_sum_of_the_higher_modes():
@@ -173,5 +157,5 @@ def test_measured_power_of_the_bare_bimorph():
     }
     for frequency, powers in measured.items():
         for resistance, power in zip(resistances, powers, strict=True):
-            voltage = 9.80665 * abs(found.voltage_per_acceleration(frequency, resistance))
+            (voltage,) = 9.80665 * np.abs(of_lumped_values(found, [frequency], 1.0 / resistance))
             assert 1e6 * voltage**2 / resistance == pytest.approx(power, rel=0.04)

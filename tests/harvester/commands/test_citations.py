@@ -65,7 +65,8 @@ def test_every_source_can_be_reached():
     ]
     scenes += [
         Scene.load("bimorph").replace(
-            magnets={"distance": 0.01, "reach": 0.005, "tip_moment": 0.1, "frame_moment": 0.1}
+            {"beam.fatigue_strain": 1e-4, "beam.fatigue_cycles": 1e6, "beam.fatigue_exponent": 9.0},
+            magnets={"distance": 0.01, "reach": 0.005, "tip_moment": 0.1, "frame_moment": 0.1},
         )
     ]
     engines = ("circuit", "averaging fokker_planck")

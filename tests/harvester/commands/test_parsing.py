@@ -53,6 +53,8 @@ OPTIONS = {
     "claims": f"--json --output --report --seed --thorough {RUN}",
     "schematic": f"--output {SCENE}",
     "netlist": f"--dialect --output --realization --step {SCENE}",
+    "export": "--as --data --dialect --displacement-unit --duration --output --rate "
+    f"--realization --step {SCENE}",
     "cite": "FILE",
     "engine": "--json",
     "completion": "SHELL",

@@ -5,9 +5,10 @@ import math
 import numpy as np
 import pytest
 
-from harvester import Scene
+from harvester import Scene, simulate
 from harvester.estimates.batch_means import error_without_chance
-from harvester.estimates.of_run import run_estimates
+from harvester.estimates.of_run import error_of, run_estimates
+from harvester.prepared.paths import distinct_realizations
 from harvester.prepared.prepared import prepared
 from harvester.prepared.steps import step_error
 from harvester.simulation.methods import MonteCarlo
@@ -21,6 +22,46 @@ def test_equal_batches_have_no_error():
 def test_what_is_left_of_the_start_is_covered():
     batches = 1.0 + 0.1 * np.exp(-np.arange(64) / 8.0)[None]
     assert abs(batches.mean() - 1.0) < error_without_chance(batches) < 0.05
+
+
+SINE = {"kind": "sine", "amplitude": 1.0, "frequency": 6.3}
+
+
+def test_drawn_starts_hold_the_chance_of_their_motions():
+    """Two motions of 1 and 22, of which 30 % of all starts come to the second: 7.3 on average."""
+    random = np.random.default_rng(1)
+    error = error_of(Scene.load("device").replace({"excitation": SINE, "run.starts": 60}))
+    inside = []
+    for _ in range(1000):
+        values = np.where(random.uniform(size=60) < 0.3, 22.0, 1.0)
+        series = values[:, None] * np.ones(8)
+        inside.append(abs(values.mean() - 7.3) < 1.96 * error(series))
+    # Of a binomial of 60 draws the normal interval holds 94 to 95 %.
+    assert np.mean(inside) == pytest.approx(0.945, abs=0.02)
+    fixed = error_of(Scene.load("device").replace({"excitation": SINE}))
+    assert fixed(series) == 0.0
+
+
+def test_starts_on_one_path_do_not_count_as_independent():
+    """A record's error is not smaller for as many starts that come to the same motion."""
+    noise = np.random.default_rng(2).standard_normal((1, 64))
+    sweep = {"kind": "swept-sine", "amplitude": 1.0, "frequency": 2.0, "end_frequency": 9.0}
+    for excitation in (SINE, sweep):
+        error = error_of(Scene.load("device").replace({"excitation": excitation}))
+        assert error(np.repeat(noise, 16, axis=0)) == pytest.approx(error(noise), rel=1e-12)
+
+
+@pytest.mark.slow
+def test_realizations_without_chance_are_as_many_as_their_starts():
+    scene = Scene.load("device").replace({"excitation": SINE, "run.duration": 2.0})
+    pair, four = (
+        simulate(scene.replace({"run.realizations": count}), method="monte-carlo", workers=1)
+        for count in (2, 4)
+    )
+    assert four.realizations == 2
+    assert four["mean_power"].estimate == pytest.approx(pair["mean_power"].estimate, rel=1e-9)
+    assert any("there are 2, one in each well" in line for line in four.notes)
+    assert distinct_realizations(prepared(four.scene.replace({"start.displacement": 0.0}))) == 1
 
 
 def test_a_resistor_after_two_seconds_is_known_to_its_steps():

@@ -62,6 +62,24 @@ def test_a_linear_device_is_found_from_its_response(parts):
 
 
 @pytest.mark.slow
+def test_the_charge_that_the_base_moves_by_itself_is_in_the_response():
+    # Q of a tenth of what the mass moves far below its resonance.
+    charge = -0.1 * PIEZO["coupling"] * MASS / STIFFNESS
+    truth = linear().replace({"piezo.base_charge": charge})
+    rate = 2j * np.pi * FREQUENCY
+    moved = 1.0 / (STIFFNESS + MASS * rate**2 + rate * DAMPING)
+    volts = -rate * (PIEZO["coupling"] * MASS * moved + charge)
+    volts /= 1.0 / RESISTANCE + rate * (PIEZO["capacitance"] + PIEZO["coupling"] ** 2 * moved)
+    rng = np.random.default_rng(5)
+    noise = rng.standard_normal(rate.size) + 1j * rng.standard_normal(rate.size)
+    seen = MeasuredResponse(FREQUENCY, volts + 1e-3 * np.abs(volts).max() * noise)
+    keys = ["oscillator.restoring_force[1]", "oscillator.damping", "piezo.coupling"]
+    found = identify(off(truth, keys, rng, 0.3), seen, free=keys)
+    agree(found, truth)
+    assert found.verdict.good
+
+
+@pytest.mark.slow
 def test_a_response_at_a_known_amplitude_tells_the_cubic_spring():
     # Harmonic balance of a hardening coil device: [(k + 3/4 k3 a² − Mω²)² + ω²c²] a² = (M A)².
     cubic = STIFFNESS / 2e-3**2

@@ -9,9 +9,10 @@ from measured_sets import FAULTS, a_set
 from scipy.stats import t
 
 from harvester.errors import HarvesterError
+from harvester.estimates.attractors import repeats_in_noise
 from harvester.identification.identify import identify
 from harvester.identification.intervals import HALF_INTERVAL, moved_by_records
-from harvester.identification.kept_aside import _is_periodic, _orbit, _repeats
+from harvester.identification.kept_aside import _orbit, _repeats
 from harvester.identification.shooting import Fit, Shooting
 from harvester.identification.unknowns import Unknown
 from harvester.scene.numbers import numbers
@@ -95,7 +96,7 @@ def test_orbits_are_told_by_wells_and_by_the_base_s_period():
     assert _orbit(-2.0 + swing, saddles, whole, period) == "in the well on the left"
     assert _orbit(1.5 * swing, saddles, whole, period) == "between the wells"
     half = np.sin(np.pi * np.arange(6000) / period)
-    assert _is_periodic(swing + 0.5 * half, period)
+    assert repeats_in_noise(swing + 0.5 * half, period)
     rough = np.random.default_rng(1).standard_normal(6000).cumsum()
     rough -= np.convolve(rough, np.full(101, 1 / 101), "same")
     assert _orbit(rough, saddles, whole, period).endswith("chaotic")

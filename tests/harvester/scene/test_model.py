@@ -14,6 +14,7 @@ from harvester.simulation.simulate import simulate
 def test_every_built_in_scene_loads_and_has_finite_parameters():
     old = {"device", "duffing", "linear", "paper", "paper_si"}
     added = {"asymmetric", "bimorph", "cantilever", "electromagnetic", "one_sided", "tristable"}
+    added |= {"bimorph_bare", "geophone"}
     assert set(Scene.names()) == old | added
     for name in Scene.names():
         ready = prepared(Scene.load(name))

@@ -9,7 +9,7 @@ from scipy.integrate import solve_ivp
 
 import harvester
 from harvester.errors import HarvesterError
-from harvester.estimates.attractors import divergence, groups_of, repetition
+from harvester.estimates.attractors import divergence, groups_of, repeats_in_noise, repetition
 from harvester.prepared.prepared import prepared
 from harvester.prepared.starts import drawn_start, energy_range
 from harvester.scene.model import Scene
@@ -77,13 +77,45 @@ def test_basins_of_two_wells():
 
 
 @pytest.mark.exhaustive
+def test_basins_of_three_wells():
+    """x'' + 0.15 x' + x − 1.4 x³ + 0.4 x⁵ = 0.15 cos 0.9 t: three motions."""
+    damping, amplitude, frequency, periods = 0.15, 0.15, 0.9, 200
+    tables = duffing(damping, amplitude, frequency).to_tables()
+    tables["oscillator"] = {"damping": damping, "restoring_force": [0.0, 1.0, 0.0, -1.4, 0.0, 0.4]}
+    x, v = np.linspace(-2.2, 2.2, 15), np.linspace(-1.5, 1.5, 15)
+    found = harvester.basins(
+        Scene.from_tables(tables), displacement=x, velocity=v, periods=periods, workers=1
+    )
+
+    def rates(t, y):
+        x, v = y.reshape(2, -1)
+        force = amplitude * math.cos(frequency * t) - x + 1.4 * x**3 - 0.4 * x**5
+        return np.concatenate([v, force - damping * v])
+
+    times = 2.0 * math.pi / frequency * np.arange(periods - 64, periods + 1)
+    start = np.concatenate([each.ravel() for each in np.meshgrid(x, v)])
+    path = solve_ivp(
+        rates, (0.0, times[-1]), start, method="DOP853", t_eval=times, rtol=1e-9, atol=1e-10
+    ).y.reshape(2, 225, 65)
+    own = groups_of(np.stack([*path, np.zeros((225, 65))], axis=2))
+    assert len(own) == len(found.orbits) == 3
+    for orbit, group in zip(found.orbits, own, strict=True):
+        assert orbit.period == group.period == 1
+        assert orbit.points[0] == pytest.approx(group.points[0, :2], abs=1e-3)
+        assert orbit.share == pytest.approx(group.members.size / 225, abs=0.02)
+
+
+@pytest.mark.exhaustive
 def test_chaos_has_the_exponent_of_its_variational_equation():
     damping, amplitude, frequency = 0.3, 0.5, 1.2
     found = harvester.basins(
         duffing(damping, amplitude, frequency), points=6, periods=100, workers=1
     )
-    (orbit,) = found.orbits
-    assert orbit.kind == "chaotic"
+    run = duffing(damping, amplitude, frequency, settle=200.0, starts=8)
+    attractors = harvester.simulate(run, method="monte-carlo", workers=1).attractors
+    orbits = [*found.orbits, *attractors]
+    assert [each.kind for each in orbits] == ["chaotic", "chaotic"]
+    assert "largest Lyapunov exponent" in attractors[0].sentence("W")
 
     def rates(t, y):
         x, v, dx, dv = y
@@ -98,8 +130,9 @@ def test_chaos_has_the_exponent_of_its_variational_equation():
         logs.append(math.log(size))
         y[2:] /= size
     growth = np.array(logs[50:]) / period
-    error = math.hypot(orbit.lyapunov.standard_error, growth.std() / math.sqrt(growth.size))
-    assert abs(orbit.lyapunov.exponent - growth.mean()) < 3.5 * error
+    for orbit in orbits:
+        error = math.hypot(orbit.lyapunov.standard_error, growth.std() / math.sqrt(growth.size))
+        assert abs(orbit.lyapunov.exponent - growth.mean()) < 3.5 * error
 
 
 @pytest.mark.exhaustive
@@ -168,6 +201,11 @@ def test_refusals():
         harvester.residence(duffing(0.25, 0.2, 1.0))
     with pytest.raises(HarvesterError, match=r"run\.starts"):
         Scene.load("duffing", ["run.starts=10"])
+    for wrong in ({"points": 1001}, {"periods": 1}, {"periods": 10**12}):
+        with pytest.raises(HarvesterError, match=next(iter(wrong))):
+            harvester.basins(duffing(0.25, 0.2, 1.0), **wrong)
+    with pytest.raises(HarvesterError, match=r"leave out the table \[start\]"):
+        duffing(0.25, 0.2, 1.0, starts=2).replace({"start.velocity": 1.0})
     with pytest.raises(HarvesterError, match="two different numbers"):
         harvester.bifurcation(duffing(0.25, 0.2, 1.0), over="excitation.amplitude", values=[0.1])
     with pytest.raises(HarvesterError, match=r"nothing in \[run\]"):
@@ -197,9 +235,11 @@ def test_a_start_that_still_settles_is_on_the_cycle_that_it_comes_to():
 
 def test_what_is_not_settled_is_no_steady_motion():
     orbit = Orbit("A", 1, None, 3, 0.75, 0.1, 2.0, 1.0, 1.0, np.zeros((1, 2)))
-    first, best, *_ = orbit_sentences([orbit, replace(orbit, name="B", period=None)], {}.get)
+    first, best, *_ = orbit_sentences(
+        [orbit, replace(orbit, name="B", period=None)], {"power": "W"}.get
+    )
     assert first == "1 steady motion: period 1; and 1 not settled"
-    assert best.startswith("most power on orbit A")
+    assert best.startswith("most power on orbit A, 2 W")
 
 
 def test_exponent_of_a_growth_that_is_known():
@@ -230,18 +270,25 @@ def test_kramers_at_strong_damping():
 
 
 @pytest.mark.exhaustive
-@pytest.mark.parametrize("intensity", [0.02, 0.026, 0.034, 0.044, 0.06])
-def test_residence_against_plain_euler(intensity):
+@pytest.mark.parametrize(
+    ("intensity", "method", "precision"),
+    [
+        *((each, "monte-carlo", 0.03) for each in (0.02, 0.026, 0.034, 0.044, 0.06)),
+        (0.06, "circuit", None),
+    ],
+)
+def test_residence_against_plain_euler(intensity, method, precision):
     """Langevin's equation by a scheme of our own, counted by the wells' cores."""
+    duration = 4000 if precision else 400
     scene = Scene.load(
         "duffing",
         [
             "oscillator.damping=0.25", "oscillator.linear_stiffness=-1", "piezo.coupling=0",
-            "oscillator.cubic_stiffness=1", "run.duration=4000", "run.realizations=16",
+            "oscillator.cubic_stiffness=1", f"run.duration={duration}", "run.realizations=16",
             f'excitation={{kind="white", intensity={intensity}, knot_spacing=0.02}}',
         ],
     )  # fmt: skip
-    (stay,) = harvester.residence(scene, precision=0.03).stays
+    (stay,) = harvester.residence(scene, method=method, precision=precision).stays
     time, error = plain_residence(intensity, 0.25)
     assert abs(stay.time - time) < 3.0 * math.hypot(stay.standard_error, error)
 
@@ -262,3 +309,24 @@ def plain_residence(intensity, damping, copies=2000, total=1000.0, step=0.01):
         well = np.where(reached, np.sign(x), well)
     time = copies * total / jumps
     return time, time / math.sqrt(jumps)
+
+
+@pytest.mark.exhaustive
+@pytest.mark.parametrize(
+    ("amplitude", "expected"), [(0.2, 1), (0.28, 2), (0.29, 4), (0.37, 5), (0.5, 0), (0.65, 2)]
+)
+def test_a_measured_path_repeats_as_its_section_does(amplitude, expected):
+    """Two wells by scipy, δ = 0.3, ω = 1.2: the periods that are known of this example."""
+    frequency, points = 1.2, 40
+
+    def rates(t, y):
+        return [y[1], amplitude * math.cos(frequency * t) - 0.3 * y[1] + y[0] - y[0] ** 3]
+
+    times = 2.0 * math.pi / frequency * (100.0 + np.arange(64 * points + 1) / points)
+    path = solve_ivp(
+        rates, (0.0, times[-1]), [1.0, 0.0], method="DOP853", t_eval=times, rtol=1e-8, atol=1e-9
+    ).y
+    section = np.stack([*path[:, ::points], np.zeros(65)], axis=1)
+    assert repetition(section[None])[0] == expected
+    noise = 0.02 * np.random.default_rng(3).standard_normal(times.size)
+    assert repeats_in_noise(path[0] + noise, points) == (expected > 0)

@@ -1,0 +1,71 @@
+"""A sub-circuit or deck in ngspice's words, in those of LTspice, PSpice and Xyce.
+
+| here | LTspice | PSpice, Xyce |
+| --- | --- | --- |
+| `B… i=…` | the same, parameters in braces | `G… VALUE={…}` |
+| `a ? b : c` | `if(a,b,c)` | `IF(a,b,c)` |
+| `pow(x,y)` of x > 0 | `pwr(x,y)` | `PWR(x,y)` |
+| `.subckt … key=value` | the same | `… PARAMS: key=value` |
+"""
+
+from __future__ import annotations
+
+import re
+
+from circuits.loads.reader import statements
+from circuits.ltspice import to_ltspice, translate
+
+DIALECTS = ("ngspice", "ltspice", "pspice", "xyce")
+# Longest line: PSpice reads 132 characters.
+WIDTH = 120
+
+
+def in_dialect(text: str, dialect: str) -> str:
+    """Statements of ngspice, without analysis and options, in another's words.
+
+    Parameters
+    ----------
+    text : str
+    dialect : str
+        One of `DIALECTS`.
+
+    Raises
+    ------
+    NetlistError
+        An expression that the dialect has no words for.
+    """
+    if dialect == "ngspice":
+        cards = text.splitlines()
+    elif dialect == "ltspice":
+        cards = to_ltspice(text).splitlines()
+    else:
+        cards = [_pspice(card.text) for card in statements(text, "block")]
+    return "".join(f"{line}\n" for card in cards for line in _lines(card))
+
+
+def _lines(card):
+    """A card's lines, none of them longer than every reader takes."""
+    if len(card) <= WIDTH:
+        return [card]
+    # A break within an expression stands where no name, number or call is cut.
+    pieces = re.split(r"(?<=[*,])|(?<= )", card)
+    lines, line = [], ""
+    for piece in pieces:
+        if line and len(line + piece) > WIDTH:
+            lines.append(line.rstrip())
+            line = "+ "
+        line += piece
+    return [*lines, line]
+
+
+def _pspice(card):
+    first = card.split()[0].lower()
+    if first == ".subckt":
+        head, *values = re.split(r"\s+(?=\w+\s*=)", card)
+        return f"{head} PARAMS: {' '.join(values)}" if values else head
+    if first.startswith("b"):
+        head, _, expression = card.partition("=")
+        name, plus, minus, _ = head.split()
+        said = translate(expression, behavioural=True).replace("{", "").replace("}", "")
+        return f"G{name} {plus} {minus} VALUE={{{said}}}"
+    return card

@@ -1,0 +1,68 @@
+"""The head of a block's file: what it holds, its pins, and where its accuracy ends."""
+
+from __future__ import annotations
+
+import math
+from typing import TYPE_CHECKING
+
+from circuits.elements import named_contacts, number
+from harvester.device import timescales
+from harvester.device.polynomial import Polynomial
+from harvester.files import licence
+
+if TYPE_CHECKING:
+    from circuits.block.parameters import Parameters
+    from harvester.prepared.prepared import Prepared
+
+# Steps of the trapezoidal rule in a period, and in a contact.
+STEPS_PER_PERIOD, STEPS_PER_CONTACT = 2500, 400
+# A contact shorter than this share of a period is called stiff.
+STIFF = 0.05
+
+
+def longest_step(ready: Prepared) -> float:
+    """The longest step (s) at which the trapezoidal rule holds a path to about 1e-4."""
+    period = 2.0 * math.pi / timescales.fastest_angular_frequency(ready.system)
+    contact = timescales.contact_time(ready.system)
+    return min(period / STEPS_PER_PERIOD, contact / STEPS_PER_CONTACT)
+
+
+def head(ready: Prepared, parameters: Parameters) -> list[str]:
+    """Lines without marks of a comment, a line for each parameter at the end."""
+    system, step = ready.system, longest_step(ready)
+    period = 2.0 * math.pi / timescales.fastest_angular_frequency(system)
+    speed = parameters.rate * parameters.length
+    lines = [
+        f"harvester scene {ready.scene.name}: {_parts(ready)}",
+        *licence.EXPORTED,
+        "",
+        "Pins: p, n    terminals, floating; give them a path to ground",
+        "      base    acceleration of the base, 1 V for 1 m/s2, against ground",
+        "      x       displacement of the mass, 1 V for displacement_unit metres, against ground",
+        f"Inside: V(velocity) is the velocity in units of {number(speed)} m/s.",
+        "",
+        f"Longest step: {step:.2g} s holds a path that is not chaotic to 1e-5 over 25 periods by",
+        "the trapezoidal rule at a relative tolerance of 1e-9; the error grows as its square.",
+        f"A period lasts {period:.3g} s. Backward Euler and Gear damp the motion: do not use them.",
+    ]
+    contact = timescales.contact_time(system)
+    if contact < STIFF * period:
+        lines += [
+            f"WARNING: stiff contact. At the rms speed it lasts {contact:.2g} s,",
+            f"{contact / period:.2g} of a period: a simulator with its own longest step passes",
+            "over it without a word.",
+        ]
+    named = [f"  {name} ({each.unit}): {each.meaning}" for name, each in parameters.given.items()]
+    return [*lines, "", "Parameters:", *named]
+
+
+def _parts(ready):
+    """The parts that a device has, in words."""
+    scene, spring = ready.scene, ready.system.spring
+    form = "a polynomial" if isinstance(spring, Polynomial) else "a table or a range"
+    parts = [f"mass, spring by {form}", "damper"]
+    if getattr(ready.system.damper, "quadratic_damping", 0.0):
+        parts.append("air drag")
+    parts += [f"contact {name}" for name, _ in named_contacts(ready.system)]
+    parts.append(type(scene.transducer).__name__.removesuffix("Table").lower())
+    return ", ".join(parts)

@@ -1,0 +1,1 @@
+"""A device for people's own tools: netlists, blocks, compiled models, traces."""

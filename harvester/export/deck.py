@@ -1,0 +1,100 @@
+"""A whole deck of a scene, with its load and its noise: `harvester netlist`."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from circuits.export import for_ltspice, stand_alone
+from harvester.errors import HarvesterError
+from harvester.files.plain_text import name as name_of
+from harvester.files.plain_text import nearest
+from harvester.files.writing import check_writable, in_folder, is_stream, write_text
+from harvester.prepared.paths import noise_path, start_state
+from harvester.prepared.prepared import prepared
+from harvester.simulation.simulate import check_step
+
+if TYPE_CHECKING:
+    from harvester.scene.model import Scene
+
+DIALECTS = ("ngspice", "ltspice")
+
+
+def write_deck(
+    scene: Scene, output: str | Path, dialect: str, step: str | float, realization: int
+) -> list[Path]:
+    """Write a stand-alone .cir; for LTspice the noise in a file beside it.
+
+    Parameters
+    ----------
+    scene : harvester.scene.model.Scene
+    output : str or Path
+        File, or folder for SCENE.cir; - for standard output.
+    dialect : str
+        One of `DIALECTS`.
+    step : str or float
+        Longest step, see `harvester.prepared.steps.steps_per_knot`.
+    realization : int
+        Whose noise path.
+
+    Returns
+    -------
+    list of Path
+
+    Raises
+    ------
+    HarvesterError
+    """
+    check_dialect(dialect, DIALECTS)
+    target = output
+    if is_stream(target) and dialect != "ngspice":
+        raise HarvesterError(
+            "--dialect ltspice writes a second file, the noise: say where, --output FILE.cir"
+        )
+    if not is_stream(target) and (Path(target).is_dir() or not Path(target).suffix):
+        target = in_folder(target, f"{scene.name}.cir")
+    check_writable(target)
+    check_realization(scene, realization)
+    ready = prepared(scene)
+    call = (ready, noise_path(ready, realization))
+    start, longest = start_state(ready, realization), check_step(step)
+    if dialect == "ngspice":
+        write_text(target, stand_alone(*call, start, longest).text + ".end\n")
+        return [] if is_stream(target) else [Path(target)]
+    # The netlist holds this name.
+    noise_file = name_of(Path(target).with_suffix("").name) + "-noise.txt"
+    text, noise = for_ltspice(*call, noise_file, start, longest)
+    written = [Path(target)]
+    if noise is not None:
+        written.append(in_folder(Path(target).parent, noise_file))
+        write_text(written[-1], noise)
+    write_text(target, text)
+    return written
+
+
+def check_dialect(dialect: str, known: tuple[str, ...]) -> None:
+    """Refuse a dialect that is not there.
+
+    Raises
+    ------
+    HarvesterError
+    """
+    if dialect not in known:
+        raise HarvesterError(
+            f"--dialect {dialect}: no such dialect{nearest(dialect, known)}; "
+            f"there are {', '.join(known)}"
+        )
+
+
+def check_realization(scene: Scene, realization: int) -> None:
+    """Refuse a realization that the scene does not have.
+
+    Raises
+    ------
+    HarvesterError
+    """
+    if not 0 <= realization < scene.run.realizations:
+        raise HarvesterError(
+            f"--realization {realization}: must be a whole number in "
+            f"[0, {scene.run.realizations - 1}]"
+        )
