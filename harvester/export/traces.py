@@ -246,7 +246,6 @@ def write_shepherd(
         raise ExportError(f"--data {data}: no such data; there are {', '.join(DATA_TYPES)}")
     optional_library("shepherd_core", "a Shepherd file", "shepherd")
     duration = _check(scene, "shepherd", SHEPHERD_RATE, duration, realization, report)
-    duration = math.ceil(duration * SHEPHERD_RATE / BLOCK - 1e-9) * BLOCK / SHEPHERD_RATE
     path = in_folder(folder_of(output, "shepherd"), f"{scene.name}-{data}.h5")
     if data == "ivsample":
         trace = record_trace(scene, SHEPHERD_RATE, duration, realization)
@@ -326,6 +325,14 @@ def _check(scene, kind, rate, duration, realization, report):
             f"{size / 1e9:.3g} GB; at most {MOST_SAMPLES:.3g} are written: give --duration, up to "
             f"{MOST_SAMPLES / rate:g} s"
         )
+    if kind == "shepherd":
+        duration = math.ceil(samples / BLOCK - 1e-9) * BLOCK / rate
+    elif round(samples) < 1:
+        raise ExportError(
+            f"{scene.name}: {duration:g} s at {rate:g} samples a second hold no sample: give "
+            f"--duration {1.0 / rate:g} or more"
+        )
+    size = duration * rate * BYTES[kind]
     report(f"{duration:g} s at {rate:g} samples a second: up to {size / 1e6:.3g} MB")
     return duration
 

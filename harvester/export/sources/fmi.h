@@ -2,6 +2,7 @@
 #ifndef HARVESTER_FMI_H
 #define HARVESTER_FMI_H
 
+#include <math.h>
 #include <stdlib.h>
 #include <string.h>
 
@@ -24,11 +25,13 @@ enum {
 typedef struct {
     harvester_device device;
     double start[3];
+    int begun; /* whose start can no longer be set */
 } variables;
 
 static void reset(variables *v)
 {
     harvester_reset(&v->device);
+    v->begun = 0;
     v->start[0] = harvester_displacement(&v->device);
     v->start[1] = harvester_velocity(&v->device);
     v->start[2] = v->device.state[HARVESTER_STATE];
@@ -51,6 +54,8 @@ static int set(variables *v, unsigned reference, double value)
 {
     double *place = setting(v, reference);
     if (place == NULL || !(value - value == 0.0) || (reference == LOAD_RESISTANCE && value < 0.0))
+        return 0;
+    if (reference >= START_DISPLACEMENT && v->begun)
         return 0;
     *place = value;
     if (reference == BASE_ACCELERATION)
@@ -91,9 +96,14 @@ static int get(variables *v, unsigned reference, double *value)
 static const char *step(variables *v, double time, double length)
 {
     int outcome;
+    if (!isfinite(time))
+        return "the time is no number";
+    v->begun = 1;
     v->device.time = time;
     outcome = harvester_advance(&v->device, time + length);
     v->device.base_slope = v->device.terminal_slope = 0.0;
+    if (outcome == HARVESTER_NO_TIME)
+        return "the step must be a number of seconds >= 0";
     if (outcome == HARVESTER_OUT_OF_RANGE)
         return "the displacement left the range in which the spring's force is known";
     if (outcome != HARVESTER_OK)

@@ -244,6 +244,8 @@ int harvester_advance(harvester_device *d, double stop)
     double time = d->time, y[HARVESTER_STATES], end[HARVESTER_STATES], h = 0.0;
     long count;
     int retried = 0;
+    if (!(stop - d->time >= 0.0) || !isfinite(stop))
+        return HARVESTER_NO_TIME;
     for (count = 0; time < stop; count++) {
         double rest = stop - time, tried, error;
         int side, on_edge;

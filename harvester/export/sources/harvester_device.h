@@ -5,7 +5,7 @@
  *     harvester_reset(&device);                   the scene's own start
  *     device.base_acceleration = ...;             m/s^2, what drives the mass, at device.time
  *     device.terminal = ...;                      A out of a piezo, or V across a coil
- *     if (harvester_advance(&device, time) != 0)  0: the device is at `time`
+ *     if (harvester_advance(&device, time) != 0)  0: the device is at `time`, not before device.time
  *         ...
  *     voltage = harvester_output(&device);
  *
@@ -27,7 +27,7 @@ enum {
 };
 
 /* What harvester_advance returns. */
-enum { HARVESTER_OK, HARVESTER_STUCK, HARVESTER_OUT_OF_RANGE };
+enum { HARVESTER_OK, HARVESTER_STUCK, HARVESTER_OUT_OF_RANGE, HARVESTER_NO_TIME };
 
 typedef struct {
     double time;              /* s */

@@ -113,3 +113,35 @@ def test_prescribed_motion_is_refused(tmp_path):
     tables = {**harvester.Scene.load("one_sided").to_tables(), "excitation": shaken}
     with pytest.raises(ExportError, match="no mass moves"):
         write(harvester.Scene.from_tables(tables), "c", tmp_path)
+
+
+@pytest.mark.exhaustive
+def test_an_importers_mistakes_are_errors(tmp_path):
+    """Steps that are no step, and a start set behind it; the device stays where it was."""
+    from fmpy import extract, read_model_description
+    from fmpy.fmi1 import FMICallException
+    from fmpy.fmi2 import FMU2Slave
+
+    path = write(harvester.Scene.load("one_sided"), "fmu", tmp_path)[0]
+    description = read_model_description(str(path))
+    places = {each.name: each.valueReference for each in description.modelVariables}
+    unit = FMU2Slave(
+        guid=description.guid, unzipDirectory=extract(str(path)), instanceName="unit",
+        modelIdentifier=description.coSimulation.modelIdentifier,
+    )  # fmt: skip
+    unit.instantiate()
+    unit.setupExperiment(startTime=0.0)
+    start, displacement = [places["start_displacement"]], [places["displacement"]]
+    unit.setReal(start, [5e-4])
+    unit.doStep(0.0, 0.01)
+    before = unit.getReal(displacement)
+    for time, length in ((0.01, -0.01), (0.01, np.nan), (0.01, np.inf), (np.nan, 0.01)):
+        with pytest.raises(FMICallException):
+            unit.doStep(time, length)
+    with pytest.raises(FMICallException):
+        unit.setReal(start, [1e-4])
+    assert unit.getReal(displacement) == before
+    unit.reset()
+    unit.setReal(start, [1e-4])
+    assert unit.getReal(displacement) == [1e-4]
+    unit.freeInstance()

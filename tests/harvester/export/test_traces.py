@@ -17,6 +17,12 @@ def test_a_trace_too_long_is_refused_with_its_size(tmp_path):
         write(harvester.Scene.load("paper_si"), "shepherd", tmp_path)
 
 
+def test_a_trace_without_a_sample_is_refused(tmp_path):
+    with pytest.raises(HarvesterError, match=r"no sample: give --duration 0\.333333 or more"):
+        write(harvester.Scene.load("device"), "csv", tmp_path, rate=3.0, duration=0.1)
+    assert list(tmp_path.iterdir()) == []
+
+
 @pytest.mark.slow
 def test_shepherd_reads_the_energy_of_the_load(tmp_path, caplog):
     """V²/R of the load's own voltage, from the resistor's moments of the same run."""
