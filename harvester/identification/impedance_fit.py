@@ -39,12 +39,13 @@ from harvester.scene.numbers import numbers
 if TYPE_CHECKING:
     from harvester.scene.model import Scene
 
-# The scene's capacitance over the measured one from which on a unit is wrong.
+# A unit is taken to be wrong if the scene's capacitance differs from the measured one by this
+# factor.
 WRONG_UNIT = 100.0
-# Standard errors of tan δ from which on the scene gets a leak.
+# The scene gets a leakage resistance if tan δ exceeds this many of its standard errors.
 SURE_OF_LOSS = 3.0
 SPRING_KEYS = ("oscillator.restoring_force[1]", "oscillator.linear_stiffness")
-# Changes of k1 after which the stiffness at rest must be that asked for.
+# Most secant steps of k1 to reach the wanted stiffness at rest.
 SECANTS = 30
 
 

@@ -35,10 +35,10 @@ if TYPE_CHECKING:
     from harvester.identification.measurement import Measurement
     from harvester.scene.model import Scene
 
-# Steps in a period of the fastest motion seen, while values are looked for and in the end:
-# Runge–Kutta's phase is right to 1e-4 and to 1e-6.
+# Steps in a period of the fastest motion, in the search and in the last fit: the phase of the
+# Runge–Kutta method is right to 1e-4 and to 1e-6.
 COARSE_STEPS, FINE_STEPS = 24, 80
-# How acceleration goes on between two samples: in a straight line, or by a spline.
+# Interpolations of the acceleration between samples: straight lines, or a spline.
 INTERPOLATIONS = ("linear", "smooth")
 
 
@@ -64,7 +64,7 @@ class Experiment:
 
     @property
     def samples(self) -> int:
-        """Of the whole record."""
+        """Number of samples of the whole record."""
         return self.measurement.acceleration.size
 
     def integrals(self, quantity: str, steps: int) -> tuple[np.ndarray, np.ndarray]:
@@ -92,7 +92,7 @@ def experiment(
         Steps in a period of it.
     """
     rate = measurement.sampling_rate
-    # At least two: between samples a smooth path needs points of its own.
+    # At least two steps between samples, because a smooth path needs points there.
     steps = max(2, math.ceil(per_period * frequency / rate - 1e-9))
     samples = measurement.acceleration
     known = np.arange(samples.size)
@@ -223,7 +223,7 @@ class Responses:
         return (path - offset) / gain
 
     def _base_velocity(self, number, values):
-        """Of the base at the samples, in the scene's units."""
+        """Velocity of the base at the samples, in the scene's units."""
         each = self.experiments[number]
         base = self._base(number, values, each.measurement.acceleration, 1)
         sign = 1.0 if each.scene.units == "SI" else -1.0
@@ -231,7 +231,7 @@ class Responses:
         return sign * integrals(base, each.measurement.sampling_rate, places)[0]
 
     def _corners(self, number, values, quantity):
-        """Of a sensor's high-passes, of first and of second order (Hz)."""
+        """Corner frequencies (Hz) of a sensor's high-passes of first and of second order."""
         return [
             self._sensor(number, values, f"sensor.{quantity}_{effect}") for effect in HIGHPASSES
         ]
@@ -254,7 +254,7 @@ class Responses:
                 true = true - self._base_velocity(number, values)
             found[name] = true
         if VELOCITY_SCALE in self.keys and len(found) > 1:
-            # Of an unknown scale, it tells nothing where other channels tell the motion.
+            # A velocity of unknown scale is left out where other channels show the motion.
             found["velocity"] = None
         return replace(measurement, **found)
 
@@ -332,7 +332,7 @@ def _filtered(values, samples):
     from scipy.signal import lfilter
 
     share = math.exp(-1.0 / samples)
-    # Exact for straight lines between samples.
+    # The coefficients are exact for straight lines between samples.
     new = 1.0 - samples * (1.0 - share)
     old = samples * (1.0 - share) - share
     begin = np.array([values[0] - new * values[0]])

@@ -20,11 +20,12 @@ if TYPE_CHECKING:
     from harvester.identification.response import Responses
     from harvester.identification.unknowns import Unknown
 
-# Steps of difference quotients, in sizes of the unknowns and rms values of the states.
+# Step of the difference quotients, in sizes of the unknowns and rms values of the states.
 DIFFERENCE = 1e-5
-# Weighted residual per size of an unknown or a state from which on a window is hopeless.
+# A window is given up if a weighted residual changes by more than this per size of an unknown or
+# state.
 LARGEST_SLOPE = 1e12
-# Of Levenberg and Marquardt.
+# First, smallest and largest damping of the Levenberg–Marquardt steps.
 FIRST_DAMPING, LEAST_DAMPING, MOST_DAMPING = 1e-3, 1e-9, 1e9
 
 
@@ -159,7 +160,7 @@ class Shooting:
                 table[..., p + k] = (found - base) / DIFFERENCE
                 transitions[:, :, k] = (moved_ends - ends) / self.state_sizes[number] / DIFFERENCE
 
-        # Each fills a column of its own: the same numbers in any order.
+        # Each call fills its own column, so the threads' order does not change the result.
         side_by_side(
             lambda column: of_value(column) if column < p else of_state(column - p),
             [*range(p), *(p + np.flatnonzero(there))],
@@ -273,7 +274,7 @@ class Shooting:
             else:
                 return fit
             if last:
-                # So short a step leaves the linearization as it was.
+                # So short a step does not change the linearization.
                 trial.grams, trial.transitions, trial.growth = (
                     fit.grams,
                     fit.transitions,

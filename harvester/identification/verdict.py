@@ -16,9 +16,9 @@ if TYPE_CHECKING:
     from harvester.identification.kept_aside import Kept
     from harvester.identification.visited import Visited
 
-# Of each window: displacement, velocity and the transducer's state.
+# Fitted states of each window: displacement, velocity and the transducer's state.
 FITTED_STATES = 3
-# Share of an output that is the sensor's noise from which on it is no record of a motion.
+# An output is no record of a motion if its sensor's noise has more than this share of its rms.
 MOSTLY_NOISE = 0.9
 
 
