@@ -136,7 +136,7 @@ class ResponseStretch(Stretch):
         return float(np.linalg.norm(self.residuals) / np.linalg.norm(self.measured))
 
     def noise(self, output: int = 0) -> float:
-        """Of an output, as a share of its standard deviation.
+        """Noise of an output, as a share of its standard deviation.
 
         A wrong model misses the few lines of the resonance, which the median does not see.
         """
