@@ -107,7 +107,7 @@ def for_ltspice(
     start: Any = None,
     step: str | float = "default",
 ) -> tuple[str, str | None]:
-    """The same netlist in LTspice's words, with the noise in a file beside it.
+    """The netlist of `stand_alone` in LTspice's syntax, with the noise in a separate file.
 
     Parameters
     ----------

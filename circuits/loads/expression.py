@@ -276,7 +276,7 @@ def _number(text):
 
 
 def _solution(text):
-    """v(a), v(a,b) or i(source): names of nodes are free."""
+    """The tree of v(a), v(a,b) or i(source); a node may have any name."""
     names = [name.strip() for name in text[2:-1].split(",")]
     most = 2 if text[0] == "v" else 1
     if len(names) > most:

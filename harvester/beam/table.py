@@ -197,7 +197,7 @@ class Lumped(NamedTuple):
 
     @property
     def one_mode_open_frequency(self) -> float:
-        """Open-circuit frequency (Hz), C without modes left out, as published one-mode models have."""
+        """Open-circuit frequency (Hz) with Cp alone, as published one-mode models have it."""
         return self.short_frequency * math.sqrt(1.0 + self.coupling_squared)
 
 

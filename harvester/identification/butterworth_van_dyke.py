@@ -277,7 +277,7 @@ def _concluded(frequency, impedance, parameters):
 
 
 def _correlation(residuals):
-    """By how much correlated residuals count less than white ones, at least 1.
+    """Factor by which correlated residuals count less than white ones, at least 1.
 
     1 + 2 Σ ρ up to the first lag within the scatter of white residuals (three of 1/√n).
     """

@@ -69,7 +69,7 @@ class Misfit:
 
 
 def misfits(fitted: Fitted) -> list[Misfit]:
-    """Those of each output of each record, in the part kept aside; none of frequency responses."""
+    """Misfits of each record's outputs in the part kept aside; none of frequency responses."""
     if fitted.settled is None:
         return []
     return [
@@ -80,13 +80,13 @@ def misfits(fitted: Fitted) -> list[Misfit]:
 
 
 def worst(found: Sequence[Misfit]) -> Misfit | None:
-    """That which is farthest from noise; None where all are noise."""
+    """The misfit that is farthest from noise; None where all are noise."""
     wrong = [each for each in found if not each.is_noise]
     return max(wrong, key=lambda each: each.systematic, default=None)
 
 
 class _Residuals:
-    """Of one record, weighted, without what the windows' starts explain."""
+    """Weighted residuals of one record, without what the windows' starts explain."""
 
     def __init__(self, fitted: Fitted, number: int) -> None:
         settled: Any = fitted.settled

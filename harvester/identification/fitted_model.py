@@ -122,12 +122,12 @@ class Fitted:
 
     @property
     def keys(self) -> list[str]:
-        """Of the values."""
+        """Keys of the values."""
         return [each.key for each in self.unknowns]
 
     @property
     def standard_errors(self) -> np.ndarray:
-        """Of the values."""
+        """Standard errors of the values."""
         return np.sqrt(np.maximum(np.diag(self.covariance), 0.0))
 
     @property

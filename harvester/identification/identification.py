@@ -96,7 +96,7 @@ class Identification:
 
     @property
     def standard_errors(self) -> dict[str, float]:
-        """By key."""
+        """Standard errors by key."""
         return dict(zip(self.keys, map(float, self.fitted.standard_errors), strict=True))
 
     @property

@@ -137,7 +137,7 @@ class ImpedanceStretch(ResponseStretch):
         return float(np.sqrt(np.mean(np.sum(self.residuals**2, axis=1))))
 
     def noise(self, output: int = 0) -> float:
-        """That of the analyser, as relative error of Z: both outputs together."""
+        """Noise of the analyser, as relative error of Z: both outputs together."""
         medians = np.median(np.abs(self.residuals), axis=0)
         return NORMAL_RMS * float(np.linalg.norm(medians))
 

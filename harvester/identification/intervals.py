@@ -63,7 +63,7 @@ class Undetermined:
 
 
 def covariance(shooting: Shooting, fit: Fit) -> np.ndarray:
-    """Of the values, in the scene's units squared, shape (unknowns, unknowns)."""
+    """Covariance of the values, in the scene's units squared, shape (unknowns, unknowns)."""
     p = len(shooting.unknowns)
     normal, meat, blocks = (np.zeros((p, p)) for _ in range(3))
     for number, edges in enumerate(fit.edges):

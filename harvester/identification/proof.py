@@ -102,7 +102,7 @@ class Stretch:
         return _explained(seen**2, self.residuals[:, 0] ** 2)
 
     def free_power(self) -> Estimate:
-        """The same as predicted from one start alone, whose path may part from the measured one."""
+        """Mean power (or square) of a run from one start, which may part from the measured path."""
         return _of_blocks(self._blocks(self.free))
 
     def _blocks(self, values):

@@ -152,12 +152,12 @@ class Responses:
         return _general(system), scales
 
     def known_device(self, number: int, values: np.ndarray) -> tuple[System, Scales]:
-        """The same of values that the scene takes.
+        """Scaled equations of one experiment at values that the scene must accept.
 
         Raises
         ------
         IdentificationError
-            It does not.
+            The scene refuses the values.
         """
         made = self.device(number, values)
         if made is None:
@@ -207,7 +207,7 @@ class Responses:
         return factor * self._base(number, values, path, each.steps)
 
     def base_factor(self, number: int, values: np.ndarray) -> float:
-        """By how much the base's acceleration counts in one experiment's device."""
+        """Base factor of one experiment's device: drive per base acceleration."""
         if BASE_FACTOR in self.keys:
             return float(values[self.keys.index(BASE_FACTOR)])
         return self.experiments[number].scene.oscillator.base_factor

@@ -125,7 +125,7 @@ def _longest(fit):
 
 
 def _in_short_windows(shooting, fit):
-    """The same motion in the shortest windows, linearized in their starts."""
+    """The fit's motion in the shortest windows, linearized in their starts."""
     short = opened(shooting, fit)
     shooting.frozen().linearized(short)
     return short

@@ -95,7 +95,7 @@ class Shooting:
         self.states_there = [each > 0.0 for each in state_sizes]
 
     def frozen(self) -> Shooting:
-        """The same with no unknowns but the windows' starts."""
+        """The problem with the windows' starts as its only unknowns."""
         other = Shooting(self.responses, [], [])
         other.state_sizes, other.states_there = self.state_sizes, self.states_there
         return other
@@ -290,7 +290,7 @@ class Shooting:
         return fit
 
     def promised(self, fit: Fit, change: np.ndarray, moves: Sequence[np.ndarray]) -> float:
-        """By how much a damped step lowers the cost at least, were the problem linear."""
+        """Least decrease of the cost by a damped step, were the problem linear."""
         p, total = len(self.unknowns), 0.0
         for grams, move in zip(fit.grams, moves, strict=True):
             total -= float(np.sum(grams[:, :p, -1] @ change))

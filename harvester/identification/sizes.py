@@ -69,7 +69,7 @@ def first_sizes(scene: Scene, measurements: Sequence[Measurement]) -> dict[str, 
 
 
 def fitted_sizes(base: Fitted, measurements: Sequence[Measurement]) -> dict[str, float]:
-    """Those of the motion that was fitted; of a response as before the fit."""
+    """Sizes from the fitted motion; for a frequency response those of `first_sizes`."""
     if isinstance(measurements[0], MeasuredResponse):
         return first_sizes(base.scene, measurements)
     reach, speed = 0.0, 0.0

@@ -75,7 +75,7 @@ class SteadyResponses(Responses):
     def states(
         self, number: int, values: np.ndarray, edges: np.ndarray, starts: np.ndarray
     ) -> tuple[Any, Any, Any]:
-        """As those of records in time; a steady response has no states."""
+        """Empty states, and the outputs, like `Responses.states` of records in time."""
         if isinstance(self.experiments[number], Experiment):
             return super().states(number, values, edges, starts)
         made = self.device(number, values)

@@ -60,7 +60,7 @@ class Unknown:
     size: float
 
     def begun(self, value: float) -> Unknown:
-        """The same with another start, which may be far off the first."""
+        """The unknown with another start, which may be far from the first."""
         # A scale's size follows its start; any other value near zero keeps its first size.
         if self.key.endswith("_scale"):
             size = abs(value)

@@ -88,7 +88,7 @@ def verdict(
 
 
 def _nothing(base):
-    """That the records hold no motion to judge by, in words."""
+    """A sentence that says that the records hold no motion to judge by."""
     return (
         f"nothing to judge: the model explains {base.stretches[0].quantity} no better than chance "
         f"({base.nrmse:.2%} NRMSE on the data kept aside), and what was measured is noise (about "

@@ -172,7 +172,7 @@ def repaired(
 
 
 def _better(own, other):
-    """Of (starts, costs) each window's better."""
+    """The better (starts, costs) of two, for each window."""
     better = other[1] < own[1]
     return np.where(better[:, None], other[0], own[0]), np.where(better, other[1], own[1])
 

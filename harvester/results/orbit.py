@@ -87,7 +87,7 @@ class Attractor:
 
 
 def wandering_kind(exponent: Divergence | None) -> str:
-    """In words, what a motion without a period is by its largest Lyapunov exponent."""
+    """Kind of a motion without a period, in words, by its largest Lyapunov exponent."""
     return "chaotic" if exponent is not None and exponent.chaotic else NOT_SETTLED
 
 

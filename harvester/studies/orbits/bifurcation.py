@@ -143,7 +143,7 @@ class Bifurcation:
 
     @property
     def _every(self):
-        """Of how many values a table shows one."""
+        """The table shows every so many-th value."""
         return math.ceil(self.values.size / MOST_VALUES_SHOWN)
 
     def data(self) -> tuple[list[str], list[list[Any]]]:

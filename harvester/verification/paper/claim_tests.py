@@ -243,7 +243,7 @@ class Changed(Unchanged):
     """A quantity changes by more than a share over the ranges of some keys."""
 
     def findings(self, condition: Changes, read: Read) -> list[Finding]:
-        """The same, in which staying below the limit speaks against the statement."""
+        """Findings of `Unchanged` with opposite sign: a change below the limit refutes it."""
         return [replace(finding, favours=-1) for finding in super().findings(condition, read)]
 
 
@@ -345,7 +345,7 @@ def relative_change(first: Answer, second: Answer, quantity: str) -> tuple[float
 
 
 def independent_change(first: Answer, second: Answer, quantity: str) -> tuple[float, float] | None:
-    """The same with the two errors taken as independent."""
+    """Relative change and its error, if both errors are independent."""
     (a, error_a), (b, error_b) = _value(first, quantity), _value(second, quantity)
     if not a:
         return None
