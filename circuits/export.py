@@ -204,7 +204,7 @@ def _header(before, scene, netlist, scales):
 
 
 def _reading(scene, netlist, scales):
-    """How the nodes read."""
+    """Lines that explain the nodes: quantity and unit of each."""
     si = scene.units == "SI"
     volts = "volts" if si else "scaled"
     shaken = f"v({BASE}): what the base's acceleration adds in series with the piezo, {volts}"

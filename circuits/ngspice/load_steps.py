@@ -157,7 +157,7 @@ def _turns(history, now, last, switches, memory, limits, longest):
 
 @uncounted
 def _derivatives(history, now, column):
-    """What is kept, how fast it changed in the last step, and its third derivative's size."""
+    """A store's voltage or current, its rate in the last step, and |third derivative|."""
     points, times, _ = history
     a = points[now[0], column] - points[now[0], column + 1]
     b = points[now[1], column] - points[now[1], column + 1]

@@ -233,7 +233,7 @@ def section(beam: Beam, covered: bool) -> Section:
 
 
 def _moment_per_volt(beam, axis):
-    """ϑ of all layers: e31 b (arm) of one whose field is V/h_p, or V over the spacing."""
+    """ϑ (N m/V) of all layers: e31 b times arm for each; the field is V/h_p, or V/spacing."""
     active, _, d31, _ = beam.active
     arm = beam.thickness / 2.0 + beam.piezo_thickness / 2.0 - axis
     field = 1.0 if beam.electrode_spacing is None else beam.piezo_thickness / beam.electrode_spacing

@@ -284,7 +284,7 @@ def _vibration_file(block, dialect):
 
 
 def _deck(block, dialect):
-    """A deck that runs as it is: vibration, block, load, and an analysis whose step holds it."""
+    """A deck that runs unchanged: vibration, block, load, and an analysis with a step limit."""
     name, vibration = block.name, f"{block.name}_vibration"
     source = {
         "ngspice": f'.include "{vibration}.inc"',

@@ -257,7 +257,7 @@ def _plainer(scene, keys, sizes):
 
 
 def _softening(scene, keys, sizes):
-    """With a cubic term of either sign: where it softens the spring holds in a range only."""
+    """The variant with a cubic term of either sign; a softening spring is limited to a range."""
     force = _force(scene)
     if scene.oscillator.restoring_force_range is not None or _degree(force) > 3:
         return None

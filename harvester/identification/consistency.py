@@ -64,7 +64,7 @@ class Misfit:
 
     @property
     def is_noise(self) -> bool:
-        """Whether nothing speaks against a right model."""
+        """Whether the residual is compatible with noise, so the model may be right."""
         return self.ratio < SYSTEMATIC or self.systematic < UNNOTICED
 
 

@@ -220,7 +220,7 @@ def from_impedance(scene: Scene, measured: MeasuredImpedance) -> FromImpedance:
 
 
 def _own_admittance(scene, circuit, mode, frequency):
-    """What the scene itself has of the circuit: one mode, its capacitance, its leak."""
+    """Admittance of the scene's own part of the circuit: one mode, its capacitance, its leak."""
     known = circuit.numbers(mode)
     rate, ratio = 2j * math.pi * frequency, frequency / known["series_resonance"]
     motional = known["capacitance"] * known["coupling_factor"] / (1.0 - known["coupling_factor"])
@@ -298,7 +298,7 @@ def fitted_impedance(found: FromImpedance) -> Fitted:
 
 
 def impedance_stretch(kept: SteadyResponses, values: np.ndarray, number: int) -> ImpedanceStretch:
-    """What the model says of the lines of an impedance that were kept aside."""
+    """The model's prediction of the lines of an impedance that were kept aside."""
     measured: Any = kept.experiments[number].measurement
     seen = np.column_stack(list(measured.outputs.values()))
     _, _, found = kept.states(number, values, np.array([0, seen.shape[0]]), NO_STATES)
@@ -317,7 +317,7 @@ def impedance_stretch(kept: SteadyResponses, values: np.ndarray, number: int) ->
 
 
 def impedance_verdict(base: Fitted) -> Verdict:
-    """What an impedance alone can say: that the circuit is one, of small motion."""
+    """Verdict of a fit to an impedance alone, which covers only small motion."""
     said = (
         f"impedance to {base.nrmse:.2%} of itself on every third frequency, kept aside (about "
         f"{base.sensor_noise:.2%} is the analyser's noise)"

@@ -148,7 +148,7 @@ def _shooting(responses, free, first, records):
 
 
 def _starts(shooting: Shooting, first: Fitted, scene: Scene, times: list[Measurement]) -> list[Fit]:
-    """Where the fit begins: the first model's values, and these for the mass they may mean."""
+    """Starts of the fit: the first model's values, and the same rescaled to a likely mass."""
     known = dict(zip(first.keys, first.values, strict=True))
     values = np.array([known.get(each.key, each.start) for each in shooting.unknowns])
     count = len(times)

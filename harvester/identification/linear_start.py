@@ -366,7 +366,7 @@ class _Regression:
         return fixed
 
     def _within(self, changes):
-        """Only what is free, and within its bounds."""
+        """The changes of free values, clipped to their bounds."""
         known = numbers(self.scene)
         kept = {}
         if BASE_SCALE in changes and BASE_SCALE in self.responses.keys:

@@ -163,7 +163,7 @@ def blocks_of(values: np.ndarray) -> list[np.ndarray]:
 
 
 def _explained(measured, left):
-    """What squares that are left have less than the measured ones, as a share of those."""
+    """Share of the measured mean square that the model explains: 1 − residual/measured."""
     means = np.array([float(np.mean(part)) for part in blocks_of(measured - left)])
     return _of_blocks(means / float(np.mean(measured)))
 

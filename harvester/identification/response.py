@@ -340,7 +340,7 @@ def _filtered(values, samples):
 
 
 def _delayed(values, samples):
-    """Later by so many samples, by a cubic through four of them; in a straight line at the ends."""
+    """A series delayed by so many samples, by a cubic spline; extrapolated straight at the ends."""
     if samples == 0.0:
         return values
     from scipy.interpolate import CubicSpline

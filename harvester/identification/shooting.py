@@ -40,7 +40,7 @@ def side_by_side(function: Callable[[Any], Any], items: Iterable[Any]) -> list[A
 
 @dataclass
 class Fit:
-    """Where a fit stands.
+    """State of a fit: values, windows, their starts, and the linearization.
 
     Attributes
     ----------

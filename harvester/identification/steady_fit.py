@@ -131,7 +131,7 @@ def _starts(shooting):
 
 
 def stretch_of(kept: SteadyResponses, values: np.ndarray, number: int) -> ResponseStretch:
-    """What the model says of the lines that were kept aside."""
+    """The model's prediction of the lines that were kept aside."""
     each: Any = kept.experiments[number]
     measured = np.column_stack(list(each.measurement.outputs.values()))
     edges = np.array([0, measured.shape[0]])

@@ -24,7 +24,7 @@ MOSTLY_NOISE = 0.9
 
 @dataclass(frozen=True)
 class Verdict:
-    """What is to be thought of the scene's model.
+    """The judgement on the scene's model.
 
     Attributes
     ----------
@@ -98,7 +98,7 @@ def _nothing(base):
 
 
 def _fault(base, whiteness, misfits, kept):
-    """What speaks against a model that no other is better than, in words; None where nothing."""
+    """The objection to the best model, in words; None if there is none."""
     wrong = worst(misfits)
     if wrong:
         return (
@@ -167,7 +167,7 @@ def _said(base, misfits, whiteness):
 
 
 def _beyond(misfit):
-    """What noise does not explain: the first thing to say of a model."""
+    """Error beyond the noise, then the whole error: the order in which records are ranked."""
     return max(misfit.left**2 - misfit.noise**2, 0.0), misfit.left
 
 
@@ -185,7 +185,7 @@ def _is_noise(stretch, whiteness):
 
 
 def _power(base):
-    """What it predicts of the power, in words: the record with the largest difference."""
+    """Predicted against measured power, in words, of the record with the largest difference."""
     found = [(each, each.powers()[2]) for each in base.stretches]
     stretch, difference = max(found, key=lambda each: abs(each[1].estimate))
     return f", and the {stretch.compared[0]} to {share_with_error(difference)}"

@@ -99,7 +99,7 @@ def averages(
 
 @dataclass(frozen=True)
 class Realizations:
-    """What the tasks of a scene by an engine are cut from.
+    """All realizations of a scene by one engine, to be divided into tasks.
 
     Attributes
     ----------
@@ -147,7 +147,7 @@ class Realizations:
         return -(-count // self.size) * self.size
 
     def misfit(self, found: dict, indices: Sequence[int], waveform: bool) -> str:
-        """What of an answer that was read cannot come from here; "" where all may."""
+        """Why a stored answer does not belong to these realizations; "" if it may."""
         moments = found["moments"]
         if len(moments) != len(indices):
             return "has another number of realizations"

@@ -49,9 +49,9 @@ class Inverse:
     coarser : Inverse, optional
         The same on a coarser grid.
     balanced : callable, optional
-        Takes off what moving a rest from a finer grid to this one upsets.
+        Removes the error that arises as a residual moves from a finer grid to this one.
     cleared : callable, optional
-        Takes off what a finer grid is not told: of that this grid's errors are too large.
+        Removes the part whose errors on this grid are too large to pass to a finer one.
     decayed : float
         Share of what is sought that a map leaves.
     parity : float

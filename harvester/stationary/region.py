@@ -278,7 +278,7 @@ def _nodes(low, high, core, fine, most):
 
 
 def _following(device, half):
-    """How far Z follows X: what goes round at the orbits' frequency and what the noise holds."""
+    """Half range of Z: its oscillation at the orbits' frequency, and what the noise adds."""
     rate, frequency = device.transducer.decay_rate(), timescales.angular_frequency(device)
     intensity, memory = device.noise
     turning = half * rate / np.hypot(rate, frequency)

@@ -53,7 +53,7 @@ class Finding:
 
     @property
     def sigmas(self) -> float:
-        """For the statement (> 0) or against it, in standard errors."""
+        """Evidence in standard errors: > 0 supports the statement, < 0 contradicts it."""
         signed = self.favours * (self.effect if self.margin is None else self.margin)
         return signed / self.error if self.error > 0.0 else math.copysign(math.inf, signed)
 
@@ -117,7 +117,7 @@ class Along(StatementTest):
     def change(
         self, condition: Changes, first: Any, last: Any, favours: int = 1, decisive: bool = True
     ) -> list[Finding]:
-        """The change between two of the known ones; nothing where it cannot be told."""
+        """A finding on the change between two answers; none without both."""
         change = relative_change(first[1], last[1], self.quantity)
         where = _range(condition, self.swept, first[0], last[0])
         return [Finding(where, *change, favours, decisive)] if change else []
@@ -228,7 +228,7 @@ class Unchanged(Ranges):
     limit: float
 
     def findings(self, condition: Changes, read: Read) -> list[Finding]:
-        """Each key's change, by how far it stays below the limit."""
+        """A finding for each key, with the margin by which its change stays below the limit."""
         found = []
         for key, ends in self.ranges:
             change = self.change(condition, read, key, ends)
