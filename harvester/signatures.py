@@ -29,7 +29,7 @@ MOST_NUMBERS = 100_000
 
 @dataclass(frozen=True)
 class Kind:
-    """What an annotation says of an option beyond its Python type.
+    """Properties of an option that its annotation adds to its Python type.
 
     Attributes
     ----------

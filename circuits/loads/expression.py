@@ -305,7 +305,7 @@ def parts_of(tree: Tree) -> Tree:
 
 
 def rebuilt(tree: Tree, made: Callable) -> Any:
-    """What a tree comes to from its leaves on: `made(tree, what its parts came to)` of each.
+    """Value of a tree, built from its leaves: `made(tree, values of its parts)` for each node.
 
     Without recursion: a sum of a thousand terms is a thousand deep.
     """

@@ -181,7 +181,7 @@ def _digest(content):
 
 
 def _answer(engine, command):
-    """What ngspice has to say to a command, in one line."""
+    """ngspice's reply to a command, in one line."""
     heard = len(engine.messages)
     # The text goes into an exception if it matters.
     with contextlib.redirect_stderr(io.StringIO()):

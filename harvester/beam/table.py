@@ -143,7 +143,7 @@ class Beam:
 
 
 class Lumped(NamedTuple):
-    """What a drawing comes to at its tip (SI), electrodes short-circuited.
+    """Lumped values of a drawing at its tip (SI), electrodes short-circuited.
 
     Attributes
     ----------

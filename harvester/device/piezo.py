@@ -24,7 +24,7 @@ BASE = "base"
 
 
 class PiezoLaw(LinearTransducer):
-    """What a piezo has, whether the base's acceleration moves charge or not."""
+    """Properties that every piezo has, whether or not the base's acceleration moves charge."""
 
     __slots__ = ()
 

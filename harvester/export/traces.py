@@ -175,7 +175,7 @@ def with_resistor(scene: Scene, resistance: float) -> Scene:
 
 
 def replay_loss(scene: Scene, trace: Trace, realization: int) -> str:
-    """What a live device gives at other loads, against the replay of a trace, in words."""
+    """A sentence that compares a live device at other loads with the replay of its trace."""
     power = trace.voltage * trace.current
     own = float(np.mean(trace.voltage**2) / np.mean(power))
     duration, recorded = trace.voltage.size / trace.rate, float(np.mean(power))

@@ -1,4 +1,4 @@
-"""What an identification gives: values, intervals, proof, and how it is shown."""
+"""Result of an identification: values, intervals, proof, tables and files."""
 
 from __future__ import annotations
 
@@ -224,7 +224,7 @@ class Identification:
         return lines
 
     def _sensors(self, other):
-        """What another model says of the sensors beside this one, in words."""
+        """Sensor effects of another model that this one lacks, in words."""
         found = zip(other.keys, other.values, other.standard_errors, strict=True)
         return "".join(
             f", {key} = {value:.4g} ± {HALF_INTERVAL * error:.2g}"

@@ -51,7 +51,7 @@ SECANTS = 30
 
 @dataclass(frozen=True)
 class FromImpedance:
-    """What an impedance says of a scene.
+    """A scene with the values that an impedance determines.
 
     Attributes
     ----------

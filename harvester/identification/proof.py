@@ -179,7 +179,7 @@ def predicted(
     stretches: Sequence[tuple[int, int]],
     reach: tuple[float, float] | None = None,
 ) -> tuple[list[Stretch], Fit]:
-    """What the fitted device does in a stretch of each experiment.
+    """Motion and outputs of the fitted device in a stretch of each experiment.
 
     Parameters
     ----------

@@ -251,7 +251,7 @@ class Study:
         return [f"DISAGREE: {self._proof(each)}" for each in self.proofs if each.disagrees]
 
     def _proofs(self):
-        """What the circuit says as judge."""
+        """Sentences on whether the circuit, as reference, agrees with the study."""
         proofs = self.proofs
         if not proofs:
             return []
