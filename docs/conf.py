@@ -49,7 +49,8 @@ html_additional_pages = {"index": "root.html"}
 templates_path = ["templates"]
 html_title = f"harvester {version}"
 html_show_copyright = False
-html_static_path = ["site.css"]
+# Formulas are MathML: not every machine has a font for them, so that the site brings one.
+html_static_path = ["site.css", "stix-two-math.woff"]
 html_css_files = ["site.css"]
 html_math_renderer = "mathml"
 

@@ -93,6 +93,8 @@ def _run(arguments):
 
 def _parsed(arguments):
     """The options; one that a command does not have is refused with the nearest."""
+    if arguments[0] == "help":
+        arguments = [*arguments[1:2], "--help"]
     # Only this command's function is imported for its options.
     parser, commands = build_parser(arguments[0])
     options, unknown = parser.parse_known_args(arguments)

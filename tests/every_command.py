@@ -77,6 +77,7 @@ EACH_ONCE = (
     ("time-to-accuracy", "electromagnetic", "bridge", "ornstein-uhlenbeck"),
     ("netlist ngspice", "leak and drag", "bridge", "prescribed displacement"),
     ("netlist ltspice", "one_sided", "sshi_parallel", "sine"),
+    ("export", "leak and drag", "one resistor in a file", "sum"),
     ("schematic", "coil with inductance", "sece", "record"),
 )
 BRIEFLY = ("--workers", "1")

@@ -310,7 +310,8 @@ def _model(card, rest, scope):
     if not found:
         bare = [word for word in rest if "=" not in word]
         unknown = bare[-1] if bare else ""
-        refuse(card, f"no .model {unknown[:LONGEST_SHOWN]}{nearest(unknown, scope.models)}")
+        missing = f"{unknown[:LONGEST_SHOWN]}{nearest(unknown, scope.models)}"
+        refuse(card, f"no .model {missing}: copy that part's .model line into the file")
     return words
 
 

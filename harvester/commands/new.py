@@ -71,6 +71,7 @@ QUESTIONS = (
         ("oscillator.quality_factor", "oscillator.damping_ratio", "oscillator.damping"),
         "quality factor Q", {}, 1.0, 1e6,
     ),
+    Question(("oscillator.base_factor",), "base factor, 1 if all mass is at the tip", {}, 0.5, 2.0),
     Question(("piezo.capacitance",), "capacitance", {"F": 1.0}, 1e-13, 1e-3),
     Question(("piezo.coupling", "piezo.k2"), "coupling", {"N/V": 1.0}, 1e-8, 1.0),
     Question(("coil.coupling",), "coupling", {"N/A": 1.0, "V s/m": 1.0}, 1e-4, 1e4),

@@ -8,7 +8,16 @@ from typing import TYPE_CHECKING, Any
 from harvester.commands.shown import Shown
 from harvester.scene.described import scene_rows
 from harvester.show import figures
-from harvester.show.page import Verdict, facts, figure_of, page, table_of, verdict_list, wide
+from harvester.show.page import (
+    Verdict,
+    all_facts,
+    figure_of,
+    page,
+    table_in_pages,
+    table_of,
+    verdict_list,
+    wide,
+)
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -29,9 +38,9 @@ def page_of(content: Shown, title: str) -> str:
     scene = content.scene
     sections = {
         "Result": verdict_list(_verdicts(content)),
-        "Numbers": wide(table_of(*content.table())),
+        "Numbers": table_in_pages(*content.table()),
         "Figures": "\n".join(_pictures(content, title)),
-        "How it came about": "".join(map(facts, content.sentences())),
+        "How it came about": all_facts(content.sentences()),
     }
     about = ""
     if scene is not None:

@@ -26,8 +26,28 @@ WITHOUT_CHANCE = (
 )
 
 
+class Harmonic(Excitation):
+    """What holds of all sines: they have `lines`, a phase of their own, and no chance."""
+
+    @property
+    def symmetric(self) -> bool:
+        return False
+
+    @property
+    def random(self) -> bool:
+        return False
+
+    def equivalent_noise(self, relaxation_time: float, longest: float) -> tuple[float, float]:
+        # In resonance 2 E[X'²] = (amplitude · relaxation time)². Noise gives the relaxation time
+        # times D/(1 + ω²τ1²).
+        return max(
+            (max(amplitude, 1e-150) ** 2 * relaxation_time, 1.0 / (2.0 * math.pi * frequency))
+            for frequency, amplitude in self.lines
+        )
+
+
 @dataclass(frozen=True)
-class Sine(Excitation):
+class Sine(Harmonic):
     """η = amplitude · sin(2π frequency t + phase).
 
     `amplitude` in m/s² in SI; `frequency` in Hz; `phase` in rad. `knot_spacing` (s) left out:
@@ -48,14 +68,6 @@ class Sine(Excitation):
         "phase": Key(),
         "knot_spacing": positive(),
     }
-
-    @property
-    def symmetric(self) -> bool:
-        return False
-
-    @property
-    def random(self) -> bool:
-        return False
 
     @property
     def lines(self) -> tuple[tuple[float, float], ...]:
@@ -79,14 +91,6 @@ class Sine(Excitation):
         knots = math.ceil(max(KNOTS_PER_PERIOD, 1.0 / (self.frequency * longest)) - 1e-9)
         return 1.0 / (self.frequency * knots)
 
-    def equivalent_noise(self, relaxation_time: float, longest: float) -> tuple[float, float]:
-        # In resonance 2 E[X'²] = (amplitude · relaxation time)². Noise gives the relaxation time
-        # times D/(1 + ω²τ1²).
-        return (
-            max(self.amplitude, 1e-150) ** 2 * relaxation_time,
-            1.0 / (2.0 * math.pi * self.frequency),
-        )
-
     def density(self, frequencies: np.ndarray) -> np.ndarray:
         """0: all that there is are its `lines`."""
         return np.zeros(np.shape(frequencies))
@@ -99,7 +103,7 @@ class Sine(Excitation):
 
 
 @dataclass(frozen=True)
-class SteppedSine(Excitation):
+class SteppedSine(Harmonic):
     """One frequency after another without a jump in phase, for frequency responses.
 
     Not a kind of its own in scenes: `harvester.frequency_response` puts it there.
@@ -119,10 +123,6 @@ class SteppedSine(Excitation):
 
     def spacing(self, longest: float) -> float:
         return self.knot_spacing
-
-    def equivalent_noise(self, relaxation_time: float, longest: float) -> tuple[float, float]:
-        sines = [Sine(self.amplitude, frequency) for frequency in self.frequencies]
-        return max(sine.equivalent_noise(relaxation_time, longest) for sine in sines)
 
     def path(self, spacing: float, length: float, seed: Any) -> ExcitationPath:
         return SinePath(self.amplitude / length, self.frequencies, self.dwell, spacing)

@@ -27,9 +27,14 @@ if TYPE_CHECKING:
     from harvester.excitation.run import Run
 
 UNITS = {"g^2/Hz": ACCELERATION["g"] ** 2, "(m/s^2)^2/Hz": 1.0, "scaled": 1.0}
-# Knots in a period of the highest frequency: between them the signal is raised by 1/sinc², 0.2 dB
-# there, and its first image has 0.8 % of the density there.
+# Knots in a period of the highest frequency, where the device itself needs them so close: the
+# signal is raised by 1/sinc², there by 0.2 dB, so that its density is right between them. Where the
+# device is slower its own spacing is enough, down to a quarter of that period: the first image, at
+# three times the highest frequency, then has 1.2 % of the density there. A bridge at 46 Hz under
+# 500 Hz takes half the steps so, one under 2 kHz a third.
 KNOTS_PER_PERIOD, FEWEST_KNOTS_PER_PERIOD = 12.0, 4.0
+# Excess of the rms of the knots themselves that a note says.
+NOTED_EXCESS, EXCESS_FREQUENCIES = 0.01, 2001
 # Bursts last so many periods of the lowest frequency, unless `burst_time` says.
 PERIODS_PER_BURST = 20.0
 
@@ -42,7 +47,8 @@ class Spectrum(Excitation):
     ----------
     breakpoints : tuple of (float, float)
         Frequency (Hz, ascending) and density of each; nothing lies beyond the first and the last.
-        In a scene also the name of a CSV file with two columns.
+        In a scene also the name of a CSV file with two columns; or `profile`, a name in
+        `harvester.excitation.profiles`, stands in place of these, the unit and the source.
     unit : str or None
         Of the densities: a name in `UNITS`.
     kurtosis : float
@@ -53,7 +59,8 @@ class Spectrum(Excitation):
     source : str
         Where the values stand, in words: results write it out.
     knot_spacing : float or None
-        s; left out, a twelfth of the highest frequency's period or a fortieth of the device's.
+        s; left out, a twelfth of the highest frequency's period; for a slower device a fortieth of
+        its own period, at most a quarter of the highest frequency's.
     """
 
     breakpoints: tuple
@@ -116,6 +123,12 @@ class Spectrum(Excitation):
                     f"{origin}: excitation.breakpoints[{place}] = {high:g} Hz after {low:g} Hz: "
                     "frequencies must ascend; write a jump as two that lie close together"
                 )
+        if self.burst_time is not None and self.burst_time < 1.0 / frequencies[0]:
+            raise SceneError(
+                f"{origin}: excitation.burst_time = {self.burst_time:g}: must be at least "
+                f"{1.0 / frequencies[0]:.3g}, a period of the lowest frequency: shorter bursts "
+                "would blur the density away"
+            )
         longest = 1.0 / (FEWEST_KNOTS_PER_PERIOD * frequencies[-1])
         if self.knot_spacing is not None and self.knot_spacing > longest:
             raise SceneError(
@@ -128,7 +141,9 @@ class Spectrum(Excitation):
         return True
 
     def spacing(self, longest: float) -> float:
-        return self.knot_spacing or min(1.0 / (KNOTS_PER_PERIOD * self.band[1]), longest)
+        period = 1.0 / self.band[1]
+        close, wide = period / KNOTS_PER_PERIOD, period / FEWEST_KNOTS_PER_PERIOD
+        return self.knot_spacing or min(max(close, longest), wide, longest)
 
     def equivalent_noise(self, relaxation_time: float, longest: float) -> tuple[float, float]:
         # Noise with the greatest density, G = 4 D, and its variance D/τ1.
@@ -140,6 +155,13 @@ class Spectrum(Excitation):
         burst = self.burst_time or PERIODS_PER_BURST / self.band[0]
         return ShapedPath(points, spacing, seed, self.kurtosis, burst)
 
+    def _excess(self, spacing):
+        """Share by which the rms of the knots exceeds that of the straight lines between them."""
+        frequencies = np.linspace(*self.band, EXCESS_FREQUENCIES)
+        density = self.density(frequencies)
+        raised = density / np.sinc(frequencies * spacing) ** 4
+        return math.sqrt(float(raised.sum() / density.sum())) - 1.0
+
     def notes(self, spacing: float, angular_frequency: float, run: Run) -> tuple[str, ...]:
         low, high = self.band
         unit = "" if self.unit == "scaled" else " m/s²"
@@ -150,6 +172,11 @@ class Spectrum(Excitation):
             f"spectrum{source}: {listed}{more} {self.unit}; rms "
             f"{math.sqrt(mean_square(self.points)):.4g}{unit}"
         ]
+        if self._excess(spacing) > NOTED_EXCESS:
+            lines.append(
+                f"knots {spacing:.3g} s apart: the density is right on the straight lines between "
+                f"them; the knots themselves have {self._excess(spacing):.1%} more rms"
+            )
         frequency = angular_frequency / (2.0 * math.pi)
         if not low <= frequency <= high and 0.0 < frequency < math.inf:
             lines.append(

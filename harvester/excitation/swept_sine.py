@@ -10,8 +10,8 @@ import numpy as np
 
 from harvester.device.keys import not_negative, positive
 from harvester.errors import SceneError
-from harvester.excitation.base import Excitation, ExcitationPath
-from harvester.excitation.sine import FEWEST_KNOTS_PER_PERIOD, KNOTS_PER_PERIOD, Sine
+from harvester.excitation.base import ExcitationPath
+from harvester.excitation.sine import FEWEST_KNOTS_PER_PERIOD, KNOTS_PER_PERIOD, Harmonic
 
 if TYPE_CHECKING:
     from harvester.excitation.run import Run
@@ -21,7 +21,7 @@ LINES = 24
 
 
 @dataclass(frozen=True)
-class SweptSine(Excitation):
+class SweptSine(Harmonic):
     """η = amplitude · sin(φ), φ' = 2π f, f from `frequency` to `end_frequency` and back, again.
 
     `amplitude` in m/s² in SI; frequencies in Hz; `octaves_per_minute` as in standards. Between
@@ -42,14 +42,6 @@ class SweptSine(Excitation):
         "octaves_per_minute": positive(),
         "knot_spacing": positive(),
     }
-
-    @property
-    def symmetric(self) -> bool:
-        return False
-
-    @property
-    def random(self) -> bool:
-        return False
 
     @property
     def drifts(self) -> bool:
@@ -79,10 +71,6 @@ class SweptSine(Excitation):
 
     def spacing(self, longest: float) -> float:
         return self.knot_spacing or min(1.0 / (KNOTS_PER_PERIOD * self._highest), longest)
-
-    def equivalent_noise(self, relaxation_time: float, longest: float) -> tuple[float, float]:
-        sines = [Sine(self.amplitude, frequency) for frequency, _ in self.lines]
-        return max(sine.equivalent_noise(relaxation_time, longest) for sine in sines)
 
     def path(self, spacing: float, length: float, seed: Any) -> ExcitationPath:
         return SweptPath(self, spacing, length)

@@ -70,5 +70,6 @@ def compile_library(files: dict[str, str], target: str | Path) -> None:
         except (OSError, subprocess.TimeoutExpired) as error:
             raise ExportError(f"{words[0]}: cannot compile the device: {error}") from None
     if done.returncode != 0:
-        said = (done.stderr.strip().splitlines() or ["it says nothing"])[0]
+        lines = done.stderr.strip().splitlines() or ["it says nothing"]
+        said = next((line for line in lines if "error" in line), lines[0])
         raise ExportError(f"{words[0]}: cannot compile the device: {said}")

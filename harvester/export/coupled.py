@@ -75,11 +75,11 @@ def coupled(scene: Scene, *, realization: int = 0, load_resistance: float = 0.0)
 
     Examples
     --------
-    A resistor of 100 kΩ, a millisecond at a time:
+    A resistor of 100 kΩ, a millisecond at a time::
 
-    >>> device = harvester.coupled("paper_si")  # doctest: +SKIP
-    >>> while device.time < 10.0:  # doctest: +SKIP
-    ...     device.advance(device.time + 1e-3, device.voltage / 100e3)
+        device = harvester.coupled("paper_si")
+        while device.time < 10.0:
+            device.advance(device.time + 1e-3, device.voltage / 100e3)
     """
     if not 0.0 <= load_resistance < math.inf:
         raise HarvesterError(f"load_resistance = {load_resistance:g}: must be a number of ohms ≥ 0")

@@ -11,7 +11,7 @@ from importlib import resources
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from circuits.elements import literal, named_contacts, number
+from circuits.elements import named_contacts, number
 from harvester.device import contact as contacts
 from harvester.device import timescales
 from harvester.device.coil import CoilTable
@@ -29,6 +29,7 @@ if TYPE_CHECKING:
     from harvester.scene.model import Scene
 
 HEAD = "/* " + "\n * ".join(licence.EXPORTED) + "\n */\n"
+SIGN = "static double sgn(double value) { return (value > 0.0) - (value < 0.0); }\n"
 STEPPER = ("harvester_device.h", "harvester_device.c")
 
 
@@ -87,13 +88,15 @@ def equations(scene: Scene) -> str:
     constants: dict[str, str] = {}
 
     def named(key: str, value: float, *meaning: str) -> str:
-        said = f" /* {meaning[0]} */" if meaning and meaning[0] else ""
+        # Formulas are of the circuit, whose time is in units of 1/rate: here of a second.
+        said = f" /* {meaning[0].replace('/rate^2', '')} */" if meaning and meaning[0] else ""
         constants[key] = f"static const double {key} = {number(value)};{said}\n"
         return key
 
     functions = _forces(ready.system, named) + _contacts(ready.system, named)
+    sign = SIGN if "sgn(" in functions else ""
     said = f"/* Of the scene {scene.name}. Lengths are over LENGTH, forces over MASS LENGTH. */\n"
-    return "\n".join([HEAD + said + _numbers(ready), "".join(constants.values()), functions])
+    return "\n".join([HEAD + said + _numbers(ready), "".join(constants.values()), sign + functions])
 
 
 def _numbers(ready: Prepared) -> str:
@@ -159,7 +162,7 @@ def _forces(s: System, named: Any) -> str:
         s.spring.nonlinear_formula("x", 1.0, named),
     ]
     damper = [f"{named('damping', s.damper.damping, 'c')}*u", drag_formula(s.damper, "u", named)]
-    energy = f"0.5*({s.spring.gain_formula('x', 0.0, 1.0, literal)})"
+    energy = f"0.5*({s.spring.gain_formula('x', 0.0, 1.0, _literal)})"
     return (
         _function("spring_force", "x", "+".join(filter(None, spring)) or "0.0*x")
         + _function("spring_energy", "x", energy)
@@ -191,6 +194,11 @@ def _contacts(s: System, named: Any) -> str:
         "    (void)x, (void)u, (void)held;\n"
         f"    switch (contact) {{\n{cases}    default: return 0.0;\n    }}\n}}\n"
     )
+
+
+def _literal(key: str, value: float, *meaning: str) -> str:
+    """A number within a formula."""
+    return f"({number(value)})"
 
 
 def _function(name: str, argument: str, formula: str) -> str:

@@ -42,7 +42,7 @@ def draw_result(result: Result) -> Figure | None:
         axes = figure.add_subplot(1, panels, place + 1)
         draw_density(axes, result, name, CIRCUIT, "-", None)
         axes.set_xlabel(axis_label(result, name))
-        axes.set_ylabel("probability density" if place == 0 else "")
+        axes.set_ylabel(density_label(result, name))
         axes.set_ylim(bottom=0.0)
         frame(axes, [result], name)
     if fitted:
@@ -86,7 +86,13 @@ def _draw_fit(axes, result):
 
 
 def draw_density(
-    axes: Axes, result: Result, name: str, colour: str, style: str, label: str | None
+    axes: Axes,
+    result: Result,
+    name: str,
+    colour: str,
+    style: str,
+    label: str | None,
+    width: float | None = None,
 ) -> None:
     """One density in the scene's units, with a band of two standard errors."""
     density = _merged(result, name)
@@ -95,7 +101,7 @@ def draw_density(
     if density.standard_error is not None:
         band = 2.0 * density.standard_error / unit
         axes.fill_between(centre, values - band, values + band, color=colour, alpha=0.25, lw=0)
-    axes.plot(centre, values, style, color=colour, label=label)
+    axes.plot(centre, values, style, color=colour, label=label, linewidth=width)
 
 
 def _merged(result, name):
@@ -103,10 +109,12 @@ def _merged(result, name):
     density = result.densities[name]
     about = result.scaled_quantities.get(f"mean_square_{name}")
     samples = about.effective_sample_size if about else None
-    if density.standard_error is None or not samples:
+    random = result.scene.excitation.random
+    if random and (density.standard_error is None or not samples):
         return density
     held = int(np.count_nonzero(density.density > WORTH_DRAWING * density.density.max()))
-    size = held // max(FEWEST_BINS, math.ceil(2.0 * samples ** (1.0 / 3.0)))
+    # A periodic motion is sampled at the same few places again and again: narrow bins are hash.
+    size = held // max(FEWEST_BINS, math.ceil(2.0 * (samples or 0.0) ** (1.0 / 3.0)))
     if size < 2:
         return density
     bins = density.centre.size // size
@@ -115,8 +123,8 @@ def _merged(result, name):
         return values[: bins * size].reshape(bins, size).mean(axis=1)
 
     # Neighbouring bins have correlated errors, so that the mean of their errors is an upper bound.
-    centre, value, error = map(means, (density.centre, density.density, density.standard_error))
-    return Density(centre, value, error, density.dimension)
+    error = None if density.standard_error is None else means(density.standard_error)
+    return Density(means(density.centre), means(density.density), error, density.dimension)
 
 
 def frame(axes: Axes, results: Sequence[Result], name: str) -> None:
@@ -135,3 +143,11 @@ def axis_label(result: Result, name: str) -> str:
     """A dimension and its unit."""
     unit = result.unit(name)
     return f"{name} [{'scaled' if unit.startswith('scaled') else unit}]"
+
+
+def density_label(result: Result, name: str) -> str:
+    """ "probability density [1/m]" of a dimension."""
+    unit = result.unit(name)
+    if unit.startswith("scaled"):
+        return "probability density"
+    return f"probability density [1/{f'({unit})' if '/' in unit else unit}]"

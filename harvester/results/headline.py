@@ -12,7 +12,7 @@ if TYPE_CHECKING:
     from harvester.results.result import Result
     from harvester.scene.model import Scene
 
-NOT_NAMED = ("kind", "knot_spacing")
+NOT_NAMED = ("kind", "knot_spacing", "full_scale")
 
 
 def headline(result: Result) -> str:
@@ -41,9 +41,12 @@ def conditions(scene: Scene) -> str:
     """The excitation in words."""
     table = scene.to_tables()["excitation"]
     said = [*_values("excitation", table, scene)]
+    kind = f"{table['kind']} excitation"
     if "file" in table:
-        said.append(f"record {PurePath(table['file']).name}")
-    return ", ".join([f"{table['kind']} excitation", *said])
+        kind = f"record {PurePath(table['file']).name}"
+    if isinstance(table.get("column"), str):
+        kind += f", column {table['column']}"
+    return ", ".join([kind, *said])
 
 
 def _values(prefix, table, scene):

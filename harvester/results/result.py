@@ -315,7 +315,7 @@ class Result:
         ------
         UnknownQuantity
         """
-        from harvester.results.drawing import axis_label, draw_density
+        from harvester.results.drawing import axis_label, density_label, draw_density
 
         if name not in self.densities:
             raise UnknownQuantity(
@@ -324,7 +324,7 @@ class Result:
             )
         colour = style.pop("colour", f"C{len(axes.lines)}")
         draw_density(axes, self, name, colour, style.pop("line", "-"), label or self.engine)
-        axes.set(xlabel=axis_label(self, name), ylabel="probability density")
+        axes.set(xlabel=axis_label(self, name), ylabel=density_label(self, name))
 
     def results_by_method(self) -> dict[str, Result]:
         """Itself, by the name of its engine or closure."""

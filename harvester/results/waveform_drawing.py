@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
+from harvester.show.numbers import prefixed
 from harvester.show.palette import CIRCUIT
 from harvester.show.panels import entitle
 
@@ -24,8 +25,9 @@ def draw(waveform: Waveform) -> Figure:
     figure = Figure(figsize=(WIDTH, 0.7 + HEIGHT * len(names)))
     panels = figure.subplots(len(names), 1, sharex=True, squeeze=False).ravel()
     for axes, name in zip(panels, names, strict=True):
-        axes.plot(waveform.time, waveform.columns[name], color=CIRCUIT, linewidth=0.8)
-        unit = waveform.units[name]
+        values = waveform.columns[name]
+        factor, unit = prefixed(float(abs(values).max(initial=0.0)), waveform.units[name])
+        axes.plot(waveform.time, factor * values, color=CIRCUIT, linewidth=0.8)
         words = name.replace("_", " ") if "(" not in name else name
         axes.set_ylabel(f"{words}\n[{'scaled' if unit.startswith('scaled') else unit}]")
     panels[-1].set_xlabel("time [s]")

@@ -7,6 +7,7 @@ import re
 from typing import Any
 
 from harvester.errors import SceneError
+from harvester.excitation.profiles import with_profile
 from harvester.files.plain_text import named, shown
 from harvester.files.reading import read_input
 
@@ -17,7 +18,8 @@ SEPARATORS = re.compile(r"\s*[,;\t]\s*|\s+")
 def with_points(tables: dict[str, Any], origin: str) -> dict[str, Any]:
     """A scene's tables with the points of the files that its keys of points name.
 
-    `oscillator.force_table`, and `breakpoints` of an excitation or of a part of one.
+    `oscillator.force_table`, and `breakpoints` of an excitation or of a part of one. A profile
+    that is named is written out.
 
     Raises
     ------
@@ -36,7 +38,7 @@ def with_points(tables: dict[str, Any], origin: str) -> dict[str, Any]:
 
 def _read(table, key, what, where):
     """One table, and the parts that it may have, with points for the name of a file."""
-    table = dict(table)
+    table = with_profile(dict(table), where)
     if isinstance(table.get(key), str):
         try:
             table[key] = _points(table[key], *what)
@@ -72,4 +74,8 @@ def _points(file, kind, pair):
             raise SceneError(
                 f"{named(file)}, line {number}: {shown(line)}: must be {pair}, such as 0.001, 0.25"
             )
+    if len(points) < 2:
+        raise SceneError(
+            f"{named(file)}: {len(points)} lines with {pair}: must be at least 2 for a {kind}"
+        )
     return points

@@ -15,6 +15,8 @@ PREFIXES = {-12: "p", -9: "n", -6: "µ", -3: "m", 0: "", 3: "k", 6: "M", 9: "G"}
 # Units that take a prefix. Seconds take only prefixes below 1.
 PREFIXED = ("V", "W", "m", "m/s", "s", "J", "A", "Ω", "F", "H", "Hz", "Pa")
 SHARES = ("efficiency", "share")
+# Numbers from here on are printed with a power of ten.
+LONGEST = 1e7
 # Counts above this are rounded to two digits.
 ROUNDED_COUNT = 1000.0
 
@@ -111,8 +113,17 @@ def quantity(value: float, unit: str = "", digits: int = 4) -> str:
 
 
 def number(value: float, digits: int = 4) -> str:
-    """A plain number; a dash where there is none."""
-    return f"{value + 0.0:.{digits}g}" if math.isfinite(value) else NOT_KNOWN
+    """A plain number; a dash where there is none.
+
+    Examples
+    --------
+    >>> number(139247.7), number(1.392e-5), number(2.5e9)
+    ('139200', '1.392e-05', '2.5e+09')
+    """
+    if not math.isfinite(value):
+        return NOT_KNOWN
+    text = f"{value + 0.0:.{digits}g}"
+    return f"{float(text):.0f}" if "e+" in text and abs(value) < LONGEST else text
 
 
 def count(size: float | None) -> str:

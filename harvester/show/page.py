@@ -17,6 +17,8 @@ from harvester.version import __version__
 # A picture narrower than this scrolls in its frame instead of becoming unreadable. A schematic does
 # so below this share of its own size, at which its values are 7 points high.
 NARROWEST_FIGURE, LEAST_SCALE = "36rem", 0.7
+# A longer table comes in pages of so many rows. Sentences after the first few are folded.
+ROWS, SENTENCES = 25, 8
 # A picture is drawn at most at this multiple of its own size.
 LARGEST_SCALE = 1.3
 
@@ -64,6 +66,20 @@ def facts(text: str) -> str:
     return f'\n<p class="facts">{_escaped(text)}</p>'
 
 
+def all_facts(lines: Sequence[str]) -> str:
+    """Paragraphs in small print; of many the first, and the others behind a line to open."""
+    first, others = lines[:SENTENCES], lines[SENTENCES:]
+    return "".join(map(facts, first)) + (
+        _folded(f"{len(others)} more", "".join(map(facts, others))) if others else ""
+    )
+
+
+def _folded(summary, content, is_open=False):
+    return (
+        f"<details{' open' * is_open}><summary>{_escaped(summary)}</summary>\n{content}</details>"
+    )
+
+
 def _escaped(text):
     return html.escape(one_line(text))
 
@@ -81,6 +97,21 @@ def table_of(header: Sequence[str], rows: Iterable[Sequence[str]], kind: str = "
     )
     return (
         f'<table class="{kind}"><thead><tr>{head}</tr></thead>\n<tbody>\n{body}\n</tbody></table>'
+    )
+
+
+def table_in_pages(header: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
+    """A table that scrolls in its frame; a long one in pages to open, the first of them open."""
+    parts = [rows[first : first + ROWS] for first in range(0, len(rows), ROWS)]
+    if len(parts) < 2:
+        return wide(table_of(header, rows))
+    return "\n".join(
+        _folded(
+            f"{part[0][0]} … {part[-1][0]} ({len(part)} of {len(rows)})",
+            wide(table_of(header, part)),
+            is_open=part is parts[0],
+        )
+        for part in parts
     )
 
 

@@ -15,7 +15,9 @@ if TYPE_CHECKING:
 # Default number of panels in a row.
 COLUMNS = 3
 LEGEND_COLUMNS = 5
-# An axis is logarithmic if its values exceed this ratio. Over less it would have too few labels.
+# Inches of a legend's entry beside its words, and of a letter at the house's size.
+MARK, LETTER = 0.6, 0.075
+# An axis is logarithmic from this ratio of its values. Over less it would have too few labels.
 WIDE_RATIO = 10.0
 # Below this ratio of its ends a logarithmic axis has labels between the decades too, of which there
 # are at most two.
@@ -47,6 +49,8 @@ class Series:
         Of a mark.
     width : float or None
         Of a line; None: the style's own.
+    shift : float
+        Points of print to the right, so that marks at the same place stand side by side.
     """
 
     x: Any
@@ -60,6 +64,7 @@ class Series:
     hollow: Any = None
     size: float = 4.0
     width: float | None = None
+    shift: float = 0.0
 
 
 @dataclass(frozen=True)
@@ -90,7 +95,7 @@ class Panel:
 def is_wide(values: Iterable[float]) -> bool:
     """Whether values are worth a logarithmic axis."""
     values = list(values)
-    return min(values) > 0.0 and max(values) > WIDE_RATIO * min(values)
+    return min(values) > 0.0 and max(values) >= WIDE_RATIO * min(values)
 
 
 def draw_panels(
@@ -139,8 +144,18 @@ def legend_below(figure: Figure, panels: Iterable[Axes]) -> None:
         handles, labels = axes.get_legend_handles_labels()
         legend |= dict(zip(labels, handles, strict=True))
     if legend:
-        columns = min(len(legend), LEGEND_COLUMNS)
+        columns = _columns([*legend], figure.get_figwidth())
         figure.legend([*legend.values()], [*legend], loc="outside lower center", ncols=columns)
+
+
+def _columns(labels, width):
+    """How many columns of a legend a figure of so many inches has room for."""
+    for columns in range(min(len(labels), LEGEND_COLUMNS), 1, -1):
+        # As matplotlib fills them, one after the other.
+        longest = (max(map(len, part)) for part in np.array_split(labels, columns))
+        if sum(MARK + LETTER * letters for letters in longest) <= width:
+            return columns
+    return 1
 
 
 def entitle(figure: Figure, title: str) -> None:
@@ -205,9 +220,29 @@ def _draw_series(axes, series):
         elinewidth=1.0,
         label=series.label,
     )
-    colour = bars.lines[0].get_color()
+    line, caps, stems = bars.lines
+    colour, empty = line.get_color(), []
     if series.band is not None:
         axes.fill_between(x, y - series.band, y + series.band, color=colour, alpha=0.25, lw=0)
     if series.hollow is not None and np.any(series.hollow):
-        style = {"color": colour, "markersize": series.size, "markerfacecolor": "white"}
-        axes.plot(x[series.hollow], y[series.hollow], series.marker, **style)
+        empty = axes.plot(
+            x[series.hollow],
+            y[series.hollow],
+            series.marker,
+            color=colour,
+            markersize=series.size,
+            markerfacecolor="white",
+            # An error bar's own marks lie a little above its lines.
+            zorder=line.get_zorder() + 0.1,
+        )
+    if series.shift:
+        # After the drawing: the axes' limits follow marks in their own places only.
+        for artist in (line, *caps, *stems, *empty):
+            artist.set_transform(axes.transData + _to_the_right(axes, series.shift))
+
+
+def _to_the_right(axes, points):
+    """The transform that moves a drawing by points of print."""
+    from matplotlib.transforms import ScaledTranslation
+
+    return ScaledTranslation(points / 72.0, 0.0, axes.figure.dpi_scale_trans)

@@ -31,6 +31,7 @@ from harvester.prepared.steps import knot_spacing
 from harvester.record.range_watch import with_range_watch
 from harvester.scene.model import Scene
 from harvester.scene.units import Scales
+from harvester.show.numbers import quantity
 from harvester.show.palette import CIRCUIT, MONTE_CARLO
 from harvester.show.panels import Panel, Series, draw_panels, is_wide
 from harvester.simulation.methods import engine_of
@@ -203,7 +204,7 @@ class FrequencyResponse:
             best = int(np.argmax(getattr(sweep, name)))
             lines.append(
                 f"sweep {sweep.direction}: most {name.removeprefix('mean_').replace('_', ' ')}, "
-                f"{self.values(name, sweep)[best]:.4g} {self.unit('power')}, at "
+                f"{quantity(self.values(name, sweep)[best], self.unit('power'))}, at "
                 f"{self.frequencies[best]:.4g} Hz"
             )
             unsettled = int(np.count_nonzero(~(sweep.residual <= NOTED_RESIDUAL)))
@@ -221,7 +222,7 @@ class FrequencyResponse:
         place = self.frequencies[int(np.nanargmax(getattr(sweep, self.power)))]
         words = self.power.removeprefix("mean_").replace("_", " ")
         return (
-            f"most {words}: {power:.4g} {self.unit('power')} at {place:.4g} Hz, sweep "
+            f"most {words}: {quantity(power, self.unit('power'))} at {place:.4g} Hz, sweep "
             f"{sweep.direction}, by {self.engine}"
         )
 

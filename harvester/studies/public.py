@@ -470,7 +470,7 @@ def sensitivity(
     vary: Distributions | None = None,
     *,
     covariance: Annotated[Mapping[str, Any] | str | Path, Kind("FILE")] | None = None,
-    quantity: str = "mean_power",
+    quantity: str | None = None,
     method: MethodOrName | None = None,
     above: Annotated[float, Kind("LIMIT")] | None = None,
     rows: int = ROWS,
@@ -489,8 +489,9 @@ def sensitivity(
     covariance : dict or file
         JSON of `harvester identify`: its values scatter as far as records leave them open, along
         the principal axes (`harvester.studies.sensitivity.joint_tolerance`).
-    quantity : str
+    quantity : str or None
         mean_power, power_conversion_efficiency, of a load with an output mean_output_power, …
+        (default: the power, at the output where the load has one).
     method : str, Method or None
         An engine or a closure (default: monte-carlo, or circuit where the load needs it).
     above : float or None
@@ -535,6 +536,7 @@ def sensitivity(
         tolerances += axes
     chosen = work.checked(scene, tolerances, method, rows)
     shape = rows, len(tolerances) + 2
+    quantity = quantity or _power_of(scene)
     with open_runner(**running) as opened:
         study = work.study_of(scene, tolerances, quantity, chosen, above, shape, precision, opened)
     return replace(study, seconds=time.perf_counter() - clock)
@@ -620,10 +622,14 @@ def optimum(
             )
         ranges = dict.fromkeys(ranges, (low, high))
     ends = {key: _ends(key, each) for key, each in ranges.items()}
-    if maximise is None:
-        load = scene.load.circuit
-        maximise = "mean_output_power" if load and load.has_output else "mean_power"
+    maximise = maximise or _power_of(scene)
     return largest(scene, ends, maximise, method, closure, evaluations, precision, running)
+
+
+def _power_of(scene):
+    """The power that a load is for: at its output where it has one."""
+    load = scene.load.circuit
+    return "mean_output_power" if load and load.has_output else "mean_power"
 
 
 def _ends(key, ends):

@@ -22,8 +22,10 @@ if TYPE_CHECKING:
 
     from harvester.scene.model import Scene
 
-# Segments of the density, unless the resolution is given: a 95 % band of about ±1.3 dB.
-SEGMENTS = 64
+# Segments of the density, unless the resolution is given: a 95 % band of about ±1.3 dB. Longer
+# segments than the most are not taken by default, and blocks hold so many samples at least: an hour
+# at 8 kHz takes no more memory than a minute.
+SEGMENTS, MOST_IN_SEGMENT, BLOCK = 64, 2**18, 2**16
 # Stretches whose mean squares tell of drift, and parts whose spread is the error of the moments.
 STRETCHES = 32
 # Hann's window passes as much noise as this many bins.
@@ -125,7 +127,9 @@ def _analysed(name, blocks, count, interval, resolution, breakpoints, scene, uni
 
 def _segment(count, interval, resolution, name):
     """Samples of a segment, even."""
-    size = HANN_BINS / (resolution * interval) if resolution else 2.0 * count / (SEGMENTS + 1)
+    size = min(2.0 * count / (SEGMENTS + 1), MOST_IN_SEGMENT)
+    if resolution:
+        size = HANN_BINS / (resolution * interval)
     size = 2 * int(0.5 * size)
     if size < 16 or size > count:
         raise HarvesterError(
@@ -142,10 +146,9 @@ def _sums(blocks, count, interval, size):
     stretch = max(count // STRETCHES, 1)
     # Whole segments with an overlap of half of one: the density is their mean, block after block.
     total, segments = np.zeros(size // 2 + 1), 0
-    powers: list[list[float]] = []
+    powers, place = np.zeros((STRETCHES, 4)), 0
     left = np.empty(0)
-    rest = np.empty(0)
-    for block in blocks(max(8 * size, 2**16)):
+    for block in blocks(max(size, BLOCK)):
         left = np.append(left, block)
         many = (left.size - size) // (size // 2) + 1
         if many > 0:
@@ -154,11 +157,15 @@ def _sums(blocks, count, interval, size):
             total += many * density
             segments += many
             left = left[many * (size // 2) :]
-        rest = np.append(rest, block)
-        while rest.size >= stretch and len(powers) < STRETCHES:
-            part, rest = rest[:stretch], rest[stretch:]
-            powers.append([float(np.mean(part**power)) for power in (1, 2, 3, 4)])
-    return total / segments, np.array(powers), segments
+        ends = np.minimum(np.arange(1, STRETCHES + 1) * stretch - place, block.size)
+        starts = np.clip(np.arange(STRETCHES) * stretch - place, 0, block.size)
+        for which in np.flatnonzero(ends > starts):
+            part = block[starts[which] : ends[which]]
+            square = part * part
+            sums = part.sum(), square.sum(), (square * part).sum(), (square * square).sum()
+            powers[which] += sums
+        place += block.size
+    return total / segments, powers[: count // stretch] / stretch, segments
 
 
 def profile(frequencies: np.ndarray, density: np.ndarray, breakpoints: int) -> np.ndarray:
@@ -399,12 +406,13 @@ class SpectrumAnalysis:
 
 
 def _draw(analysis):
+    from harvester.show.numbers import in_print
     from harvester.show.panels import Panel, Series, draw_panels
 
     loud = analysis.density > FAINTEST * analysis.density.max()
     x, y = analysis.profile.T
     series = [
-        Series(analysis.frequencies[loud], analysis.density[loud], "Welch", "0.6"),
+        Series(analysis.frequencies[loud], analysis.density[loud], "Welch", "0.7", width=3.0),
         Series(x, y, "specification", "#0072B2", "-", "o"),
     ]
     device = analysis.device_band()
@@ -412,7 +420,7 @@ def _draw(analysis):
         series.append(
             Series([device[0]] * 2, [y.min(), y.max()], "device's frequency", "#D55E00", "--")
         )
-    label = f"one-sided density [{analysis.unit}]"
+    label = f"one-sided density [{in_print(analysis.unit)}]"
     panel = Panel("frequency [Hz]", label, series, log_x=True, log_y=True)
     return draw_panels([panel], f"{analysis.name}: spectrum", (6.0, 4.0))
 

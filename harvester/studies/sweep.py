@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
-from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -13,20 +12,20 @@ import numpy as np
 from harvester.errors import HarvesterError
 from harvester.estimates.estimate import Estimate
 from harvester.estimates.units import unit_of
-from harvester.files.libraries import optional_library
 from harvester.files.plain_text import json_text
 from harvester.files.serialising import plain
-from harvester.files.tables import write_csv, xarray_or_say
+from harvester.files.tables import Tabular, xarray_or_say
 from harvester.method import Method
 from harvester.running.request import COMPLETE, OUT_OF_TIME, told
 from harvester.scene.model import Scene
-from harvester.show.numbers import with_error
+from harvester.show.numbers import number, with_error
 from harvester.simulation.simulate import check_name
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
-    from pandas import DataFrame
     from xarray import Dataset
+
+    from harvester.studies.loads.evaluation import Evaluation
 
 
 @dataclass(frozen=True)
@@ -50,7 +49,7 @@ class Cell:
 
 
 @dataclass(frozen=True)
-class Sweep:
+class Sweep(Tabular):
     """A scene at every place of a grid by every method.
 
     Attributes
@@ -96,30 +95,9 @@ class Sweep:
                 unit = unit_of(self.scene, each.dimension) if name in cell.estimates else ""
                 error = math.nan if each.standard_error is None else each.standard_error
                 row = [*place, cell.method, name, each.estimate, error, unit]
-                rows.append([*row, cell.realizations, cell.outcome])
-        return [*header, "realizations", "outcome"], rows
-
-    def to_csv(self, path: str | Path) -> None:
-        """Write the tidy table.
-
-        Raises
-        ------
-        OutputError
-        """
-        write_csv(path, *self.data())
-
-    def to_pandas(self) -> DataFrame:
-        """The tidy table as a DataFrame.
-
-        Raises
-        ------
-        MissingLibrary
-            pandas, of the extra `study`.
-        """
-        header, rows = self.data()
-        return optional_library("pandas", "Sweep.to_pandas", "study").DataFrame(
-            rows, columns=header
-        )
+                outcome, notes = outcome_and_notes(cell)
+                rows.append([*row, cell.realizations, outcome, "; ".join(notes)])
+        return [*header, "realizations", "outcome", "notes"], rows
 
     def to_xarray(self) -> Dataset:
         """Every quantity beside its `…_standard_error` over the keys and the method.
@@ -153,14 +131,16 @@ class Sweep:
                 for name, each in zip(self.quantities, estimates, strict=True)
             ]
             row = [cell.method, *map(in_words, place), *told]
-            rows.append([*row, str(cell.realizations or ""), _told(cell)[0]])
+            rows.append([*row, str(cell.realizations or ""), outcome_and_notes(cell)[0]])
         return [*header, "realizations", "outcome"], rows
 
     def sentences(self) -> list[str]:
         """How it came about, and what to know before citing a number."""
         run = self.scene.run
         ended = ["the time budget was spent: the same call goes on"] if self.out_of_time else []
-        notes = dict.fromkeys(note for _, cell in self.places() for note in _told(cell)[1])
+        notes = dict.fromkeys(
+            note for _, cell in self.places() for note in outcome_and_notes(cell)[1]
+        )
         said = f"realizations of {run.duration:g} s after {run.settle:g} s, seed {run.seed}"
         return [
             *self.notes,
@@ -221,7 +201,7 @@ class Sweep:
 _NOTHING = Estimate(math.nan, None, None, "1")
 
 
-def _told(cell):
+def outcome_and_notes(cell: Cell | Evaluation) -> tuple[str, list[str]]:
     """The outcome, and the notes that stand behind one that is complete."""
     first, *notes = cell.outcome.split("; ")
     return (first, notes) if first == COMPLETE else (cell.outcome, [])
@@ -298,7 +278,7 @@ def columns(scene: Scene, cells: np.ndarray) -> Iterator[tuple[str, np.ndarray, 
 
 def in_words(value: float | str) -> str:
     """A swept value, or the name of a load."""
-    return value if isinstance(value, str) else f"{value:.5g}"
+    return value if isinstance(value, str) else number(value, 5)
 
 
 def _each(cells, value, kind):

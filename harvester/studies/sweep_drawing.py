@@ -11,8 +11,8 @@ import numpy as np
 
 from harvester.averaging import CLOSURES
 from harvester.estimates.units import unit_of
-from harvester.show.numbers import in_print
-from harvester.show.palette import CIRCUIT, LINES, MONTE_CARLO
+from harvester.show.numbers import is_share, prefixed
+from harvester.show.palette import CIRCUIT, LINES, MONTE_CARLO, styles
 from harvester.show.panels import Panel, Series, draw_panels, is_wide
 from harvester.show.symbols import key_label
 from harvester.studies.sweep import in_words
@@ -25,8 +25,10 @@ if TYPE_CHECKING:
 # An error bar reaches so many standard errors to either side.
 BARS = 2.0
 OTHER_CLOSURE = ("0.3", "-.")
-# Colour, marker and its size. The larger one shows around the other.
-ENGINES = {"circuit": (CIRCUIT, "o", 8.0), "monte-carlo": (MONTE_CARLO, "s", 4.0)}
+# Colour and marker of an engine with its default settings.
+ENGINES = {"circuit": (CIRCUIT, "o"), "monte-carlo": (MONTE_CARLO, "s")}
+# Points of print between the markers of two engines at the same place.
+APART = 6.0
 # Width of the first line, and by how much each further one is thinner: thin over thick shows both.
 WIDEST, THINNER = 3.0, 0.6
 
@@ -43,7 +45,8 @@ def draw(sweep: Sweep) -> Figure:
         for name in sweep.quantities
         for other in itertools.product(*others)
     ]
-    return draw_panels(panels, f"{sweep.scene.name}: bars of two standard errors")
+    title = f"{sweep.scene.name}: bars of two standard errors (hollow: none)"
+    return draw_panels(panels, title)
 
 
 def _panel(sweep, name, along, other):
@@ -59,9 +62,11 @@ def _panel(sweep, name, along, other):
     ]
     found = [each.estimates[name] for each in rows.ravel() if name in each.estimates]
     unit = unit_of(sweep.scene, found[0].dimension) if found else ""
-    series = [_series(name, label, x, rows[:, k], k) for k, label in enumerate(sweep.methods)]
-    series.sort(key=lambda each: -each.size)
-    label = f"{name.replace('_', ' ')} [{in_print(unit) or '1'}]"
+    factor, unit = 100.0, "%"
+    if not is_share(name):
+        factor, unit = prefixed(max((abs(each.estimate) for each in found), default=0.0), unit)
+    series = [_series(sweep, name, x, rows[:, k], k, factor) for k in range(len(sweep.methods))]
+    label = f"{name.replace('_', ' ')} [{unit or '1'}]"
     return Panel(
         key_label(key, sweep.scene.units) if key else "",
         label,
@@ -76,17 +81,25 @@ def has_words(values: Sequence[object]) -> bool:
     return any(isinstance(value, str) for value in values)
 
 
-def _series(name, label, x, cells, place):
+def _series(sweep, name, x, cells, place, factor):
     """One method's estimates; those that are missing leave a gap."""
-    # If two methods have the same name, their settings follow it in brackets.
-    method = label.partition(" (")[0]
-    estimates = [each.estimates.get(name) for each in cells]
+    label = sweep.methods[place]
+    method = _without_settings(label)
+    found = [each.estimates.get(name) for each in cells]
+    estimates = [each and each.times(factor) for each in found]
     y = [math.nan if each is None else each.estimate for each in estimates]
     if method in CLOSURES:
         colour, line = LINES.get(method, OTHER_CLOSURE)
         return Series(x, y, f"averaging, {label}", colour, line, width=WIDEST * THINNER**place)
     errors = [each and each.standard_error for each in estimates]
     bars = [0.0 if error is None else BARS * error for error in errors]
-    colour, marker, size = ENGINES[method]
+    engines = [each for each in sweep.methods if _without_settings(each) not in CLOSURES]
+    colour, marker = ENGINES.get(label) or styles(engines)[label]
     bare = [error is None for error in errors]
-    return Series(x, y, label, colour, "", marker, bars=bars, hollow=bare, size=size)
+    shift = APART * (engines.index(label) - 0.5 * (len(engines) - 1))
+    return Series(x, y, label, colour, "", marker, bars=bars, hollow=bare, shift=shift)
+
+
+def _without_settings(label):
+    """A method's name; settings stand behind it where two methods have one name."""
+    return label.partition(" (")[0]

@@ -33,6 +33,14 @@ def test_every_command_is_listed_once():
     assert len(COMMANDS) == len(COMMAND_NAMES)
 
 
+@pytest.mark.parametrize(("words", "said"), [([], "to begin with:"), (["load"], "harvester load")])
+def test_help_is_a_word_too(words, said, capsys):
+    with pytest.raises(SystemExit) as end:
+        main(["help", *words])
+    assert end.value.code == 0
+    assert said in capsys.readouterr().out
+
+
 def test_exit_codes_are_told():
     said = build_parser()[0].format_help()
     for code in (

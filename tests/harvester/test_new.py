@@ -107,7 +107,7 @@ def test_what_is_asked_for_is_found_in_the_scene_it_belongs_to(name, answers, ca
 
 def test_no_answer_is_taken_for_another_question(answers, capsys):
     """Mass, frequency, Q, capacitance and k² as makers know them; 42 and 46 Hz are no coupling."""
-    answers("cantilever\n14 g\n120\n25\n60n\n42\n46 Hz\nk2=0.2\n200k\n\n0.5 g\n")
+    answers("cantilever\n14 g\n120\n25\n1\n60n\n42\n46 Hz\nk2=0.2\n200k\n\n0.5 g\n")
     assert main(["new", "mine.toml"]) == 0
     said = capsys.readouterr().err
     assert "'42': such devices have" in said
@@ -117,6 +117,7 @@ def test_no_answer_is_taken_for_another_question(answers, capsys):
     assert scene.oscillator.linear_stiffness == pytest.approx(stiffness)
     assert scene.oscillator.damping == pytest.approx(math.sqrt(stiffness * 0.014) / 25)
     assert scene.transducer.coupling == pytest.approx(math.sqrt(0.2 * stiffness * 60e-9))
+    assert scene.oscillator.base_factor == 1.0
     assert scene.load.resistance == 200e3
     assert scene.excitation.intensity == pytest.approx((0.5 * 9.80665) ** 2 * 2e-3)
     assert "120 Hz at rest" in said

@@ -11,6 +11,7 @@ import numpy as np
 
 from harvester.estimates.units import unit_of
 from harvester.record.record import Record
+from harvester.show.numbers import prefixed
 from harvester.show.panels import Panel, Series, draw_panels, entitle, is_wide
 from harvester.show.symbols import key_label
 
@@ -22,19 +23,17 @@ if TYPE_CHECKING:
 MARKERS = "osD^vP*X"
 # An error bar reaches so many standard errors to either side.
 BARS = 2.0
-PREFIXES = ((1.0, ""), (1e-3, "m"), (1e-6, "µ"), (1e-9, "n"), (1e-12, "p"))
 EFFICIENCIES = ("end_to_end_efficiency", "power_conversion_efficiency_of_input")
 
 
 def draw_power(study: Study) -> Figure:
     """Output power over the swept value, one curve a load; its optimum's interval below."""
     top = max((e.power for e in study.evaluations if math.isfinite(e.power)), default=1.0)
-    factor, prefix = _prefix(top) if study.scene.units == "SI" else (1.0, "")
-    unit = f"{prefix}W" if study.scene.units == "SI" else "scaled"
+    factor, unit = prefixed(top, study.unit)
 
     def value(evaluation):
         estimate = evaluation.estimates.get("output_power")
-        return estimate and estimate.times(1.0 / factor)
+        return estimate and estimate.times(factor)
 
     return _draw(study, f"output power [{unit}]", value, _draw_optima)
 
@@ -95,14 +94,6 @@ def _colours():
     return cycle(rcParams["axes.prop_cycle"].by_key()["color"])
 
 
-def _prefix(value):
-    """Factor and letter with which a power is written as 1 … 1000."""
-    for factor, letter in PREFIXES:
-        if value >= factor:
-            return factor, letter
-    return PREFIXES[-1]
-
-
 def _draw(study, label, value, more):
     """A panel for each place of the other sweeps, with a curve for each load."""
     key, _ = study.curve_keys
@@ -120,7 +111,9 @@ def _draw(study, label, value, more):
         for other, words in study.others()
     ]
     return draw_panels(
-        panels, f"{study.scene.name}: {study.method}, bars: 2 standard errors (hollow: none)"
+        panels,
+        f"{study.scene.name}: {' and '.join(dict.fromkeys(study.methods))}, "
+        "bars: two standard errors (hollow: none)",
     )
 
 

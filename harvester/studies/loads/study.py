@@ -15,9 +15,8 @@ import numpy as np
 from harvester.arguments import check_name
 from harvester.errors import LoadError
 from harvester.estimates.estimate import Estimate
-from harvester.files.libraries import optional_library
 from harvester.files.serialising import fields_of, plain
-from harvester.files.tables import write_csv, write_netcdf
+from harvester.files.tables import Tabular, write_netcdf
 from harvester.files.writing import in_folder
 from harvester.former_names import handed_on
 from harvester.method import Method
@@ -27,7 +26,7 @@ from harvester.running.realizations import PERIODS
 from harvester.running.request import COMPLETE
 from harvester.scene.model import Scene
 from harvester.scene.units import require_resistor
-from harvester.show.numbers import NOT_KNOWN, quantity, share_with_error, with_error
+from harvester.show.numbers import NOT_KNOWN, number, quantity, share_with_error, with_error
 from harvester.show.symbols import EFFICIENCIES, definitions, key_words
 from harvester.simulation.methods import ENGINES, Circuit, Engine, engine_of, method_of
 from harvester.studies.grid import Grid
@@ -35,11 +34,10 @@ from harvester.studies.loads.curves import Difference, optimum_of, rank
 from harvester.studies.loads.evaluation import MOST_REALIZATIONS, Evaluation
 from harvester.studies.loads.proof import Proof, places_to_prove, proving
 from harvester.studies.public import JUDGED, LOAD_STUDY_FILES
-from harvester.studies.sweep import Sweep, columns
+from harvester.studies.sweep import Sweep, columns, outcome_and_notes
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
-    from pandas import DataFrame
     from xarray import Dataset
 
     from harvester.running.folder import StudyFolder
@@ -52,7 +50,7 @@ PROOF_SHARE = 0.2
 
 
 @dataclass(frozen=True)
-class Study:
+class Study(Tabular):
     """A load study's points, how it ended, and what follows: optima, ranking, verdict.
 
     Attributes
@@ -176,19 +174,20 @@ class Study:
         values = [self.grid.sweeps[key] for key in keys]
         for other in itertools.product(*(range(len(each)) for each in values)):
             words = [
-                f"{key} = {each[k]:g}" for key, each, k in zip(keys, values, other, strict=True)
+                self._value(key, each[k]) for key, each, k in zip(keys, values, other, strict=True)
             ]
             yield other, ", ".join(words)
 
     def table(self) -> tuple[list[str], list[list[str]]]:
         """Header and rows: each load's optimum."""
-        key = self.curve_keys[0]
-        header = ["load", "at", f"highest at {key or 'the scene'}", "optimum", "interval"]
+        key, others = self.curve_keys
+        along = key_words(key, self.scene.units)[0] if key else "the scene"
+        header = ["load", *["at"] * bool(others), f"highest at {along}", "optimum", "interval"]
         header += ["output power", "efficiency", "realizations", "note"]
         rows = []
         for other, words in self.others():
             for k, load in enumerate(self.grid.loads):
-                rows.append([load, words, *self._row((k, *other), key)])
+                rows.append([load, *[words] * bool(others), *self._row((k, *other), key)])
         return header, rows
 
     def _row(self, where, key):
@@ -199,7 +198,8 @@ class Study:
         efficiency = best.estimates.get("end_to_end_efficiency") or best.estimates.get(
             "power_conversion_efficiency_of_input"
         )
-        notes = [optimum.note, "" if best.outcome == COMPLETE else best.outcome]
+        outcome = outcome_and_notes(best)[0]
+        notes = [optimum.note, "" if outcome == COMPLETE else outcome]
         if self.precision and best.realizations:
             notes.append(self._precision(best))
         inside = math.isfinite(optimum.low)
@@ -215,6 +215,10 @@ class Study:
             str(best.realizations),
             "; ".join(note for note in notes if note),
         ]
+
+    def _value(self, key, value):
+        words, unit = key_words(key, self.scene.units)
+        return f"{words} = {quantity(value, unit)}"
 
     def _has(self, name):
         return any(name in each.estimates for each in self.evaluations)
@@ -266,7 +270,7 @@ class Study:
 
     def _proof(self, proof):
         point = self.grid.points[proof.place]
-        place = ", ".join(f"{value:g}" for value in point.place)
+        place = ", ".join(number(value) for value in point.place)
         where = f"{point.load}{' at ' * bool(place)}{place}{' (optimum)' * proof.highest}"
         parts = {
             f"in the first {PERIODS:g} periods": (
@@ -291,7 +295,7 @@ class Study:
             return "no load has a power"
         where, top = max(best, key=lambda pair: pair[1].power)
         key, place = self.curve_keys[0], self.optima[where][1]
-        at = f" at {key} = {self.grid.sweeps[key][place]:.4g}" if key else ""
+        at = f" at {self._value(key, self.grid.sweeps[key][place])}" if key else ""
         power = with_error(top.estimates["output_power"], self.unit)
         return f"most power: {power} from {self.grid.loads[where[0]]}{at}"
 
@@ -314,7 +318,10 @@ class Study:
         save(self, folder)
 
     def data(self) -> tuple[list[str], list[list[Any]]]:
-        """Header and a row for each point: load, swept values, all quantities with their errors."""
+        """Header and a row for each point: load, swept values, all quantities with their errors.
+
+        `sweep.data()` has a row for each quantity.
+        """
         quantities = list(columns(self.scene, self.cells))
         header = ["load", *self.grid.sweeps, *(f"{name} [{unit}]" for name, _, unit in quantities)]
         rows = [
@@ -323,34 +330,14 @@ class Study:
                 *point.place,
                 *(values[where] for _, values, _ in quantities),
                 each.realizations,
-                each.outcome,
+                outcome_and_notes(each)[0],
+                "; ".join(outcome_and_notes(each)[1]),
             ]
             for point, each, where in zip(
                 self.grid.points, self.evaluations, np.ndindex(self.cells.shape), strict=True
             )
         ]
-        return [*header, "realizations", "outcome"], rows
-
-    def to_csv(self, path: str | Path) -> None:
-        """Write the rows of `data`.
-
-        Raises
-        ------
-        OutputError
-        """
-        write_csv(path, *self.data())
-
-    def to_pandas(self) -> DataFrame:
-        """The rows of `data` as a DataFrame; `sweep.to_pandas()` has a row for each quantity.
-
-        Raises
-        ------
-        MissingLibrary
-            pandas, of the extra `study`.
-        """
-        header, rows = self.data()
-        pandas = optional_library("pandas", "Study.to_pandas", "study")
-        return pandas.DataFrame(rows, columns=header)
+        return [*header, "realizations", "outcome", "notes"], rows
 
     def to_xarray(self) -> Dataset:
         """The study as an xarray Dataset; see `harvester.studies.loads.dataset`."""
@@ -425,10 +412,17 @@ class Study:
                 yield f"  {each.better} over {each.worse}: {apart} (paired){sure}"
 
     def _failures(self):
+        """What did not come to its end, and what is to be known of the others: each said once."""
+        points: dict[tuple[str, str], list[str]] = {}
         for point, evaluation in zip(self.grid.points, self.evaluations, strict=True):
-            if evaluation.outcome != COMPLETE:
-                place = ", ".join(f"{value:g}" for value in point.place)
-                yield f"{point.load} at {place}: {evaluation.outcome}"
+            outcome, notes = outcome_and_notes(evaluation)
+            for each in notes if outcome == COMPLETE else [outcome]:
+                place = ", ".join(number(value) for value in point.place)
+                points.setdefault((point.load, each), []).append(place)
+        every = len(self.grid.points) // len(self.grid.loads)
+        for (load, each), places in points.items():
+            where = "" if len(places) == every else f" at {'; '.join(places)}"
+            yield f"{load}{where}: {each}"
 
 
 def chosen(method: str | Method, step: str | float) -> tuple[Method, Engine | None]:

@@ -19,6 +19,7 @@ from harvester.prepared.starts import energy_range
 from harvester.results.orbit import NOT_SETTLED
 from harvester.results.result import unit_of
 from harvester.scene.model import Scene
+from harvester.show.numbers import quantity, value_and_error
 from harvester.show.panels import entitle
 from harvester.studies.orbits.following import Orbit
 
@@ -142,19 +143,19 @@ def orbit_table(orbits: Sequence[Orbit], unit: Any) -> tuple[list[str], list[lis
         "orbit",
         "motion",
         "share of starts",
-        f"mean power [{unit('power')}]",
-        f"rms voltage [{unit('voltage')}]",
-        f"rms displacement [{unit('displacement')}]",
+        "mean power",
+        "rms voltage",
+        "rms displacement",
         "largest Lyapunov exponent [1/s]",
     ]
     return header, [
         [
             each.name,
             each.kind,
-            f"{each.share:.4f} ± {each.share_error:.4f}",
-            f"{each.mean_power:.5g}",
-            f"{each.rms_voltage:.5g}",
-            f"{each.rms_displacement:.5g}",
+            f"{value_and_error(100.0 * each.share, 100.0 * each.share_error)} %",
+            quantity(each.mean_power, unit("power")),
+            quantity(each.rms_voltage, unit("voltage")),
+            quantity(each.rms_displacement, unit("displacement")),
             "—" if each.lyapunov is None else str(each.lyapunov),
         ]
         for each in orbits
@@ -176,7 +177,7 @@ def orbit_sentences(orbits: Sequence[Orbit], unit: Any) -> list[str]:
     if not best.mean_power > 0.0:
         return lines
     lines.append(
-        f"most power on orbit {best.name}, {best.mean_power:.4g} {unit('power')}: "
+        f"most power on orbit {best.name}, {quantity(best.mean_power, unit('power'))}: "
         f"{best.share:.1%} ± {best.share_error:.1%} of the starts come to it"
     )
     least = min(orbits, key=lambda each: each.mean_power)
@@ -249,8 +250,8 @@ def _draw(basins):
     low_x, high_x = axes.get_xlim()
     low_y, high_y = axes.get_ylim()
     for number, orbit in enumerate(basins.orbits[:MOST_NAMED]):
-        label = f"{orbit.name}, {orbit.kind}: {orbit.share:.1%}, {orbit.mean_power:.3g} "
-        label += basins.unit("power")
+        power = quantity(orbit.mean_power, basins.unit("power"), 3)
+        label = f"{orbit.name}, {orbit.kind}: {orbit.share:.1%}, {power}"
         size = 6.0 if orbit.period else 1.5
         axes.plot(
             *orbit.points.T, "o", color=COLOURS[number], markersize=size, label=label,

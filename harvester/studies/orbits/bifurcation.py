@@ -24,6 +24,7 @@ from harvester.record.stroboscope import STATE
 from harvester.results.result import unit_of
 from harvester.running.task import Task, Wanted
 from harvester.scene.model import Scene
+from harvester.show.numbers import prefixed, quantity
 from harvester.show.palette import CIRCUIT, MONTE_CARLO
 from harvester.show.panels import Panel, Series, draw_panels
 from harvester.show.symbols import key_label
@@ -179,15 +180,16 @@ class Bifurcation:
         for branch in self.branches:
             if np.isfinite(branch.mean_power).any():
                 best = int(np.nanargmax(branch.mean_power))
+                most = quantity(branch.mean_power[best], self.unit("power"))
                 lines.append(
-                    f"{branch.direction}: most power, {branch.mean_power[best]:.4g} "
-                    f"{self.unit('power')}, at {self.key} = {self.values[best]:.6g} "
+                    f"{branch.direction}: most power, {most}, at {self.key} = "
+                    f"{self.values[best]:.6g} "
                     f"({_motion(branch.period[best])})"
                 )
         power = self.unit("power")
         lines += [
             f"{each.direction}: jump between {self.key} = {each.before:.6g} and {each.after:.6g}, "
-            f"from {each.power_before:.4g} to {each.power_after:.4g} {power}"
+            f"from {quantity(each.power_before, power)} to {quantity(each.power_after, power)}"
             for each in self.jumps
         ]
         if self._every > 1:
@@ -391,15 +393,18 @@ def settling_periods(scenes: list[Scene]) -> int:
 def _draw(result):
     """Section over the key, and mean power."""
     section, power = [], []
+    top = max(np.nanmax(branch.mean_power, initial=0.0) for branch in result.branches)
+    factor, unit = prefixed(top, result.unit("power"))
     for branch in result.branches:
         colour, size = COLOURS[branch.direction], 1.0 if branch.direction == "up" else 0.6
         x = np.repeat(result.values, branch.displacement.shape[1])
         section.append(Series(x, branch.displacement.ravel(), None, colour, "", ".", size=size))
-        power.append(Series(result.values, branch.mean_power, branch.direction, colour, "-"))
+        y = factor * branch.mean_power
+        power.append(Series(result.values, y, branch.direction, colour, "-"))
     label = key_label(result.key, result.scene.units)
     panels = [
         Panel(label, f"displacement [{result.unit('displacement')}]", section),
-        Panel(label, f"mean power [{result.unit('power')}]", power, from_zero=True),
+        Panel(label, f"mean power [{unit}]", power, from_zero=True),
     ]
     title = f"{result.scene.name}: one sample a period of the excitation, and the mean power"
     return draw_panels(panels, title, size=(4.4, 3.2), columns=1, sharex=True)

@@ -20,6 +20,7 @@ from harvester.running.task import Task, Wanted
 from harvester.scene.model import Scene
 from harvester.show.palette import CIRCUIT, MONTE_CARLO
 from harvester.show.panels import Panel, Series, draw_panels, is_wide
+from harvester.show.symbols import key_label
 from harvester.simulation.methods import Engine, engine_of
 from harvester.simulation.realization import run
 from harvester.studies.orbits.kramers import kramers_time
@@ -305,6 +306,7 @@ def _draw(residence):
             x, y = [each.value for each in known], [each.kramers for each in known]
             series.append(Series(x, y, "Kramers", colour, "--"))
     values = [each.value for each in residence.stays]
-    panel = Panel(residence.key, "residence time [s]", series, log_x=is_wide(values), log_y=True)
+    label = key_label(residence.key, residence.scene.units)
+    panel = Panel(label, "residence time [s]", series, log_x=is_wide(values), log_y=True)
     title = f"{residence.scene.name}: mean time in a well (bars: two standard errors)"
     return draw_panels([panel], title, size=(4.0, 3.0))

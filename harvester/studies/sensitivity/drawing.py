@@ -7,7 +7,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from harvester.show.palette import CIRCUIT, MONTE_CARLO
-from harvester.show.panels import entitle
+from harvester.show.panels import entitle, legend_below
+from harvester.show.symbols import key_words
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -23,14 +24,14 @@ def draw_tornado(study: Sensitivity) -> Figure:
     from matplotlib.figure import Figure
 
     order = study.order()[::-1]
-    names = [study.tolerances[k].key for k in order]
+    names = [key_words(study.tolerances[k].key, study.scene.units)[0] for k in order]
     figure = Figure(figsize=(8.0, 1.5 + 0.5 * len(names)))
     left, right = figure.subplots(1, 2, sharey=True, width_ratios=(1.3, 1.0))
     _draw_effects(left, study, order)
     left.set_yticks(range(len(names)), names)
     left.set_ylim(-0.7, len(names) - 0.3)
     _draw_indices(right, study, order)
-    figure.legend(*left.get_legend_handles_labels(), loc="outside lower left", ncols=2, fontsize=6)
+    legend_below(figure, [left, right])
     entitle(
         figure,
         f"{study.scene.name}: {study.quantity.replace('_', ' ')} by {study.method}, bars: 95 % "
@@ -58,7 +59,7 @@ def _draw_effects(axes, study, order):
 
 def _draw_indices(axes, study, order):
     axes.set_xlim(0.0, 1.0)
-    axes.set_xlabel("share of the variance (Sobol index)")
+    axes.set_xlabel("share of the variance")
     if study.indices.first is None:
         axes.text(0.5, 0.5, "hidden by noise", transform=axes.transAxes, ha="center")
         return
@@ -77,10 +78,9 @@ def _draw_indices(axes, study, order):
             markersize=4,
             capsize=2,
             color="0.1" if name == "total" else "0.55",
-            label=name,
+            label=f"{name} Sobol index",
         )
     axes.set_xlim(min(0.0, axes.dataLim.x0) - 0.02, max(1.0, axes.dataLim.x1) + 0.02)
-    axes.legend(fontsize=6, loc="best")
 
 
 def _bars(values, ends):
@@ -116,7 +116,7 @@ def draw_distribution(study: Sensitivity) -> Figure:
     unit = study.unit
     axes.set_xlabel(f"{study.quantity.replace('_', ' ')} [{unit.split()[0]}]")
     axes.set_ylabel("probability density")
-    axes.legend(fontsize=6, loc="best")
+    legend_below(figure, [axes])
     entitle(
         figure,
         f"{study.scene.name}: {study.devices} devices by {study.method}, the noise's part of the "

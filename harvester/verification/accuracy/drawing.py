@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from harvester.show.palette import CLOSURE_MARKERS, LINES, styles
+from harvester.show.panels import thin_ticks
 from harvester.show.symbols import SYMBOLS
 
 if TYPE_CHECKING:
@@ -146,7 +147,7 @@ def draw_work_precision(diagram: Any) -> Figure:
     machine = diagram.measured.speeds["machine"]
     figure.suptitle(
         f"{diagram.scene.name}: error against run time "
-        f"({machine['date']}, {machine['cores']} cores)",
+        f"({machine['date']}, {machine['cores']} cores; bars: two standard errors)",
         x=0.01,
         ha="left",
         fontsize=9,
@@ -172,6 +173,7 @@ def _draw_strong_errors(axes, diagram, marks):
         )
     axes.set_xscale("log")
     axes.set_yscale("log")
+    thin_ticks(axes)
     axes.grid(alpha=0.2)
     axes.set_xlabel("seconds per simulated second, one core")
     axes.set_ylabel("RMS error of X [scaled]")
@@ -209,7 +211,7 @@ def _draw_biases(axes, diagram, name, marks):
             deviation, color=colour, linestyle=style, linewidth=0.9, label=f"averaging, {closure}"
         )
     axes.set_ylabel("|bias| [%]")
-    axes.set_title(f"{name.replace('_', ' ')}, two standard errors")
+    axes.set_title(name.replace("_", " "))
 
 
 def _draw_sampling_error(axes, diagram, name):

@@ -1,4 +1,4 @@
-"""The figure of `harvester stability`: its table with coloured cells, as two blocks abreast."""
+"""The figure of `harvester stability`: its table with coloured cells, whole or in pages."""
 
 from __future__ import annotations
 
@@ -29,29 +29,45 @@ FACE = {
 }
 INK = {WRONG: "white", REFUSED: "0.25"}
 BLOCKS = 2
+# Rows of a page, and the width of a block in inches.
+PAGE, WIDTH = 30, 12.0
 # Share of a block's width for the names of cases, and the fewest letters of a column.
 NAME, SHORTEST = 0.22, 14
 
 
 def draw(matrix: StabilityMatrix) -> Figure:
-    """What judged each cell, and how sharply."""
+    """What judged each cell, and how sharply: all rows, in two blocks abreast."""
+    depth = math.ceil(len(matrix.rows) / BLOCKS)
+    parts = [slice(block * depth, (block + 1) * depth) for block in range(BLOCKS)]
+    return _drawn(matrix, parts, depth)
+
+
+def draw_pages(matrix: StabilityMatrix) -> list[Figure]:
+    """The same with so many rows a figure as can be read in print."""
+    count = len(matrix.rows)
+    return [
+        _drawn(matrix, [slice(first, first + PAGE)], min(PAGE, count - first))
+        for first in range(0, count, PAGE)
+    ]
+
+
+def _drawn(matrix, parts, depth):
+    """A figure with a block for each part of the rows, `depth` of which are the most."""
     from matplotlib.figure import Figure
 
     texts = [[cell_text(row.cells[method]) for method in matrix.methods] for row in matrix.rows]
     lengths = [max(SHORTEST, *map(len, column)) for column in zip(*texts, strict=True)]
     widths = [NAME, *((1.0 - NAME) * length / sum(lengths) for length in lengths)]
-    depth = math.ceil(len(matrix.rows) / BLOCKS)
-    figure = Figure(figsize=(24.0, 1.4 + 0.25 * depth))
-    for block, axes in enumerate(figure.subplots(1, BLOCKS)):
+    figure = Figure(figsize=(WIDTH * len(parts), 1.4 + 0.25 * depth))
+    for part, axes in zip(parts, figure.subplots(1, len(parts), squeeze=False)[0], strict=True):
         axes.axis("off")
-        part = slice(block * depth, (block + 1) * depth)
         if matrix.rows[part]:
-            _draw_block(axes, matrix, matrix.rows[part], texts[part], widths)
+            _draw_block(axes, matrix, matrix.rows[part], texts[part], widths, depth)
     counts = ", ".join(f"{len(matrix.cells(word))} {word}" for word in WORDS)
     figure.suptitle(
         f"{matrix.scene.name}: stiff and extreme cases ({counts}; {matrix.wall_seconds:.0f} s)\n"
         "in each cell its judges and how sharply they judge: the path against a fine one, E[V²] "
-        "against another method or a closed form, a closure against its coarser grid",
+        "against another\nmethod or a closed form, a closure against its coarser grid",
         x=0.01,
         ha="left",
         fontsize=10,
@@ -59,7 +75,7 @@ def draw(matrix: StabilityMatrix) -> Figure:
     return figure
 
 
-def _draw_block(axes, matrix, rows, texts, widths):
+def _draw_block(axes, matrix, rows, texts, widths, depth):
     header = [method.replace("_", " ") for method in matrix.methods]
     words = [[row.cells[method].word for method in matrix.methods] for row in rows]
     table = axes.table(
@@ -67,7 +83,7 @@ def _draw_block(axes, matrix, rows, texts, widths):
         cellColours=[["none"] * len(widths), *(["none", *map(FACE.get, line)] for line in words)],
         colWidths=widths,
         cellLoc="center",
-        bbox=(0.0, 0.0, 1.0, 1.0),
+        bbox=(0.0, 1.0 - (len(rows) + 1) / (depth + 1), 1.0, (len(rows) + 1) / (depth + 1)),
         edges="closed",
     )
     table.auto_set_font_size(False)

@@ -114,6 +114,13 @@ class StabilityMatrix:
 
         return drawn(draw, self)
 
+    def figures(self) -> list[Figure]:
+        """The same grid in pages that can be read in print."""
+        from harvester.show.figures import drawn
+        from harvester.verification.stability.figure import draw_pages
+
+        return drawn(draw_pages, self)
+
     def to_dict(self) -> dict[str, Any]:
         """Plain values for JSON."""
         return {

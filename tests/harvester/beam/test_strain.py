@@ -227,3 +227,17 @@ def test_an_optimum_keeps_the_limit():
     assert any("strain_limit" in line for line in found.sentences())
     with pytest.raises(HarvesterError, match="knows no peak of the strain"):
         harvester.optimum(limited, {"excitation.amplitude": (1.0, 10.0)}, method="spectral")
+
+
+def test_a_stored_answer_holds_the_strain():
+    from harvester.prepared.prepared import prepared
+    from harvester.running.codec import packed, unpacked
+    from harvester.simulation.realization import empty_moments
+
+    moments = empty_moments(prepared(Scene.load("bimorph")))
+    moments.strain.peaks[:] = 3.0
+    moments.strain.damage = np.full(len(moments.strain.peaks), 0.25)
+    again = unpacked(packed("key", [moments]), "key")[0].strain
+    assert (again.rows == moments.strain.rows).all()
+    assert (again.peaks == 3.0).all()
+    assert (again.damage == 0.25).all()

@@ -9,6 +9,7 @@ from scipy.integrate import quad
 
 from harvester.errors import SceneError
 from harvester.excitation import realization_seed
+from harvester.excitation.profiles import PROFILES
 from harvester.excitation.shaped import ShapedPath, mean_square
 from harvester.excitation.spectrum import Spectrum
 from harvester.prepared.paths import noise_path
@@ -107,6 +108,9 @@ def test_breakpoints_may_stand_in_a_file(tmp_path):
     """
     (tmp_path / "beam.toml").write_text(text)
     assert Scene.load(tmp_path / "beam.toml").digest() == scene_with().digest()
+    (tmp_path / "truck.csv").write_text("frequency, density\n5, 1\n")
+    with pytest.raises(SceneError, match=r"truck\.csv: 1 lines with a frequency"):
+        Scene.load(tmp_path / "beam.toml")
 
 
 @pytest.mark.parametrize(
@@ -118,6 +122,7 @@ def test_breakpoints_may_stand_in_a_file(tmp_path):
         ({"breakpoints": "nowhere.csv"}, "nowhere.csv"),
         ({"kurtosis": 2.0}, "kurtosis"),
         ({"knot_spacing": 0.01}, "a quarter of the highest"),
+        ({"kurtosis": 5.0, "burst_time": 0.1}, "at least 0.125, a period of the lowest"),
     ],
 )
 def test_what_makes_no_spectrum_is_refused(change, words):
@@ -131,3 +136,48 @@ def test_a_named_source_is_written_out():
     )
     assert "my logger" in notes[0]
     assert "5 Hz 1, 50 Hz 0.1" in notes[0]
+
+
+@pytest.mark.parametrize("name", PROFILES)
+def test_a_profile_has_the_rms_that_its_source_prints_and_is_written_out(name):
+    profile = PROFILES[name]
+    pieces = itertools.pairwise(profile.breakpoints)
+    square = sum(
+        quad(lambda f, a=a, b=b: math.exp(np.interp(math.log(f), *np.log([a, b]).T)), a[0], b[0])[0]
+        for a, b in pieces
+    )
+    assert math.sqrt(square) == pytest.approx(profile.rms, abs=0.05)
+    tables = scene_with().to_tables() | {"excitation": {"kind": "spectrum", "profile": name}}
+    scene = Scene.from_tables(tables)
+    written = scene.to_tables()["excitation"]
+    assert [tuple(point) for point in written["breakpoints"]] == list(profile.breakpoints)
+    assert profile.source in scene.excitation.notes(1e-5, 300.0, scene.run)[0]
+    part = {"kind": "sum", "parts": [tables["excitation"], {"kind": "white", "intensity": 1e-3}]}
+    assert Scene.from_tables(tables | {"excitation": part}).excitation.parts[0] == scene.excitation
+
+
+@pytest.mark.parametrize(
+    ("change", "words"),
+    [
+        ({"profile": "gevs-qualificaton"}, "did you mean gevs-qualification"),
+        ({"profile": 3}, "must be one of gevs-qualification, gevs-acceptance"),
+        ({"profile": "gevs-acceptance", "unit": "g^2/Hz"}, "unit: stands in the profile"),
+    ],
+)
+def test_a_profile_that_is_none_or_has_values_beside_it_is_refused(change, words):
+    tables = scene_with().to_tables() | {"excitation": {"kind": "spectrum", **change}}
+    with pytest.raises(SceneError, match=words):
+        Scene.from_tables(tables)
+
+
+@pytest.mark.parametrize(("fastest", "spacing"), [(46.0, 1 / 2000), (150.0, 1 / 6000)])
+def test_knots_are_as_close_as_the_slower_of_device_and_spectrum_asks(fastest, spacing):
+    """A quarter to a twelfth of the period of 500 Hz; at 46 Hz 1/1840 s would do for the device."""
+    excitation = Spectrum(((10.0, 1.0), (500.0, 0.1)), "g^2/Hz")
+    assert excitation.spacing(1.0 / (40.0 * fastest)) == pytest.approx(spacing)
+    assert excitation.spacing(1.0 / (40.0 * 400.0)) == pytest.approx(1 / 16000)
+    # Of a flat spectrum the knots have 1/sinc⁴, on average, at four knots a period.
+    flat = Spectrum(((1e-3, 1.0), (500.0, 1.0)), "(m/s^2)^2/Hz")
+    square = quad(lambda x: (math.pi * x / math.sin(math.pi * x)) ** 4, 1e-9, 0.25)[0] / 0.25
+    (line,) = [line for line in flat.notes(1 / 2000, 600.0, None) if "more rms" in line]
+    assert f"{math.sqrt(square) - 1.0:.1%}" in line

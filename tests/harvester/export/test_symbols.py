@@ -19,7 +19,7 @@ def written(folder, dialect):
     }
 
 
-@pytest.mark.slow
+@pytest.mark.exhaustive
 def test_spicelib_reads_ltspices_symbol_and_deck(tmp_path):
     spicelib = pytest.importorskip("spicelib")
     from spicelib.editor.asy_reader import AsyReader

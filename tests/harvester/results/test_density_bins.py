@@ -9,13 +9,14 @@ from harvester.estimates.estimate import Density, Estimate
 from harvester.results.drawing import FEWEST_BINS, _merged
 
 
-def result(samples):
+def result(samples, random=True):
     centre = np.linspace(-5.0, 5.0, 400)
     noise = np.random.default_rng(1).normal(1.0, 0.2, 400)
     values = np.exp(-0.5 * centre**2) / np.sqrt(2.0 * np.pi) * noise
     return SimpleNamespace(
         densities={"voltage": Density(centre, values, 0.2 * values, "voltage")},
         scaled_quantities={"mean_square_voltage": Estimate(1.0, 0.1, samples, "voltage^2")},
+        scene=SimpleNamespace(excitation=SimpleNamespace(random=random)),
     )
 
 
@@ -31,3 +32,8 @@ def test_few_samples_make_few_bins_that_hold_the_same():
 
 def test_many_samples_keep_every_bin():
     assert _merged(result(1e8), "voltage").centre.size == 400
+
+
+def test_a_periodic_motion_has_wide_bins_however_often_it_is_sampled():
+    assert _merged(result(None, random=False), "voltage").centre.size < 1.5 * FEWEST_BINS
+    assert _merged(result(None), "voltage").centre.size == 400

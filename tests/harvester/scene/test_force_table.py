@@ -68,7 +68,7 @@ def test_a_file_of_points_is_read_beside_the_scene(tmp_path, text):
         ("1,2\n3,4,5\n", "line 2.*must be a displacement and a force"),
         ("1,2\nthree,4\n", "line 2"),
         ("1,nan\n", "line 1"),
-        ("", "force_table = .*must be a list of 2 to 2000"),
+        ("", "0 lines with a displacement and a force: must be at least 2"),
     ],
 )
 def test_a_file_that_is_no_table_is_refused_by_its_line(tmp_path, text, words):

@@ -74,6 +74,16 @@ def test_every_point_has_the_power_of_the_closed_form(study):
         assert abs(evaluation.power - power_of(Scene.load("linear"), point.place[0])) < 4.0 * error
 
 
+def test_what_several_points_share_is_said_once(study):
+    noted = [replace(each, outcome="complete; a node is bare") for each in study.evaluations]
+    said = replace(study, evaluations=noted).sentences()
+    assert [line for line in said if "bare" in line] == ["resistor: a node is bare"]
+    noted[2:] = [replace(each, outcome="SimulatorTimeout: 1 s") for each in noted[2:]]
+    said = replace(study, evaluations=noted).sentences()
+    assert "resistor at 0.05; 0.08891: a node is bare" in said
+    assert sum("SimulatorTimeout" in line for line in said) == 1
+
+
 def test_loads_are_compared_on_the_same_noise(linear, pool):
     study = load_study(
         linear,

@@ -235,9 +235,11 @@ def test_a_start_that_still_settles_is_on_the_cycle_that_it_comes_to():
 
 def test_what_is_not_settled_is_no_steady_motion():
     orbit = Orbit("A", 1, None, 3, 0.75, 0.1, 2.0, 1.0, 1.0, np.zeros((1, 2)))
-    first, best, *_ = orbit_sentences([orbit, replace(orbit, name="B", period=None)], {}.get)
+    first, best, *_ = orbit_sentences(
+        [orbit, replace(orbit, name="B", period=None)], {"power": "W"}.get
+    )
     assert first == "1 steady motion: period 1; and 1 not settled"
-    assert best.startswith("most power on orbit A")
+    assert best.startswith("most power on orbit A, 2 W")
 
 
 def test_exponent_of_a_growth_that_is_known():

@@ -1,6 +1,7 @@
 import itertools
 import json
 import math
+import re
 
 import pytest
 import worker_calls
@@ -13,6 +14,7 @@ from harvester.prepared.prepared import prepared
 from harvester.prepared.steps import knot_spacing, steps_per_knot
 from harvester.running import open_runner
 from harvester.scene.model import Scene
+from harvester.show.page import all_facts, table_in_pages
 from harvester.simulation.simulate import simulate
 from harvester.verification.known_results.formulas import rebound_speed
 from harvester.verification.quantities import MEANS
@@ -218,6 +220,29 @@ def test_a_wrong_cell_is_exit_code_one(monkeypatch, capsys):
     monkeypatch.setattr(module, "stability", lambda scene, **_: wrong)
     assert main(["stability"]) == 1
     assert "WRONG scene: as it is, circuit: far off" in capsys.readouterr().out
+
+
+def test_a_long_table_comes_in_pages_and_its_refusals_are_folded():
+    rows = [
+        CaseRow(
+            Case("scene", f"case {k}", {}), {"paper": None}, {"paper": Cell(REFUSED, f"no {k}")}
+        )
+        for k in range(67)
+    ]
+    matrix = StabilityMatrix(Scene.load("paper"), rows, 1.0)
+    shown = [
+        {cell.get_text().get_text() for cell in figure.axes[0].tables[0].get_celld().values()}
+        for figure in matrix.figures()
+    ]
+    assert [sum("case" in text for text in page) for page in shown] == [30, 30, 7]
+    page = table_in_pages(*matrix.table()) + all_facts(matrix.sentences())
+    assert re.findall(r"<details( open|)><summary>(.*?)</summary>", page) == [
+        (" open", "scene: case 0 … scene: case 24 (25 of 67)"),
+        ("", "scene: case 25 … scene: case 49 (25 of 67)"),
+        ("", "scene: case 50 … scene: case 66 (17 of 67)"),
+        ("", "61 more"),
+    ]
+    assert "no 66" in page.partition("61 more")[2]
 
 
 def test_a_case_that_runs_out_of_time_is_unfinished(monkeypatch, capsys):

@@ -1,0 +1,69 @@
+"""Spectra of published standards by name; each was checked against the rms that its source prints.
+
+Levels for components of at most 22.7 kg, one-sided, straight between breakpoints on log–log axes.
+"""
+
+from __future__ import annotations
+
+from typing import Any, NamedTuple
+
+from harvester.errors import SceneError
+from harvester.files.plain_text import nearest, shown
+
+_GEVS = "NASA GSFC-STD-7000A (GEVS, 22 April 2013), table 2.4-3"
+
+
+class Profile(NamedTuple):
+    """Frequency (Hz) and density (g²/Hz) of each breakpoint, rms as printed (g), and the source."""
+
+    breakpoints: tuple[tuple[float, float], ...]
+    rms: float
+    source: str
+
+
+PROFILES = {
+    "gevs-qualification": Profile(
+        ((20.0, 0.026), (50.0, 0.16), (800.0, 0.16), (2000.0, 0.026)),
+        14.1,
+        f"{_GEVS}, qualification",
+    ),
+    "gevs-acceptance": Profile(
+        ((20.0, 0.013), (50.0, 0.08), (800.0, 0.08), (2000.0, 0.013)),
+        10.0,
+        f"{_GEVS}, acceptance",
+    ),
+}
+
+
+def with_profile(table: dict[str, Any], where: str) -> dict[str, Any]:
+    """An excitation's table with the values of the profile that it names in the name's place.
+
+    Parameters
+    ----------
+    table : dict
+    where : str
+        For messages.
+
+    Raises
+    ------
+    SceneError
+        There is no such profile, or the table has values of its own beside it.
+    """
+    if "profile" not in table or table.get("kind") != "spectrum":
+        return table
+    name = table["profile"]
+    profile = PROFILES.get(name) if isinstance(name, str) else None
+    if profile is None:
+        raise SceneError(
+            f"{where}.profile = {shown(name)}: must be one of "
+            f"{', '.join(PROFILES)}{nearest(name, PROFILES)}; others go into excitation.breakpoints"
+        )
+    values = {
+        "unit": "g^2/Hz",
+        "breakpoints": [list(point) for point in profile.breakpoints],
+        "source": profile.source,
+    }
+    for key in values:
+        if key in table:
+            raise SceneError(f"{where}.{key}: stands in the profile {name}; leave one of them out")
+    return {key: value for key, value in table.items() if key != "profile"} | values
