@@ -162,7 +162,7 @@ def rivals(found: Sequence[Candidate]) -> list[Candidate]:
 
 
 def _of_the_best(found):
-    """Those that predict as well as the best, but for chance and what nobody would notice."""
+    """Candidates that predict as well as the best, within two standard errors or `NOTED`."""
     best = min(found, key=lambda each: each.better)
     if not best.is_better:
         return [each for each in found if each.is_as_good]
@@ -240,7 +240,7 @@ def _degree(force):
 
 
 def _richer(scene, keys, sizes):
-    """The same where the cubic term, which is a model of its own, is there."""
+    """The variant of `richer`, if the spring has a cubic term already; else that comes first."""
     return richer(scene, keys, sizes) if _degree(_force(scene)) >= 3 else None
 
 

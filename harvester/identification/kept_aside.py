@@ -319,7 +319,7 @@ def _within(measured, expected):
 
 
 def _unit(measurement):
-    """Of the first output."""
+    """Unit of the first output."""
     name = next(iter(measurement.outputs))
     return "V" if name == "velocity" and measurement.velocity_in_volts else OUTPUT_UNITS[name]
 

@@ -316,7 +316,7 @@ class Responses:
         return np.column_stack(columns)
 
     def _sensed(self, number, name, true, values, edges):
-        """What a sensor shows of the true values in the windows."""
+        """A sensor's output for true values, window by window."""
         key = f"sensor.{name}_"
         measurement = self.experiments[number].measurement
         rate = measurement.sampling_rate

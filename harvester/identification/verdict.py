@@ -109,7 +109,7 @@ def _nothing(base):
 
 
 def _untold(shape):
-    """What is known of the spring if it has one power more, in words."""
+    """Intervals of the spring's values if it has one more power, in words."""
     values = " and ".join(
         f"{key.rpartition('.')[2]} to ± {half:.0%}" for key, half in shape.untold.items()
     )

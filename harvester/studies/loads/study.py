@@ -412,7 +412,7 @@ class Study(Tabular):
                 yield f"  {each.better} over {each.worse}: {apart} (paired){sure}"
 
     def _failures(self):
-        """What did not come to its end, and what is to be known of the others: each said once."""
+        """Failures of points, and notes on the others, each printed once."""
         points: dict[tuple[str, str], list[str]] = {}
         for point, evaluation in zip(self.grid.points, self.evaluations, strict=True):
             outcome, notes = outcome_and_notes(evaluation)
