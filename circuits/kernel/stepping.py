@@ -212,7 +212,7 @@ def _until_corner(tables, time, step):
 
 @merged
 def _planned(plan, place, time, step):
-    """Where the load's own plan stands.
+    """Position in the load's plan at a time.
 
     Returns the place in it, the time left to the end of that place, the longest step that it
     allows, and whether the load jumps at that end.

@@ -90,7 +90,7 @@ class Course:
         return bool(self._found)
 
     def steps(self, step: float) -> Steps:
-        """What gives the plans of a run on a grid of this step (s)."""
+        """The plans of a run on a grid of this step (s)."""
         return Steps(self._found, step)
 
 

@@ -162,7 +162,7 @@ def _compile(compiler, text, work, folder, key):
 
 
 def _run(compiler, *arguments):
-    """What the compiler says on success; its first words as the error otherwise."""
+    """Run the compiler and return its output; a failure raises its first words."""
     try:
         done = subprocess.run(
             [compiler, *arguments], capture_output=True, text=True, timeout=TIME_LIMIT

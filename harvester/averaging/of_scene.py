@@ -135,7 +135,7 @@ def average(
 
 
 def _left_out(system, closure):
-    """What a closure does not have of a device, said."""
+    """Notes on effects of the device that the closure leaves out."""
     from harvester.averaging import CLOSURES
 
     share = system.transducer.base_rate(1.0)

@@ -93,7 +93,7 @@ class Study(Tabular):
 
     @property
     def methods(self) -> tuple[str, ...]:
-        """What ran each point."""
+        """Name of the method that ran each point."""
         return tuple(each.method for each in self.evaluations)
 
     @property
@@ -251,7 +251,7 @@ class Study(Tabular):
         return lines
 
     def alarms(self) -> list[str]:
-        """Where the circuit's power is another, one line each."""
+        """One line for each point at which the circuit's power disagrees."""
         return [f"DISAGREE: {self._proof(each)}" for each in self.proofs if each.disagrees]
 
     def _proofs(self):

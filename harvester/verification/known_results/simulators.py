@@ -45,7 +45,7 @@ def plain_ngspice(scene: Scene) -> np.ndarray:
 
 
 def vacask(scene: Scene) -> np.ndarray:
-    """The same by VACASK, whose devices are compiled Verilog-A and whose loop is its own.
+    """X and terminal voltage (scaled) at the knots by VACASK, an independent simulator.
 
     See `plain_ngspice`.
     """
