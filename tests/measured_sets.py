@@ -8,7 +8,8 @@ import math
 
 import numpy as np
 from measured_records import scene_of
-from scipy.integrate import solve_ivp
+from numba import njit
+from scipy.integrate import ode
 
 from harvester.identification.measurement import Measurement
 
@@ -22,9 +23,11 @@ FAULTS = (
     "mislabelled frequency",
     "swapped sign",
 )
+# Beside the faults of which a verdict is asked; new kinds stand behind the others.
+KINDS = (*FAULTS, "voltage highpass")
 NOISE, DURATION, SETTLED, LINES = 0.004, 30.0, 15.0, 40
-# Of the length, where a spring softens: the widest motion.
-WIDE = 0.7
+# Of the length, where a spring softens: the widest motion, and one that never comes back.
+WIDE, GONE = 0.7, 10.0
 # Samples a period of the motion.
 PER_PERIOD = 12
 
@@ -83,24 +86,41 @@ def solved(parts, sines, load, start, times, stopper=None, corner=None):
     rates, amplitudes, phases = 2.0 * math.pi * sines[:, 0], sines[:, 1], sines[:, 2]
     slow = 2.0 * math.pi * corner if corner else 0.0
 
-    def slope(time, state):
-        x, v, voltage, shown = state
-        pull = sum(k * x**n for n, k in enumerate(force) if k) + damping * v + coupling * voltage
-        if stopper and abs(x) > stopper[0]:
-            pull += math.copysign(stopper[1] * (abs(x) - stopper[0]) ** 1.5, x)
-        base = float(amplitudes @ np.sin(rates * time + phases))
-        leak = (coupling * v - voltage / load) / capacitance
-        return v, -pull / mass - base, leak, slow * (voltage - shown)
-
-    found = solve_ivp(
-        slope, (0.0, times[-1]), (start, 0.0, 0.0, 0.0), "DOP853", times, rtol=1e-8, atol=1e-12
-    )
-    return found.y
+    gap, contact = stopper or (np.inf, 0.0)
+    lost = GONE * parts[6]
+    others = (mass, damping, coupling, capacitance, load, gap, contact, slow, lost)
+    solver = ode(_slope).set_integrator("dop853", rtol=1e-8, atol=1e-12, nsteps=1_000_000)
+    solver.set_initial_value([start, 0.0, 0.0, 0.0], 0.0)
+    solver.set_f_params(np.array(force), rates, amplitudes, phases, others)
+    return np.column_stack([solver.y, *(solver.integrate(time) for time in times[1:])])
 
 
-def a_set(seed, fault=None, noise=False):
-    """The scene to begin with, off the truth, and three records; `fault` is one of `FAULTS`."""
-    random = np.random.default_rng([seed, FAULTS.index(fault) if fault else 99])
+@njit
+def _slope(time, state, force, rates, amplitudes, phases, others):
+    """Of x, x', V and V behind a low-pass."""
+    mass, damping, coupling, capacitance, load, gap, contact, slow, lost = others
+    x, v, voltage, shown = state
+    # From beyond its greatest force a softening spring never comes back: it stays there.
+    if abs(x) > lost:
+        return np.zeros(4)
+    pull = damping * v + coupling * voltage
+    for n in range(force.size):
+        pull += force[n] * x**n
+    if abs(x) > gap:
+        pull += math.copysign(contact * (abs(x) - gap) ** 1.5, x)
+    base = 0.0
+    for n in range(rates.size):
+        base += amplitudes[n] * math.sin(rates[n] * time + phases[n])
+    leak = (coupling * v - voltage / load) / capacitance
+    return np.array([v, -pull / mass - base, leak, slow * (voltage - shown)])
+
+
+def a_set(seed, fault=None, noise=False, strength=1.0, duration=DURATION):
+    """The scene to begin with, off the truth, three records, the truth, and the sensor's corner.
+
+    `fault` is one of `KINDS`; the corner is in Hz. The base is so many times as strong as usual.
+    """
+    random = np.random.default_rng([seed, KINDS.index(fault) if fault else 99])
     parts = device(random, fault)
     mass, damping, force, piezo, load, frequency, length, where = parts
     bistable = where > 0.0
@@ -109,15 +129,16 @@ def a_set(seed, fault=None, noise=False):
     corner = frequency * {
         "highpass": random.uniform(0.05, 0.15),
         "lowpass": random.uniform(4, 8),
-    }.get(fault, 0.0)
+    }.get("highpass" if fault == "voltage highpass" else fault, 0.0)
     records, start = [], where
     for number, share in enumerate((0.03, 0.06, 0.12)):
-        level = size * share * (0.7 if noise else 0.35)
+        level = strength * size * share * (0.7 if noise else 0.35)
         sines = base_sines(random, frequency, level * (2.0 if noise else 1.0), noise)
         if fault == "softening spring":
             sines = _widened(parts, sines, load, rate, WIDE * (0.4, 0.7, 1.0)[number])
         own = load * (1.0, 0.3, 3.0)[number] if fault == "wrong load" else load
-        records.append(_record(random, parts, sines, own, start, rate, fault, number, corner))
+        times = SETTLED + np.arange(int(duration * rate)) / rate
+        records.append(_record(random, parts, sines, own, start, times, fault, number, corner))
     truth = scene_of(mass, damping, _cubic(force), piezo, load)
     known = {
         "oscillator.damping": damping * random.uniform(0.75, 1.25),
@@ -127,7 +148,7 @@ def a_set(seed, fault=None, noise=False):
         "piezo.capacitance": piezo["piezo"]["capacitance"] * random.uniform(0.8, 1.25),
     }
     changes = {**known, "length_scale": length} if bistable else known
-    return truth.replace(changes), records, truth
+    return truth.replace(changes), records, truth, corner
 
 
 def _widened(parts, sines, load, rate, reach):
@@ -135,9 +156,8 @@ def _widened(parts, sines, load, rate, reach):
     times, scaled = np.arange(int(20.0 * rate)) / rate, sines.copy()
     for _ in range(6):
         found = solved(parts, scaled, load, 0.0, times)
-        moved = np.abs(found[0]).max() / parts[6] if found.size else np.inf
-        # Beyond its greatest force the spring lets go.
-        scaled[:, 1] *= np.clip(reach / moved, 0.5, 2.0) if np.isfinite(moved) else 0.3
+        moved = np.abs(found[0]).max() / parts[6]
+        scaled[:, 1] *= 0.3 if moved >= GONE else np.clip(reach / moved, 0.5, 2.0)
     return scaled
 
 
@@ -145,20 +165,22 @@ def _cubic(force):
     return [*force[:3], force[3]]
 
 
-def _record(random, parts, sines, load, start, rate, fault, number, corner):
+def _record(random, parts, sines, load, start, times, fault, number, corner):
     """One measured record, with its fault."""
-    times = SETTLED + np.arange(int(DURATION * rate)) / rate
+    rate = 1.0 / (times[1] - times[0])
     wanted = np.concatenate([[0.0], times])
     length = parts[6]
     stopper = None
     if fault == "missing stopper":
         quiet = solved(parts, sines, load, start, wanted)[0][1:]
         stopper = (0.8 * np.abs(quiet).max(), 5.0 * abs(parts[2][1]) / math.sqrt(length))
-    low = corner if fault == "lowpass" else None
+    low = corner if fault in ("lowpass", "voltage highpass") else None
     _, v, voltage, behind = solved(parts, sines, load, start, wanted, stopper, low)[:, 1:]
     gain = (lambda f: 1j * f / (corner + 1j * f)) if fault == "highpass" else None
     base = summed(sines, times, gain)
-    columns = {"voltage": behind if low else voltage}
+    columns = {"voltage": behind if fault == "lowpass" else voltage}
+    if fault == "voltage highpass":
+        columns["voltage"] = voltage - behind
     if fault == "absolute velocity":
         columns["velocity"] = v - _velocity(sines, times)
     if fault == "swapped sign":

@@ -29,6 +29,7 @@ if TYPE_CHECKING:
     from harvester.scene.model import Scene
 
 HEAD = "/* " + "\n * ".join(licence.EXPORTED) + "\n */\n"
+SIGN = "static double sgn(double value) { return (value > 0.0) - (value < 0.0); }\n"
 STEPPER = ("harvester_device.h", "harvester_device.c")
 
 
@@ -93,8 +94,9 @@ def equations(scene: Scene) -> str:
         return key
 
     functions = _forces(ready.system, named) + _contacts(ready.system, named)
+    sign = SIGN if "sgn(" in functions else ""
     said = f"/* Of the scene {scene.name}. Lengths are over LENGTH, forces over MASS LENGTH. */\n"
-    return "\n".join([HEAD + said + _numbers(ready), "".join(constants.values()), functions])
+    return "\n".join([HEAD + said + _numbers(ready), "".join(constants.values()), sign + functions])
 
 
 def _numbers(ready: Prepared) -> str:

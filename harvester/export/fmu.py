@@ -214,7 +214,7 @@ def _description2(scene: Scene, name: str, token: str, compiled: list[str]) -> s
     text = _head(scene, "2.0", token) + ">\n"
     ability = _attributes(
         modelIdentifier=name, canHandleVariableCommunicationStepSize="true",
-        canInterpolateInputs="true", canGetAndSetFMUstate="true",
+        canInterpolateInputs="true",
     )  # fmt: skip
     text += f"  <CoSimulation{ability}>\n    <SourceFiles>\n"
     text += "".join(f"      <File{_attributes(name=each)}/>\n" for each in compiled)
@@ -239,10 +239,7 @@ def _description2(scene: Scene, name: str, token: str, compiled: list[str]) -> s
 def _description3(scene: Scene, name: str, token: str, compiled: list[str]) -> str:
     """modelDescription.xml of FMI 3.0."""
     listed = variables(scene)
-    ability = _attributes(
-        modelIdentifier=name, canHandleVariableCommunicationStepSize="true",
-        canGetAndSetFMUState="true",
-    )  # fmt: skip
+    ability = _attributes(modelIdentifier=name, canHandleVariableCommunicationStepSize="true")
     text = f"{_head(scene, '3.0', token)}>\n  <CoSimulation{ability}/>\n  <UnitDefinitions>\n"
     text += f"{_units()}  </UnitDefinitions>\n{_experiment(scene)}  <ModelVariables>\n"
     for reference, each in enumerate(listed):

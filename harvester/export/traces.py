@@ -11,7 +11,7 @@ import math
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
@@ -26,9 +26,6 @@ from harvester.prepared.prepared import prepared
 from harvester.record.range_watch import with_range_watch
 from harvester.scene.model import Scene
 from harvester.simulation.methods import MonteCarlo
-
-if TYPE_CHECKING:
-    from harvester.record.record import Record
 
 # Samples a second: Shepherd's own, and for CSV 200 of a period of 50 Hz.
 SHEPHERD_RATE, CSV_RATE = 100_000.0, 10_000.0
@@ -73,37 +70,23 @@ class Trace:
     returned: float
 
 
-class _Terminals:
-    """Keeps the points of a realization."""
-
-    def __init__(self) -> None:
-        self._parts: list[np.ndarray] = []
-
-    def add(self, record: Record) -> None:
-        """Take the points in."""
-        self._parts.append(np.array([record.time, record.voltage, record.load_power]))
-
-    def points(self) -> np.ndarray:
-        """Times (s), voltages and powers, scaled: shape (3, n)."""
-        points = np.concatenate(self._parts, axis=1)
-        return points[:, np.diff(points[0], prepend=-math.inf) > 0.0]
-
-
-class _Output:
-    """Keeps the voltage of a load's output, in place of the terminals'."""
+class _Points:
+    """Keeps all points of a realization's terminals, or of its load's output."""
 
     def __init__(self) -> None:
         self._parts: list[np.ndarray] = []
         self.conductance = self.capacitance = math.nan
 
-    def add(self, time: np.ndarray, voltage: np.ndarray, *_: Any) -> None:
-        """Take the points in."""
-        self._parts.append(np.array([time, voltage]))
+    def add(self, record: Any, voltage: np.ndarray | None = None, *_: Any) -> None:
+        """A chunk's record; or times and voltages of an output."""
+        if voltage is None:
+            self._parts.append(np.array([record.time, record.voltage, record.load_power]))
+        else:
+            self._parts.append(np.array([record, voltage, voltage**2]))
 
     def points(self) -> np.ndarray:
-        """As `_Terminals.points`: the power is that of the resistors across the output."""
-        time, voltage = np.concatenate(self._parts, axis=1)
-        points = np.array([time, voltage, self.conductance * voltage**2])
+        """Times (s), voltages and powers, scaled: shape (3, n); each time once."""
+        points = np.concatenate(self._parts, axis=1)
         return points[:, np.diff(points[0], prepend=-math.inf) > 0.0]
 
 
@@ -124,8 +107,8 @@ def record_trace(scene: Scene, rate: float, duration: float, realization: int) -
     ready, engine, load = prepared(scene), MonteCarlo(), scene.load.circuit
     engine.check(scene)
     start = scene.run.settle
-    terminals = _Terminals()
-    output = _Output() if load and load.has_output else None
+    terminals = _Points()
+    output = _Points() if load and load.has_output else None
     engine.prepare(ready)
     engine.run_realizations(
         ready,
@@ -135,8 +118,10 @@ def record_trace(scene: Scene, rate: float, duration: float, realization: int) -
         [output] if output else None,
     )
     # Without a resistor across the output, what the terminals give is what there is.
-    source = output if output and output.conductance > 0.0 else terminals
-    time, voltage, power = source.points()
+    time, voltage, power = terminals.points()
+    if output and output.conductance > 0.0:
+        time, voltage, power = output.points()
+        power = output.conductance * power
     voltage, power = voltage * ready.scales.voltage, power * ready.scales.power
     size = np.abs(voltage)
     known = size > LEAST_VOLTAGE * size.max(initial=0.0)
@@ -255,15 +240,7 @@ def write_shepherd(
         "ivsample": voltage and current of the scene's load. "isc_voc": the voltage of the open and
         the current of the shorted terminals, from a run each.
     scene, output, duration, realization, report
-        See `write_csv`.
-
-    Returns
-    -------
-    list of Path
-
-    Raises
-    ------
-    ExportError, MissingLibrary
+        As `write_csv`, its errors too; and MissingLibrary.
     """
     if data not in DATA_TYPES:
         raise ExportError(f"--data {data}: no such data; there are {', '.join(DATA_TYPES)}")

@@ -147,17 +147,29 @@ def _compared(base, other):
 
 def proposed(found: Sequence[Candidate]) -> Candidate:
     """The simplest that predicts as well as the best."""
+    return min(_of_the_best(found), key=lambda each: (len(each.fitted.keys), each.better))
+
+
+def rivals(found: Sequence[Candidate]) -> list[Candidate]:
+    """Models as simple as the proposed one that predict as well: records do not tell which is."""
+    best = proposed(found)
+    return [
+        each
+        for each in _of_the_best(found)
+        if each is not best and len(each.fitted.keys) == len(best.fitted.keys)
+    ]
+
+
+def _of_the_best(found):
+    """Those that predict as well as the best, but for chance and what nobody would notice."""
     best = min(found, key=lambda each: each.better)
     if not best.is_better:
-        fitting = [each for each in found if each.is_as_good]
-    else:
-        fitting = [
-            each
-            for each in found
-            if each.better - best.better
-            < max(2.0 * math.hypot(each.error, best.error), 2.0 * NOTED)
-        ]
-    return min(fitting, key=lambda each: (len(each.fitted.keys), each.better))
+        return [each for each in found if each.is_as_good]
+    return [
+        each
+        for each in found
+        if each.better - best.better < max(2.0 * math.hypot(each.error, best.error), 2.0 * NOTED)
+    ]
 
 
 def variants(scene: Scene, keys: Sequence[str], sizes: dict[str, float]) -> list:
@@ -227,10 +239,17 @@ def _degree(force):
 
 
 def _richer(scene, keys, sizes):
+    """The same where the cubic term, which is a model of its own, is there."""
+    return richer(scene, keys, sizes) if _degree(_force(scene)) >= 3 else None
+
+
+def richer(
+    scene: Scene, keys: Sequence[str], sizes: dict[str, float]
+) -> tuple[str, Scene, list[str]] | None:
     """With the spring's next odd power, and the even one before it where there are even ones."""
     force = _force(scene)
     degree = _degree(force)
-    if not 3 <= degree <= HIGHEST_POWER - 2:
+    if not 1 <= degree <= HIGHEST_POWER - 2:
         return None
     uneven = any(k != 0.0 for k in force[2::2])
     added = [n for n in (degree + 1, degree + 2) if n % 2 or uneven]

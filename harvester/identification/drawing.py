@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from harvester.identification.proof import ResponseStretch
+from harvester.identification.sensors import OUTPUT_UNITS
 from harvester.show.palette import CIRCUIT, MONTE_CARLO
 from harvester.show.panels import entitle, legend_below
 
@@ -18,7 +19,6 @@ if TYPE_CHECKING:
 MEASURED, PREDICTED, RESIDUAL = "0.35", CIRCUIT, MONTE_CARLO
 SHOWN_PERIODS = 12.0
 BINS = 60
-UNITS = {"voltage": "V", "displacement": "m", "velocity": "m/s"}
 # Segments of a spectrum.
 SEGMENTS = 12
 
@@ -33,7 +33,7 @@ def draw(found: Identification) -> Figure:
     figure = Figure(figsize=(10.0, 6.4))
     wave, spectrum, density, correlation = figure.subplots(2, 2).ravel()
     name = stretch.outputs[0]
-    unit = UNITS[name] if found.scene.units == "SI" else "scaled"
+    unit = OUTPUT_UNITS[name] if found.scene.units == "SI" else "scaled"
     _draw_waveform(wave, stretch, f"{name} [{unit}]")
     _draw_spectra(spectrum, stretch, f"density of the {name} [{unit}²/Hz]")
     _draw_densities(density, stretch, f"{name} [{unit}]")

@@ -30,6 +30,7 @@ if TYPE_CHECKING:
     from harvester.identification.measurement import Measurement
     from harvester.identification.posterior import Posterior
     from harvester.identification.proof import Whiteness
+    from harvester.identification.spring_shape import SpringShape
     from harvester.identification.verdict import Verdict
     from harvester.identification.visited import Visited
     from harvester.scene.model import Scene
@@ -63,6 +64,8 @@ class Identification:
         What the impedance said, where one was given.
     misfits : list of Misfit
         What is left of each output of each record beside the sensors' noise.
+    spring_shape : SpringShape or None
+        The spring beside one with the next power, of a model that explains its records in time.
     kept_aside : list of Kept
         Whole records that were not fitted to.
     visited : Visited or None
@@ -81,6 +84,7 @@ class Identification:
     posterior: Posterior | None = None
     impedance: FromImpedance | None = None
     misfits: Sequence[Misfit] = ()
+    spring_shape: SpringShape | None = None
     kept_aside: Sequence[Kept] = ()
     visited: Visited | None = None
 
@@ -270,6 +274,7 @@ class Identification:
                 "kept": {key: str(unclear) for key, unclear in self.kept},
                 "records": [_record(each) for each in self.fitted.stretches],
                 "misfits": list(self.misfits),
+                "spring_shape": self.spring_shape,
                 "visited": self.visited,
                 "kept_aside": [
                     {**vars(each), "within_interval": each.holds} for each in self.kept_aside

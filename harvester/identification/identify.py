@@ -108,6 +108,7 @@ def identify(
     from harvester.identification.posterior import posterior as posterior_of
     from harvester.identification.proof import typical_period, whiteness
     from harvester.identification.sizes import fitted_sizes
+    from harvester.identification.spring_shape import spring_shape
     from harvester.identification.unknowns import checked_keys, default_keys
     from harvester.identification.verdict import verdict
     from harvester.identification.visited import visited
@@ -155,12 +156,14 @@ def identify(
     follow(MODELS_BEGIN, "other models")
     sizes = fitted_sizes(base, measurements)
     left = misfits(base)
-    if worst(left):
-        moved = moved_by_records(base.shooting, base.fit)
+    if base.settled and worst(left):
+        moved = moved_by_records(base.shooting, base.fit, len(base.settled.edges))
         base = base.with_covariance(base.covariance + moved)
+    shape = None if worst(left) else spring_shape(base, sizes)
+    unexplained = worst(left) is not None or bool(shape and shape.is_refuted)
     found = [Candidate("as given", base, 0.0, 0.0)]
     if compare and any(each.acceleration is not None for each in measurements):
-        found = candidates(base, measurements, sizes, scene, worst(left) is None)
+        found = candidates(base, measurements, sizes, scene, not unexplained)
     sampled = None
     if posterior:
         follow(POSTERIOR_BEGINS, "posterior")
@@ -178,8 +181,9 @@ def identify(
         kept=kept,
         candidates=found,
         whiteness=white,
-        verdict=verdict(base, found, white, left, where, unseen),
+        verdict=verdict(base, found, white, left, where, unseen, shape),
         misfits=left,
+        spring_shape=shape,
         kept_aside=unseen,
         visited=where,
         seconds=time.perf_counter() - clock,

@@ -84,12 +84,20 @@ def covariance(shooting: Shooting, fit: Fit) -> np.ndarray:
     return found * np.outer(shares, shares)
 
 
-def moved_by_records(shooting: Shooting, fit: Fit) -> np.ndarray:
+def moved_by_records(shooting: Shooting, fit: Fit, records: int) -> np.ndarray:
     """Covariance from what moves when each record is left out in turn (jackknife).
 
     It holds a model's error, which differs from record to record. Each fit without a record is one
     step of the linearized problem. So few records know a variance badly: an interval is as much
     wider as Student's distribution says. Zero of a single record.
+
+    Parameters
+    ----------
+    shooting : Shooting
+    fit : Fit
+    records : int
+        In time, which come first. Frequency responses and impedances stay in: what one of them
+        alone determines, such as the mass, would be without a bound where it is left out.
 
     Returns
     -------
@@ -98,11 +106,11 @@ def moved_by_records(shooting: Shooting, fit: Fit) -> np.ndarray:
     """
     from scipy.stats import t
 
-    p, records = len(shooting.unknowns), len(fit.edges)
+    p = len(shooting.unknowns)
     if records < 2 or not (fit.grams or shooting.linearized(fit)):
         return np.zeros((p, p))
-    own = [shooting.reduced(replace(fit, grams=[grams])) for grams in fit.grams]
-    normal, gradient = sum(each[0] for each in own), sum(each[1] for each in own)
+    normal, gradient = shooting.reduced(fit)
+    own = [shooting.reduced(replace(fit, grams=[grams])) for grams in fit.grams[:records]]
     moves = np.array([-_inverse(normal - n) @ (gradient - g) for n, g in own]) * shooting.sizes
     moves = np.clip(moves, -MOST_MOVED * shooting.sizes, MOST_MOVED * shooting.sizes)
     moves -= moves.mean(axis=0)

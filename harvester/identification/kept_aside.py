@@ -21,8 +21,10 @@ from harvester.identification.intervals import HALF_INTERVAL, HELD
 from harvester.identification.proof import blocks_of, predicted
 from harvester.identification.reconstruction import frequencies
 from harvester.identification.response import FINE_STEPS, Responses, experiment
+from harvester.identification.sensors import OUTPUT_UNITS
 from harvester.identification.shooting import Fit, Shooting
 from harvester.identification.visited import band
+from harvester.show.numbers import with_error
 
 if TYPE_CHECKING:
     from harvester.identification.fitted_model import Fitted
@@ -58,6 +60,8 @@ class Kept:
     measured_orbit, predicted_orbit : str
     agreement : float
         Share of the likely values whose runs have the predicted orbit.
+    rms_unit : str
+        Of the first output; empty in a scaled scene.
     quantity, unit : str
         Of the powers.
     measured_rms, predicted_rms, measured_power, predicted_power : Estimate
@@ -71,6 +75,7 @@ class Kept:
     measured_orbit: str
     predicted_orbit: str
     agreement: float
+    rms_unit: str
     quantity: str
     unit: str
     measured_rms: Estimate
@@ -93,7 +98,7 @@ class Kept:
         said = "claimed" if self.claimed else f"not claimed ({self.why})"
         outcome = "within its interval" if self.holds else "not as predicted"
         measured, expected = (
-            f"{orbit}, rms {_text(rms)}, {self.quantity} {_text(power)} {self.unit}"
+            f"{orbit}, rms {_text(rms, self.rms_unit)}, {self.quantity} {_text(power, self.unit)}"
             for orbit, rms, power in (
                 (self.measured_orbit, self.measured_rms, self.measured_power),
                 (self.predicted_orbit, self.predicted_rms, self.predicted_power),
@@ -196,6 +201,7 @@ def _of_record(fitted, measurement, visited, values, model_error):
         measured_orbit=measured,
         predicted_orbit=orbits[0],
         agreement=agreement,
+        rms_unit=_unit(measurement) if fitted.scene.units == "SI" else "",
         quantity=quantity,
         unit=unit,
         measured_rms=_root(late_stretch.measured),
@@ -310,5 +316,12 @@ def _within(measured, expected):
     return abs(measured.estimate - expected.estimate) <= HALF_INTERVAL * error
 
 
-def _text(each):
-    return f"{each.estimate:.4g} ± {HALF_INTERVAL * each.standard_error:.2g}"
+def _unit(measurement):
+    """Of the first output."""
+    name = next(iter(measurement.outputs))
+    return "V" if name == "velocity" and measurement.velocity_in_volts else OUTPUT_UNITS[name]
+
+
+def _text(each, unit):
+    """With its 95 % interval."""
+    return with_error(replace(each, standard_error=HALF_INTERVAL * each.standard_error), unit)

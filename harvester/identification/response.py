@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from copy import copy
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any
 
@@ -18,10 +19,13 @@ from harvester.excitation.conditioning import smoothed
 from harvester.identification.sensors import (
     HIGHPASSES,
     VELOCITY_SCALE,
+    highpassed,
     integrals,
+    lowpassed,
     neutral,
     parallel,
     put_right,
+    without_memory,
 )
 from harvester.identification.unknowns import BASE_FACTOR, with_values
 from harvester.monte_carlo.sampled import states_at_samples
@@ -131,7 +135,9 @@ class Responses:
 
     def with_keys(self, keys: Sequence[str]) -> Responses:
         """The same experiments with other unknowns."""
-        return Responses(self.experiments, keys, self.interpolation, self.length)
+        other = copy(self)
+        other.keys = list(keys)
+        return other
 
     def device(self, number: int, values: np.ndarray) -> tuple[System, Scales] | None:
         """Scaled equations of one experiment; None where the scene refuses the values."""
@@ -232,6 +238,8 @@ class Responses:
 
     def _corners(self, number, values, quantity):
         """Of a sensor's high-passes, of first and of second order (Hz)."""
+        if quantity not in ("acceleration", "voltage"):
+            return [0.0 for _ in HIGHPASSES]
         return [
             self._sensor(number, values, f"sensor.{quantity}_{effect}") for effect in HIGHPASSES
         ]
@@ -282,8 +290,6 @@ class Responses:
 
     def _taken_away(self, number, values, name):
         """What an AC-coupled input took away from what it shows at the samples."""
-        if name != "voltage":
-            return 0.0
         corners = self._corners(number, values, name)
         if not any(corners):
             return 0.0
@@ -306,37 +312,33 @@ class Responses:
             }[name]()
             if name == "velocity" and measurement.velocity_is_absolute:
                 true = true + self._base_velocity(number, values)[inside]
-            sensed = self._sensed(number, name, true, values, edges)
-            away = self._taken_away(number, values, name)
-            columns.append(sensed - (away[inside] if np.ndim(away) else 0.0))
+            columns.append(self._sensed(number, name, true, values, edges))
         return np.column_stack(columns)
 
     def _sensed(self, number, name, true, values, edges):
+        """What a sensor shows of the true values in the windows."""
         key = f"sensor.{name}_"
-        rate = self.experiments[number].measurement.sampling_rate
-        time_constant = self._sensor(number, values, key + "filter")
-        delay = self._sensor(number, values, key + "delay")
-        if time_constant > 0.0 or delay != 0.0:
-            pieces = np.split(true, edges[1:-1] - edges[0])
-            true = np.concatenate(
-                [_delayed(_filtered(piece, time_constant * rate), delay * rate) for piece in pieces]
-            )
+        measurement = self.experiments[number].measurement
+        rate = measurement.sampling_rate
+        delay = rate * self._sensor(number, values, key + "delay")
+        low = self._sensor(number, values, key + "filter")
+        high = self._corners(number, values, name)
+        there = [
+            effect in self.keys or effect in measurement.sensors
+            for effect in (key + each for each in ("filter", *HIGHPASSES))
+        ]
+        memory = [rate * low, *(2.0 * math.pi * corner / rate for corner in high)]
         gain = self._sensor(number, values, key + "scale")
-        return gain * true + self._sensor(number, values, key + "offset")
-
-
-def _filtered(values, samples):
-    """A low-pass of first order with this time constant, at rest with the first sample."""
-    if samples <= 0.0:
-        return values
-    from scipy.signal import lfilter
-
-    share = math.exp(-1.0 / samples)
-    # Exact for straight lines between samples.
-    new = 1.0 - samples * (1.0 - share)
-    old = samples * (1.0 - share) - share
-    begin = np.array([values[0] - new * values[0]])
-    return lfilter([new, old], [1.0, -share], values, zi=begin)[0]
+        offset = self._sensor(number, values, key + "offset")
+        if delay:
+            pieces = np.split(true, edges[1:-1] - edges[0])
+            true = np.concatenate([_delayed(piece, delay) for piece in pieces])
+        if memory[0] > 0.0:
+            true = lowpassed(true, edges, memory[0])
+        shown = gain * highpassed(true, edges, *memory[1:]) + offset
+        seen = measurement.outputs[name][edges[0] : edges[-1]]
+        known = [value if each else None for value, each in zip(memory, there, strict=True)]
+        return without_memory(shown, seen, edges, *known)
 
 
 def _delayed(values, samples):

@@ -1,15 +1,20 @@
 """What sensors make of their quantities, and the true quantities behind what they show.
 
 A sensor that does not pass constants (AC coupling) shows a(s) s/(s + ω); the true quantity is what
-it shows plus ω times the integral of that. So the measured series is put right, and no filter needs
-a state at the beginning of a window. What an integral gathers of offset and noise is a slow drift:
-its parabola is taken out, as the sensor tells nothing of it.
+it shows plus ω times the integral of that. So the acceleration that drives a model is put right.
+What an integral gathers of offset and noise is a slow drift: its parabola is taken out, as the
+sensor tells nothing of it.
+
+An output is compared behind its sensor: the simulated one goes through the sensor's filters. To
+put the measured one right would integrate its noise, and a free corner would come out too low. A
+filter's state at the beginning of a window is unknown: it is that with which the window fits best.
 """
 
 from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
+from itertools import pairwise
 
 import numpy as np
 
@@ -17,7 +22,8 @@ from harvester.errors import SceneError
 from harvester.excitation.conditioning import SPLINE_DEGREE
 from harvester.files.plain_text import named, nearest, shown
 
-OUTPUTS = ("voltage", "displacement", "velocity")
+OUTPUT_UNITS = {"voltage": "V", "displacement": "m", "velocity": "m/s"}
+OUTPUTS = tuple(OUTPUT_UNITS)
 # Values without effect. A high-pass is given by its corner (Hz), of first order, or of second
 # (Butterworth's); a resistance is the input's, beside the load.
 HIGHPASSES = {"highpass": 0.0, "highpass2": 0.0}
@@ -25,6 +31,17 @@ OUTPUT_EFFECTS = {"offset": 0.0, "scale": 1.0, "delay": 0.0, "filter": 0.0}
 # A delay of the base's sensor is one of all outputs the other way.
 BASE_EFFECTS = {"offset": 0.0, "scale": 1.0, **HIGHPASSES}
 VOLTAGE_EFFECTS = {**HIGHPASSES, "resistance": math.inf}
+# Between samples an output is a polynomial of fifth degree through six of them: of twelve samples a
+# period, it is off by 1e-4 of the amplitude. By place of the step among the six: each sample's
+# polynomial, from the step's beginning.
+STENCILS = np.array(
+    [np.linalg.inv(np.vander(np.arange(6.0) - n, increasing=True)) for n in range(5)]
+)
+# Magnitude of a pole per sample from which on moments follow from each other without loss; nodes
+# that give the others to rounding.
+SHORT_MEMORY = 5.0
+_NODES, _WEIGHTS = np.polynomial.legendre.leggauss(16)
+QUADRATURE_PLACES, QUADRATURE_WEIGHTS = 0.5 * (_NODES + 1.0), 0.5 * _WEIGHTS
 # What a probe's input has, from which a free resistance begins (Ω).
 PROBE = 1e7
 VELOCITY_SCALE = "sensor.velocity_scale"
@@ -125,6 +142,101 @@ def put_right(
     twice = 2.0 * math.pi * second_corner
     first, second = integral
     return values + (once + math.sqrt(2.0) * twice) * first + twice**2 * second
+
+
+def lowpassed(values: np.ndarray, edges: np.ndarray, time_constant: float) -> np.ndarray:
+    """Windows of a series behind a low-pass of first order, from any state, in samples."""
+    return _convolved(values, edges, -1.0 / time_constant, 1.0 / time_constant)
+
+
+def highpassed(
+    values: np.ndarray, edges: np.ndarray, corner: float, second_corner: float
+) -> np.ndarray:
+    """Windows of a series behind high-passes, from any state, corners in radians per sample."""
+    if corner:
+        values = values - _convolved(values, edges, -corner, corner)
+    if second_corner:
+        # Butterworth's: 1 − s²/(s² + √2 ω s + ω²) has the residue ω/√2 at both of its poles.
+        share = second_corner / math.sqrt(2.0)
+        away = _convolved(values, edges, share * complex(-1.0, 1.0), share)
+        values = values - 2.0 * away.real
+    return values
+
+
+def _convolved(values, edges, pole, residue):
+    """A series through residue/(s − pole), by a polynomial through neighbours in its window."""
+    from scipy.signal import lfilter
+
+    size = STENCILS.shape[1]
+    if values.size < size:
+        return 0.0 * values
+    cuts = edges - edges[0]
+    places = np.arange(values.size - 1)
+    window = np.searchsorted(cuts, places, "right") - 1
+    first = np.maximum(np.minimum(places - size // 2 + 1, cuts[window + 1] - size), cuts[window])
+    first = np.clip(first, 0, values.size - size)
+    weights = residue * (_moments(pole, size) @ STENCILS)
+    near = np.lib.stride_tricks.sliding_window_view(values, size)[first]
+    drive = np.sum(near * weights[np.clip(places - first, 0, size - 2)], axis=1)
+    # A window that runs away disturbs no later one, nor does the step from one to the next.
+    drive[~np.isfinite(drive)] = 0.0
+    drive[cuts[1:-1] - 1] = 0.0
+    found = lfilter([1.0], [1.0, -np.exp(pole)], np.concatenate([[0.0], drive]))
+    found[~np.isfinite(values)] = np.nan
+    return found
+
+
+def _moments(pole, count):
+    """∫ exp(pole (1 − τ)) τⁿ dτ from 0 to 1, n = 0 … count − 1."""
+    if abs(pole) < SHORT_MEMORY:
+        return (QUADRATURE_WEIGHTS * np.exp(pole * (1.0 - QUADRATURE_PLACES))) @ (
+            QUADRATURE_PLACES[:, None] ** np.arange(count)
+        )
+    found = [(np.exp(pole) - 1.0) / pole]
+    for n in range(1, count):
+        found.append((n * found[-1] - 1.0) / pole)
+    return np.array(found)
+
+
+def without_memory(
+    shown: np.ndarray,
+    seen: np.ndarray,
+    edges: np.ndarray,
+    time_constant: float | None,
+    corner: float | None,
+    second_corner: float | None,
+) -> np.ndarray:
+    """A simulated series whose filters have the states at the windows' starts that fit best.
+
+    Parameters
+    ----------
+    shown : ndarray, shape (n,)
+        Simulated, behind the filters, from any states of them.
+    seen : ndarray, shape (n,)
+        Measured.
+    edges : ndarray of int, shape (windows + 1,)
+    time_constant, corner, second_corner : float or None
+        In samples, and in radians per sample; None: there is no such filter. A filter that is free
+        is one without effect, too, so that nothing jumps where its effect begins.
+    """
+    cuts = edges - edges[0]
+    places, modes = np.arange(np.diff(cuts).max()), []
+    if time_constant is not None:
+        modes.append((math.exp(-1.0 / time_constant) if time_constant > 0.0 else 0.0) ** places)
+    if corner is not None:
+        modes.append(np.exp(-corner * places))
+    if second_corner is not None:
+        turned = second_corner / math.sqrt(2.0) * places
+        modes.append(np.exp(-turned) * np.cos(turned))
+        modes.append(np.exp(-turned) * places * np.sinc(turned / math.pi))
+    if not modes:
+        return shown
+    table, found = np.column_stack(modes), shown.copy()
+    for begin, end in pairwise(cuts):
+        off, own = shown[begin:end] - seen[begin:end], table[: end - begin]
+        if np.isfinite(off).all():
+            found[begin:end] -= own @ np.linalg.lstsq(own, off, rcond=None)[0]
+    return found
 
 
 def parallel(resistance: float, beside: float) -> float:

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
-from harvester.identification.candidates import SURE, Candidate, proposed
+from harvester.identification.candidates import SURE, Candidate, proposed, rivals
 from harvester.identification.consistency import Misfit, worst
 from harvester.identification.proof import Whiteness, sensor_noise
 from harvester.show.numbers import share_with_error
@@ -14,6 +14,7 @@ from harvester.show.numbers import share_with_error
 if TYPE_CHECKING:
     from harvester.identification.fitted_model import Fitted
     from harvester.identification.kept_aside import Kept
+    from harvester.identification.spring_shape import SpringShape
     from harvester.identification.visited import Visited
 
 # Of each window: displacement, velocity and the transducer's state.
@@ -29,7 +30,8 @@ class Verdict:
     Attributes
     ----------
     word : str
-        "predicts", "wrong", "incomplete", or "nothing" where there is nothing to judge by.
+        "predicts"; "fits" where the records do not tell the spring from others; "wrong",
+        "incomplete", or "nothing" where there is nothing to judge by.
     sentence : str
     """
 
@@ -49,6 +51,7 @@ def verdict(
     misfits: Sequence[Misfit] = (),
     visited: Visited | None = None,
     kept: Sequence[Kept] = (),
+    shape: SpringShape | None = None,
 ) -> Verdict:
     """Judge a model by what it predicts of the data kept aside: its worst record and channel.
 
@@ -65,6 +68,8 @@ def verdict(
         Where the records took the device.
     kept : sequence of Kept
         Records kept aside as a whole.
+    shape : SpringShape, optional
+        The spring beside one with the next power.
     """
     if all(_is_noise(each, whiteness) for each in base.stretches):
         return Verdict("nothing", _nothing(base))
@@ -73,15 +78,21 @@ def verdict(
         return Verdict(
             "wrong",
             f"the model is wrong: {said}; {best.name} leaves {best.fitted.nrmse:.2%} and is "
-            f"proposed instead{_freed(best, base)}{claims}",
+            f"proposed instead{_freed(best, base)}{_rivals(found, base)}{claims}",
         )
-    fault = _fault(base, whiteness, misfits, kept)
+    fault = _fault(base, whiteness, misfits, kept, shape)
     if fault is not None:
         others = ", and none of the other models that were tried does better" if found[1:] else ""
         return Verdict(
             "incomplete", f"the model is wrong or incomplete: {said}{fault}{others}{claims}"
         )
     simpler = "" if best is found[0] else f"; {best.name} predicts as well and is simpler"
+    if shape and shape.untold:
+        return Verdict(
+            "fits",
+            f"the model fits, and the records do not tell its spring from others: {said}"
+            f"{_power(base)}{_untold(shape)}{claims}{_where(visited)}{simpler}",
+        )
     return Verdict(
         "predicts", f"the model predicts {said}{_power(base)}{claims}{_where(visited)}{simpler}"
     )
@@ -97,13 +108,30 @@ def _nothing(base):
     )
 
 
-def _fault(base, whiteness, misfits, kept):
+def _untold(shape):
+    """What is known of the spring if it has one power more, in words."""
+    values = " and ".join(
+        f"{key.rpartition('.')[2]} to ± {half:.0%}" for key, half in shape.untold.items()
+    )
+    return (
+        f"; with a term of power {shape.power} too, which they do not exclude, they tell {values} "
+        "(95 %), and at other levels it may move otherwise: measure larger motions too, or noise"
+    )
+
+
+def _fault(base, whiteness, misfits, kept, shape):
     """What speaks against a model that no other is better than, in words; None where nothing."""
     wrong = worst(misfits)
     if wrong:
         return (
             f": {wrong.systematic:.2%} of the {wrong.output} of {wrong.record} follow from its "
             "motion and are no noise, so that values may be off by more than their intervals"
+        )
+    if shape and shape.is_refuted:
+        return (
+            f": the records ask for a term of power {shape.power} of the spring "
+            f"({abs(shape.significance):.1f} standard errors), which moves its values by up to "
+            f"{max(shape.moves.values()):.0%}"
         )
     refuted = [each for each in kept if each.claimed and not each.holds]
     if refuted:
@@ -118,6 +146,14 @@ def _freed(best, base):
     values = dict(zip(best.fitted.keys, best.fitted.values, strict=True))
     sensors = [key for key in values if key.startswith("sensor.") and key not in base.keys]
     return "".join(f" ({key} = {values[key]:.4g}, to be freed by --free {key})" for key in sensors)
+
+
+def _rivals(found, base):
+    """Other models that the records do not tell from the proposed one, in words."""
+    names = [f"{each.name}{_freed(each, base)}" for each in rivals(found)]
+    if not names:
+        return ""
+    return f"; the records do not tell it from {' nor from '.join(names)}"
 
 
 def _claims(kept):

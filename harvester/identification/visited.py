@@ -152,7 +152,7 @@ def _outside(system, length, ranges, si, several_loads):
     high = max(each[1] for each in ranges)
     found.append(f"the walls beyond {at(low)} and {at(high)}")
     if not several_loads:
-        found.append("other loads")
+        found.append("other loads (coupling and capacitance are as right as the load's resistance)")
     return tuple(found)
 
 

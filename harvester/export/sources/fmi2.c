@@ -116,45 +116,12 @@ EXPORT fmi2Status fmi2DoStep(component *c, double time, double length, int no_ea
 
 EXPORT fmi2Status fmi2CancelStep(component *c) { (void)c; return fmi2Error; }
 
-EXPORT fmi2Status fmi2GetFMUstate(component *c, void **state)
-{
-    if (*state == NULL)
-        *state = malloc(sizeof c->now);
-    if (*state == NULL)
-        return failed(c, "no memory for a state");
-    memcpy(*state, &c->now, sizeof c->now);
-    return fmi2OK;
-}
-
-EXPORT fmi2Status fmi2SetFMUstate(component *c, const void *state)
-{
-    memcpy(&c->now, state, sizeof c->now);
-    return fmi2OK;
-}
-
-EXPORT fmi2Status fmi2FreeFMUstate(component *c, void **state)
-{
-    (void)c;
-    free(*state);
-    *state = NULL;
-    return fmi2OK;
-}
-
 /* What the model description says is not there. */
 #define ABSENT(name) EXPORT fmi2Status name(component *c) { return failed(c, #name " is not there"); }
-ABSENT(fmi2GetInteger)
-ABSENT(fmi2GetBoolean)
-ABSENT(fmi2GetString)
-ABSENT(fmi2SetInteger)
-ABSENT(fmi2SetBoolean)
-ABSENT(fmi2SetString)
-ABSENT(fmi2SerializedFMUstateSize)
-ABSENT(fmi2SerializeFMUstate)
-ABSENT(fmi2DeSerializeFMUstate)
-ABSENT(fmi2GetDirectionalDerivative)
-ABSENT(fmi2GetRealOutputDerivatives)
-ABSENT(fmi2GetStatus)
-ABSENT(fmi2GetRealStatus)
-ABSENT(fmi2GetIntegerStatus)
-ABSENT(fmi2GetBooleanStatus)
-ABSENT(fmi2GetStringStatus)
+ABSENT(fmi2GetInteger) ABSENT(fmi2GetBoolean) ABSENT(fmi2GetString)
+ABSENT(fmi2SetInteger) ABSENT(fmi2SetBoolean) ABSENT(fmi2SetString)
+ABSENT(fmi2GetFMUstate) ABSENT(fmi2SetFMUstate) ABSENT(fmi2FreeFMUstate)
+ABSENT(fmi2SerializedFMUstateSize) ABSENT(fmi2SerializeFMUstate) ABSENT(fmi2DeSerializeFMUstate)
+ABSENT(fmi2GetDirectionalDerivative) ABSENT(fmi2GetRealOutputDerivatives)
+ABSENT(fmi2GetStatus) ABSENT(fmi2GetRealStatus) ABSENT(fmi2GetIntegerStatus)
+ABSENT(fmi2GetBooleanStatus) ABSENT(fmi2GetStringStatus)

@@ -96,71 +96,22 @@ EXPORT fmi3Status fmi3DoStep(instance *c, double time, double length, bool no_ea
     return message == NULL ? fmi3OK : failed(c, message);
 }
 
-EXPORT fmi3Status fmi3GetFMUState(instance *c, void **state)
-{
-    if (*state == NULL)
-        *state = malloc(sizeof c->now);
-    if (*state == NULL)
-        return failed(c, "no memory for a state");
-    memcpy(*state, &c->now, sizeof c->now);
-    return fmi3OK;
-}
-
-EXPORT fmi3Status fmi3SetFMUState(instance *c, const void *state)
-{
-    memcpy(&c->now, state, sizeof c->now);
-    return fmi3OK;
-}
-
-EXPORT fmi3Status fmi3FreeFMUState(instance *c, void **state)
-{
-    (void)c;
-    free(*state);
-    *state = NULL;
-    return fmi3OK;
-}
-
 /* What the model description says is not there. */
 #define ABSENT(name) EXPORT fmi3Status name(instance *c) { return failed(c, #name " is not there"); }
 #define ABSENT_TYPE(type) ABSENT(fmi3Get##type) ABSENT(fmi3Set##type)
-ABSENT_TYPE(Float32)
-ABSENT_TYPE(Int8)
-ABSENT_TYPE(UInt8)
-ABSENT_TYPE(Int16)
-ABSENT_TYPE(UInt16)
-ABSENT_TYPE(Int32)
-ABSENT_TYPE(UInt32)
-ABSENT_TYPE(Int64)
-ABSENT_TYPE(UInt64)
-ABSENT_TYPE(Boolean)
-ABSENT_TYPE(String)
-ABSENT_TYPE(Binary)
-ABSENT_TYPE(Clock)
-ABSENT_TYPE(IntervalDecimal)
-ABSENT_TYPE(IntervalFraction)
-ABSENT_TYPE(ShiftDecimal)
-ABSENT_TYPE(ShiftFraction)
-ABSENT_TYPE(ContinuousStates)
-ABSENT(fmi3EnterEventMode)
-ABSENT(fmi3EnterStepMode)
-ABSENT(fmi3GetOutputDerivatives)
-ABSENT(fmi3ActivateModelPartition)
-ABSENT(fmi3GetNumberOfVariableDependencies)
-ABSENT(fmi3GetVariableDependencies)
-ABSENT(fmi3SerializedFMUStateSize)
-ABSENT(fmi3SerializeFMUState)
-ABSENT(fmi3DeserializeFMUState)
-ABSENT(fmi3GetDirectionalDerivative)
-ABSENT(fmi3GetAdjointDerivative)
-ABSENT(fmi3EnterConfigurationMode)
-ABSENT(fmi3ExitConfigurationMode)
-ABSENT(fmi3EvaluateDiscreteStates)
-ABSENT(fmi3UpdateDiscreteStates)
-ABSENT(fmi3EnterContinuousTimeMode)
-ABSENT(fmi3CompletedIntegratorStep)
-ABSENT(fmi3SetTime)
-ABSENT(fmi3GetContinuousStateDerivatives)
-ABSENT(fmi3GetEventIndicators)
-ABSENT(fmi3GetNominalsOfContinuousStates)
-ABSENT(fmi3GetNumberOfEventIndicators)
-ABSENT(fmi3GetNumberOfContinuousStates)
+ABSENT_TYPE(Float32) ABSENT_TYPE(Int8) ABSENT_TYPE(UInt8) ABSENT_TYPE(Int16) ABSENT_TYPE(UInt16)
+ABSENT_TYPE(Int32) ABSENT_TYPE(UInt32) ABSENT_TYPE(Int64) ABSENT_TYPE(UInt64) ABSENT_TYPE(Boolean)
+ABSENT_TYPE(String) ABSENT_TYPE(Binary) ABSENT_TYPE(Clock) ABSENT_TYPE(IntervalDecimal)
+ABSENT_TYPE(IntervalFraction) ABSENT_TYPE(ShiftDecimal) ABSENT_TYPE(ShiftFraction)
+ABSENT_TYPE(ContinuousStates) ABSENT(fmi3EnterEventMode) ABSENT(fmi3EnterStepMode)
+ABSENT(fmi3GetOutputDerivatives) ABSENT(fmi3ActivateModelPartition)
+ABSENT(fmi3GetNumberOfVariableDependencies) ABSENT(fmi3GetVariableDependencies)
+ABSENT(fmi3SerializedFMUStateSize) ABSENT(fmi3SerializeFMUState) ABSENT(fmi3DeserializeFMUState)
+ABSENT(fmi3GetDirectionalDerivative) ABSENT(fmi3GetAdjointDerivative)
+ABSENT(fmi3EnterConfigurationMode) ABSENT(fmi3ExitConfigurationMode)
+ABSENT(fmi3EvaluateDiscreteStates) ABSENT(fmi3UpdateDiscreteStates)
+ABSENT(fmi3EnterContinuousTimeMode) ABSENT(fmi3CompletedIntegratorStep) ABSENT(fmi3SetTime)
+ABSENT(fmi3GetContinuousStateDerivatives) ABSENT(fmi3GetEventIndicators)
+ABSENT(fmi3GetNominalsOfContinuousStates) ABSENT(fmi3GetNumberOfEventIndicators)
+ABSENT(fmi3GetNumberOfContinuousStates) ABSENT(fmi3GetFMUState) ABSENT(fmi3SetFMUState)
+ABSENT(fmi3FreeFMUState)

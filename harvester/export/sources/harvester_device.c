@@ -7,8 +7,6 @@
 #include <math.h>
 #include <string.h>
 
-static double sgn(double value) { return (value > 0.0) - (value < 0.0); }
-
 #include "equations.h"
 
 typedef struct {

@@ -47,8 +47,17 @@ def _panel(found, each):
     top = found.value.times(factor)
     height = INTERVAL * (top.standard_error or 0.0)
     # Beside the place searched there, which it would hide.
-    look = {"bars": [height], "size": 8.0, "shift": APART}
-    maximum = Series([each.place], [top.estimate], "maximum", MAXIMUM, "", "*", **look)
+    maximum = Series(
+        x=[each.place],
+        y=[top.estimate],
+        label="maximum",
+        colour=MAXIMUM,
+        line="",
+        marker="*",
+        bars=[height],
+        size=8.0,
+        shift=APART,
+    )
     return Panel(
         x_label=key_label(key, found.scene.units),
         y_label=f"{found.quantity.replace('_', ' ')} [{unit or '1'}]",

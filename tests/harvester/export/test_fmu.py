@@ -103,35 +103,6 @@ def test_order_in_the_exchange(tmp_path):
     assert held == pytest.approx(1.0, abs=0.15)
 
 
-@pytest.mark.exhaustive
-def test_a_state_is_taken_up_again(tmp_path):
-    from fmpy import extract, read_model_description
-    from fmpy.fmi3 import FMU3Slave
-
-    path = write(harvester.Scene.load("one_sided"), "fmu", tmp_path)[1]
-    description = read_model_description(path)
-    unit = FMU3Slave(
-        guid=description.guid, unzipDirectory=extract(path), instanceName="unit",
-        modelIdentifier=description.coSimulation.modelIdentifier,
-    )  # fmt: skip
-    places = {each.name: each.valueReference for each in description.modelVariables}
-    unit.instantiate()
-    unit.enterInitializationMode(startTime=0.0)
-    unit.exitInitializationMode()
-    unit.setFloat64([places["base_acceleration"]], [-3.0])
-    unit.doStep(0.0, 0.1)
-    state = unit.getFMUState()
-    ends = []
-    for _ in range(2):
-        unit.setFMUState(state)
-        unit.doStep(0.1, 0.2)
-        ends.append(unit.getFloat64([places["displacement"], places["time"]]))
-    assert ends[0] == ends[1]
-    assert ends[0][1] == pytest.approx(0.3)
-    with pytest.raises(Exception, match="fmi3SetFloat64"):
-        unit.setFloat64([places["load_resistance"]], [-1.0])
-
-
 def test_scaled_scenes_are_refused(tmp_path):
     with pytest.raises(ExportError, match="paper_si"):
         write(harvester.Scene.load("paper"), "fmu", tmp_path)

@@ -5,12 +5,21 @@ import math
 import numpy as np
 import pytest
 from measured_records import band_noise, measured, scene_of
+from measured_sets import a_set
 from scipy import signal
 
 from harvester.errors import IdentificationError, SceneError
 from harvester.identification.identify import identify
 from harvester.identification.measurement import Measurement, read_measurement
-from harvester.identification.sensors import integrals, parallel, put_right
+from harvester.identification.sensors import (
+    highpassed,
+    integrals,
+    lowpassed,
+    parallel,
+    put_right,
+    without_memory,
+)
+from harvester.scene.numbers import numbers
 
 RATE, FREQUENCY = 64.0, 9.1
 TIMES = np.arange(4000) / RATE
@@ -40,6 +49,41 @@ def test_what_an_ac_coupled_sensor_was_shown_comes_back(order, corners):
     assert np.abs(shown - true).max() > 0.05
     found = put_right(shown, integrals(shown, RATE, np.arange(TIMES.size)), *corners)
     assert found[200:-200] == pytest.approx(true[200:-200], abs=1e-3)
+
+
+# Edges of windows, and a sine of twelve samples a period in them.
+EDGES, TURN = np.array([0, 150, 230, 400]), 2.0 * math.pi / 12.0
+MODES = {
+    "low": (lambda u: lowpassed(u, EDGES, 0.48), (0.48, None, None), (1, 1.0 / 0.48, "lowpass")),
+    "high": (lambda u: highpassed(u, EDGES, 0.05, 0.0), (None, 0.05, None), (1, 0.05, "highpass")),
+    "second": (
+        lambda u: highpassed(u, EDGES, 0.0, 0.07), (None, None, 0.07), (2, 0.07, "highpass"),
+    ),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("name", MODES)
+def test_windows_of_an_output_go_through_its_sensor_s_filter(name):
+    """Each window from any state of the filter, as analog filters of scipy show a sine."""
+    through, memory, filter_of = MODES[name]
+    places = np.arange(EDGES[-1])
+    _, response = signal.freqs(*signal.butter(*filter_of, analog=True), [TURN])
+    shown = np.imag(response[0] * np.exp(1j * (TURN * places + 0.4)))
+    behind = through(np.sin(TURN * places + 0.4))
+    assert np.abs(behind - shown).max() > 0.02
+    assert without_memory(behind, shown, EDGES, *memory) == pytest.approx(shown, abs=3e-4)
+
+
+def test_a_window_that_runs_away_disturbs_no_later_one():
+    values = np.sin(TURN * np.arange(EDGES[-1]))
+    broken = values.copy()
+    broken[100:150] = np.nan
+    whole, other = (highpassed(each, EDGES, 0.05, 0.0) for each in (values, broken))
+    seen = np.zeros_like(values)
+    memory = (None, 0.05, None)
+    whole, other = (without_memory(each, seen, EDGES, *memory) for each in (whole, other))
+    assert np.isnan(other[:150]).any()
+    assert other[150:] == pytest.approx(whole[150:], abs=1e-12)
 
 
 def test_a_probe_stands_beside_the_load():
@@ -133,3 +177,18 @@ def test_a_laser_in_volts_beside_the_shaker_tells_its_own_scale():
     assert found.values["sensor.velocity_scale"] == pytest.approx(8.0, rel=0.03)
     with pytest.raises(IdentificationError, match=r"velocity is in volts: name its scale"):
         identify(DEVICE, laser, free=["oscillator.damping"])
+
+
+@pytest.mark.exhaustive
+@pytest.mark.parametrize("seed", [0, 2])
+def test_a_free_corner_of_the_voltage_is_not_biased(seed):
+    """What integrated noise would bias lies within three errors, and all within 3 %."""
+    scene, records, truth, corner = a_set(seed, "voltage highpass", noise=seed % 2 == 1)
+    key = "sensor.voltage_highpass"
+    found = identify(scene, records, free=["device", key], compare=False)
+    known = {name: value for name, (value, _) in numbers(truth).items()} | {key: corner}
+    off = {name: abs(value - known[name]) for name, value in found.values.items()}
+    for name in (key, "piezo.coupling", "piezo.capacitance"):
+        assert off[name] < 3.0 * found.standard_errors[name], name
+    for name, error in found.standard_errors.items():
+        assert off[name] < max(0.03 * abs(known[name]), 2.0 * error), name

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from harvester.identification.proof import ResponseStretch, Stretch, sensor_noise, whiteness
+from harvester.identification.spring_shape import SpringShape
 from harvester.identification.verdict import verdict
 
 RATE, SAMPLES = 100.0, 4000
@@ -14,7 +15,7 @@ MOTION = np.sin(2.0 * np.pi * 5.0 * TIME)
 NOISE = np.random.default_rng(1).standard_normal(SAMPLES)
 
 
-def judged(measured, predicted, kind=Stretch, **more):
+def judged(measured, predicted, kind=Stretch, shape=None, **more):
     """The verdict on one stretch, of a scene's own model alone."""
     columns = [each[:, None] if each.ndim == 1 else each for each in (measured, predicted)]
     stretch = kind("made.csv", ("voltage",), RATE, *columns, columns[1], 10, None, **more)
@@ -29,7 +30,7 @@ def judged(measured, predicted, kind=Stretch, **more):
         name="as given", better=0.0, error=0.0, is_better=False, is_as_good=True,
         fitted=SimpleNamespace(keys=[]),
     )  # fmt: skip
-    return verdict(base, [own], whiteness(stretch, 0, 0.2))
+    return verdict(base, [own], whiteness(stretch, 0, 0.2), shape=shape)
 
 
 @pytest.mark.parametrize("predicted", [0.0 * NOISE, 0.05 * NOISE[::-1], 1e-3 * MOTION])
@@ -56,3 +57,22 @@ def test_a_motion_within_noise_is_still_predicted():
 def test_a_model_that_misses_a_clear_motion_is_wrong():
     found = judged(MOTION + 0.01 * NOISE, -0.5 * MOTION)
     assert found.word == "incomplete"
+
+
+@pytest.mark.parametrize(
+    ("significance", "move", "half", "word", "said"),
+    [
+        (0.3, 0.1, 0.38, "fits", "with a term of power 5 too, which they do not exclude, they tell "
+         "restoring_force[3] to ± 38%"),
+        (4.2, 0.16, 0.05, "incomplete", "ask for a term of power 5 of the spring (4.2 standard"),
+        # A term that moves nothing that would be noticed is none.
+        (4.2, 0.01, 0.05, "predicts", "the model predicts"),
+        (0.3, 0.01, 0.05, "predicts", "the model predicts"),
+    ],
+)  # fmt: skip
+def test_a_spring_is_believed_as_far_as_records_tell_it(significance, move, half, word, said):
+    key = "oscillator.restoring_force[3]"
+    shape = SpringShape(5, significance, {key: move}, {key: half})
+    found = judged(MOTION + 0.01 * NOISE, MOTION, shape=shape)
+    assert found.word == word
+    assert said in found.sentence

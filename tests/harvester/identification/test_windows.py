@@ -4,6 +4,8 @@ import numpy as np
 import pytest
 from measured_records import scene_of
 
+from harvester.identification.measurement import Measurement
+from harvester.identification.response import Responses, experiment
 from harvester.identification.shooting import Fit
 from harvester.identification.windows import lengthened
 from harvester.monte_carlo.sampled import states_at_samples
@@ -65,3 +67,23 @@ def test_a_window_without_a_start_is_left_out():
     kept = np.r_[0:20, 40:60]
     assert np.array_equal(some[kept], states[kept])
     assert np.array_equal(some_ends[[0, 2]], ends[[0, 2]])
+
+
+@pytest.mark.slow
+def test_a_linear_device_follows_a_sine_as_its_closed_form_says():
+    """Of twelve samples a period, with errors of steps and path far below any interval."""
+    mass, damping, stiffness, coupling, capacitance, load = 0.01, 0.06, 57.0, 1e-3, 5e-8, 2e5
+    piezo = {"piezo": {"coupling": coupling, "capacitance": capacitance}}
+    scene = scene_of(mass, damping, [0.0, stiffness], piezo, load)
+    frequency, rate = 11.0, 132.0
+    turn = 2.0j * np.pi * frequency
+    electrical = turn * coupling / (turn * capacitance + 1.0 / load)
+    mechanical = stiffness + mass * turn**2 + turn * damping + coupling * electrical
+    response = -mass / mechanical * electrical
+    wave = np.exp(turn * np.arange(1200) / rate)
+    record = Measurement(wave.imag, rate, voltage=(response * wave).imag)
+    responses = Responses([experiment(scene, record, frequency)], [], "smooth", 1e-3)
+    # From rest: what the start leaves dies within the first half.
+    _, _, shown = responses.states(0, np.zeros(0), np.array([0, 1200]), np.zeros((1, 3)))
+    late = slice(600, 1190)
+    assert shown[late, 0] == pytest.approx(record.voltage[late], abs=1e-5 * abs(response))
