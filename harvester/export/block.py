@@ -329,8 +329,8 @@ def load_of(block: Block, dialect: str = "ngspice") -> str:
     if load is None or load.resistance or dialect not in ("ngspice", "ltspice"):
         return f"Rload p 0 {block.load_resistance!r}\n"
     nodes = {"p": "p", "n": "0", "out": "out", "ref": "ref"}
-    values = " ".join(f"{name}={value!r}" for name, value in load.parameters)
+    values = " ".join(f"{name}={value!r}" for name, value in load.parameters * load.is_plain)
     stray = STRAY_SHARE * block.ready.network.reference_capacitance
     strays = [f"Cstray_{pin} {pin} 0 {stray!r}\n" for pin in ("out", "ref") if load.has_output]
     call = f"Xload {' '.join(nodes[pin] for pin in load.pins)} {load.name} {values}".rstrip()
-    return "".join(strays) + f"{call}\n{load.text}"
+    return "".join(strays) + f"{call}\n{load.text if load.is_plain else load.run_text}"

@@ -31,14 +31,14 @@ OUTPUT_EFFECTS = {"offset": 0.0, "scale": 1.0, "delay": 0.0, "filter": 0.0}
 # The base's sensor has no delay: it would equal an opposite delay of all outputs.
 BASE_EFFECTS = {"offset": 0.0, "scale": 1.0, **HIGHPASSES}
 VOLTAGE_EFFECTS = {**HIGHPASSES, "resistance": math.inf}
-# Between samples an output is a polynomial of fifth degree through six of them: of twelve samples a
-# period, it is off by 1e-4 of the amplitude. One matrix for each position of the step among the
-# six: from the samples to the polynomial's coefficients, from the step's beginning.
+# Between samples an output is a polynomial of fifth degree through six of them. With twelve samples
+# a period its error is 1e-4 of the amplitude. There is one matrix for each place of the step among
+# the six; it gives each sample's polynomial, from the step's beginning.
 STENCILS = np.array(
     [np.linalg.inv(np.vander(np.arange(6.0) - n, increasing=True)) for n in range(5)]
 )
-# Below this magnitude of a pole per sample the moments come from Gauss quadrature, exact to
-# rounding; above it from a recursion, which loses no digits there.
+# If a pole per sample exceeds this magnitude, the recursion between moments loses no digits. Below,
+# the quadrature gives the moments to rounding.
 SHORT_MEMORY = 5.0
 _NODES, _WEIGHTS = np.polynomial.legendre.leggauss(16)
 QUADRATURE_PLACES, QUADRATURE_WEIGHTS = 0.5 * (_NODES + 1.0), 0.5 * _WEIGHTS

@@ -17,7 +17,7 @@ def test_a_trace_too_long_is_refused_with_its_size(tmp_path):
         write(harvester.Scene.load("paper_si"), "shepherd", tmp_path)
 
 
-@pytest.mark.slow
+@pytest.mark.exhaustive
 def test_shepherd_reads_the_energy_of_the_load(tmp_path, caplog):
     """V²/R of the load's own voltage, from the resistor's moments of the same run."""
     reader = pytest.importorskip("shepherd_core").Reader
