@@ -29,7 +29,8 @@ if TYPE_CHECKING:
     from harvester.excitation.prescribed import PrescribedDisplacement
     from harvester.scene.units import Scales
 
-# Before the velocity, where the noise's current is measured for what else it drives; only there.
+# Node `excited` lies before the velocity. An ammeter between them measures the noise's current,
+# which also drives a base voltage. The node exists only then.
 EXCITED, EXCITATION = "excited", "excitation"
 # Node `noise` exists only if the displacement is prescribed. Otherwise the noise is a current.
 DISPLACEMENT, VELOCITY, NOISE, HELD = "displacement", "velocity", "noise", "held_speed"

@@ -107,7 +107,7 @@ def for_ltspice(
     start: Any = None,
     step: str | float = "default",
 ) -> tuple[str, str | None]:
-    """The same netlist in LTspice's words, with the noise in a file beside it.
+    """The netlist of `stand_alone` in LTspice's syntax, with the noise in a separate file.
 
     Parameters
     ----------
@@ -204,7 +204,7 @@ def _header(before, scene, netlist, scales):
 
 
 def _reading(scene, netlist, scales):
-    """How the nodes read."""
+    """Lines that explain the nodes: quantity and unit of each."""
     si = scene.units == "SI"
     volts = "volts" if si else "scaled"
     shaken = f"v({BASE}): what the base's acceleration adds in series with the piezo, {volts}"

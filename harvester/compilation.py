@@ -119,7 +119,7 @@ def numbers_of(part: Any) -> list[float]:
 
 
 def address_of(function: Any, *arguments: Any) -> int:
-    """Where C finds a compiled function of arguments of these types; compiled where it is not.
+    """Address at which C can call a function for arguments of these types; compiled if need be.
 
     With the types in its signature it is found again on disk; a function made anew for each kind
     of device, with the kind among its free variables, is not.

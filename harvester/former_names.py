@@ -105,7 +105,7 @@ def install() -> None:
 
 
 def handed_on(package: str, module: str, name: str) -> object:
-    """What another module holds now, of a package that was one, or of a module that it left.
+    """An object under its former path, from the module that holds it now.
 
     Raises
     ------

@@ -67,7 +67,7 @@ def _limit(name):
 
 
 def _taken(line):
-    """What this process has taken already (bytes); 0 where the system does not tell."""
+    """Memory that this process uses (bytes); 0 if the system does not report it."""
     with contextlib.suppress(OSError):
         found = re.search(rf"{line}:\s+(\d+) kB", Path("/proc/self/status").read_text())
         if found:

@@ -66,7 +66,7 @@ class Method(ABC):
         return replace(self, **{name: value for name, value in given.items() if name in own})
 
     def beside_options(self, options: Mapping[str, Any], defaults: Mapping[str, Any]) -> Self:
-        """This method, where a call gives it as an object and perhaps options beside it.
+        """This method, given as an object; options of the same call must not contradict it.
 
         Raises
         ------

@@ -29,7 +29,7 @@ MOST_NUMBERS = 100_000
 
 @dataclass(frozen=True)
 class Kind:
-    """What an annotation says of an option beyond its Python type.
+    """Properties of an option that its annotation adds to its Python type.
 
     Attributes
     ----------
@@ -125,7 +125,7 @@ def grids_of(texts: list[str], option: str) -> dict[str, list[float]]:
 
 
 def over_of(texts: list[str], option: str) -> dict[str, list[Any]]:
-    """The same, where a list may also be of words: load.netlist=bridge,sece."""
+    """Keys to lists of numbers or words, from table.key=LIST: load.netlist=bridge,sece."""
     pairs = by_key(texts, option, "table.key=LIST")
     return {
         key: values.split(",") if values[:1].isalpha() else grid_of(values, f"{option} {key}")

@@ -157,13 +157,15 @@ off = {
     if name != "circuit"
 }
 figure, (above, below) = plt.subplots(2, sharex=True, figsize=(7.0, 5.0))
-for name, path in paths.items():
-    above.plot(time[1:-1], path, label=name, lw=2.5 if name == "circuit" else 1.0)
+for k, (name, path) in enumerate(paths.items()):
+    # PathSim's path hides FMPy's.
+    line = {"color": f"C{k}", "label": name, "ls": "--" if name == "PathSim" else "-"}
+    above.plot(time[1:-1], path, lw=2.5 if name == "circuit" else 1.0, **line)
     if name in off:
-        below.semilogy(time[1:-1], np.abs(path - paths["circuit"]) + 1e-9, label=name)
+        below.semilogy(time[1:-1], np.abs(path - paths["circuit"]) + 1e-9, lw=1.0, **line)
 above.set(ylabel="displacement (mm)")
-below.set(ylabel="difference (mm)", xlabel="time (s)")
-above.legend(ncols=len(paths))
+below.set(ylabel="from the circuit's (mm)", xlabel="time (s)")
+above.legend(ncols=len(paths), loc="lower center", bbox_to_anchor=(0.5, 1.0))
 plt.show()
 
 # %% [markdown]

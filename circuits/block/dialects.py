@@ -16,7 +16,7 @@ from circuits.loads.reader import statements
 from circuits.ltspice import to_ltspice, translate
 
 DIALECTS = ("ngspice", "ltspice", "pspice", "xyce")
-# Longest line: PSpice reads 132 characters.
+# Longest line in characters; PSpice reads 132.
 WIDTH = 120
 
 
@@ -47,7 +47,7 @@ def _lines(card):
     """A card's lines, none of them longer than every reader takes."""
     if len(card) <= WIDTH:
         return [card]
-    # A break within an expression stands where no name, number or call is cut.
+    # A break within an expression must not cut a name, number or call.
     pieces = re.split(r"(?<=[*,])|(?<= )", card)
     lines, line = [], ""
     for piece in pieces:

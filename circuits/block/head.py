@@ -14,9 +14,9 @@ if TYPE_CHECKING:
     from circuits.block.parameters import Parameters
     from harvester.prepared.prepared import Prepared
 
-# Steps of the trapezoidal rule in a period, and in a contact.
+# Steps of the trapezoidal rule in a period, and in a contact, for a path within about 1e-4.
 STEPS_PER_PERIOD, STEPS_PER_CONTACT = 2500, 400
-# A contact shorter than this share of a period is called stiff.
+# A contact is called stiff if it lasts less than this share of a period.
 STIFF = 0.05
 
 
@@ -28,7 +28,7 @@ def longest_step(ready: Prepared) -> float:
 
 
 def head(ready: Prepared, parameters: Parameters) -> list[str]:
-    """Lines without marks of a comment, a line for each parameter at the end."""
+    """Lines of the head without comment marks; the last ones describe one parameter each."""
     system, step = ready.system, longest_step(ready)
     period = 2.0 * math.pi / timescales.fastest_angular_frequency(system)
     speed = parameters.rate * parameters.length

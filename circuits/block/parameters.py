@@ -24,9 +24,9 @@ from harvester.scene.units import acting_stoppers
 if TYPE_CHECKING:
     from harvester.prepared.prepared import Prepared
 
-# Share of itself by which a factor may miss 1 and is left out.
+# A factor within this distance of 1 is left out.
 ROUNDING = 1e-12
-# Elements of the transducers' networks, by what their values are proportional to.
+# Elements of the transducers' networks, with the parameters that their values are proportional to.
 ELEMENTS = {
     "piezo": ("capacitance",),
     "charge": ("coupling",),
@@ -215,11 +215,11 @@ class Parameters:
         if key == "damping_factor" and f"{front}restitution" in self.given:
             e = f"{front}restitution"
             return f"0.75*(1-{e}*{e})"
-        # A force or an energy per mass, such as a piece of a table.
+        # This is a force or an energy per mass, such as a piece of a table.
         return self.proportional(value, "/mass") if "/rate^2" in meaning else number(value)
 
     def _of_gap(self, front, key, value):
-        """What of a contact's formula depends on its gap, beside a polynomial spring."""
+        """An expression for a number of a contact's formula that depends on the gap."""
         gap = f"{front}gap"
         if key == "gap":
             return self.proportional(value, gap)

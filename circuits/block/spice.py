@@ -107,12 +107,13 @@ def metered(network: Network) -> bool:
 def nodes_of(network: Network) -> dict[str, str]:
     """The block's nodes for those of the network that are pins of it."""
     terminal = "terminal" if metered(network) else "p"
-    # A network may have a node of this name, too: what the base's acceleration lifts.
+    # The network's node "base" is raised by the base's acceleration; its name is a pin's, so it is
+    # renamed.
     return {GROUND: "n", network.terminal: terminal, "base": "lifted"}
 
 
 def si_value(each: Element, parameters: Parameters) -> float:
-    """What an element is to V(velocity), the current into it or V(base); others as they are."""
+    """Value of an element in terms of V(velocity), its current or V(base); others unchanged."""
     rate, scales = parameters.rate, parameters.ready.scales
     if each.kind.startswith("moving"):
         return each.value * rate

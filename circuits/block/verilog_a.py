@@ -92,7 +92,7 @@ def _electrical(parameters: Parameters) -> list[str]:
     """Contributions of the transducer's network."""
     network: Network = parameters.ready.network
     lines = [_contribution(each, nodes_of(network), parameters) for each in network.elements]
-    # A voltage of nothing would make one node of two, and the current between them be none.
+    # A source of 0 V would merge both nodes and its current would read 0, so 1e-9 Ω measures it.
     return ["V(terminal, p) <+ 1e-9*I(terminal, p);", *lines] if metered(network) else lines
 
 

@@ -78,7 +78,7 @@ class Number:
         return self.builder.fcmp_ordered("<=", self.value, self._of(other))
 
     def where(self, condition: Any, other: Number) -> Number:
-        """These numbers where a condition holds, others elsewhere."""
+        """This number where a condition holds, the other elsewhere."""
         return Number(self.builder, self.builder.select(condition, self.value, other.value))
 
     def greater(self, other: Number | float) -> Number:
@@ -90,7 +90,7 @@ class Number:
         return Number(self.builder, self.builder.select(self < other, self.value, self._of(other)))
 
     def size(self) -> Number:
-        """What it is without its sign."""
+        """Its absolute value."""
         return self.greater(-self)
 
     def parts(self) -> list[Number]:
@@ -147,7 +147,7 @@ def beside(numbers: Sequence[Number]) -> Number:
 
 
 class Emitter:
-    """One function as it is written."""
+    """Builder of one function's machine code."""
 
     def __init__(self, module: Any, name: str) -> None:
         self._function = ir.Function(module, TYPE, name)

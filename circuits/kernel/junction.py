@@ -128,7 +128,7 @@ def slope(row: np.ndarray, voltage: float) -> float:
 
 
 def _at_breakdown(given, saturation, row, volts):
-    """What flows at the breakdown voltage (A).
+    """Current (A) at the breakdown voltage.
 
     The current given, of any area, less what the saturation current takes of it in ngspice's
     condition at the voltage where that alone flows.

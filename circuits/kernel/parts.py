@@ -234,5 +234,5 @@ _ADD = {
     "w": _switch, "v": _voltage_source, "i": _current_source, "e": _controlled,
     "g": _controlled, "f": _controlled, "h": _controlled, "b": _behavioural,
 }  # fmt: skip
-# Those that name others.
+# Letters of elements that name other elements, which must therefore be read first.
 _AFTER = "kfhw"

@@ -44,7 +44,7 @@ def stored_energy(device: Device, probes: Probes, state: State) -> float:
 
 @merged
 def given_power(device: Device, probes: Probes, state: State, slope: float, share: float) -> float:
-    """What mass and base give the transducer beyond its loss, a share of the change ahead (scaled).
+    """Power (scaled) from mass and base to the transducer, less its loss, at a share of the step.
 
     `slope` is the excitation's.
 

@@ -86,7 +86,7 @@ def slowest_time(ready: Prepared) -> float:
 
 
 def _place(tree, b, ground):
-    """Where the unknown of a level stands; what is not taken has none."""
+    """Index of a level's unknown; that of ground if the circuit has no such unknown."""
     if tree[0] == "i":
         return b.unknowns.get(f"i({tree[1]})", ground)
     return ground if tree[1] == GROUND else b.unknowns.get(tree[1], ground)

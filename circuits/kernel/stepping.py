@@ -78,9 +78,10 @@ MOST_JUMPS = 20
 # rest would be judged against nothing.
 MEMORY, SMALL_VOLTAGE = 200.0, 1e-3
 
-# A source chatters that jumps by half its greatest value in so many of the steps counted while they
-# are shorter on average than this share of the grid's. Smooth sources change by little in a step; a
-# step load without a hysteresis slides at 1e-8 of the grid's step, jumping in every fourth.
+# A run is stopped if a source chatters: in COUNTED steps that are on average shorter than
+# SLIDING_STEP of the grid's step, it jumps by half its greatest value in more than JUMPING_SHARE of
+# them. Smooth sources change by little in a step; a step load without a hysteresis slides at 1e-8
+# of the grid's step, jumping in every fourth.
 COUNTED, JUMPING_SHARE, SLIDING_STEP = 131072, 0.125, 1e-6
 
 # How `advance` ends: with its work done, or why it cannot go on.
@@ -212,7 +213,7 @@ def _until_corner(tables, time, step):
 
 @merged
 def _planned(plan, place, time, step):
-    """Where the load's own plan stands.
+    """Position in the load's plan at a time.
 
     Returns the place in it, the time left to the end of that place, the longest step that it
     allows, and whether the load jumps at that end.

@@ -59,7 +59,7 @@ def passed(tables: Tables, state: Any, time: float) -> tuple[bool, float]:
 
 @merged
 def accept_passed(tables: Tables, state: Any) -> None:
-    """What passes 0 where a source jumps, at the end of the step that was looked at last."""
+    """Keep the values whose zeros make sources jump, at the end of the last step."""
     for k in range(tables.turns.size):
         state.passing[k] = state.values[tables.turns[k]]
 

@@ -87,7 +87,7 @@ class Probes(NamedTuple):
 
 
 class Circuit(NamedTuple):
-    """What `build` gives.
+    """A built circuit, as `build` returns it.
 
     Attributes
     ----------

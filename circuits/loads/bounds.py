@@ -51,7 +51,7 @@ def bounds(tree: Tree, low: np.ndarray, high: np.ndarray) -> Pair:
 
 
 def _known(pair):
-    """What has no value lies anywhere."""
+    """Bounds in which nan (no value) becomes −∞ and ∞."""
     low, high = pair
     return np.where(np.isnan(low), -np.inf, low), np.where(np.isnan(high), np.inf, high)
 

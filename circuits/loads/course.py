@@ -1,4 +1,4 @@
-"""What a load does by itself in the course of time: its jumps, and the steps that follow it.
+"""A load's changes in time by itself: its jumps, and the steps that follow them.
 
 Sources and expressions of the time move whether or not the device does. Both engines ask here how
 long a step may be and where one has to end. The expressions' bounds over intervals tell: where one
@@ -90,7 +90,7 @@ class Course:
         return bool(self._found)
 
     def steps(self, step: float) -> Steps:
-        """What gives the plans of a run on a grid of this step (s)."""
+        """The plans of a run on a grid of this step (s)."""
         return Steps(self._found, step)
 
 

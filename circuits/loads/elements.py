@@ -68,7 +68,7 @@ class Element(NamedTuple):
 
     @property
     def many(self) -> float:
-        """How many of it lie side by side."""
+        """Number of equal elements in parallel."""
         return self.get("m", 1.0)
 
     @property

@@ -36,7 +36,7 @@ class Length(NamedTuple):
     share: int = 0
 
     def plus(self, other: Length) -> Length:
-        """Both texts, one after the other."""
+        """Length of both texts, one after the other."""
         return Length(self.own + other.own, self.share + other.share)
 
     def given(self, argument: Length) -> Length:

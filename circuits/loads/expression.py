@@ -276,7 +276,7 @@ def _number(text):
 
 
 def _solution(text):
-    """v(a), v(a,b) or i(source): names of nodes are free."""
+    """The tree of v(a), v(a,b) or i(source); a node may have any name."""
     names = [name.strip() for name in text[2:-1].split(",")]
     most = 2 if text[0] == "v" else 1
     if len(names) > most:
@@ -305,7 +305,7 @@ def parts_of(tree: Tree) -> Tree:
 
 
 def rebuilt(tree: Tree, made: Callable) -> Any:
-    """What a tree comes to from its leaves on: `made(tree, what its parts came to)` of each.
+    """Value of a tree, built from its leaves: `made(tree, values of its parts)` for each node.
 
     Without recursion: a sum of a thousand terms is a thousand deep.
     """
@@ -475,7 +475,7 @@ def _of_parameters(name, arguments):
     try:
         return ("number", math.pow(x if name == "pow" else abs(x), y))
     except (ValueError, OverflowError):
-        raise ExpressionError(f"{name} of a number that has none") from None
+        raise ExpressionError(f"{name}() has no value for these numbers") from None
 
 
 def _folded(kind, parts, names):
@@ -487,13 +487,13 @@ def _folded(kind, parts, names):
         return (kind, *parts)
     numbers = [part[1] for part in parts]
     if kind in ("%", "/") and names.parameters_only and numbers[1] == 0.0:
-        raise ExpressionError(f"{kind} of a number that has none: it divides by 0")
+        raise ExpressionError(f"{kind} has no value: it divides by 0")
     if kind == "%":
         value = math.fmod(*numbers) if numbers[1] else math.nan
     else:
         value = folded(kind, numbers)
     if not math.isfinite(value):
-        raise ExpressionError(f"{kind} of a number that has none")
+        raise ExpressionError(f"{kind} has no value for these numbers")
     return ("number", value)
 
 

@@ -88,7 +88,7 @@ class _Line:
         refuse(self.card, f"{self.name}: {fault}")
 
     def numbers(self, *without: str) -> dict[str, float]:
-        """What stands there as name=value."""
+        """Values of the element's name=value settings."""
         return {k: self.scope.value(v) for k, v in self.named.items() if k not in without}
 
     def model(self, name: str) -> Model:

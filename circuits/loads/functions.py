@@ -102,12 +102,12 @@ def _arithmetic(code, a, b):
 
 
 def divisor(b: float) -> float:
-    """What ngspice divides by."""
+    """The divisor that ngspice uses in place of b: moved away from 0."""
     return b + LEAST_DIVISOR if b >= 0.0 else b - LEAST_DIVISOR
 
 
 def _piecewise(code, a, b):
-    """What compares, or is straight between corners."""
+    """Value of a function that compares, or is straight between corners."""
     if code == GREATER:
         return max(a, b)
     if code == LESSER:

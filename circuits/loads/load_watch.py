@@ -102,7 +102,7 @@ def _switch(each, pins):
 
 
 def _comparisons(parts, pins):
-    """The same of each comparison that makes an expression jump, as a switch."""
+    """Pins and thresholds, as `_switch` gives them, of each comparison that makes a jump."""
     potentials = Potentials(parts)
     found = [
         passing(passed)

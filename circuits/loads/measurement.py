@@ -40,7 +40,7 @@ class Measurement(_Rows):
     Attributes
     ----------
     rows : tuple of (str, str)
-        Kind and name of each value; what a state takes is a row of the kind `TAKEN`. Levels last.
+        Kind and name of each value; the power that a state takes has the kind `TAKEN`. Levels last.
     trees : tuple
         Their expressions, see `circuits.loads.expression`.
     watched : tuple of str
@@ -71,7 +71,7 @@ class Measurement(_Rows):
         return [None if place is None else unknowns[place] for place in self._level_places]
 
     def values(self, time: np.ndarray, unknowns: np.ndarray, unit: float) -> np.ndarray:
-        """Values of all rows but the levels at consecutive points.
+        """Values of all measures except levels at consecutive points in time.
 
         Parameters
         ----------
@@ -79,7 +79,7 @@ class Measurement(_Rows):
         unknowns : ndarray, shape (len(watched), n)
             In V and A.
         unit : float
-            Of a watt and a joule.
+            Factor from a watt and a joule to the wanted unit.
 
         Returns
         -------

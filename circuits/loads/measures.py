@@ -34,7 +34,7 @@ class Measure(NamedTuple):
         ("store"), or a condition ("state").
     name : of its quantities.
     expression : in W, J, or true above 0.
-    taking : of a state, the power taken while it holds; "" where none is told.
+    taking : the power (W) that a state takes while it holds; "" where none is given.
     where : "file:line".
     trees : of both expressions, once they are read in the load's own sub-circuit.
     """
@@ -48,7 +48,7 @@ class Measure(NamedTuple):
 
     @property
     def text(self) -> str:
-        """What it says, wherever it stands."""
+        """The measure as text, without the place where it stands."""
         return f"{self.kind} {self.name}={self.expression} taking {self.taking}\n"
 
     @property

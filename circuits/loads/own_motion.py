@@ -384,7 +384,7 @@ class _Circuit:
 
 
 def _value(source, which):
-    """What a source gives at the beginning (0), and at its other end (1)."""
+    """Value of a source at the beginning (0), or at its other end (1)."""
     if source.wave is None:
         return source.value
     if which == 0:

@@ -1,4 +1,4 @@
-"""What of a load holds charge or flux, and the voltages and currents by which it is followed."""
+"""A load's capacitors and coils, and the voltages and currents by which they are followed."""
 
 from __future__ import annotations
 

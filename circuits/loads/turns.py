@@ -46,7 +46,7 @@ def turns(tree: Tree) -> tuple[Tree, ...]:
 
 
 def _passed(tree: Tree) -> Iterator[Tree]:
-    """What passes 0 where a part of a tree turns."""
+    """Expressions that pass 0 where a part of a tree turns."""
     half_turn = ("number", math.pi)
     for each in leaves(tree):
         if each[0] in ("<", "<="):
@@ -98,7 +98,7 @@ def _jumps(tree, passed):
 
 
 def passing(passed: Tree) -> Passing | None:
-    """What passes 0 as two unknowns and a level, or None where it is not so simple."""
+    """An expression that passes 0 as two unknowns and a level; None if it is less simple."""
     names = _unknowns(passed)
     try:
         from circuits.loads.tape import Values

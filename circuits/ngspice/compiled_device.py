@@ -162,7 +162,7 @@ def _compile(compiler, text, work, folder, key):
 
 
 def _run(compiler, *arguments):
-    """What the compiler says on success; its first words as the error otherwise."""
+    """Run the compiler and return its output; a failure raises its first words."""
     try:
         done = subprocess.run(
             [compiler, *arguments], capture_output=True, text=True, timeout=TIME_LIMIT
@@ -181,7 +181,7 @@ def _digest(content):
 
 
 def _answer(engine, command):
-    """What ngspice has to say to a command, in one line."""
+    """ngspice's reply to a command, in one line."""
     heard = len(engine.messages)
     # The text goes into an exception if it matters.
     with contextlib.redirect_stderr(io.StringIO()):

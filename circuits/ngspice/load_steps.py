@@ -26,8 +26,8 @@ GROWTH = 2.0
 # A step takes this share of the time left to a switch's turn. ngspice takes a step back that ends
 # less than 1.2 of the control's last change from the threshold: 0.45 leaves 0.55/0.45 = 1.22.
 APPROACH = 0.45
-# The same share for a coil whose current comes to zero, where a diode in series ends it. A current
-# below IDLE times the error that is allowed is not watched so.
+# A step takes this share of the time left until a coil's current reaches zero, where a diode in
+# series ends it. A current below IDLE times the allowed error is not watched.
 COIL_APPROACH, IDLE = 0.5, 10.0
 # A turn is located to LOCATED of the switch's hysteresis, since a control that overshoots may turn
 # another switch. It is not located better than LEAST_LOCATED of the shortest step, or than that
@@ -157,7 +157,7 @@ def _turns(history, now, last, switches, memory, limits, longest):
 
 @uncounted
 def _derivatives(history, now, column):
-    """What is kept, how fast it changed in the last step, and its third derivative's size."""
+    """A store's voltage or current, its rate in the last step, and |third derivative|."""
     points, times, _ = history
     a = points[now[0], column] - points[now[0], column + 1]
     b = points[now[1], column] - points[now[1], column + 1]

@@ -1,4 +1,4 @@
-"""What ngspice says, by its stream and form: names and titles within a message mean nothing."""
+"""ngspice's messages, classified by stream and form, not by names or titles within them."""
 
 from __future__ import annotations
 

@@ -249,7 +249,7 @@ class Session(NgSpiceShared):
         self._service = (self._flush, self._move_window, self._plan_ahead)
 
     def _begin_watching(self, netlist, copies, first):
-        """What of the load decides the steps, from that column on."""
+        """Set up the watch of the load's switches and stores, from column `first` on."""
         watch, state = netlist.watch, self.state[0]
         switches = np.array(watch.switches, dtype=float).reshape(-1, 3)
         self._switches = switches[:, :2].copy()

@@ -24,7 +24,7 @@ NEGLIGIBLE = np.log(1e-9)
 
 
 class Layer:
-    """What has one value on each orbit of an edge, as a function of the phase plane.
+    """A quantity that is constant on each orbit of an edge, as a function of the phase plane.
 
     Parameters
     ----------

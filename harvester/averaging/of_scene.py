@@ -135,7 +135,7 @@ def average(
 
 
 def _left_out(system, closure):
-    """What a closure does not have of a device, said."""
+    """Notes on effects of the device that the closure leaves out."""
     from harvester.averaging import CLOSURES
 
     share = system.transducer.base_rate(1.0)
@@ -163,7 +163,7 @@ def _closure_alone(method: Method) -> Stationary:
 def averages_of(
     scene: Scene, closure: str, tolerance: float | None = None, memory: bool = False
 ) -> Averages:
-    """What a closure gives of a scene, scaled; see `harvester.averaging.average`.
+    """Scaled means by a closure for a scene; see `harvester.averaging.average`.
 
     Raises
     ------
@@ -218,7 +218,7 @@ def _refuse_range(scene):
 
 
 def estimates_of(averages: Averages) -> dict[str, Estimate]:
-    """What a closure gives, as estimates with its numerical error."""
+    """A closure's means as estimates with its numerical error."""
     from harvester.estimates.estimate import Estimate
 
     values = {name: getattr(averages, name) for name in DIMENSIONS} | averages.between_wells

@@ -26,7 +26,7 @@ LOWEST, HIGHEST = 2.0**-10, 2.0**34
 BEYOND = np.array([1e14, 1e15])
 # The stated relative error of a mean is never smaller than this.
 LEAST_ERROR = 1e-8
-# A Gaussian density is tabulated up to so many standard deviations, at so many places.
+# A Gaussian density is tabulated at this many places, up to this many standard deviations.
 DEVIATIONS, PLACES = 6.0, 241
 
 
@@ -167,7 +167,7 @@ def _quadrature(matrix, corners, nodes):
 
 
 def _means(system, covariance):
-    """What `Averages` holds, from the covariance."""
+    """The means that `Averages` holds, from the covariance."""
     part, velocity = system.transducer, covariance[1, 1]
     displaced = -float(system.spring.force(0.0)) / float(system.spring.slope(0.0))
     power = _quadratic(part.load_power, covariance)
@@ -201,7 +201,7 @@ class GaussianDensity:
     system : System
     covariance : ndarray, shape (3, 3)
     gaussian : bool
-        False: sines or bursts are in it, and no density is told.
+        False: the noise holds sines or bursts, and there is no density.
     """
 
     system: Any

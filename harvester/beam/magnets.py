@@ -16,7 +16,7 @@ from harvester.device.keys import SI, Key, not_negative, positive
 from harvester.errors import SceneError
 
 VACUUM_PERMEABILITY = 1.25663706212e-6
-# Points of the table. A smooth table has at most 32 pieces, whatever their number.
+# Points of the table of force. A smooth table has at most 32 pieces, whatever the number of points.
 POINTS = 513
 
 
@@ -90,7 +90,8 @@ def magnetic_force(
     for place in places:
         y = place - x
         square = d**2 + y**2
-        # The frame's dipole is along the beam, the tip's turned; both by the vector (d, y).
+        # `along` and `turned` are the dipoles' components along the vector (d, y): the frame's
+        # dipole lies along the beam, the tip's turns with it.
         along = d * cos + y * sin
         turned = slope * (y * cos - d * sin) - sin
         r3, r5 = square**1.5, square**2.5

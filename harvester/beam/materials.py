@@ -22,7 +22,7 @@ _MFC = (
 
 
 class Material(NamedTuple):
-    """What a layer without electrodes is made of: Pa, kg/m³."""
+    """A passive material: modulus (Pa) and density (kg/m³)."""
 
     modulus: float
     density: float
@@ -30,7 +30,7 @@ class Material(NamedTuple):
 
 
 class Piezoceramic(NamedTuple):
-    """What an active layer is made of.
+    """The material of an active layer.
 
     Attributes
     ----------

@@ -13,11 +13,11 @@ from typing import NamedTuple
 import numpy as np
 from scipy.optimize import brentq
 
-# Points of a Gauss rule on a piece; the first modes have less than a few waves in it.
+# Points of the Gauss quadrature on each piece; the first modes have less than a few waves in one.
 GAUSS_POINTS = 24
-# The search for roots steps by this factor in λ ~ √ω below λ = 1, and by this step above.
+# The search for roots multiplies λ ~ √ω by the first number below λ = 1, and adds the second above.
 FACTOR, STEP = 1.1, 0.1
-# Where the search begins; a tip of 1e6 beams has λ = 0.04.
+# Smallest λ, where the search begins; a tip of 1e6 times the beam's mass has λ = 0.04.
 SMALLEST_LAMBDA = 1e-3
 
 
@@ -72,7 +72,7 @@ class Rest(NamedTuple):
 def modes(
     pieces: Sequence[Piece], tip: Tip, count: int = 1, root_compliance: float = 0.0
 ) -> list[Mode]:
-    """The first modes.
+    """The lowest modes of the beam.
 
     Parameters
     ----------
@@ -104,7 +104,8 @@ def clamp_compliance(pieces: Sequence[Piece], tip: Tip, angular_frequency: float
     square = _square_root_scale(pieces)
     value = math.sqrt(angular_frequency / square)
     rigid = _ends(value, pieces, tip)
-    # The determinant is linear in the compliance: 0 = rigid + compliance·turned.
+    # The determinant is linear in the compliance; its root is where determinant + compliance ·
+    # turned = 0.
     determinant = rigid[0, 2] * rigid[1, 3] - rigid[0, 3] * rigid[1, 2]
     turned = rigid[0, 1] * rigid[1, 3] - rigid[0, 3] * rigid[1, 1]
     return -determinant / turned
@@ -144,7 +145,7 @@ def shape(
 
 
 def _square_root_scale(pieces):
-    """ω of λ = 1 of a beam with the mean rigidity and mass."""
+    """The ω (rad/s) at λ = 1 of a uniform beam with the mean rigidity and mass."""
     length = sum(each.length for each in pieces)
     rigidity = length / sum(each.length / each.rigidity for each in pieces)
     mass = sum(each.mass * each.length for each in pieces) / length
@@ -152,7 +153,7 @@ def _square_root_scale(pieces):
 
 
 def _transfer(x, rigidity, wave):
-    """The state at x of that at the piece's begin (Krylov's functions)."""
+    """Matrix from the state at a piece's begin to that at x (Krylov's functions)."""
     angle = wave * x
     cosh, cos, sinh, sin = math.cosh(angle), math.cos(angle), math.sinh(angle), math.sin(angle)
     fourth = wave**4
@@ -169,13 +170,13 @@ def _transfer(x, rigidity, wave):
 
 
 def _waves(value, pieces):
-    """ω of a λ, and the wave number of each piece."""
+    """The ω (rad/s) of a λ, and the wave number (1/m) of each piece."""
     frequency = value**2 * _square_root_scale(pieces)
     return frequency, [(each.mass * frequency**2 / each.rigidity) ** 0.25 for each in pieces]
 
 
 def _ends(value, pieces, tip):
-    """What the tip's two conditions are of each part of the state at the root."""
+    """Residuals of the tip's two conditions, for each unit component of the state at the root."""
     frequency, waves = _waves(value, pieces)
     whole = np.eye(4)
     for piece, wave in zip(pieces, waves, strict=True):
@@ -208,7 +209,7 @@ def _walk(
 
 
 def _mode(value, pieces, tip, root_compliance):
-    """The mode of a root λ, of unit modal mass."""
+    """The mode that belongs to a root λ, normalized to unit modal mass."""
     nodes, weights = np.polynomial.legendre.leggauss(GAUSS_POINTS)
     kinetic = forcing = coupling = 0.0
     state = np.zeros(4)

@@ -14,7 +14,7 @@ from harvester.beam.table import Beam, lumped, pieces_of, section, tip_of
 
 
 class ClampStrain(NamedTuple):
-    """What makes strain (1) and stress (Pa) at the clamp.
+    """Coefficients of the strain (1) and the stress (Pa) at the clamp.
 
     Attributes
     ----------

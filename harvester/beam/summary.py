@@ -1,4 +1,4 @@
-"""What a drawing comes to, as rows with the equation of each, and as a figure."""
+"""Lumped values of a beam's drawing, as rows with their equations and as a figure."""
 
 from __future__ import annotations
 

@@ -16,16 +16,17 @@ from harvester.beam.modes import Piece, Tip, clamp_compliance, modes, rest
 from harvester.device.keys import SI, Key, not_negative, positive
 from harvester.errors import SceneError
 
-# Thickness over length above which shear is no longer small: a fifth costs 4 % of the frequency
-# (Timoshenko's first correction), a tenth 1 %.
+# Thickness over length that is refused, and that gets a note: shear is no longer small. A fifth
+# costs 4 % of the frequency (Timoshenko's first correction), a tenth 1 %.
 THICKEST, THICK = 0.2, 0.1
-# Width over length from which a plate's stiffness begins, up to 1/(1 − ν²) = 10 % more.
+# Width over length that gets a note: a plate is stiffer, by up to 1/(1 − ν²) = 10 %.
 WIDE = 0.5
-# A patch shorter than so many of its thicknesses does not follow the beam at its ends.
+# A patch shorter than the first number of its thicknesses is refused, than the second noted: it
+# does not follow the beam at its ends.
 SHORTEST_PATCH, SHORT_PATCH = 2.0, 10.0
-# How far the thickness of a layer that is sold in one may be off it: its tolerances.
+# A layer that is sold in one thickness may differ from it by this share: its tolerances.
 PACKAGE = 0.1
-# The line of Basquin: N = cycles (strain/ε)^exponent cycles of the amplitude ε end the life.
+# Keys of Basquin's line: N = cycles (strain/ε)^exponent cycles of the amplitude ε end the life.
 FATIGUE = ("fatigue_strain", "fatigue_cycles", "fatigue_exponent")
 
 
@@ -142,7 +143,7 @@ class Beam:
 
 
 class Lumped(NamedTuple):
-    """What a drawing comes to at its tip (SI), electrodes short-circuited.
+    """Lumped values of a drawing at its tip (SI), electrodes short-circuited.
 
     Attributes
     ----------
@@ -196,7 +197,7 @@ class Lumped(NamedTuple):
 
     @property
     def one_mode_open_frequency(self) -> float:
-        """The same with the material's capacitance alone, as published models of one mode have."""
+        """Open-circuit frequency (Hz) with Cp alone, as published one-mode models have it."""
         return self.short_frequency * math.sqrt(1.0 + self.coupling_squared)
 
 
@@ -232,7 +233,7 @@ def section(beam: Beam, covered: bool) -> Section:
 
 
 def _moment_per_volt(beam, axis):
-    """ϑ of all layers: e31 b (arm) of one whose field is V/h_p, or V over the spacing."""
+    """ϑ (N m/V) of all layers: e31 b times arm for each; the field is V/h_p, or V/spacing."""
     active, _, d31, _ = beam.active
     arm = beam.thickness / 2.0 + beam.piezo_thickness / 2.0 - axis
     field = 1.0 if beam.electrode_spacing is None else beam.piezo_thickness / beam.electrode_spacing
@@ -271,7 +272,7 @@ def layer_capacitance(beam: Beam) -> float:
     if beam.electrode_spacing is None:
         one /= beam.piezo_thickness
     else:
-        # A capacitor between each pair of fingers, all of them in parallel.
+        # Each pair of fingers forms a capacitor; all of them are in parallel.
         one *= beam.piezo_thickness / beam.electrode_spacing**2
     if beam.layers == 1:
         return one
@@ -370,7 +371,7 @@ def notes(beam: Beam) -> list[str]:
 
 
 def _check(beam, origin):
-    """Refuse what is no slender cantilever, and what is said twice or by halves."""
+    """Refuse a beam that is not slender, and values given twice or incompletely."""
     begin, end = beam.patch
     thickness = beam.thickness + beam.layers * beam.piezo_thickness
     if not begin < end <= beam.length * (1.0 + 1e-9):

@@ -26,7 +26,7 @@ class Source(NamedTuple):
 
 
 class Used(NamedTuple):
-    """What a result says of itself: its scene's tables and its engines' names."""
+    """The parts of a result that decide its citations: its scene's tables and engines' names."""
 
     scene: dict
     engines: tuple

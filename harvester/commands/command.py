@@ -26,7 +26,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class Command:
-    """A command that is its function: what that prints is the result.
+    """A command that only calls its function, which prints the result itself.
 
     Attributes
     ----------

@@ -81,7 +81,7 @@ def progress() -> Iterator[Callable]:
 class _Lines:
     """Says how long a run still takes: after a few seconds, then each time it has doubled.
 
-    A share that falls is that of the next list of tasks.
+    If the reported share falls, a new list of tasks has begun.
 
     Also that nothing has been reported yet, where the start itself takes that long.
     """

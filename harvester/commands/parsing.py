@@ -134,7 +134,7 @@ def _with_default(option, text):
 
 
 def values_of(options: Namespace, function: Callable) -> dict[str, Any]:
-    """What a call says of a function's options, read and checked as the annotations say.
+    """Values of a function's options in a call, read and checked by the annotations.
 
     Raises
     ------

@@ -100,7 +100,7 @@ class ResistiveCoil(Unshaken, _Resistances):
         return self.winding_damping * current * current
 
     def stored_energy(self, state: Values) -> Values:
-        """Nothing is stored."""
+        """Stored energy: 0, without inductance."""
         return 0.0
 
     def stiffness(self, mechanical: float) -> float:

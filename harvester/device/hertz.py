@@ -129,7 +129,7 @@ class HertzDamp(NamedTuple):
         return self.duration_factor * greatest / speed
 
     def shortened(self, square_speed: float, steps: int, longest: float) -> float:
-        """`longest`, or the step that takes so many steps for a contact of this speed² (s)."""
+        """Step (s) that divides a contact at this speed² into so many steps, at most `longest`."""
         if self.exponent == HERTZ_EXPONENT:
             # The same comparison without a power, for the usual case of a soft contact.
             bound = HERTZ_DURATION / (steps * longest)

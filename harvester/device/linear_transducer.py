@@ -12,7 +12,7 @@ from harvester.device.values import Values
 
 
 class Unshaken:
-    """What the base's acceleration does to a transducer by itself: nothing, unless it says so."""
+    """A transducer on which the base's acceleration does not act directly."""
 
     __slots__ = ()
 
@@ -79,7 +79,7 @@ class LinearTransducer(Unshaken):
         return 0.5 * self.coupling * state * state
 
     def stiffness(self, mechanical: float) -> float:
-        """What it adds to a stiffness per mass at the frequency of that stiffness (1/s²)."""
+        """Stiffness per mass (1/s²) that the transducer adds, at the frequency of the given one."""
         square = abs(mechanical) + self.coupling
         return self.coupling * square / ((self.load_rate + self.own_rate) ** 2 + square)
 

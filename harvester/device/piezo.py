@@ -24,7 +24,7 @@ BASE = "base"
 
 
 class PiezoLaw(LinearTransducer):
-    """What a piezo has, whether the base's acceleration moves charge or not."""
+    """Properties that every piezo has, whether or not the base's acceleration moves charge."""
 
     __slots__ = ()
 
@@ -80,7 +80,7 @@ class ShakenPiezo(PiezoLaw, _ShakenRates):
         return state - self.base_share * noise
 
     def current(self, v: Values, state: Values) -> Values:
-        """Of a resistor as load, V/(R Cp)."""
+        """Scaled current through a resistive load, V/(R Cp)."""
         return self.load_rate * state
 
 

@@ -53,7 +53,7 @@ class Ranged(NamedTuple):
 
     @property
     def line(self) -> tuple[float, float]:
-        """Nothing: `nonlinear_formula` is the whole force."""
+        """Constant and linear part of the force: both 0, `nonlinear_formula` is the whole force."""
         return 0.0, 0.0
 
     @property

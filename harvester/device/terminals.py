@@ -1,4 +1,4 @@
-"""What every transducer says of itself: its table in a scene, and its network in neutral terms.
+"""Interface of every transducer: its table in a scene, and its network in neutral terms.
 
 A transducer is one module with two classes: the named tuple of its scaled equations, which are
 those of `harvester.device.linear_transducer`, and its table, derived from `TransducerTable`. It
@@ -16,7 +16,7 @@ LOAD_AMMETER = "load"
 
 
 class Setting(NamedTuple):
-    """What a transducer is built into, in the scene's units.
+    """Surroundings of a transducer (mass, length, load), in the scene's units.
 
     Attributes
     ----------

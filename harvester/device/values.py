@@ -1,4 +1,4 @@
-"""What the equations of a device take and give: a float, or an array of any shape."""
+"""Type of the numbers in a device's equations: a float, or an array of any shape."""
 
 from typing import Any, TypeAlias
 

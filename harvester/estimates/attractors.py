@@ -14,24 +14,27 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-# Longest period looked for, in forcing periods, and how often it must be seen.
+# Longest period that is tested, in forcing periods, and how many repetitions of it the samples must
+# cover.
 LONGEST_PERIOD, SEEN = 24, 2.0
-# Difference of samples, as a share of their greatest, at which a motion repeats itself; and within
-# which cycles are the same: starts that still settle lie apart by several times what they change in
-# a period.
+# A motion repeats if its samples differ by at most the first share of their greatest, and two
+# cycles are the same if they differ by at most the second: starts that still settle lie apart by
+# several times what they change in a period.
 REPEATS, SAME_CYCLE = 1e-4, 1e-2
-# Largest difference of a shorter repetition that counts as what is left of settling: a spiral that
-# turns by a third of a circle a period is nearly the same after three.
+# A shorter period is taken instead of its multiple if it repeats to within this share: a decaying
+# spiral that turns by a third of a circle a period nearly repeats after three.
 STILL_SETTLING = 3e-3
-# Samples beyond two periods for which a start that still settles is that close to its cycle: of
-# 1681 starts of the scene `device` under a sine one came to its orbit too late for `REPEATS`.
+# A start joins a cycle if it stayed within `SAME_CYCLE` of it for two cycles and this many samples
+# more: of 1681 starts of the scene `device` under a sine one came to its orbit too late for
+# `REPEATS`.
 STAYS = 6
-# The same for a path with noise in it: the longest period looked for, and the correlation.
+# For a path with noise: the longest period that is tested, in forcing periods, and the correlation
+# above which it repeats.
 LONGEST_IN_NOISE, CORRELATED = 6, 0.95
-# Cells a side of the section in which motions without a period are told apart, in units of √samples
-# (24 for 64; with 24 for 19 samples one chaotic motion of eight starts was taken for two), and
-# the share of one start's samples in cells of the other, or beside them, from which they are on one
-# attractor.
+# Motions without a period are compared on a grid of cells over the section; its side has this many
+# times √samples cells (24 for 64; with 24 for 19 samples one chaotic motion of eight starts was
+# taken for two). Two starts are on one attractor if this share of one's samples lies in or beside
+# cells of the other.
 CELLS, SAME_CELLS = 3.0, 0.7
 
 
@@ -55,7 +58,7 @@ class Group:
     points: np.ndarray
 
 
-# Points kept of a motion without a period.
+# Most points that are kept of a motion without a period.
 MOST_POINTS = 5000
 
 
@@ -79,7 +82,7 @@ def repetition(samples: np.ndarray, scale: np.ndarray | None = None) -> np.ndarr
         open_ = np.flatnonzero(found == 0)
         if not open_.size:
             break
-        # Two periods back from the end, so that a start may settle late.
+        # Only the last two periods are compared, so that a start may settle late.
         back = min(samples.shape[1], max(math.ceil(SEEN * period), period + 4))
         last = samples[open_, -back:]
         repeats = _change(last, period, scale) <= REPEATS
@@ -124,9 +127,9 @@ def _change(samples, period, scale):
 
 
 def sizes_of(samples: np.ndarray) -> np.ndarray:
-    """The greatest of each of the three, 1 where all are 0; shape (3,)."""
+    """Greatest |X|, |X'| and |state| of all samples, 1 where all are 0; shape (3,)."""
     greatest = np.nanmax(np.abs(samples), axis=(0, 1), initial=0.0)
-    # What only rounds about zero has no size of its own.
+    # A variable that is zero but for rounding has no size of its own.
     return np.where(greatest > 1e-12 * greatest.max(initial=0.0), greatest, 1.0)
 
 
@@ -151,7 +154,7 @@ def groups_of(samples: np.ndarray) -> list[Group]:
 
 
 def groups_that_meet(samples: np.ndarray) -> list[Group]:
-    """Starts by where they came to under one record: those that came together move alike.
+    """Starts in groups that came to the same path under one record.
 
     Parameters
     ----------
@@ -190,7 +193,7 @@ def _joined(cycles, samples, scale, members):
     for cycle in cycles:
         back = min(samples.shape[1], 2 * cycle.period + STAYS)
         last = samples[members, -back:]
-        # The last sample of a cycle is that of the last time, turned by a shift.
+        # Each row shifts the cycle by one sample: a start may end anywhere on the cycle.
         turns = (np.arange(-back, 0)[None, :] + np.arange(cycle.period)[:, None]) % cycle.period
         apart = np.abs(last[:, None] - cycle.points[turns]) / scale
         late = apart.max(axis=(2, 3)).min(axis=1) <= SAME_CYCLE
@@ -208,7 +211,7 @@ def _wanderers(samples, members):
     span = np.where(high > low, high - low, 1.0)
     count = round(CELLS * math.sqrt(section.shape[1]))
     cells = np.minimum(((section - low) / span * count).astype(int), count - 1)
-    # Of each group the cells that it fills, and these with those beside them.
+    # For each group: its filled cells, and these together with the neighbouring ones.
     filled: list[tuple[np.ndarray, np.ndarray]] = []
     groups: list[list[int]] = []
     for place in range(members.size):
@@ -228,7 +231,7 @@ def _wanderers(samples, members):
 
 
 def _united(filled, groups):
-    """Groups whose cells are, when all starts are counted, mostly those of another: as one."""
+    """Groups, after those whose cells mostly belong to another group are joined to it."""
     order = sorted(range(len(groups)), key=lambda k: -int(filled[k][0].sum()))
     kept: list[int] = []
     for k in order:
@@ -285,10 +288,11 @@ class Divergence:
         return f"{self.exponent:.3g} ± {self.standard_error:.2g}"
 
 
-# Of neighbours' distance, in units of the motion's size: up to where it grows as it does without an
-# end; and in units of what it was at the beginning, from where its direction is the fastest one.
+# The exponent is taken while the distance of two neighbours is below the first number, in units of
+# the motion's size (beyond, growth saturates), and after it has grown by the second factor, when it
+# points in the direction of fastest growth.
 LARGEST_DISTANCE, TURNED = 1e-2, 10.0
-# Periods after which a distance is in the fastest direction even where it has not grown.
+# The distance points in that direction after this many periods, even where it has not grown.
 TURNED_PERIODS = 8
 
 

@@ -42,7 +42,7 @@ class Estimate:
     note: str = ""
 
     def times(self, factor: float) -> Estimate:
-        """The same in other units, each so many times smaller."""
+        """The estimate in a unit that is smaller by this factor."""
         error = self.standard_error
         return replace(
             self,

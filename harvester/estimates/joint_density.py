@@ -99,7 +99,7 @@ def joint_density(
 
 
 def _bins_to_merge(counts):
-    """How many bins of one axis to take together, for about `BINS` where the density matters."""
+    """Number of bins of one axis to merge, so that about `BINS` cover the relevant density."""
     seen = np.flatnonzero(counts > MATTERS * counts.max())
     return max(1, round((seen[-1] - seen[0] + 1) / BINS)) if seen.size else 1
 

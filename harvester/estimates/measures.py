@@ -162,7 +162,7 @@ def _hourly(events, time):
 
 
 def _first(times):
-    """Mean over the realizations that got there; only where all did, with an error bar."""
+    """Mean over the realizations that reached the state; an error bar only if all did."""
     reached = [each for each in times if math.isfinite(each)]
     if not reached:
         return Estimate(math.nan, None, None, "time", "never")

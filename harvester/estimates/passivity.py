@@ -1,4 +1,4 @@
-"""What a load gives against what it takes, and what to say of efficiencies that are none."""
+"""Energy that a load gives against energy it takes; notes on efficiencies that are invalid."""
 
 from __future__ import annotations
 

@@ -46,7 +46,7 @@ QUANTITIES_OF_THE_CHARGE = (
     "mean_power",
     "power_conversion_efficiency",
     "power_conversion_efficiency_of_input",
-    # Of a study.
+    # This quantity occurs in studies.
     "output_power",
 )
 DRIFTING_QUANTITIES = {

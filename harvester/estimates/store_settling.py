@@ -137,7 +137,7 @@ def _state(store, levels, matrix):
 
 
 def _by_decay(changes, length):
-    """What is missing, and the time (s), by how the rate decays at the run's end; inf, nan without.
+    """Missing part and relaxation time (s), from the rate's decay at the run's end; else inf, nan.
 
     The rates in the last two quarters go on as a geometric series.
     """

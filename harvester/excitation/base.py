@@ -100,7 +100,7 @@ class Excitation(ABC):
 
     @property
     def own_duration(self) -> float | None:
-        """How long it lasts (s), which is run where a scene says no duration; None: for ever."""
+        """Duration of the excitation (s), run if a scene sets none; None: without end."""
         return None
 
     @property

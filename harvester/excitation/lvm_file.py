@@ -60,6 +60,6 @@ def _trimmed(part):
 
 
 def _value(header, key, separator):
-    """What a header says under a key, None where it does not."""
+    """Value of a header's key, None if the header has no such key."""
     match = re.search(rf"^{key}{separator}(.*?)\s*$", header, re.MULTILINE)
     return match[1] if match else None

@@ -27,7 +27,7 @@ WITHOUT_CHANCE = (
 
 
 class Harmonic(Excitation):
-    """What holds of all sines: they have `lines`, a phase of their own, and no chance."""
+    """Base of all sinusoidal excitations, which have `lines` and a phase, and are deterministic."""
 
     @property
     def symmetric(self) -> bool:

@@ -247,7 +247,7 @@ def outlined(scene: Scene, report: Callable) -> dict[str, Density]:
 
 
 def _answer(solving):
-    """What the solver found, or nothing and why."""
+    """The solver's answer and "", or an empty answer and the reason."""
     try:
         found = solving.result()
     except HarvesterError as error:

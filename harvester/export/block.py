@@ -32,17 +32,18 @@ if TYPE_CHECKING:
     from harvester.prepared.prepared import Prepared
     from harvester.scene.model import Scene
 
-# Periods of the device that the deck runs where nothing else is asked for.
+# Periods of the device that the deck runs by default.
 TEST_PERIODS = 25
-# Of the deck: with ngspice's own of 1e-3 Newton's iterations end early; from 1e-6 to 1e-9 the path
-# of the scene `tristable` came out half as far off. A rectifier does not converge at 1e-9.
+# Tolerance of the deck: with ngspice's own of 1e-3 Newton's iterations end early; from 1e-6 to 1e-9
+# the error of the path of the scene `tristable` fell by half. A rectifier does not converge at
+# 1e-9.
 TOLERANCES = "reltol=1e-9"
 POINTS_PER_LINE = 4
 
 
 @dataclass(frozen=True)
 class Block:
-    """What a block and its deck are made of.
+    """A device's block with the data that its deck needs.
 
     Attributes
     ----------
@@ -70,7 +71,7 @@ class Block:
 
     @property
     def load_resistance(self) -> float:
-        """Of the scene's resistor (Ω), else one that takes power well."""
+        """Resistance (Ω) of the scene's resistor, else one that takes power well."""
         table, given = self.ready.scene.transducer, self.ready.setting.resistance
         return given or table.matched_resistance(self.parameters.rate)
 
@@ -182,7 +183,7 @@ def write_subcircuit(
     block = block_of(scene, step, realization, displacement_unit, duration)
     said = "".join(f"* {line}".rstrip() + "\n" for line in block.comment)
     if dialect != "ngspice":
-        # These may read a file as one-byte characters.
+        # These simulators may read a file as one-byte characters.
         said = said.encode("ascii", "replace").decode()
     name, library = block.name, f"{block.name}.lib"
     files = {library: said + in_dialect(subcircuit(name, block.parameters), dialect)}
@@ -283,7 +284,7 @@ def _vibration_file(block, dialect):
 
 
 def _deck(block, dialect):
-    """A deck that runs as it is: vibration, block, load, and an analysis whose step holds it."""
+    """A deck that runs unchanged: vibration, block, load, and an analysis with a step limit."""
     name, vibration = block.name, f"{block.name}_vibration"
     source = {
         "ngspice": f'.include "{vibration}.inc"',
@@ -328,8 +329,8 @@ def load_of(block: Block, dialect: str = "ngspice") -> str:
     if load is None or load.resistance or dialect not in ("ngspice", "ltspice"):
         return f"Rload p 0 {block.load_resistance!r}\n"
     nodes = {"p": "p", "n": "0", "out": "out", "ref": "ref"}
-    values = " ".join(f"{name}={value!r}" for name, value in load.parameters)
+    values = " ".join(f"{name}={value!r}" for name, value in load.parameters * load.is_plain)
     stray = STRAY_SHARE * block.ready.network.reference_capacitance
     strays = [f"Cstray_{pin} {pin} 0 {stray!r}\n" for pin in ("out", "ref") if load.has_output]
     call = f"Xload {' '.join(nodes[pin] for pin in load.pins)} {load.name} {values}".rstrip()
-    return "".join(strays) + f"{call}\n{load.text}"
+    return "".join(strays) + f"{call}\n{load.text if load.is_plain else load.run_text}"

@@ -14,7 +14,7 @@ from harvester.errors import ExportError, ProgramNotFound
 from harvester.files.temporary import TemporaryFolder
 
 LIBRARY = {"win32": ".dll", "darwin": ".dylib"}.get(sys.platform, ".so")
-# A compiler that takes longer hangs: the sources take it half a second.
+# Time limit of the compiler (s); the sources take it half a second, so a slower one hangs.
 TIME_LIMIT = 120.0
 NO_COMPILER = (
     "no C compiler (cc, gcc, clang, or the one that CC names) is here: install one, or pip install "
@@ -25,7 +25,7 @@ NO_COMPILER = (
 @cache
 def compiler() -> tuple[str, ...] | None:
     """Words that call a C compiler: CC, else cc, gcc or clang, else Zig's from PyPI; or None."""
-    # Not one that lies in the working folder, whatever PATH says.
+    # Relative entries of PATH are left out: a compiler in the working folder is never called.
     path = os.pathsep.join(filter(os.path.isabs, os.get_exec_path()))
     for name in filter(None, (os.environ.get("CC"), "cc", "gcc", "clang")):
         found = shutil.which(name, path=path)
@@ -58,7 +58,7 @@ def compile_library(files: dict[str, str], target: str | Path) -> None:
         for name, text in files.items():
             (Path(folder) / name).write_text(text, "utf-8")
         sources = [name for name in files if name.endswith(".c")]
-        # One machine code for all processors: fused products differ in the last digit.
+        # No fused multiply-add: it would change the last digit from processor to processor.
         options = ["-std=c99", "-O2", "-ffp-contract=off", "-fvisibility=hidden", "-shared"]
         if sys.platform != "win32":
             options.append("-fPIC")

@@ -22,14 +22,14 @@ from harvester.files.temporary import TemporaryFolder
 if TYPE_CHECKING:
     from harvester.scene.model import Scene
 
-# Knots of the excitation that are read at a time.
+# Number of the excitation's knots that are read at a time.
 KNOTS = 4096
-# Places of these variables, as `sources/fmi.h` numbers them.
+# Numbers of these variables in `sources/fmi.h`.
 TERMINAL, START_STATE = 2, 6
 
 
 class Energies(NamedTuple):
-    """Energies since the beginning (J): input = stored + all others.
+    """Energies since the beginning (J); the input equals the sum of all others.
 
     Attributes
     ----------
@@ -174,38 +174,38 @@ class Coupled:
 
     @property
     def displacement(self) -> float:
-        """Of the mass against the base (m)."""
+        """Displacement of the mass relative to the base (m)."""
         return self._get("displacement")
 
     @property
     def velocity(self) -> float:
-        """Of the mass against the base (m/s)."""
+        """Velocity of the mass relative to the base (m/s)."""
         return self._get("velocity")
 
     @property
     def voltage(self) -> float:
-        """Across the terminals (V)."""
+        """Voltage across the terminals (V)."""
         return self._get("voltage")
 
     @property
     def current(self) -> float:
-        """Out of the positive terminal (A)."""
+        """Current out of the positive terminal (A)."""
         return self._get("current")
 
     @property
     def base_acceleration(self) -> float:
-        """Of the base (m/s²), by the scene's excitation."""
+        """Acceleration of the base (m/s²) from the scene's excitation."""
         return self._get("base_acceleration")
 
     @property
     def energies(self) -> Energies:
-        """What went where since the beginning (J)."""
+        """Energies that entered, were lost and are stored since the beginning (J)."""
         return Energies(*(self._get(f"energy_{name}") for name in Energies._fields))
 
     def _segment(self) -> tuple[float, float, float]:
         """Base acceleration now, its slope, and the time of the next knot."""
         spacing = self._path.spacing
-        # A knot that is reached but for rounding is behind.
+        # A knot that is reached up to rounding counts as passed.
         knot = math.floor(self.time / spacing + 1e-9)
         while knot + 1 >= self._first + self._knots.size:
             self._first += self._knots.size - 1

@@ -61,7 +61,7 @@ def write_deck(
     if dialect == "ngspice":
         write_text(target, stand_alone(*call, start, longest).text + ".end\n")
         return [] if is_stream(target) else [Path(target)]
-    # The netlist holds this name.
+    # The netlist refers to the noise file by this name.
     noise_file = name_of(Path(target).with_suffix("").name) + "-noise.txt"
     text, noise = for_ltspice(*call, noise_file, start, longest)
     written = [Path(target)]

@@ -111,7 +111,7 @@ def _numbers(ready: Prepared) -> str:
         "MASS": (mass, "kg"),
         "RATE": (rate, "rad/s, of small oscillations"),
         "STATE_UNIT": (state_unit, "V or A"),
-        # The base's acceleration a drives the mass with -a.
+        # Sign: a base acceleration a acts on the mass as the force −m a.
         "EXCITATION_UNIT": (-ready.excitation_unit, "base acceleration for one unit of force"),
         "LOWEST": (low, "the spring's range"),
         "HIGHEST": (high, ""),

@@ -26,10 +26,10 @@ from harvester.version import __version__
 if TYPE_CHECKING:
     from harvester.scene.model import Scene
 
-# Time between two exchanges (s) for tools that are told none.
+# Default time between two exchanges with the simulating tool (s).
 EXCHANGE = 1e-3
 VERSIONS = (2, 3)
-# SI base units and their exponents.
+# Exponents of the SI base units that make up each unit.
 UNITS = {
     "s": {"s": 1},
     "m": {"m": 1},
@@ -148,7 +148,7 @@ def _fmu(scene: Scene, version: int) -> bytes:
     packed = io.BytesIO()
     with zipfile.ZipFile(packed, "w", zipfile.ZIP_DEFLATED) as archive:
         for path, data in content.items():
-            # Without the time of day: the same scene gives the same bytes.
+            # No time stamp is stored: the same scene gives the same bytes.
             archive.writestr(zipfile.ZipInfo(path), data, zipfile.ZIP_DEFLATED)
     return packed.getvalue()
 
@@ -210,7 +210,7 @@ def _kinds(each: Variable) -> dict[str, str | None]:
 def _description2(scene: Scene, name: str, token: str, compiled: list[str]) -> str:
     """modelDescription.xml of FMI 2.0."""
     listed = variables(scene)
-    # Time has a name of its own there, by causality; variables are numbered from one.
+    # FMI 2.0 recognizes time by itself; variables are numbered from one.
     text = _head(scene, "2.0", token) + ">\n"
     ability = _attributes(
         modelIdentifier=name, canHandleVariableCommunicationStepSize="true",

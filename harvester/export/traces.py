@@ -27,21 +27,21 @@ from harvester.record.range_watch import with_range_watch
 from harvester.scene.model import Scene
 from harvester.simulation.methods import MonteCarlo
 
-# Samples a second: Shepherd's own, and for CSV 200 of a period of 50 Hz.
+# Sampling rates (Hz): Shepherd's own, and for CSV 200 samples of a period of 50 Hz.
 SHEPHERD_RATE, CSV_RATE = 100_000.0, 10_000.0
-# Samples in a block of Shepherd's files, which hold whole ones.
+# Samples in a block of Shepherd's files, which hold only whole blocks.
 BLOCK = 10_000
-# 32 bytes of each are in memory at a time: 0.6 GB.
+# Most samples: at 32 bytes each they take 0.6 GB of memory.
 MOST_SAMPLES = 20_000_000
-# Bytes of a sample on disk at most: time and two values in Shepherd's file; a line of text.
+# Most bytes of a sample on disk: time and two values in Shepherd's file; a line of text.
 BYTES = {"shepherd": 16, "csv": 36}
-# Of the matched resistance: open and shorted terminals.
+# Load resistances that stand for open and shorted terminals, in matched resistances.
 OPEN, SHORTED = 1e6, 1e-4
-# Loads, against the trace's own, at which a live device is compared with its replay.
+# Loads, in multiples of the trace's own, at which a live device is compared with its replay.
 OTHER_LOADS = (1.0 / 3.0, 3.0)
-# Shares of the peak: below it a current does not follow from a power and a voltage.
+# Share of the peak voltage below which power over voltage does not give the current.
 LEAST_VOLTAGE = 1e-6
-# Steps of a recorded value up to its peak: with fewer the scale is made finer.
+# Fewest raw steps up to the peak of a recorded value; with fewer the scale is made finer.
 FEWEST_STEPS = 1e5
 HIGHEST_RAW = 2**32 - 1
 DATA_TYPES = ("ivsample", "isc_voc")
@@ -49,7 +49,7 @@ DATA_TYPES = ("ivsample", "isc_voc")
 
 @dataclass(frozen=True)
 class Trace:
-    """What a load takes, equally spaced in time from 0, rectified.
+    """Rectified voltage and current of a load, equally spaced in time from 0.
 
     Attributes
     ----------
@@ -117,7 +117,7 @@ def record_trace(scene: Scene, rate: float, duration: float, realization: int) -
         with_range_watch(ready, [[terminals]]),
         [output] if output else None,
     )
-    # Without a resistor across the output, what the terminals give is what there is.
+    # Without a resistor across the output, the trace is that of the terminals.
     time, voltage, power = terminals.points()
     if output and output.conductance > 0.0:
         time, voltage, power = output.points()
@@ -138,7 +138,8 @@ def _sampled(time, voltage, current, power, rate, start, duration):
     at = start + np.arange(round(duration * rate)) / rate
     sampled = PchipInterpolator(time, np.array([voltage, current]), axis=1)(at)
     flow = PchipInterpolator(time, power).antiderivative()
-    # A sum of samples stands for the time from half a sample before the first on.
+    # A sum of samples covers the time from half a sample before the first to half a sample after
+    # the last.
     ends = np.clip(at[[0, -1]] + np.array([-0.5, 0.5]) / rate, time[0], time[-1])
     product = sampled[0] * sampled[1]
     given = product[product > 0.0].sum()
@@ -159,7 +160,7 @@ def with_resistor(scene: Scene, resistance: float) -> Scene:
 
 
 def replay_loss(scene: Scene, trace: Trace, realization: int) -> str:
-    """What a live device gives at other loads, against the replay of a trace, in words."""
+    """A sentence that compares a live device at other loads with the replay of its trace."""
     power = trace.voltage * trace.current
     own = float(np.mean(trace.voltage**2) / np.mean(power))
     duration, recorded = trace.voltage.size / trace.rate, float(np.mean(power))

@@ -20,7 +20,7 @@ if TYPE_CHECKING:
 
 
 class Tabular(ABC):
-    """What is a table: its header and rows, as a file or a DataFrame."""
+    """Base of tabular results: header and rows, which can be a file or a DataFrame."""
 
     @abstractmethod
     def data(self) -> tuple[list[str], list[list[Any]]]:

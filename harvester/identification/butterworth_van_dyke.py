@@ -20,18 +20,19 @@ import numpy as np
 
 from harvester.errors import IdentificationError
 
-# Qualities and resonances on which another mode is first looked for.
+# A further mode is first sought with these quality factors, at each of the measured frequencies.
 QUALITIES = np.geomspace(5.0, 2000.0, 9)
 MOST_PLACES = 400
 MOST_MODES = 6
-# A mode is one if it lowers n ln(sum of squares) by more than this and 3 ln n (its three numbers,
-# by the criterion of Schwarz): noise alone does so in fewer than one set of 10,000.
+# A further mode is accepted only if it lowers n ln(sum of squares) by more than this plus 3 ln n
+# (three new parameters, Schwarz's criterion). Noise alone does so in fewer than one set of 10,000.
 SURE_OF_MODE = 20.0
-# Quality below which a branch mends the background, and is no resonance.
+# A branch with a lower quality factor than this corrects the background and is not counted as a
+# resonance.
 LOWEST_QUALITY = 3.0
-# Fits, each with the noise that the one before it left.
+# Number of fits; each weights the residuals by the noise that the previous fit left.
 WEIGHTINGS = 3
-# Points within a resonance's half-power width, of which its quality is known.
+# Fewest points within a resonance's half-power width from which its quality factor is determined.
 FEWEST_OVER_WIDTH = 3
 NUMBERS = {
     "series_resonance": "Hz",
@@ -64,20 +65,20 @@ class Circuit:
 
     @property
     def modes(self) -> int:
-        """How many there are."""
+        """Number of modes."""
         return (self.parameters.size - 2) // 3
 
     @cached_property
     def resonances(self) -> np.ndarray:
-        """fs of each mode (Hz)."""
+        """Series resonance fs of each mode (Hz)."""
         return np.exp(self.parameters[2::3])
 
     def admittance(self, frequency: np.ndarray) -> np.ndarray:
-        """Y (S) at frequencies (Hz)."""
+        """The circuit's admittance Y (S) at frequencies (Hz)."""
         return _branches(frequency, self.parameters).sum(axis=1)
 
     def numbers(self, mode: int) -> dict[str, float]:
-        """fs, fp, Cp, k², Q and tan δ of one mode.
+        """The numbers fs, fp, Cp, k², Q and tan δ of one mode, by name.
 
         Cp is what the mode sees beside itself: C0 and the capacitances of the modes above it, which
         follow at once. fp² = fs² (1 + Cm/Cp), k² = 1 − (fs/fp)² = Cm/(Cp + Cm).
@@ -85,7 +86,7 @@ class Circuit:
         return dict(zip(NUMBERS, _numbers(self.parameters, mode), strict=True))
 
     def standard_errors(self, mode: int) -> dict[str, float]:
-        """Those of `numbers`."""
+        """Standard errors of `numbers`, by name."""
         slopes = jacobian(lambda p: _numbers(p, mode), self.parameters)
         variances = np.einsum("ij,jk,ik->i", slopes, self.covariance, slopes)
         return dict(zip(NUMBERS, map(float, np.sqrt(variances)), strict=True))
@@ -102,7 +103,7 @@ def jacobian(function: Callable[[np.ndarray], np.ndarray], at: np.ndarray) -> np
 
 
 def _numbers(parameters, mode):
-    """fs, fp, Cp, k², Q and tan δ as an array."""
+    """The numbers fs, fp, Cp, k², Q and tan δ of one mode, as an array."""
     resonance, quality, motional = np.exp(parameters[2 + 3 * mode : 5 + 3 * mode])
     clamped = math.exp(parameters[0]) + np.exp(parameters[4 + 3 * (mode + 1) :: 3]).sum()
     parallel = resonance * math.sqrt(1.0 + motional / clamped)
@@ -218,7 +219,7 @@ def _with_another(frequency, impedance, parameters):
         table = table - basis @ (basis.T @ table)
         norms = np.linalg.norm(table, axis=0)
         along = wanted @ table
-        # A motional capacitance is positive.
+        # Only branches with a positive motional capacitance are candidates.
         gains = np.where((along > 0.0) & (norms > 1e-6 * sizes), along / norms, 0.0)
         if gains.max() > most:
             most, best = float(gains.max()), (float(places[gains.argmax()]), float(quality))
@@ -276,7 +277,7 @@ def _concluded(frequency, impedance, parameters):
 
 
 def _correlation(residuals):
-    """By how much correlated residuals count less than white ones, at least 1.
+    """Factor by which correlated residuals count less than white ones, at least 1.
 
     1 + 2 Σ ρ up to the first lag within the scatter of white residuals (three of 1/√n).
     """
@@ -302,7 +303,8 @@ def check_width(frequency: np.ndarray, circuit: Circuit, mode: int, where: str) 
     resonance = known["series_resonance"]
     width = resonance / known["quality"]
     inside = np.abs(frequency - resonance) <= 0.5 * width
-    # Two resonances apart are known from all points between them.
+    # Where the series and the parallel resonance are farther apart than the width, all points
+    # between them count.
     between = (frequency >= resonance) & (frequency <= known["parallel_resonance"])
     points = int(np.count_nonzero(inside | between))
     if points < FEWEST_OVER_WIDTH:

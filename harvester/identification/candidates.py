@@ -21,20 +21,19 @@ if TYPE_CHECKING:
     from harvester.identification.measurement import Measurement
     from harvester.scene.model import Scene
 
-# Where a stopper that the scene lacks is first looked for, of the greatest displacement, and how
-# stiff, of its size.
+# A trial pair of stoppers begins at this share of the greatest displacement, with this share of the
+# stiffness that counts as one (`sizes_of`).
 STOPPER_PLACE, STOPPER_STIFFNESS = 0.9, 1e-2
-# What any other part that it lacks begins with, of its size: so little that no path is disturbed.
+# Any other trial part begins with this share of its size: too little to change the motion.
 LITTLE = 1e-6
 FORCE = "oscillator.restoring_force[{}]"
-# What a spring is tried with only where the scene's own model does not explain the records, by the
-# beginning of its name.
+# Variants whose names begin so are tried only where the scene's own model leaves more than noise.
 RICHER = ("spring up to power", "softening spring")
 HIGHEST_POWER = 7
-# A spring that may soften holds as far as this share of the greatest displacement.
+# A spring that may soften is defined out to this multiple of the greatest displacement.
 SOFT_RANGE = 1.25
-# A model predicts better if its mean square error is lower by so many standard errors of the
-# ratio, and its root by what would be noticed.
+# A model predicts better if its mean square error is lower by more than this many standard errors,
+# and its rms error by more than the share `NOTED`.
 SURE = 3.0
 
 
@@ -61,12 +60,12 @@ class Candidate:
 
     @property
     def is_better(self) -> bool:
-        """Whether it predicts better than the scene's model, beyond chance."""
+        """Whether this model predicts significantly better than the scene's own."""
         return self.better < -SURE * self.error and self.better < -2.0 * NOTED
 
     @property
     def is_as_good(self) -> bool:
-        """Whether it predicts no worse, but for chance and what nobody would notice."""
+        """Whether this model predicts no worse, within two standard errors or the share `NOTED`."""
         return self.better < max(2.0 * self.error, 2.0 * NOTED)
 
 
@@ -94,10 +93,12 @@ def candidates(
     found = [Candidate("as given", base, 0.0, 0.0)]
     keys = base.keys
     for name, scene, free in variants(base.scene, keys, sizes):
-        # A stopper that a wrong model lacks does not grow out of that model: all begins anew.
+        # A fit of a wrong model does not converge to one with stoppers: such a variant starts from
+        # scratch.
         anew = scene.stoppers and not base.scene.stoppers and not base.adequate
         if name.startswith(RICHER):
-            # Nor do powers, which would have to take the others' share.
+            # Nor does it converge to one with further powers, whose share the other coefficients
+            # have taken.
             if is_noise and base.adequate:
                 continue
             anew = True
@@ -112,7 +113,7 @@ def candidates(
 
 
 def _of_sensors(base, measurements, sizes, start):
-    """What sensors may have done: small effects first, turned columns where those do not help."""
+    """Models with sensor effects: small ones first, then columns of another sign or frame."""
     if isinstance(measurements[0], MeasuredResponse):
         return []
     found = []
@@ -161,7 +162,7 @@ def rivals(found: Sequence[Candidate]) -> list[Candidate]:
 
 
 def _of_the_best(found):
-    """Those that predict as well as the best, but for chance and what nobody would notice."""
+    """Candidates that predict as well as the best, within two standard errors or `NOTED`."""
     best = min(found, key=lambda each: each.better)
     if not best.is_better:
         return [each for each in found if each.is_as_good]
@@ -201,7 +202,7 @@ def _spring_keys(keys, force):
 
 
 def _symmetry(scene, keys, sizes):
-    """Without the spring's even powers, or with the second."""
+    """The variant without the spring's even powers, or with the second power."""
     force = _force(scene)
     even = [n for n in range(2, len(force), 2) if force[n] != 0.0]
     if even:
@@ -217,7 +218,7 @@ def _symmetry(scene, keys, sizes):
 
 
 def _cubic(scene, keys, sizes):
-    """Without the spring's cubic term, or with it."""
+    """The variant without the spring's cubic term, or with it."""
     force = _force(scene)
     if len(force) > 4 or force[1] <= 0.0:
         return None
@@ -239,14 +240,14 @@ def _degree(force):
 
 
 def _richer(scene, keys, sizes):
-    """The same where the cubic term, which is a model of its own, is there."""
+    """The variant of `richer`, if the spring has a cubic term already; else that comes first."""
     return richer(scene, keys, sizes) if _degree(_force(scene)) >= 3 else None
 
 
 def richer(
     scene: Scene, keys: Sequence[str], sizes: dict[str, float]
 ) -> tuple[str, Scene, list[str]] | None:
-    """With the spring's next odd power, and the even one before it where there are even ones."""
+    """The variant with the spring's next odd power, and the even one below if it has even ones."""
     force = _force(scene)
     degree = _degree(force)
     if not 1 <= degree <= HIGHEST_POWER - 2:
@@ -262,7 +263,7 @@ def richer(
 
 
 def _plainer(scene, keys, sizes):
-    """Without the spring's powers above the third or fifth."""
+    """The variant without the spring's powers above the third or fifth."""
     force = _force(scene)
     degree = _degree(force)
     if degree <= 3:
@@ -275,7 +276,7 @@ def _plainer(scene, keys, sizes):
 
 
 def _softening(scene, keys, sizes):
-    """With a cubic term of either sign: where it softens the spring holds in a range only."""
+    """The variant with a cubic term of either sign; a softening spring is limited to a range."""
     force = _force(scene)
     if scene.oscillator.restoring_force_range is not None or _degree(force) > 3:
         return None
@@ -295,7 +296,7 @@ def _softening(scene, keys, sizes):
 
 
 def _drag(scene, keys, sizes):
-    """Without the air's drag, or with it."""
+    """The variant without the air's drag, or with it."""
     key = "oscillator.quadratic_damping"
     if scene.oscillator.quadratic_damping > 0.0:
         return "no drag", scene.replace({key: 0.0}), [each for each in keys if each != key]
@@ -303,7 +304,7 @@ def _drag(scene, keys, sizes):
 
 
 def _stoppers(scene, keys, sizes):
-    """Without stoppers, or with a pair near the greatest displacement."""
+    """The variant without stoppers, or with a pair near the greatest displacement."""
     if scene.stoppers:
         kept = [key for key in keys if not key.startswith("stoppers")]
         return "no stoppers", scene.replace(stoppers=None), kept

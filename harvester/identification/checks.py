@@ -17,14 +17,16 @@ if TYPE_CHECKING:
     from harvester.identification.measurement import Measurement
     from harvester.scene.model import Scene
 
-# Of a record, in periods of the motion; a third of it is kept aside.
+# Shortest record, in periods of the motion; a third of it is kept aside.
 FEWEST_PERIODS = 12.0
 FEWEST_SAMPLES_PER_PERIOD = 5.0
-# Band about the median frequency of the motion, as factors.
+# The base's acceleration must have power between these multiples of the motion's median frequency.
 BAND = (0.5, 2.0)
-# Of the acceleration's power in that band: what a record's own rounding may leave there.
+# Least share of the acceleration's power in that band; rounding of the recorded numbers may leave
+# less.
 SMALLEST_BAND_SHARE = 1e-4
-# Mean square of the last quarter over that of the first one below which a record is a ring-down.
+# A record is a ring-down if the mean square of its last quarter is below this multiple of that of
+# its first.
 RINGING_DOWN = 0.5
 
 

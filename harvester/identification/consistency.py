@@ -23,17 +23,18 @@ from harvester.identification.sensors import integrals
 if TYPE_CHECKING:
     from harvester.identification.fitted_model import Fitted
 
-# Records of the noise that are drawn; neighbouring lines over which their spectrum is averaged.
+# Number of drawn noise records, and of neighbouring lines over which their spectrum is averaged.
 DRAWS, LINES = 6, 9
-# Of the base's rms: a floor above that is no noise but motion up to half the sampling rate.
+# Largest noise of the base's sensor, as a share of the base's rms: a higher floor is motion up to
+# half the sampling rate.
 MOST_BASE_NOISE = 0.05
-# F of the regression from which on residuals are not noise. Fourteen sets of three records with
+# Residuals are systematic if the regression's F exceeds this. Fourteen sets of three records with
 # right models had up to 4.2, the values' own errors included; sets with wrong sensors, springs or
 # loads had 32 and more in their worst record.
 SYSTEMATIC = 12.0
-# Share of an output's deviation that nobody would notice.
+# A systematic part below this share of an output's standard deviation is ignored.
 UNNOTICED = 2e-3
-# Of the largest direction, in a regression whose columns may be nearly the same.
+# Singular values below this share of the largest are dropped: some columns are nearly the same.
 SMALLEST_DIRECTION = 1e-8
 
 
@@ -63,12 +64,12 @@ class Misfit:
 
     @property
     def is_noise(self) -> bool:
-        """Whether nothing speaks against a right model."""
+        """Whether the residual is compatible with noise, so the model may be right."""
         return self.ratio < SYSTEMATIC or self.systematic < UNNOTICED
 
 
 def misfits(fitted: Fitted) -> list[Misfit]:
-    """Those of each output of each record, in the part kept aside; none of frequency responses."""
+    """Misfits of each record's outputs in the part kept aside; none of frequency responses."""
     if fitted.settled is None:
         return []
     return [
@@ -79,13 +80,13 @@ def misfits(fitted: Fitted) -> list[Misfit]:
 
 
 def worst(found: Sequence[Misfit]) -> Misfit | None:
-    """That which is farthest from noise; None where all are noise."""
+    """The misfit that is farthest from noise; None where all are noise."""
     wrong = [each for each in found if not each.is_noise]
     return max(wrong, key=lambda each: each.systematic, default=None)
 
 
 class _Residuals:
-    """Of one record, weighted, without what the windows' starts explain."""
+    """Weighted residuals of one record, without what the windows' starts explain."""
 
     def __init__(self, fitted: Fitted, number: int) -> None:
         settled: Any = fitted.settled
@@ -137,7 +138,7 @@ class _Residuals:
     def _simulated(self, base):
         """Outputs in the settled windows under another acceleration."""
         scene, own = self.experiment.scene, self.experiment.measurement
-        # The scene has the record's changes already.
+        # The record's changes are in the scene already.
         shaken = replace(own, acceleration=base, changes={})
         made = experiment(scene, shaken, frequencies(own)[1], FINE_STEPS)
         responses = self.responses
@@ -188,7 +189,7 @@ def _regressed(left, signals, spectrum):
         flat, np.concatenate([seen.real, seen.imag]), rcond=SMALLEST_DIRECTION
     )
     explained = columns @ coefficients
-    # The median does not see the few lines of a sine that no signal explains.
+    # The median ignores the few lines of a sine that no signal explains.
     chance = float(np.median(np.abs(seen - explained) ** 2)) / np.log(2.0)
     ratio = 2.0 * float(np.sum(np.abs(explained) ** 2)) / rank / max(chance, 1e-300)
     return _rms(signals @ coefficients), ratio

@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 MEASURED, PREDICTED, RESIDUAL = "0.35", CIRCUIT, MONTE_CARLO
 SHOWN_PERIODS = 12.0
 BINS = 60
-# Segments of a spectrum.
+# Number of segments that a spectrum is averaged over.
 SEGMENTS = 12
 
 

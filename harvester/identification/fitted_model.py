@@ -19,10 +19,10 @@ if TYPE_CHECKING:
     from harvester.scene.model import Scene
 
 
-# Part of an output's rms beyond the sensor's noise that a good model may leave.
+# A good model leaves at most this share of an output's rms beyond the sensor's noise.
 MISSED_SHARE = 0.05
 MOST_NOISE = 0.5
-# Share of an error that nobody would notice.
+# Two errors that differ by less than this share count as equal.
 NOTED = 0.02
 
 
@@ -83,7 +83,7 @@ class Fitted:
         path = shooting.responses.interpolation
         base = made.excitation
         if isinstance(base, RecordedMotion) and base.knot_spacing is None:
-            # What is simulated on such a record then moves as the fit did.
+            # Later simulations under this record then interpolate it as the fit did.
             made = made.replace({"excitation.interpolation": path})
         return cls(
             made,
@@ -99,14 +99,14 @@ class Fitted:
         )
 
     def with_covariance(self, covariance: np.ndarray) -> Fitted:
-        """The same with wider intervals."""
+        """The same model with another covariance, which gives wider intervals."""
         sizes = self.shooting.sizes
         unclear = undetermined(self.keys, self.values, sizes, covariance)
         return replace(self, covariance=covariance, undetermined=unclear)
 
     @property
     def sensor_noise(self) -> float:
-        """Of the first output, as a share of its rms; the noisiest record's."""
+        """Noise of the first output's sensor, as a share of its rms, in the noisiest record."""
         return max(sensor_noise(each) for each in self.stretches)
 
     @property
@@ -122,15 +122,15 @@ class Fitted:
 
     @property
     def keys(self) -> list[str]:
-        """Of the values."""
+        """Keys of the values."""
         return [each.key for each in self.unknowns]
 
     @property
     def standard_errors(self) -> np.ndarray:
-        """Of the values."""
+        """Standard errors of the values."""
         return np.sqrt(np.maximum(np.diag(self.covariance), 0.0))
 
     @property
     def nrmse(self) -> float:
-        """Of the first output over all stretches kept aside."""
+        """Normalized rms error of the first output over all stretches kept aside."""
         return float(np.sqrt(np.mean([each.nrmse() ** 2 for each in self.stretches])))

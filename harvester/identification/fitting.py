@@ -41,17 +41,17 @@ if TYPE_CHECKING:
     from harvester.identification.measurement import Measurement
     from harvester.scene.model import Scene
 
-# Of each record, from its beginning.
+# Share of each record, from its beginning, that is fitted; the rest is kept aside.
 FITTED_SHARE = 2.0 / 3.0
-# Samples in a period of the motion below which straight lines between them are no path of the base:
-# of 20 they take 0.8 % of the amplitude, of 7 they take 6.5 %.
+# With fewer samples in a period of the motion than this the base's path is a spline, not straight
+# lines between samples: of 20 samples lines take 0.8 % of the amplitude, of 7 they take 6.5 %.
 FEWEST_FOR_LINES = 20.0
-# Weighted cost by which one interpolation must fit better before the other is ruled out.
+# An interpolation is ruled out if its weighted cost is higher by this than that of the other.
 RULED_OUT = 9.0
 
 
 def lengths_of(measurements: Sequence[Measurement]) -> list[int]:
-    """Samples of each record that are fitted to."""
+    """Number of samples of each record that are fitted."""
     return [int(FITTED_SHARE * each.acceleration.size) for each in measurements]
 
 
@@ -70,7 +70,7 @@ def responses_of(
 
 
 def interpolations_of(measurements: Sequence[Measurement]) -> tuple[str, ...]:
-    """Paths between the samples that are tried: one smooth where samples are few."""
+    """Interpolations to try between samples: only the smooth one where samples are few."""
     fewest = min(each.sampling_rate / frequencies(each)[0] for each in measurements)
     return INTERPOLATIONS if fewest >= FEWEST_FOR_LINES else INTERPOLATIONS[1:]
 
@@ -103,7 +103,7 @@ def fitted(
     """
     steady = [each for each in measurements if isinstance(each, MeasuredResponse)]
     if steady and (len(steady) < len(measurements) or _has_impedance(steady)):
-        # It begins with a fit of one kind by this function.
+        # `joint_fit` calls this function for its first fit, hence the import here.
         from harvester.identification.joint_fit import fitted_together
 
         return fitted_together(fitted, scene, measurements, keys, sizes, warm)
@@ -129,7 +129,7 @@ def fitted(
     shooting, fit = found
     if not warm:
         fit = recentred(shooting, fit, scene)
-    # A neighbour's path between the samples is that of the model that it is compared with.
+    # A neighbouring model interpolates the records as the model that it is compared with.
     fits = {responses.interpolation: fit}
     if not warm and len(interpolations_of(measurements)) > 1:
         fits |= _otherwise(shooting, fit)
@@ -143,7 +143,8 @@ def fitted(
     covariance = intervals.covariance(shooting, fit)
     for other in (fits[name] for name in others):
         if _misfit(other) - _misfit(fit) < RULED_OUT:
-            # Nobody knows how the base moved between the samples.
+            # The base's path between the samples is unknown: the difference between both fits is an
+            # error.
             covariance = covariance + np.outer(other.values - values, other.values - values)
     stretches = [
         (length, each.acceleration.size) for length, each in zip(lengths, measurements, strict=True)
@@ -167,7 +168,7 @@ def _otherwise(shooting, fit):
     responses.interpolation = other
     trial = followed_anew(shooting, begun, fit.cost)
     if trial:
-        # Weighted as the first, to be compared.
+        # Both costs are compared with the same weights.
         trial = replace(trial, noise=fit.noise)
         trial.cost = shooting.cost(trial)
     responses.interpolation = own

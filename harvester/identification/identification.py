@@ -1,4 +1,4 @@
-"""What an identification gives: values, intervals, proof, and how it is shown."""
+"""Result of an identification: values, intervals, proof, tables and files."""
 
 from __future__ import annotations
 
@@ -90,17 +90,17 @@ class Identification:
 
     @property
     def keys(self) -> list[str]:
-        """Of the identified values."""
+        """Keys of the identified values."""
         return self.fitted.keys
 
     @property
     def values(self) -> dict[str, float]:
-        """By key, in the scene's units."""
+        """Identified values by key, in the scene's units."""
         return dict(zip(self.keys, map(float, self.fitted.values), strict=True))
 
     @property
     def standard_errors(self) -> dict[str, float]:
-        """By key."""
+        """Standard errors by key."""
         return dict(zip(self.keys, map(float, self.fitted.standard_errors), strict=True))
 
     @property
@@ -116,7 +116,7 @@ class Identification:
 
     @property
     def covariance(self) -> np.ndarray:
-        """Of the values, in the order of `keys`: shape (keys, keys)."""
+        """Covariance of the values, in the order of `keys`: shape (keys, keys)."""
         return self.fitted.covariance
 
     @property
@@ -171,7 +171,7 @@ class Identification:
         """How far the records determine a value."""
         if key in self.undetermined:
             return "undetermined"
-        # Coefficients about x = 0, where no record was.
+        # These are coefficients about x = 0, where the records have no motion.
         return "extrapolated" if self.visited and key in self.visited.values else "identified"
 
     def sentences(self) -> list[str]:
@@ -228,7 +228,7 @@ class Identification:
         return lines
 
     def _sensors(self, other):
-        """What another model says of the sensors beside this one, in words."""
+        """Sensor effects of another model that this one lacks, in words."""
         found = zip(other.keys, other.values, other.standard_errors, strict=True)
         return "".join(
             f", {key} = {value:.4g} ± {HALF_INTERVAL * error:.2g}"

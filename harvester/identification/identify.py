@@ -29,9 +29,9 @@ KeptRecords = Annotated[
 Keys = Annotated[Sequence[str], Kind("TABLE.KEY", again=True, words=True)]
 Impedance = Annotated[Any, Kind("FILE [SETTING=VALUE]", read=one_record_of, words=True)]
 MASS = "oscillator.mass"
-# Shares of the work: other models begin at the first, the posterior at the second.
+# Progress (share of the work) at which other models begin, and at which the posterior begins.
 MODELS_BEGIN, POSTERIOR_BEGINS = 0.4, 0.7
-# Of a direction that is not determined, those that are rather kept as in the scene.
+# In a direction that the records do not determine, the first of these values stays as in the scene.
 KEPT_FIRST = ("mass", "capacitance", "restitution", "stiffness", "quadratic_damping")
 
 
@@ -114,7 +114,7 @@ def identify(
     from harvester.identification.visited import visited
 
     clock = time.perf_counter()
-    # Records determine the lumped values, which a drawing's dimensions all enter.
+    # Records determine the lumped values, not the drawing's dimensions: the drawing is left out.
     scene = scene.without_drawing()
     follow = progress or (lambda share, text: None)
     measurements = _measurements(scene, records)
@@ -223,7 +223,7 @@ def _of_impedance(scene, analysed, free, posterior, clock):
 
 
 def _measured_impedance(given):
-    """What was given, as a measured impedance."""
+    """The measured impedance, read from its file where a path was given."""
     from harvester.identification.measured_impedance import MeasuredImpedance, read_impedance
 
     if isinstance(given, MeasuredImpedance):
@@ -241,7 +241,7 @@ def _later(share):
 
 
 def _measurements(scene, records):
-    """What was given, as a list of records: one record, or several in any iterable."""
+    """The records as a list, from one record or an iterable of several."""
     from harvester.identification.measured_response import MeasuredResponse
     from harvester.identification.measurement import Measurement, read_measurement
 
@@ -258,7 +258,7 @@ def _measurements(scene, records):
                 f"records: {shown(each)}: must be a file or what read_measurement returns"
             )
         found.append(read_measurement(file, settings, scene.units))
-    # Records in time first: they show the motion.
+    # Records in time come first, because they show the motion.
     return sorted(found, key=lambda each: isinstance(each, MeasuredResponse))
 
 

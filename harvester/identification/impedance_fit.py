@@ -39,18 +39,19 @@ from harvester.scene.numbers import numbers
 if TYPE_CHECKING:
     from harvester.scene.model import Scene
 
-# The scene's capacitance over the measured one from which on a unit is wrong.
+# A unit is taken to be wrong if the scene's capacitance differs from the measured one by this
+# factor.
 WRONG_UNIT = 100.0
-# Standard errors of tan δ from which on the scene gets a leak.
+# The scene gets a leakage resistance if tan δ exceeds this many of its standard errors.
 SURE_OF_LOSS = 3.0
 SPRING_KEYS = ("oscillator.restoring_force[1]", "oscillator.linear_stiffness")
-# Changes of k1 after which the stiffness at rest must be that asked for.
+# Most secant steps of k1 to reach the wanted stiffness at rest.
 SECANTS = 30
 
 
 @dataclass(frozen=True)
 class FromImpedance:
-    """What an impedance says of a scene.
+    """A scene with the values that an impedance determines.
 
     Attributes
     ----------
@@ -136,7 +137,7 @@ class ImpedanceStretch(ResponseStretch):
         return float(np.sqrt(np.mean(np.sum(self.residuals**2, axis=1))))
 
     def noise(self, output: int = 0) -> float:
-        """That of the analyser, as relative error of Z: both outputs together."""
+        """Noise of the analyser, as relative error of Z: both outputs together."""
         medians = np.median(np.abs(self.residuals), axis=0)
         return NORMAL_RMS * float(np.linalg.norm(medians))
 
@@ -219,7 +220,7 @@ def from_impedance(scene: Scene, measured: MeasuredImpedance) -> FromImpedance:
 
 
 def _own_admittance(scene, circuit, mode, frequency):
-    """What the scene itself has of the circuit: one mode, its capacitance, its leak."""
+    """Admittance of the scene's own part of the circuit: one mode, its capacitance, its leak."""
     known = circuit.numbers(mode)
     rate, ratio = 2j * math.pi * frequency, frequency / known["series_resonance"]
     motional = known["capacitance"] * known["coupling_factor"] / (1.0 - known["coupling_factor"])
@@ -297,7 +298,7 @@ def fitted_impedance(found: FromImpedance) -> Fitted:
 
 
 def impedance_stretch(kept: SteadyResponses, values: np.ndarray, number: int) -> ImpedanceStretch:
-    """What the model says of the lines of an impedance that were kept aside."""
+    """The model's prediction of the lines of an impedance that were kept aside."""
     measured: Any = kept.experiments[number].measurement
     seen = np.column_stack(list(measured.outputs.values()))
     _, _, found = kept.states(number, values, np.array([0, seen.shape[0]]), NO_STATES)
@@ -316,7 +317,7 @@ def impedance_stretch(kept: SteadyResponses, values: np.ndarray, number: int) ->
 
 
 def impedance_verdict(base: Fitted) -> Verdict:
-    """What an impedance alone can say: that the circuit is one, of small motion."""
+    """Verdict of a fit to an impedance alone, which covers only small motion."""
     said = (
         f"impedance to {base.nrmse:.2%} of itself on every third frequency, kept aside (about "
         f"{base.sensor_noise:.2%} is the analyser's noise)"

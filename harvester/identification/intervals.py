@@ -18,19 +18,21 @@ import numpy as np
 if TYPE_CHECKING:
     from harvester.identification.shooting import Fit, Shooting
 
-# Half of a 95 % interval in standard errors.
+# Half width of a normal variable's 95 % interval, in standard errors.
 HALF_INTERVAL = 1.96
-# Of an interval, and sizes by which a value moves at most where a record is left out.
+# Probability of an interval, and the most by which leaving out one record may move a value, in
+# sizes of the value.
 HELD, MOST_MOVED = 0.95, 10.0
-# Relative standard error from which on a value is not determined.
+# A value with a larger relative standard error than this is undetermined.
 UNDETERMINED = 0.5
-# Eigenvalue over the largest below which rounding of difference quotients is all there is.
+# Eigenvalues below this share of the largest are rounding of the difference quotients.
 SMALLEST_EIGENVALUE = 1e-13
-# Of an undetermined direction, the share from which on a value belongs to it.
+# A value belongs to an undetermined direction if its component exceeds this share of the largest
+# one.
 SHARE_OF_DIRECTION = 0.1
-# Of a record, whose sums of Jᵀ r are taken for independent.
+# Number of blocks of a record; their sums of Jᵀ r are taken as independent.
 BLOCKS = 12
-# Segments that a residual's spectrum is averaged over.
+# Number of segments that a residual's spectrum is averaged over.
 SEGMENTS = 12
 
 
@@ -61,7 +63,7 @@ class Undetermined:
 
 
 def covariance(shooting: Shooting, fit: Fit) -> np.ndarray:
-    """Of the values, in the scene's units squared, shape (unknowns, unknowns)."""
+    """Covariance of the values, in the scene's units squared, shape (unknowns, unknowns)."""
     p = len(shooting.unknowns)
     normal, meat, blocks = (np.zeros((p, p)) for _ in range(3))
     for number, edges in enumerate(fit.edges):
@@ -73,7 +75,7 @@ def covariance(shooting: Shooting, fit: Fit) -> np.ndarray:
         scores = np.einsum("noi,no->ni", columns, table[..., -1])
         sums = np.array([part.sum(axis=0) for part in np.array_split(scores, BLOCKS)])
         blocks += sums.T @ sums * BLOCKS / (BLOCKS - 1)
-    # What has no effect at all is known as badly as can be told.
+    # A value without any effect gets the largest variance, not an infinite one.
     sizes = np.diag(normal).copy()
     sizes[sizes < SMALLEST_EIGENVALUE * sizes.max()] = sizes.max() or 1.0
     normal += SMALLEST_EIGENVALUE * np.diag(sizes)
@@ -138,7 +140,7 @@ def _meat(columns, residuals):
     segment = max(16, 2 * samples // (SEGMENTS + 1))
     spectra = np.fft.rfft(columns, axis=0)
     frequencies = np.fft.rfftfreq(samples)
-    # Both halves of the spectrum, the ends once.
+    # Each line stands for positive and negative frequency, except the first and the last.
     weight = np.full(frequencies.size, 2.0)
     weight[0] = 1.0
     if samples % 2 == 0:
@@ -164,7 +166,7 @@ def _meat(columns, residuals):
 
 
 def _inverse(normal):
-    """Of a matrix that may be singular: what is not determined gets a great variance."""
+    """Inverse of a matrix that may be singular; undetermined directions get a large variance."""
     scale = np.sqrt(np.diag(normal))
     values, vectors = np.linalg.eigh(normal / np.outer(scale, scale))
     values = np.maximum(values, SMALLEST_EIGENVALUE * values[-1])

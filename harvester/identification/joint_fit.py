@@ -36,11 +36,11 @@ if TYPE_CHECKING:
     from harvester.scene.model import Scene
 
 MASS = "oscillator.mass"
-# Values of a device that are in proportion to its mass, the motion being the same.
+# These values are proportional to the mass if the motion stays the same.
 IN_PROPORTION = (MASS, "damping", "restoring_force[", "stiffness")
-# Relative noise that an impedance is taken to have at first.
+# Relative noise of an impedance that the first fit assumes.
 FIRST_IMPEDANCE_NOISE = 0.005
-# Fits, each with the noise that the one before it left.
+# Number of fits; each weights the residuals by the noise that the previous fit left.
 WEIGHTINGS = 3
 
 
@@ -148,7 +148,7 @@ def _shooting(responses, free, first, records):
 
 
 def _starts(shooting: Shooting, first: Fitted, scene: Scene, times: list[Measurement]) -> list[Fit]:
-    """Where the fit begins: the first model's values, and these for the mass they may mean."""
+    """Starts of the fit: the first model's values, and the same rescaled to a likely mass."""
     known = dict(zip(first.keys, first.values, strict=True))
     values = np.array([known.get(each.key, each.start) for each in shooting.unknowns])
     count = len(times)
@@ -166,7 +166,7 @@ def _starts(shooting: Shooting, first: Fitted, scene: Scene, times: list[Measure
     factors = [1.0]
     coupling = known.get("piezo.coupling")
     if coupling and MASS in [each.key for each in shooting.unknowns] and scene.transducer:
-        # An impedance tells θ²/M, and a record of voltage under a known acceleration θ.
+        # An impedance determines θ²/M; a record of voltage under a known acceleration determines θ.
         factors.append((coupling / scene.transducer.coupling) ** 2)  # type: ignore[attr-defined]
     return [
         Fit(_of_mass(shooting, values, factor, scene), edges, starts, noise) for factor in factors

@@ -31,17 +31,18 @@ if TYPE_CHECKING:
     from harvester.identification.measurement import Measurement
     from harvester.identification.visited import Visited
 
-# Sets of values drawn from the covariance, and those that a scene may refuse.
+# Number of sets of values drawn from the covariance, and most draws, since the scene may refuse
+# some.
 DRAWS, MOST_TRIED = 8, 40
-# Of a record, in which a run forgets its start.
+# First share of a record that is left out: a run forgets its start in it.
 FORGOTTEN = 1.0 / 3.0
-# Share of the windows that cross a barrier from which on an orbit goes between the wells: one in
-# ten may begin in the wrong well.
+# An orbit goes between the wells if more than this share of the windows crosses a barrier; one
+# window in ten may begin in the wrong well.
 CROSSING = 0.1
-# Share of the base's power within so many lines of its strongest that makes it a sine.
+# The base is a sine if this share of its power lies within so many lines of its strongest line.
 SINE, SINE_LINES = 0.9, 3
-# By which a run may leave the visited displacements or loads and still be claimed; a factor of the
-# frequencies.
+# A prediction is claimed while its run leaves the range of visited displacements, or the load that
+# of the loads, by at most this share, and the frequencies stay within this factor.
 BEYOND, BEYOND_BAND = 0.1, 1.5
 
 
@@ -157,7 +158,7 @@ def _model_error(fitted):
         [
             math.log(max(each.free_power().estimate, 1e-300) / each.powers()[0].estimate)
             for each in fitted.stretches
-            # Of records in time.
+            # Frequency responses have no power of a run.
             if each.long
         ]
     )
@@ -170,7 +171,7 @@ def _of_record(fitted, measurement, visited, values, model_error):
     shooting, noise = _shooting(fitted, measurement)
     whole = [(0, measurement.acceleration.size)]
     begun = Fit(fitted.values, [], [], [noise])
-    # A record may be of the other well.
+    # A record may lie in the other well: starts are tried on both sides.
     reach = (1.0 + BEYOND) * max(abs(end) for each in visited.displacement for end in each)
     reach /= shooting.responses.length
     (stretch,), settled = predicted(shooting, begun, whole, (-reach, reach))
@@ -252,7 +253,8 @@ def _repeats(measurement):
     near = power[max(place - SINE_LINES, 0) : place + SINE_LINES + 1]
     if place == 0 or near.sum() < SINE * power.sum():
         return None
-    # Between lines, by the powers beside the strongest.
+    # The frequency lies between lines: the mean of the strongest and its neighbours, weighted by
+    # power.
     weights = power[place - 1 : place + 2]
     return base.size / float(weights @ np.arange(place - 1, place + 2) / weights.sum())
 
@@ -317,7 +319,7 @@ def _within(measured, expected):
 
 
 def _unit(measurement):
-    """Of the first output."""
+    """Unit of the first output."""
     name = next(iter(measurement.outputs))
     return "V" if name == "velocity" and measurement.velocity_in_volts else OUTPUT_UNITS[name]
 

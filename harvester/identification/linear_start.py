@@ -26,17 +26,17 @@ from harvester.scene.numbers import numbers
 if TYPE_CHECKING:
     from harvester.identification.response import Responses
 
-# Periods of the motion that one test function covers, and how many begin in each.
+# Length of a test function in periods of the motion, and how many begin within one length.
 COVERED_PERIODS, PER_COVERED = 1.5, 8
-# A regression takes a table of force for a polynomial of this degree.
+# The regression replaces a table of force by a polynomial of this degree.
 TABLE_DEGREE = 5
 ELECTRICAL_FACTORS = np.geomspace(0.2, 5.0, 13)
 SCALE_FACTORS = np.geomspace(0.1, 10.0, 81)
 GAP_SHARES = np.linspace(0.35, 0.95, 13)
-# In rms values: the origin of a motion within one well lies far off.
+# Origins to try, in rms values of the motion: that of a motion within one well lies far off.
 ORIGINS = np.sinh(np.linspace(-5.0, 5.0, 1001))
 MOST_ORIGINS = 2
-# Smallest damping ratio that a start has.
+# Smallest damping ratio of a start.
 LEAST_DAMPING_RATIO = 0.003
 
 
@@ -93,7 +93,8 @@ def regressed(responses: Responses, values: np.ndarray, number: int, drifts: boo
         if responses.device(number, changed) is None:
             continue
         start = as_it_is(responses, changed)
-        # Only this record's origin is known; others begin about the same place.
+        # The regression gives only this record's origin; the other records' motions begin about the
+        # same place.
         motions = [each.centred(origin) for each in start.motions]
         starts.append(Start(changed, motions, found.misfit))
     return starts
@@ -252,7 +253,7 @@ class _Regression:
         What the coefficients are to make is a sum of terms in s⁰, s¹ and s⁻¹, each solved once.
         """
         drives, forces = self._free_drive(), self._linear_force()
-        # What has a coefficient of its own is among the columns.
+        # A term with an unknown coefficient is among the columns and left out here.
         terms = np.column_stack(
             [self.drive * (not drives), -self.inertia, -self.force * (not forces)]
         )
@@ -277,7 +278,7 @@ class _Regression:
         changes = self._mechanical(found, s, moved)
         changes |= self._transduced(found, s)
         if found.get("drive"):
-            # The drive is the base factor over the sensor's scale, and one of them is free.
+            # The drive is the base factor over the sensor's scale; only one of them is free.
             own = _value(self.responses, self.values, BASE_SCALE, self.number)
             changes[BASE_SCALE] = own / found["drive"]
             own = _value(self.responses, self.values, BASE_FACTOR, self.number)
@@ -365,7 +366,7 @@ class _Regression:
         return fixed
 
     def _within(self, changes):
-        """Only what is free, and within its bounds."""
+        """The changes of free values, clipped to their bounds."""
         known = numbers(self.scene)
         kept = {}
         if BASE_SCALE in changes and BASE_SCALE in self.responses.keys:

@@ -23,14 +23,14 @@ from harvester.identification.measured_response import MeasuredResponse
 
 FEWEST_FREQUENCIES = 12
 SETTINGS = ("frequency", "impedance", "phase", "resistance", "reactance")
-# What the columns of resistance and reactance are called otherwise.
+# Other names of the columns resistance and reactance.
 OTHER_NAMES = {"real": "resistance", "imaginary": "reactance"}
 PHASE_TITLES = ("theta", "theta z", "θ", "θz", "phi", "φ")
-# Degrees: a passive part's phase lies within 90, a sensor's error beside it.
+# Largest phase (degrees): a passive part's is at most 90, and the analyser adds an error.
 LARGEST_PHASE = 95.0
-# Share of |Z| by which a resistance may be negative, and of the lines that may be so.
+# A resistance may be negative by this share of |Z|, and by more in this share of the lines.
 NEGATIVE_SHARE, NEGATIVE_LINES = 0.02, 0.1
-# Points of one sweep that are read.
+# Most points of one sweep.
 MOST_LINES = 50_000
 COLUMNS_NEEDED = (
     "|Z| [ohm] and phase [deg], or resistance [ohm] and reactance [ohm] in its header, or "
@@ -156,7 +156,7 @@ def _columns(measured, given):
     is_complex = places["impedance"] in measured.table.complexes
     polar = {"impedance"} if is_complex else {"impedance", "phase"}
     parts = {"resistance", "reactance"}
-    # What is asked for goes before what headings say.
+    # Columns that the user named come before those found by their headings.
     wanted = next((each for each in (polar, parts) if each & set(given) and each <= there), None)
     wanted = wanted or next((each for each in (polar, parts) if each <= there), None)
     if wanted is None:

@@ -9,7 +9,7 @@ import numpy as np
 
 from harvester.errors import IdentificationError, SceneError
 
-# Of a record; a third of them is kept aside.
+# Fewest frequencies in a response; a third of them is kept aside.
 FEWEST_FREQUENCIES = 12
 
 

@@ -25,9 +25,9 @@ from harvester.files.plain_text import named, nearest, shown
 from harvester.identification.measured_response import MeasuredResponse, response_of
 from harvester.identification.sensors import OUTPUTS, checked_sensors
 
-# Those of a record's columns.
+# Quantities that a record's columns can hold.
 COLUMNS = tuple(name for name in QUANTITIES if name not in IMPEDANCES)
-# Behind a velocity's unit: of the room, not relative to the base.
+# Suffix of a velocity's unit: measured in the room, not relative to the base.
 ABSOLUTE = ":absolute"
 # Settings that turn a raw column into its quantity: scale · column + offset.
 LINE_ENDS = ("scale", "offset")
@@ -237,7 +237,7 @@ def _columns(measured, given, lines, units, rate):
         scaled_by = any(f"{quantity}_{end}" in lines for end in LINE_ENDS)
         unit_of[quantity] = _unit(measured, quantity, place, unit, units, scaled_by)
     values = dict(zip(places, measured.take(list(places.values())), strict=True))
-    # In the numbers that the file has.
+    # The checks below compare numbers as they stand in the file, before units and scales.
     remarks = _marker_remarks({k: v for k, v in values.items() if k in ("acceleration", *OUTPUTS)})
     for quantity, unit in unit_of.items():
         if quantity == "time":
@@ -289,7 +289,7 @@ def _unit(measured, quantity, place, given, units, is_scaled):
     if units != "SI" and (given or written) in (None, "", "scaled", "1"):
         return ""
     if is_scaled and given:
-        # The heading's unit is that of the raw column.
+        # The heading's unit is that of the raw column, so only the given one counts.
         known = QUANTITIES[quantity]
         factor_of(quantity, given, f"{where}: {quantity}", f"write {next(iter(known))} or the like")
         return unit_named(quantity, given)

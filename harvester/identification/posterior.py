@@ -21,12 +21,12 @@ if TYPE_CHECKING:
     from harvester.identification.fitted_model import Fitted
 
 WALKERS_PER_VALUE = 4
-# Steps between looks at the chains, and in all; the first part is left out.
+# Steps between two checks of convergence, and most steps; the first part of a chain is left out.
 STEPS, MOST_STEPS = 100, 1500
 LEFT_OUT = 0.25
-# Correlation times after which a chain is long enough for its quantiles.
+# A chain is long enough for its quantiles after this many correlation times.
 ENOUGH_TIMES = 30.0
-# 95 %.
+# Ends of a 95 % interval.
 QUANTILES = (0.025, 0.975)
 
 

@@ -18,14 +18,14 @@ from harvester.scene.units import load_resistance
 if TYPE_CHECKING:
     from harvester.identification.response import Responses
 
-# Blocks of a stretch whose means give an error bar.
+# Number of blocks of a stretch; the scatter of their means gives an error bar.
 BLOCKS = 12
-# Share of the highest frequencies in which a record's own noise is looked for.
+# A record's noise is taken from this share of its spectrum, at the highest frequencies.
 NOISE_BAND = 0.25
 NOISE_SEGMENTS = 16
-# rms of a normal variable over the median of its magnitude.
+# Ratio of the rms of a normal variable to the median of its magnitude.
 NORMAL_RMS = 1.4826
-# Lags of the autocorrelation, in periods of the motion.
+# Longest lag of the autocorrelation, in periods of the motion.
 WHITE_PERIODS = 1.0
 
 
@@ -57,7 +57,8 @@ class Stretch:
     resistance: float | None
 
     aside: ClassVar[str] = "last third"
-    # Whether an error of the model would show in the residuals' correlation.
+    # Whether the stretch is long enough for the residuals' correlation to show an error of the
+    # model.
     long: ClassVar[bool] = True
 
     @property
@@ -101,7 +102,7 @@ class Stretch:
         return _explained(seen**2, self.residuals[:, 0] ** 2)
 
     def free_power(self) -> Estimate:
-        """The same as predicted from one start alone, whose path may part from the measured one."""
+        """Mean power (or square) of a run from one start, which may part from the measured path."""
         return _of_blocks(self._blocks(self.free))
 
     def _blocks(self, values):
@@ -135,7 +136,7 @@ class ResponseStretch(Stretch):
         return float(np.linalg.norm(self.residuals) / np.linalg.norm(self.measured))
 
     def noise(self, output: int = 0) -> float:
-        """Of an output, as a share of its standard deviation.
+        """Noise of an output, as a share of its standard deviation.
 
         A wrong model misses the few lines of the resonance, which the median does not see.
         """
@@ -162,7 +163,7 @@ def blocks_of(values: np.ndarray) -> list[np.ndarray]:
 
 
 def _explained(measured, left):
-    """What squares that are left have less than the measured ones, as a share of those."""
+    """Share of the measured mean square that the model explains: 1 − residual/measured."""
     means = np.array([float(np.mean(part)) for part in blocks_of(measured - left)])
     return _of_blocks(means / float(np.mean(measured)))
 
@@ -178,7 +179,7 @@ def predicted(
     stretches: Sequence[tuple[int, int]],
     reach: tuple[float, float] | None = None,
 ) -> tuple[list[Stretch], Fit]:
-    """What the fitted device does in a stretch of each experiment.
+    """Motion and outputs of the fitted device in a stretch of each experiment.
 
     Parameters
     ----------
@@ -221,7 +222,7 @@ def predicted(
 
 
 def sensor_noise(stretch: Stretch, output: int = 0) -> float:
-    """Of an output's record, as a share of its standard deviation: the floor of its spectrum.
+    """Noise of an output, as a share of its standard deviation, from the floor of its spectrum.
 
     Of a response it is the median of the residuals.
     """
@@ -286,5 +287,5 @@ def whiteness(stretch: Stretch, output: int, period: float) -> Whiteness:
 
 
 def typical_period(responses: Responses) -> float:
-    """Of the motion of the first experiment (s)."""
+    """Period of the motion of the first experiment (s), from its median frequency."""
     return 1.0 / frequencies(responses.experiments[0].measurement)[0]

@@ -14,10 +14,10 @@ if TYPE_CHECKING:
     from harvester.identification.measurement import Measurement
     from harvester.scene.units import Scales
 
-# Share of a signal's power below which frequencies count as its motion.
+# The fastest frequency of the motion is the one with this share of the signal's power below it.
 FASTEST_SHARE = 0.98
 
-# Of the median frequency: what is slower is taken for drift.
+# What is slower than this share of the median frequency is drift.
 SLOW_SHARE = 0.15
 
 
@@ -67,7 +67,7 @@ def frequencies(measurement: Measurement | MeasuredResponse) -> tuple[float, flo
     for values in measurement.outputs.values():
         segment = min(values.size, max(256, values.size // 8))
         f, density = signal.welch(values, rate, nperseg=segment, detrend="linear")
-        # A floor of white noise is no motion.
+        # The floor of white noise is subtracted: it is not motion.
         density = np.maximum(density - 3.0 * np.median(density[3 * f.size // 4 :]), 0.0)
         total = np.cumsum(density)
         if total[-1] <= 0.0:

@@ -55,7 +55,7 @@ def report(found: Identification) -> str:
 
 
 def _posterior(found):
-    """Its section, where it was sampled."""
+    """The posterior's section of the page; empty if it was not sampled."""
     if not found.posterior:
         return {}
     picture = figures.picture(draw_posterior, found)

@@ -39,10 +39,10 @@ if TYPE_CHECKING:
     from harvester.identification.measurement import Measurement
     from harvester.scene.model import Scene
 
-# Steps in a period of the fastest motion seen, while values are looked for and in the end:
-# Runge–Kutta's phase is right to 1e-4 and to 1e-6.
+# Steps in a period of the fastest motion, in the search and in the last fit: the phase of the
+# Runge–Kutta method is right to 1e-4 and to 1e-6.
 COARSE_STEPS, FINE_STEPS = 24, 80
-# How acceleration goes on between two samples: in a straight line, or by a spline.
+# Interpolations of the acceleration between samples: straight lines, or a spline.
 INTERPOLATIONS = ("linear", "smooth")
 
 
@@ -68,7 +68,7 @@ class Experiment:
 
     @property
     def samples(self) -> int:
-        """Of the whole record."""
+        """Number of samples of the whole record."""
         return self.measurement.acceleration.size
 
     def integrals(self, quantity: str, steps: int) -> tuple[np.ndarray, np.ndarray]:
@@ -96,7 +96,7 @@ def experiment(
         Steps in a period of it.
     """
     rate = measurement.sampling_rate
-    # At least two: between samples a smooth path needs points of its own.
+    # At least two steps between samples, because a smooth path needs points there.
     steps = max(2, math.ceil(per_period * frequency / rate - 1e-9))
     samples = measurement.acceleration
     known = np.arange(samples.size)
@@ -158,12 +158,12 @@ class Responses:
         return _general(system), scales
 
     def known_device(self, number: int, values: np.ndarray) -> tuple[System, Scales]:
-        """The same of values that the scene takes.
+        """Scaled equations of one experiment at values that the scene must accept.
 
         Raises
         ------
         IdentificationError
-            It does not.
+            The scene refuses the values.
         """
         made = self.device(number, values)
         if made is None:
@@ -213,7 +213,7 @@ class Responses:
         return factor * self._base(number, values, path, each.steps)
 
     def base_factor(self, number: int, values: np.ndarray) -> float:
-        """By how much the base's acceleration counts in one experiment's device."""
+        """Base factor of one experiment's device: drive per base acceleration."""
         if BASE_FACTOR in self.keys:
             return float(values[self.keys.index(BASE_FACTOR)])
         return self.experiments[number].scene.oscillator.base_factor
@@ -229,7 +229,7 @@ class Responses:
         return (path - offset) / gain
 
     def _base_velocity(self, number, values):
-        """Of the base at the samples, in the scene's units."""
+        """Velocity of the base at the samples, in the scene's units."""
         each = self.experiments[number]
         base = self._base(number, values, each.measurement.acceleration, 1)
         sign = 1.0 if each.scene.units == "SI" else -1.0
@@ -237,7 +237,7 @@ class Responses:
         return sign * integrals(base, each.measurement.sampling_rate, places)[0]
 
     def _corners(self, number, values, quantity):
-        """Of a sensor's high-passes, of first and of second order (Hz)."""
+        """Corner frequencies (Hz) of a sensor's high-passes of first and of second order."""
         if quantity not in ("acceleration", "voltage"):
             return [0.0 for _ in HIGHPASSES]
         return [
@@ -262,7 +262,7 @@ class Responses:
                 true = true - self._base_velocity(number, values)
             found[name] = true
         if VELOCITY_SCALE in self.keys and len(found) > 1:
-            # Of an unknown scale, it tells nothing where other channels tell the motion.
+            # A velocity of unknown scale is left out where other channels show the motion.
             found["velocity"] = None
         return replace(measurement, **found)
 
@@ -316,7 +316,7 @@ class Responses:
         return np.column_stack(columns)
 
     def _sensed(self, number, name, true, values, edges):
-        """What a sensor shows of the true values in the windows."""
+        """A sensor's output for true values, window by window."""
         key = f"sensor.{name}_"
         measurement = self.experiments[number].measurement
         rate = measurement.sampling_rate
@@ -342,7 +342,7 @@ class Responses:
 
 
 def _delayed(values, samples):
-    """Later by so many samples, by a cubic through four of them; in a straight line at the ends."""
+    """A series delayed by so many samples, by a cubic spline; extrapolated straight at the ends."""
     if samples == 0.0:
         return values
     from scipy.interpolate import CubicSpline

@@ -10,7 +10,7 @@ from harvester.files.plain_text import one_line
 if TYPE_CHECKING:
     from harvester.scene.model import Scene
 
-# Column of the comments.
+# Column at which the comments begin.
 COMMENTS = 34
 
 
@@ -67,7 +67,7 @@ def _value(value: Any) -> str:
     if isinstance(value, bool):
         return str(value).lower()
     if isinstance(value, str):
-        # JSON's text is TOML's but for DEL.
+        # A string in JSON is one in TOML, except for the character DEL.
         return json.dumps(value, ensure_ascii=False).replace("\x7f", "\\u007f")
     if isinstance(value, (list, tuple)):
         return "[" + ", ".join(map(_value, value)) + "]"

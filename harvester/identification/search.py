@@ -24,17 +24,18 @@ if TYPE_CHECKING:
     from harvester.identification.unknowns import Unknown
 
 SHORT_PERIODS = 2.0
-# Iterations with short windows, at each length, and at the end.
+# Most iterations with short windows, at each further length, and of the last fit.
 FIRST, ON_THE_WAY, LAST = 12, 6, 40
-# Relative fall of the cost below which a fit is done, on the way and at its end.
+# A fit ends when a step would lower its cost by less than this share: on the way, and at its end.
 COARSE, FINE = 1e-3, 1e-6
-# Share of an output's rms that its noise is taken for at first.
+# Noise that the first fit assumes, as a share of an output's rms.
 FIRST_NOISE = 0.05
 MOST_FIRST_WINDOWS = 2000
-# Mean square of a window's residuals over that of the others from which on its start is in doubt.
+# A window's start is in doubt if the mean square of its residuals exceeds this multiple of the
+# median.
 DOUBTFUL = 4.0
 MENDINGS = 4
-# Cost, over that of a model beside it, from which on a model is not worth following further.
+# A fit is given up if its cost exceeds this multiple of a rival model's cost.
 HOPELESS = 1.25
 
 
@@ -99,7 +100,7 @@ def followed(shooting: Shooting, fit: Fit, rival: float = np.inf) -> Fit:
     """
     fit = mended(shooting, fit)
     most, hopeless = _longest(fit), HOPELESS * rival
-    # As long as some window is longer than any was allowed to be before.
+    # The loop goes on while some window is longer than any that was allowed before.
     while fit.cost < hopeless and (2 * _longest(fit) > most).any():
         most = 2 * most
         longer = lengthened(fit, _in_short_windows(shooting, fit), most)
@@ -124,7 +125,7 @@ def _longest(fit):
 
 
 def _in_short_windows(shooting, fit):
-    """The same motion in the shortest windows, linearized in their starts."""
+    """The fit's motion in the shortest windows, linearized in their starts."""
     short = opened(shooting, fit)
     shooting.frozen().linearized(short)
     return short

@@ -21,7 +21,7 @@ if TYPE_CHECKING:
     from harvester.identification.fitted_model import Fitted
     from harvester.identification.measurement import Measurement
 
-# Share of the cost that an effect must promise to take away, and how many effects are fitted.
+# An effect is fitted if it promises to lower the cost by this share; at most so many are fitted.
 PROMISING, MOST_FITTED = 0.02, 2
 
 
@@ -100,7 +100,7 @@ def _promised(normal, gradient, places):
 def turned(measurements: Sequence[Measurement]) -> list[Trial]:
     """Records whose columns mean something else: another sign, another frame."""
     outputs = list(measurements[0].sensed)
-    # Of a single channel one sign is enough: the other is that of a mirrored device.
+    # With one channel one sign is enough: the other gives the mirrored device.
     turnable = ["acceleration"] if outputs[0] != "voltage" else ["voltage"]
     turnable += ["acceleration"] if len(outputs) > 1 and turnable == ["voltage"] else []
     found = []

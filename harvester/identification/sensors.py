@@ -24,28 +24,28 @@ from harvester.files.plain_text import named, nearest, shown
 
 OUTPUT_UNITS = {"voltage": "V", "displacement": "m", "velocity": "m/s"}
 OUTPUTS = tuple(OUTPUT_UNITS)
-# Values without effect. A high-pass is given by its corner (Hz), of first order, or of second
-# (Butterworth's); a resistance is the input's, beside the load.
+# Values at which an effect vanishes. A high-pass is given by its corner (Hz), of first order, or of
+# second (Butterworth's); the resistance (Ω) is that of the input, in parallel with the load.
 HIGHPASSES = {"highpass": 0.0, "highpass2": 0.0}
 OUTPUT_EFFECTS = {"offset": 0.0, "scale": 1.0, "delay": 0.0, "filter": 0.0}
-# A delay of the base's sensor is one of all outputs the other way.
+# The base's sensor has no delay: it would equal an opposite delay of all outputs.
 BASE_EFFECTS = {"offset": 0.0, "scale": 1.0, **HIGHPASSES}
 VOLTAGE_EFFECTS = {**HIGHPASSES, "resistance": math.inf}
-# Between samples an output is a polynomial of fifth degree through six of them: of twelve samples a
-# period, it is off by 1e-4 of the amplitude. By place of the step among the six: each sample's
-# polynomial, from the step's beginning.
+# Between samples an output is a polynomial of fifth degree through six of them. With twelve samples
+# a period its error is 1e-4 of the amplitude. There is one matrix for each place of the step among
+# the six; it gives each sample's polynomial, from the step's beginning.
 STENCILS = np.array(
     [np.linalg.inv(np.vander(np.arange(6.0) - n, increasing=True)) for n in range(5)]
 )
-# Magnitude of a pole per sample from which on moments follow from each other without loss; nodes
-# that give the others to rounding.
+# If a pole per sample exceeds this magnitude, the recursion between moments loses no digits. Below,
+# the quadrature gives the moments to rounding.
 SHORT_MEMORY = 5.0
 _NODES, _WEIGHTS = np.polynomial.legendre.leggauss(16)
 QUADRATURE_PLACES, QUADRATURE_WEIGHTS = 0.5 * (_NODES + 1.0), 0.5 * _WEIGHTS
-# What a probe's input has, from which a free resistance begins (Ω).
+# Input resistance of a usual probe (Ω), from which a free resistance begins.
 PROBE = 1e7
 VELOCITY_SCALE = "sensor.velocity_scale"
-# What the given value of an effect must be.
+# What a given value of each effect must be: in words, and as a check.
 REQUIRED = {
     "scale": ("a number other than 0", lambda value: math.isfinite(value) and value != 0.0),
     "resistance": ("a number > 0", lambda value: value > 0.0),
@@ -72,7 +72,7 @@ def neutral(key: str) -> float:
 def checked_sensors(
     values: Mapping[str, object], outputs: Sequence[str], where: str
 ) -> dict[str, float]:
-    """Given values of sensors as numbers.
+    """The given effects of sensors as numbers by key, after a check.
 
     Raises
     ------
@@ -109,7 +109,7 @@ def integrals(
 
     spline = make_interp_spline(np.arange(samples.size), samples - samples.mean(), SPLINE_DEGREE)
     once = _without_drift(spline.antiderivative()(places), 1) / rate
-    # The line that was taken out of the first integral is a parabola of the second.
+    # A line was taken out of the first integral, hence a parabola and its drift out of the second.
     return once, _without_drift(spline.antiderivative(2)(places), 3) / rate**2
 
 
@@ -117,7 +117,7 @@ def _without_drift(values, degree):
     """A series less the polynomial of this degree that is nearest to it."""
     along = np.linspace(-1.0, 1.0, values.size)
     table = np.polynomial.legendre.legvander(along, degree)
-    # Nearly orthogonal: normal equations are well conditioned.
+    # Legendre polynomials are nearly orthogonal: the normal equations are well conditioned.
     return values - table @ np.linalg.solve(table.T @ table, table.T @ values)
 
 
@@ -240,5 +240,5 @@ def without_memory(
 
 
 def parallel(resistance: float, beside: float) -> float:
-    """Of two resistances (Ω)."""
+    """Resistance (Ω) of two in parallel."""
     return resistance / (1.0 + resistance / beside)

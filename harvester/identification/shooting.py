@@ -20,11 +20,12 @@ if TYPE_CHECKING:
     from harvester.identification.response import Responses
     from harvester.identification.unknowns import Unknown
 
-# Steps of difference quotients, in sizes of the unknowns and rms values of the states.
+# Step of the difference quotients, in sizes of the unknowns and rms values of the states.
 DIFFERENCE = 1e-5
-# Weighted residual per size of an unknown or a state from which on a window is hopeless.
+# A window is given up if a weighted residual changes by more than this per size of an unknown or
+# state.
 LARGEST_SLOPE = 1e12
-# Of Levenberg and Marquardt.
+# First, smallest and largest damping of the Levenberg–Marquardt steps.
 FIRST_DAMPING, LEAST_DAMPING, MOST_DAMPING = 1e-3, 1e-9, 1e9
 
 
@@ -39,7 +40,7 @@ def side_by_side(function: Callable[[Any], Any], items: Iterable[Any]) -> list[A
 
 @dataclass
 class Fit:
-    """Where a fit stands.
+    """State of a fit: values, windows, their starts, and the linearization.
 
     Attributes
     ----------
@@ -94,7 +95,7 @@ class Shooting:
         self.states_there = [each > 0.0 for each in state_sizes]
 
     def frozen(self) -> Shooting:
-        """The same with no unknowns but the windows' starts."""
+        """The problem with the windows' starts as its only unknowns."""
         other = Shooting(self.responses, [], [])
         other.state_sizes, other.states_there = self.state_sizes, self.states_there
         return other
@@ -159,7 +160,7 @@ class Shooting:
                 table[..., p + k] = (found - base) / DIFFERENCE
                 transitions[:, :, k] = (moved_ends - ends) / self.state_sizes[number] / DIFFERENCE
 
-        # Each fills a column of its own: the same numbers in any order.
+        # Each call fills its own column, so the threads' order does not change the result.
         side_by_side(
             lambda column: of_value(column) if column < p else of_state(column - p),
             [*range(p), *(p + np.flatnonzero(there))],
@@ -273,7 +274,7 @@ class Shooting:
             else:
                 return fit
             if last:
-                # So short a step leaves the linearization as it was.
+                # So short a step does not change the linearization.
                 trial.grams, trial.transitions, trial.growth = (
                     fit.grams,
                     fit.transitions,
@@ -289,7 +290,7 @@ class Shooting:
         return fit
 
     def promised(self, fit: Fit, change: np.ndarray, moves: Sequence[np.ndarray]) -> float:
-        """By how much a damped step lowers the cost at least, were the problem linear."""
+        """Least decrease of the cost by a damped step, were the problem linear."""
         p, total = len(self.unknowns), 0.0
         for grams, move in zip(fit.grams, moves, strict=True):
             total -= float(np.sum(grams[:, :p, -1] @ change))

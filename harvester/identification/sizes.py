@@ -35,7 +35,7 @@ def sizes_of(
         Greatest displacement and rms velocity, in the scene's units.
     """
     force = [k or 0.0 for k in scene.oscillator.coefficients]
-    # The force at the greatest displacement, each power by itself.
+    # The largest force that one power of the spring has at the greatest displacement.
     greatest = max((abs(k) * reach**n for n, k in enumerate(force)), default=0.0)
     if scene.oscillator.force_table is not None:
         greatest = float(np.abs(restoring_spring(scene.oscillator).force(reach)))
@@ -62,14 +62,14 @@ def sizes_of(
 
 
 def first_sizes(scene: Scene, measurements: Sequence[Measurement]) -> dict[str, float]:
-    """Before any fit: the scene's length unit, at the frequency of the motion."""
+    """Sizes before any fit: a motion of one length unit of the scene, at the measured frequency."""
     length = prepared(scene).scales.displacement
     speed = 2.0 * np.pi * frequencies(measurements[0])[0] * length
     return sizes_of(scene, measurements, length, speed)
 
 
 def fitted_sizes(base: Fitted, measurements: Sequence[Measurement]) -> dict[str, float]:
-    """Those of the motion that was fitted; of a response as before the fit."""
+    """Sizes from the fitted motion; for a frequency response those of `first_sizes`."""
     if isinstance(measurements[0], MeasuredResponse):
         return first_sizes(base.scene, measurements)
     reach, speed = 0.0, 0.0

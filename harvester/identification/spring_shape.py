@@ -1,4 +1,4 @@
-"""Whether the records tell a model's spring from one with the next power.
+"""Whether the records distinguish a model's spring from one with the next power.
 
 A few sines of nearly one amplitude show the force at that amplitude, which many springs have. With
 the next power free beside the model's own values, to first order about the fit, a score test says
@@ -19,10 +19,10 @@ from harvester.identification.intervals import HALF_INTERVAL
 from harvester.identification.shooting import Shooting
 from harvester.identification.unknowns import unknowns
 
-# Half of a 95 % interval, as a share of a spring's value, from which on the value rests on the
-# powers that the model does not have. Right models had 0.003 driven by noise and 0.02 to 5 driven
-# by three sines; cubic models of softening springs under three sines, whose value was off by 0.02,
-# 0.05, 0.05 and 0.16, had 0.06, 0.16, 1.2 and 0.38.
+# A spring's value depends on powers that the model lacks if half of its 95 % interval exceeds this
+# share of the value. Right models had 0.003 driven by noise and 0.02 to 5 driven by three sines;
+# cubic models of softening springs under three sines, whose value was off by 0.02, 0.05, 0.05 and
+# 0.16, had 0.06, 0.16, 1.2 and 0.38.
 TOLD_APART = 0.1
 NAMED = {"linear_stiffness": 1, "cubic_stiffness": 3}
 
@@ -57,12 +57,12 @@ class SpringShape:
 
     @property
     def untold(self) -> dict[str, float]:
-        """The values that rest on the powers that the model does not have, and their `halves`."""
+        """The values that depend on powers that the model lacks, with their `halves`."""
         return {key: half for key, half in self.halves.items() if half > TOLD_APART}
 
 
 def spring_shape(base: Fitted, sizes: dict[str, float]) -> SpringShape | None:
-    """Of a model fitted to records in time; None where there is no next power.
+    """Spring shape of a model fitted to records in time; None if there is no next power.
 
     Parameters
     ----------
@@ -98,7 +98,7 @@ def spring_shape(base: Fitted, sizes: dict[str, float]) -> SpringShape | None:
 
 
 def _power(key):
-    """Of the spring's coefficient that a key names; 0 of all others."""
+    """Power of x that a key's spring coefficient belongs to; 0 for other keys."""
     name = key.rpartition(".")[2]
     place = name.removeprefix("restoring_force[").rstrip("]")
     return NAMED.get(name, 0) or (int(place) if place.isdigit() else 0)
@@ -119,7 +119,7 @@ def _with_power(base, scene, keys, sizes):
             unknowns(scene, keys[: len(base.keys)], sizes), base.values, strict=True
         )
     ]
-    # From next to nothing, where its own start is no size.
+    # The added powers begin near 0, so their sizes come from the motion, not from their starts.
     free += [replace(each, size=sizes[each.key]) for each in unknowns(scene, added, sizes)]
     responses = own.with_keys(keys)
     responses.experiments = experiments

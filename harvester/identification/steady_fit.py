@@ -23,14 +23,14 @@ if TYPE_CHECKING:
     from harvester.identification.measured_response import MeasuredResponse
     from harvester.scene.model import Scene
 
-# Of every so many lines one is kept aside.
+# One line in this many is kept aside.
 KEPT_ASIDE = 3
-# Factors of the scene's stiffness, damping and coupling from which a fit may begin, and how many
-# of those do.
+# A fit may begin at these multiples of the scene's stiffness, damping and coupling; the best few of
+# these starts are fitted.
 STIFFNESSES = np.geomspace(0.2, 5.0, 65)
 DAMPINGS, COUPLINGS = (0.25, 1.0, 4.0), (0.3, 1.0, 3.0)
 MOST_STARTS = 4
-# Share of a response's rms that its noise is taken for at first.
+# Noise that the first fit assumes, as a share of a response's rms.
 FIRST_NOISE = 0.05
 NO_STATES = np.zeros((1, 3))
 
@@ -131,7 +131,7 @@ def _starts(shooting):
 
 
 def stretch_of(kept: SteadyResponses, values: np.ndarray, number: int) -> ResponseStretch:
-    """What the model says of the lines that were kept aside."""
+    """The model's prediction of the lines that were kept aside."""
     each: Any = kept.experiments[number]
     measured = np.column_stack(list(each.measurement.outputs.values()))
     edges = np.array([0, measured.shape[0]])

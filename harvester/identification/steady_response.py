@@ -25,7 +25,7 @@ if TYPE_CHECKING:
     from harvester.identification.measured_response import MeasuredResponse
     from harvester.scene.model import Scene
 
-# Newton's steps for the displacement's amplitude.
+# Secant steps for the displacement's amplitude.
 AMPLITUDE_STEPS = 12
 
 
@@ -75,7 +75,7 @@ class SteadyResponses(Responses):
     def states(
         self, number: int, values: np.ndarray, edges: np.ndarray, starts: np.ndarray
     ) -> tuple[Any, Any, Any]:
-        """As those of records in time; a steady response has no states."""
+        """Empty states, and the outputs, like `Responses.states` of records in time."""
         if isinstance(self.experiments[number], Experiment):
             return super().states(number, values, edges, starts)
         made = self.device(number, values)
@@ -116,7 +116,8 @@ class SteadyResponses(Responses):
         measured = each.measurement
         rate = 2j * math.pi * measured.frequency
         transducer = system.transducer
-        # Of a unit of displacement: the state, the force on the mass, the voltage.
+        # These three belong to a unit of displacement: the state, the force on the mass, the
+        # voltage.
         state = rate / (rate + transducer.decay_rate())
         force = transducer.force(rate, state)
         volts = device.terminal_voltage(transducer, rate, state) * scales.voltage
@@ -137,12 +138,13 @@ class SteadyResponses(Responses):
             amplitude = _amplitude(impedance, drive, shown / np.abs(volts))
         sign = -1.0 if each.scene.units == "SI" else 1.0
         moved = impedance(amplitude)
-        # The base drives the state as X does, by the share of η; the force of that is taken back.
+        # The base drives the state as X does, by the share of η; the part of the force that stems
+        # from it is subtracted.
         driven = (1.0 + share * (moved - force)) / moved
         return factor * sign * volts * driven / self.length
 
     def _gain_of_sensors(self, number, values):
-        """What the sensors make of it."""
+        """The sensors' gain (complex) at each frequency."""
         frequency = self.experiments[number].measurement.frequency
         rate = 2j * math.pi * frequency
 

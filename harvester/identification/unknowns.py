@@ -24,18 +24,18 @@ from harvester.scene.numbers import numbers
 if TYPE_CHECKING:
     from harvester.scene.model import Scene
 
-# Tables whose numbers describe the device; a load's are known.
+# Tables of the scene whose numbers describe the device; the load's values are given.
 DEVICE_TABLES = ("oscillator", "stoppers", "piezo", "coil")
-# Known from a scale, a data sheet or an ohmmeter, and hardly to be told from records.
+# Values that a scale, a data sheet or an ohmmeter gives, and that records hardly determine.
 KNOWN = (
     "mass", "base_factor", "base_charge", "exponent", "resistance", "inductance",
     "leakage_resistance", "leakage_rate",
 )  # fmt: skip
 BASE_FACTOR, BASE_SCALE = "oscillator.base_factor", "sensor.acceleration_scale"
-# Stands for all that is free by default.
+# Word for all keys that are free by default.
 DEVICE = "device"
 ORIGIN = "oscillator.restoring_force[0]"
-# Of its own start, what a number that must be positive keeps at least.
+# A number that must be positive stays above this share of its size or first value.
 SMALLEST_SHARE = 1e-3
 
 
@@ -60,8 +60,8 @@ class Unknown:
     size: float
 
     def begun(self, value: float) -> Unknown:
-        """The same with another start, which may be far off the first."""
-        # A factor may be of any size; else a value near zero keeps its first one.
+        """The unknown with another start, which may be far from the first."""
+        # A scale's size follows its start; any other value near zero keeps its first size.
         if self.key.endswith("_scale"):
             size = abs(value)
             return replace(self, start=value, low=SMALLEST_SHARE * size, size=size)
@@ -69,7 +69,7 @@ class Unknown:
 
 
 def default_keys(scene: Scene, outputs: Sequence[str], volts: bool = False) -> list[str]:
-    """What is free where nothing is said: the device's own numbers that a record tells.
+    """Keys that are free by default: the device's own numbers that a record determines.
 
     Mass, winding, leak and a contact's exponent are taken as known. Without a displacement no
     record tells where x = 0 is: then the constant force is kept. A velocity in `volts` has a scale.
@@ -96,7 +96,7 @@ def _unused(scene, key):
 
 
 def checked_keys(scene: Scene, keys: Sequence[str], outputs: Sequence[str]) -> list[str]:
-    """The keys that are to be free, each known.
+    """The keys to free, after a check that each exists.
 
     Raises
     ------
@@ -150,7 +150,7 @@ def unknowns(scene: Scene, keys: Sequence[str], sizes: dict[str, float]) -> list
 
 
 def _of_sensor(key, sizes):
-    """A free effect of a sensor, from where it has none."""
+    """A free effect of a sensor, which begins at its value without effect."""
     effect = key.rpartition("_")[2]
     if effect == "resistance":
         return Unknown(key, PROBE, SMALLEST_SHARE * PROBE, math.inf, PROBE)

@@ -17,15 +17,15 @@ if TYPE_CHECKING:
     from harvester.identification.spring_shape import SpringShape
     from harvester.identification.visited import Visited
 
-# Of each window: displacement, velocity and the transducer's state.
+# Fitted states of each window: displacement, velocity and the transducer's state.
 FITTED_STATES = 3
-# Share of an output that is the sensor's noise from which on it is no record of a motion.
+# An output is no record of a motion if its sensor's noise has more than this share of its rms.
 MOSTLY_NOISE = 0.9
 
 
 @dataclass(frozen=True)
 class Verdict:
-    """What is to be thought of the scene's model.
+    """The judgement on the scene's model.
 
     Attributes
     ----------
@@ -99,7 +99,7 @@ def verdict(
 
 
 def _nothing(base):
-    """That the records hold no motion to judge by, in words."""
+    """A sentence that says that the records hold no motion to judge by."""
     return (
         f"nothing to judge: the model explains {base.stretches[0].quantity} no better than chance "
         f"({base.nrmse:.2%} NRMSE on the data kept aside), and what was measured is noise (about "
@@ -109,7 +109,7 @@ def _nothing(base):
 
 
 def _untold(shape):
-    """What is known of the spring if it has one power more, in words."""
+    """Intervals of the spring's values if it has one more power, in words."""
     values = " and ".join(
         f"{key.rpartition('.')[2]} to ± {half:.0%}" for key, half in shape.untold.items()
     )
@@ -120,7 +120,7 @@ def _untold(shape):
 
 
 def _fault(base, whiteness, misfits, kept, shape):
-    """What speaks against a model that no other is better than, in words; None where nothing."""
+    """The objection to the best model, in words; None if there is none."""
     wrong = worst(misfits)
     if wrong:
         return (
@@ -203,7 +203,7 @@ def _said(base, misfits, whiteness):
 
 
 def _beyond(misfit):
-    """What noise does not explain: the first thing to say of a model."""
+    """Error beyond the noise, then the whole error: the order in which records are ranked."""
     return max(misfit.left**2 - misfit.noise**2, 0.0), misfit.left
 
 
@@ -221,7 +221,7 @@ def _is_noise(stretch, whiteness):
 
 
 def _power(base):
-    """What it predicts of the power, in words: the record with the largest difference."""
+    """Predicted against measured power, in words, of the record with the largest difference."""
     found = [(each, each.powers()[2]) for each in base.stretches]
     stretch, difference = max(found, key=lambda each: abs(each[1].estimate))
     return f", and the {stretch.compared[0]} to {share_with_error(difference)}"

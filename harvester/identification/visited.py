@@ -16,9 +16,9 @@ if TYPE_CHECKING:
     from harvester.identification.fitted_model import Fitted
     from harvester.identification.measurement import Measurement
 
-# Shares of the base's power below and above the frequencies that count as visited.
+# The visited frequencies lie between these shares of the base's cumulative power.
 BAND = (0.01, 0.99)
-# Of the range of displacement, by which a place may lie outside and still be determined.
+# A place may lie outside the visited displacements by this share of their range.
 MARGIN = 0.02
 SPRING = ("restoring_force[", "linear_stiffness", "cubic_stiffness")
 
@@ -53,7 +53,7 @@ class Visited:
 
     @property
     def ranges(self) -> str:
-        """In words."""
+        """The visited ranges, in words."""
         speed = max(abs(end) for each in self.velocity for end in each)
         moved = " and ".join(
             f"{self._length(low)} … {self._length(high)}"
@@ -82,7 +82,7 @@ def visited(fitted: Fitted) -> Visited | None:
     responses = fitted.shooting.responses
     displacement: list[tuple[float, float]] = []
     velocity: list[tuple[float, float]] = []
-    # Records in time come first; sweeps and impedances beside them are of small motion.
+    # Records in time come first; sweeps and impedances after them have only small motion.
     experiments = responses.experiments[: len(fitted.settled.edges)]
     for number in range(len(experiments)):
         states = [

@@ -17,10 +17,10 @@ if TYPE_CHECKING:
     from harvester.identification.reconstruction import Motion
 
 DISPLACEMENTS = 15
-# Of all displacements tried in a window, those whose states are fitted.
+# Number of displacements per window, the best of those tried, from which its states are fitted.
 MOST_TRIED = 2
 ITERATIONS = 8
-# Share of a window's cost: a step that promises less is its last one.
+# A window's fit ends when a step promises to lower its cost by less than this share.
 SETTLED = 1e-4
 
 
@@ -172,7 +172,7 @@ def repaired(
 
 
 def _better(own, other):
-    """Of (starts, costs) each window's better."""
+    """The better (starts, costs) of two, for each window."""
     better = other[1] < own[1]
     return np.where(better[:, None], other[0], own[0]), np.where(better, other[1], own[1])
 

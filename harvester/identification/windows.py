@@ -8,9 +8,10 @@ import numpy as np
 
 from harvester.identification.shooting import Fit, Shooting
 
-# By what an error may grow within a window: one of its start, and one that arises on the way.
+# Windows are joined while an error of the start grows at most by the first factor, and one that
+# arises within the window by the second.
 LARGEST_GROWTH, LARGEST_GROWTH_WITHIN = 5.0, 1000.0
-# Samples in the shortest window, for three unknown states.
+# Samples in the shortest window, which must determine three states.
 FEWEST_SAMPLES = 12
 
 

@@ -190,7 +190,7 @@ def integrate(
 
 
 def _beginning():
-    """Where `advance` begins: the first segment and step, nobody apart, before the first batch."""
+    """Initial position of `advance`: first segment and step, before the first batch."""
     return np.array([0, 0, 0, -1])
 
 

@@ -27,7 +27,7 @@ class Scheme(enum.Enum):
 
     @property
     def argument(self) -> bool | None:
-        """What compiled code is given for it.
+        """The scheme as an argument of compiled code.
 
         None has a type of its own: the code for Runge–Kutta, which nearly all runs take, is
         compiled without the other two, and LLVM can take eight realizations at a time. A value of

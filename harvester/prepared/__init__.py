@@ -1,1 +1,1 @@
-"""What a scene is made ready with, once: steps, knots, lines near a resonance, starts."""
+"""Preparation of a scene, done once: steps, knots, lines near a resonance, starts."""

@@ -85,7 +85,7 @@ def _motion(record):
 
 
 def _rates(record):
-    """What the integrals are of."""
+    """The integrands: load power, squared voltage, squared displacement."""
     return record.load_power, record.voltage**2, record.displacement**2
 
 

@@ -74,7 +74,7 @@ class Attractor:
         return plain({"kind": self.kind, **vars(self), "quantities": quantities})
 
     def sentence(self, power_unit: str) -> str:
-        """What is to be said of it in a line."""
+        """A sentence with the orbit's kind, share of starts and power."""
         error = "" if self.share_error is None else f" ± {self.share_error:.1%}"
         power = self.quantities["mean_power"].estimate if "mean_power" in self.quantities else None
         gives = "" if power is None else f", mean power {quantity(power, power_unit)}"
@@ -87,7 +87,7 @@ class Attractor:
 
 
 def wandering_kind(exponent: Divergence | None) -> str:
-    """In words, what a motion without a period is by its largest Lyapunov exponent."""
+    """Kind of a motion without a period, in words, by its largest Lyapunov exponent."""
     return "chaotic" if exponent is not None and exponent.chaotic else NOT_SETTLED
 
 

@@ -394,7 +394,7 @@ class Result:
 
 
 def with_roots(quantities: dict[str, Estimate]) -> dict[str, Estimate]:
-    """The same with the root of every mean square behind it."""
+    """The quantities, each mean square followed by its root (rms)."""
     found: dict[str, Estimate] = {}
     for name, each in quantities.items():
         found[name] = each

@@ -33,7 +33,7 @@ SMALL_VOLTAGE = 1e-9
 
 @dataclass(frozen=True, repr=False)
 class Waveform:
-    """What a realization does between two times, in the scene's units.
+    """Time series of a realization between two times, in the scene's units.
 
     `waveform["voltage"]` is one of `columns`; the most usual ones are attributes too.
 

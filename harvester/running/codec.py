@@ -52,7 +52,7 @@ _KNOWN: dict[str, type] = {
 
 
 class NotAnAnswer(Exception):
-    """What lies under a task's name is not its answer; the message says why."""
+    """A stored file is not the answer of its task; the message says why."""
 
 
 def register(kind: type) -> type:

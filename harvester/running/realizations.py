@@ -99,7 +99,7 @@ def averages(
 
 @dataclass(frozen=True)
 class Realizations:
-    """What the tasks of a scene by an engine are cut from.
+    """All realizations of a scene by one engine, to be divided into tasks.
 
     Attributes
     ----------
@@ -147,7 +147,7 @@ class Realizations:
         return -(-count // self.size) * self.size
 
     def misfit(self, found: dict, indices: Sequence[int], waveform: bool) -> str:
-        """What of an answer that was read cannot come from here; "" where all may."""
+        """Why a stored answer does not belong to these realizations; "" if it may."""
         moments = found["moments"]
         if len(moments) != len(indices):
             return "has another number of realizations"
@@ -271,7 +271,7 @@ def _fits(moments, template, rows, density):
 
 
 def _jumps_fit(jumps, template):
-    """The same of the jumps between wells."""
+    """Whether stored jumps between wells have the shapes and finite values of the template."""
     if jumps is None or template is None:
         return jumps is template
     counted = ("times", "counts")
@@ -286,7 +286,7 @@ def _jumps_fit(jumps, template):
 
 
 def _strain_fits(strain, template, beam):
-    """The same of the strain at a beam's clamp."""
+    """Whether stored strain at a beam's clamp fits the template, with finite values ≥ 0."""
     if strain is None or template is None:
         return strain is template
     arrays = [(strain.squares, template.squares), (strain.peaks, template.peaks)]

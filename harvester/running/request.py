@@ -116,7 +116,7 @@ class Request:
 
 @dataclass(frozen=True)
 class Answer:
-    """What a method says of a scene.
+    """The answer of a method to a request.
 
     Attributes
     ----------

@@ -148,7 +148,7 @@ class Runner:
         on_end: Callable[[int, object], None] | None = None,
         in_turn: bool = False,
     ) -> list:
-        """What plans return; all of them go on at once.
+        """Carry out several plans at the same time; returns what each of them returns.
 
         Parameters
         ----------

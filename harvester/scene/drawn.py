@@ -64,7 +64,7 @@ def _checked(name, tables, origin):
 
 
 def _beside(name, tables, origin):
-    """What stands in a table beside the drawing."""
+    """A table's keys that the drawing does not determine; keys that it does are refused."""
     given = tables.get(name, {})
     if not isinstance(given, dict):
         raise SceneError(f"{origin}: {name} must be a table")

@@ -340,7 +340,7 @@ class Scene:
         return tables
 
     def without_drawing(self) -> Scene:
-        """The same device by the lumped values that its drawing comes to."""
+        """The scene with the lumped values of its drawing in place of the drawing."""
         return dataclasses.replace(self, beam=None, magnets=None)
 
     def to_dict(self) -> dict[str, Any]:

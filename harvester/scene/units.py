@@ -152,7 +152,7 @@ def _with_noise(system, excitation, unit):
 
 
 def longest_spacing(system: System) -> float:
-    """What resolves small oscillations (s); infinite where there are none."""
+    """Longest knot spacing (s) that resolves small oscillations; infinite without any."""
     frequency = timescales.angular_frequency(system)
     return 2.0 * math.pi / frequency / KNOTS_PER_PERIOD if frequency > 0.0 else math.inf
 

@@ -136,7 +136,7 @@ def count(size: float | None) -> str:
 
 
 def is_share(name: str) -> bool:
-    """Whether a quantity is told in percent, by its name."""
+    """Whether a quantity is printed in percent, by its name."""
     return any(word in name for word in SHARES)
 
 

@@ -57,7 +57,7 @@ def verdict_list(found: Iterable[Verdict]) -> str:
 
 
 def wide(content: str) -> str:
-    """What scrolls in its frame where the page is narrow."""
+    """Content in a frame that scrolls sideways if the page is narrow."""
     return f'<div class="wide" tabindex="0">{content}</div>'
 
 

@@ -15,7 +15,7 @@ if TYPE_CHECKING:
 # Default number of panels in a row.
 COLUMNS = 3
 LEGEND_COLUMNS = 5
-# Inches of a legend's entry beside its words, and of a letter at the house's size.
+# Width (inches) of a legend's entry without its words, and of a letter in the house style.
 MARK, LETTER = 0.6, 0.075
 # An axis is logarithmic from this ratio of its values. Over less it would have too few labels.
 WIDE_RATIO = 10.0
@@ -149,7 +149,7 @@ def legend_below(figure: Figure, panels: Iterable[Axes]) -> None:
 
 
 def _columns(labels, width):
-    """How many columns of a legend a figure of so many inches has room for."""
+    """Number of a legend's columns that fit into a figure of this width (inches)."""
     for columns in range(min(len(labels), LEGEND_COLUMNS), 1, -1):
         # As matplotlib fills them, one after the other.
         longest = (max(map(len, part)) for part in np.array_split(labels, columns))

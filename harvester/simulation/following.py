@@ -22,16 +22,17 @@ from harvester.simulation.methods import Engine, engine_of
 if TYPE_CHECKING:
     from harvester.scene.model import Scene
 
-# Knots for each one that a scene has: between them a sine is a straight line, which decides for
-# starts next to a fractal border. Of 225 starts of a Duffing oscillator 88, 94, 95.6 and 96 %
-# came to the well that scipy found, with 1, 2, 4 and 8; four take 1.4 times as long as one.
+# The excitation's knots are this many times finer than the scene's: between knots a sine is a
+# straight line, which decides for starts next to a fractal border. Of 225 starts of a Duffing
+# oscillator 88, 94, 95.6 and 96 % came to the well that scipy found, with 1, 2, 4 and 8 times the
+# knots; four take 1.4 times as long as one.
 FINER_KNOTS = 4
-# Starts in one task of a resistor's engine, of a netlist's, and of the circuit.
+# Number of starts in one task: for a resistive load, for a netlist, and for the engine "circuit".
 TOGETHER, TOGETHER_NETLIST, TOGETHER_CIRCUIT = 512, 64, 8
-# Pairs of neighbours that a Lyapunov exponent is taken from, and their distance at first, as a
-# share of the motion's size: a netlist's steps follow its own error and leave more.
+# Number of pairs that give a Lyapunov exponent, and their first distance as a share of the motion's
+# size: a netlist's step control leaves larger errors, so its pairs begin farther apart.
 PAIRS, NEIGHBOURS, NEIGHBOURS_NETLIST = 16, 1e-8, 1e-5
-# Periods for which they are followed.
+# Forcing periods for which the pairs are followed.
 PARTING_PERIODS = 150
 
 
@@ -123,7 +124,8 @@ def follow(
     samples = noise_path(ready, 0).read(round(periods * period / spacing) + 2)
     watching = [Stroboscope((periods - kept) * period, period, kept + 1) for _ in starts]
     chosen.prepare(ready)
-    # One netlist of the circuit for each: side by side they would share their steps.
+    # The engine "circuit" runs one start at a time: side by side all starts would share their time
+    # steps.
     together = 1 if engine == "circuit" else len(starts)
     for first in range(0, len(starts), together):
         some = slice(first, first + together)
@@ -138,7 +140,7 @@ def follow(
 
 
 def _together(scene: Scene, engine: str) -> int:
-    """Starts in one task."""
+    """Number of starts in one task."""
     if engine == "circuit":
         return TOGETHER_CIRCUIT
     return TOGETHER if scene.load.is_resistor else TOGETHER_NETLIST
@@ -176,7 +178,8 @@ def neighbours(
         The first of each pair, then the second of each.
     """
     scale = sizes_of(samples[members, :, :STATE])
-    # A resistor's device is where its sample is; the stores of a netlist begin anew.
+    # With a resistor the samples hold the whole state, so pairs begin at them; a netlist's
+    # capacitors and inductors have states of their own, so pairs begin at the starts.
     if scene.load.is_resistor:
         states = samples[members, :, :STATE].reshape(-1, STATE)
         begin = states[np.linspace(0, len(states) - 1, PAIRS).astype(int)]

@@ -51,7 +51,7 @@ class Engine(Method):
 
     @property
     def title(self) -> str:
-        """What results call it."""
+        """Name of the method in results."""
         return self.name
 
     @property

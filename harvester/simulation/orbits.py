@@ -33,7 +33,7 @@ if TYPE_CHECKING:
 # Motions without a period, those of most starts, whose exponent is looked for: what still settles
 # may make one of each start.
 MOST_EXPONENTS = 4
-# Samples at the end of a run that motions are told apart by; fewer than the second tell nothing.
+# Samples at the end of a run by which motions are distinguished, and the fewest that suffice.
 SAMPLES, FEWEST_SAMPLES = 64, 6
 
 

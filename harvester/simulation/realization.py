@@ -299,7 +299,7 @@ def empty_moments(ready: Prepared) -> Moments:
 
 
 def _period(scene):
-    """What means are over whole numbers of: with the load's sources, where a run holds two (s).
+    """Period (s) of which means cover whole numbers, shared with the load's if a run holds two.
 
     A comparison of a source of 20 Hz under a sine of 12.5 Hz has 1 % less in 0.96 s than in 0.8 s.
     """

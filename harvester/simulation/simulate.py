@@ -134,7 +134,8 @@ def simulate(
     follow = spread.Follower(scene, engine.name, progress) if progress else None
     try:
         with spread.running(runner, executor, scene.run.realizations, workers) as pool:
-            # What has no chance in it may have several motions: starts are told apart by samples.
+            # A run without noise may have several motions, distinguished by the samples of their
+            # starts.
             strobe = stroboscope or several_starts(scene)
             together = spread.copies_that_pay(scene, engine, pool)
             calls = spread.calls_of(scene, engine, together, stretch, joint_density, strobe)

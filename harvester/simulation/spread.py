@@ -30,7 +30,7 @@ SHOWN_PERIODS, MOST_POINTS = 50, 100_000
 def running(
     runner: Workers | None, executor: Executor | None, calls: int, workers: int | None
 ) -> Iterator[Workers]:
-    """What was handed in, a runner's own processes too; else workers that end with the block."""
+    """The processes of the given runner, else workers that end with the `with` block."""
     if executor is None and runner is not None:
         yield getattr(runner, "pool", runner)
     else:
@@ -39,7 +39,7 @@ def running(
 
 
 def copies_that_pay(scene: Scene, engine: Engine, pool: Workers) -> int:
-    """Realizations in one call of an engine: those that it is told, else as many as pay."""
+    """Realizations in one call of an engine: its option `copies`, else as many as are fastest."""
     count = distinct_realizations(prepared(scene))
     if isinstance(engine, MonteCarlo):
         workers = getattr(pool, "size", math.inf)

@@ -1,4 +1,4 @@
-"""What a closure gives: stationary means, their errors and densities."""
+"""Result of a closure: stationary means, their errors and densities."""
 
 from dataclasses import dataclass, field
 from typing import Any

@@ -4,7 +4,7 @@ The Fokker–Planck equation of Eq. 4 with Z = X − V, Z' = λ(X − Z), is car
 `propagator`; what P, the propagator over about one period, leaves as it is, is the stationary
 density: (1 − P) p = 0 (`solution`). It starts from a Gibbs density on a coarse grid, which tells
 how far the grid must reach and how fine it must be (`region`). What the first grid for the answer
-leaves undone is told by grids that are finer in time, in X and X' or in Z, each corrected from the
+misses is estimated on grids that are finer in time, in X and X' or in Z, each corrected from the
 one before, until it is less than the tolerance.
 
 Nothing is assumed of the device's symmetry, of the noise's memory, of the contacts' damping or of
@@ -126,7 +126,7 @@ def fokker_planck(device: System, tolerance: float, memory: bool = False) -> Ave
 def outline(device: System) -> GridDensity:
     """Densities on the coarse grid that finds where they are: in tenths of a second.
 
-    No error is told: means on that grid are up to a tenth off those of `fokker_planck`.
+    It gives no error: means on that grid are up to a tenth off those of `fokker_planck`.
 
     Parameters
     ----------

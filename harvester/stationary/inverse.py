@@ -49,9 +49,9 @@ class Inverse:
     coarser : Inverse, optional
         The same on a coarser grid.
     balanced : callable, optional
-        Takes off what moving a rest from a finer grid to this one upsets.
+        Removes the error that arises as a residual moves from a finer grid to this one.
     cleared : callable, optional
-        Takes off what a finer grid is not told: of that this grid's errors are too large.
+        Removes the part whose errors on this grid are too large to pass to a finer one.
     decayed : float
         Share of what is sought that a map leaves.
     parity : float
@@ -183,7 +183,7 @@ def moved(state: np.ndarray, old: Grid, new: Grid, parity: float = 1.0) -> np.nd
 
 
 def _interpolation(old, new):
-    """Matrix that takes masses at evenly spaced nodes to others, by cubic splines; 0 beyond."""
+    """Matrix from probabilities at even nodes to those at `new`, by cubic splines; 0 outside."""
     cells = (new[1] - new[0]) / (old[1] - old[0])
     inside = (new >= old[0]) & (new <= old[-1])
     return cells * inside[:, None] * make_interp_spline(old, np.eye(old.size))(new)

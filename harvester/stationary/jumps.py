@@ -233,7 +233,7 @@ def rates_of_jumps(solutions: Iterable[Solution]) -> dict[Solution, dict[str, fl
 
 
 def _on_each(solutions, find):
-    """What is found on each grid, those that are coarser first; nothing where it is not reached."""
+    """Results of `find` on each grid, coarser grids first; nothing where it does not converge."""
     found = {}
 
     def on(solution):

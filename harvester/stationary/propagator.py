@@ -92,14 +92,14 @@ class Propagator:
         )
 
     def single(self) -> Propagator:
-        """The same in single precision."""
+        """A copy of this propagator in single precision."""
         other = copy(self)
         for name in ("_ends", "_whole", "_half"):
             setattr(other, name, tuple(_single(each) for each in getattr(self, name)))
         return other
 
     def odd(self) -> Propagator:
-        """The same for states that change sign from one half of a mirrored grid to the other."""
+        """A copy for states that change sign from one half of a mirrored grid to the other."""
         other = copy(self)
         other._parity = -1.0
         return other

@@ -29,7 +29,7 @@ NODES_WITHOUT_MIRROR = 1
 # Devices whose charge displaces the mass by more half widths are refused: there the charge decides
 # whether the potential has a well at all.
 GREATEST_DISPLACEMENT = 2.0
-# The same limit while the region is still sought, when its width is inaccurate.
+# This limit, in half widths, holds while the region is still sought, when its width is inaccurate.
 HOPELESS_DISPLACEMENT = 4.0
 # A normal density falls to 1e-6 of its peak at √(2 ln 1e6) = 5.26 standard deviations.
 GIBBS_REACH = 5.3
@@ -278,7 +278,7 @@ def _nodes(low, high, core, fine, most):
 
 
 def _following(device, half):
-    """How far Z follows X: what goes round at the orbits' frequency and what the noise holds."""
+    """Half range of Z: its oscillation at the orbits' frequency, and what the noise adds."""
     rate, frequency = device.transducer.decay_rate(), timescales.angular_frequency(device)
     intensity, memory = device.noise
     turning = half * rate / np.hypot(rate, frequency)

@@ -46,7 +46,7 @@ LEAST_SINGLE_SHARE = 1e-6
 
 
 class Task:
-    """What is asked of all grids of an answer together.
+    """The task that all grids of one answer share.
 
     Parameters
     ----------

@@ -633,7 +633,7 @@ def _power_of(scene):
 
 
 def _ends(key, ends):
-    """Both ends of a range, None where the scene's value decides."""
+    """Both ends of a range; two Nones if the range follows from the scene's value."""
     if ends is None:
         return None, None
     found = listed(ends, f"over[{key!r}]", "(0.1, 2.0)")

@@ -82,7 +82,7 @@ def _built_in(source):
 
 
 def _of_scene(scene, duration, resolution, breakpoints):
-    """Of a scene's excitation: its first realization."""
+    """Spectrum of the first realization of a scene's excitation."""
     from harvester.prepared.paths import noise_path
     from harvester.prepared.prepared import prepared
     from harvester.prepared.steps import knot_spacing

@@ -30,7 +30,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class Cell:
-    """What one method says of one place.
+    """The answer of one method at one place of the grid.
 
     Attributes
     ----------

@@ -152,7 +152,7 @@ class WorkerPool:
 
 
 class ExecutorPool:
-    """The same over any `concurrent.futures.Executor`: a process pool, Dask's, mpi4py's.
+    """A pool over any `concurrent.futures.Executor`: a process pool, Dask's, mpi4py's.
 
     Each of the executor's processes keeps one worker process of its own, so that a crash or a
     hang of the simulator never reaches the executor. There is no progress.

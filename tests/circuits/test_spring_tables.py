@@ -63,16 +63,14 @@ def test_a_cubic_sampled_finely_gives_the_cubics_path(pool, method):
     well = prepared(scene).system
     table = sampled(scene, 33, 1.25)
     paths = [
-        np.array(
-            simulate(
-                each, method=method, step="fine", window=(0.0, 40.0), workers=1, runner=pool
-            ).waveform
-        )
+        simulate(
+            each, method=method, step="fine", window=(0.0, 40.0), workers=1, runner=pool
+        ).waveform
         for each in (scene, table)
     ]
     assert well.symmetric
     times = np.linspace(0.1, 40.0, 800)
-    cubic, found = (np.interp(times, path[0], path[1]) for path in paths)
+    cubic, found = (np.interp(times, path.time, path.displacement) for path in paths)
     assert np.abs(found - cubic).max() < 1e-3 * np.abs(cubic).max()
 
 

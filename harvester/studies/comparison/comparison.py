@@ -327,7 +327,7 @@ class Comparison:
 def part_of_progress(
     progress: Callable[[float, str], object], begin: float, end: float
 ) -> Callable[[float, str], object]:
-    """Progress of one part of the work, told as that of the whole."""
+    """Progress of one part of the work, reported as a share of the whole."""
     return lambda share, words: progress(begin + (end - begin) * share, words)
 
 

@@ -25,7 +25,7 @@ LIMITS = {
 
 
 def verdicts(comparison: Comparison) -> list[Verdict]:
-    """What a comparison says, one sentence each."""
+    """Verdicts of a comparison, one sentence each."""
     closures = [_closure(comparison, name) for name in comparison.closures]
     refused = [Verdict(f"{line}.") for line in comparison.not_applying()]
     return [comparison.verdict(), _energy(comparison), *closures, *refused]

@@ -1,4 +1,4 @@
-"""What a study is asked: the optimum of each load's curve, and by how much one load beats another.
+"""Results of a study: the optimum of each load's curve, and by how much one load beats another.
 
 Both from differences on common noise, whose errors are paired.
 """

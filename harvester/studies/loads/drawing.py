@@ -118,7 +118,7 @@ def _draw(study, label, value, more):
 
 
 def _finish(study, other, more, axes):
-    """What is no curve: the loads' names where nothing is swept, and `more`."""
+    """Finish the axes: names of the loads where nothing is swept, and what `more` draws."""
     if study.curve_keys[0] is None:
         axes.set_xticks(list(_loads(study)), study.grid.loads)
     more(study, other, axes)

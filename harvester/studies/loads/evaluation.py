@@ -55,7 +55,7 @@ MOST_REALIZATIONS = 4000
 
 @dataclass(frozen=True)
 class Evaluation(Cell):
-    """What a point has come to.
+    """The answer at one point of a load study.
 
     Its estimates have `output_power` too, the power into the load's output, or, without a DC side,
     what leaves the transducer.

@@ -36,7 +36,7 @@ SIGNIFICANT_SIGMAS, SIGNIFICANT_SHARE = 3.0, 0.01
 
 @dataclass(frozen=True)
 class Proof:
-    """What the circuit says of one place of a study.
+    """The circuit's result at one place of a study.
 
     Attributes
     ----------

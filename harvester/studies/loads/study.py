@@ -93,7 +93,7 @@ class Study(Tabular):
 
     @property
     def methods(self) -> tuple[str, ...]:
-        """What ran each point."""
+        """Name of the method that ran each point."""
         return tuple(each.method for each in self.evaluations)
 
     @property
@@ -251,11 +251,11 @@ class Study(Tabular):
         return lines
 
     def alarms(self) -> list[str]:
-        """Where the circuit's power is another, one line each."""
+        """One line for each point at which the circuit's power disagrees."""
         return [f"DISAGREE: {self._proof(each)}" for each in self.proofs if each.disagrees]
 
     def _proofs(self):
-        """What the circuit says as judge."""
+        """Sentences on whether the circuit, as reference, agrees with the study."""
         proofs = self.proofs
         if not proofs:
             return []
@@ -412,7 +412,7 @@ class Study(Tabular):
                 yield f"  {each.better} over {each.worse}: {apart} (paired){sure}"
 
     def _failures(self):
-        """What did not come to its end, and what is to be known of the others: each said once."""
+        """Failures of points, and notes on the others, each printed once."""
         points: dict[tuple[str, str], list[str]] = {}
         for point, evaluation in zip(self.grid.points, self.evaluations, strict=True):
             outcome, notes = outcome_and_notes(evaluation)

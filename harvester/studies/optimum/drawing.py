@@ -68,7 +68,7 @@ def _panel(found, each):
 
 
 def _draw_bounds(found, each, factor, axes):
-    """How far the place may lie off, or the maximum is flat, and the scene itself."""
+    """Draw the interval of the place, or the flat region, and the scene's own value."""
     low, high, label = each.flat_low, each.flat_high, f"within {FLAT_SHARE:.0%}, the others held"
     if each.standard_error is not None:
         (low, high), label = found.interval, "interval of the place"

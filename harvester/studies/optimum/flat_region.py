@@ -42,7 +42,7 @@ class Side:
 
 
 def climb(objective: Objective, place: tuple, stage: int) -> tuple[tuple, Any, list]:
-    """Climb to a place that no other along an axis exceeds; gives how flat the region is there.
+    """Climb to a place that no other along an axis exceeds, and measure how flat it is there.
 
     Parameters
     ----------

@@ -195,7 +195,7 @@ class Search:
         )
 
     def request(self, coordinate: float, moments: bool = False) -> Request:
-        """What to ask for at one place, with as many realizations as there had to be."""
+        """The request for one place, with the number of realizations that the precision needs."""
         scene = self.scene.replace({self.axis.key: self.axis.value(coordinate)})
         more = None if self._more == 1 else self._more * self.scene.run.realizations
         return Request(scene, self.method, realizations=more, moments=moments)

@@ -39,7 +39,7 @@ _FORMER = {
 
 @dataclass(frozen=True)
 class Averaging:
-    """What averaging says of the same optimum.
+    """The same optimum by averaging, for comparison.
 
     Attributes
     ----------

@@ -27,9 +27,9 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
     from xarray import Dataset
 
-# Starts a side: a million in all, as many as `run.starts` takes.
+# Most starts along one side of the grid; its square is `run.starts`' limit of a million.
 MOST_POINTS = 1000
-# Orbits that a figure names.
+# Most orbits that a figure names.
 MOST_NAMED = 10
 COLOURS = (
     "#0072B2", "#E69F00", "#009E73", "#D55E00", "#CC79A7", "#56B4E9", "#F0E442", "#999933",
@@ -138,7 +138,7 @@ class Basins:
 
 
 def orbit_table(orbits: Sequence[Orbit], unit: Any) -> tuple[list[str], list[list[str]]]:
-    """Header and rows of the orbits, as text."""
+    """Header and rows of a table of orbits, as text."""
     header = [
         "orbit",
         "motion",
@@ -237,7 +237,7 @@ def _draw(basins):
     from matplotlib.colors import BoundaryNorm, ListedColormap
     from matplotlib.figure import Figure
 
-    # From the eleventh on they share the last colour.
+    # From the eleventh on, orbits share the last colour.
     shown = np.minimum(basins.orbit, MOST_NAMED - 1)
     colours = ListedColormap([NOT_FOLLOWED, *COLOURS])
     norm = BoundaryNorm(np.arange(-1.5, MOST_NAMED), colours.N)

@@ -37,15 +37,15 @@ if TYPE_CHECKING:
 
     from harvester.simulation.methods import Engine
 
-# Places in one task: what a killed run loses at most.
+# Number of values in one task: a killed run loses at most this many.
 PLACES_TOGETHER = 25
-# A jump between neighbouring places: change of the section's mean or of its deviation, as a share
-# of its greatest displacement, and in units of the two changes before or behind it, whichever are
-# less: chaos changes everywhere.
+# The section jumps between two values if its mean or deviation changes by more than this share of
+# its greatest displacement, and by more than this multiple of the largest of the next two changes
+# before or behind, whichever is less. Chaos changes everywhere and so is no jump.
 JUMP_SHARE, JUMP_RATIO, NEARBY = 0.1, 4.0, 2
-# Values of one direction that a table shows; files hold all.
+# Most values of one direction that the table shows; files hold all.
 MOST_VALUES_SHOWN = 25
-# Tables of a scene that no place depends on.
+# Tables of a scene that do not affect the section, so their keys cannot be varied.
 UNUSED_TABLES = ("run", "start")
 COLOURS = {"up": CIRCUIT, "down": MONTE_CARLO}
 QUANTITIES = {"mean_power": "power", "rms_voltage": "voltage", "rms_displacement": "displacement"}
@@ -53,7 +53,7 @@ QUANTITIES = {"mean_power": "power", "rms_voltage": "voltage", "rms_displacement
 
 @dataclass(frozen=True)
 class Jump:
-    """Where one direction leaves its branch.
+    """A jump: two neighbouring values between which one direction leaves its branch.
 
     Attributes
     ----------
@@ -144,7 +144,7 @@ class Bifurcation:
 
     @property
     def _every(self):
-        """Of how many values a table shows one."""
+        """The table shows every so many-th value."""
         return math.ceil(self.values.size / MOST_VALUES_SHOWN)
 
     def data(self) -> tuple[list[str], list[list[Any]]]:
@@ -337,7 +337,7 @@ def _branch(scene, key, values, direction, samples):
     finite = ~np.isnan(found).any(axis=(1, 2))
     periods = np.zeros(len(samples), dtype=int)
     for k in np.flatnonzero(finite):
-        # Each place by its own size: one motion may be a hundredth of another's.
+        # Each section is compared with its own size: one motion may be a hundredth of another's.
         periods[k] = int(repetition(found[k : k + 1])[0])
     whole = np.array([SAMPLES // max(p, 1) * max(p, 1) for p in periods])
     lasting = np.array(
@@ -374,7 +374,7 @@ def jumps_of(values: np.ndarray, branch: Branch) -> list[Jump]:
     for k in np.flatnonzero(change > JUMP_SHARE * size):
         sides = change[max(k - NEARBY, 0) : k], change[k + 1 : k + 1 + NEARBY]
         nearby = [float(each.max()) for each in sides if each.size]
-        # A section without a period changes from place to place by what of it was sampled.
+        # Sections without a period differ because they sample different parts of the motion.
         wandering = branch.period[k] == 0 and branch.period[k + 1] == 0
         if wandering or (nearby and change[k] < JUMP_RATIO * np.nanmin(nearby)):
             continue

@@ -28,15 +28,16 @@ from harvester.studies.transient import transient_time
 if TYPE_CHECKING:
     from harvester.scene.model import Scene
 
-# A transient falls to this share before the samples are looked at.
+# Samples are taken once the slowest transient has decayed to this share.
 SETTLED_SHARE = 1e-6
-# Periods followed where the device forgets its start sooner, and where that would take longer.
+# Fewest and most periods that a start is followed if none are asked for.
 FEWEST_PERIODS, MOST_PERIODS = 100, 2000
-# Periods that a command takes: some hundred megabytes of the excitation's samples.
+# Most periods that a user may ask for: their samples of the excitation take some hundred megabytes.
 MOST_PERIODS_ASKED = 100_000
-# Samples at the end of each start, in which periods are looked for.
+# Number of samples at the end of each start, from which its period is determined.
 SAMPLES = 64
-# How much longer those are followed that have no period by then: chaos may be a transient.
+# Starts without a period by then are followed for this many times the periods: chaos may be a
+# transient.
 LONGER = 3
 
 
@@ -75,7 +76,7 @@ class Orbit:
 
     @property
     def kind(self) -> str:
-        """In words: "period 3", "chaotic" or "not settled"."""
+        """Kind of motion in words: "period 3", "chaotic" or "not settled"."""
         if self.period is not None:
             return f"period {self.period}"
         return wandering_kind(self.lyapunov)
@@ -125,7 +126,8 @@ def following(
         return samples
     (again,) = np.nonzero(repetition(samples[:, :, :STATE]) == 0)
     if again.size:
-        # A resistor's device is where its sample is; the stores of a netlist begin anew.
+        # With a resistor the samples hold the whole state, so runs continue from them; a netlist's
+        # capacitors and inductors have states of their own, so runs restart.
         if scene.load.is_resistor:
             begin, lasting = samples[again, -1, :STATE], (LONGER - 1) * first
         else:
@@ -136,7 +138,7 @@ def following(
 
 
 def _pieces(scene, engine, version, starts, periods, kept):
-    """Samples of all starts, some in a task."""
+    """Samples of all starts, divided into tasks of several starts each."""
     calls = calls_of(scene, engine, starts, periods, kept)
     label = f"{engine.name} {periods}"
     answers = yield Wanted(
@@ -181,7 +183,7 @@ def _orbit(scene, number, group, samples, exponent, count):
     """An orbit in the scene's units."""
     scales = prepared(scene).scales
     size, speed = scales.of("displacement"), scales.of("velocity")
-    # Over whole periods of the motion.
+    # Means are taken over whole periods of the motion.
     repeated = group.period or 1
     whole = (samples.shape[1] - 1) // repeated * repeated
     lasting = whole * float(scene.excitation.period)

@@ -13,12 +13,13 @@ from harvester.device.system import potential
 if TYPE_CHECKING:
     from harvester.prepared.prepared import Prepared
 
-# Fewest temperatures in a barrier: at three the formula is some 15 % off.
+# Lowest barrier, in temperatures (units of kT), at which the formula is used: at three it is some
+# 15 % off.
 FEWEST_TEMPERATURES = 3.0
-# Share by which the noise's density at the well's frequency may lie below that at zero, times the
-# barrier in temperatures: so much moves the rate's exponent.
+# Most by which the noise's colour may change the rate's exponent: the share by which the noise's
+# density at the well's frequency lies below that at zero, times the barrier in temperatures.
 MOST_COLOUR = 0.1
-# Share of the well's stiffness, and of the damping, that the transducer may add.
+# Largest share of the well's stiffness, and of the damping, that the transducer may add.
 MOST_TRANSDUCER = 0.01
 NODES = 400
 
@@ -89,7 +90,7 @@ def _action(system, well, saddle):
     while float(potential(system, well + away)) < top:
         away *= 1.5
     end = brentq(lambda x: float(potential(system, x)) - top, well, well + away)
-    # x = middle − half · cos(angle): no end is sharp.
+    # The substitution x = middle − half · cos(angle) removes the root singularities at both ends.
     angle = (np.arange(NODES) + 0.5) * math.pi / NODES
     middle, half = 0.5 * (saddle + end), 0.5 * abs(end - saddle)
     x = middle - half * np.cos(angle)

@@ -26,7 +26,7 @@ if TYPE_CHECKING:
     from harvester.studies.orbits.bifurcation import Bifurcation
     from harvester.studies.orbits.residence import Residence
 
-# Starts a side of the grid.
+# Default number of starts along one side of the grid.
 POINTS = 41
 
 

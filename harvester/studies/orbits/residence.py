@@ -29,9 +29,9 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
     from xarray import Dataset
 
-# Stays that an error bar stands on at least: sixteen are known to a quarter of themselves.
+# Fewest stays that give an error bar; with sixteen the mean has a relative error of a quarter.
 FEWEST_STAYS = 16
-# Realizations in one task, and how often their number is doubled for a precision.
+# Number of realizations in one task, and how often their number is doubled to reach the precision.
 TOGETHER, MOST_DOUBLINGS = 8, 6
 
 
@@ -186,7 +186,8 @@ def stays(
     """
     found = run(scene, engine_of(engine, step=step, **settings or {}), indices, None, report)
     jumps: Any = [each.moments.jumps for each in found]
-    # The last row is what lies before `run.settle`: a start at rest is like an arrival by a jump.
+    # The last row holds the time before `run.settle`. It counts too: a start at rest is like an
+    # arrival by a jump.
     return {
         "times": np.array([each.times for each in jumps]),
         "exits": np.array([each.counts.sum(axis=2) for each in jumps]),
@@ -205,7 +206,8 @@ def staying(
     count, done = scene.run.realizations, 0
     times, exits, engine_version = [], [], ""
     outcome = "complete"
-    # The number of realizations decides the length of batches, and nothing else.
+    # Further realizations run under the unchanged scene, because `run.realizations` sets the
+    # batches' length.
     for _ in range(MOST_DOUBLINGS + 1):
         indices = list(range(done, count))
         pieces = [indices[first : first + TOGETHER] for first in range(0, len(indices), TOGETHER)]

@@ -1,4 +1,4 @@
-"""What a parameter does to a quantity: how far its mean moves from the parameter's low to high."""
+"""Effect of a parameter: change of a quantity's mean from the parameter's low to its high."""
 
 import numpy as np
 

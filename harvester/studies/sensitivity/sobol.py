@@ -47,16 +47,16 @@ class Interval:
 
 @dataclass(frozen=True)
 class Indices:
-    """What a design says.
+    """Sobol indices of a design, with their intervals.
 
     Attributes
     ----------
     first, total : list of Interval, or None
         One for each parameter; None where the parameters' variance cannot be told from noise.
     variance : Interval
-        Of the quantity among devices, without the noise.
+        Variance of the quantity among devices, without the noise.
     noise_variance : float
-        Of the mean of a device's replicates.
+        Variance of the mean of a device's replicates.
     """
 
     first: list[Interval] | None

@@ -19,7 +19,7 @@ from harvester.verification.accuracy.work_precision import WorkPrecision
 
 @dataclass(frozen=True)
 class Accuracy:
-    """What one measurement says of every method, in two pictures."""
+    """Two pictures of one measurement of every method."""
 
     work_precision: WorkPrecision
     time_to_accuracy: TimeToAccuracy

@@ -59,7 +59,7 @@ class Method:
         return side_by_side.copies(scene.run.realizations, self.device)
 
     def setting(self, scene: Scene) -> str:
-        """What tells it from others of its family, as text."""
+        """The setting, as text, that distinguishes this method in its family: tolerance or step."""
         if self.tolerance is not None:
             return f"tolerance {self.tolerance:.0e}".replace("e-0", "e-")
         return f"step {self.step(scene):.4g}"

@@ -82,7 +82,7 @@ class TimeToAccuracy:
 
     @classmethod
     def of(cls, measured: Measured) -> TimeToAccuracy:
-        """What a measurement says of the time that errors take."""
+        """Times to reach given errors, derived from a measurement."""
         exact = measured.references[False]
         whole = exact.quantities()
         last = OUTPUT_POWER if OUTPUT_POWER in whole else VOLTAGE

@@ -54,7 +54,7 @@ class TotalError:
 
     @property
     def largest_bias(self) -> float:
-        """What |bias| may be at most, two standard errors up; infinite without an error bar."""
+        """Upper bound of |bias|: two standard errors above it; infinite without an error bar."""
         error = self.bias.standard_error
         return math.inf if error is None else abs(self.bias.estimate) + BIAS_SIGMAS * error
 

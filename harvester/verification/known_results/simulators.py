@@ -45,7 +45,7 @@ def plain_ngspice(scene: Scene) -> np.ndarray:
 
 
 def vacask(scene: Scene) -> np.ndarray:
-    """The same by VACASK, whose devices are compiled Verilog-A and whose loop is its own.
+    """X and terminal voltage (scaled) at the knots by VACASK, an independent simulator.
 
     See `plain_ngspice`.
     """
@@ -99,7 +99,7 @@ def _exported(scene):
 
 
 def _for_vacask(netlist):
-    """The netlist's elements as its reader of ngspice's takes them, and the deck around them.
+    """The netlist's elements as VACASK's reader of ngspice netlists takes them, in VACASK's deck.
 
     Taken from it: analysis and options, which are the deck's own; the noise, which that reader
     garbles; initial values, which the analysis has.

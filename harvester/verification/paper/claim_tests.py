@@ -53,7 +53,7 @@ class Finding:
 
     @property
     def sigmas(self) -> float:
-        """For the statement (> 0) or against it, in standard errors."""
+        """Evidence in standard errors: > 0 supports the statement, < 0 contradicts it."""
         signed = self.favours * (self.effect if self.margin is None else self.margin)
         return signed / self.error if self.error > 0.0 else math.copysign(math.inf, signed)
 
@@ -92,7 +92,7 @@ class StatementTest:
         return [with_value(condition, *place) for place in self.places()] or [condition]
 
     def findings(self, *arguments: Any) -> list[Finding]:
-        """What one method says at a condition."""
+        """The answers of one method at a condition."""
         raise NotImplementedError
 
 
@@ -117,7 +117,7 @@ class Along(StatementTest):
     def change(
         self, condition: Changes, first: Any, last: Any, favours: int = 1, decisive: bool = True
     ) -> list[Finding]:
-        """The change between two of the known ones; nothing where it cannot be told."""
+        """A finding on the change between two answers; none without both."""
         change = relative_change(first[1], last[1], self.quantity)
         where = _range(condition, self.swept, first[0], last[0])
         return [Finding(where, *change, favours, decisive)] if change else []
@@ -228,7 +228,7 @@ class Unchanged(Ranges):
     limit: float
 
     def findings(self, condition: Changes, read: Read) -> list[Finding]:
-        """Each key's change, by how far it stays below the limit."""
+        """A finding for each key, with the margin by which its change stays below the limit."""
         found = []
         for key, ends in self.ranges:
             change = self.change(condition, read, key, ends)
@@ -243,7 +243,7 @@ class Changed(Unchanged):
     """A quantity changes by more than a share over the ranges of some keys."""
 
     def findings(self, condition: Changes, read: Read) -> list[Finding]:
-        """The same, in which staying below the limit speaks against the statement."""
+        """Findings of `Unchanged` with opposite sign: a change below the limit refutes it."""
         return [replace(finding, favours=-1) for finding in super().findings(condition, read)]
 
 
@@ -345,7 +345,7 @@ def relative_change(first: Answer, second: Answer, quantity: str) -> tuple[float
 
 
 def independent_change(first: Answer, second: Answer, quantity: str) -> tuple[float, float] | None:
-    """The same with the two errors taken as independent."""
+    """Relative change and its error, if both errors are independent."""
     (a, error_a), (b, error_b) = _value(first, quantity), _value(second, quantity)
     if not a:
         return None

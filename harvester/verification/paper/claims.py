@@ -31,7 +31,7 @@ WITHOUT_CHANCE = 1e3
 
 @dataclass(frozen=True)
 class Opinion:
-    """What one method says of one statement: a word, what it rests on, why it was not tested."""
+    """Verdict of one method on a statement: a word, its evidence, or why it was not tested."""
 
     word: str = field(metadata=key("verdict"))
     findings: tuple[Finding, ...] = ()

@@ -52,7 +52,7 @@ def draw(content: Reproduction | Surfaces | OrbitVoltages) -> Figure:
 
 
 def figure_of(content: Reproduction | Surfaces | OrbitVoltages) -> Figure:
-    """The same in the project's style."""
+    """The figure of `draw` in the project's style."""
     return drawn(draw, content)
 
 

@@ -36,14 +36,14 @@ NAME, SHORTEST = 0.22, 14
 
 
 def draw(matrix: StabilityMatrix) -> Figure:
-    """What judged each cell, and how sharply: all rows, in two blocks abreast."""
+    """Judge and margin of each cell: all rows, in two blocks side by side."""
     depth = math.ceil(len(matrix.rows) / BLOCKS)
     parts = [slice(block * depth, (block + 1) * depth) for block in range(BLOCKS)]
     return _drawn(matrix, parts, depth)
 
 
 def draw_pages(matrix: StabilityMatrix) -> list[Figure]:
-    """The same with so many rows a figure as can be read in print."""
+    """Judge and margin of each cell, in figures of `PAGE` rows that can be read in print."""
     count = len(matrix.rows)
     return [
         _drawn(matrix, [slice(first, first + PAGE)], min(PAGE, count - first))

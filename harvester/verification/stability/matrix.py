@@ -115,7 +115,7 @@ class StabilityMatrix:
         return drawn(draw, self)
 
     def figures(self) -> list[Figure]:
-        """The same grid in pages that can be read in print."""
+        """The grid's figures, in pages that can be read in print."""
         from harvester.show.figures import drawn
         from harvester.verification.stability.figure import draw_pages
 

@@ -101,7 +101,7 @@ def truth_of(scene, block):
         pytest.param("tristable", 25, marks=EXHAUSTIVE),
         # Chaos multiplies every difference by some 1e5 in 25 periods.
         pytest.param("device", 8, marks=EXHAUSTIVE),
-        pytest.param("asymmetric", 12, marks=EXHAUSTIVE),
+        pytest.param("asymmetric", 9, marks=EXHAUSTIVE),
         pytest.param("coil with inductance", 8, marks=EXHAUSTIVE),
         pytest.param("drag", 8, marks=EXHAUSTIVE),
     ],

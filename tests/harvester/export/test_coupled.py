@@ -46,8 +46,8 @@ def follow(scene, knots):
 @pytest.mark.slow
 def test_table_between_stoppers_that_hold_the_speed():
     scene = harvester.Scene.from_tables(TABLE, "table")
-    found, energies = follow(scene, 300)
-    truth = written_path(scene, 300)
+    found, energies = follow(scene, 150)
+    truth = written_path(scene, 150)
     assert deviation(found[:, 0], truth[:, 0]) < 1e-5
     assert deviation(found[:, 1], truth[:, 1]) < 3e-5
     assert energies.contacts > 0.02 * energies.input

@@ -23,7 +23,7 @@ def test_a_trace_without_a_sample_is_refused(tmp_path):
     assert list(tmp_path.iterdir()) == []
 
 
-@pytest.mark.slow
+@pytest.mark.exhaustive
 def test_shepherd_reads_the_energy_of_the_load(tmp_path, caplog):
     """V²/R of the load's own voltage, from the resistor's moments of the same run."""
     reader = pytest.importorskip("shepherd_core").Reader
