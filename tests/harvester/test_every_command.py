@@ -109,9 +109,22 @@ def faults(case, folder, capsys):
     return f"{case}: exit code {code}: {said[-600:]}"
 
 
-@pytest.mark.slow
+# `accuracy` shows both of these.
+SHOWN_BY_ACCURACY = ("work-precision", "time-to-accuracy")
+
+
 @pytest.mark.usefixtures("briefly")
-@pytest.mark.parametrize("case", every_command.EACH_ONCE, ids=lambda case: case[0])
+@pytest.mark.parametrize(
+    "case",
+    [
+        pytest.param(
+            case,
+            id=case[0],
+            marks=pytest.mark.exhaustive if case[0] in SHOWN_BY_ACCURACY else pytest.mark.slow,
+        )
+        for case in every_command.EACH_ONCE
+    ],
+)
 def test_each_command_answers(case, folder, capsys):
     """But for `optimum`: it may find none in runs as brief as these."""
     if case[0] == "optimum":

@@ -75,7 +75,7 @@ def test_an_asymmetric_device_is_found_with_narrow_intervals_and_good_prediction
     assert found.proposed.name == "as given"
 
 
-@pytest.mark.slow
+@pytest.mark.exhaustive
 def test_a_symmetric_model_of_asymmetric_data_is_called_wrong():
     truth = asymmetric()
     start = Scene.from_tables(

@@ -61,7 +61,7 @@ def test_a_linear_device_is_found_from_its_response(parts):
         assert len(found.figure().axes) == 2
 
 
-@pytest.mark.slow
+@pytest.mark.exhaustive
 def test_the_charge_that_the_base_moves_by_itself_is_in_the_response():
     # Q of a tenth of what the mass moves far below its resonance.
     charge = -0.1 * PIEZO["coupling"] * MASS / STIFFNESS
