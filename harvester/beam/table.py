@@ -414,7 +414,10 @@ def _check(beam, origin):
     sizes = ("tip_length", "tip_height", "tip_width")
     given = [name for name in sizes if getattr(beam, name) is not None]
     if given and beam.tip_material is None:
-        raise SceneError(f"{origin}: beam.{given[0]} needs beam.tip_material")
+        raise SceneError(
+            f"{origin}: beam.{given[0]} needs beam.tip_material; a block of known mass has "
+            "beam.tip_mass, tip_inertia and tip_offset instead of sizes"
+        )
     if beam.tip_material is None:
         return
     if not {"tip_length", "tip_height"} <= {*given}:

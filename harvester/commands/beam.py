@@ -29,10 +29,37 @@ class Drawing:
         ]
 
     def sentences(self) -> list[str]:
-        """Where the theory holds only roughly; the magnets' spring as a polynomial."""
+        """The device with its magnets; where the theory holds only roughly; a polynomial."""
         from harvester.beam.summary import remarks
 
-        return remarks(self.beam, self.scene.magnets)
+        return [*self._with_magnets(), *remarks(self.beam, self.scene.magnets)]
+
+    def _with_magnets(self):
+        """What the magnets change of the beam alone: rest positions, barriers and frequency."""
+        if self.scene.magnets is None:
+            return []
+        from harvester.device import timescales
+        from harvester.device.system import potential
+        from harvester.prepared.prepared import prepared
+        from harvester.scene.described import device_line
+        from harvester.show.numbers import quantity
+
+        ready = prepared(self.scene)
+        system, length = ready.system, ready.scales.displacement
+        wells, saddles = timescales.wells(system), timescales.saddles(system)
+        places = ", ".join(quantity(length * each, "m") for each in sorted(wells))
+        found = [
+            "the table is of the beam without its magnets",
+            *(line.replace("device:", "with magnets:", 1) for line in device_line(self.scene)),
+            f"with magnets the tip rests at {places}",
+        ]
+        if saddles:
+            top = max(float(potential(system, each)) for each in saddles)
+            bottom = min(float(potential(system, each)) for each in wells)
+            mass: Any = self.scene.oscillator.mass
+            energy = mass * length**2 * (top - bottom)
+            found[-1] += f"; the highest barrier is {quantity(energy, 'J')} above the deepest well"
+        return found
 
     def to_dict(self) -> dict[str, Any]:
         """Plain values for JSON."""

@@ -36,6 +36,8 @@ COLOURS = (
     "#8C564B", "#882255",
 )  # fmt: skip
 NOT_FOLLOWED = "0.9"
+# Two orbits have the same power if it differs by less than this share, as mirror images do.
+ALIKE_POWER = 0.01
 
 
 @dataclass(frozen=True)
@@ -181,7 +183,7 @@ def orbit_sentences(orbits: Sequence[Orbit], unit: Any) -> list[str]:
         f"{best.share:.1%} ± {best.share_error:.1%} of the starts come to it"
     )
     least = min(orbits, key=lambda each: each.mean_power)
-    if least.mean_power > 0.0 and best is not least:
+    if 0.0 < least.mean_power < (1.0 - ALIKE_POWER) * best.mean_power:
         lines[-1] += f"; {best.mean_power / least.mean_power:.3g} times that of orbit {least.name}"
     if any(each.kind == NOT_SETTLED for each in orbits):
         lines.append(

@@ -6,9 +6,11 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from harvester.show.numbers import prefixed
 from harvester.show.palette import CIRCUIT, MONTE_CARLO
 from harvester.show.panels import entitle, legend_below
 from harvester.show.symbols import key_words
+from harvester.studies.sensitivity.sobol import Interval
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -96,30 +98,43 @@ def draw_distribution(study: Sensitivity) -> Figure:
     figure = Figure(figsize=(5.0, 3.2))
     axes = figure.add_subplot()
     values = study.population.values
+    hidden = study.indices.first is None
+    factor, unit = prefixed(float(np.abs(values).max()), study.unit.split()[0])
+    if hidden:
+        # Without the noise's part nothing is left to draw: the figure has the devices as measured.
+        values = study.values.mean(axis=0)[:, :2].ravel()
+    values = factor * values
     axes.hist(values, bins=min(BINS, max(5, values.size // 6)), density=True, color="0.8")
-    for share, each in study.population.quantiles.items():
+    for share, each in {} if hidden else _scaled(study.population.quantiles, factor):
         axes.axvline(each.estimate, color=COLOURS[0], linewidth=1.0)
         axes.axvspan(each.low, each.high, color=COLOURS[0], alpha=0.15, linewidth=0)
         axes.text(
             each.estimate, 1.0, f"{share:.0%}", transform=axes.get_xaxis_transform(), fontsize=7,
             ha="center", va="bottom", color=COLOURS[0],
         )  # fmt: skip
-    axes.axvline(study.nominal.estimate, color="0.1", linestyle=":", label="the scene itself")
+    axes.axvline(
+        factor * study.nominal.estimate, color="0.1", linestyle=":", label="the scene itself"
+    )
     if study.yield_above is not None:
         share = study.yield_above.share
         axes.axvline(
-            study.yield_above.limit,
+            factor * study.yield_above.limit,
             color=COLOURS[1],
             linestyle="--",
             label=f"limit: {share.estimate:.1%} above ({share.low:.1%} … {share.high:.1%})",
         )
-    unit = study.unit
-    axes.set_xlabel(f"{study.quantity.replace('_', ' ')} [{unit.split()[0]}]")
+    axes.set_xlabel(f"{study.quantity.replace('_', ' ')} [{unit}]")
     axes.set_ylabel("probability density")
     legend_below(figure, [axes])
     entitle(
         figure,
-        f"{study.scene.name}: {study.devices} devices by {study.method}, the noise's part of the "
-        "spread taken out",
+        f"{study.scene.name}: {study.devices} devices by {study.method}, "
+        + ("as measured, noise and all" if hidden else "the noise's part of the spread taken out"),
     )
     return figure
+
+
+def _scaled(quantiles, factor):
+    """(share, interval) of each quantile, in the unit of the axis."""
+    for share, each in quantiles.items():
+        yield share, Interval(factor * each.estimate, factor * each.low, factor * each.high)

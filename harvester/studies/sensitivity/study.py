@@ -156,7 +156,7 @@ class Sensitivity:
         if self.indices.first is None:
             return [
                 "the parameters' part of the scatter cannot be told from the runs' noise: no "
-                "indices; raise run.duration, run.realizations or --rows"
+                "indices; lower --precision, or raise run.duration, run.realizations or --rows"
             ]
         noise, own = self.indices.noise_variance, self.indices.variance.estimate
         share = noise / (noise + own)
