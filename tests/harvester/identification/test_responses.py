@@ -108,7 +108,7 @@ def test_a_response_at_a_known_amplitude_tells_the_cubic_spring():
     assert not identify(plain, MeasuredResponse(FREQUENCY, seen)).verdict.good
 
 
-@pytest.mark.slow
+@pytest.mark.exhaustive
 def test_the_posterior_of_a_nearly_linear_problem_is_as_wide_as_the_intervals(monkeypatch):
     truth, keys = linear(), ["oscillator.damping", "piezo.coupling"]
     monkeypatch.setattr(sampling, "MOST_STEPS", 600)
