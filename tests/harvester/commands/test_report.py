@@ -16,7 +16,9 @@ def test_a_page_begins_with_the_result(pool):
     scene = harvester.Scene.load("linear", BRIEF)
     sine = harvester.Scene.load("cantilever")
     found = {
-        "mean power": harvester.simulate(scene, method="monte-carlo", runner=pool),
+        "scaled power into a resistor": harvester.simulate(
+            scene, method="monte-carlo", runner=pool
+        ),
         "most power: .* at decay rate of the load": harvester.load_study(
             scene, sweeps=GRID, method="consistent", executor=pool
         ),

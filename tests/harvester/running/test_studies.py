@@ -18,12 +18,12 @@ TESTS = Path(small_studies.__file__).parent
 
 @pytest.fixture(scope="module")
 def undisturbed():
-    """What each study says, in a process of its own that nobody disturbs."""
+    """What each study says and how many pieces it keeps, in a process that nobody disturbs."""
     found = {}
 
     def of(kind, folder):
         if kind not in found:
-            found[kind] = start(kind, folder).communicate()[0]
+            found[kind] = start(kind, folder).communicate()[0], kept(folder)
         return found[kind]
 
     return of
@@ -54,8 +54,7 @@ def test_killed_at_random_it_says_the_same_in_the_end(kind, tmp_path, undisturbe
     Of studies whose tasks follow from those before, or whose times are part of what they say; all
     others hand one list of tasks to the same runner.
     """
-    expected = undisturbed(kind, tmp_path / "undisturbed")
-    whole = kept(tmp_path / "undisturbed")
+    expected, whole = undisturbed(kind, tmp_path / "undisturbed")
     folder, chance = tmp_path / "disturbed", random.Random(7)
     for _ in range(3):
         process, begun = start(kind, folder), kept(folder)
@@ -110,7 +109,7 @@ def cluster(tmp_path_factory):
 @pytest.mark.exhaustive
 @pytest.mark.parametrize("kind", STUDIES)
 def test_a_cluster_says_what_one_machine_says(kind, cluster, tmp_path, undisturbed):
-    expected = undisturbed(kind, tmp_path)
+    expected, _ = undisturbed(kind, tmp_path)
     # In a process of its own: the study in little changes what others declare.
     program = f"import sys; sys.path.append({str(TESTS)!r}); import small_studies as s; "
     program += f"print(s.told({kind!r}, scheduler={cluster!r}))"
