@@ -23,9 +23,10 @@ PREFIXES = ("LC_", "NUMBA_")
 FIXED = {"OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1"}
 
 # The worker imports harvester's own packages from where the caller has them, before anything else
-# is on its path. Packages that its environment lacks are searched where the caller finds them.
+# is on its path: what they import of Python's own library at their head is imported before.
+# Packages that its environment lacks are searched where the caller finds them.
 _START = f"""\
-import importlib.util, json, sys
+import __future__, importlib.util, json, os, sys, warnings
 own, folders, callers = json.loads(sys.argv[1])
 path, sys.path[:] = sys.path[:], [own]
 import circuits, harvester, netlists
