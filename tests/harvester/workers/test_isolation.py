@@ -140,3 +140,14 @@ def test_a_worker_leaves_no_folder_behind(own_worker, tmp_path, monkeypatch):
     assert list(tmp_path.glob("harvester-*"))
     own_worker.kill()
     assert not list(tmp_path.iterdir())
+
+
+def test_the_own_packages_come_in_with_nothing_else_on_the_path():
+    """As in an installed worker: no finder of an editable installation has imported before."""
+    *_, start, settings = isolation.command()
+    head = start.partition("sys.path[:] = path + folders")[0]
+    assert "import circuits, harvester, netlists" in head
+    done = subprocess.run(
+        [sys.executable, "-E", "-P", "-S", "-c", head, settings], capture_output=True, text=True
+    )
+    assert done.returncode == 0, done.stderr
