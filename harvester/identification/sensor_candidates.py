@@ -50,6 +50,12 @@ def effects_of(base: Fitted, measurements: Sequence[Measurement]) -> list[Trial]
     made |= {f"low-pass of the {each}": [f"sensor.{each}_filter"] for each in outputs}
     if "voltage" in outputs:
         made["AC-coupled voltage"] = ["sensor.voltage_highpass"]
+    # A displacement's offset is the place of its origin, which the spring has already.
+    made |= {
+        f"offset of the {each}": [f"sensor.{each}_offset"]
+        for each in outputs
+        if each != "displacement"
+    }
     given = {key for each in measurements for key in each.sensors}
     return [
         Trial(name, measurements, keys)
