@@ -29,6 +29,7 @@ from harvester.identification.search import (
     LAST,
     ON_THE_WAY,
     followed_anew,
+    misfit,
     opened,
     searched,
 )
@@ -137,12 +138,12 @@ def fitted(
     for name, each in fits.items():
         fine.interpolation = name
         fits[name] = shooting.minimized(each, LAST, FINE)
-    best, *others = sorted(fits, key=lambda name: _misfit(fits[name]))
+    best, *others = sorted(fits, key=lambda name: misfit(fits[name]))
     fit, fine.interpolation = fits[best], best
     values = fit.values
     covariance = intervals.covariance(shooting, fit)
     for other in (fits[name] for name in others):
-        if _misfit(other) - _misfit(fit) < RULED_OUT:
+        if misfit(other) - misfit(fit) < RULED_OUT:
             # The base's path between the samples is unknown: the difference between both fits is an
             # error.
             covariance = covariance + np.outer(other.values - values, other.values - values)
@@ -173,11 +174,6 @@ def _otherwise(shooting, fit):
         trial.cost = shooting.cost(trial)
     responses.interpolation = own
     return {other: trial} if trial and trial.cost < HOPELESS * fit.cost else {}
-
-
-def _misfit(fit):
-    """Cost, and what the windows' starts took off it."""
-    return fit.cost + sum(each.size for each in fit.starts)
 
 
 def _warmed(coarse, fine, free, warm):

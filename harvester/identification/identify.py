@@ -105,6 +105,7 @@ def identify(
     from harvester.identification.impedance_fit import from_impedance
     from harvester.identification.intervals import moved_by_records
     from harvester.identification.kept_aside import kept_aside
+    from harvester.identification.own_values import check_kept_aside
     from harvester.identification.posterior import posterior as posterior_of
     from harvester.identification.proof import typical_period, whiteness
     from harvester.identification.sizes import fitted_sizes
@@ -135,6 +136,7 @@ def identify(
             "--record: none is given: records kept aside are not fitted to; name at least one "
             "that is"
         )
+    check_kept_aside(begun, measurements, aside)
     check_records(begun, [*measurements, *aside])
     outputs = list(measurements[0].sensed)
     named = None if free is None else listed(free, "free", 'free=["oscillator.damping"]')
@@ -171,7 +173,7 @@ def identify(
             base, scene.run.seed, lambda share: follow(_later(share), "posterior")
         )
     where = visited(base)
-    unseen = kept_aside(base, aside, where, scene.run.seed) if where else []
+    unseen = kept_aside(base, aside, where, left, scene.run.seed) if where else []
     white = whiteness(base.stretches[0], 0, typical_period(base.shooting.responses))
     return Identification(
         scene=base.scene,

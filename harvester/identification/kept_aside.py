@@ -20,6 +20,7 @@ from harvester.device import timescales
 from harvester.estimates.attractors import repeats_in_noise
 from harvester.estimates.estimate import Estimate
 from harvester.identification.intervals import HALF_INTERVAL, HELD
+from harvester.identification.own_values import own_values
 from harvester.identification.proof import blocks_of, predicted
 from harvester.identification.reconstruction import frequencies
 from harvester.identification.response import FINE_STEPS, Responses, experiment
@@ -29,6 +30,7 @@ from harvester.identification.visited import band
 from harvester.show.numbers import with_error
 
 if TYPE_CHECKING:
+    from harvester.identification.consistency import Misfit
     from harvester.identification.fitted_model import Fitted
     from harvester.identification.measurement import Measurement
     from harvester.identification.visited import Visited
@@ -72,6 +74,8 @@ class Kept:
     measured_rms, predicted_rms, measured_power, predicted_power : Estimate
         Of the first output; predicted from one start alone, with the values' error and that which
         runs of the fitted records show.
+    own : dict of str to Estimate
+        Values that were found in this record, with the error that the others bring.
     """
 
     name: str
@@ -87,6 +91,7 @@ class Kept:
     predicted_rms: Estimate
     measured_power: Estimate
     predicted_power: Estimate
+    own: dict[str, Estimate]
 
     @property
     def holds(self) -> bool:
@@ -109,14 +114,20 @@ class Kept:
                 (self.predicted_orbit, self.predicted_rms, self.predicted_power),
             )
         )
+        values = ", ".join(f"{key} = {_text(each, '')}" for key, each in self.own.items())
         return (
             f"{self.name}, kept aside: {said}, {outcome}; measured {measured}; predicted "
             f"{expected} (that orbit by {self.agreement:.0%} of the likely values)"
+            f"{f', with {values}, found in this record' if values else ''}"
         )
 
 
 def kept_aside(
-    fitted: Fitted, measurements: Sequence[Measurement], visited: Visited, seed: int
+    fitted: Fitted,
+    measurements: Sequence[Measurement],
+    visited: Visited,
+    misfits: Sequence[Misfit],
+    seed: int,
 ) -> list[Kept]:
     """What a fit predicts of records that it has not seen.
 
@@ -126,12 +137,14 @@ def kept_aside(
     measurements : sequence of Measurement
     visited : Visited
         Where the fitted records took the device.
+    misfits : sequence of Misfit
+        Of the fitted records.
     seed : int
         Of the values that are drawn.
     """
     if not measurements:
         return []
-    model_error = _model_error(fitted)
+    model_error = _model_error(fitted, misfits)
     values = _likely(fitted, seed, model_error)
     return [_of_record(fitted, each, visited, values, model_error) for each in measurements]
 
@@ -145,7 +158,8 @@ def _likely(fitted, seed, model_error):
     spread, directions = np.linalg.eigh(fitted.covariance)
     root = directions * np.sqrt(np.maximum(spread, 0.0))
     own = _fitted_runs(fitted, fitted.values)
-    found, refuted = [], []
+    found: list[np.ndarray] = []
+    refuted: list[np.ndarray] = []
     for share in np.repeat(SHARES, TRIED):
         each = fitted.values + share * root @ random.standard_normal(fitted.values.size)
         each = np.clip(each, fitted.shooting.low, fitted.shooting.high)
@@ -182,16 +196,17 @@ def _fitted_runs(fitted, values):
 def _agree(runs, own, model_error):
     """Whether runs have the orbits of the best values, and the measured rms within its error."""
     return all(
-        orbit == expected
-        and _within(measured, _with_error(rms, [rms.estimate], 0.5 * model_error))
+        orbit == expected and _within(measured, _with_error(rms, [rms.estimate], 0.5 * model_error))
         for (orbit, rms, measured), (expected, _, _) in zip(runs, own, strict=True)
     )
 
 
-def _model_error(fitted):
-    """Relative standard error of the power that runs of the fitted records show.
+def _model_error(fitted, misfits):
+    """Relative standard error of the power that the fitted records show.
 
-    Of so few records the interval is Student's.
+    Of their runs from one start, as Student's distribution widens it for so few records; and of
+    what follows from the motion in windows and is not in the model: a share of the rms, so twice
+    that share of the power.
     """
     from scipy.stats import t
 
@@ -204,22 +219,24 @@ def _model_error(fitted):
         ]
     )
     student = t.ppf(0.5 + 0.5 * HELD, off.size) / HALF_INTERVAL
-    return float(np.sqrt(np.mean(off**2))) * student
+    missed = [2.0 * each.systematic for each in misfits if not each.is_noise]
+    return math.hypot(
+        float(np.sqrt(np.mean(off**2))) * student,
+        float(np.sqrt(np.mean(np.square(missed)))) if missed else 0.0,
+    )
 
 
 def _of_record(fitted, measurement, visited, values, model_error):
     """One record's proof."""
     shooting, noise = _shooting(fitted, measurement)
     whole = [(0, measurement.acceleration.size)]
-    begun = Fit(fitted.values, [], [], [noise])
-    # A record may lie in the other well: starts are tried on both sides.
-    reach = (1.0 + BEYOND) * max(abs(end) for each in visited.displacement for end in each)
-    reach /= shooting.responses.length
-    (stretch,), settled = predicted(shooting, begun, whole, (-reach, reach))
+    values, own, reach = _with_own(fitted, measurement, visited, values, noise)
+    begun = Fit(values[0], [], [], [noise])
+    (stretch,), settled = predicted(shooting, begun, whole, reach)
     responses, edges, starts = shooting.responses, settled.edges[0], settled.starts[0]
-    system, _ = responses.known_device(0, fitted.values)
+    system, _ = responses.known_device(0, values[0])
     saddles = np.array(timescales.saddles(system))
-    followed = responses.states(0, fitted.values, edges, starts)[0][:, 0]
+    followed = responses.states(0, values[0], edges, starts)[0][:, 0]
     repeats = _repeats(measurement)
     late = int(FORGOTTEN * followed.size)
     measured = _orbit(followed, saddles, edges, repeats)
@@ -258,14 +275,37 @@ def _of_record(fitted, measurement, visited, values, model_error):
             [replace(late_stretch, free=each).free_power().estimate for _, each in runs],
             model_error,
         ),
+        own={
+            key: _with_error(Estimate(own[0][n], 0.0, 1.0, "1"), [each[n] for each in own], 0.0)
+            for n, key in enumerate(measurement.own)
+        },
     )
+
+
+def _with_own(fitted, measurement, visited, values, noise):
+    """Likely values with those of the record's own, the latter alone, and where the mass may be."""
+    ends = np.array(visited.displacement) / fitted.shooting.responses.length
+    # A record may lie in the other well: starts are tried on both sides.
+    most = (1.0 + BEYOND) * float(np.abs(ends).max())
+    if not measurement.own:
+        return values, [], (-most, most)
+    low, high = float(ends.min()), float(ends.max())
+    there = (low - BEYOND * (high - low), high + BEYOND * (high - low))
+    own, reach = own_values(fitted, measurement, values, (-most, most), there, noise)
+    # A key that the fit has too is the record's own here.
+    taken = np.flatnonzero([key in measurement.own for key in fitted.keys])
+    values = [
+        np.append(np.delete(each, taken), more) for each, more in zip(values, own, strict=True)
+    ]
+    return values, own, reach
 
 
 def _shooting(fitted, measurement):
     """The problem of one more record, whose only unknowns are its windows' starts."""
     own = fitted.shooting.responses
     made = experiment(fitted.scene, measurement, frequencies(measurement)[1], FINE_STEPS)
-    responses = Responses([made], own.keys, own.interpolation, own.length)
+    keys = [*(key for key in own.keys if key not in measurement.own), *measurement.own]
+    responses = Responses([made], keys, own.interpolation, own.length)
     shooting = Shooting(responses, [], [])
     shooting.state_sizes = fitted.shooting.state_sizes[:1]
     shooting.states_there = fitted.shooting.states_there[:1]

@@ -29,6 +29,8 @@ from harvester.identification.sensors import OUTPUTS, checked_sensors
 COLUMNS = tuple(name for name in QUANTITIES if name not in IMPEDANCES)
 # Suffix of a velocity's unit: measured in the room, not relative to the base.
 ABSOLUTE = ":absolute"
+# Word for a value that a record alone tells.
+FREE = "free"
 # Settings that turn a raw column into its quantity: scale · column + offset.
 LINE_ENDS = ("scale", "offset")
 LINES = tuple(f"{name}_{end}" for name in ("acceleration", *OUTPUTS) for end in LINE_ENDS)
@@ -57,6 +59,9 @@ class Measurement:
         Whether the velocity is that in the room, as a laser beside the shaker measures it.
     velocity_in_volts : bool
         Whether the velocity's sensor has a scale in V/(m/s), free or among `sensors`.
+    own : tuple of str
+        Keys of the scene whose values are unknown and of this record alone, such as the constant
+        force of a base that was tilted for it. Only a record kept aside has such values.
     """
 
     acceleration: np.ndarray
@@ -70,6 +75,7 @@ class Measurement:
     sensors: dict[str, float] = field(default_factory=dict)
     velocity_is_absolute: bool = False
     velocity_in_volts: bool = False
+    own: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
         for quantity in ("acceleration", *OUTPUTS):
@@ -182,12 +188,19 @@ def read_measurement(
         OUTPUTS,
         where,
     )
+    own = tuple(key for key, value in settings.items() if value == FREE)
+    settings = {key: value for key, value in settings.items() if key not in own}
     absolute = _taken_absolute(where, given)
     content, _ = read_record(path)
     measured = MeasuredFile(path, content)
     rate = measured.table.rate if rate is None else rate
     columns, remarks, unit_of = _columns(measured, given, lines, units, rate)
     if "frequency" in columns or "response" in columns:
+        if own:
+            raise SceneError(
+                f"{where}: {named(own[0])} = free: a frequency response has no value of its own: "
+                "give the value"
+            )
         return response_of(columns, settings, plain_name(Path(path).name), sensors)
     if "acceleration" not in columns:
         raise SceneError(
@@ -202,6 +215,7 @@ def read_measurement(
         sensors=sensors,
         velocity_is_absolute=absolute,
         velocity_in_volts=unit_of.get("velocity") in QUANTITIES["voltage"],
+        own=own,
         **columns,
     )
 

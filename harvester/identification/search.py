@@ -119,6 +119,11 @@ def followed(shooting: Shooting, fit: Fit, rival: float = np.inf) -> Fit:
     return shooting.minimized(shooting.reweighted(fit), ON_THE_WAY, FINE)
 
 
+def misfit(fit: Fit) -> float:
+    """Cost, and what the windows' starts took off it: fits in other windows compare by it."""
+    return fit.cost + sum(each.size for each in fit.starts)
+
+
 def _longest(fit):
     """Samples of each experiment's longest window."""
     return np.array([np.diff(edges).max() for edges in fit.edges])

@@ -1,0 +1,181 @@
+"""Values that a record kept aside alone tells, such as the force of a base tilted for it.
+
+They are found as the windows' starts are: where the record, followed in windows by a device whose
+other values are given, leaves least. The windows are short at first, and the record is tried from
+several values, since a constant force has one well or the other in its favour.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from harvester.errors import IdentificationError
+from harvester.files.plain_text import named, nearest
+from harvester.identification.measured_response import MeasuredResponse
+from harvester.identification.reconstruction import frequencies
+from harvester.identification.response import COARSE_STEPS, Responses, experiment
+from harvester.identification.search import (
+    COARSE,
+    HOPELESS,
+    ON_THE_WAY,
+    followed,
+    misfit,
+    short_windows,
+)
+from harvester.identification.shooting import Fit, Shooting
+from harvester.identification.sizes import fitted_sizes
+from harvester.identification.unknowns import unknowns, with_values
+from harvester.identification.window_states import placed, reach_of
+from harvester.scene.numbers import numbers
+
+if TYPE_CHECKING:
+    from harvester.identification.fitted_model import Fitted
+    from harvester.identification.measurement import Measurement
+    from harvester.scene.model import Scene
+
+# First values, as shares of what counts as a change of order one, beside the scene's own.
+FIRST_SHARES = (0.0, 0.1, -0.1, 0.2, -0.2)
+# Two minima are the same if no value differs by more than this share of its size.
+SAME = 0.02
+
+
+def check_kept_aside(
+    scene: Scene,
+    fitted: Sequence[Measurement | MeasuredResponse],
+    aside: Sequence[Measurement | MeasuredResponse],
+) -> None:
+    """Refuse frequency responses kept aside, and values that no record can have of its own.
+
+    Raises
+    ------
+    IdentificationError
+    """
+    known = [key for key in numbers(scene) if not key.startswith("excitation.")]
+    for each in fitted:
+        for key in getattr(each, "own", ()):
+            raise IdentificationError(
+                f"{each.name}: {named(key)} = free: only a record kept aside (--keep-aside) can "
+                "have a value of its own: give the value, or free it for all records (--free)"
+            )
+    for each in aside:
+        if isinstance(each, MeasuredResponse):
+            raise IdentificationError(
+                f"--keep-aside {each.name}: a frequency response is no record of a motion: give it "
+                "as --record, of which every third frequency is kept aside"
+            )
+        for key in each.own:
+            if key not in known:
+                raise IdentificationError(
+                    f"{each.name}: {named(key)} = free: no number of this scene"
+                    f"{nearest(key, known)}; there are {', '.join(known)}"
+                )
+
+
+def own_values(
+    fitted: Fitted,
+    measurement: Measurement,
+    likely: Sequence[np.ndarray],
+    reach: tuple[float, float],
+    visited: tuple[float, float],
+    noise: np.ndarray,
+) -> tuple[list[np.ndarray], tuple[float, float]]:
+    """Values of one record's own keys for each of the likely values of all others, and its motion.
+
+    Parameters
+    ----------
+    fitted : Fitted
+    measurement : Measurement
+        With the keys in `own`.
+    likely : sequence of ndarray, shape (keys,)
+        Of the fitted keys, the best first.
+    reach, visited : (float, float)
+        Scaled displacements between which the mass is looked for, and between which the fitted
+        records were: of mirrored motions that fit as well, the one there is taken.
+    noise : ndarray, shape (outputs,)
+        By which residuals are divided.
+
+    Returns
+    -------
+    list of ndarray, shape (own keys,)
+    (float, float)
+        Scaled displacements of the record's motion.
+
+    Raises
+    ------
+    IdentificationError
+        No value lets the device follow the record.
+    """
+    problem = _problem(fitted, measurement, likely[0])
+    fits = sorted(_minima(problem, reach, noise), key=misfit)
+    if not fits:
+        raise IdentificationError(
+            f"{measurement.name}: no value of {', '.join(measurement.own)} follows the record: "
+            "check the columns' units and signs, or give the value"
+        )
+    moved = [_motion(problem, each) for each in fits]
+    best = next(
+        (
+            place
+            for place, (low, high) in enumerate(moved)
+            if visited[0] <= low
+            and high <= visited[1]
+            and misfit(fits[place]) <= HOPELESS * misfit(fits[0])
+        ),
+        0,
+    )
+    fit = fits[best]
+    found = [fit.values]
+    for values in likely[1:]:
+        begun = Fit(fit.values, fit.edges, fit.starts, fit.noise)
+        other = _problem(fitted, measurement, values)
+        found.append(other.minimized(begun, ON_THE_WAY, COARSE).values)
+    return found, moved[best]
+
+
+def _motion(problem, fit):
+    """Scaled displacements between which a fit moves."""
+    states, _, _ = problem.responses.states(0, fit.values, fit.edges[0], fit.starts[0])
+    return reach_of(states[:, 0])
+
+
+def _problem(fitted, measurement, values):
+    """The least-squares problem of the record's own values, the fitted ones being as given."""
+    own = fitted.shooting.responses
+    # Likely values are of a device: the fitted records were run with them.
+    scene = with_values(fitted.scene, fitted.keys, values) or fitted.scene
+    sensors = {
+        key: float(value)
+        for key, value in zip(fitted.keys, values, strict=True)
+        if key.startswith("sensor.")
+    }
+    seen = replace(measurement, sensors={**sensors, **measurement.sensors})
+    made = experiment(scene, seen, frequencies(seen)[1], COARSE_STEPS)
+    responses = Responses([made], list(seen.own), own.interpolation, own.length)
+    known = [each.measurement for each in own.experiments]
+    free = unknowns(made.scene, seen.own, fitted_sizes(fitted, known))
+    shooting = Shooting(responses, free, [])
+    shooting.state_sizes = fitted.shooting.state_sizes[:1]
+    shooting.states_there = fitted.shooting.states_there[:1]
+    return shooting
+
+
+def _minima(shooting, reach, noise):
+    """Fits in long windows, followed from each minimum in short ones."""
+    measurement = shooting.responses.experiments[0].measurement
+    edges = [short_windows(measurement, 0, measurement.acceleration.size)]
+    first = np.array([each.start for each in shooting.unknowns])
+    minima: list[Fit] = []
+    for share in FIRST_SHARES:
+        values = np.clip(first + share * shooting.sizes, shooting.low, shooting.high)
+        begun = Fit(values, edges, [], [noise])
+        everywhere = np.ones(edges[0].size - 1, bool)
+        begun.starts.append(placed(shooting.frozen(), 0, begun, everywhere, reach)[0])
+        fit = shooting.minimized(begun, ON_THE_WAY, COARSE)
+        moved = [np.abs(fit.values - each.values) / shooting.sizes for each in minima]
+        if fit.grams and all(each.max() > SAME for each in moved):
+            minima.append(fit)
+    return [followed(shooting, each) for each in minima]
