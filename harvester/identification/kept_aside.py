@@ -21,7 +21,7 @@ from harvester.estimates.attractors import repeats_in_noise
 from harvester.estimates.estimate import Estimate
 from harvester.identification.intervals import HALF_INTERVAL, HELD
 from harvester.identification.own_values import own_values
-from harvester.identification.proof import blocks_of, predicted
+from harvester.identification.proof import blocks_of, predicted, sensor_noise
 from harvester.identification.reconstruction import frequencies
 from harvester.identification.response import FINE_STEPS, Responses, experiment
 from harvester.identification.sensors import OUTPUT_UNITS
@@ -47,6 +47,10 @@ FORGOTTEN = 1.0 / 3.0
 CROSSING = 0.1
 # The base is a sine if this share of its power lies within so many lines of its strongest line.
 SINE, SINE_LINES = 0.9, 3
+# A record is of the fitted device if what is left of it in windows, beyond noise, is at most this
+# multiple of what is left of the worst fitted record, or this share of its rms. Records of a
+# measured beam with another tilt of its base left 5 to 20 times as much.
+FOLLOWS, FOLLOWS_SHARE = 3.0, 0.05
 # A prediction is claimed while its run leaves the range of visited displacements, or the load that
 # of the loads, by at most this share, and the frequencies stay within this factor.
 BEYOND, BEYOND_BAND = 0.1, 1.5
@@ -65,6 +69,11 @@ class Kept:
     why : str
         Why not; empty where it does.
     measured_orbit, predicted_orbit : str
+    left : float
+        Of the first output in windows, beyond the sensor's noise, as a share of its standard
+        deviation.
+    follows : bool
+        Whether so little is left that the record may be of the fitted device.
     agreement : float
         Share of the likely values whose runs have the predicted orbit.
     rms_unit : str
@@ -83,6 +92,8 @@ class Kept:
     why: str
     measured_orbit: str
     predicted_orbit: str
+    left: float
+    follows: bool
     agreement: float
     rms_unit: str
     quantity: str
@@ -146,7 +157,9 @@ def kept_aside(
         return []
     model_error = _model_error(fitted, misfits)
     values = _likely(fitted, seed, model_error)
-    return [_of_record(fitted, each, visited, values, model_error) for each in measurements]
+    worst = max((each.systematic for each in misfits if not each.is_noise), default=0.0)
+    most = max(FOLLOWS * worst, FOLLOWS_SHARE)
+    return [_of_record(fitted, each, visited, values, model_error, most) for each in measurements]
 
 
 def _likely(fitted, seed, model_error):
@@ -204,9 +217,9 @@ def _agree(runs, own, model_error):
 def _model_error(fitted, misfits):
     """Relative standard error of the power that the fitted records show.
 
-    Of their runs from one start, as Student's distribution widens it for so few records; and of
-    what follows from the motion in windows and is not in the model: a share of the rms, so twice
-    that share of the power.
+    Of their runs from one start; and of what follows from the motion in windows and is not in the
+    model, a share of the rms, so twice that share of the power. Of so few records the interval is
+    Student's.
     """
     from scipy.stats import t
 
@@ -218,16 +231,13 @@ def _model_error(fitted, misfits):
             if each.long
         ]
     )
-    student = t.ppf(0.5 + 0.5 * HELD, off.size) / HALF_INTERVAL
-    missed = [2.0 * each.systematic for each in misfits if not each.is_noise]
-    return math.hypot(
-        float(np.sqrt(np.mean(off**2))) * student,
-        float(np.sqrt(np.mean(np.square(missed)))) if missed else 0.0,
-    )
+    missed = np.array([0.0 if each.is_noise else 2.0 * each.systematic for each in misfits])
+    error = math.sqrt(float(np.mean(off**2)) + float(np.mean(missed**2)))
+    return error * float(t.ppf(0.5 + 0.5 * HELD, off.size)) / HALF_INTERVAL
 
 
-def _of_record(fitted, measurement, visited, values, model_error):
-    """One record's proof."""
+def _of_record(fitted, measurement, visited, values, model_error, most):
+    """One record's proof; `most` may be left of it in windows."""
     shooting, noise = _shooting(fitted, measurement)
     whole = [(0, measurement.acceleration.size)]
     values, own, reach = _with_own(fitted, measurement, visited, values, noise)
@@ -253,12 +263,17 @@ def _of_record(fitted, measurement, visited, values, model_error):
     why = _why_not(visited, responses, runs[0][0])
     if agreement < 1.0:
         why = "likely values lead to different orbits"
+    left = math.sqrt(max(stretch.nrmse() ** 2 - sensor_noise(stretch) ** 2, 0.0))
+    if left > most:
+        why = f"{left:.0%} of it is left even in windows: another tilt, load or sensor"
     return Kept(
         name=measurement.name,
         claimed=not why,
         why=why,
         measured_orbit=measured,
         predicted_orbit=orbits[0],
+        left=left,
+        follows=left <= most,
         agreement=agreement,
         rms_unit=_unit(measurement) if fitted.scene.units == "SI" else "",
         quantity=quantity,

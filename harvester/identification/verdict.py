@@ -136,6 +136,13 @@ def _fault(base, whiteness, misfits, kept, shape):
     refuted = [each for each in kept if each.claimed and not each.holds]
     if refuted:
         return f": {refuted[0].name} is not as predicted"
+    others = [each for each in kept if not each.follows]
+    if others:
+        return (
+            f": {others[0].left:.0%} of the record {others[0].name}, kept aside, is left even in "
+            "windows: another tilt, load or sensor; what is unknown of a record alone is freed "
+            "behind its file, such as oscillator.restoring_force[0]=free"
+        )
     if base.adequate or (whiteness.white and base.stretches[0].long):
         return None
     return ""

@@ -8,18 +8,15 @@ power R/(a + b R + c R²), and what the points leave of the best such curve is t
 
 from __future__ import annotations
 
-import hashlib
-import os
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from harvester.errors import ProgramNotFound
-from harvester.running import Request, Task
+from harvester.running import Request
 from harvester.scene.model import Scene
+from harvester.verification.known_results.downloaded import downloaded
 from harvester.verification.known_results.truth import Truth
 from harvester.verification.quantities import SIGNIFICANT_SIGMAS
 
@@ -232,73 +229,7 @@ DEVICES = (
     ),
 )  # fmt: skip
 
-SILVERBOX = "Silverbox, a Duffing oscillator of electronics"
-SILVERBOX_SOURCE = "nonlinearbenchmark.org; figures of identified models in freq-statespace"
-# Published relative rms errors of cubic models on the multisine's test part are 1.1 % and below.
-PUBLISHED_CUBIC = 0.011
-# Sampling rate (Hz) and the published split (nonlinear_benchmarks), which leaves out the first
-# samples of the test.
-RATE = 1e7 / 2**14
-TRAINED, TESTED, LEFT_OUT = (40_650, 105_712), (105_712, 127_400), 50
-GET_SILVERBOX = (
-    "SILVERBOX names no file: take data/Silverbox/SNLS80mV.csv from biaslab/nsi-silverbox on "
-    "GitHub, and set SILVERBOX=SNLS80mV.csv"
-)
-
 
 def measured() -> list[Truth]:
     """All points, and the sets that the reader has downloaded."""
-    return [*(truth for each in DEVICES for truth in each.truths()), _silverbox()]
-
-
-def _silverbox():
-    file = os.environ.get("SILVERBOX", "")
-    there = bool(file) and Path(file).is_file()
-    digest = hashlib.sha256(Path(file).read_bytes()).hexdigest() if there else ""
-    call = {"file": os.path.abspath(file) if there else "", "digest": digest}
-    return Truth(
-        "error of the multisine's test part by a cubic spring, identified from its training part",
-        SILVERBOX_SOURCE,
-        0.0,
-        PUBLISHED_CUBIC,
-        {"identify": Task(silverbox_error, call, label="silverbox", time_limits=4)},
-        unit="NRMSE",
-        device=SILVERBOX,
-    )
-
-
-def silverbox_error(file: str, digest: str, report: Callable) -> tuple[float, float]:
-    """NRMSE of a run from rest through the test part.
-
-    Raises
-    ------
-    ProgramNotFound
-        The set was not downloaded.
-    """
-    from harvester.identification.identify import identify
-    from harvester.identification.measurement import Measurement
-
-    if not file:
-        raise ProgramNotFound(GET_SILVERBOX)
-    values = np.genfromtxt(file, delimiter=",", skip_header=1)[:, :2]
-    values = values - values[slice(*TRAINED)].mean(axis=0)
-    tables = {
-        "units": "scaled",
-        "oscillator": {"damping": 20.0, "restoring_force": [0.0, 1e5, 0.0, 1e5]},
-        "piezo": {"coupling": 0.0},
-        "load": {"decay_rate": 1.0},
-        "excitation": {"kind": "white", "intensity": 1.0},
-        "run": {"duration": 10.0},
-    }
-    scene = Scene.from_tables(tables, name="silverbox")
-    (u, y), (tried, wanted) = (values[slice(*part)].T for part in (TRAINED, TESTED))
-    free = [f"oscillator.{key}" for key in ("damping", "restoring_force[1]", "restoring_force[3]")]
-    found = identify(
-        scene,
-        Measurement(u, RATE, displacement=y),
-        free=[*free, "sensor.acceleration_scale"],
-        compare=False,
-    )
-    seen = found.simulated(Measurement(tried, RATE, displacement=wanted))["displacement"]
-    error = (seen - wanted)[LEFT_OUT:]
-    return float(np.sqrt(np.mean(error**2)) / np.std(wanted[LEFT_OUT:])), 0.0
+    return [*(truth for each in DEVICES for truth in each.truths()), *downloaded()]

@@ -5,7 +5,8 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 from harvester.files.tables import markdown_table
-from harvester.verification.known_results.measured import DEVICES, GET_SILVERBOX, SILVERBOX
+from harvester.verification.known_results.downloaded import how_to_get
+from harvester.verification.known_results.measured import DEVICES
 from harvester.verification.known_results.truth import MISSES, TruthRow
 from harvester.version import __version__
 
@@ -17,7 +18,7 @@ OPENING = (
     "R/(a + b R + c R²), and the points' deviations from the best such curve are their scatter."
 )
 DOWNLOADED = (
-    "Sets that are not ours to ship. A variable of the environment names the file; `harvester "
+    "Sets that are not ours to ship. A variable of the environment names the place; `harvester "
     "verify` then has its row, and says *not here* without it."
 )
 
@@ -50,17 +51,23 @@ def measured_page(rows: Sequence[TruthRow], date: str) -> str:
             "\n".join(f"- {each}" for each in (*said, f"Predicted: {summary(own)}")),
             markdown_table(_lines(own)),
         ]
-    downloaded = [row for row in rows if row.truth.device == SILVERBOX]
+    cures = how_to_get()
+    downloaded = [row for row in rows if row.truth.device in cures]
     if downloaded:
-        head = ["set", "result", "by", "published", "ours", "verdict"]
+        head = ["set", "result", "by", "expected", "ours", "verdict"]
         lines = [
-            [SILVERBOX, row.truth.title, row.method, f"{row.truth.allowance:.2%} and below",
+            [row.truth.device, row.truth.title, row.method, _expected(row.truth),
              "" if row.reason else f"{row.value:.2%}", row.verdict]
             for row in downloaded
         ]  # fmt: skip
         parts += ["## Sets to download", DOWNLOADED, markdown_table([head, *lines])]
-        parts.append(f"- Silverbox: {GET_SILVERBOX.partition(': ')[2]}")
+        parts.append("\n".join(f"- {name}: {cures[name]}" for name in cures))
     return "\n\n".join(parts) + "\n"
+
+
+def _expected(truth):
+    """What a set's row should be: an exact share, or no more than what others published."""
+    return f"{truth.exact:.0%}" if truth.exact else f"{truth.allowance:.2%} and below"
 
 
 def _lines(rows):

@@ -62,6 +62,11 @@ def test_a_value_of_a_record_s_own_is_found_in_it(linear):
         with_own.measured_power.estimate, rel=0.02
     )
     assert without.predicted_power.estimate > 1.3 * without.measured_power.estimate
+    assert with_own.left < 0.01
+    assert not without.claimed
+    assert "of it is left even in windows" in without.why
+    assert linear.verdict.word == "incomplete"
+    assert "record3.csv, kept aside, is left even in windows" in linear.verdict.sentence
     assert "found in this record" not in str(without)
 
 

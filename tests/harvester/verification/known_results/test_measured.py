@@ -2,16 +2,17 @@
 
 import dataclasses
 import math
+import os
 from pathlib import Path
 
 import numpy as np
 import pytest
 
 from harvester.running.runner import Runner
+from harvester.verification.known_results.downloaded import downloaded
 from harvester.verification.known_results.measured import (
     DEVICES,
     GRAVITY,
-    SILVERBOX,
     linear_scatter,
     measured,
 )
@@ -91,11 +92,20 @@ def test_a_row_is_what_the_closed_form_gives_and_a_miss_is_no_failure(pool):
 
 
 def test_a_set_that_was_not_downloaded_is_said_so(pool, monkeypatch):
-    monkeypatch.delenv("SILVERBOX", raising=False)
-    [truth] = [each for each in measured() if each.device == SILVERBOX]
-    told = verify(chosen=[truth], runner=Runner(pool))
-    assert [row.verdict for row in told.rows] == [NOT_HERE]
-    assert "set SILVERBOX=SNLS80mV.csv" in told.sentences()[-1]
+    for variable in ("SILVERBOX", "BISTABLEX"):
+        monkeypatch.delenv(variable, raising=False)
+    told = verify(chosen=downloaded(), runner=Runner(pool))
+    assert [row.verdict for row in told.rows] == [NOT_HERE, NOT_HERE]
+    sentences = " ".join(told.sentences())
+    assert "set SILVERBOX=SNLS80mV.csv" in sentences
+    assert "set BISTABLEX=BistableX/DataExperimental" in sentences
+
+
+@pytest.mark.exhaustive
+@pytest.mark.skipif("BISTABLEX" not in os.environ, reason="BISTABLEX names no folder")
+def test_what_is_claimed_of_a_measured_bistable_beam_lies_within_its_interval(pool):
+    told = verify(chosen=downloaded()[1:], runner=Runner(pool))
+    assert [row.verdict for row in told.rows] == [HOLDS]
 
 
 def test_the_page_of_the_site_has_every_point():
