@@ -4,6 +4,7 @@ import math
 
 import numpy as np
 from scipy.integrate import solve_ivp
+from scipy.signal import lsim
 
 from harvester.identification.measurement import Measurement
 from harvester.scene.model import Scene
@@ -94,3 +95,30 @@ def off(scene, keys, rng, share=0.25):
     """The scene with values that are off by up to a share."""
     known = numbers(scene)
     return scene.replace({key: known[key][0] * rng.uniform(1 - share, 1 + share) for key in keys})
+
+
+# A linear device, and the sampling rate of its records (Hz).
+RATE = 400.0
+STIFFNESS = 0.01 * (2.0 * np.pi * 12.0) ** 2
+MASS, COUPLING, CAPACITANCE, LOAD = 0.01, 1e-3, 5e-8, 2e5
+
+
+def linear_device(damping):
+    """The scene of the linear device."""
+    piezo = {"piezo": {"coupling": COUPLING, "capacitance": CAPACITANCE}}
+    return scene_of(MASS, damping, [0.0, STIFFNESS], piezo, LOAD)
+
+
+def linear_record(damping, seed, rms, samples=1200, own=()):
+    """Voltage of a linear device, the acceleration linear between samples: exact, by scipy."""
+    random = np.random.default_rng(seed)
+    base = band_noise(random, samples, RATE, 4.0, 30.0, rms)
+    a = [
+        [0.0, 1.0, 0.0],
+        [-STIFFNESS / MASS, -damping / MASS, -COUPLING / MASS],
+        [0.0, COUPLING / CAPACITANCE, -1.0 / (LOAD * CAPACITANCE)],
+    ]
+    times = np.arange(samples) / RATE
+    voltage = lsim((a, [[0.0], [-1.0], [0.0]], [[0.0, 0.0, 1.0]], [[0.0]]), base, times)[1]
+    noisy = voltage + 0.005 * voltage.std() * random.standard_normal(samples)
+    return Measurement(base, RATE, voltage=noisy, name=f"record{seed}.csv", own=own)

@@ -7,12 +7,14 @@ promising are fitted.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
 
+from harvester.identification.proof import blocks_of
 from harvester.identification.sensors import HIGHPASSES
 from harvester.identification.shooting import Shooting
 from harvester.identification.unknowns import unknowns
@@ -23,6 +25,8 @@ if TYPE_CHECKING:
 
 # An effect is fitted if it promises to lower the cost by this share; at most so many are fitted.
 PROMISING, MOST_FITTED = 0.02, 2
+# A mean is an offset beyond so many standard errors and this share of the channel's deviation.
+OFFSET_ERRORS, LEAST_OFFSET = 3.0, 0.01
 
 
 @dataclass(frozen=True)
@@ -50,12 +54,6 @@ def effects_of(base: Fitted, measurements: Sequence[Measurement]) -> list[Trial]
     made |= {f"low-pass of the {each}": [f"sensor.{each}_filter"] for each in outputs}
     if "voltage" in outputs:
         made["AC-coupled voltage"] = ["sensor.voltage_highpass"]
-    # A displacement's offset is the place of its origin, which the spring has already.
-    made |= {
-        f"offset of the {each}": [f"sensor.{each}_offset"]
-        for each in outputs
-        if each != "displacement"
-    }
     given = {key for each in measurements for key in each.sensors}
     return [
         Trial(name, measurements, keys)
@@ -104,12 +102,12 @@ def _promised(normal, gradient, places):
 
 
 def turned(measurements: Sequence[Measurement]) -> list[Trial]:
-    """Records whose columns mean something else: another sign, another frame."""
+    """Records whose columns mean something else: without an offset, another sign, another frame."""
     outputs = list(measurements[0].sensed)
+    found = [each for name in ("voltage", "velocity") for each in _without_mean(measurements, name)]
     # With one channel one sign is enough: the other gives the mirrored device.
     turnable = ["acceleration"] if outputs[0] != "voltage" else ["voltage"]
     turnable += ["acceleration"] if len(outputs) > 1 and turnable == ["voltage"] else []
-    found = []
     for name in turnable:
         key = f"sensor.{name}_scale"
         if any(key in each.sensors for each in measurements):
@@ -120,3 +118,20 @@ def turned(measurements: Sequence[Measurement]) -> list[Trial]:
         moved = [replace(each, velocity_is_absolute=True) for each in measurements]
         found.append(Trial("velocity in the room", moved, []))
     return found
+
+
+def _without_mean(measurements, name):
+    """The records without the means of a channel that has none over long times, if those show."""
+    key, changed, largest = f"sensor.{name}_offset", [], 0.0
+    for each in measurements:
+        values = each.sensed.get(name)
+        if values is None or key in each.sensors:
+            return []
+        means = np.array([float(np.mean(part)) for part in blocks_of(values)])
+        mean, error = float(means.mean()), float(np.std(means, ddof=1)) / math.sqrt(means.size)
+        if abs(mean) > max(OFFSET_ERRORS * error, LEAST_OFFSET * float(np.std(values))):
+            largest = max(largest, mean, key=abs)
+        changed.append(replace(each, sensors={**each.sensors, key: mean}))
+    if not largest:
+        return []
+    return [Trial(f"offset of the {name} (its mean, {key} = {largest:.3g})", changed, [])]

@@ -2,50 +2,24 @@
 
 import numpy as np
 import pytest
-from measured_records import band_noise, scene_of
-from scipy.signal import lsim
+from measured_records import RATE, linear_device, linear_record
 
 from harvester.errors import IdentificationError, SceneError
 from harvester.identification.identify import identify
 from harvester.identification.kept_aside import _fitted_runs, _likely, _model_error
 from harvester.identification.measured_response import MeasuredResponse
-from harvester.identification.measurement import Measurement, read_measurement
+from harvester.identification.measurement import read_measurement
 
-RATE = 400.0
-STIFFNESS = 0.01 * (2.0 * np.pi * 12.0) ** 2
 DAMPING, ORIGIN = "oscillator.damping", "oscillator.restoring_force[0]"
-
-
-MASS, COUPLING, CAPACITANCE, LOAD = 0.01, 1e-3, 5e-8, 2e5
-
-
-def device(damping):
-    piezo = {"piezo": {"coupling": COUPLING, "capacitance": CAPACITANCE}}
-    return scene_of(MASS, damping, [0.0, STIFFNESS], piezo, LOAD)
-
-
-def record(damping, seed, rms, samples=1200, own=()):
-    """Voltage of a linear device, the acceleration linear between samples: exact, by scipy."""
-    random = np.random.default_rng(seed)
-    base = band_noise(random, samples, RATE, 4.0, 30.0, rms)
-    a = [
-        [0.0, 1.0, 0.0],
-        [-STIFFNESS / MASS, -damping / MASS, -COUPLING / MASS],
-        [0.0, COUPLING / CAPACITANCE, -1.0 / (LOAD * CAPACITANCE)],
-    ]
-    times = np.arange(samples) / RATE
-    voltage = lsim((a, [[0.0], [-1.0], [0.0]], [[0.0, 0.0, 1.0]], [[0.0]]), base, times)[1]
-    noisy = voltage + 0.005 * voltage.std() * random.standard_normal(samples)
-    return Measurement(base, RATE, voltage=noisy, name=f"record{seed}.csv", own=own)
 
 
 @pytest.fixture(scope="module")
 def linear():
     """Two fitted records of a linear device, and one with three times the damping kept aside."""
     return identify(
-        device(0.04),
-        [record(0.03, 1, 4.0), record(0.03, 2, 6.0)],
-        keep_aside=[record(0.09, 3, 5.0, own=(DAMPING,)), record(0.09, 3, 5.0)],
+        linear_device(0.04),
+        [linear_record(0.03, 1, 4.0), linear_record(0.03, 2, 6.0)],
+        keep_aside=[linear_record(0.09, 3, 5.0, own=(DAMPING,)), linear_record(0.09, 3, 5.0)],
         compare=False,
     )
 
@@ -95,10 +69,10 @@ def test_values_that_the_fitted_records_refute_are_not_likely(linear):
 
 
 def test_only_a_record_kept_aside_has_values_of_its_own(tmp_path):
-    truth, one = device(0.03), record(0.03, 1, 4.0, samples=400)
+    truth, one = linear_device(0.03), linear_record(0.03, 1, 4.0, samples=400)
     with pytest.raises(IdentificationError, match=r"only a record kept aside \(--keep-aside\)"):
-        identify(truth, record(0.03, 1, 4.0, samples=400, own=(ORIGIN,)))
-    wrong = record(0.03, 1, 4.0, samples=400, own=("oscillator.dampin",))
+        identify(truth, linear_record(0.03, 1, 4.0, samples=400, own=(ORIGIN,)))
+    wrong = linear_record(0.03, 1, 4.0, samples=400, own=("oscillator.dampin",))
     with pytest.raises(IdentificationError, match=r"did you mean oscillator\.damping"):
         identify(truth, one, keep_aside=wrong)
     places = np.linspace(5.0, 20.0, 30)

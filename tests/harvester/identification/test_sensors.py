@@ -1,16 +1,18 @@
 """What sensors do to records, and how it is undone and found."""
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
-from measured_records import band_noise, measured, scene_of
+from measured_records import band_noise, linear_device, linear_record, measured, scene_of
 from measured_sets import a_set
 from scipy import signal
 
 from harvester.errors import IdentificationError, SceneError
 from harvester.identification.identify import identify
 from harvester.identification.measurement import Measurement, read_measurement
+from harvester.identification.sensor_candidates import turned
 from harvester.identification.sensors import (
     highpassed,
     integrals,
@@ -192,3 +194,16 @@ def test_a_free_corner_of_the_voltage_is_not_biased(seed):
         assert off[name] < 3.0 * found.standard_errors[name], name
     for name, error in found.standard_errors.items():
         assert off[name] < max(0.03 * abs(known[name]), 2.0 * error), name
+
+
+@pytest.mark.exhaustive
+def test_a_voltage_s_offset_is_proposed():
+    records = [linear_record(0.03, seed, 5.0) for seed in (1, 2)]
+    raised = [replace(each, voltage=each.voltage + 0.3 * each.voltage.std()) for each in records]
+    found = identify(linear_device(0.04), raised)
+    assert found.verdict.word == "wrong"
+    assert "offset of the voltage (its mean, sensor.voltage_offset = " in found.verdict.sentence
+    values = dict(zip(found.proposed.fitted.keys, found.proposed.fitted.values, strict=True))
+    assert values["oscillator.damping"] == pytest.approx(0.03, rel=0.05)
+    # Without an offset none is tried.
+    assert not any(each.name.startswith("offset") for each in turned(records))
