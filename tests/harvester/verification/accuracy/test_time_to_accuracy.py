@@ -20,6 +20,8 @@ from harvester.verification.accuracy.time_to_accuracy import duration, reached, 
 from harvester.verification.accuracy.timed import Timed
 from harvester.verification.accuracy.total_error import TotalError, bias_of
 
+pytestmark = pytest.mark.usefixtures("shared_workers")
+
 FEW = (
     Method("circuit", "circuit", 2),
     Method("Monte Carlo, Runge–Kutta", "monte-carlo", 4),
