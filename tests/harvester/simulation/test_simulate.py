@@ -69,13 +69,8 @@ def process_executor():
         yield executor
 
 
-@pytest.mark.parametrize(
-    "kind",
-    [
-        pytest.param("process_executor", marks=pytest.mark.exhaustive),
-        pytest.param("dask_executor", marks=pytest.mark.slow),
-    ],
-)
+@pytest.mark.exhaustive
+@pytest.mark.parametrize("kind", ["process_executor", "dask_executor"])
 def test_any_executor_gives_the_same_numbers(pool, kind, request):
     scene = Scene.load("paper", ["run.duration=100", "run.realizations=3"])
     expected = simulate(scene, method="circuit", runner=pool).to_dict()["quantities"]
