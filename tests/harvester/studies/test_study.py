@@ -188,7 +188,7 @@ def test_a_part_that_fails_is_told_and_the_other_judges(linear, monkeypatch, fai
 @pytest.mark.slow
 def test_leakage_of_a_closed_converter_is_no_early_power(pool):
     """Its lockout opens after the first periods; until then a resistor's picowatts pass."""
-    scene = Scene.load("device", ["run.duration=4", "run.settle=2", "run.realizations=8"])
+    scene = Scene.load("device", ["run.duration=4", "run.settle=2", "run.realizations=4"])
     study = load_study(scene, loads=["bridge_buck"], executor=pool)
     (proof,) = study.proofs
     assert math.isnan(proof.early_standard_error)
