@@ -13,6 +13,8 @@
 # %% [markdown]
 # # First run: how much power does a device give, and do three methods agree on it?
 #
+# *For newcomers: one scene by every method, in Python.*
+#
 # A scene says what is simulated. Here it is the source paper's bistable harvester with two
 # stoppers, shaken by coloured noise. The same scene goes through a circuit (ngspice), a Monte
 # Carlo reference on the same noise, and stochastic averaging.

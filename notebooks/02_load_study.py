@@ -13,6 +13,8 @@
 # %% [markdown]
 # # A load study: which resistance does my own rectifier want, and what does rectifying cost?
 #
+# *For whoever designs the rectifier.*
+#
 # Any sub-circuit can be the load. This one is a full-wave bridge with its own diodes; it comes from
 # a file, as a netlist of yours would, and no line of Python knows it.
 

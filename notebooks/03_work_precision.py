@@ -13,6 +13,8 @@
 # %% [markdown]
 # # Work and precision: which step is short enough, and what does a shorter one cost?
 #
+# *For whoever chooses a step, or asks what accuracy costs.*
+#
 # Two errors matter. The *strong* error is that of the path itself, against scipy's integrator at
 # eleven digits on the same noise. The *bias* is that of the means, against a fine Monte Carlo run
 # on the same noise: what the noise does to both cancels in the difference.

@@ -13,6 +13,8 @@
 # %% [markdown]
 # # The source paper: do its figures come out again, and do its statements hold?
 #
+# *For whoever compares this program with the source paper.*
+#
 # The paper derives its curves by stochastic averaging and compares them with its own Monte Carlo.
 # Here the same equations go through the closures, Monte Carlo and the circuit. Everything is data:
 # `figures_list.FIGURES` and `claims_list.CLAIMS` of `harvester.verification.paper`.

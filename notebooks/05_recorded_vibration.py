@@ -13,6 +13,8 @@
 # %% [markdown]
 # # A recorded vibration: what power would this device give on my machine?
 #
+# *For whoever has a record of their machine's vibration.*
+#
 # A record of base acceleration replaces the noise: a CSV, `.npy` or `.wav` file with its unit. It
 # goes to the circuit and to Monte Carlo alike.
 

@@ -13,6 +13,8 @@
 # %% [markdown]
 # # A measured device: which load suits the harvester on my bench?
 #
+# *For laboratories: from a shaker record to the best load.*
+#
 # Its mass and the load's resistance are known, its coefficients are not. A shaker record of base
 # acceleration and voltage gives them, each with an interval; a third of the record is kept aside
 # and says how far the model predicts. Then the best load is a matter of simulation.

@@ -13,6 +13,8 @@
 # %% [markdown]
 # # Will it run my node: does this harvester, on this recorded vibration, power this sensor?
 #
+# *For whoever must know whether a sensor node stays up.*
+#
 # Mean power against mean consumption is half of the answer. The rest are thresholds: a converter
 # that starts at 5 V, a radio that takes a thousand times the sleeping current for some
 # milliseconds, a brown-out that resets everything. So the whole chain is simulated, from the

@@ -13,6 +13,8 @@
 # %% [markdown]
 # # Does the device move the same way in the tools of whoever designs the electronics?
 #
+# *For whoever designs electronics in another tool.*
+#
 # `harvester export` writes one device as a sub-circuit for SPICE, as a Verilog-A module and as an
 # FMU. Here each of them runs in a program that shares no code with this one, on the same
 # vibration, and is laid over this program's own circuit. What is not installed is left out.

@@ -166,7 +166,7 @@ DEVICES = (
             "Stated: dimensions and materials, from which mass, stiffness, coupling, capacitance "
             "and μ follow by the first mode of an Euler–Bernoulli beam.",
             "Taken from the measurement: ζ = 0.0088, from the paper's own point at 470 Ω and "
-            "502.5 Hz; that point is not blind, and each point at resonance rests on it.",
+            "502.5 Hz. That point is not blind, and each point at resonance rests on it.",
             "Limit: 2 % for the reading, 2 % for that of the point that gave ζ, and three times "
             "the scatter.",
         ),
@@ -195,7 +195,7 @@ DEVICES = (
             "Not stated: the voltmeter's own resistance; 1 MΩ beside the load would explain the "
             "highest load.",
             "Limit: 2 % for the reading, 2 % for that of the point that gave ζ, and three times "
-            "the scatter, which is large: the points say little more than the order of a third.",
+            "the scatter. The scatter is large: these points test the prediction to a third only.",
         ),
         Lumped(14.04e-3, 1157.9, 2.327e-3, 41.26e-9, 1.0854, 0.027),
         0.04,
@@ -216,8 +216,8 @@ DEVICES = (
             "210 kΩ. Assumed, for the paper does not say it: diodes 1N4148 (ideal ones are 3 to "
             "34 % higher), a storage of ten periods.",
             "Limit: 0.6 % for the reading of the voltage (0.3 %), and three times the scatter of "
-            "V²/R about the power as both were read, 0.5 %. What is inferred and assumed is not in "
-            "it: the misses show what that is worth.",
+            "V²/R about the power, as both were read, 0.5 %. What is inferred and assumed is not "
+            "in it: the misses show what that is worth.",
         ),
         Lumped(0.96895e-3, 107.0465, 3.6265e-4, 42.51e-9, 1.3266, 0.01),
         0.006,

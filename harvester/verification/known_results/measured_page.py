@@ -12,10 +12,10 @@ from harvester.version import __version__
 
 OPENING = (
     "Devices that others built and measured, and what this program predicts of them. Nothing is "
-    "fitted but what is said; a point that lies beyond its limit is a miss and stays here. The "
-    "limit is how well the point was read and three times the measurement's own scatter: at one "
+    "fitted but what is said. A point that lies beyond its limit is a miss and stays here. The "
+    "limit is the error of reading the point and three times the measurement's own scatter. At one "
     "frequency every linear device, whatever its numbers, gives a resistor R the power "
-    "R/(a + b R + c R²), and the points' deviations from the best such curve are their scatter."
+    "R/(a + b R + c R²). The points' deviations from the best such curve are their scatter."
 )
 DOWNLOADED = (
     "Sets that are not ours to ship. A variable of the environment names the place; `harvester "

@@ -175,9 +175,9 @@ class Verification:
         others = [row for row in self.exact if row.verdict != HOLDS]
         count = len(self.exact) - len(others)
         return [
-            f"{count} of {len(self.exact)} rows hold; allowed are {SIGNIFICANT_SIGMAS:g} standard "
-            "errors (by chance one row in 370 exceeds them) and what sets the simulated device "
-            f"apart from that of the result; {self.wall_seconds:.0f} s",
+            f"{count} of {len(self.exact)} rows hold ({self.wall_seconds:.0f} s). A row may be "
+            f"{SIGNIFICANT_SIGMAS:g} standard errors off, which one in 370 exceeds by chance, and "
+            "as much more as the simulated device differs from that of the exact result.",
             *(f"{row.truth.title}, {row.method}: {row.reason or row.verdict}" for row in others),
         ]
 

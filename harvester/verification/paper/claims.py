@@ -143,7 +143,7 @@ class Judgement:
         if not self.thorough:
             lines.append(
                 "the circuit is a hundred times as slow: it judges one condition of each statement "
-                "(D = 0.08 where that is one) and the ends of trends; all with --thorough"
+                "(D = 0.08 where that is one) and the ends of trends. With --thorough it judges all"
             )
         lines.append(
             f"a finding counts from {SIGNIFICANT_SIGMAS:g} standard errors on (by chance one in "
