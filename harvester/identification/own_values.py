@@ -94,7 +94,7 @@ def own_values(
         Of the fitted keys, the best first.
     reach, visited : (float, float)
         Scaled displacements between which the mass is looked for, and between which the fitted
-        records were: of mirrored motions that fit as well, the one there is taken.
+        records were: of mirrored motions that fit about as well, the one there is taken.
     noise : ndarray, shape (outputs,)
         By which residuals are divided.
 
@@ -110,36 +110,22 @@ def own_values(
         No value lets the device follow the record.
     """
     problem = _problem(fitted, measurement, likely[0])
-    fits = sorted(_minima(problem, reach, noise), key=misfit)
-    if not fits:
+    fit = _best(problem, visited, noise)
+    other = _best(problem, reach, noise)
+    if other is not None and (fit is None or misfit(fit) > HOPELESS * misfit(other)):
+        fit = other
+    if fit is None:
         raise IdentificationError(
             f"{measurement.name}: no value of {', '.join(measurement.own)} follows the record: "
             "check the columns' units and signs, or give the value"
         )
-    moved = [_motion(problem, each) for each in fits]
-    best = next(
-        (
-            place
-            for place, (low, high) in enumerate(moved)
-            if visited[0] <= low
-            and high <= visited[1]
-            and misfit(fits[place]) <= HOPELESS * misfit(fits[0])
-        ),
-        0,
-    )
-    fit = fits[best]
     found = [fit.values]
     for values in likely[1:]:
         begun = Fit(fit.values, fit.edges, fit.starts, fit.noise)
-        other = _problem(fitted, measurement, values)
-        found.append(other.minimized(begun, ON_THE_WAY, COARSE).values)
-    return found, moved[best]
-
-
-def _motion(problem, fit):
-    """Scaled displacements between which a fit moves."""
+        near = _problem(fitted, measurement, values).minimized(begun, ON_THE_WAY, COARSE)
+        found.append(near.values)
     states, _, _ = problem.responses.states(0, fit.values, fit.edges[0], fit.starts[0])
-    return reach_of(states[:, 0])
+    return found, reach_of(states[:, 0])
 
 
 def _problem(fitted, measurement, values):
@@ -163,8 +149,8 @@ def _problem(fitted, measurement, values):
     return shooting
 
 
-def _minima(shooting, reach, noise):
-    """Fits in long windows, followed from each minimum in short ones."""
+def _best(shooting, reach, noise):
+    """The best fit in long windows, followed from each minimum in short ones; None without any."""
     measurement = shooting.responses.experiments[0].measurement
     edges = [short_windows(measurement, 0, measurement.acceleration.size)]
     first = np.array([each.start for each in shooting.unknowns])
@@ -178,4 +164,4 @@ def _minima(shooting, reach, noise):
         moved = [np.abs(fit.values - each.values) / shooting.sizes for each in minima]
         if fit.grams and all(each.max() > SAME for each in moved):
             minima.append(fit)
-    return [followed(shooting, each) for each in minima]
+    return min((followed(shooting, each) for each in minima), key=misfit, default=None)

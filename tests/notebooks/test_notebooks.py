@@ -61,13 +61,14 @@ ANSWERS = {
         ),
     ),
     "07": (
-        r"is up (\d+) ± (\d+) % .* sends (\d+) ± (\d+) bursts .* ([\d.]+)% gets to the node; .* "
-        r"is up (\d+) ± (\d+) %",
-        lambda up, error, bursts, spread, share, large, margin: (
+        r"is up (\d+) ± (\d+) % .* sends (\d+) ± (\d+) bursts .* up after (\d+) ± \d+ s: .* "
+        r"([\d.]+)% gets to the node; .* is up (\d+) ± (\d+) % .* up after (\d+) ± (\d+) s",
+        lambda up, error, bursts, spread, first, share, large, margin, later, doubt: (
             abs(up - 93.0) < 4.0 * max(error, 1.0)
             and 0.0 < spread < 0.2 * bursts
             and 1.0 < share < 20.0
-            and large + 2.0 * margin < up
+            and abs(large - up) < 4.0 * max(margin, 1.0)
+            and later - 4.0 * doubt > 2.0 * first
         ),
     ),
     "08": (
