@@ -167,7 +167,10 @@ class Responses:
         """
         made = self.device(number, values)
         if made is None:
-            raise IdentificationError("the fit has come to values that no device has")
+            raise IdentificationError(
+                "the fit has come to values that the scene refuses: free fewer (--free), or begin "
+                "nearer (--set)"
+            )
         return made
 
     def states(
