@@ -107,7 +107,7 @@ def _switched_newton(ready):
 
 @dataclass(frozen=True)
 class Netlist:
-    """A circuit ready to run, and how its nodes read.
+    """A circuit ready to run, with the units in which its node voltages are read.
 
     Attributes
     ----------
@@ -276,7 +276,7 @@ def assemble(
         stray = elements.STRAY_SHARE * capacitance
         charge = stray * scales.voltage
         if load.own_motion.oscillates:
-            # A load that oscillates may store as little as that.
+            # A load that oscillates by itself may hold charges as small as OWN_CHARGE.
             charge = min(charge, OWN_CHARGE)
         options += (
             f" chgtol={elements.number(3.0 * charge)} abstol={elements.number(charge * rate)}"

@@ -83,7 +83,7 @@ def pace_of(angle: float) -> float:
 
 
 def add_pace(circuit: Circuit, rate: float, pace: float, start: tuple[str, ...]) -> None:
-    """Capacitors beside those of displacement and velocity that let both go faster by `pace`."""
+    """Parallel capacitors by which displacement and velocity change faster by a factor `pace`."""
     if pace != 1.0:
         less = number((1.0 / pace - 1.0) / rate)
         circuit.C("displacement_pace", DISPLACEMENT, circuit.gnd, less, ic=start[0])
@@ -258,7 +258,7 @@ def _add_element(circuit: Circuit, each: Element, rate: float, scales: Scales, s
 
 
 def _force_gain(each, rate, scales):
-    """Acceleration over rate² per volt or per ampere."""
+    """Force of a network element: acceleration over rate² per volt or per ampere."""
     unit = scales.voltage if each.kind == "force of voltage" else 1.0
     return each.value / (rate**2 * unit)
 

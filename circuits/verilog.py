@@ -219,7 +219,7 @@ endmodule
 
 
 def add_device(circuit: Circuit, network: Network) -> None:
-    """One copy between the nodes that `circuits.elements` names, the load's side included."""
+    """Add one instance of the compiled device, connected to the nodes of `circuits.elements`."""
     ends = (DISPLACEMENT, VELOCITY, TERMINAL, *({BASE} & network.nodes))
     circuit.raw_spice += f"Nharvester {' '.join(ends)} {MODEL}\n"
 

@@ -19,7 +19,7 @@ USUAL: dict[str, Any] = {"divide": "warn", "over": "warn", "under": "ignore", "i
 
 
 def usual_arithmetic() -> np.errstate:
-    """numpy's own treatment of overflow and the like for a block, where the caller's is to raise.
+    """Within the block, numpy's default floating-point warnings, even if the caller set "raise".
 
     `np.seterr(all="raise")` is meant for the caller's own arithmetic: here a density that
     underflows to 0 is right.
@@ -101,7 +101,7 @@ def checked_options(options: dict[str, Any]) -> dict[str, Any]:
 
 
 def _guarded(progress: Callable[[float, str], object]) -> Callable[[float, str], None]:
-    """The caller's function; what it raises ends the run in an error of ours that names it."""
+    """The caller's progress function; an exception in it becomes a HarvesterError that names it."""
 
     def follow(share: float, words: str) -> None:
         try:

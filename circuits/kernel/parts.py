@@ -1,4 +1,4 @@
-"""A load's elements into a `Builder`, each kind by one function; refused is what is not taken."""
+"""Adds a load's elements to a `Builder`, each kind by one function; unknown kinds are refused."""
 
 from __future__ import annotations
 

@@ -35,7 +35,7 @@ DIFFERENCE = 1e-6
 
 
 class Rates(enum.IntEnum):
-    """What is known of the rates of change at a step's beginning."""
+    """Whether the rates of change at a step's beginning are known."""
 
     TURNED = -1  # A switch turned: nothing, and the first step is backward Euler's.
     UNKNOWN = 0

@@ -213,10 +213,10 @@ def _until_corner(tables, time, step):
 
 @merged
 def _planned(plan, place, time, step):
-    """Position in the load's plan at a time.
+    """Find where a time lies in the load's plan of steps.
 
-    Returns the place in it, the time left to the end of that place, the longest step that it
-    allows, and whether the load jumps at that end.
+    Returns the interval's index, the time left to its end, the longest step that it allows, and
+    whether the load jumps at that end.
     """
     past = time + LEAST_TO_CORNER * step + CLOCK_ROUNDING * abs(time)
     while place < plan.ends.size and plan.ends[place] <= past:
@@ -344,7 +344,7 @@ def _chattering(tables, state, time, step):
 
 @merged
 def _restart(scalars, step):
-    """Begin anew after a turn: with a short step, and rates that nobody knows yet."""
+    """Restart after a switch has turned: with a short step, and with unknown rates of change."""
     scalars.switchings += 1
     scalars.rates = Rates.TURNED
     scalars.proposed = min(RESTART * step, TURN_RESTART * scalars.turn_time)

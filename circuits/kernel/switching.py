@@ -80,9 +80,9 @@ def turn(tables: Tables, state: Any) -> None:
 
 @merged
 def missed_own(tables: Tables, state: Any) -> float:
-    """The greatest error of what a load that oscillates by itself stores, against what it may be.
+    """Largest error of a self-oscillating load's charges and fluxes, over its tolerance.
 
-    Its energy may be a millionth of the device's.
+    It has a tolerance of its own, since its energy may be a millionth of the device's.
     """
     sizes, greatest = (0.0, 0.0), 0.0
     for k in range(tables.own.shape[0]):
@@ -101,7 +101,7 @@ def missed_own(tables: Tables, state: Any) -> float:
 
 @merged
 def missed_controls(tables: Tables, state: Any) -> float:
-    """The greatest error of a switch's control, against what it may be."""
+    """Largest error of a switch's control, over its tolerance."""
     n = state.y.size
     greatest = 0.0
     for k in range(state.closed.size):

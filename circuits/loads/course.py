@@ -1,9 +1,9 @@
 """A load's changes in time by itself: its jumps, and the steps that follow them.
 
 Sources and expressions of the time move whether or not the device does. Both engines ask here how
-long a step may be and where one has to end. The expressions' bounds over intervals tell: where one
-changes by more than a share of its swing the interval is halved, and what still does in the
-shortest intervals jumps there.
+long a step may be and where one has to end. The answer comes from the expressions' bounds over
+intervals: where one changes by more than a share of its swing the interval is halved, and one that
+still does so in the shortest intervals jumps there.
 """
 
 from __future__ import annotations
@@ -67,7 +67,7 @@ NO_PLAN = Plan(np.zeros(0), np.zeros(0), np.zeros(0))
 
 
 class Course:
-    """What of a load moves by itself.
+    """The sources and expressions of a load that change with time alone.
 
     Parameters
     ----------
@@ -90,7 +90,7 @@ class Course:
         return bool(self._found)
 
     def steps(self, step: float) -> Steps:
-        """The plans of a run on a grid of this step (s)."""
+        """Plans of a run's steps, for a grid of this step (s)."""
         return Steps(self._found, step)
 
 
@@ -103,7 +103,7 @@ class Steps:
         self._most = {tree: -math.inf for tree in found}
 
     def plan(self, first: int, count: int) -> Plan:
-        """The plan from a step of the grid on, for some `AHEAD` of them; none where the grid does.
+        """The plan of `count` steps of the grid, from number `first` on.
 
         Raises
         ------
@@ -157,7 +157,7 @@ class Steps:
         return tuple(np.concatenate(each) for each in zip(*done, strict=True)), (low, high)
 
     def _fine(self, low, high):
-        """Which intervals need no halving, and the element that asks for the most of it."""
+        """Which intervals are short enough, and the element that needs the most further halving."""
         fine, worst, element = np.ones(low.size, dtype=bool), -1, None
         middle, rounding = 0.5 * (low + high), CLOCK * self._step
         for tree, each in self._found.items():
@@ -234,7 +234,7 @@ def tree_of(wave: Waveform) -> Tree:
 
 
 def steep(wave: Waveform) -> bool:
-    """Whether a source stands still but for jumps, to whose corners steps go anyway."""
+    """Whether a source is constant but for steep edges, at whose corners steps end anyway."""
     numbers = wave.numbers
     if wave.kind == "pulse":
         rise, fall, width, every = numbers[3:]

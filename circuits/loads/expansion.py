@@ -40,7 +40,7 @@ class Length(NamedTuple):
         return Length(self.own + other.own, self.share + other.share)
 
     def given(self, argument: Length) -> Length:
-        """The text with its arguments put in."""
+        """Length of the text with its arguments inserted."""
         return Length(self.own + self.share * argument.own, self.share * argument.share)
 
 

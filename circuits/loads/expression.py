@@ -78,7 +78,7 @@ class ExpressionError(HarvesterError):
 
 
 class NotConstant(ExpressionError):
-    """A value that changes while the circuit runs."""
+    """Raised where a constant is needed and an expression depends on the running circuit."""
 
 
 def truth(condition: Tree) -> Tree:
@@ -146,7 +146,9 @@ class Parser:
         return tree
 
     def check_order(self, sign: str, level: int, loosest: int, before: str | None) -> None:
-        """Refuse an order that is read in two ways."""
+        """Refuse a == b < c without parentheses: sources and parameters read it in different
+        orders.
+        """
         if level == loosest == TIGHTNESS["<"]:
             raise ExpressionError(
                 f"== or != before {sign}: of a source's {sign} counts first, of a parameter's "
@@ -298,7 +300,7 @@ def parse(text: str) -> Tree:
 
 
 def parts_of(tree: Tree) -> Tree:
-    """The trees that a tree is made of."""
+    """The operands of an expression."""
     if tree[0] == "call":
         return tree[2:]
     return () if tree[0] in ("number", "time", "name", "v", "i") else tree[1:]
@@ -558,7 +560,7 @@ def _voltage(a, z, node):
 
 
 def varies(tree: Tree) -> bool:
-    """Whether a tree that is not yet resolved asks for what changes while the circuit runs."""
+    """Whether an unresolved expression depends on a voltage, a current or the time."""
     return any(
         each[0] in (*SOLUTION, "time") or (each[0] == "name" and each[1] in VARYING)
         for each in leaves(tree)

@@ -159,7 +159,7 @@ def _check_ground(topology, pins):
 
 
 def _currents(topology, gone):
-    """What stands for i(NAME): voltage over resistance, or why nothing does."""
+    """What replaces i(NAME): (voltage, resistance), or the reason why nothing can."""
     found: dict[str, tuple[str, str] | str] = {}
     for part in topology.parts:
         name = part.name.lower()

@@ -21,7 +21,7 @@ _JUMPING = frozenset("bqjm")
 
 
 class Watch(NamedTuple):
-    """Unknowns of a load that tell how long a step may be.
+    """Unknowns of a load that limit the step: controls of switches, capacitors, coils.
 
     Attributes
     ----------

@@ -151,7 +151,7 @@ def with_probes(load: LoadCircuit, names: Iterable[str]) -> LoadCircuit:
 def evaluated(
     measures: tuple[Measure, ...], scope: Scope, parts: tuple[Element, ...]
 ) -> tuple[Measure, ...]:
-    """The measures with their expressions read in the load's own sub-circuit.
+    """The measures with their expressions resolved to nodes and sources of the load.
 
     Raises
     ------

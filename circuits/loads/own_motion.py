@@ -105,7 +105,7 @@ def check_turn(load: LoadCircuit, step: float) -> None:
 
 
 def following_notes(load: LoadCircuit, duration: float) -> tuple[str, ...]:
-    """What it costs to follow a load's fastest source through some seconds, where that is long."""
+    """A note on the cost of following a load's fastest source through a run (s), if over `LONG`."""
     period = min(load.periods, default=math.inf)
     costs = {engine: duration / period * cost for engine, cost in PERIOD_COST.items()}
     if any(each.letter in "jmq" for each in load.elements):
@@ -129,7 +129,7 @@ def _spoken(seconds):
 
 
 def own_notes(load: LoadCircuit) -> tuple[str, ...]:
-    """What a reader of results must know of a load whose own motion is not known."""
+    """A note for results whose load may oscillate by itself, if that could not be determined."""
     if not load.own_motion.unknown:
         return ()
     return (
@@ -275,7 +275,9 @@ class _Circuit:
         self._behavioural.append(([(place, sign * many) for place, sign in ends], first, last))
 
     def sources(self) -> Iterator[np.ndarray]:
-        """Right-hand sides: of the sources at the beginning, and at their other end."""
+        """Right-hand sides for two extreme values of every source: its first one and its opposite
+        one.
+        """
         for which in range(2):
             right = np.zeros(self.size)
             for place, sign, each in self._steady:
@@ -319,7 +321,9 @@ class _Circuit:
         return current, slope if slopes_too else None
 
     def rest(self, closed: np.ndarray, source: np.ndarray) -> np.ndarray | None:
-        """Voltages and currents at which nothing moves, found from 0; None where none is found."""
+        """The rest state: voltages and currents with C dy/dt = 0, by Newton from 0; None if it
+        fails.
+        """
         found = self._newton(closed, source, 0.0)
         return self._newton(closed, source, SLOWED) if found is None else found
 
@@ -342,7 +346,7 @@ class _Circuit:
         return None
 
     def wrong(self, closed: np.ndarray, y: np.ndarray) -> int:
-        """The first switch that would turn there, or −1."""
+        """Index of the first switch that would turn at these voltages, or −1."""
         known = np.append(y, 0.0)
         for k, (each, _, control) in enumerate(self._switches):
             volts = known[control[0]] - known[control[1]]
@@ -361,14 +365,14 @@ class _Circuit:
         return -1.0 / times[finite], moved @ held / times[finite], held
 
     def grows(self, y: np.ndarray, closed: np.ndarray) -> bool:
-        """Whether a mode grows there."""
+        """Whether a mode grows about this rest state."""
         rates, *_ = self._modes(y, closed)
         return bool(np.any(rates.real > GROWING * np.abs(rates)))
 
     def time_constant(
         self, switch: int, before: np.ndarray, y: np.ndarray, closed: np.ndarray
     ) -> float:
-        """The shortest of those with which a switch's control goes from one rest to another (s)."""
+        """Shortest time constant (s) with which a switch's control goes between two rest states."""
         rates, shapes, held = self._modes(y, closed)
         # A turn leaves the energy in stores unchanged; the voltages of nodes without a store jump.
         shares = np.linalg.pinv(held) @ (self._ends.T @ (before - y)) if rates.size else rates
@@ -384,7 +388,7 @@ class _Circuit:
 
 
 def _value(source, which):
-    """Value of a source at the beginning (0), or at its other end (1)."""
+    """Value of a source at the beginning (0), or its opposite extreme (1)."""
     if source.wave is None:
         return source.value
     if which == 0:

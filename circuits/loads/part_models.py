@@ -74,7 +74,7 @@ def unknown_word(kind: str, name: str) -> str:
 def size(
     letter: str, given: float | None, model: Model | None, numbers: Mapping[str, float]
 ) -> float:
-    """Ω, F or H of one R, C or L as its model, scale and temperature make it.
+    """Value (Ω, F or H) of one R, C or L from its model, scale and temperature.
 
     Raises
     ------

@@ -53,7 +53,7 @@ def capacitance(parts: Iterable[Element]) -> float:
 
 
 def suspicion(load: LoadCircuit | None) -> str:
-    """What to suspect when a run with a load ended early, to be put behind the reason."""
+    """The negative parts that may have ended a run early: text to append to the reason."""
     if load is None or not load.negative_parts:
         return ""
     names = ", ".join(load.negative_parts[:3])
@@ -71,7 +71,7 @@ def jumping_sources(load: LoadCircuit) -> tuple[Element, ...]:
 
 
 def reading_notes(load: LoadCircuit) -> tuple[str, ...]:
-    """What the reader took for something that its writer may not have meant."""
+    """Notes on values that the reader may have understood otherwise than their writer."""
     notes = [
         f"{each.name} ({each.where}) is read as a smooth switch of LTspice or PSpice: its "
         "conductance changes over the whole hysteresis"

@@ -101,7 +101,9 @@ class LoadCircuit:
 
     @cached_property
     def is_plain(self) -> bool:
-        """Whether ngspice reads the text with its names as it is meant here."""
+        """Whether ngspice can take the file's own text, as it reads every name as this program
+        does.
+        """
         return reads_alike(self.text, self.elements)
 
     @cached_property
@@ -137,12 +139,12 @@ class LoadCircuit:
 
     @cached_property
     def reading_notes(self) -> tuple[str, ...]:
-        """What in it may not be meant as it is read."""
+        """Notes on values that its writer may have meant otherwise, such as a suffix."""
         return reading_notes(self)
 
     @cached_property
     def loose_nodes(self) -> tuple[str, ...]:
-        """Nodes in it that nothing but one end of one element is connected to."""
+        """Nodes with a single connection, as "node of name (file:line)"."""
         return loose_nodes(self)
 
     @property
@@ -387,7 +389,7 @@ def _vet(circuit):
 
 
 def _need(card, scope):
-    """A need as it is said, or in ngspice's words where that is another text."""
+    """A "needs" line as it is written, or in ngspice's syntax where that differs."""
     text = check_expression(card, card.text, scope)
     return card if text == rewritten(card.text) else card._replace(text=text)
 

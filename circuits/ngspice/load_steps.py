@@ -47,7 +47,7 @@ OPEN, UNKNOWN, CLOSED = 0.0, 0.5, 1.0
 
 @uncounted
 def limits_of(step: float, refinement: float, by_error: bool) -> tuple[float, float, float]:
-    """The limits of `resolving_step` on a grid of this step, `by_error` if no store is watched."""
+    """The step limits (s) of `resolving_step`; `by_error` if ngspice controls the local error."""
     if by_error:
         shortest = SHORTEST * step * refinement
         return shortest, shortest, step

@@ -97,7 +97,7 @@ def _refuses(line):
 
 
 def _told(lines):
-    """The element first, then the reasons."""
+    """One line from ngspice's messages: the element that they name, then the reasons."""
     subject, reasons = "", {}
     for line in map(str.strip, lines):
         match = _SUBJECT.fullmatch(line)

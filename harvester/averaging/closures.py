@@ -59,7 +59,7 @@ def average(
     tolerance: float | None = None,
     memory: bool = False,
 ) -> Averages:
-    """Means and densities of a device by stochastic averaging, or by what it approximates.
+    """Means and densities of a device by stochastic averaging, or by the Fokker–Planck equation.
 
     Parameters
     ----------
@@ -123,7 +123,7 @@ def _over_orbits(closure, device, tolerance, memory):
 
 
 def _check(s):
-    """Refuse what Eqs. 10–37 do not know, and what their averaging does not hold for."""
+    """Refuse a device outside Eqs. 10–37, or one for which averaging over orbits is not valid."""
     laws = [each.law for each in s.contacts]
     piezo = isinstance(s.transducer, PiezoLaw)
     refusals = {

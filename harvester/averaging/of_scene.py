@@ -149,7 +149,7 @@ def _left_out(system, closure):
 
 
 def _closure_alone(method: Method) -> Stationary:
-    """A method that is given as an object, which is a closure.
+    """The method, checked to be a closure: an engine is refused.
 
     Raises
     ------
@@ -209,7 +209,7 @@ def averaged_device(scene: Scene) -> System:
 
 
 def _refuse_range(scene):
-    """Refuse a spring that does not hold everywhere."""
+    """Refuse a spring with a range of validity: a stationary density reaches beyond any range."""
     if scene.oscillator.restoring_force_range is not None:
         raise AveragingError(
             "oscillator.restoring_force_range: a stationary density reaches beyond any range; take "

@@ -29,7 +29,7 @@ if TYPE_CHECKING:
 
 # A divisor that has vanished is replaced by this.
 SMALLEST = 1e-150
-# The first scan takes levels so far apart, and so many nodes of an orbit on either side of the
+# The first scan of orbits: spacing of the levels, and nodes of an orbit on either side of the
 # stopper.
 SCAN_STEP, SCAN_NODES = 0.25, 24
 WELL_LEVELS = -15.0, 11.5
@@ -54,9 +54,9 @@ class Edge:
     """All orbits of one kind: inside the right well, or around both wells.
 
     A monostable device has orbits around X = 0 alone, which are as those around both wells. An
-    orbit is known by its `level`: inside a well ln(r/(1 − r)), r the way of its left turning point
-    from the bottom (0) to the well's end (1), and else ln(H − U(0)). Both are logarithmic where
-    orbits change on every scale.
+    orbit is labelled by its `level`: inside a well ln(r/(1 − r)), r the way of its left turning
+    point from the bottom (0) to the well's end (1), and else ln(H − U(0)). Both are logarithmic
+    where orbits change on every scale.
 
     Attributes
     ----------
@@ -77,7 +77,7 @@ class Edge:
         return potential(self.system, x) + 0.5 * added * (x - self.anchor) ** 2
 
     def rise(self, start: Values, end: Values, added: Values) -> Values:
-        """U(end) − U(start), that of spring and piezo without cancellation."""
+        """U(end) − U(start); the terms of spring and piezo are free of cancellation."""
         linear, cubic = stiffnesses(self.system)
         both = start + end
         spring = both * (0.5 * linear + 0.25 * cubic * (start * start + end * end))
@@ -103,10 +103,11 @@ class Edge:
         return _root_of_convex(lambda x: self.slope(x, added), curvature, rest)
 
     def well_end(self, added: np.ndarray) -> np.ndarray:
-        """Where the well gives way: its saddle; without one, where the pull back is weakest.
+        """The inner end of a well: its saddle; without one, where the restoring force is weakest.
 
-        Middle root of κx³ − (ω0² − N2) x − N2 X* = 0. For N2 X* so large that it has gone, the
-        clipped formula gives the point of zero curvature. A far stopper ends the well as well.
+        Middle root of κx³ − (ω0² − N2) x − N2 X* = 0. If N2 X* is so large that there is no such
+        root, the clipped formula gives the point of zero curvature. A far stopper ends the well as
+        well.
         """
         linear, cubic = stiffnesses(self.system)
         softening, offset = -(linear + added), added * self.anchor
@@ -118,7 +119,9 @@ class Edge:
         return np.maximum(end, timescales.free_zone(self.system)[0])
 
     def ends(self, level: np.ndarray, added: np.ndarray) -> tuple[np.ndarray, ...]:
-        """(left end, ½X'² there, right end, way on which the speed near the left end varies)."""
+        """(left end, ½X'² there, right end, distance over which the speed near the left end
+        varies).
+        """
         bottom, left, excess = self.bottom(added), np.zeros_like(level), np.zeros_like(level)
         if self.inside:
             depth = bottom - self.well_end(added)

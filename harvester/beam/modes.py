@@ -112,7 +112,7 @@ def clamp_compliance(pieces: Sequence[Piece], tip: Tip, angular_frequency: float
 
 
 def rest(pieces: Sequence[Piece], tip: Tip) -> Rest:
-    """What all modes together do statically: ∫ ϑ²/EI, and ∫ ϑ G/EI.
+    """Static sums over all modes: ∫ ϑ²/EI, and ∫ ϑ G/EI.
 
     G is the bending moment of a unit acceleration. The clamp's compliance does not enter, as the
     beam is statically determinate.

@@ -1,4 +1,4 @@
-"""`harvester beam`: what a drawing comes to."""
+"""`harvester beam`: the lumped values of a drawing."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class Drawing:
-    """A scene's beam and what it comes to, to be shown and written."""
+    """A scene's beam with its lumped values, to be shown and written."""
 
     scene: Scene
     beam: Beam

@@ -138,7 +138,7 @@ def _words(text):
 
 
 def _asked(found):
-    """The harvester's nodes, from whoever sits at the terminal."""
+    """Ask at the terminal which nodes of the netlist are the harvester's."""
     listed = f"nodes: {', '.join(found)}"
     if not sys.stdin.isatty():
         raise HarvesterError(f"--nodes P,N,OUT,REF: say which are the harvester's; {listed}")

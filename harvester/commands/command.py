@@ -71,7 +71,7 @@ class Command:
         return Scene.load(options.scene, overrides_of(**given))
 
     def _call(self, scene: Scene | None, values: dict[str, Any]) -> Any:
-        """What the function returns; the scene and words of the call are handed on by place."""
+        """Call the function; the scene and the words of the call are its positional arguments."""
         words = [
             values.pop(option.name)
             for option in options_of(self.found).values()
@@ -95,7 +95,7 @@ def named_after(scene: str, stem: str) -> str:
 
 
 def _say_costs(scene):
-    """Say before anything runs what a load that switches fast costs."""
+    """Print, before anything runs, how long a load that switches fast will take."""
     if scene is None or scene.load.circuit is None:
         return
     from circuits.loads.own_motion import following_notes
@@ -181,7 +181,7 @@ class Study(Command):
         return 1 if self.failed and self.failed(result) else 0
 
     def _computed(self, scene, values, json):
-        """The result; a run that failed leaves what it had as JSON."""
+        """Compute the result; if the run fails, its partial result is written as JSON."""
         try:
             result = self._call(scene, values)
         except SimulationError as error:
@@ -233,6 +233,6 @@ class Study(Command):
             yield runner
 
     def _takes_runner(self):
-        """Whether the function takes the options of a study's runner."""
+        """Whether the function takes `**running`, the options of a study's runner."""
         parameters = inspect.signature(self.found).parameters.values()
         return any(each.kind is each.VAR_KEYWORD for each in parameters)

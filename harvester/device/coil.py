@@ -71,7 +71,7 @@ class ResistiveCoil(Unshaken, _Resistances):
         return 0.0
 
     def damping(self) -> float:
-        """What damps the velocity at once, Φ²/(M (R_coil + R)) (1/s)."""
+        """Damping proportional to the velocity, Φ²/(M (R_coil + R)) (1/s)."""
         return self.winding_damping * self.current_share
 
     def force(self, v: Values, state: Values) -> Values:

@@ -158,9 +158,10 @@ class ForceTable(NamedTuple):
         return float(found.min()), float(found.max())
 
     def _outermost(self, level):
-        """The pieces in which the energy comes below a level, and the lines at both ends.
+        """Indices of the outermost pieces in which the energy falls to a level, and of both end
+        lines.
 
-        None, which stands for all pieces, where the level lies above an end of the table.
+        None (search all pieces) where the level lies above the energy at an end of the table.
         """
         places, energies = _ladder(self)
         below, breaks = places[energies <= level], self.breaks()

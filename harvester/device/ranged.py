@@ -1,4 +1,4 @@
-"""A spring that is known between two displacements only, such as one that softens.
+"""A spring that is defined between two displacements only, such as one that softens.
 
 Beyond its range it goes on in a straight line that leads back, so that what leaves the range is
 seen there and is not lost in numbers that overflow; every engine ends the run with an error.

@@ -104,7 +104,7 @@ class Network(NamedTuple):
 
     @property
     def drives_current(self) -> bool:
-        """Whether an inductance drives the load's current on, whatever the load does."""
+        """Whether the load's current is an inductance's, so that it cannot change at once."""
         return self.state_current == LOAD_AMMETER
 
     def value(self, name: str) -> float:

@@ -134,7 +134,7 @@ def _finite(values):
 
 
 def _reach(system):
-    """A distance beyond all equilibria: there the force leads back on either side."""
+    """A distance beyond all equilibria, at which the force points inwards on both sides."""
     places = [abs(x) for x in system.spring.roots()]
     places += [abs(edge) for edge in _finite(contacts.edges(system.contacts))]
     reach = 1.25 * max(places, default=1.0) or 1.0

@@ -24,8 +24,8 @@ REPEATS, SAME_CYCLE = 1e-4, 1e-2
 # A shorter period is taken instead of its multiple if it repeats to within this share: a decaying
 # spiral that turns by a third of a circle a period nearly repeats after three.
 STILL_SETTLING = 3e-3
-# A start joins a cycle if it stayed within `SAME_CYCLE` of it for two cycles and this many samples
-# more: of 1681 starts of the scene `device` under a sine one came to its orbit too late for
+# A start joins a cycle if it stays within `SAME_CYCLE` of it for two periods and this many further
+# samples: of 1681 starts of the scene `device` under a sine one came to its orbit too late for
 # `REPEATS`.
 STAYS = 6
 # For a path with noise: the longest period that is tested, in forcing periods, and the correlation
@@ -40,7 +40,7 @@ CELLS, SAME_CELLS = 3.0, 0.7
 
 @dataclass(frozen=True)
 class Group:
-    """Starts that came to one steady motion.
+    """Starts that settled on the same steady motion.
 
     Attributes
     ----------
@@ -188,7 +188,8 @@ def _cycles(samples, scale, period, members):
 
 
 def _joined(cycles, samples, scale, members):
-    """Cycles with the starts that came to one of them too late to repeat it, and what is left."""
+    """Cycles with late starts added (those close to a cycle at the end), and the remaining
+    starts."""
     found = []
     for cycle in cycles:
         back = min(samples.shape[1], 2 * cycle.period + STAYS)

@@ -84,11 +84,11 @@ def standard_error(series: np.ndarray, least_correlation: float = 0.0) -> float 
 
 
 def error_without_chance(series: np.ndarray, drawn: bool = False) -> float | None:
-    """Error of a mean over whole periods of an excitation without chance.
+    """Error of a mean under a deterministic excitation, over whole periods of it.
 
-    What is left of the start: the change from the first to the second half. Where the motion has
-    another period or none, how far batches scatter about that, as if each were by chance.
-    Realizations differ by their starts alone, so that these are errors of their mean.
+    It holds the transient that remains: the change from the first to the second half. Where the
+    motion has another period or none, how far batches scatter about that, as if each were by
+    chance. Realizations differ by their starts alone, so that these are errors of their mean.
 
     Parameters
     ----------

@@ -1,4 +1,4 @@
-"""What the moments of a run come to: its estimates, what they are too short for, and notes."""
+"""From the moments of a run to its estimates, with notes on what the run is too short for."""
 
 from __future__ import annotations
 
@@ -72,7 +72,7 @@ class RunEstimates:
 
     @property
     def scaled(self) -> dict[str, Estimate]:
-        """The estimates without the error bars that would lie."""
+        """The estimates, without the error bars that would be too small."""
         return withheld(self.whole, self.shortfalls)
 
 
@@ -136,7 +136,9 @@ def _without_value(load, moments):
 
 
 def error_of(scene: Scene) -> Callable:
-    """The error of a mean from batches that holds for a scene's excitation and starts."""
+    """The function that gives a mean's standard error from batches, chosen by excitation and
+    starts.
+    """
     excitation = scene.excitation
     drawn = excitation.random or scene.run.starts is not None
     if excitation.period is not None:
@@ -155,7 +157,7 @@ def error_of(scene: Scene) -> Callable:
 
 
 def with_steps(scene: Scene, estimate: Estimate, step_error: float) -> Estimate:
-    """An estimate with the step's error in its bar, and no samples, where nothing is by chance."""
+    """For a periodic excitation, add the step error to the error bar and drop the sample size."""
     if scene.excitation.period is None or scene.excitation.random:
         return estimate
     error = estimate.standard_error

@@ -1,4 +1,4 @@
-"""Energy that a load gives against energy it takes; notes on efficiencies that are invalid."""
+"""Whether a load delivers more energy than it takes; notes on efficiencies that are invalid."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What a load's capacitors and coils still take, and how far they are from where they settle.
+"""How far a load's capacitors and coils are from their steady state at the end of a run.
 
 The averaged charges obey C d⟨y⟩/dt + G (⟨y⟩ − y∞) = 0, G about the means: what is missing of y∞ is
 G⁻¹ C times the rate at which the mean still moves, however the stores are connected. A diode that
@@ -35,7 +35,7 @@ SLOWEST_DECAY, ALIKE = 0.98, 0.2
 
 @dataclass(frozen=True)
 class StoreState:
-    """One store of a load over a run.
+    """The state of one capacitor or coil of a load over a run.
 
     Attributes
     ----------
@@ -160,7 +160,7 @@ def _by_decay(changes, length):
 
 
 def _remembered(levels, ends):
-    """Time over which what a store holds is correlated, by neighbouring batches (s)."""
+    """Correlation time (s) of a store's voltage or current, from neighbouring batches."""
     values = (levels.series[..., INTEGRAL] @ ends) / levels.time
     values = values - values.mean()
     total = float((values**2).sum())

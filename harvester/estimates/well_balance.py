@@ -36,7 +36,7 @@ LEAST_CORRELATION = -0.25
 
 @dataclass(frozen=True)
 class WellBalance:
-    """What jumps between wells say of a run's shares of time.
+    """Stationary shares of time in the wells, from a run's jumps between them.
 
     Attributes
     ----------
@@ -73,7 +73,7 @@ class WellBalance:
     changes: np.ndarray
 
     def error(self, series: np.ndarray) -> float | None:
-        """Standard error of a mean from what its weighted batches lie off it.
+        """Standard error of a mean from the deviations of its weighted batches.
 
         Parameters
         ----------
@@ -99,7 +99,7 @@ class WellBalance:
         return error * math.sqrt(series.size / (series.size - len(slopes)))
 
     def parts(self, series: np.ndarray) -> np.ndarray:
-        """What each batch adds to a mean's deviation: within the wells, and by its jumps.
+        """Each batch's contribution to a mean's deviation: within the wells, and by its jumps.
 
         Parameters
         ----------
@@ -149,7 +149,7 @@ class WellBalance:
         return parts.std(axis=0, ddof=1) / math.sqrt(count - len(slopes))
 
     def _stand_on_enough(self, own, slopes, count):
-        """Whether means with these errors within the wells and slopes stand on enough jumps.
+        """Whether enough jumps support means with these errors within the wells and these slopes.
 
         By Satterthwaite, Biometrics Bull. 2, 110 (1946). A jump that was not seen counts as one.
         """
@@ -160,7 +160,9 @@ class WellBalance:
         return bool(np.all(samples >= FEWEST_JUMPS * known))
 
     def without_wells(self, series: np.ndarray) -> np.ndarray:
-        """A series of batches, not weighted, less what the wells do to it; its mean stays."""
+        """An unweighted series of batches with the wells' effect regressed out; its mean is
+        unchanged.
+        """
         off = self.features - self.features.mean(axis=(0, 1))
         return series - off @ _slopes(off, series - series.mean())
 
@@ -237,7 +239,7 @@ def _with_settling(rows, count):
 
 
 def _slopes(off, series):
-    """Least squares of a series by the wells' shares, (realizations, batches[, wells])."""
+    """Least-squares coefficients of a series on `off`, the deviations of the batches' features."""
     return np.linalg.lstsq(off.reshape(-1, off.shape[2]), series.ravel(), rcond=None)[0]
 
 
@@ -274,7 +276,8 @@ def _balanced(rates, shares, seen):
 
 
 def _changes(rates, shares):
-    """How shares change with the rate from the first well to the second, by the balance."""
+    """Derivatives of the stationary shares by each jump rate (from the first well to the
+    second)."""
     change = rates - np.diag(rates.sum(axis=1))
     answer = np.linalg.inv(shares[None] - change)
     return shares[:, None, None] * (answer[None] - answer[:, None])

@@ -1,4 +1,4 @@
-"""What every kind of excitation offers to scenes and engines."""
+"""Base classes of all excitations: their interface to scenes and engines."""
 
 from __future__ import annotations
 
@@ -110,7 +110,7 @@ class Excitation(ABC):
 
     @property
     def kept_samples(self) -> int:
-        """Samples that a path holds in memory all along."""
+        """Number of samples that a path keeps in memory for the whole run."""
         return 0
 
     @property
@@ -135,7 +135,8 @@ class Excitation(ABC):
 
     @property
     def highest_frequency(self) -> float:
-        """Above it a measured path holds nothing (Hz); infinite where it is not measured."""
+        """Highest frequency in a measured path (Hz); infinite where the excitation is not
+        measured."""
         return math.inf
 
     @property
@@ -144,7 +145,7 @@ class Excitation(ABC):
         return False
 
     def check(self, units: str, run: Run, origin: str) -> None:  # noqa: B027
-        """Refuse what no single value shows.
+        """Refuse values that are valid one by one but not together, or not with this run.
 
         Parameters
         ----------
@@ -198,7 +199,7 @@ class Excitation(ABC):
 
     @abstractmethod
     def notes(self, spacing: float, angular_frequency: float, run: Run) -> tuple[str, ...]:
-        """What a reader must know before citing a number, as a tuple of lines."""
+        """Notes for the result: what must be known of the excitation before citing a number."""
 
     def averaging_refusal(self) -> str:
         """Why stochastic averaging does not apply; empty where it does."""

@@ -95,7 +95,7 @@ class MeasuredFile:
             return self.table.take(places)
 
     def of(self, quantity: str) -> list[int]:
-        """Places of the columns of numbers whose headings name a quantity."""
+        """Indices of the numeric columns whose headings name a quantity."""
         return [
             place
             for place, each in enumerate(self.headings)
@@ -249,7 +249,8 @@ class MeasuredFile:
         factor: float = RATE_TOLERANCE,
         key: str = "sampling_rate",
     ) -> None:
-        """Refuse a rate that is not that of the times; times that never rise have none.
+        """Refuse a sampling rate that differs from the time column's; times that never rise have
+        none.
 
         Parameters
         ----------
@@ -355,7 +356,7 @@ def _agreed_rate(measured, given):
 
 
 def _time_place(measured, wanted, needed):
-    """Place of the column of times: as asked for, or where one is needed the one that is."""
+    """Index of the time column: the named one, else the only one if times are needed."""
     if wanted is not None:
         return measured.place("excitation.time_column", wanted)
     found = measured.times() if needed else []
@@ -399,7 +400,7 @@ def _motion_place(measured, wanted, time_place):
 
 
 def _refuse_other_rate(measured, rate):
-    """A given rate is compared with the one column whose heading says a unit of time."""
+    """Refuse a given sampling rate that differs from the one column with a unit of time."""
     found = [place for place in measured.times() if measured.headings[place].unit]
     if len(found) != 1:
         return

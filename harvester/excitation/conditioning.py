@@ -78,7 +78,7 @@ class EvenSamples(NamedTuple):
 def without_markers(
     values: np.ndarray, mend: Collection[str]
 ) -> tuple[np.ndarray, tuple[str, ...]]:
-    """Samples whose markers (-9999, 65535, a rail) are NaN where that is to be mended.
+    """Samples with markers (-9999, 65535, a rail) replaced by NaN, if `mend` asks for it.
 
     Loggers write such a number for what they could not measure.
 
@@ -290,7 +290,7 @@ def closed(values: np.ndarray) -> np.ndarray:
 
 
 def _refuse(file, fault, mend, count, total, where):
-    """Unless it is to be mended and few enough."""
+    """Refuse faulty samples unless `mend` names the fault and they are few enough."""
     name = {"nan": "without a number", "clipped": "clipped"}[fault]
     cure = {"nan": "cut the record there", "clipped": "measure in a wider range"}[fault]
     if count > LARGEST_MENDED_SHARE * total:
@@ -373,7 +373,7 @@ def _even(values, times, rate, mend, file, most):
 
 
 def _bridged(times, steps, spacing, file):
-    """What straight lines onto an even grid bridge, in words; refused above the share of gaps."""
+    """A remark on gaps bridged by straight lines; refused above `LARGEST_MENDED_SHARE`."""
     missing = float(np.sum(np.maximum(np.round(steps / spacing) - 1.0, 0.0)))
     share = missing / (missing + times.size)
     place = int(np.argmax(steps))

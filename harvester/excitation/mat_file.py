@@ -109,7 +109,7 @@ def _fields(name: str, value: Any) -> Iterator[tuple[str, np.ndarray]]:
 
 
 def _refuse_claims(content):
-    """Refuse structures that claim more than the file holds.
+    """Refuse structures whose headers claim more data than the file has.
 
     Raises
     ------

@@ -33,7 +33,8 @@ UNITS = {"g^2/Hz": ACCELERATION["g"] ** 2, "(m/s^2)^2/Hz": 1.0, "scaled": 1.0}
 # three times the highest frequency, then has 1.2 % of the density there. A bridge at 46 Hz under
 # 500 Hz takes half the steps so, one under 2 kHz a third.
 KNOTS_PER_PERIOD, FEWEST_KNOTS_PER_PERIOD = 12.0, 4.0
-# Excess of the rms of the knots themselves that a note says.
+# A note is given if the rms of the knots exceeds that of the path between them by this share. The
+# second number is the points of the integral.
 NOTED_EXCESS, EXCESS_FREQUENCIES = 0.01, 2001
 # Bursts last so many periods of the lowest frequency, unless `burst_time` says.
 PERIODS_PER_BURST = 20.0
@@ -90,7 +91,8 @@ class Spectrum(Excitation):
 
     @property
     def kept_samples(self) -> int:
-        """Input, output and filter of one path, at the knots that the spectrum asks for."""
+        """Samples in memory of one path's input, output and filter, at the spectrum's knot
+        spacing."""
         frequencies = np.array([frequency for frequency, _ in self.breakpoints])
         spacing = self.knot_spacing or 1.0 / (KNOTS_PER_PERIOD * frequencies[-1])
         return 5 * filter_length(frequencies, spacing)

@@ -18,12 +18,12 @@ class Unreadable(ValueError):
 
 @contextlib.contextmanager
 def broken_file(sort: str, cure: str) -> Iterator[None]:
-    """Whatever a library's parser meets in a broken file, as one refusal.
+    """Within the block, turn any exception of a library's parser into `Unreadable`.
 
     Parameters
     ----------
     sort : str
-        What the file should be.
+        Kind of file that was expected, for the message.
     cure : str
 
     Raises
