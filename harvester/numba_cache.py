@@ -25,7 +25,7 @@ DIGEST_BYTES = hashlib.sha256().digest_size
 
 
 def keep_environment_usable() -> None:
-    """Take out of the environment what numba would end at.
+    """Remove environment variables whose values would make numba fail.
 
     That is a number of threads below 1, and where its cache is looked for: nothing here uses its
     threads, and `is_safe` judges the usual places of the cache.
@@ -91,10 +91,10 @@ on_damage: Callable[[str], None] = _say_damage
 
 @contextlib.contextmanager
 def alone(folder: Path, name: str) -> Iterator[None]:
-    """The only process of this machine that compiles this; with others where it cannot be had.
+    """Within the block, hold a lock so that no other process compiles the same function.
 
-    A byte of one file is locked, which the system gives back when the process ends and refuses
-    where two would wait for each other.
+    A byte of one file is locked. The system releases it when the process ends. Where no lock can be
+    had, several processes may compile.
     """
     place = int.from_bytes(hashlib.sha256(name.encode()).digest()[:4])
     handle, fcntl = _lock_file(folder)

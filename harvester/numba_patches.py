@@ -48,7 +48,7 @@ WITHIN = {"no_cfunc_wrapper": True}
 
 
 def digest_of(part: Any) -> str:
-    """What tells one source of a class or function from another."""
+    """Digest of the source of a class or function, to detect that it has changed."""
     return hashlib.sha256(inspect.getsource(part).encode()).hexdigest()[:16]
 
 

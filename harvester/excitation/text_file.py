@@ -62,7 +62,7 @@ class Form(NamedTuple):
     kinds: tuple[str, ...]
 
     def fits(self, fields: list[str]) -> bool:
-        """Whether a line has numbers and stamps, or nothing, where most lines have them."""
+        """Whether each field of a line is empty or of its column's kind (number, time stamp)."""
         if len(fields) != len(self.kinds):
             return False
         pairs = [pair for pair in zip(fields, self.kinds, strict=True) if pair[1] != TEXT]

@@ -65,7 +65,7 @@ QUANTITIES = (
 
 @dataclass(frozen=True)
 class View:
-    """One place of the sliders.
+    """The numbers and densities at one setting of the sliders.
 
     Attributes
     ----------
@@ -210,7 +210,7 @@ def explore(
 
 
 def cut_short(scene: Scene) -> Scene:
-    """The scene with so much of its run as a picture has time for."""
+    """The scene with its run shortened to `STEPS_SHOWN` steps of Monte Carlo."""
     ready = prepared(scene)
     per_second = steps_per_knot(ready, engine="monte-carlo") / knot_spacing(ready)
     load = scene.load.circuit

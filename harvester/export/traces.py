@@ -260,7 +260,8 @@ def write_shepherd(
 
 
 def _extremes(scene, duration, realization, report):
-    """Voltage of open and current of shorted terminals, and what a line between them promises."""
+    """Open-circuit voltage and short-circuit current; reports the power of a straight line
+    between."""
     ready = prepared(scene)
     rate = timescales.angular_frequency(ready.system)
     matched = scene.transducer.matched_resistance(rate)

@@ -32,7 +32,7 @@ def away_from_working_folder() -> Iterator[None]:
 
 
 def who_else_writes(path: str | Path) -> str:
-    """Who besides this user and the program's owner may change what lies at a path.
+    """Which other user (not this one, not the program's owner) may change the file at a path.
 
     Parameters
     ----------

@@ -126,7 +126,7 @@ def in_folder(folder: str | Path, file: str) -> Path:
 
 @contextlib.contextmanager
 def _named(path):
-    """Name the path in what the system says."""
+    """Turn the system's errors within the block into an `OutputError` that names the path."""
     try:
         yield
     except (OSError, ValueError) as error:

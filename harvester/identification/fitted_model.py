@@ -1,4 +1,4 @@
-"""A model fitted to records: values, covariance, and what it predicts of the data kept aside."""
+"""A model fitted to records: values, covariance, and predictions of the data kept aside."""
 
 from __future__ import annotations
 
@@ -69,7 +69,7 @@ class Fitted:
         stretches: Sequence[Stretch],
         settled: Fit | None = None,
     ) -> Fitted:
-        """The model that a fit has come to; `scene` is the one that it began with.
+        """The model at the end of a fit; `scene` is the scene that the fit began with.
 
         Raises
         ------
@@ -111,13 +111,14 @@ class Fitted:
 
     @property
     def adequate(self) -> bool:
-        """Whether what was kept aside leaves little beyond the sensor's noise."""
+        """Whether the residuals of the data kept aside are little more than the sensor's noise."""
         noise = min(self.sensor_noise, MOST_NOISE)
         return max(self.nrmse**2 - noise**2, 0.0) <= MISSED_SHARE**2
 
     @property
     def leaves_noise(self) -> bool:
-        """Whether no model could predict what was kept aside noticeably better."""
+        """Whether the residuals of the data kept aside are only noise, so that no model can
+        be better."""
         return all(each.nrmse() <= (1.0 + NOTED) * sensor_noise(each) for each in self.stretches)
 
     @property

@@ -176,12 +176,13 @@ def _otherwise(shooting, fit):
 
 
 def _misfit(fit):
-    """Cost, and what the windows' starts took off it."""
+    """Cost of a fit plus the number of its fitted window states, to compare fits by."""
     return fit.cost + sum(each.size for each in fit.starts)
 
 
 def _warmed(coarse, fine, free, warm):
-    """The fit from a neighbour's, in its windows where that one leaves noise only, else anew."""
+    """A fit that begins at a neighbouring model's values; in that model's windows if it
+    leaves only noise, else in short windows."""
     known = dict(zip(warm.keys, warm.values, strict=True))
     free = [each.begun(known.get(each.key, each.start)) for each in free]
     shooting = Shooting(fine, free, [])

@@ -237,7 +237,7 @@ class Identification:
         )
 
     def _fitted_part(self):
-        """What of the records the values come from, in words."""
+        """Text: the part of the records that was fitted."""
         stretches = self.fitted.stretches
         steady = sum(isinstance(each, ResponseStretch) for each in stretches)
         lines = f"two of every three frequencies of {_records(steady)}"

@@ -31,7 +31,8 @@ Impedance = Annotated[Any, Kind("FILE [SETTING=VALUE]", read=one_record_of, word
 MASS = "oscillator.mass"
 # Progress (share of the work) at which other models begin, and at which the posterior begins.
 MODELS_BEGIN, POSTERIOR_BEGINS = 0.4, 0.7
-# In a direction that the records do not determine, the first of these values stays as in the scene.
+# If the records leave a combination of values undetermined, the first of these that belongs to it
+# keeps the scene's value.
 KEPT_FIRST = ("mass", "capacitance", "restitution", "stiffness", "quadratic_damping")
 
 
@@ -193,7 +194,7 @@ def identify(
 
 
 def _of_impedance(scene, analysed, free, posterior, clock):
-    """What an impedance tells without any record."""
+    """The identification from an impedance alone, without records in time."""
     from harvester.identification.candidates import Candidate
     from harvester.identification.identification import Identification
     from harvester.identification.impedance_fit import fitted_impedance, impedance_verdict
@@ -265,7 +266,7 @@ def _measurements(scene, records):
 def _determined(
     scene: Scene, measurements: list[Measurement], keys: list[str], drop: bool
 ) -> tuple[Fitted, list[tuple[str, Undetermined]]]:
-    """The fit of what the records determine, and what of the keys was kept as in the scene."""
+    """The fit of the values that the records determine, and the keys kept at the scene's values."""
     from harvester.identification.fitting import fitted
     from harvester.identification.sizes import first_sizes
 

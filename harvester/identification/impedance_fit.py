@@ -129,7 +129,7 @@ class ImpedanceStretch(ResponseStretch):
 
     @property
     def quantity(self) -> str:
-        """What `nrmse` is of."""
+        """Name of the quantity that `nrmse` refers to."""
         return "impedance"
 
     def nrmse(self, output: int = 0) -> float:
@@ -157,7 +157,7 @@ def kept_aside(measured: Any) -> np.ndarray:
 
 
 def from_impedance(scene: Scene, measured: MeasuredImpedance) -> FromImpedance:
-    """The scene with what an impedance says of it.
+    """The scene with the values that an impedance determines.
 
     Raises
     ------
@@ -280,7 +280,7 @@ def _check_capacitance(scene, capacitance, where):
 
 
 def fitted_impedance(found: FromImpedance) -> Fitted:
-    """The model of an impedance alone, and what it says of the lines kept aside."""
+    """The model fitted to an impedance alone, with its predictions of the lines kept aside."""
     aside = kept_aside(found.measured)
     length = prepared(found.scene).scales.displacement
     free = unknowns(found.scene, found.keys, {})

@@ -114,7 +114,7 @@ class Kept:
 def kept_aside(
     fitted: Fitted, measurements: Sequence[Measurement], visited: Visited, seed: int
 ) -> list[Kept]:
-    """What a fit predicts of records that it has not seen.
+    """A fit's predictions of records that were not fitted.
 
     Parameters
     ----------
@@ -131,7 +131,7 @@ def kept_aside(
 
 
 def _drawn(fitted, seed):
-    """Likely values, the best first."""
+    """Sets of values: the fitted one, then some drawn from the covariance."""
     random = np.random.default_rng(np.random.SeedSequence(seed))
     spread, directions = np.linalg.eigh(fitted.covariance)
     root = directions * np.sqrt(np.maximum(spread, 0.0))
@@ -260,7 +260,7 @@ def _repeats(measurement):
 
 
 def _orbit(x, saddles, edges, period):
-    """What kind of motion a displacement is, in words."""
+    """Kind of motion in words: in which well or between the wells, and whether chaotic."""
     repeats = "" if period is None or repeats_in_noise(x, period) else ", chaotic"
     if not saddles.size:
         return f"in the well{repeats}"
@@ -276,7 +276,7 @@ def _orbit(x, saddles, edges, period):
 
 
 def _why_not(visited, responses, x):
-    """What of a record and its run the fitted records did not visit; empty where they did."""
+    """Why a record lies outside the fitted records' ranges; empty if it lies within them."""
     low = min(each[0] for each in visited.displacement)
     high = max(each[1] for each in visited.displacement)
     more = BEYOND * (high - low)
@@ -325,5 +325,5 @@ def _unit(measurement):
 
 
 def _text(each, unit):
-    """With its 95 % interval."""
+    """An estimate as text with half of its 95 % interval."""
     return with_error(replace(each, standard_error=HALF_INTERVAL * each.standard_error), unit)

@@ -61,18 +61,18 @@ class MeasuredImpedance(MeasuredResponse):
 
     @property
     def sensed(self) -> dict[str, np.ndarray]:
-        """No sensor but the analyser's own."""
+        """Outputs of sensors with free effects: none, as the analyser is taken to be exact."""
         return {}
 
     def part(self, lines: np.ndarray) -> MeasuredImpedance:
-        """Some of its lines."""
+        """A selection of its frequencies."""
         beside = None if self.background is None else self.background[lines]
         return MeasuredImpedance(
             self.frequency[lines], self.response[lines], name=self.name, background=beside
         )
 
     def check(self) -> None:
-        """Refuse what is too short.
+        """Refuse an impedance with fewer than `FEWEST_FREQUENCIES` frequencies.
 
         Raises
         ------
@@ -222,7 +222,7 @@ def _values(measured, quantity, place, text):
 
 
 def _looks(quantity, values):
-    """What a column without a unit looks like, in words."""
+    """A hint for a message: whether a phase column without a unit looks like degrees or radians."""
     if quantity != "phase":
         return ""
     sort = "radians" if np.abs(values).max() <= math.radians(LARGEST_PHASE) else "degrees"
@@ -274,7 +274,7 @@ def _ordered(frequency, impedance, where):
 
 
 def _check_passive(impedance, where):
-    """Refuse what no piezo's impedance is."""
+    """Refuse an impedance that no passive part can have."""
     if (np.abs(impedance) == 0.0).any():
         raise SceneError(f"{where}: |Z| is 0 in some lines: leave them out, or check the column")
     if np.median(impedance.imag) > 0.0:

@@ -76,14 +76,14 @@ class MeasuredResponse:
         return float(self.frequency[np.argmax(np.abs(self.response))])
 
     def part(self, lines: np.ndarray) -> MeasuredResponse:
-        """Some of its lines."""
+        """A selection of its frequencies."""
         base = self.acceleration if self.acceleration is None else self.acceleration[lines]
         return replace(
             self, frequency=self.frequency[lines], response=self.response[lines], acceleration=base
         )
 
     def check(self) -> None:
-        """Refuse what tells nothing of a resonance.
+        """Refuse a response with too few frequencies, or without both sides of the resonance.
 
         Raises
         ------

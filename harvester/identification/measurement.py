@@ -27,7 +27,7 @@ from harvester.identification.sensors import OUTPUTS, checked_sensors
 
 # Quantities that a record's columns can hold.
 COLUMNS = tuple(name for name in QUANTITIES if name not in IMPEDANCES)
-# Suffix of a velocity's unit: measured in the room, not relative to the base.
+# Suffix of a velocity's unit: measured against the laboratory, not relative to the base.
 ABSOLUTE = ":absolute"
 # Settings that turn a raw column into its quantity: scale · column + offset.
 LINE_ENDS = ("scale", "offset")
@@ -94,7 +94,7 @@ class Measurement:
 
     @property
     def outputs(self) -> dict[str, np.ndarray]:
-        """What was measured of the device, by its name."""
+        """The measured outputs of the device (voltage, displacement, velocity) by their names."""
         return {name: getattr(self, name) for name in OUTPUTS if getattr(self, name) is not None}
 
     sensed = outputs
@@ -116,7 +116,7 @@ def _marker_remarks(columns):
 
 
 def _check_column(values, quantity, shape, where):
-    """Refuse what is no whole measurement of one quantity."""
+    """Refuse a column that is too short, constant, clipped or has samples without a number."""
     if values.ndim != 1 or values.shape != shape:
         raise SceneError(f"{where}: {quantity} has the shape {values.shape}, not {shape}")
     if values.size < FEWEST_SAMPLES:
@@ -207,7 +207,8 @@ def read_measurement(
 
 
 def _taken_absolute(where, given):
-    """Whether the velocity is said to be of the room; that word is taken out of the setting."""
+    """Whether a velocity's setting ends in `:absolute` (not relative to the base); the word
+    is removed."""
     text = given.get("velocity", "")
     before, _, word = text.rpartition(":")
     if before.rpartition(":")[2] not in QUANTITIES["velocity"] or ":" not in before:

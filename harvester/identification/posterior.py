@@ -139,7 +139,7 @@ def log_density(found: Fitted) -> Callable[[np.ndarray], float]:
 
 
 def _cost(shooting, fit, bases):
-    """Sum of squares without what better starts of the windows would take off it."""
+    """Sum of squares, minimised over the windows' starts to first order."""
     total = 0.0
     for number, edges in enumerate(fit.edges):
         found, _ = shooting.residuals(

@@ -1,4 +1,4 @@
-"""What a fitted device predicts of the stretch of each record that it was not fitted to."""
+"""A fitted device's predictions of the part of each record that was kept aside."""
 
 from __future__ import annotations
 
@@ -68,7 +68,7 @@ class Stretch:
 
     @property
     def quantity(self) -> str:
-        """What `nrmse` is of."""
+        """Name of the quantity that `nrmse` refers to."""
         return self.outputs[0]
 
     def nrmse(self, output: int = 0) -> float:
@@ -128,7 +128,7 @@ class ResponseStretch(Stretch):
 
     @property
     def quantity(self) -> str:
-        """What `nrmse` is of."""
+        """Name of the quantity that `nrmse` refers to."""
         return "response"
 
     def nrmse(self, output: int = 0) -> float:

@@ -1,4 +1,4 @@
-"""What a device with given numbers would have shown at the sensors, window by window."""
+"""Simulated sensor signals of a device with given values, window by window."""
 
 from __future__ import annotations
 
@@ -219,7 +219,7 @@ class Responses:
         return self.experiments[number].scene.oscillator.base_factor
 
     def _base(self, number, values, path, steps):
-        """True acceleration of the base where its sensor showed this path."""
+        """True base acceleration from the path that its sensor showed."""
         each = self.experiments[number]
         corners = self._corners(number, values, "acceleration")
         if any(corners):
@@ -251,7 +251,8 @@ class Responses:
         return self.experiments[number].measurement.sensors.get(key, neutral(key))
 
     def shown(self, number: int, values: np.ndarray) -> Measurement:
-        """A record's outputs as the device had them, but for delays and low-passes."""
+        """A record with the sensors' effects removed from its outputs, except delays and
+        low-passes."""
         measurement = self.experiments[number].measurement
         found = {}
         for name, values_shown in measurement.outputs.items():
@@ -267,7 +268,7 @@ class Responses:
         return replace(measurement, **found)
 
     def velocity_scale(self, number: int, velocity: np.ndarray, values: np.ndarray) -> float | None:
-        """Scale of the velocity's sensor for which it would show a motion.
+        """Scale of the velocity's sensor that fits its record to a motion (least squares).
 
         None where the record has none.
 
@@ -289,7 +290,7 @@ class Responses:
         return float(measurement.velocity @ true) / float(true @ true)
 
     def _taken_away(self, number, values, name):
-        """What an AC-coupled input took away from what it shows at the samples."""
+        """The slow part that an AC-coupled input removed from its signal, at the samples."""
         corners = self._corners(number, values, name)
         if not any(corners):
             return 0.0
@@ -298,7 +299,7 @@ class Responses:
         return put_right(seen, each.integrals(name, 1), *corners) - seen
 
     def _outputs(self, number, values, system, scales, states, edges):
-        """What the sensors show of the states."""
+        """Simulated sensor signals from the device's states, shape (samples, outputs)."""
         measurement = self.experiments[number].measurement
         x, v, e = states.T
         columns, inside = [], slice(edges[0], edges[-1])

@@ -1,4 +1,4 @@
-"""What sensors make of their quantities, and the true quantities behind what they show.
+"""Effects of sensors on their signals, and the true quantities behind those signals.
 
 A sensor that does not pass constants (AC coupling) shows a(s) s/(s + ω); the true quantity is what
 it shows plus ω times the integral of that. So the acceleration that drives a model is put right.
@@ -24,8 +24,9 @@ from harvester.files.plain_text import named, nearest, shown
 
 OUTPUT_UNITS = {"voltage": "V", "displacement": "m", "velocity": "m/s"}
 OUTPUTS = tuple(OUTPUT_UNITS)
-# Values at which an effect vanishes. A high-pass is given by its corner (Hz), of first order, or of
-# second (Butterworth's); the resistance (Ω) is that of the input, in parallel with the load.
+# Values at which a sensor's effect vanishes (0 of an offset, 1 of a scale). A high-pass is given by
+# its corner (Hz), of first order, or of second (Butterworth's); the resistance (Ω) is that of the
+# input, in parallel with the load.
 HIGHPASSES = {"highpass": 0.0, "highpass2": 0.0}
 OUTPUT_EFFECTS = {"offset": 0.0, "scale": 1.0, "delay": 0.0, "filter": 0.0}
 # The base's sensor has no delay: it would equal an opposite delay of all outputs.
@@ -127,12 +128,12 @@ def put_right(
     corner: float,
     second_corner: float,
 ) -> np.ndarray:
-    """What a sensor with these high-passes was shown.
+    """The true signal, from what a sensor with these high-passes shows.
 
     Parameters
     ----------
     values : ndarray
-        That it shows.
+        The signal that the sensor shows.
     integral : (ndarray, ndarray)
         First and second integral of them.
     corner, second_corner : float
@@ -206,7 +207,7 @@ def without_memory(
     corner: float | None,
     second_corner: float | None,
 ) -> np.ndarray:
-    """A simulated series whose filters have the states at the windows' starts that fit best.
+    """A simulated series, with the filters' states at the windows' starts chosen to fit best.
 
     Parameters
     ----------

@@ -22,8 +22,8 @@ if TYPE_CHECKING:
 
 # Step of the difference quotients, in sizes of the unknowns and rms values of the states.
 DIFFERENCE = 1e-5
-# A window is given up if a weighted residual changes by more than this per size of an unknown or
-# state.
+# A linearization is rejected if a weighted residual changes by more than this for a change of an
+# unknown or state by its size.
 LARGEST_SLOPE = 1e12
 # First, smallest and largest damping of the Levenberg–Marquardt steps.
 FIRST_DAMPING, LEAST_DAMPING, MOST_DAMPING = 1e-3, 1e-9, 1e9
@@ -115,7 +115,7 @@ class Shooting:
         return (outputs - self.seen(number, edges)) / noise, ends
 
     def seen(self, number: int, edges: np.ndarray) -> np.ndarray:
-        """What was measured in the windows of one experiment, shape (samples, outputs)."""
+        """Measured outputs in the windows of one experiment, shape (samples, outputs)."""
         outputs = self.responses.experiments[number].measurement.outputs
         return np.column_stack([each[edges[0] : edges[-1]] for each in outputs.values()])
 
@@ -215,7 +215,7 @@ class Shooting:
         return change, self.state_moves(fit, change, damping)
 
     def state_moves(self, fit: Fit, change: np.ndarray, damping: float = 0.0) -> list[np.ndarray]:
-        """Changes of all starts that go with one of the unknowns, in sizes."""
+        """Changes of all window starts that go with a change of the unknowns, both in sizes."""
         p, moves = len(self.unknowns), []
         for grams in fit.grams:
             inverse = self._state_inverse(grams, damping)

@@ -51,13 +51,14 @@ class SpringShape:
 
     @property
     def is_refuted(self) -> bool:
-        """Whether the records ask for the next power, and it moves what would be noticed."""
+        """Whether the records need the next power, and it changes a value noticeably."""
         noticed = any(abs(each) > NOTED for each in self.moves.values())
         return noticed and abs(self.significance) > SURE
 
     @property
     def untold(self) -> dict[str, float]:
-        """The values that depend on powers that the model lacks, with their `halves`."""
+        """Values whose interval would grow if the spring had the next power, with their
+        `halves`."""
         return {key: half for key, half in self.halves.items() if half > TOLD_APART}
 
 

@@ -1,4 +1,4 @@
-"""Where records took a device: what a model says beyond that is extrapolated."""
+"""The ranges that records visited; beyond them a model extrapolates."""
 
 from __future__ import annotations
 
@@ -76,7 +76,7 @@ class Visited:
 
 
 def visited(fitted: Fitted) -> Visited | None:
-    """What the records of a fit visited; None of frequency responses."""
+    """The ranges that a fit's records visited; None if there are only frequency responses."""
     if fitted.settled is None:
         return None
     responses = fitted.shooting.responses

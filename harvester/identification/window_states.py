@@ -69,7 +69,7 @@ def settled(
 
 
 def _step(shooting, number, fit, starts, residuals, damping):
-    """Damped step of each window's start, in sizes, and what it takes off the cost at least."""
+    """Damped step of each window's start, in sizes, and the least decrease of the cost expected."""
     sizes = shooting.state_sizes[number]
     columns = np.zeros((*residuals.shape, 3))
 
@@ -178,7 +178,7 @@ def _better(own, other):
 
 
 def reach_of(x: np.ndarray) -> tuple[float, float]:
-    """A little more than where the mass mostly was."""
+    """Range of displacements to search: from the 1 % to the 99 % quantile, and a tenth beyond."""
     low, high = np.nanquantile(x, [0.01, 0.99])
     more = 0.1 * (high - low)
     return float(low - more), float(high + more)

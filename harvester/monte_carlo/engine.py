@@ -195,7 +195,7 @@ def _beginning():
 
 
 def _unwanted(stop, spacing):
-    """Moments that nobody asks for."""
+    """A placeholder for moments that are not recorded."""
     return Moments.empty(0.0, stop, (-math.inf, math.inf), (), False, 1, 1, spacing)
 
 

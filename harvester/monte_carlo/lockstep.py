@@ -241,7 +241,7 @@ def _try(scheme, s, count, lanes, apart):
 
 @merged
 def _gather(s, start, end, steps_per_contact, room):
-    """Set apart the realizations that the step of free flight does not hold for; returns how many.
+    """Gather the realizations that cannot take the free-flight step; returns their number.
 
     These are in contact, or would leave the free zone in this step.
     """

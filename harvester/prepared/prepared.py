@@ -1,4 +1,5 @@
-"""A scene made ready: what every engine, estimate and study derives from it, derived once."""
+"""A prepared scene: the scaled device and all else that engines and studies derive from a
+scene, computed once."""
 
 from __future__ import annotations
 

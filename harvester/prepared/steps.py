@@ -95,7 +95,7 @@ def with_knots(scene: Scene) -> Scene:
 def resolving(scene: Scene) -> Scene:
     """The scene with knots close enough for its noise.
 
-    A sweep over τ1 would else leave the scene's own spacing behind.
+    Without this, a sweep over τ1 would keep the scene's spacing where τ1 needs a shorter one.
     """
     spacing = getattr(scene.excitation, "knot_spacing", None) or knot_spacing(prepared(scene))
     if isinstance(scene.excitation, OrnsteinUhlenbeck):

@@ -146,7 +146,7 @@ class OutputMoments:
                 self.latest[row] = values[-1]
 
     def passage(self, voltage: float) -> float:
-        """When the output's size first reached a voltage (s); nan: never."""
+        """Time (s) at which the output's |voltage| first reached a value; nan if it never did."""
         reached = np.isfinite(self.passages)
         if not reached.any() or not 0.0 < voltage <= LEVELS[reached][-1]:
             return float("nan")

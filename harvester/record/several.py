@@ -121,7 +121,8 @@ class SeveralMoments:
         )
 
     def collect(self, points: np.ndarray) -> None:
-        """Tell each its latest point and how many more points it has, shape (realizations,)."""
+        """Copy the latest points into each realization's moments, and add to its number of
+        points."""
         tally = self.tally
         latest = tally.rows[:, :TOTALS].reshape(-1, FIELDS, TOGETHER).transpose(0, 2, 1)
         self._last[:] = latest.reshape(-1, FIELDS)[: len(self._last)]
@@ -161,7 +162,8 @@ def batch_of(tally: Tally, begin: float, end: float) -> int:
 
 @uncounted
 def end_batch(tally: Tally, batch: int) -> None:
-    """Hand the sums over to a batch; −1 is what was before the first, whose points are kept."""
+    """Add the sums to a batch. Batch −1 is the time before the first one: only its last
+    points are kept."""
     quantities = len(QUANTITIES)
     for k in range(tally.wells.size):
         cells, lane = tally.rows[k // TOGETHER], k % TOGETHER
@@ -238,7 +240,7 @@ def add_point(
 
 @merged_once
 def follow(tally: Tally, block: int, first: int, end: int, batch: int) -> None:
-    """Count where the intervals just added of some places in a block lead to."""
+    """Count crossings of saddles and jumps between wells in the intervals just added."""
     cells = tally.rows[block]
     if batch >= 0:
         for saddle in tally.saddles:

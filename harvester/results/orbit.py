@@ -1,4 +1,4 @@
-"""A steady motion that starts of a driven device come to."""
+"""A steady motion of a driven device on which some of a run's starts settle."""
 
 from __future__ import annotations
 

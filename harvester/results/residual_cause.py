@@ -1,4 +1,4 @@
-"""What an energy balance that does not close is suspected of, by the run's own evidence."""
+"""The likeliest cause of an energy balance that does not close, from the run's own record."""
 
 from __future__ import annotations
 
@@ -95,7 +95,7 @@ def _short_run(result, p, totals, stored):
 
 
 def _load(result, p, totals, stored):
-    """Residuals of the realizations that go with what load or transducer take and nothing else."""
+    """The clause for residuals that are proportional to the load's or the transducer's energy."""
     if len(stored) < FEWEST_REALIZATIONS:
         return ""
     left = totals["input_power"] - totals["load_power"] - totals["loss_power"] - stored
@@ -119,7 +119,7 @@ def _load(result, p, totals, stored):
 
 
 def _together(left, taken):
-    """Share of the residuals' squares that a fixed share of what was taken explains."""
+    """Squared correlation of the residuals with an energy, through the origin."""
     squares = float(np.sum(left**2) * np.sum(taken**2))
     return float(np.sum(left * taken)) ** 2 / squares if squares > 0.0 else 0.0
 

@@ -278,7 +278,7 @@ class Result:
         return header, rows
 
     def in_print(self, name: str, estimate: Estimate) -> tuple[float, str]:
-        """The factor that one of its quantities is printed with, and the unit that then holds."""
+        """Factor and unit with which a quantity is printed, such as 1e6 and "µW"."""
         if estimate.dimension == "1" and is_share(name):
             return 100.0, "%"
         return prefixed(estimate.estimate, self.unit(estimate.dimension))

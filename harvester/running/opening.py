@@ -1,4 +1,4 @@
-"""How a runner is opened: its folder, its processes, its limits."""
+"""Opens a runner: with its folder, its processes and its limits."""
 
 from __future__ import annotations
 

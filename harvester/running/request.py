@@ -1,4 +1,4 @@
-"""A scene by a method until its error bars are small enough, and what it comes to."""
+"""A scene by a method, with realizations added until its error bars are small enough."""
 
 import math
 from collections.abc import Callable, Generator, Sequence
@@ -96,10 +96,10 @@ class Request:
 
     @property
     def cut_from(self) -> Scene:
-        """The scene of its tasks: alike for all requests that share their realizations.
+        """The scene of its tasks: the same for all requests that share realizations.
 
-        Each realization has as many batches as in a long run. Only where a request runs the scene's
-        own number of realizations, and that is small, has each of them more.
+        Each realization is cut into as many batches as in a run of many realizations. If a request
+        runs the scene's own number of realizations and that is small, each is cut into more.
         """
         own = self.realizations is None and self.precision is None
         count = min(self.scene.run.realizations, MANY_REALIZATIONS) if own else MANY_REALIZATIONS
@@ -225,7 +225,7 @@ def aim_beside_steps(precision: float, step_error: float) -> float:
 
 
 def note_on_steps(precision: float, step_error: float) -> str:
-    """What to say of steps that cost more than a precision asked for; empty otherwise."""
+    """A note if the steps' error exceeds the precision asked for; empty otherwise."""
     if step_error < precision:
         return ""
     return (
@@ -292,7 +292,7 @@ def not_balanced(residual: float) -> EnergyNotBalanced:
 
 
 def residual_notes(residual: float) -> list[str]:
-    """What to say of a share that an energy balance leaves."""
+    """Notes on a residual of the energy balance."""
     if abs(residual) <= NOTED_RESIDUAL:
         return []
     return [f"energy balance residual {residual:.1%}: choose a shorter --step"]
@@ -310,7 +310,7 @@ def told(error: HarvesterError) -> str:
 
 
 def good_ones(found: Sequence) -> tuple[list, HarvesterError | str]:
-    """The answers before the first that is missing, and why it is: an error, or the time."""
+    """The answers before the first missing one, and its reason: an error, or that time ran out."""
     good: list = []
     for each in found:
         if each is None:

@@ -82,7 +82,7 @@ class Runner:
 
     @contextlib.contextmanager
     def reserving(self, share: float) -> Iterator[None]:
-        """Leave this share of the time that is left to what comes after."""
+        """Within the block, reserve this share of the remaining time for what follows it."""
         whole, now = self._deadline, time.monotonic()
         self._deadline = now + (1.0 - share) * (whole - now)
         try:
@@ -256,7 +256,7 @@ class _Following:
             future.add_done_callback(self._done.put)
 
     def _leave_out(self):
-        """Begin nothing more: what was asked for and has not begun is answered by None."""
+        """Start no further tasks: tasks that have not begun get the answer None."""
         for future in self._futures:
             future.cancel()
         ready, self._ready = self._ready, []
@@ -303,7 +303,7 @@ def _outcome(future):
 
 
 def _cut(request):
-    """What decides the realizations of a request."""
+    """The key by which requests share realizations."""
     return request.cut_from, request.method
 
 

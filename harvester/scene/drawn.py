@@ -64,7 +64,7 @@ def _checked(name, tables, origin):
 
 
 def _beside(name, tables, origin):
-    """A table's keys that the drawing does not determine; keys that it does are refused."""
+    """A table's own keys; a key that follows from the drawing is refused."""
     given = tables.get(name, {})
     if not isinstance(given, dict):
         raise SceneError(f"{origin}: {name} must be a table")

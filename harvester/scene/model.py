@@ -186,7 +186,7 @@ def read_scene(cls: type[Scene], source: str | Path, overrides: Iterable[str] = 
 
 
 class ReaderOrTable:
-    """Two meanings of `load`: the class reads a scene, a scene has its table [load]."""
+    """Descriptor for `load`: `Scene.load(…)` reads a scene, `scene.load` is the table [load]."""
 
     @overload
     def __get__(self, scene: None, owner: type[Scene]) -> Reader: ...
@@ -438,7 +438,7 @@ def _check_sampling(scene, origin):
 
 
 def _without_computed(table: dict[str, Any]) -> dict[str, Any]:
-    """An excitation's table without what it found in its files."""
+    """An excitation's table without the fields that were computed from its files."""
     kinds: Iterable[Any] = KINDS.values()
     computed = {each.name for kind in kinds for each in dataclasses.fields(kind) if not each.init}
     kept = {key: value for key, value in table.items() if key not in computed}

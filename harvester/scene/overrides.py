@@ -104,7 +104,7 @@ def put(tables: dict[str, Any], dotted: str, value: Any, origin: str) -> None:
 
 
 def _leave_out_others(table, kind):
-    """Take out of an excitation's table what another kind does not have."""
+    """Remove the keys from an excitation's table that its new kind does not have."""
     if isinstance(kind, str) and kind in KINDS and kind != table.get("kind", next(iter(KINDS))):
         for key in {*table} - {"kind", *KINDS[kind].KEYS}:
             del table[key]

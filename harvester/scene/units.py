@@ -92,7 +92,8 @@ def scale(scene: Scene) -> tuple[System, Scales]:
 
 
 def excitation_unit(scene: Scene, length: float) -> float:
-    """The base's acceleration for one unit of η, l/μ: the base's counts μ times on a mode."""
+    """Base acceleration for one unit of η, l/μ: on a beam's mode the base's acceleration
+    counts μ times."""
     return length / scene.oscillator.base_factor
 
 
@@ -196,7 +197,7 @@ def require_resistor(scene: Scene, method: str) -> None:
 
 
 def require_mass(scene: Scene, method: str) -> None:
-    """Refuse an excitation that says where the mass is.
+    """Refuse an excitation that prescribes the displacement of the mass.
 
     Raises
     ------

@@ -1,4 +1,4 @@
-"""What several starts of one run come to: the steady motions of a device without chance."""
+"""The steady motions of a deterministic device, from the several starts of one run."""
 
 from __future__ import annotations
 
@@ -52,7 +52,7 @@ def attractors(
     pool: Workers,
     time_limit: float,
 ) -> tuple[Attractor, ...]:
-    """The motions that a run's starts came to, that of most starts first.
+    """The motions on which a run's starts settled, the one with the most starts first.
 
     Parameters
     ----------

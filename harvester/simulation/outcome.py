@@ -47,7 +47,8 @@ def result_of(
     outcome: str = "complete",
     motions: tuple[Attractor, ...] = (),
 ) -> Result:
-    """The result of realizations that came to their end, failures named, with their motions."""
+    """The result of the realizations that were completed, with the failures named and the
+    motions found."""
     ready = prepared(scene)
     parameters, scales = ready.system, ready.scales
     moments = [realization.moments for realization in realizations]
@@ -151,7 +152,7 @@ def notes_on_excitation(scene: Scene) -> tuple[str, ...]:
 
 
 def _notes_on_starts(scene, motions):
-    """How many motions a run without chance tells of."""
+    """Notes on how many different motions a deterministic run's starts reach."""
     if scene.excitation.random:
         return ()
     count, given = distinct_realizations(prepared(scene)), scene.run.realizations

@@ -74,7 +74,7 @@ class Realization:
 
 
 class Stretch(NamedTuple):
-    """What of the first realization is kept as its waveform.
+    """The part of the first realization that is kept as a waveform.
 
     Attributes
     ----------

@@ -39,7 +39,8 @@ def running(
 
 
 def copies_that_pay(scene: Scene, engine: Engine, pool: Workers) -> int:
-    """Realizations in one call of an engine: its option `copies`, else as many as are fastest."""
+    """Number of realizations in one call of an engine: its option `copies`, else the fastest
+    number."""
     count = distinct_realizations(prepared(scene))
     if isinstance(engine, MonteCarlo):
         workers = getattr(pool, "size", math.inf)

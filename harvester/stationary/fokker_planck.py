@@ -63,7 +63,7 @@ SLOWEST_DECAY = 2e-3
 FARTHER = 2.0
 LINE_TOLERANCE_SHARE = 0.3
 CONTINUED_WORK = 2.0
-# The first coarse grid may give an E[X'²] that is wrong by up to this factor.
+# The first coarse grid's E[X'²] may be wrong by up to this factor.
 UNTOLD_FACTOR = 2.0
 # Two grids that differ in their steps give Richardson's correction for an error of second order.
 # Where steps are long the error is of higher order: CORRECTION_TAKEN of it is added. The stated
@@ -247,7 +247,7 @@ def _first(task, tolerance):
 def _refine(grids, respect, known=None):
     """One more solution, on a grid with more "steps", "nodes" or "charges" than the last of these.
 
-    `known` is a mean, and the share of it to which it is known so far.
+    `known` is (name of a mean, its relative error so far), for the message.
     """
     last = grids[respect][-1]
     try:
@@ -298,13 +298,15 @@ def _found(task):
 
 
 def _changed(solutions):
-    """The judged mean that changes most from the last grid but one to the last, and its share."""
+    """Among the means `JUDGED`, the one with the largest relative change on the last grid,
+    and that change."""
     before, last = (each.means for each in solutions[-2:])
     return _worst(last, {name: abs(last[name] - before[name]) for name in JUDGED})
 
 
 def _corrected(grids):
-    """Means without the errors that grids tell, and what of these is in doubt, by respect.
+    """Means corrected by the differences between grids, and the stated errors by kind of
+    refinement.
 
     The errors of steps and nodes add up, so that each is known from grids that differ in it alone:
     the step's is of second order or higher and most of it taken off; that of nodes vanishes faster.
@@ -321,7 +323,8 @@ def _corrected(grids):
 
 
 def _compared(grids, find):
-    """What `find` gives, and its errors: what the two grids of each respect changed, as a whole.
+    """Rates by `find`, with errors: the whole change between the two grids of each kind of
+    refinement.
 
     Empty where it takes too many steps.
     """
@@ -337,7 +340,8 @@ def _compared(grids, find):
 def _summed(values, taken, doubted):
     """The means, summed from the first grid and the changes on finer ones, with their errors.
 
-    Of the last change of each respect one share is taken as well, and one is its error.
+    `taken` is the share of each refinement's last change that is added; `doubted` is the share
+    stated as error.
     """
     means, errors = dict(values["nodes"][0]), {}
     for respect, grids in values.items():
@@ -359,7 +363,7 @@ def _worst(means, error):
 
 
 def _answer(refined, memory=False):
-    """The means, with what several wells have in common."""
+    """The answer: means and errors, and for several wells the rates between them."""
     grids, means, error = refined
     fields = Averages.__dataclass_fields__
     own = {name: means.pop(name) for name in list(means) if name not in fields}

@@ -42,7 +42,7 @@ PARTS_OF_NODE = 5
 
 
 class _Found:
-    """What is found on one grid, with the work that it may take there.
+    """Results on one grid, with the work that is left for them.
 
     Attributes
     ----------
@@ -55,7 +55,7 @@ class _Found:
         self.inverses: dict[float, Inverse] = {}
 
     def take(self) -> None:
-        """Take a period of what is left, or refuse."""
+        """Subtract one period from the work that is left; refuse if none is left."""
         self.left -= self.solution.cost
         if self.left < 0.0:
             raise AveragingError("rates of jumps take too many steps")

@@ -1,4 +1,4 @@
-"""Where the stationary density is, and how narrow: what a grid must cover and resolve."""
+"""The range and width of the stationary density, which a grid must cover and resolve."""
 
 from __future__ import annotations
 
@@ -140,7 +140,7 @@ class Region(NamedTuple):
     def guessed(
         cls, device: System, well: float | None = None, speed: float | None = None
     ) -> Region:
-        """About a Gibbs density, its rms speed by default that of small oscillations."""
+        """The region of a Gibbs density; its rms speed is by default that of small oscillations."""
         wells = timescales.wells(device) if well is None else (well,)
         frequency = max(timescales.well_frequency(device, x) for x in wells)
         if speed is None:
@@ -152,7 +152,7 @@ class Region(NamedTuple):
 
     @classmethod
     def fitted(cls, device: System, solution: Solution) -> Region:
-        """About a density on a coarse grid."""
+        """The region of a density that was computed on a coarse grid."""
         density, well, before = solution.density, solution.region.well, solution.region
         x, v = solution.grid.x, solution.grid.v
         along_x, along_v = density.displacement(x), density.velocity(v)
@@ -236,7 +236,7 @@ class Region(NamedTuple):
         return device.transducer.coupling * reach / frequency**2 / self.width
 
     def check(self, device: System, allowed: float = GREATEST_DISPLACEMENT) -> None:
-        """Refuse a charge that Z's nodes cannot follow, so many half widths as are allowed."""
+        """Refuse a device whose charge displaces the mass by more than `allowed` half widths."""
         displaced = self.displaced(device)
         if displaced > allowed:
             raise AveragingError(
@@ -321,5 +321,5 @@ def _widths(nodes, density):
 
 
 def _first(found):
-    """Place of the first that holds, the last where none does."""
+    """Index of the first True; the last index if there is none."""
     return int(found.argmax()) if found.any() else found.size - 1

@@ -64,7 +64,7 @@ class Task:
         self.transducer, self.left = read or device.transducer, share * MOST_WORK
 
     def take(self, work: float, ahead: float = 0.0) -> None:
-        """Take so many amplitudes times steps of what is left, or refuse; more will be needed."""
+        """Subtract this work (amplitudes times steps) from what is left, or refuse."""
         if self.left < work + ahead:
             raise AveragingError(
                 "the density is so narrow, or its slowest part so slow, that the tolerance of "
@@ -165,7 +165,7 @@ class Solution:
         return change - change[:, :, 0].sum() * self.state
 
     def _cleared(self, change):
-        """A change of the state, without that of the mass of wells between which jumps are rare."""
+        """A change of the state with the change of each rarely left well's total mass removed."""
         for well, alone in zip(self._wells, self._of_wells(self.state), strict=True):
             change = change - (well @ change[:, :, 0].sum(axis=(1, 2))) * alone
         return change
@@ -202,7 +202,8 @@ class Solution:
 
 
 def _hurry(device, time):
-    """How many times as many steps of a period its load, contacts or spring ask for."""
+    """Factor by which a fast load, contacts or a stiffening spring multiply the steps per
+    period."""
     stiffened = getattr(device.transducer, "coupling", 0.0) * (time / (2.0 * np.pi)) ** 2
     decay = device.transducer.decay_rate() * time * (1.0 + STEPS_OF_STRONG_COUPLING * stiffened)
     contacts = CONTACTS_OF_A_STEP * time / timescales.contact_time(device)

@@ -1,4 +1,4 @@
-"""How often motion crosses saddles, its share of time in each well, and which well holds it all.
+"""Rate of saddle crossings, shares of time in the wells, and the well that holds nearly all motion.
 
 Where jumps are rare, no grid tells their rates, far below what nodes share wrongly, and none is
 needed: of two wells alike each holds half, and of others the one that motion leaves the least

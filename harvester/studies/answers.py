@@ -1,4 +1,4 @@
-"""What studies ask of a runner, and what they make of its answers."""
+"""Helpers of studies for a runner's answers: checks of method and quantity, values, notes."""
 
 from __future__ import annotations
 
@@ -63,7 +63,7 @@ def check_quantity(quantity: str, answer: Any) -> None:
 
 
 def first_answer(runner: Any, request: Request) -> Any:
-    """The answer that all else is asked after.
+    """The answer to a study's first request, without which the study stops with an error.
 
     Raises
     ------
@@ -82,22 +82,22 @@ def first_answer(runner: Any, request: Request) -> Any:
 
 
 def is_complete(answer: Any) -> bool:
-    """Whether a run came to its end."""
+    """Whether a run ended normally, with a result."""
     return not (isinstance(answer, HarvesterError) or answer is None or answer.outcome != COMPLETE)
 
 
 def told(answer: Any) -> str:
-    """Why it did not."""
+    """The reason why a run did not come to its end."""
     return str(answer) if isinstance(answer, HarvesterError) else answer.outcome
 
 
 def value_of(answer: Any, quantity: str) -> float:
-    """A quantity in the scene's units; nan of what failed or was ended early."""
+    """A quantity in the scene's units; nan if the run failed or ended early."""
     return answer.in_units()[quantity].estimate if is_complete(answer) else math.nan
 
 
 def missing_from(quantity: str, estimate: Estimate) -> list[str]:
-    """Sentences on what the runs were too short for, which affects what is derived from them too.
+    """A sentence if the quantity lacks an error bar, as the run was too short; else nothing.
 
     Parameters
     ----------

@@ -144,7 +144,7 @@ def _with_load(scene, load):
 
 
 def _check_sweep(scene, key, values, any_key):
-    """Refuse what is no list of values, and a key that no scene has, or no number of this one."""
+    """Refuse a sweep without a list of values, or over a key that this scene has no number for."""
     known = [*numbers(scene), RESISTANCES[0]]
     option = "--over" if any_key else "--sweep"
     listed = key in known or key in RESISTANCES or key.startswith("load.parameters.")
@@ -171,7 +171,7 @@ def _every_key():
 
 
 def _at(scene, values):
-    """The scene with its load's resistor named as that load does."""
+    """The scene at these values; a resistance key is translated to the key that the load uses."""
     changes = {}
     for key, value in values.items():
         if key in RESISTANCES:

@@ -436,7 +436,7 @@ def _central(moments):
 
 
 def _left_out(moments, value):
-    """A function of the mean powers, and its standard error by leaving out each stretch."""
+    """A function of the mean powers, and its jackknife standard error over the stretches."""
     count = len(moments)
     whole = moments.mean(axis=0)
     parts = [value((count * whole - each) / (count - 1)) for each in moments]

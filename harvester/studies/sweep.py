@@ -208,13 +208,13 @@ def outcome_and_notes(cell: Cell | Evaluation) -> tuple[str, list[str]]:
 
 
 def labels_of(methods: Sequence[Method]) -> tuple[str, ...]:
-    """What tables call methods: their names, with settings where two have one name."""
+    """Labels of methods in tables: their names, with settings if two have the same name."""
     names = [each.name for each in methods]
     return tuple(each.label if names.count(each.name) > 1 else each.name for each in methods)
 
 
 def cells_of(labels: Sequence[str], answers: Sequence) -> np.ndarray:
-    """What answers say of every place by every method, in their order."""
+    """The cells of a sweep from the answers, for every place and method in order."""
     cells = np.empty(len(answers), dtype=object)
     for k, answer in enumerate(answers):
         cells[k] = _cell(labels[k % len(labels)], answer)

@@ -24,7 +24,7 @@ LOOK_AROUND = 0.5
 
 
 class Workers(Protocol):
-    """What carries out calls: a `WorkerPool`, an `ExecutorPool`, or one's own."""
+    """Interface of all pools: a `WorkerPool`, an `ExecutorPool`, or a caller's own."""
 
     def map(
         self,
@@ -215,12 +215,12 @@ def processes(
 
 
 def _of_one(on_progress, index):
-    """A report of one of several calls."""
+    """The progress callback for one of several calls, or None."""
     return (lambda content: on_progress(index, content)) if on_progress else None
 
 
 def lost(error: BaseException) -> HarvesterError:
-    """The error of a call that an executor did not carry out."""
+    """The error to raise for a call that an executor dropped."""
     return HarvesterError(
         f"the executor lost a task: {type(error).__name__}: {error}; what is finished is kept "
         "where there is an --output"

@@ -188,7 +188,7 @@ class Worker:
 
 
 def _waiting_time(deadline):
-    """Seconds until then, as many as the system can wait for: a limit may be infinite."""
+    """Seconds until a deadline (may be infinite), at most what the system can wait for."""
     return min(max(deadline - time.monotonic(), 0.0), threading.TIMEOUT_MAX)
 
 

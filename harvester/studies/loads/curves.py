@@ -19,7 +19,7 @@ EDGE = "at the edge of the sweep: no interval"
 
 @dataclass(frozen=True)
 class CurveOptimum:
-    """Where a curve is highest.
+    """The maximum of a power curve over the swept value.
 
     Attributes
     ----------

@@ -1,4 +1,5 @@
-"""One point of a load study: its realizations until its power is precise, and what they come to."""
+"""One point of a load study: realizations until its power is precise, and the estimates from
+them."""
 
 import math
 from collections.abc import Generator, Sequence

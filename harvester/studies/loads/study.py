@@ -426,7 +426,7 @@ class Study(Tabular):
 
 
 def chosen(method: str | Method, step: str | float) -> tuple[Method, Engine | None]:
-    """What runs the points, and the circuit that judges it, or None.
+    """The method that runs the points, and the circuit that checks it, or None.
 
     Raises
     ------
@@ -442,7 +442,7 @@ def chosen(method: str | Method, step: str | float) -> tuple[Method, Engine | No
 
 
 def method_at(scene: Scene, method: Method, judge: Engine | None) -> Method:
-    """What runs a point: a load that Monte Carlo does not take is run by its judge, the circuit."""
+    """The method of a point; a load that Monte Carlo cannot simulate is run by the circuit."""
     if not isinstance(method, Engine):
         require_resistor(scene, method.name)
     elif not isinstance(method, Circuit):
@@ -473,14 +473,15 @@ def proofs(
 
 
 def cut(scene: Scene) -> Scene:
-    """The scene with realizations of the length that rounds are made of."""
+    """The scene with shorter realizations, at most `DURATION_OVER_SETTLE` settling times,
+    for rounds."""
     run = scene.run
     duration = min(run.duration, DURATION_OVER_SETTLE * run.settle) or run.duration
     return scene.replace({"run.duration": duration, "run.realizations": MOST_REALIZATIONS})
 
 
 def _apart(difference, standard_error):
-    """A paired difference in words."""
+    """Text: the relative difference of two loads' powers, paired on common noise."""
     share = Estimate(difference, standard_error, None, "1")
     distance = abs(difference) / standard_error if standard_error else 0.0
     return f"{share_with_error(share)} ({distance:.1f} σ)"

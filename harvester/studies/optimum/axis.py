@@ -1,4 +1,4 @@
-"""A parameter that a maximum is looked for over, and its place there."""
+"""A parameter of an optimum: its range, and its value at the maximum."""
 
 import math
 from dataclasses import dataclass

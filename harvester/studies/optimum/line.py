@@ -34,7 +34,7 @@ MOVES = 16
 # round has so many times the realizations, up to the largest multiple.
 WANTED, TIMES_REALIZATIONS = 0.15, 4
 MOST_TIMES_REALIZATIONS = {"monte-carlo": 16, "circuit": 1}
-# A curvature, a slope or a fall counts from so many standard errors on.
+# A curvature, a slope or a fall is significant from this many standard errors on.
 SIGNIFICANT_SIGMAS = 3.0
 # A narrower window is fitted if a value deviates from the cubic by so many standard errors, and by
 # this share of the fall within the window.
@@ -97,7 +97,7 @@ def _on_common_knots(scene, axis):
 
 
 def amount(answer: Answer, quantity: str) -> float:
-    """An answer's mean in the scene's units."""
+    """An answer's value of the quantity, in the scene's units."""
     return answer.in_units()[quantity].estimate
 
 
@@ -218,7 +218,7 @@ class Search:
         return float(grid[top])
 
     def _moved(self, centre, half, fit):
-        """The next window's centre: towards the higher side, where that can be told."""
+        """The next window's centre, towards the higher side if the slope is significant."""
         if not fit.sloped:
             if self._lengthen():
                 return centre
@@ -232,7 +232,8 @@ class Search:
         return centre + side * half
 
     def _better_seen(self, centre, half, fit):
-        """The next window's centre, for a maximum that does not fall to both ends of this one."""
+        """The next window's centre, if the fitted maximum is not above both ends of the
+        present window."""
         around = min(max(centre + half * fit.place, half), 1.0 - half)
         if abs(around - centre) > RECENTRED * half:
             return around
@@ -247,7 +248,7 @@ class Search:
         )
 
     def _lengthen(self):
-        """Whether there could be more realizations."""
+        """Multiply the number of realizations; False if it is at its limit already."""
         if self._more * TIMES_REALIZATIONS > MOST_TIMES_REALIZATIONS[self.method.name]:
             return False
         self._more *= TIMES_REALIZATIONS
@@ -340,7 +341,8 @@ class Fit:
             self.misfit = not narrow and max(beyond) > MISFIT_SHARE * np.ptp(values)
 
     def _look_at_ends(self, places, values, series):
-        """Measured values alone: a cubic through a plateau has a maximum too."""
+        """Compare the measured values at the window's ends with the highest: a cubic through
+        a plateau has a maximum too."""
         self.flat_to, self.noisy_ends = 0, False
         nearest = int(np.argmin(np.abs(places - self.place)))
         least = STANDS_OUT * abs(values[nearest])

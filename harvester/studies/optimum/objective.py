@@ -25,7 +25,7 @@ from harvester.studies.optimum.axis import Axis
 
 
 def series_in_units(answer: Any, quantity: str) -> np.ndarray:
-    """How far a quantity is off its mean in each batch, in the scene's units.
+    """Deviation of each batch from a quantity's mean, in the scene's units.
 
     Parameters
     ----------

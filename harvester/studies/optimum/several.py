@@ -36,7 +36,7 @@ MOST_PARAMETERS = 8
 CONFIRMED = 5
 # The climb takes about so many evaluations for each parameter. The progress bar uses this.
 CLIMB_EACH = 30
-# Numbers of the noise: of the search, of the chosen places, and of the final value.
+# Noise streams, by number: for the search, for the chosen places, and for the final value.
 SEARCH, AGAIN, VALUE = 0, 1, 2
 # At the maximum a device without chance is started from so many other states.
 STARTS = 8
@@ -136,7 +136,8 @@ def _chosen(objective, searched):
 
 
 def _other_starts(objective, place, answer):
-    """Values from states drawn over what the motion at the maximum spans, and half as far again."""
+    """Values from other initial states, drawn over 1.5 times the range of the motion at the
+    maximum."""
     if objective.noisy or not isinstance(objective.method, Engine):
         return ()
     scene = objective.scene

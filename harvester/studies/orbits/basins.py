@@ -1,4 +1,4 @@
-"""`basins`: to which steady motion a driven device comes from each place of a grid."""
+"""`basins`: the steady motion that a driven device settles on, for each start on a grid."""
 
 from __future__ import annotations
 

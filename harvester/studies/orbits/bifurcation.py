@@ -365,7 +365,8 @@ def _period_at(scene, key, value):
 
 
 def jumps_of(values: np.ndarray, branch: Branch) -> list[Jump]:
-    """Where the section changes between neighbouring values as nowhere on one side of it."""
+    """Jumps of the section between neighbouring values: changes far larger than those next
+    to them."""
     section = branch.displacement
     size = float(np.nanmax(np.abs(section), initial=0.0))
     shape = np.stack([section.mean(axis=1), section.std(axis=1)])

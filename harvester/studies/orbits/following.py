@@ -160,7 +160,8 @@ def orbits_of(
     starts: np.ndarray,
     periods: int | None,
 ) -> Generator[Wanted, list, tuple[list[Orbit], np.ndarray]]:
-    """A plan: the orbits that starts come to, and to which each came (−1: not followed)."""
+    """A plan for `Runner.follow`: the orbits that starts settle on, and each start's orbit
+    number (−1: not followed)."""
     samples = yield from following(scene, engine, version, starts, periods)
     which = np.full(len(starts), -1)
     (done,) = np.nonzero(~np.isnan(samples).any(axis=(1, 2)))

@@ -42,7 +42,7 @@ def basins(
     step: Step = "default",
     **running: Unpack[RunnerOptions],
 ) -> Basins:
-    """Which steady motion a driven device comes to, over a grid of starts.
+    """The steady motion that a driven device settles on, for each start on a grid.
 
     Parameters
     ----------

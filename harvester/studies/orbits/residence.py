@@ -246,7 +246,8 @@ def staying(
 
 
 def stays_of(scene: Scene, value: float | None, times: np.ndarray, exits: np.ndarray) -> list[Stay]:
-    """Mean residence times from times in wells and exits, shape (realizations, batches, wells)."""
+    """Mean residence times from `times` in wells and `exits`, both (realizations, batches,
+    wells)."""
     ready = prepared(scene)
     system = ready.system
     wells = sorted(timescales.wells(system))

@@ -63,7 +63,7 @@ class Direction:
 
 
 def directions(scene: Scene, identified: Mapping[str, Any] | str | Path) -> list[Direction]:
-    """The principal axes of what an identification left open.
+    """The principal axes of an identification's covariance.
 
     Parameters
     ----------

@@ -1,7 +1,7 @@
 """How a quantity is distributed among devices, and how many of them reach a limit (yield).
 
-What is measured of a device is blurred by the noise of its run. The blur widens the distribution
-and moves devices over the limit, more of them from where there are more. It is taken out twice:
+The value measured for a device contains the noise of its run. The noise widens the distribution and
+moves devices across the limit, more of them from the denser side. It is taken out twice:
 
 - the devices' values are drawn together about their mean until their variance is that without the
   noise (see `sobol` beside this), so that spread and quantiles are those of the devices;
@@ -93,7 +93,7 @@ def population(values: np.ndarray, variance: Interval, seed: int) -> Population:
 
 
 def _drawn_together(means, spread):
-    """Devices drawn together about their mean to the variance without noise.
+    """Devices' values scaled about their mean so that their variance is that without noise.
 
     Parameters
     ----------

@@ -264,7 +264,7 @@ def _out_of_time():
 
 
 def _there(outcomes):
-    """Outcomes without which there is no measurement: none failed or is missing."""
+    """The outcomes; raises the error of one that failed, or OutOfTime for a missing one."""
     for each in outcomes:
         if each is None or isinstance(each, HarvesterError):
             raise each or _out_of_time()
@@ -405,7 +405,7 @@ def _runs_by_time(scene, methods, seconds, runner):
 
 
 def _counts(sizes, first, seconds):
-    """Tasks of each method that its time allows."""
+    """Number of tasks for each method within its time, from the seconds of its first task."""
     counts = []
     for place, (size, found) in enumerate(zip(sizes, first, strict=True)):
         budget = seconds * (1.0 if place else REFERENCE_SHARE)

@@ -70,7 +70,7 @@ class TotalError:
         return self.scatter**2 * self.cost / left if left > 0.0 else math.inf
 
     def is_shown(self, limit: float) -> bool:
-        """Whether the bias is known well enough to say that this error is reached."""
+        """Whether even the upper bound of the bias is within this error."""
         return self.largest_bias <= limit
 
     def to_dict(self) -> dict[str, Any]:

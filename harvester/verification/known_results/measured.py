@@ -43,7 +43,7 @@ class Lumped:
     damping_ratio: float
 
     def scene(self, frequency: float, acceleration: float, load: dict[str, Any]) -> Scene:
-        """It on a sine of the base (Hz, m/s²)."""
+        """The scene of this device with a load, its base driven by a sine (Hz, m/s²)."""
         damping = 2.0 * self.damping_ratio * (self.stiffness * self.mass) ** 0.5
         decay = self.damping_ratio * (self.stiffness / self.mass) ** 0.5
         waits = RECTIFIED / frequency if "netlist" in load else SETTLING / decay

@@ -1,4 +1,4 @@
-"""What can be asked of a statement: each test turns answers into findings, one method at a time.
+"""Tests of the paper's statements: each turns one method's answers into findings.
 
 A test lists the changes of the scene that it needs at a condition (`scenes`), and judges them
 (`findings`) from `read(changes)`, which gives the method's answer there, or None where it has
@@ -208,7 +208,7 @@ class Stronger(Ranges):
         return [(key, value) for key, ends in (*self.ranges, *self.weak) for value in ends]
 
     def findings(self, condition: Changes, read: Read) -> list[Finding]:
-        """Every strong one against every weak one: difference of the sizes of their changes."""
+        """For every strong and every weak key: the difference of the sizes of their changes."""
         found = []
         for (strong, ends), (weak, others) in itertools.product(self.ranges, self.weak):
             ours = self.change(condition, read, strong, ends)

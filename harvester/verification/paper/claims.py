@@ -39,7 +39,7 @@ class Opinion:
 
     @property
     def speaking(self) -> tuple[list[Finding], list[Finding], list[Finding]]:
-        """(for, against, undecided): of those that the statement needs, what is undecided."""
+        """Findings (for, against, undecided); undecided are only those that the statement needs."""
         pro = [f for f in self.findings if f.sigmas >= SIGNIFICANT_SIGMAS]
         contra = [f for f in self.findings if f.sigmas <= -SIGNIFICANT_SIGMAS]
         open_ = [f for f in self.findings if f.decisive and abs(f.sigmas) < SIGNIFICANT_SIGMAS]

@@ -274,7 +274,7 @@ def _plan(scene, figure, quick, precision=None):
 
 
 def _density_values(panel, place, curve, quick):
-    """The single value of a curve, for each method."""
+    """Values at which each method computes a density curve: one, that of the curve."""
     # The circuit takes a hundred times as long and gets one curve of each panel.
     methods = [*NOISE_CLOSURES, "monte-carlo"] + ["circuit"] * (place == 0)
     value = dict(curve.changes)[panel.swept]

@@ -108,7 +108,8 @@ def _covariance(system, stiffness, spacing):
     variance = noise.intensity / noise.correlation_time
 
     def carried(time):
-        """The three states at a time after a knot, from them, η there and η at the next."""
+        """Matrix to the three states at a time after a knot, from (states, η at the knot, η
+        at the next one)."""
         whole = expm(drift * time)[:3]
         slope = whole[:, 4] / spacing
         return np.column_stack([whole[:, :3], whole[:, 3] - slope, slope])

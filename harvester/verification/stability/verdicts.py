@@ -1,4 +1,5 @@
-"""Verdicts of `harvester stability`, each from what has the power to judge its cell.
+"""Verdicts of `harvester stability`: each cell is judged by independent comparisons of known
+sharpness.
 
 A judge compares one answer with something that does not share its faults: the path with a fine one,
 Monte Carlo's means with the stationary solution or a closed form, a closure with its coarser grid.
@@ -91,7 +92,8 @@ class Cell:
 
     @property
     def judges(self) -> list[Evidence]:
-        """The first evidence of each sharp judge, which is that on E[V²] if there is any."""
+        """The first evidence of each judge that is sharp enough (on E[V²] if there is any),
+        sharpest first."""
         first: dict[str, Evidence] = {}
         for each in self.evidence:
             first.setdefault(each.judge, each)
@@ -204,7 +206,7 @@ def _of_closure(closure, found):
 
 
 def _of_means(method, scene, given):
-    """Evidence on means: Monte Carlo's and the stationary solution's against each other, and forms.
+    """Evidence on means: Monte Carlo against the stationary solution, and against closed forms.
 
     Only these two claim to solve the equations themselves.
     """
