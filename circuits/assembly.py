@@ -137,14 +137,14 @@ class Netlist:
     drives_current : bool
         Whether an inductance of the transducer drives the load's current on.
     measurement : circuits.loads.measurement.Measurement
-        Of the load.
+        Measures of the load.
     watch : circuits.loads.load_watch.Watch
-        Of the load.
+        What limits the step in the load.
     watched_energy : (float, float)
         Twice the energy over the terminal's voltage squared (F), and twice that which does not
         count (J).
     pace : float
-        Of the motion's clock; the excitation is to be less by it.
+        Factor of the motion's clock; the excitation is to be less by it.
     course : circuits.loads.course.Course or None
         What of the load moves by itself.
     """
@@ -198,7 +198,7 @@ def assemble(
         For each copy of the device in the netlist its X, X' and transducer's state, scaled; None:
         one copy, as the first realization starts.
     waveform : str
-        Of the noise source: `external`, or a PWL.
+        Waveform of the noise source: `external`, or a PWL.
     options : str
         ngspice's tolerances.
     integrator : str
@@ -209,7 +209,7 @@ def assemble(
         The mechanics and the piezo are one compiled device each, see
         `circuits.verilog`.
     pace : float
-        Of the motion's clock, see `circuits.elements.pace_of`.
+        Factor of the motion's clock, see `circuits.elements.pace_of`.
     named : bool
         The load keeps its sub-circuits and the names of its parameters, for people to read; not
         where ngspice would take a name for another.

@@ -73,7 +73,7 @@ def translate(expression: str, behavioural: bool = False) -> str:
     ----------
     expression : str
     behavioural : bool
-        Of a B source, where parameters stand in braces.
+        Whether it stands in a B source, where parameters stand in braces.
 
     Raises
     ------

@@ -95,7 +95,7 @@ def module(
     side : Side or None
         None: in scaled units.
     name : str or None
-        Of a module to be read, whose defaults are this device's values; None: one that holds a
+        Name of a module to be read, whose defaults are this device's values; None: one that holds a
         digest of the text, which depends on the parts that the device has and not on their values.
 
     Returns
@@ -248,7 +248,7 @@ def add_model(
     network : harvester.device.terminals.Network
     scales : harvester.scene.units.Scales
     pace : float
-        Of the charge that the mass moves, see `circuits.elements.pace_of`.
+        Factor for the charge that the mass moves, see `circuits.elements.pace_of`.
     """
     charge, capacitance = (network.value(name) for name in ("charge", "piezo"))
     side = Side(scales.voltage, charge * pace, capacitance)

@@ -127,7 +127,7 @@ def address_of(function: Any, *arguments: Any) -> int:
     Parameters
     ----------
     function : callable
-        Of `compiled`.
+        A function that `compiled` has decorated.
     *arguments : numba types
     """
     if arguments not in function.overloads:

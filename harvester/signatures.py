@@ -313,7 +313,7 @@ class Option(NamedTuple):
     ----------
     name : str
     type : object
-        Of the value, without the None that stands for a value left out; None where only a type
+        Type of the value, without the None that stands for a value left out; None where only a type
         checker knows the names in it.
     kind : Kind or None
     default : object

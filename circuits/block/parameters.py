@@ -64,7 +64,7 @@ class Parameters:
     Parameters
     ----------
     ready : harvester.prepared.prepared.Prepared
-        Of a scene in SI.
+        A prepared scene in SI.
     start : (float, float, float)
         X, X' and the transducer's state at the beginning, scaled.
     displacement_unit : float

@@ -84,7 +84,7 @@ def table_row(
     model : dict of str to float
         A diode's model by ngspice's names.
     area : float
-        Of its junction, in units of the model's.
+        Area of its junction, in units of the model's.
     many : float
         How many of them lie side by side.
     celsius : float
@@ -150,9 +150,9 @@ class Law:
     Parameters
     ----------
     e : Emitter
-        Of the function.
+        Emitter of the function.
     place, stride : int
-        Of the first one's numbers in the memory, and from there to its next column.
+        Address of the first one's numbers in the memory, and from there to its next column.
     count : int
         How many there are.
     has : Traits

@@ -273,7 +273,7 @@ def solve_stage(
     zone : (bool, float, float, float)
         Whether contacts act, between which displacements, and the held speed.
     row_unit : float
-        Of the velocity's row.
+        Unit of the velocity's row.
     """
     code, memory = state.code, state.address
     last = state.y.size - 1

@@ -117,7 +117,7 @@ def advance(
     state : State
         Changed.
     edges : ndarray
-        Of the contact zones (scaled displacement).
+        Edges of the contact zones (scaled displacement).
     block : ndarray
         The excitation at its knots.
     segment, count : int

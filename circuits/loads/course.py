@@ -53,7 +53,7 @@ class Plan(NamedTuple):
     ends : ndarray, shape (n,)
         Times at which steps have to end, growing (s).
     longest : ndarray, shape (n,)
-        Of the steps up to each (s).
+        Longest step up to each (s).
     jumps : ndarray, shape (n,)
         1 where the stretch up to it holds a jump, else 0.
     """

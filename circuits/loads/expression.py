@@ -401,7 +401,7 @@ class Names:
     Attributes
     ----------
     parameters_only : bool
-        Of a parameter's value: pow() keeps the sign and pwr() does not, and nothing varies.
+        For a parameter's value: pow() keeps the sign and pwr() does not, and nothing varies.
     """
 
     parameters_only = False

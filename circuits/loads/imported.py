@@ -45,7 +45,7 @@ def imported(text: str, name: str, nodes: Sequence[str], remove: Sequence[str] =
     text : str
         Its first line is a title.
     name : str
-        Of the sub-circuit.
+        Name of the sub-circuit.
     nodes : sequence of str
         The harvester's two, then the output's two where there is one.
     remove : sequence of str

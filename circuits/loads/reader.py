@@ -186,7 +186,7 @@ def statements(text: str, name: str) -> list[Card]:
     ----------
     text : str
     name : str
-        Of the file, for messages.
+        Name of the file, for messages.
 
     Returns
     -------

@@ -61,7 +61,7 @@ class LoadCircuit:
     elements : tuple of circuits.loads.elements.Element
         All that it holds, as both engines run it.
     name : str
-        Of its sub-circuit.
+        Name of its sub-circuit.
     pins : tuple of str
         As declared, from `PIEZO_PINS` and `OUTPUT_PINS`.
     parameters : tuple of (str, float)
@@ -73,7 +73,7 @@ class LoadCircuit:
     linear, switches : bool
         Resistors and capacitors only; anything beside them and diodes.
     resistance : float or None
-        Of a load that is one resistor between p and n, in Ω.
+        Resistance of a load that is one resistor between p and n, in Ω.
     measures : tuple of circuits.loads.measures.Measure
         What its file wants to have measured.
     probes : tuple of str

@@ -65,7 +65,7 @@ class Topology:
     Attributes
     ----------
     name : str
-        Of the sub-circuit; empty for the circuit.
+        Name of the sub-circuit; empty for the circuit.
     pins : tuple of str
     parts : list of Part
     inner : dict of str to Topology

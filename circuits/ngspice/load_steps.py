@@ -100,7 +100,7 @@ def resolving_step(
         Shortest step that the load asks for, how well at best a turn is known, and the longest step
         after one (s).
     longest : float
-        Of steps (s).
+        Longest step allowed (s).
     """
     last = history[1][now[0]] - history[1][now[1]]
     longest = min(longest, GROWTH * last)

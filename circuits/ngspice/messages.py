@@ -55,7 +55,7 @@ def refusal(lines: list[Any]) -> str:
     Parameters
     ----------
     lines : sequence of str
-        Of standard error.
+        Lines of standard error.
     """
     first = next((k for k, line in enumerate(lines) if _refuses(line)), None)
     if first is None:

@@ -72,7 +72,7 @@ class Session(NgSpiceShared):
     Attributes
     ----------
     circuit_load : circuits.loads.subcircuits.LoadCircuit or None
-        Of the netlist at hand, whose elements messages are to name.
+        The load of the netlist at hand, whose elements messages are to name.
     """
 
     circuit_load = None
@@ -168,7 +168,7 @@ class Session(NgSpiceShared):
         local_error : bool
             Between knots, ngspice's own step is taken where it is shorter.
         refinement : float
-            Of the steps against the default ones.
+            Number by which the default step is divided.
         outputs : sequence of harvester.record.output_side.OutputMoments or None
             For a load that has an output side, one for each copy.
 

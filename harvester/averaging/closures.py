@@ -39,8 +39,8 @@ class Closure(NamedTuple):
     Attributes
     ----------
     average : callable
-        Of a device, a tolerance and whether the memory between wells is wanted; gives `Averages`.
-        With `of_spectrum` of the prepared scene and a tolerance.
+        Function of a device, a tolerance and whether the memory between wells is wanted; gives
+        `Averages`. With `of_spectrum` of the prepared scene and a tolerance.
     tolerance : float
         Largest numerical error that is an answer, as a share of it, unless another is asked for.
     of_spectrum : bool
@@ -69,7 +69,7 @@ def average(
         Largest numerical error that is an answer, as a share of it; the closure's own by default.
         `fokker_planck` refines its grid until it is met.
     memory : bool
-        Of `fokker_planck`: also find the slowest decay rate between wells.
+        For `fokker_planck`: also find the slowest decay rate between wells.
 
     Returns
     -------

@@ -31,7 +31,7 @@ class Layer:
     ----------
     orbits : Orbits
     logarithm : ndarray
-        Of the value on each orbit.
+        Logarithm of the value on each orbit.
     filled : bool
         What the innermost orbit encloses has that orbit's value; else it is left out.
     floor : float

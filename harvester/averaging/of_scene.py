@@ -59,10 +59,10 @@ def average(
         Largest numerical error that is an answer, as a share of it (default: 1e-2; paper,
         consistent 1e-3, spectral 1e-6).
     fit : bool
-        Of a recorded excitation: take the Ornstein–Uhlenbeck noise whose D and τ1 fit its
+        For a recorded excitation: take the Ornstein–Uhlenbeck noise whose D and τ1 fit its
         spectrum, and say how far it is from it.
     jump_rates : bool
-        Of several wells, by fokker_planck: also the rates of jumps between them and the slowest
+        For several wells, by fokker_planck: also the rates of jumps between them and the slowest
         decay rate (two or three times as long).
 
     Returns

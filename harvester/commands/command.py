@@ -119,7 +119,7 @@ class Study(Command):
         Name of the files, behind that of the scene: a word, or an option in braces; left out: the
         command's name.
     failed : callable or None
-        Of the result: whether the exit code is 1.
+        Function that tells from the result whether the exit code is 1.
     json : bool
         Whether there is --json.
     waveform : bool
@@ -128,7 +128,7 @@ class Study(Command):
         Names of the files that the result's `save(folder)` writes; left out: it has none, and the
         folder gets JSON, figure and tables.
     running : callable or None
-        Of the options: what the runner is given where the user leaves it out.
+        Function of the options that gives the runner's settings where the user leaves it out.
     bar : str
         What the progress bar shows: "" the tasks of the runner where there is one, "function" what
         the function reports all the same, "simulated time" that with seconds of the scene.

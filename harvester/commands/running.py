@@ -22,7 +22,7 @@ def study_runner(label: str | None, **running: Unpack[RunnerOptions]) -> Iterato
     Parameters
     ----------
     label : str or None
-        Of the progress bar; None: the study draws its own.
+        Label of the progress bar; None: the study draws its own.
     **running
         See `harvester.running.open_runner`.
     """

@@ -43,7 +43,7 @@ class ForceTable(NamedTuple):
     sides, offsets : tuple of float
         ±1, and the distance of each change to another piece.
     squares, cubes : tuple of float
-        Of the force.
+        Coefficients of (distance)² and (distance)³ in the force of each piece.
     energy_cubes, energy_fourths : tuple of float
         The same of the energy, U = … + Σ (energy_cube + energy_fourth·d) d³.
     steepest : float

@@ -106,7 +106,7 @@ def repeats_in_noise(path: np.ndarray, period: float) -> bool:
     path : ndarray, shape (n,)
         Evenly spaced; its first third, in which a start is forgotten, does not count.
     period : float
-        Of the forcing, in samples.
+        Period of the forcing, in samples.
     """
     late = path[path.size // 3 :] - np.mean(path[path.size // 3 :])
     places = np.arange(late.size)

@@ -43,7 +43,7 @@ def estimate_measures(
     Parameters
     ----------
     moments : sequence of harvester.record.moments.Moments
-        Of a load with an output.
+        Moments of a load with an output.
     error_of : callable
         See `harvester.estimates.means.estimate_all`.
 

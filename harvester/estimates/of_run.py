@@ -51,7 +51,7 @@ class RunEstimates:
     shortfalls : list of Shortfall
         What the run was too short for.
     residual : float
-        Of the energy balance, as a share of the energy put in.
+        Residual of the energy balance, as a share of the energy put in.
     notes : tuple of str
         On sources in the load, efficiencies above 1 and the shortfalls.
     moments : list of Moments
@@ -59,7 +59,7 @@ class RunEstimates:
     error : callable
         The error of a mean from batches of these.
     balance : WellBalance or None
-        Of the jumps between wells, where these differ.
+        Balance of the jumps between wells, where these differ.
     """
 
     whole: dict[str, Estimate]

@@ -88,7 +88,7 @@ def output_ratio(moments: Sequence[Any], name: str) -> tuple[np.ndarray, np.ndar
     Parameters
     ----------
     moments : sequence of harvester.record.moments.Moments
-        Of a load with an output.
+        Moments of a load with an output.
     name : str
 
     Returns

@@ -34,7 +34,7 @@ def efficiency_notes(
     estimates : dict of str to Estimate
         Scaled units, of `estimate_all` and, where the load has an output, `estimate_output`.
     power_scale : float
-        Of a scaled power in `unit`.
+        Value of a scaled power of 1 in `unit`.
     unit : str
 
     Returns

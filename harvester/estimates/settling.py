@@ -94,7 +94,7 @@ def shortfalls(
     moments : sequence of harvester.record.moments.Moments
     estimates : dict of str to Estimate
     balance : WellBalance or None
-        Of the wells, where they differ.
+        Balance of the jumps between wells, where they differ.
 
     Returns
     -------

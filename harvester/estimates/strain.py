@@ -36,7 +36,7 @@ def estimate_strain(
     ----------
     moments : sequence of Moments
     excitation : Excitation
-        Of the scene: whether realizations differ by chance, and have periods.
+        The scene's, for whether realizations differ by chance, and have periods.
     error_of : callable
         See `harvester.estimates.means.estimate_all`.
 

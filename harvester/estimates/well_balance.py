@@ -50,7 +50,7 @@ class WellBalance:
     exchange_time : float
         The slowest time in which the wells forget which one was begun in (s).
     weights : ndarray, shape (realizations, batches)
-        Of mean 1, with which the mean of `features` is `balanced`.
+        Weights with mean 1, with which the mean of `features` is `balanced`.
     features : ndarray, shape (realizations, batches, wells + kinds of jumps)
         Each batch's share of time in each well and its jumps per second, kind by kind.
     balanced : ndarray, shape (wells + kinds of jumps,)
@@ -175,7 +175,7 @@ def well_balance(scene: Scene, system: System, moments: Sequence[Moments]) -> We
     scene : Scene
     system : System
     moments : sequence of Moments
-        Of all realizations.
+        Moments of all realizations.
     """
     batches = complete_batches(moments)
     if batches is None or not _wells_differ(scene, system, batches):

@@ -179,7 +179,8 @@ class Excitation(ABC):
         Parameters
         ----------
         relaxation_time, longest : float
-            Of the device (s); see `spacing`.
+            The device's relaxation time, and longest spacing that resolves its motion (s); see
+            `spacing`.
         """
 
     @abstractmethod
@@ -194,7 +195,7 @@ class Excitation(ABC):
             What turns accelerations into η: the length unit (1 in scaled scenes) over the scene's
             `oscillator.base_factor`.
         seed : numpy.random.SeedSequence
-            Of this realization.
+            Seed of this realization.
         """
 
     @abstractmethod

@@ -39,7 +39,7 @@ class Columns(NamedTuple):
     sampling_rate : float or None
         Hz, as given or as the file says.
     unit : str
-        Of the samples, as the file writes it; empty where it does not say.
+        Unit of the samples, as the file writes it; empty where it does not say.
     remarks : tuple of str
         What a reader of results must know of the file.
     """
@@ -215,9 +215,9 @@ class MeasuredFile:
         ----------
         values : ndarray, shape (n,)
         place : int
-            Of the column.
+            Index of the column.
         unit : str
-            Of time, in its usual spelling; "samples" need a rate.
+            Unit of time, in its usual spelling; "samples" need a rate.
         rate : float or None
             Hz.
         cure : str
@@ -259,7 +259,7 @@ class MeasuredFile:
         rate : float
             Hz, as given.
         place : int
-            Of the column of times.
+            Index of the column of times.
         factor : float
             By which they may differ.
         key : str
@@ -307,7 +307,7 @@ def motion_columns(
     ----------
     file : str
     content : bytes
-        Of that file.
+        Bytes of that file.
     column, time_column : str, int or None
         Name, title without unit, or number from 0. Without `column` it is the only one besides
         time, or the only one whose heading names an acceleration; without `time_column`,

@@ -33,7 +33,7 @@ class Hdf5Table(ArraysTable):
     Parameters
     ----------
     content : bytes
-        Of the whole file; links to other files, data in them and plug-ins are refused.
+        Bytes of the whole file; links to other files, data in them and plug-ins are refused.
 
     Raises
     ------

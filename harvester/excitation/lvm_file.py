@@ -19,7 +19,7 @@ class LvmTable(TextTable):
     Parameters
     ----------
     content : bytes
-        Of the whole file.
+        Bytes of the whole file.
 
     Raises
     ------

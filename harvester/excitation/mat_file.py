@@ -37,8 +37,8 @@ class MatTable(ArraysTable):
     Parameters
     ----------
     content : bytes
-        Of the whole file, in MATLAB's formats 4 to 7.2; scipy reads its numbers and structures of
-        them, and nothing else.
+        Bytes of the whole file, in MATLAB's formats 4 to 7.2; scipy reads its numbers and
+        structures of them, and nothing else.
 
     Raises
     ------

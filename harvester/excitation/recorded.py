@@ -57,12 +57,12 @@ class RecordedMotion(Excitation):
     file : str
         Relative to the scene's folder in a scene file, else to the working folder.
     unit : str or None
-        Of the column, scaled: a name in `UNITS`; left out where the column's heading says it, with
-        which it must agree.
+        Unit of the column after scaling: a name in `UNITS`; left out where the column's heading
+        says it, with which it must agree.
     column, time_column : str, int or None
         Name or number from 0; see `columns.motion_columns`.
     time_unit : str or None
-        Of the time column; left out where its heading says it.
+        Unit of the time column; left out where its heading says it.
     sampling_rate : float or None
         Hz; left out where the time column or the file itself says it.
     start : float or None
@@ -70,7 +70,7 @@ class RecordedMotion(Excitation):
     scale, offset : float or None
         The acceleration in `unit` is scale · column + offset: volts or raw counts. Left out: 1, 0.
     full_scale : float
-        Of a .wav file, in `unit`.
+        Value of full scale in a .wav file, in `unit`.
     detrend : str
         "mean" takes the constant part off, such as gravity; "none" or "linear".
     band : (float, float) or None
@@ -88,8 +88,8 @@ class RecordedMotion(Excitation):
     knot_spacing : float or None
         s; closer than the samples: band-limited interpolation, rounded down to a whole fraction.
     sha256 : str
-        Of the file, when the scene was made: each worker process reads the file for itself, and
-        refuses one that has changed.
+        SHA-256 of the file when the scene was made: each worker process reads the file for itself,
+        and refuses one that has changed.
     """
 
     file: str

@@ -30,7 +30,7 @@ def filter_length(frequencies: np.ndarray, spacing: float) -> int:
     Parameters
     ----------
     frequencies : ndarray, shape (n,)
-        Of the breakpoints, ascending (Hz).
+        Frequencies of the breakpoints, ascending (Hz).
     spacing : float
         Time between knots (s).
     """
@@ -100,7 +100,7 @@ class ShapedPath(ExcitationPath):
     kurtosis : float
         3 for a Gaussian path; above, see `Bursts`.
     burst_time : float
-        Of `Bursts` (s).
+        `time` of `Bursts` (s).
     """
 
     def __init__(

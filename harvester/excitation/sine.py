@@ -144,7 +144,7 @@ class SinePath(ExcitationPath):
     Parameters
     ----------
     amplitude : float
-        Of η, scaled units.
+        Amplitude of η, scaled units.
     frequencies : sequence of float
         Hz; the last one goes on for ever.
     dwell : float

@@ -51,7 +51,7 @@ class Spectrum(Excitation):
         In a scene also the name of a CSV file with two columns; or `profile`, a name in
         `harvester.excitation.profiles`, stands in place of these, the unit and the source.
     unit : str or None
-        Of the densities: a name in `UNITS`.
+        Unit of the densities: a name in `UNITS`.
     kurtosis : float
         3 is Gaussian. Above, the Gaussian path is multiplied by factors exp(σ z − σ²) that change
         from one burst to the next; see `harvester.excitation.shaped.Bursts`.

@@ -46,9 +46,10 @@ class Table(ABC):
     Attributes
     ----------
     names : list of str
-        Of the columns; empty where the file has none.
+        Names of the columns; empty where the file has none.
     units : sequence of str
-        Of the columns where they stand apart from the names ("" where none does); may be empty.
+        Units of the columns where they stand apart from the names ("" where none does); may be
+        empty.
     width, rows : int
         Columns, samples in each.
     rate : float or None

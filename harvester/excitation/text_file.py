@@ -54,7 +54,7 @@ class Form(NamedTuple):
     decimal : str
         "." or ",".
     kinds : tuple of str
-        Of each column: `NUMBER`, `STAMP`, `COMPLEX` or `TEXT`.
+        Kind of each column: `NUMBER`, `STAMP`, `COMPLEX` or `TEXT`.
     """
 
     separator: str | None

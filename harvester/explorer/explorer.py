@@ -72,9 +72,9 @@ class View:
     scene : Scene
         With the sliders' values, and its run cut short.
     result : Result
-        Of Monte Carlo.
+        The result of Monte Carlo.
     outline : dict of str to Density
-        Of the stationary solver, on a coarse grid; empty where it does not hold.
+        Densities by the stationary solver, on a coarse grid; empty where it does not hold.
     refusal : str
         Why it does not, in one line.
     seconds : float
@@ -110,9 +110,9 @@ class Explorer:
     Attributes
     ----------
     view : View
-        Of the last place that could be shown.
+        The view at the last setting that could be shown.
     picture : bytes
-        Of it, PNG.
+        The picture of the view as PNG.
     """
 
     def __init__(self, scene: Scene, ranges: dict[str, tuple[float, float]]) -> None:

@@ -12,7 +12,7 @@ def ltspice_symbol(name: str, library: str, pins: tuple[str, ...]) -> str:
     Parameters
     ----------
     name : str
-        Of the sub-circuit.
+        Name of the sub-circuit.
     library : str
         Name of its file.
     pins : tuple of str

@@ -12,11 +12,11 @@ def optional_library(name: str, purpose: str, extra: str) -> ModuleType:
     Parameters
     ----------
     name : str
-        Of the module.
+        Name of the module.
     purpose : str
         What needs it, for the message.
     extra : str
-        Of pyproject.toml.
+        Name of the extra in pyproject.toml that installs it.
 
     Raises
     ------

@@ -37,7 +37,7 @@ def who_else_writes(path: str | Path) -> str:
     Parameters
     ----------
     path : str or Path
-        Of a file or a folder; what is not there yet is made by this user.
+        A file or a folder; what is not there yet is made by this user.
 
     Returns
     -------

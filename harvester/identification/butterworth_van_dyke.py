@@ -54,7 +54,7 @@ class Circuit:
     parameters : ndarray, shape (2 + 3 modes,)
         ln C0 (F), tan δ; ln fs (Hz), ln Q, ln Cm (F) of each mode, by rising fs.
     covariance : ndarray
-        Of the parameters.
+        Covariance of the parameters.
     noise : tuple of float
         Relative, of |Z|; of the phase (rad).
     """

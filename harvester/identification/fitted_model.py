@@ -41,7 +41,7 @@ class Fitted:
     stretches : list of Stretch
         The kept-aside part of each record.
     interpolation : str
-        Of the acceleration between its samples.
+        Interpolation of the acceleration between its samples.
     shooting : Shooting
     fit : Fit
     settled : Fit or None

@@ -92,7 +92,7 @@ def fitted(
     keys : sequence of str
         What is free.
     sizes : dict of str to float
-        Of keys whose start may be 0.
+        Sizes of keys whose start may be 0.
     warm : Fitted, optional
         A neighbouring model, from whose windows the fit begins.
 

@@ -54,12 +54,12 @@ class Identification:
     candidates : list of Candidate
         The scene's own model first.
     whiteness : Whiteness
-        Of the residuals of the first record's part that was kept aside.
+        Whiteness of the residuals of the first record's part that was kept aside.
     verdict : Verdict
     seconds : float
         Wall-clock.
     posterior : Posterior, optional
-        Of the values, where it was asked for.
+        Posterior of the values, where it was asked for.
     impedance : FromImpedance, optional
         What the impedance said, where one was given.
     misfits : list of Misfit
@@ -135,7 +135,7 @@ class Identification:
         Parameters
         ----------
         measurement : Measurement
-            Of its outputs only the names are used.
+            A record; of its outputs only the names are used.
 
         Returns
         -------

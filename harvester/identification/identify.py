@@ -61,11 +61,11 @@ def identify(
         sampling_rate=HZ, or what differs from the scene (load.resistance=1e5), see
         `harvester.read_measurement`; several may be given.
     impedance : MeasuredImpedance, file or (file, settings), optional
-        Of the piezo, its base clamped, from an impedance analyser: CSV of magnitude and phase or of
-        resistance and reactance, or .s1p (needs scikit-rf: pip install 'harvester[analyser]'), with
-        the settings frequency=COLUMN:UNIT, impedance=COLUMN:UNIT, phase=COLUMN:UNIT, …; alone it
-        tells stiffness, damping, coupling and capacitance for the scene's mass, beside records the
-        mass too.
+        Impedance of the piezo, its base clamped, from an impedance analyser: CSV of magnitude and
+        phase or of resistance and reactance, or .s1p (needs scikit-rf: pip install
+        'harvester[analyser]'), with the settings frequency=COLUMN:UNIT, impedance=COLUMN:UNIT,
+        phase=COLUMN:UNIT, …; alone it tells stiffness, damping, coupling and capacitance for the
+        scene's mass, beside records the mass too.
     free : sequence of str
         What is fitted: numbers of the scene (oscillator.damping, oscillator.restoring_force[2], …),
         or of sensors (sensor.voltage_offset, _scale, _delay, _filter, _highpass, _resistance,
@@ -86,7 +86,7 @@ def identify(
     Other Parameters
     ----------------
     progress : callable, optional
-        Of the share done and what is being done.
+        Function of (share done, what is being done).
 
     Returns
     -------

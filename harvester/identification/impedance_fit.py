@@ -57,7 +57,7 @@ class FromImpedance:
     ----------
     circuit : Circuit
     mode : int
-        Of the circuit, which is the scene's.
+        Index of the circuit's mode that is the scene's.
     measured : MeasuredImpedance
         With the background that the other modes and the loss make.
     scene : Scene

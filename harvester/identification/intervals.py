@@ -43,7 +43,7 @@ class Undetermined:
     Attributes
     ----------
     keys : tuple of str
-        Of the values that move together.
+        Keys of the values that move together.
     powers : tuple of float
         The product of the values to these powers is what is determined; empty for a single value.
     """
@@ -182,7 +182,7 @@ def undetermined(
     ----------
     keys : list of str
     values, sizes : ndarray
-        Of the unknowns; a value much smaller than its size counts in sizes.
+        Values and sizes of the unknowns; a value much smaller than its size counts in sizes.
     covariance : ndarray
     """
     units = np.where(np.abs(values) > 1e-3 * sizes, np.abs(values), sizes)

@@ -62,12 +62,12 @@ class Kept:
     agreement : float
         Share of the likely values whose runs have the predicted orbit.
     rms_unit : str
-        Of the first output; empty in a scaled scene.
+        Unit of the first output; empty in a scaled scene.
     quantity, unit : str
-        Of the powers.
+        Quantity and unit of the powers.
     measured_rms, predicted_rms, measured_power, predicted_power : Estimate
-        Of the first output; predicted from one start alone, with the values' error and that which
-        runs of the fitted records show.
+        Estimates for the first output. They are predicted from one start alone, with the values'
+        error and that which runs of the fitted records show.
     """
 
     name: str
@@ -123,7 +123,7 @@ def kept_aside(
     visited : Visited
         Where the fitted records took the device.
     seed : int
-        Of the values that are drawn.
+        Seed of the values that are drawn.
     """
     model_error = _model_error(fitted)
     values = _drawn(fitted, seed)

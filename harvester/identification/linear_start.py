@@ -49,7 +49,7 @@ class Start:
     values : ndarray, shape (unknowns,)
     motions : list of Motion
     misfit : float
-        Of the regression, as a share; NaN where there was none.
+        Misfit of the regression, as a share; NaN where there was none.
     """
 
     values: np.ndarray
@@ -75,9 +75,9 @@ def regressed(responses: Responses, values: np.ndarray, number: int, drifts: boo
     ----------
     responses : Responses
     values : ndarray
-        Of the unknowns, for what a regression does not tell.
+        Values of the unknowns, used for those that a regression does not give.
     number : int
-        Of the experiment.
+        Number of the experiment.
     drifts : bool
         Whether the slow part of an integrated voltage is believed: it is needed where the mass
         changes wells, and else only brings noise.

@@ -41,7 +41,7 @@ class Measurement:
     Attributes
     ----------
     acceleration : ndarray, shape (n,)
-        Of the base (m/s²); in a scaled scene η itself, the force per mass on the mass.
+        Acceleration of the base (m/s²); in a scaled scene η itself, the force per mass on the mass.
     sampling_rate : float
         Hz.
     voltage, displacement, velocity : ndarray of shape (n,), or None
@@ -161,7 +161,7 @@ def read_measurement(
         whose heading says "voltage [mV]" or the like needs no
         setting.
     units : str
-        Of the scene: "SI", or "scaled", where no column has a unit.
+        Units of the scene: "SI", or "scaled", where no column has a unit.
 
     Raises
     ------

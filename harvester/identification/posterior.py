@@ -78,7 +78,7 @@ def posterior(
     found : Fitted
     seed : int
     follow : callable, optional
-        Of the share done.
+        Function of the share done.
 
     Raises
     ------

@@ -44,7 +44,7 @@ class Stretch:
         numbers being as they were; `free` goes on from the first start alone.
     windows : int
     resistance : float or None
-        Of the load (Ω).
+        Resistance of the load (Ω).
     """
 
     name: str
@@ -259,7 +259,7 @@ class Whiteness:
     bound : float
         That white residuals stay within at 95 % of the lags.
     probability : float
-        Of a sum of squares as large as this for white residuals (Ljung and Box).
+        Probability of a sum of squares as large as this for white residuals (Ljung and Box).
     """
 
     correlations: np.ndarray

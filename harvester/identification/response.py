@@ -116,7 +116,7 @@ class Responses:
     ----------
     experiments : sequence of Experiment
     keys : sequence of str
-        Of the unknowns, in the order of their values.
+        Keys of the unknowns, in the order of their values.
     interpolation : str
         A name in `INTERPOLATIONS`.
     length : float
@@ -182,9 +182,9 @@ class Responses:
         Parameters
         ----------
         number : int
-            Of the experiment.
+            Number of the experiment.
         values : ndarray
-            Of the unknowns.
+            Values of the unknowns.
         edges : ndarray of int, shape (windows + 1,)
         starts : ndarray, shape (windows, 3)
             Scaled X, X' and transducer's state.
@@ -275,11 +275,11 @@ class Responses:
         Parameters
         ----------
         number : int
-            Of the experiment.
+            Number of the experiment.
         velocity : ndarray, shape (n,)
             Relative to the base, in the scene's units.
         values : ndarray
-            Of the unknowns.
+            Values of the unknowns.
         """
         measurement = self.experiments[number].measurement
         if measurement.velocity is None:

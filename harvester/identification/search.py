@@ -145,7 +145,7 @@ def settle_windows(
     shooting : Shooting
         Without unknowns.
     fit : Fit
-        Of the values and the noise.
+        The fit that gives the values and the noise.
     stretches : sequence of (int, int)
         First sample of each experiment, and that behind the last.
     reach : (float, float), optional

@@ -137,7 +137,7 @@ def put_right(
     integral : (ndarray, ndarray)
         First and second integral of them.
     corner, second_corner : float
-        Of the high-pass of first and of second order (Hz); 0: there is none.
+        Corner frequencies of the high-pass of first and of second order (Hz); 0: there is none.
     """
     once = 2.0 * math.pi * corner
     twice = 2.0 * math.pi * second_corner

@@ -47,7 +47,7 @@ class Fit:
     values : ndarray, shape (unknowns,)
         In the scene's units.
     edges : list of ndarray of int
-        Of the windows of each experiment.
+        Edges of the windows of each experiment.
     starts : list of ndarray, shape (windows, 3)
         Scaled states at their beginnings.
     noise : list of ndarray, shape (outputs,)
@@ -55,7 +55,7 @@ class Fit:
     cost : float
         Sum of squares of the weighted residuals.
     grams, transitions, growth : list of ndarray
-        Of each window of each experiment: [J r]ᵀ[J r]; how its end follows its start; the greatest
+        For each window of each experiment: [J r]ᵀ[J r]; how its end follows its start; the greatest
         output, in rms values, for an error of its start, in rms values too.
     """
 

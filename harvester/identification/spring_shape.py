@@ -69,7 +69,7 @@ def spring_shape(base: Fitted, sizes: dict[str, float]) -> SpringShape | None:
     ----------
     base : Fitted
     sizes : dict of str to float
-        Of the motion that was fitted.
+        Sizes from the motion that was fitted.
     """
     try:
         made = richer(base.scene, base.keys, sizes)

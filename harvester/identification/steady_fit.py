@@ -52,7 +52,7 @@ def fitted_responses(
     keys : sequence of str
         What is free.
     sizes : dict of str to float
-        Of keys whose start may be 0.
+        Sizes of keys whose start may be 0.
     warm : Fitted, optional
         A neighbouring model, from whose values the fit begins; else from a grid of values.
 

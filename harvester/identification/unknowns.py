@@ -133,7 +133,7 @@ def unknowns(scene: Scene, keys: Sequence[str], sizes: dict[str, float]) -> list
     scene : Scene
     keys : sequence of str
     sizes : dict of str to float
-        Of keys whose start may be 0.
+        Sizes of keys whose start may be 0.
     """
     known = numbers(scene)
     found = []

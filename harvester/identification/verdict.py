@@ -61,9 +61,9 @@ def verdict(
     found : sequence of Candidate
         The scene's own first.
     whiteness : Whiteness
-        Of the residuals of the first record kept aside.
+        Whiteness of the residuals of the first record kept aside.
     misfits : sequence of Misfit
-        Of each output of each record; none of frequency responses.
+        Misfits of each output of each record; none of frequency responses.
     visited : Visited, optional
         Where the records took the device.
     kept : sequence of Kept

@@ -30,7 +30,8 @@ class Visited:
     Attributes
     ----------
     displacement, velocity : tuple of (float, float)
-        Of the mass, each record's least and greatest, as the model has them.
+        Displacement and velocity of the mass: each record's least and greatest, as the model has
+        them.
     frequency : (float, float)
         Hz, of the base.
     loads : tuple of float

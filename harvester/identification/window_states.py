@@ -109,7 +109,7 @@ def placed(
     ----------
     shooting : Shooting
     number : int
-        Of the experiment.
+        Number of the experiment.
     fit : Fit
     where : ndarray of bool, shape (windows,)
         Windows to look at; the others' starts are NaN.

@@ -126,7 +126,7 @@ def integrate(
     ----------
     s : harvester.device.system.System
     paths : sequence of harvester.excitation.base.ExcitationPath
-        Of one spacing.
+        All with the same knot spacing.
     starts : sequence of (float, float, float)
         X, X' and the transducer's state, scaled.
     stop : float
@@ -138,7 +138,8 @@ def integrate(
     steps_per_contact : int
         Fewest steps from the beginning of a contact to its end.
     moments : sequence of Moments
-        Of each path, empty: added to; or none.
+        One for each path, empty at first; points are added to them. Empty sequence: none are
+        recorded.
     keep : bool
         Whether points are wanted.
 

@@ -80,7 +80,7 @@ class Room(NamedTuple):
         s : harvester.device.system.System
         starts : sequence of (float, float, float)
         points : int
-            Of each realization, at least 2, or 0 to keep none.
+            Number of points of each realization, at least 2, or 0 to keep none.
         """
         blocks = math.ceil(len(starts) / TOGETHER)
         states = np.zeros((blocks, ROWS, TOGETHER))
@@ -124,7 +124,7 @@ def advance(
         `argument` of a `harvester.monte_carlo.schemes.Scheme`.
     s : harvester.device.system.System
     edges : ndarray
-        Of the zones, from minus to plus infinity (scaled displacement).
+        Edges of the zones, from minus to plus infinity (scaled displacement).
     noise : ndarray, shape (knots, blocks, 8)
         The excitation of all realizations at its knots.
     first_knot : int

@@ -43,7 +43,7 @@ class Jumps:
     well : int
         The last one reached; −1 before the first.
     time : float
-        Of the latest point (s).
+        Time of the latest point (s).
     """
 
     start: float

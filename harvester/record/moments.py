@@ -76,7 +76,7 @@ class Moments:
     points : int
         Accepted points, those before `start` included.
     output : OutputMoments or None
-        Of the load's output side and of what its stores hold, where it has them.
+        Moments of the load's output side and of what its stores hold, where it has them.
     jumps : Jumps or None
         Between wells, where there are several.
     strain : StrainMoments or None

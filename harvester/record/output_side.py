@@ -51,12 +51,12 @@ class OutputMoments:
     passages : ndarray, shape (len(LEVELS),)
         When the voltage's size first reached each level, settling included (s); nan: never.
     lowest, highest : float
-        Of the voltage in the measured time.
+        Extremes of the voltage in the measured time.
     conductance, capacitance : float
-        Of the resistors and capacitors across the output, scaled: power is conductance voltage²,
-        energy ½ capacitance voltage². nan before the run's end.
+        Sums over the resistors and capacitors across the output, scaled: power is conductance
+        voltage², energy ½ capacitance voltage². nan before the run's end.
     time, voltage : float
-        Of the latest point.
+        Time and voltage of the latest point.
     has_output : bool
         Whether the load has an output; else its levels alone are meant.
     """
@@ -110,9 +110,9 @@ class OutputMoments:
         ----------
         time, voltage : ndarray, shape (n,)
         values : ndarray, shape (measures, n), or None
-            Of the load's measures, where it has any.
+            Values of the load's measures, where it has any.
         levels : sequence of ndarray, shape (n,), or None
-            Of the rows behind the measures (V and A); None is 0.
+            Values of the rows behind the measures (V and A); None is 0.
         """
         if time.size == 0:
             return

@@ -33,7 +33,7 @@ class Attractor:
     starts : int
         That came to it.
     share : float
-        Of all starts.
+        Share of all starts.
     share_error : float or None
         Its standard error where starts are drawn.
     quantities : dict of str to Estimate

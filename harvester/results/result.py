@@ -88,13 +88,14 @@ class Result:
     realizations : int
     engine_version : str
     netlist_sha256 : str or None
-        Of the first realization's netlist; of Monte Carlo, of its load's.
+        SHA-256 of the first realization's netlist; of Monte Carlo, of its load's.
     notes : tuple of str
         What a reader must know before citing a number.
     densities : dict of str to Density
-        Of displacement, velocity and voltage.
+        Densities of displacement, velocity and voltage.
     joint_density : JointDensity or None
-        Of displacement and velocity together: of the stationary solver, or where it was asked for.
+        Density of displacement and velocity together: of the stationary solver, or where it was
+        asked for.
     waveform : Waveform or None
         A stretch of the first realization, in the scene's units; None of averaging.
     failures : dict of int to str
@@ -102,12 +103,12 @@ class Result:
     moments : list of harvester.record.moments.Moments
         One per realization, for paired differences; empty for averaging.
     spectrum_fit : SpectrumFit or None
-        Of averaging over a record.
+        The fit behind averaging over a record.
     stroboscope : ndarray or None, shape (realizations, samples, columns)
         Where it was asked for: the state at the beginnings of the excitation's periods, scaled, in
         the columns of `harvester.record.stroboscope.COLUMNS`; see `section`.
     attractors : tuple of Attractor
-        Of a run without chance from several starts: the motions that they come to.
+        For a run without chance from several starts: the motions that they come to.
     outcome : str
         "complete", "incomplete" where realizations failed, or the name of the error that ended
         the run early.

@@ -107,9 +107,9 @@ class Realizations:
         Its number of realizations decides the batches of each, and no more.
     method : Engine
     size : int
-        Of a task.
+        Size of a task.
     version : str
-        Of what computes, see `Runner.version`.
+        Version of the program that computes, see `Runner.version`.
     density, waveform : bool
         Whether histograms, and the beginning of the first realization, are kept.
     """

@@ -59,7 +59,7 @@ class Request:
     quantities : tuple of str
         Those that decide; names that this scene does not have do not.
     step, tolerance : str or float, float or None
-        Of the method where it is given by its name.
+        Options of the method, if it is given by its name.
     realizations : int or None
         At first, and in all without a precision; None: `FIRST_REALIZATIONS` with one, else the
         scene's own.
@@ -126,19 +126,19 @@ class Answer:
     quantities : dict of str to Estimate
         Scaled units; `standard_error` is the numerical error for a closure.
     seconds : float
-        Of one core.
+        Processor time of one core (s).
     outcome : str
         "complete", or what ended it early.
     realizations : int
     simulated_time : float
-        Of all realizations (s); 0 for a closure.
+        Simulated time of all realizations (s); 0 for a closure.
     energy_balance_residual : float or None
     misses_jumps : bool
         One jump between the wells more would change E[V²] by more than the precision asked for:
         the error bar knows nothing of jumps that no realization saw.
     notes : tuple of str
     density : Density or None
-        Of the displacement.
+        Density of the displacement.
     moments : tuple of harvester.record.moments.Moments
         One per realization, for paired differences.
     """
@@ -196,7 +196,7 @@ def answering(
     ----------
     request : Request
     version : str
-        Of what computes, see `Runner.version`.
+        Version of the program that computes, see `Runner.version`.
     density : bool
         Whether histograms are kept even where this request does not ask for them.
 

@@ -50,8 +50,8 @@ class Realization:
     joint : JointHistogram or None
         Where it was asked for.
     seconds : float
-        Of one core, for the simulation alone, whatever else the machine does; of realizations run
-        together, its share.
+        Processor time of one core (s), for the simulation alone, whatever else the machine does; of
+        realizations run together, its share.
     started, ended : float
         The system's clock (s).
     engine_version : str
@@ -182,7 +182,7 @@ def run(
     scene : Scene
     engine : Engine
     indices : sequence of int
-        Of the realizations: each picks its seed and its starting well.
+        Numbers of the realizations: each picks its seed and its starting well.
     window : (float, float) or None
         Stretch of each one's waveform to keep (s).
     report : callable

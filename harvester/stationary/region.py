@@ -122,7 +122,7 @@ class Region(NamedTuple):
     width : float
         Half width of the density of X about its narrowest peak.
     mean : float
-        Of X, and so of Z.
+        Mean of X, and so of Z.
     well : float or None
         The only well in it; None for all.
     """

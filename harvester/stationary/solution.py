@@ -54,7 +54,7 @@ class Task:
     tolerance : float
         Named where it takes too much work.
     share : float
-        Of the usual work.
+        Share of the usual work.
     read : transducer's equations, optional
         Whose voltage and power the state tells; the device's own by default.
     """
@@ -81,7 +81,7 @@ class Solution:
     ----------
     grid : harvester.stationary.propagator.Grid
     steps, cost : int
-        Of a period, and its work.
+        Number of steps in a period, and the work of a period.
     propagator : Propagator
         In single precision.
     state, before_flow : ndarray

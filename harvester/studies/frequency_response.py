@@ -116,7 +116,7 @@ class FrequencyResponse:
     dwell : float
         Time at each frequency (s).
     seconds : float
-        Of simulation, both directions.
+        Processor time of simulation (s), both directions.
     shown : tuple of str
         Quantities of the table and the figure; all there are stand in the JSON.
     per_g : bool

@@ -174,7 +174,7 @@ def frequency_response(
     frequencies : sequence of float
         In Hz: FIRST:LAST:log:NUMBER, FIRST:LAST:linear:NUMBER, or numbers between commas.
     amplitude : float or None
-        Of the base acceleration, m/s² in SI (default: that of the scene's own sine).
+        Amplitude of the base acceleration, m/s² in SI (default: that of the scene's own sine).
     down : bool
         Sweep down as well, to show hysteresis: it is where the two differ.
     quantities : sequence of str
@@ -268,19 +268,20 @@ def spectrum(
     source : Scene, str or Path
         A scene, its file (.toml) or its built-in name; else a record's file.
     device : Scene, str, Path or None
-        Of a record: the scene whose device's band is looked at.
+        For a record: the scene whose device's band is looked at.
     column : str or None
-        Of a record: name or number of the acceleration's column.
+        For a record: name or number of the acceleration's column.
     unit : str or None
-        Of a record's column, where its heading does not say it: g, m/s^2, …
+        Unit of a record's column, where its heading does not say it: g, m/s^2, …
     sampling_rate : float or None
-        Of a record, where it does not say it (Hz).
+        Sampling rate of a record, where it does not say it (Hz).
     resolution : float or None
         Bandwidth of the density (Hz); left out: that of 64 segments.
     duration : float or None
-        Of a scene: how long its excitation is drawn (s); left out: run.duration.
+        For a scene: how long its excitation is drawn (s); left out: run.duration.
     breakpoints : int
-        Of the specification: a scene with kind = "spectrum" takes its file.
+        Largest number of breakpoints in the specification: a scene with kind = "spectrum" takes its
+        file.
 
     Returns
     -------

@@ -61,7 +61,7 @@ class Sweep(Tabular):
     methods, quantities : tuple of str
         The quantities that the tables show; `cells` hold all there are.
     cells : ndarray of Cell
-        Of shape (values of each key …, methods).
+        Array of shape (values of each key …, methods).
     notes : tuple of str
     out_of_time : bool
         The time budget ended it: the same call with `output` goes on.

@@ -59,7 +59,7 @@ class Worker:
         Parameters
         ----------
         function : callable
-            Of a module; it takes `report` besides its arguments.
+            A function of a module; it takes `report` besides its arguments.
         arguments : dict
             Passed by name, pickled.
         time_limit : float or None

@@ -26,7 +26,7 @@ class CurveOptimum:
     best : int or None
         Place of the highest point; None where no point has a value.
     place : float
-        Of the maximum between the points; nan at an edge.
+        Position of the maximum between the points; nan at an edge.
     low, high : float
         Its interval; nan where there is none.
     note : str

@@ -41,13 +41,13 @@ class Proof:
     Attributes
     ----------
     place : int
-        Of the point in the grid.
+        Index of the point in the grid.
     highest : bool
         Whether it was chosen as its curve's highest point, and not drawn.
     difference : float
         (circuit − Monte Carlo)/Monte Carlo of the output power on the same noise; nan without.
     standard_error : float
-        Of the paired difference, wider where few realizations tell it; nan without.
+        Standard error of the paired difference, wider where few realizations tell it; nan without.
     early_difference, early_standard_error : float
         The same over the first `PERIODS` periods from rest; nan without.
     trouble : str
@@ -119,7 +119,7 @@ def proving(
     place, highest
         As in `Proof`.
     scene : Scene
-        Of the point.
+        The scene of the point.
     first, judge : (Engine, str)
         Monte Carlo and the circuit, each with its version, see `Runner.version`.
     """

@@ -59,7 +59,7 @@ class Study(Tabular):
     method : str
         "judged", an engine or a closure.
     version : str
-        Of what computed.
+        Version of the program that computed.
     precision : float or None
     evaluations : list of Evaluation
         In the order of `grid.points`.

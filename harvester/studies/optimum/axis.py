@@ -93,7 +93,7 @@ class Parameter:
     axis : Axis
     place : float
     standard_error : float or None
-        Of the place, where a curve was fitted for it.
+        Standard error of the place, where a curve was fitted for it.
     flat_low, flat_high : float
         The others held, the quantity stays within 1 % of the maximum, or cannot be told to fall by
         more, from here to there; nan where the runs are too short to tell, or it was not asked.

@@ -50,7 +50,7 @@ def climb(objective: Objective, place: tuple, stage: int) -> tuple[tuple, Any, l
     place : tuple of float
         Coordinates.
     stage : int
-        Of the noise.
+        Number of the noise stream.
 
     Returns
     -------

@@ -284,7 +284,7 @@ class Fit:
     Attributes
     ----------
     place, error : float, float or None
-        Of the maximum, by noise.
+        Position of the maximum, and its error from noise.
     bias : float
         How far a spline through the values has its maximum from there, where values lie off the
         cubic beyond chance.

@@ -79,7 +79,7 @@ class Optimum:
     averaging : Averaging or None
         Over one parameter.
     own : Estimate or None
-        Of the scene itself, over several parameters.
+        The value of the scene itself, over several parameters.
     other_starts : tuple of float
         Values at the place from other states, where the excitation has no chance in it.
     evaluations : int

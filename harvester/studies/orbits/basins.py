@@ -49,7 +49,8 @@ class Basins:
     scene : Scene
     method, engine_version : str
     displacements, velocities : ndarray, shapes (n,), (m,)
-        Of the starts, with the transducer's state 0 and a load's stores as its netlist begins.
+        Coordinates of the starts, with the transducer's state 0 and a load's stores as its netlist
+        begins.
     orbit : ndarray of int, shape (m, n)
         Place in `orbits` of each start; −1: not followed.
     orbits : list of Orbit

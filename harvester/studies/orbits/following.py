@@ -52,11 +52,11 @@ class Orbit:
     period : int or None
         In periods of the forcing; None for motion that does not repeat itself.
     lyapunov : Divergence or None
-        Of a motion without a period: its largest Lyapunov exponent (1/s).
+        For a motion without a period: its largest Lyapunov exponent (1/s).
     starts : int
         That came to it.
     share, share_error : float
-        Of all starts, and its standard error as that of a random sample of the plane.
+        Share of all starts, and its standard error as that of a random sample of the plane.
     mean_power, rms_voltage, rms_displacement : float
         Over the samples of all its starts.
     points : ndarray, shape (n, 2)

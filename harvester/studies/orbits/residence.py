@@ -42,7 +42,7 @@ class Stay:
     Attributes
     ----------
     value : float or None
-        Of the key; None without one.
+        Value of the key; None without one.
     well : float
         Displacement at its bottom, in the scene's units; of two alike the one on the right, which
         stands for both.

@@ -40,7 +40,7 @@ class Direction:
     key : str
         The parameter that it mostly moves, with its place among the axes.
     centre, steps : dict of str to float
-        Of every parameter: its mean, and its change in one standard deviation of the axis.
+        For every parameter: its mean, and its change in one standard deviation of the axis.
     """
 
     key: str

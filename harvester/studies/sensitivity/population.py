@@ -71,7 +71,7 @@ def population(values: np.ndarray, variance: Interval, seed: int) -> Population:
     variance : Interval
         Without noise, from `harvester.studies.sensitivity.sobol.indices`.
     seed : int
-        Of the resampling.
+        Seed of the resampling.
     """
     means = values.mean(axis=0)
     centred = np.moveaxis(values - values.mean(), 2, 0)

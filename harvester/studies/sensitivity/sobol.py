@@ -74,7 +74,7 @@ def design(rows: int, parameters: int, seed: int) -> np.ndarray:
         A power of two.
     parameters : int
     seed : int
-        Of the scrambling of Sobol's sequence.
+        Seed of the scrambling of Sobol's sequence.
 
     Returns
     -------
@@ -97,7 +97,7 @@ def indices(values: np.ndarray, seed: int) -> Indices:
     values : ndarray, shape (replicates, rows, parameters + 2)
         One replicate of what has no noise, else two or more.
     seed : int
-        Of the resampling.
+        Seed of the resampling.
     """
     y = values - values[:, :, :2].mean()
     a, b, exchanged = y[:, :, 0], y[:, :, 1], np.moveaxis(y[:, :, 2:], 2, 0)

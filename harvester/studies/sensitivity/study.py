@@ -58,11 +58,11 @@ class Sensitivity:
     tolerances : list of Tolerance or Direction
     quantity, unit, method : str
     nominal : Estimate
-        Of the scene itself.
+        The quantity of the scene itself.
     indices : Indices
     population : Population
     effects : list of (Interval, Interval)
-        Of each parameter: by how much the quantity is off its mean where the parameter is low and
+        For each parameter: by how much the quantity is off its mean where the parameter is low and
         high (at 5 % and 95 % of the devices), the others as they come.
     yield_above : Yield or None
     shares : ndarray, shape (rows, parameters + 2, parameters)

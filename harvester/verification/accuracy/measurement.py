@@ -82,12 +82,12 @@ class MethodRow:
     note : str
         How it failed, or empty.
     mean_step : float
-        Of the runs for the strong errors (s); nan when they failed.
+        Mean step of the runs for the strong errors (s); nan when they failed.
     strong : dict of str to float
         RMS error of each state over knots and paths, scaled; nan when a path failed, empty for
         runs by time.
     bias : dict of str to Estimate
-        Of each mean as a share, paired with the reference; empty without a run.
+        Bias of each mean as a share, paired with the reference; empty without a run.
     sampling : dict of str to float
         Standard error of each mean itself in a run of this length, as a share: σ/√N.
     """
@@ -122,7 +122,7 @@ class Measured:
     references : dict of bool to Timed
         Those runs, by `Method.brief`.
     closures : dict of str to dict
-        Of those that hold `quantities`, scaled, and `seconds`.
+        For each closure that holds `quantities`, scaled, and `seconds`.
     refused : dict of str to str
         Closures that do not hold, with the reason.
     answer : Answer or None

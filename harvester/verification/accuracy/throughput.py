@@ -86,7 +86,7 @@ def measure(
     compiled : bool
         Whether the compiled device is on.
     knots, repeats : int
-        Of a realization, and measurements of which the best counts.
+        Knots of a realization, and number of measurements of which the best counts.
 
     Returns
     -------

@@ -104,7 +104,7 @@ def bias_of(name: str, run: Timed, reference: Timed) -> Estimate:
     Parameters
     ----------
     name : str
-        Of the quantity.
+        Name of the quantity.
 
     Returns
     -------

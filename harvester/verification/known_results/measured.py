@@ -84,7 +84,7 @@ class MeasuredDevice:
     series : dict of float to (resistances, powers)
         By frequency (Hz): kΩ, and mean power (W).
     acceleration : float
-        Of the base (m/s²).
+        Acceleration of the base (m/s²).
     methods : tuple of str
     scatter : float or None
         Relative, where no curve of a linear device gives it.

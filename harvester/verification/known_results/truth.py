@@ -40,7 +40,7 @@ class Truth:
     asked : dict of str to Request or Task
         By method; a task returns (value, standard error).
     quantity : str
-        Of an answer, in the scene's units.
+        Quantity of an answer, in the scene's units.
     device : str
         Name of the device that was measured; empty for what was derived or computed.
     """
@@ -235,7 +235,8 @@ def verify(
     Parameters
     ----------
     chosen : sequence of Truth or None
-        Of `harvester.verification.known_results.catalogue` and of `measured` beside it; None: all.
+        Truths out of `harvester.verification.known_results.catalogue` and of `measured` beside it;
+        None: all.
     **running
         See `harvester.running.open_runner`.
     """

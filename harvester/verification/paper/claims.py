@@ -97,7 +97,7 @@ class Judgement:
     Attributes
     ----------
     verdicts : list of dict of str to Opinion
-        Of each claim, by method.
+        Verdicts of each claim, by method.
     answers : dict of (str, Changes) to Answer, HarvesterError or None
         By method and changes of the scene.
     """

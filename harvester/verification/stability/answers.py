@@ -41,13 +41,13 @@ class CaseAnswer:
         Means: Monte Carlo's with their standard errors, a closure's with its numerical ones; none
         of the circuit, whose run is too short for them.
     residual : float or None
-        Of the energy balance; None for a closure.
+        Residual of the energy balance; None for a closure.
     seconds : float
-        Of one core, for the simulation or the closure.
+        Processor time of one core (s), for the simulation or the closure.
     steps, realizations : int
         0 for a closure.
     duration, settle, step : float or None
-        Of each realization, as it was run, and its longest step (s); None for a closure.
+        Times of each realization as it was run, and its longest step (s); None for a closure.
     settled : bool
         The transient had passed before the means were taken.
     path : PathDeviation or None
