@@ -121,7 +121,7 @@ class Netlist:
     stop : float
         End of what is of interest (s); the text may run on.
     prefixes : tuple of str
-        In front of the nodes' names, one for each copy of the device.
+        Prefixes of the nodes' names, one for each copy of the device.
     terminal : str
         Node that carries the transducer's terminal voltage.
     state : str
@@ -146,7 +146,7 @@ class Netlist:
     pace : float
         Factor of the motion's clock; the excitation is to be less by it.
     course : circuits.loads.course.Course or None
-        What of the load moves by itself.
+        Sources and expressions of the load that change with time alone.
     """
 
     text: str

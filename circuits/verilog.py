@@ -89,7 +89,7 @@ def module(
     Parameters
     ----------
     system : harvester.device.system.System
-        With a piezo, and impact velocities read from the state.
+        A device with a piezo, and with impact velocities read from the state.
     rate : float
         ω of the netlist (rad/s).
     side : Side or None

@@ -70,7 +70,7 @@ class SimulationError(HarvesterError):
     Attributes
     ----------
     partial : harvester.results.result.Result or None
-        What the run had until then; within a worker, its moments.
+        The result of the run up to then; within a worker, its moments.
     """
 
     def __init__(self, message: str, partial: Any = None) -> None:

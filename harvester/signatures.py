@@ -36,9 +36,9 @@ class Kind:
     metavar : str
         Stands for the value in a command's help; FILE and DIR are completed by the shell.
     required : str
-        What a value must be, in words.
+        Text: what a value must be.
     holds : callable or None
-        Whether a value is that; None: any value is.
+        Function that tells whether a value is allowed; None: all are.
     option : str
         Name of the option where it is not that of the parameter.
     read : callable or None

@@ -41,7 +41,7 @@ class Device(NamedTuple):
     contact_step : of (x, v, noise, remaining, longest, steps)
         Step that resolves a contact with what is gained until the knot, ≤ longest (s).
     loss_power : of (x, v, held speed, whether a contact acts)
-        What damper and contacts take.
+        Power lost in damper and contacts.
     """
 
     transducer: Any

@@ -129,7 +129,7 @@ def advance(
     steps_per_knot, steps_per_contact : int
         Steps of the grid between two knots, and fewest in a contact.
     plan : circuits.loads.course.Plan
-        What the load does by itself.
+        Steps that follow the load's own sources.
     record : Record
         Filled with the accepted points.
     output : ndarray, shape (1 + watched, points)

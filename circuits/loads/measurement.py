@@ -77,7 +77,7 @@ class Measurement(_Rows):
         ----------
         time : ndarray, shape (n,)
         unknowns : ndarray, shape (len(watched), n)
-            In V and A.
+            Values of the watched unknowns, in V and A.
         unit : float
             Factor from a watt and a joule to the wanted unit.
 

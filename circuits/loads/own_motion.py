@@ -57,7 +57,7 @@ class OwnMotion(NamedTuple):
     turn : float
         Shortest time constant of what controls a switch that turns for ever (s); infinite without.
     switch : str
-        That switch, as "name (file:line)".
+        Name of that switch, as "name (file:line)".
     unknown : str
         Why all this is not known; empty where it is.
     """

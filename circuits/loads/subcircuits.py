@@ -63,7 +63,7 @@ class LoadCircuit:
     name : str
         Name of its sub-circuit.
     pins : tuple of str
-        As declared, from `PIEZO_PINS` and `OUTPUT_PINS`.
+        Pins as declared, from `PIEZO_PINS` and `OUTPUT_PINS`.
     parameters : tuple of (str, float)
         Values other than the netlist's own, given where it is called.
     defaults : tuple of (str, float)
@@ -75,13 +75,13 @@ class LoadCircuit:
     resistance : float or None
         Resistance of a load that is one resistor between p and n, in Ω.
     measures : tuple of circuits.loads.measures.Measure
-        What its file wants to have measured.
+        Measures that its file asks for (`* measure:`).
     probes : tuple of str
         Nodes, and currents "i(name)", that a waveform is to hold; see `with_probes`.
     file : str
         Name of the file that its sub-circuit stands in.
     ambiguity : str
-        What of it another SPICE may mean otherwise; empty where nothing.
+        A note on expressions that another SPICE reads otherwise; empty if there are none.
     """
 
     text: str

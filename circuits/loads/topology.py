@@ -25,7 +25,7 @@ class Part:
     Attributes
     ----------
     name : str
-        As the netlist spells it.
+        Name as the netlist spells it.
     nodes : tuple of str
         Its own, in the netlist's order; of a controlled element those through which current flows.
     control : tuple of str
@@ -108,7 +108,7 @@ def read_topology(text: str) -> Any:
     Parameters
     ----------
     text : str
-        Without includes.
+        A netlist without includes.
 
     Returns
     -------

@@ -31,7 +31,7 @@ class Passing(NamedTuple):
     ends : (str, str)
         A node, "i(source)" or ground each.
     level : float
-        In V or A.
+        Level in V or A.
     """
 
     ends: tuple[str, str]

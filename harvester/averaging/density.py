@@ -33,7 +33,7 @@ class Layer:
     logarithm : ndarray
         Logarithm of the value on each orbit.
     filled : bool
-        What the innermost orbit encloses has that orbit's value; else it is left out.
+        Whether the area inside the innermost orbit has that orbit's value; else it is left out.
     floor : float
         Taken off the value.
     """

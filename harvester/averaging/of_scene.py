@@ -49,7 +49,7 @@ def average(
     Parameters
     ----------
     scene : Scene, str or Path
-        Itself, its file or its built-in name.
+        A scene, its file or the name of a built-in one.
     method : str or Stationary
         fokker_planck (the stationary density, nothing averaged), paper (Eqs. 10–37 as printed,
         slips corrected), consistent (the constant force of the piezo kept in the potential) or

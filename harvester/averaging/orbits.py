@@ -62,7 +62,7 @@ class Edge:
     ----------
     system : harvester.device.system.System
     inside : bool
-        In the right well, which stands for both.
+        Whether the orbits are those inside the right well, which stands for both wells.
     anchor : float
         X* of the potential U(X) = −½ω0² X² + ¼κ X⁴ + ½N2 (X − X*)² + contact (Eq. 15 with X* = 0).
         Methods take N2, the `added` stiffness of the piezo (Eq. 12), with the orbits.

@@ -77,7 +77,7 @@ def modes(
     Parameters
     ----------
     pieces : sequence of Piece
-        From the clamp to the tip.
+        The beam's pieces from the clamp to the tip.
     tip : Tip
     count : int
     root_compliance : float

@@ -121,7 +121,7 @@ class Study(Command):
     failed : callable or None
         Function that tells from the result whether the exit code is 1.
     json : bool
-        Whether there is --json.
+        Whether the command has the option --json.
     waveform : bool
         Whether there is --waveform, which gets the result's `waveform`.
     files : tuple of str

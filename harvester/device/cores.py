@@ -29,7 +29,7 @@ def core_energies(system: System) -> np.ndarray:
     Parameters
     ----------
     system : harvester.device.system.System
-        With several wells.
+        A device with several wells.
 
     Returns
     -------

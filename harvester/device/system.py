@@ -184,7 +184,7 @@ def resolving_step(
         The free zone.
     x, v : float
     acceleration : float
-        From `push`.
+        Acceleration by `push` (per length unit).
     margin : float
         Greatest change of it within `longest`.
     longest : float

@@ -47,9 +47,9 @@ class RunEstimates:
     Attributes
     ----------
     whole : dict of str to Estimate
-        With all error bars.
+        All estimates, each with its error bar.
     shortfalls : list of Shortfall
-        What the run was too short for.
+        The relaxations for which the run was too short.
     residual : float
         Residual of the energy balance, as a share of the energy put in.
     notes : tuple of str

@@ -63,9 +63,9 @@ class Shortfall:
     Attributes
     ----------
     reason : str
-        In a few words, for each estimate.
+        The reason in a few words, shown beside each estimate.
     advice : str
-        What that does, and what to set.
+        The consequence, and the setting to change.
     names : tuple of str or None
         Estimates that lose their error bar; None: all.
     """

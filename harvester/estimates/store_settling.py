@@ -45,7 +45,7 @@ class StoreState:
     error : float
         Standard error of `missing`.
     time : float
-        In which it relaxes (s); nan where nothing tells.
+        Relaxation time (s); nan where it could not be determined.
     memory : float
         Time over which what it holds is remembered under noise (s).
     """

@@ -54,7 +54,7 @@ class WellBalance:
     features : ndarray, shape (realizations, batches, wells + kinds of jumps)
         Each batch's share of time in each well and its jumps per second, kind by kind.
     balanced : ndarray, shape (wells + kinds of jumps,)
-        Their stationary means by the rates.
+        Stationary means of the features, from the jump rates.
     innovations : ndarray, as `features`
         How far `balanced` lies off by each batch's jumps, more or less than the rates expect, were
         all batches like it.
@@ -104,7 +104,7 @@ class WellBalance:
         Parameters
         ----------
         series : ndarray, shape (realizations, batches)
-            What the weighted batches lie off their mean.
+            Deviations of the weighted batches from their mean.
         """
         off = self.weights[:, :, None] * (self.features - self.balanced)
         slopes = _slopes(off, series)
@@ -123,7 +123,7 @@ class WellBalance:
         Parameters
         ----------
         series : ndarray, shape (realizations × groups, means)
-            What the groups of the realizations, weighted, lie off their means.
+            Deviations of the weighted groups of realizations from their means.
 
         Returns
         -------
@@ -213,7 +213,7 @@ def weighted(moments: Sequence[Moments], balance: WellBalance | None) -> list[Mo
     ----------
     moments : sequence of Moments
     balance : WellBalance or None
-        Theirs; None leaves them as they are.
+        The balance of these moments; None: the moments are returned unchanged.
     """
     if balance is None or balance.shares is None:
         return list(moments)

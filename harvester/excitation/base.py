@@ -63,7 +63,7 @@ class Excitation(ABC):
     Attributes
     ----------
     KEYS : dict of str to harvester.device.keys.Key
-        What the table may hold besides `kind`.
+        The keys that the table may hold besides `kind`.
     """
 
     KEYS: ClassVar[dict] = {}
@@ -164,10 +164,8 @@ class Excitation(ABC):
     def spacing(self, longest: float) -> float:
         """Spacing of the knots (s).
 
-        Parameters
-        ----------
-        longest : float
-            What resolves the device's own motion (s); infinite where it has no frequency.
+        Parameters ---------- longest : float Longest spacing that resolves the device's own motion
+        (s); infinite where it has no frequency.
         """
 
     @abstractmethod
@@ -187,15 +185,9 @@ class Excitation(ABC):
     def path(self, spacing: float, length: float, seed: Any) -> ExcitationPath:
         """The path of one realization: the same seed gives the same bytes.
 
-        Parameters
-        ----------
-        spacing : float
-            Time between knots (s).
-        length : float
-            What turns accelerations into η: the length unit (1 in scaled scenes) over the scene's
-            `oscillator.base_factor`.
-        seed : numpy.random.SeedSequence
-            Seed of this realization.
+        Parameters ---------- spacing : float Time between knots (s). length : float The divisor
+        that turns accelerations into η: the length unit (1 in scaled scenes) over
+        `oscillator.base_factor`. seed : numpy.random.SeedSequence Seed of this realization.
         """
 
     @abstractmethod

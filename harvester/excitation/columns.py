@@ -41,7 +41,7 @@ class Columns(NamedTuple):
     unit : str
         Unit of the samples, as the file writes it; empty where it does not say.
     remarks : tuple of str
-        What a reader of results must know of the file.
+        Remarks on the file that go into a result's notes.
     """
 
     values: np.ndarray
@@ -57,7 +57,7 @@ class MeasuredFile:
     Parameters
     ----------
     file : str
-        For messages, and its ending for the reader.
+        Name of the file: for messages, and its ending selects the reader.
     content : bytes
 
     Attributes
@@ -116,7 +116,7 @@ class MeasuredFile:
         Parameters
         ----------
         key : str
-            What asks for it, for messages.
+            Key of the scene that names the column, for messages.
         wanted : str or int
 
         Raises
@@ -169,7 +169,7 @@ class MeasuredFile:
         quantity : str
         place : int
         key : str
-            What gives it, for messages.
+            Key of the scene that gives the unit, for messages.
         given : str or None
 
         Returns
@@ -261,9 +261,9 @@ class MeasuredFile:
         place : int
             Index of the column of times.
         factor : float
-            By which they may differ.
+            Largest factor by which the two rates may differ.
         key : str
-            What gives the rate, for the message.
+            Key of the scene that gives the rate, for the message.
 
         Raises
         ------

@@ -49,7 +49,7 @@ def refuse_size(values: np.ndarray, factor: float, unit: str, file: str) -> None
     values : ndarray, shape (n,)
         In the file's unit; NaN and infinite ones are left alone.
     factor : float
-        From there to m/s².
+        Factor from the file's unit to m/s².
     unit, file : str
         For messages.
 
@@ -85,7 +85,7 @@ def without_markers(
     Parameters
     ----------
     values : ndarray, shape (n,)
-        In the file's numbers.
+        Samples as the file has them, before units and scales.
     mend : sequence of str
         Faults to mend; "nan" among them takes markers for gaps.
 
@@ -143,7 +143,7 @@ def even_samples(columns: Columns, mend: Collection[str], file: str, most: int) 
     Parameters
     ----------
     columns : harvester.excitation.columns.Columns
-        With a sampling rate or times.
+        Columns with a sampling rate or with times.
     mend : sequence of str
         Faults to mend: "nan" by straight lines over the gap, "uneven" by straight lines onto an
         even grid, "clipped" by a cubic spline through what was not clipped.

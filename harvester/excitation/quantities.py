@@ -139,7 +139,7 @@ def factor_of(quantity: str, unit: str, where: str, cure: str) -> float:
     quantity : str
         A name in `QUANTITIES`.
     unit : str
-        In any spelling.
+        The unit, in any spelling.
     where, cure : str
         For the message: file and column; what to do.
 

@@ -158,7 +158,7 @@ class Bursts:
     kurtosis : float
         Above 3.
     knots : float
-        From one node to the next.
+        Number of knots from one node to the next.
     seed : numpy.random.SeedSequence
     """
 

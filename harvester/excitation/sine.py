@@ -152,7 +152,7 @@ class SinePath(ExcitationPath):
     spacing : float
         Time between knots (s).
     phase : float
-        At the beginning (rad).
+        Phase at the beginning (rad).
     """
 
     def __init__(

@@ -58,7 +58,7 @@ class Spectrum(Excitation):
     burst_time : float or None
         s; left out, 20 periods of the lowest frequency.
     source : str
-        Where the values stand, in words: results write it out.
+        The publication that the values come from; results quote it.
     knot_spacing : float or None
         s; left out, a twelfth of the highest frequency's period; for a slower device a fortieth of
         its own period, at most a quarter of the highest frequency's.

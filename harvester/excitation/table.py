@@ -59,7 +59,7 @@ class Table(ABC):
     complexes : sequence of int
         Places of columns of complex numbers.
     remarks : tuple of str
-        What a reader of results must know of the file.
+        Remarks on the file that go into a result's notes.
     """
 
     names: list[str]

@@ -50,7 +50,7 @@ class Form(NamedTuple):
     Attributes
     ----------
     separator : str or None
-        None are blanks.
+        Separator of the fields; None: blanks.
     decimal : str
         "." or ",".
     kinds : tuple of str

@@ -70,7 +70,7 @@ class View:
     Attributes
     ----------
     scene : Scene
-        With the sliders' values, and its run cut short.
+        The scene with the sliders' values and a shortened run.
     result : Result
         The result of Monte Carlo.
     outline : dict of str to Density
@@ -78,7 +78,7 @@ class View:
     refusal : str
         Why it does not, in one line.
     seconds : float
-        That it took.
+        Wall time that the view took (s).
     """
 
     scene: Scene
@@ -189,7 +189,7 @@ def explore(
     Parameters
     ----------
     scene : Scene, str or Path
-        Itself, its file or its built-in name.
+        A scene, its file or the name of a built-in one.
     over : iterable of str, or dict of str to (float, float), optional
         Dotted keys, such as "stoppers.gap", or each with the ends of its slider; by default a
         third of the scene's value to three times it. None: noise, damping, gap, coupling, load.

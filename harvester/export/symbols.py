@@ -16,7 +16,7 @@ def ltspice_symbol(name: str, library: str, pins: tuple[str, ...]) -> str:
     library : str
         Name of its file.
     pins : tuple of str
-        In the sub-circuit's order.
+        Names of the pins in the sub-circuit's order.
     """
     lines = [
         "Version 4",

@@ -58,7 +58,7 @@ class Trace:
     voltage, current : ndarray, shape (samples,)
         V and A, not negative.
     energy : float
-        What the engine's own points say of the same time (J).
+        Energy by the engine's own points over the same time (J).
     returned : float
         Share of the energy that the load hands back, which is not in the trace.
     """

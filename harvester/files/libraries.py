@@ -14,7 +14,7 @@ def optional_library(name: str, purpose: str, extra: str) -> ModuleType:
     name : str
         Name of the module.
     purpose : str
-        What needs it, for the message.
+        What the library is needed for, for the message.
     extra : str
         Name of the extra in pyproject.toml that installs it.
 

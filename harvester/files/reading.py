@@ -35,7 +35,7 @@ def read_input(file: Path | str, noun: str, largest: int) -> bytes:
     ----------
     file : str or Path
     noun : str
-        What it should be, for messages.
+        Kind of file that is expected, for messages.
     largest : int
         Bytes.
 

@@ -93,7 +93,7 @@ def read(kind: Any, value: Any, where: str) -> Any:
     kind : type or annotation
         str, bool, int, float, a dataclass, a dict or a tuple of one kind, or one of these or None.
     where : str
-        What the value is called in messages.
+        Name of the value in messages.
 
     Raises
     ------

@@ -49,7 +49,7 @@ class Misfit:
     left : float
         rms of the residuals.
     noise : float
-        That a right model would leave.
+        Residual that a right model would leave.
     systematic : float
         rms of the residuals' part that follows from the acceleration and the motion.
     ratio : float

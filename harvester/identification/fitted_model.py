@@ -33,7 +33,7 @@ class Fitted:
     Attributes
     ----------
     scene : Scene
-        With them.
+        The scene with the fitted values.
     unknowns : list of Unknown
     values : ndarray, shape (unknowns,)
     covariance : ndarray, shape (unknowns, unknowns)

@@ -87,10 +87,10 @@ def fitted(
     Parameters
     ----------
     scene : Scene
-        Where the fit begins, and all that is not free.
+        Scene that gives the initial values and all values that are not free.
     measurements : sequence of Measurement, or of MeasuredResponse
     keys : sequence of str
-        What is free.
+        Keys of the free values.
     sizes : dict of str to float
         Sizes of keys whose start may be 0.
     warm : Fitted, optional

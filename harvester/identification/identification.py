@@ -43,9 +43,9 @@ class Identification:
     Attributes
     ----------
     scene : Scene
-        With the values that fit.
+        The scene with the fitted values.
     start : Scene
-        With which it began.
+        The scene that the fit began with.
     measurements : list of Measurement
     fitted : Fitted
         Values, covariance, and what the model predicts of the data kept aside.
@@ -61,15 +61,15 @@ class Identification:
     posterior : Posterior, optional
         Posterior of the values, where it was asked for.
     impedance : FromImpedance, optional
-        What the impedance said, where one was given.
+        Results from the impedance, if one was given.
     misfits : list of Misfit
-        What is left of each output of each record beside the sensors' noise.
+        Residuals of each output of each record, compared with the sensors' noise.
     spring_shape : SpringShape or None
         The spring beside one with the next power, of a model that explains its records in time.
     kept_aside : list of Kept
         Whole records that were not fitted to.
     visited : Visited or None
-        Where the records took the device; None of frequency responses.
+        Ranges that the records visited; None if there are only frequency responses.
     """
 
     scene: Scene

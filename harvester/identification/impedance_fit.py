@@ -61,7 +61,7 @@ class FromImpedance:
     measured : MeasuredImpedance
         With the background that the other modes and the loss make.
     scene : Scene
-        With the values.
+        The scene with the fitted values.
     keys : list of str
     values : ndarray, shape (keys,)
     covariance : ndarray, shape (keys, keys)

@@ -121,7 +121,7 @@ def kept_aside(
     fitted : Fitted
     measurements : sequence of Measurement
     visited : Visited
-        Where the fitted records took the device.
+        Ranges that the fitted records visited.
     seed : int
         Seed of the values that are drawn.
     """

@@ -26,7 +26,7 @@ class MeasuredResponse:
     acceleration : ndarray of shape (n,), or None
         Amplitude of the base's sine (m/s²): the response then may depend on it.
     changes : dict of str to number or text
-        What is other than in the scene for this record: {"load.resistance": 1e5}.
+        Values of the scene that differ in this record: {"load.resistance": 1e5}.
     name : str
     sensors : dict of str to float
         Known effects of sensors: {"sensor.acceleration_highpass": 0.5}.

@@ -47,14 +47,14 @@ class Measurement:
     voltage, displacement, velocity : ndarray of shape (n,), or None
         At the terminals (V); of the mass relative to the base (m, m/s). At least one.
     changes : dict of str to number or text
-        What is other than in the scene for this record: {"load.resistance": 1e5}.
+        Values of the scene that differ in this record: {"load.resistance": 1e5}.
     name : str
     remarks : tuple of str
-        On markers among the samples, of what was not measured.
+        Remarks on markers that stand for samples that could not be measured.
     sensors : dict of str to float
         Known effects of sensors: {"sensor.acceleration_highpass": 0.5}.
     velocity_is_absolute : bool
-        Whether the velocity is that in the room, as a laser beside the shaker measures it.
+        Whether the velocity is measured against the laboratory, as by a laser beside the shaker.
     velocity_in_volts : bool
         Whether the velocity's sensor has a scale in V/(m/s), free or among `sensors`.
     """

@@ -28,7 +28,7 @@ def recentred(shooting: Shooting, fit: Fit, scene: Scene) -> Fit:
     shooting : Shooting
     fit : Fit
     scene : Scene
-        As it was before.
+        The scene before the fit.
     """
     responses = shooting.responses
     keys, wanted = responses.keys, scene.oscillator.restoring_force

@@ -255,9 +255,9 @@ class Whiteness:
     Attributes
     ----------
     correlations : ndarray, shape (lags,)
-        From lag 1 on.
+        Autocorrelations from lag 1 on.
     bound : float
-        That white residuals stay within at 95 % of the lags.
+        Limit within which white residuals' correlations stay at 95 % of the lags.
     probability : float
         Probability of a sum of squares as large as this for white residuals (Ljung and Box).
     """

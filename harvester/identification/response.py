@@ -54,11 +54,11 @@ class Experiment:
     ----------
     measurement : Measurement
     scene : Scene
-        With the record's own changes.
+        The scene with the record's own changes.
     steps : int
         Between two samples.
     acceleration : dict of str to ndarray
-        At the steps, by the name of the interpolation.
+        Base acceleration at the steps, by the name of the interpolation.
     """
 
     measurement: Measurement

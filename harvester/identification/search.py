@@ -95,7 +95,7 @@ def followed(shooting: Shooting, fit: Fit, rival: float = np.inf) -> Fit:
     ----------
     shooting : Shooting
     fit : Fit
-        With short windows, linearized.
+        A fit with short windows, linearized.
     rival : float
         Cost of a model beside it.
     """
@@ -143,7 +143,7 @@ def settle_windows(
     Parameters
     ----------
     shooting : Shooting
-        Without unknowns.
+        A problem without unknowns of the device.
     fit : Fit
         The fit that gives the values and the noise.
     stretches : sequence of (int, int)

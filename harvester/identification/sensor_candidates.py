@@ -34,7 +34,7 @@ class Trial:
     name : str
     measurements : sequence of Measurement
     keys : list of str
-        What is free of the sensors, beside the device's.
+        Keys of the free values: the sensors' beside the device's.
     """
 
     name: str

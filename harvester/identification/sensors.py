@@ -104,7 +104,7 @@ def integrals(
     rate : float
         Hz.
     places : ndarray
-        Where they are wanted, in samples.
+        Positions of the wanted values, in samples.
     """
     from scipy.interpolate import make_interp_spline
 

@@ -45,13 +45,13 @@ class Fit:
     Attributes
     ----------
     values : ndarray, shape (unknowns,)
-        In the scene's units.
+        Values of the unknowns, in the scene's units.
     edges : list of ndarray of int
         Edges of the windows of each experiment.
     starts : list of ndarray, shape (windows, 3)
         Scaled states at their beginnings.
     noise : list of ndarray, shape (outputs,)
-        By which residuals are divided.
+        Noise levels by which residuals are divided.
     cost : float
         Sum of squares of the weighted residuals.
     grams, transitions, growth : list of ndarray
@@ -255,7 +255,7 @@ class Shooting:
         ----------
         fit : Fit
         iterations : int
-            At most.
+            Largest number of iterations.
         tolerance : float
             Share of the cost: a step that promises or brings less is the last one.
         """

@@ -37,7 +37,7 @@ class SteadyExperiment:
     ----------
     measurement : MeasuredResponse
     scene : Scene
-        With the record's own changes.
+        The scene with the record's own changes.
     """
 
     measurement: MeasuredResponse

@@ -49,9 +49,9 @@ class Unknown:
     key : str
         `table.key` of the scene, or `sensor.QUANTITY_EFFECT`.
     start, low, high : float
-        Where a fit begins, and its bounds, in the scene's units.
+        Initial value of a fit, and the value's bounds, in the scene's units.
     size : float
-        What counts as a change of order one; > 0.
+        Typical magnitude of a change of the value; > 0.
     """
 
     key: str

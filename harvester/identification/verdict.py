@@ -65,7 +65,7 @@ def verdict(
     misfits : sequence of Misfit
         Misfits of each output of each record; none of frequency responses.
     visited : Visited, optional
-        Where the records took the device.
+        Ranges that the records visited.
     kept : sequence of Kept
         Records kept aside as a whole.
     shape : SpringShape, optional

@@ -144,7 +144,7 @@ def repaired(
     shooting : Shooting
     fit : Fit
     where : sequence of ndarray of bool, shape (windows,)
-        Those windows, by experiment.
+        Which windows of each experiment are repaired.
 
     Returns
     -------

@@ -141,7 +141,7 @@ def integrate(
         One for each path, empty at first; points are added to them. Empty sequence: none are
         recorded.
     keep : bool
-        Whether points are wanted.
+        Whether the points are kept.
 
     Yields
     ------

@@ -27,13 +27,13 @@ class Prepared:
     Attributes
     ----------
     scene : Scene
-        As it was given.
+        The scene as the caller gave it.
     system : harvester.device.system.System
         The device in scaled form (Eqs. 3–6).
     scales : Scales
-        What leads back to the scene's units.
+        Factors from scaled values to the scene's units.
     setting : harvester.device.terminals.Setting
-        What its transducer is built into.
+        Mass, length unit and load, which the transducer's equations need.
     excitation_unit : float
         The base's acceleration for one unit of η, in the scene's units.
     """

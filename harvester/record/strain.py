@@ -62,7 +62,7 @@ class StrainWatch:
     Parameters
     ----------
     moments : Moments
-        With a `strain`.
+        Moments whose `strain` is added to.
     line : tuple of float or None
         Strain, cycles and exponent of Basquin's line, where cycles are to be counted.
 

@@ -31,7 +31,7 @@ class Attractor:
     periodic_drive : bool
         Whether the excitation has a period; under a record motions are those that meet.
     starts : int
-        That came to it.
+        Number of starts that settled on it.
     share : float
         Share of all starts.
     share_error : float or None

@@ -32,7 +32,7 @@ def suspected_cause(result: Result) -> str:
     Parameters
     ----------
     result : harvester.results.result.Result
-        With its moments and its residual.
+        A result with its moments and its energy balance residual.
     """
     p = prepared(result.scene).system
     totals, stored = _energies(result.moments, p)

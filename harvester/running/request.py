@@ -57,7 +57,7 @@ class Request:
         Relative error of each of the quantities that realizations are added for: the standard
         error, and what the steps may cost.
     quantities : tuple of str
-        Those that decide; names that this scene does not have do not.
+        Quantities that the precision applies to; those that the scene does not have are ignored.
     step, tolerance : str or float, float or None
         Options of the method, if it is given by its name.
     realizations : int or None
@@ -121,7 +121,7 @@ class Answer:
     Attributes
     ----------
     scene : Scene
-        With as many realizations as were run.
+        The scene, with the number of realizations that were run.
     method : str
     quantities : dict of str to Estimate
         Scaled units; `standard_error` is the numerical error for a closure.

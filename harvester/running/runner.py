@@ -34,7 +34,7 @@ class Runner:
     Attributes
     ----------
     folder : StudyFolder or None
-        Where answers outlast this process.
+        Folder in which answers are kept on disk; None: in memory only.
     out_of_time : bool
         Something was left out because the time budget was spent.
     computed, reused : int

@@ -138,7 +138,7 @@ def check_tables(
     Parameters
     ----------
     tables : dict
-        As read from TOML: top-level keys and tables.
+        The scene as read from TOML: top-level keys and tables.
     origin : str
         File or scene name, for messages.
     kinds : dict of str to dict

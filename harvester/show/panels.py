@@ -34,7 +34,7 @@ class Series:
     ----------
     x, y : array_like, shape (n,)
     label : str or None
-        In the legend.
+        Text in the legend.
     colour : str or None
         None: the next of the style's own.
     line, marker : str

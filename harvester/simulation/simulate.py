@@ -52,7 +52,7 @@ def simulate(
     Parameters
     ----------
     scene : Scene, str or Path
-        Itself, its file or its built-in name.
+        A scene, its file or the name of a built-in one.
     method : str or Method
         circuit (ngspice) or monte-carlo (the equations themselves, no ngspice).
         In Python also `Circuit(…)`, `MonteCarlo(…)` or `Stationary(…)`, which hold the settings

@@ -21,7 +21,7 @@ class Averages:
     mean_square_velocity, mean_square_displacement : float
         E[X'²], E[X²].
     mean_transducer_loss : float
-        In leak or winding, s⁻³.
+        Power lost in leak or winding, s⁻³.
     share_in_wells : float or None
         Probability of the orbits inside a well; 0 for a monostable device. None where nothing is
         averaged over orbits.

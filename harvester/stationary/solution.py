@@ -83,7 +83,7 @@ class Solution:
     steps, cost : int
         Number of steps in a period, and the work of a period.
     propagator : Propagator
-        In single precision.
+        The propagator in single precision.
     state, before_flow : ndarray
         Mass at each node, where a step is symmetric in time and before the flow.
     means : dict of str to float

@@ -93,7 +93,7 @@ def validate(
     Parameters
     ----------
     scene : Scene, str or Path
-        Itself, its file or its built-in name.
+        A scene, its file or the name of a built-in one.
     step : str or float
         default, fine, finest, or the longest step in seconds.
     workers : int or None
@@ -169,7 +169,7 @@ def frequency_response(
     Parameters
     ----------
     scene : Scene, str or Path
-        Itself, its file or its built-in name;
+        A scene, its file or the name of a built-in one;
         with `excitation.kind = "sine"`, whose amplitude is kept, or any other with `amplitude`.
     frequencies : sequence of float
         In Hz: FIRST:LAST:log:NUMBER, FIRST:LAST:linear:NUMBER, or numbers between commas.
@@ -314,7 +314,7 @@ def sweep(
     Parameters
     ----------
     scene : Scene, str or Path
-        Itself, its file or its built-in name.
+        A scene, its file or the name of a built-in one.
     over : dict of str to sequence of float or str
         Any key of the scene and its values, numbers or words: FIRST:LAST:log:NUMBER,
         FIRST:LAST:linear:NUMBER, or values between commas; several make a grid.
@@ -390,7 +390,7 @@ def load_study(
     Parameters
     ----------
     scene : Scene, str or Path
-        Itself, its file or its built-in name.
+        A scene, its file or the name of a built-in one.
         With a precision, its realizations are cut to `DURATION_OVER_SETTLE` times the settling,
         and there are as many as it takes, at most `MOST_REALIZATIONS`.
     loads : sequence of str

@@ -178,7 +178,7 @@ def profile(frequencies: np.ndarray, density: np.ndarray, breakpoints: int) -> n
     ----------
     frequencies, density : ndarray, shape (n,)
     breakpoints : int
-        At most.
+        Largest number of breakpoints.
 
     Returns
     -------

@@ -52,9 +52,9 @@ class Comparison:
     Attributes
     ----------
     circuit, monte_carlo : Result
-        On the same noise paths.
+        Results of both engines on the same noise paths.
     closures : dict of str to Result
-        Those that hold for the scene.
+        Results of the closures that hold for the scene.
     refused : dict of str to str
         Closures that do not, with the reason.
     paired : dict of str to Estimate

@@ -134,7 +134,7 @@ def _evaluate(scene, method, good, ended, cost=0.0):
     good : sequence of dict
         Answers of its tasks, in the order of their realizations.
     ended : HarvesterError or str
-        What came instead of the next ones; "" where all came.
+        The reason why later answers are missing; "" if all came.
     cost : float
         Share of a power that the steps may cost; see `harvester.prepared.steps.step_error`.
     """

@@ -51,7 +51,7 @@ class Proof:
     early_difference, early_standard_error : float
         The same over the first `PERIODS` periods from rest; nan without.
     trouble : str
-        What came instead of a difference, the settled one's first.
+        The reason why a difference is missing (the settled part's first); "" if none is.
     """
 
     place: int

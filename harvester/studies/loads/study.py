@@ -62,9 +62,9 @@ class Study(Tabular):
         Version of the program that computed.
     precision : float or None
     evaluations : list of Evaluation
-        In the order of `grid.points`.
+        Evaluations of the points, in the order of `grid.points`.
     proofs : list of Proof
-        Where the circuit was the judge.
+        Comparisons with the circuit, at the points that were chosen for it.
     out_of_time : bool
         The time budget ended it: the same call again goes on.
     computed, reused : int

@@ -289,18 +289,18 @@ class Fit:
         How far a spline through the values has its maximum from there, where values lie off the
         cubic beyond chance.
     slope : float
-        At the middle.
+        Slope at the middle of the window.
     sloped, peaked : bool
         Whether the slope, and the downward curvature, are beyond chance.
     drop : float
-        From the maximum to the lower end, as a share of the maximum.
+        Fall from the maximum to the lower end, as a share of the maximum.
     misfit : bool
-        Whether that matters, in a window that can be narrowed.
+        Whether the deviation from the cubic matters and the window can be narrowed.
     flat_to : int
         −1 or 1, the end that the values do not surely fall to from the place nearest to the
         maximum; 0: they fall to both.
     noisy_ends : bool
-        Whether longer runs could tell more of that.
+        Whether longer runs could decide that.
     """
 
     def __init__(self, places: np.ndarray, answers: Sequence[Answer], quantity: str):

@@ -30,7 +30,7 @@ def series_in_units(answer: Any, quantity: str) -> np.ndarray:
     Parameters
     ----------
     answer : harvester.running.Answer
-        With its moments.
+        An answer with its moments.
     quantity : str
         One that `harvester.results.paired.deviations` knows.
 

@@ -54,7 +54,7 @@ class Basins:
     orbit : ndarray of int, shape (m, n)
         Place in `orbits` of each start; −1: not followed.
     orbits : list of Orbit
-        That of most starts first.
+        The orbits, the one with the most starts first.
     periods : int
         Forcing periods followed at least.
     seconds : float

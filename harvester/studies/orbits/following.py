@@ -54,7 +54,7 @@ class Orbit:
     lyapunov : Divergence or None
         For a motion without a period: its largest Lyapunov exponent (1/s).
     starts : int
-        That came to it.
+        Number of starts that settled on it.
     share, share_error : float
         Share of all starts, and its standard error as that of a random sample of the plane.
     mean_power, rms_voltage, rms_displacement : float

@@ -47,7 +47,7 @@ def basins(
     Parameters
     ----------
     scene : Scene, str or Path
-        Itself, its file or its built-in name; its excitation is a sine or a sum of sines.
+        A scene, its file or the name of a built-in one; its excitation is a sine or a sum of sines.
     displacement, velocity : sequence of float
         Coordinates of the starts, in the scene's units: LOW:HIGH:NUMBER (default: the energies up
         to beyond the device's largest motion).
@@ -128,7 +128,7 @@ def bifurcation(
     Parameters
     ----------
     scene : Scene, str or Path
-        Itself, its file or its built-in name; its excitation is a sine or a sum of sines.
+        A scene, its file or the name of a built-in one; its excitation is a sine or a sum of sines.
     over : str
         The key, TABLE.KEY, such as excitation.amplitude.
     values : sequence of float
@@ -223,7 +223,7 @@ def residence(
     Parameters
     ----------
     scene : Scene, str or Path
-        Itself, its file or its built-in name; with several wells and noise.
+        A scene, its file or the name of a built-in one; with several wells and noise.
     over : str or None
         A key, TABLE.KEY, such as excitation.intensity.
     values : sequence of float

@@ -50,7 +50,7 @@ class Stay:
         Mean time from reaching the well to reaching another (s); no error bar on fewer than
         `FEWEST_STAYS` stays. Infinite where it was never left.
     stays : int
-        That ended.
+        Number of stays that ended.
     watched : float
         Time in the well, of all realizations (s).
     kramers : float or None
@@ -80,7 +80,7 @@ class Residence:
     ----------
     scene : Scene
     key : str or None
-        What was varied.
+        The key that was varied.
     stays : list of Stay
         Value by value, wells from the left to the right.
     method, engine_version : str

@@ -18,7 +18,7 @@ def effects(shares: np.ndarray, values: np.ndarray, seed: int) -> list[tuple[Int
     Parameters
     ----------
     shares : ndarray, shape (rows, devices, parameters)
-        In (0, 1).
+        Shares of the devices below each value, in (0, 1).
     values : ndarray, shape (rows, devices)
     seed : int
 

@@ -120,7 +120,7 @@ class Measured:
     reference : Method
         Its runs are what biases are deviations from.
     references : dict of bool to Timed
-        Those runs, by `Method.brief`.
+        The reference's runs, by `Method.brief`.
     closures : dict of str to dict
         For each closure that holds `quantities`, scaled, and `seconds`.
     refused : dict of str to str

@@ -38,7 +38,7 @@ class Truth:
         How far off the simulated device may be because it is not quite that of the result
         (knots of the noise, diodes that are not ideal), in the unit of `exact`.
     asked : dict of str to Request or Task
-        By method; a task returns (value, standard error).
+        What to compute by each method; a task returns (value, standard error).
     quantity : str
         Quantity of an answer, in the scene's units.
     device : str

@@ -70,7 +70,7 @@ class PathDeviation:
         The same of X against the mass under the recorded voltage (`replay`), where the circuit is
         its own reference; nan elsewhere.
     resolution : float
-        What both may be in an engine that solves the same equations.
+        Size that both deviations may have in an engine that solves the same equations.
     of_mean_squares : float
         Largest deviation of the mean squares of X' and V at the step asked for, as a share.
     compared_periods, comparable_periods : float
