@@ -47,7 +47,7 @@ def listed(values: Any, where: str, example: str) -> tuple[Any, ...]:
         A text, which is a list of its letters, or no list; or it does not end.
     """
     if isinstance(values, (str, bytes, Mapping)) or not isinstance(values, Iterable):
-        raise HarvesterError(f"{where} = {shown(values)}: is no list; write {example}")
+        raise HarvesterError(f"{where} = {shown(values)}: must be a list; write {example}")
     found = tuple(itertools.islice(values, MOST_VALUES + 1))
     if len(found) > MOST_VALUES:
         raise HarvesterError(f"{where}: has more than {MOST_VALUES} values; give fewer")
@@ -68,7 +68,7 @@ def table(values: Any, where: str, example: str) -> dict[Any, Any]:
         It is none.
     """
     if not isinstance(values, Mapping):
-        raise HarvesterError(f"{where} = {shown(values)}: is no dictionary; write {example}")
+        raise HarvesterError(f"{where} = {shown(values)}: must be a dictionary; write {example}")
     return dict(values)
 
 
@@ -91,7 +91,8 @@ def checked_options(options: dict[str, Any]) -> dict[str, Any]:
     executor, progress = options.get("executor"), options.get("progress")
     if executor is not None and not hasattr(executor, "submit"):
         raise HarvesterError(
-            f"executor = {shown(executor)}: has no submit; give a concurrent.futures.Executor"
+            f"executor = {shown(executor)}: has no method submit; give a "
+            "concurrent.futures.Executor"
         )
     if progress is None:
         return options

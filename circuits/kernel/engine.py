@@ -116,8 +116,8 @@ def run_realizations(
         ):
             if not all(np.isfinite(column[-1]) for column in record):
                 raise SolutionDiverged(
-                    f"Monte Carlo left the finite numbers before t = {record.time[-1]:g}; "
-                    "choose a shorter --step"
+                    "Monte Carlo diverged (values that are not finite) before t = "
+                    f"{record.time[-1]:g}; choose a shorter --step"
                 )
             for observer in watching:
                 observer.add(record)

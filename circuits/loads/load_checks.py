@@ -146,7 +146,7 @@ def _check_couplings(parts):
             coils = [name for name, flows in zip(names, flowing, strict=True) if flows]
             last = [each for each in couplings if not set(coils).isdisjoint(each.controls)][-1]
             raise NetlistError(
-                f"{last.where}: {last.name}: no coils are coupled so: some currents in "
+                f"{last.where}: {last.name}: impossible couplings: some currents in "
                 f"{', '.join(coils[:5])} would hold less than no energy; lower the couplings, or "
                 "give one the other sign"
             )

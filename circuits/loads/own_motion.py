@@ -98,9 +98,8 @@ def check_turn(load: LoadCircuit, step: float) -> None:
     own = load.own_motion
     if own.turn < LEAST_TURN * step:
         raise LoadError(
-            f"{own.switch} turns by itself, and its control follows within {own.turn:.2g} s: no "
-            f"run with steps of {step:.2g} s comes down to that; raise ron or the capacitance at "
-            "its control"
+            f"{own.switch} turns by itself, and its control follows within {own.turn:.2g} s: steps "
+            f"of {step:.2g} s cannot follow that; raise ron or the capacitance at its control"
         )
 
 

@@ -107,7 +107,10 @@ class _Reader:
                 )
             self._cards += 1
             if self._cards > MOST_CARDS:
-                raise NetlistError(f"{card.where}: more than {MOST_CARDS} statements: no load")
+                raise NetlistError(
+                    f"{card.where}: more than {MOST_CARDS} statements, too many for a load: leave "
+                    "some out"
+                )
             first, _, rest = card.text.partition(" ")
             if first.lower() in INCLUDES:
                 where = f"{card.where}: {first}"
@@ -124,7 +127,7 @@ class _Reader:
             raise NetlistError(f"{place}: more than {MOST_FILES} files are included")
         with _named(place):
             if not path.is_file():
-                raise NetlistError(f"{place}: no regular file")
+                raise NetlistError(f"{place}: is not a regular file")
             # Reads no more bytes than the file's size: a file that the system shows as empty may
             # have no end.
             size = min(path.stat().st_size, MOST_BYTES - self._bytes + 1)

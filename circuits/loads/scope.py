@@ -61,7 +61,7 @@ class _Circuit(Names):
         if name == "time":
             return ("time",)
         if name == "hertz":
-            raise NotConstant("hertz, which has no value in a run")
+            raise NotConstant("hertz, which is defined only in an AC analysis")
         value = self._scope.parameter(name)
         if name in _FIRST and not math.isclose(value, CONSTANTS[name], rel_tol=1e-6):
             raise ExpressionError(f"{name} means ngspice's constant here: rename the parameter")

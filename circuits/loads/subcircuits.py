@@ -300,7 +300,7 @@ def _defaults(root, top):
 
 def _chosen(root, path, name):
     if not root.inner:
-        raise NetlistError(f"{path.name}: holds no .subckt")
+        raise NetlistError(f"{path.name}: holds no .subckt: put the load into one")
     if name is None:
         names = [each for each, circuit in root.inner.items() if _fits(circuit)] or [*root.inner]
         name = path.stem.lower() if path.stem.lower() in root.inner else names[0]

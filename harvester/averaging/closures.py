@@ -142,8 +142,8 @@ def _check(s):
     for reason, holds in refusals.items():
         if holds:
             raise AveragingError(
-                f"{reason}: averaging over orbits knows the source paper's symmetric device only; "
-                "use the closure fokker_planck, or simulate"
+                f"{reason}: averaging over orbits holds for the source paper's symmetric device "
+                "only; use the closure fokker_planck, or simulate"
             )
     linear, cubic = stiffnesses(s)
     if linear <= 0.0 and cubic <= 0.0 and not any(law.stiffness > 0.0 for law in laws):
@@ -154,9 +154,9 @@ def _check(s):
     memory, relaxation = s.noise.correlation_time, timescales.relaxation_time(s)
     if memory > relaxation:
         raise AveragingError(
-            f"correlation_time={memory:g} is above the relaxation time of "
-            f"{relaxation:.3g} s; averaging assumes noise that forgets before the energy "
-            "changes: use the closure fokker_planck, or simulate"
+            f"correlation_time={memory:g} is above the relaxation time of {relaxation:.3g} s; "
+            "averaging assumes noise whose correlation time is shorter than the time in which the "
+            "energy changes: use the closure fokker_planck, or simulate"
         )
     if linear < 0.0 and s.transducer.coupling >= -linear:
         raise AveragingError(

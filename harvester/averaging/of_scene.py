@@ -156,7 +156,7 @@ def _closure_alone(method: Method) -> Stationary:
     HarvesterError
     """
     if not isinstance(method, Stationary):
-        raise HarvesterError(f"average: {method} is no closure; give Stationary(…)")
+        raise HarvesterError(f"average: {method} is an engine, not a closure; give Stationary(…)")
     return method
 
 

@@ -257,7 +257,8 @@ def settled_orbits(edge: Edge, level: np.ndarray, nodes: int) -> Orbits:
         found = find_root(mismatch, bracket, args=(level,), tolerances=limits)
         if not found.success.all():
             raise AveragingError(
-                "N2 and ω of the orbits found no fixed point; change coupling or load"
+                "the iteration for the orbits' frequency ω and added stiffness N2 did not "
+                "converge; change coupling or load, or use the closure fokker_planck"
             )
         added = found.x
     return Orbits(edge, level, added, nodes)

@@ -79,7 +79,10 @@ class Fitted:
         keys = [each.key for each in shooting.unknowns]
         made = with_values(scene, keys, fit.values)
         if made is None:
-            raise IdentificationError(f"{scene.name}: what fits best is no device")
+            raise IdentificationError(
+                f"{scene.name}: the scene refuses the best-fitting values: check the columns' "
+                "units and signs"
+            )
         path = shooting.responses.interpolation
         base = made.excitation
         if isinstance(base, RecordedMotion) and base.knot_spacing is None:

@@ -116,16 +116,16 @@ def identify(
         if not measurements:
             if keep_aside is not None:
                 raise IdentificationError(
-                    "--keep-aside: an impedance alone predicts no record: give one to fit to, too "
-                    "(--record)"
+                    "--keep-aside: an impedance alone cannot predict a record: give a record to "
+                    "fit too (--record)"
                 )
             return _of_impedance(scene, analysed, free, posterior, clock)
         begun, measurements = analysed.scene, [*measurements, analysed.measured]
     aside = [] if keep_aside is None else _measurements(scene, keep_aside)
     if not measurements:
         raise IdentificationError(
-            "--record: none is given: records kept aside are not fitted to; name at least one "
-            "that is"
+            "--record: none is given, and records kept aside are not fitted: name at least one "
+            "record to fit"
         )
     check_records(begun, [*measurements, *aside])
     outputs = list(measurements[0].sensed)
@@ -194,8 +194,8 @@ def _of_impedance(scene, analysed, free, posterior, clock):
 
     if free is not None:
         raise IdentificationError(
-            f"--free: an impedance alone tells {', '.join(analysed.keys)}, and no others: leave "
-            "--free out, or give a record too (--record)"
+            f"--free: an impedance alone determines {', '.join(analysed.keys)}, and no others: "
+            "leave --free out, or give a record too (--record)"
         )
     base = fitted_impedance(analysed)
     period = 1.0 / float(analysed.circuit.resonances[analysed.mode])

@@ -234,8 +234,8 @@ def _spring_key(scene):
         if key in numbers(scene):
             return key
     raise IdentificationError(
-        f"{scene.name}: an impedance tells the stiffness at rest, and this spring has no linear "
-        "term of its own: give it as restoring_force"
+        f"{scene.name}: an impedance determines the stiffness at rest, and this spring has no "
+        "linear term of its own: give it as restoring_force"
     )
 
 

@@ -167,7 +167,9 @@ class Responses:
         """
         made = self.device(number, values)
         if made is None:
-            raise IdentificationError("the fit has come to values that no device has")
+            raise IdentificationError(
+                "the fit reached values that the scene refuses: check the columns' units and signs"
+            )
         return made
 
     def states(

@@ -63,7 +63,7 @@ def fitted_responses(
     """
     if scene.stoppers:
         raise IdentificationError(
-            f"{scene.name}: a frequency response says nothing of stoppers: identify them from a "
+            f"{scene.name}: a frequency response cannot determine stoppers: identify them from a "
             "record in time"
         )
     aside = [np.arange(each.frequency.size) % KEPT_ASIDE == 1 for each in measurements]

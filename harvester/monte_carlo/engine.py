@@ -183,8 +183,8 @@ def integrate(
             several.collect(room.points)
             if several.diverged is not None:
                 raise SolutionDiverged(
-                    f"Monte Carlo left the finite numbers before t = {several.diverged:g}; "
-                    "choose a shorter --step"
+                    "Monte Carlo diverged (values that are not finite) before t = "
+                    f"{several.diverged:g}; choose a shorter --step"
                 )
             yield room.columns, room.points
         noise[0] = noise[count]

@@ -124,7 +124,7 @@ def steps_per_knot(ready: Prepared, step: str | float = "default", engine: str =
     if not isinstance(step, str):
         if step < SHORTEST_STEP * spacing:
             raise HarvesterError(
-                f"step {step:g}: less than {SHORTEST_STEP:g} of the {spacing:.3g} s between two "
+                f"step {step:g}: is less than {SHORTEST_STEP:g} of the {spacing:.3g} s between two "
                 "knots of the noise; choose a longer one"
             )
         return max(1, math.ceil(spacing / step - 1e-9))

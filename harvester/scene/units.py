@@ -190,7 +190,7 @@ def require_resistor(scene: Scene, method: str) -> None:
     """
     if not scene.load.is_resistor:
         raise LoadError(
-            f"{scene.name}: {method} knows a resistor as load, and load.netlist is "
+            f"{scene.name}: {method} takes only a resistor as load, and load.netlist is "
             f"{scene.load.netlist!r}; use the circuit engine"
         )
     require_mass(scene, method)
@@ -205,7 +205,7 @@ def require_mass(scene: Scene, method: str) -> None:
     """
     if scene.excitation.prescribes_displacement:
         raise LoadError(
-            f"{scene.name}: {method} knows a moving mass, and excitation.kind is "
+            f"{scene.name}: {method} needs a mass that moves by forces, and excitation.kind is "
             f"{scene.excitation.kind!r}; use the circuit engine"
         )
 

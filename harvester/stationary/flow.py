@@ -64,8 +64,8 @@ def shared_ends(device: System, grid: Grid) -> tuple[np.ndarray, ...]:
         ends = [np.empty((len(part.x), len(part.kept), len(part.v))) for _ in range(2)]
         if not _ends(device, part.x, part.kept, part.v, part.step, most, *ends):
             raise AveragingError(
-                "contacts or spring are too stiff for the steps that fokker_planck has: soften "
-                "them, or simulate"
+                "contacts or spring are so stiff that fokker_planck would need too many steps: "
+                "soften them, or simulate"
             )
     return *_neighbours(ends[0], grid.x, NEIGHBOURS), *_neighbours(ends[1], grid.v, LANES)
 

@@ -146,8 +146,8 @@ def _check(device):
     """Refuse what the state does not hold, and what takes too many steps."""
     if any(not isinstance(each.law, HertzDamp) for each in device.contacts):
         raise AveragingError(
-            "the contact law is not Hertz's: a force that begins with a jump is beyond the grids "
-            "of fokker_planck: simulate"
+            "the contact law is not Hertz's: fokker_planck's grids cannot resolve a force that "
+            "begins with a jump: simulate"
         )
     if any(each.law.holds for each in device.contacts):
         raise AveragingError(
@@ -294,7 +294,7 @@ def _found(task):
             fitted = Region.guessed(device, lone if held_back else None, np.sqrt(spread))
             solution = None
         region = fitted
-    raise AveragingError("the range of the motion was not found: simulate")
+    raise AveragingError("no grid covers the range of the motion: simulate")
 
 
 def _changed(solutions):

@@ -121,7 +121,8 @@ class Inverse:
                 if np.linalg.norm(left) > POOR_DIRECTION_REST * size:
                     self._coarser = None
         raise AveragingError(
-            "the stationary density was not reached: raise the tolerance, or simulate"
+            "the iteration for the stationary density did not converge: raise the tolerance, or "
+            "simulate"
         )
 
     def _take(self, left, found, which):

@@ -216,4 +216,4 @@ def _on_common_knots(points):
         change = {"excitation.knot_spacing": min(spacings)}
         return [Point(p.load, p.place, p.scene.replace(change)) for p in points]
     except SceneError as error:
-        raise HarvesterError(f"one spacing of knots for all points: {error}") from None
+        raise HarvesterError(f"the points need a common spacing of knots: {error}") from None

@@ -180,7 +180,7 @@ def series_of(scene: Scene, good: Sequence[dict]) -> np.ndarray | None:
 def power_series(moments: Sequence[Moments], unit: float) -> np.ndarray:
     """Output power batch by batch, shape (realizations, batches), whose mean is the estimate."""
     if complete_batches(moments) is None:
-        raise HarvesterError("no realization has a complete batch: raise run.duration")
+        raise HarvesterError("no realization is long enough for one batch: raise run.duration")
     energy, time = sums(moments, "mean_output_power" if moments[0].has_output else "mean_power")
     mean = energy.sum() / time.sum()
     return unit * (mean + (energy - mean * time) / time.mean())

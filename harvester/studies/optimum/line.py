@@ -190,8 +190,8 @@ class Search:
             else:
                 return self._found(centre, half, fit, coordinates, answers)
         raise OptimumError(
-            f"{self.axis.key}: the maximum of {self._name()} could not be told from noise; "
-            "raise run.duration or give a range around it with --from and --to"
+            f"{self.axis.key}: the maximum of {self._name()} could not be distinguished from "
+            "noise; raise run.duration or give a range around it with --from and --to"
         )
 
     def request(self, coordinate: float, moments: bool = False) -> Request:
@@ -243,8 +243,8 @@ class Search:
         end = self.axis.value(centre + half * fit.flat_to)
         raise OptimumError(
             f"{self.axis.key}: {self._name()} is flat from {place:.4g} to {end:.4g} by "
-            f"{self.method.name}, within errors or {STANDS_OUT:.1%}: a plateau, or a range too "
-            "narrow"
+            f"{self.method.name}, within errors or {STANDS_OUT:.1%}: the maximum is a plateau, or "
+            "the range is too narrow: widen it"
         )
 
     def _lengthen(self):

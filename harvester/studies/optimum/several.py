@@ -118,7 +118,7 @@ def _search(objective, proposals, count):
         proposals.tell([finite(value) for value in values])
         searched += zip(places, values, strict=True)
     if all(math.isnan(value) for _, value in searched):
-        raise OptimumError(f"at none of {len(searched)} places did a run come to its end")
+        raise OptimumError(f"all runs failed, at each of {len(searched)} places")
     return searched
 
 
@@ -131,7 +131,7 @@ def _chosen(objective, searched):
     places = list(dict.fromkeys(highest))[:CONFIRMED]
     values = [objective.value(each) for each in objective.answers(places, AGAIN, moments=True)]
     if all(math.isnan(value) for value in values):
-        raise OptimumError("at none of the highest places did a second run come to its end")
+        raise OptimumError("the second runs failed at all of the highest places")
     return places[int(np.nanargmax(values))]
 
 
