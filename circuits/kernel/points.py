@@ -79,7 +79,7 @@ def add_points(
     noise: float,
     free: tuple[float, float],
 ) -> int:
-    """A step's end as a point, behind the beginning once more where the power jumped there.
+    """Record a step's end as a point; if the power jumped at its beginning, that point is repeated.
 
     `before` are the load's power and the transducer's energy at the step's beginning, `scale` is
     its energy that counts, `free` the displacements between which no contact acts. Returns the

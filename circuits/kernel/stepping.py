@@ -372,9 +372,9 @@ def _length(longest, remaining, step):
 
 @merged
 def _guess(tables, state, share):
-    """A guess of the unknowns for Newton: as they are, and a share of the latest change.
+    """Newton's first guess: the present unknowns plus a share of their latest change.
 
-    Of the velocity alone, where no behavioural source asks for more.
+    Without behavioural sources only the velocity needs a guess.
     """
     n = state.y.size
     for i in range(0 if tables.behavioural.shape[0] > 0 else n - 1, n):
@@ -383,7 +383,8 @@ def _guess(tables, state, share):
 
 @merged
 def _set_sources(tables, state, time, noise, delta):
-    """Set the right-hand side to what sources add in a stage that change in time or with η."""
+    """Set the right-hand side to a stage's contributions of η and of sources that change in
+    time."""
     if tables.sources.shape[0] + tables.driven.shape[0] > 0:
         state.right[:] = 0.0
         add_waves(tables.sources, tables.waves, tables.corners, state.right, time, delta)

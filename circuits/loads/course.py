@@ -120,7 +120,8 @@ class Steps:
         return _joined(low[order], high[order], leaps[order], self._step)
 
     def _between(self, edges, smooth, jumps):
-        """Steps of the grid with jumps once more, cut at these: halving comes ever closer to one.
+        """Halve the steps that contain jumps once more, now cut at the jumps so that none lies
+        inside.
 
         Yields the smooth intervals elsewhere, the jumps, and the new intervals.
         """
@@ -189,7 +190,8 @@ def _cells(edges, intervals):
 
 
 def _merged(low, high):
-    """Jumps that touch as one, a little wider: an end is told from a jump just there."""
+    """Jumps with touching ones joined, each a little wider, so that a step's end does not
+    coincide with a jump."""
     order = np.argsort(low)
     low, high = low[order], high[order]
     apart = low[1:] > high[:-1] + 0.5 * (high[:-1] - low[:-1])

@@ -65,7 +65,7 @@ def check_needs(scope: Scope) -> None:
             try:
                 holds = each.value("{" + card.text + "}") > 0.0
             except ExpressionError as reason:
-                raise NetlistError(f"{needs}: that cannot be checked for {reason}") from None
+                raise NetlistError(f"{needs}: that cannot be checked: {reason}") from None
             if not holds:
                 raise NetlistError(f"{needs} here, with {_values(each, card.text)}")
 

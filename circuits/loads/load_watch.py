@@ -119,7 +119,8 @@ def _comparisons(parts, pins):
 
 
 def _store(each, pins):
-    """The ends of what is kept, and (size, whether it is a coil's current)."""
+    """The unknowns of a store (two nodes, or a coil's current), and (size in F or H, whether
+    it is a coil)."""
     coil = each.letter == "l"
     ends = tuple(pins.get(node, node) for node in each.nodes)
     return (f"i({each.name})", GROUND) if coil else ends, (each.size, coil)

@@ -130,7 +130,7 @@ class Scope:
         ExpressionError
         """
         if name in ("time", "hertz"):
-            raise NotConstant(f"the name {name}")
+            raise NotConstant(f"{name} changes during the run")
         if name not in self._under_way:
             if name in self.given:
                 return self.given[name]
@@ -141,7 +141,7 @@ class Scope:
             return self.caller.parameter(name)
         if name in CONSTANTS:
             return CONSTANTS[name]
-        raise ExpressionError(f"the name {name[:60]}")
+        raise ExpressionError(f"unknown name {name[:60]}: define it by .param")
 
     def _evaluated(self, name, text):
         """A value of this sub-circuit's own; one that names itself means that around it."""

@@ -31,10 +31,10 @@ STAYS = 6
 # For a path with noise: the longest period that is tested, in forcing periods, and the correlation
 # above which it repeats.
 LONGEST_IN_NOISE, CORRELATED = 6, 0.95
-# Motions without a period are compared on a grid of cells over the section; its side has this many
-# times √samples cells (24 for 64; with 24 for 19 samples one chaotic motion of eight starts was
-# taken for two). Two starts are on one attractor if this share of one's samples lies in or beside
-# cells of the other.
+# Motions without a period are compared on a grid of cells over the section, with CELLS √samples
+# cells along a side (24 for 64 samples; with 24 cells for 19 samples one chaotic motion of eight
+# starts was taken for two). Two starts are on one attractor if SAME_CELLS of one's samples lie in
+# or beside cells that the other fills.
 CELLS, SAME_CELLS = 3.0, 0.7
 
 

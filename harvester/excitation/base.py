@@ -88,8 +88,8 @@ class Excitation(ABC):
     def lines(self) -> tuple[tuple[float, float], ...]:
         """Frequency (Hz) and amplitude of each sine in it, at the same time or one after another.
 
-        A device meets them at its resonance with an error of its frequency, not of its power: steps
-        are chosen for that.
+        Near a resonance an integrator's error of frequency changes a sine's power; steps are chosen
+        for that.
         """
         return ()
 

@@ -105,13 +105,13 @@ class MeasuredFile:
         ]
 
     def times(self) -> list[int]:
-        """Places of the columns of times; those of sample numbers where nothing else is."""
+        """Indices of the time columns; of columns of sample numbers if there is no other."""
         found = self.of("time")
         clocks = [k for k in found if unit_named("time", self.headings[k].unit) != SAMPLES]
         return clocks or found
 
     def place(self, key: str, wanted: str | int) -> int:
-        """Place of a column by its name, its title or its number.
+        """Index of a column from its name, its title or its number.
 
         Parameters
         ----------
@@ -141,7 +141,8 @@ class MeasuredFile:
         return self._real(key, wanted)
 
     def _real(self, key, place):
-        """The place of a column; complex numbers are a response or an impedance alone."""
+        """Index of a column; refused if it holds complex numbers and is no response or
+        impedance."""
         if place in self.table.complexes and key not in COMPLEX_QUANTITIES:
             raise SceneError(
                 f"{self.where}: {key}: {self.label(place)} holds complex numbers, as a frequency "
@@ -350,7 +351,8 @@ def _agreed_rate(measured, given):
     own = measured.table.rate
     if given is not None and own is not None and not np.isclose(given, own, rtol=1e-6):
         raise SceneError(
-            f"{measured.where}: excitation.sampling_rate = {given:g}: the file says {own:g} Hz"
+            f"{measured.where}: excitation.sampling_rate = {given:g}: the file says {own:g} Hz: "
+            "leave it out"
         )
     return given if given is not None else own
 

@@ -290,7 +290,7 @@ def is_unit(text: str) -> bool:
 
 
 def column_named(wanted: str, names: Collection[str]) -> int | None:
-    """Place of a column by its whole name, or by its title where only one has that.
+    """Index of a column by its whole name, or by its title if only one column has it.
 
     None where there is no such column.
     """

@@ -32,13 +32,13 @@ BAND_SHARE, BAND_MISS = 0.99, 3.0
 # The result has a note if the offset exceeds this share of the rms.
 NOTED_OFFSET = 0.1
 STRETCHES = 4
-# A record is one sine at a time, perhaps swept, where in most of so many stretches this share of
-# the power lies within so many bins of the strongest; noise behind a filter of Q < 20 has less.
+# The record is cut into LINE_STRETCHES stretches. It counts as one sine at a time, perhaps swept,
+# if in most of them LINE_SHARE of the power lies within LINE_BINS bins of the strongest. Noise
+# behind a filter of Q < 20 has less.
 LINE_STRETCHES, LINE_SHARE, LINE_BINS = 16, 0.9, 3
-# So it is of up to three sines at once that hold this share, each with so many bins to itself; a
-# stretch with less than this share of the loudest one's power is silent.
-# Knots for each sample of a smooth record: of seven samples a period, straight lines between knots
-# then take 0.1 % of the amplitude.
+# The same holds for up to three sines at once, each with its own bins. A stretch counts as silent
+# if it has less than the given share of the loudest one's power. Knots for each sample of a smooth
+# record: of seven samples a period, straight lines between knots then take 0.1 % of the amplitude.
 SMOOTH_KNOTS = 8
 LINES_AT_ONCE, SHARE_OF_SEVERAL, BINS_PER_LINE, SILENT = 3, 0.99, 100, 1e-6
 # Length of a stretch, in samples.

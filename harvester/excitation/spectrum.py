@@ -27,11 +27,11 @@ if TYPE_CHECKING:
     from harvester.excitation.run import Run
 
 UNITS = {"g^2/Hz": ACCELERATION["g"] ** 2, "(m/s^2)^2/Hz": 1.0, "scaled": 1.0}
-# Knots in a period of the highest frequency, where the device itself needs them so close: the
-# signal is raised by 1/sinc², there by 0.2 dB, so that its density is right between them. Where the
-# device is slower its own spacing is enough, down to a quarter of that period: the first image, at
-# three times the highest frequency, then has 1.2 % of the density there. A bridge at 46 Hz under
-# 500 Hz takes half the steps so, one under 2 kHz a third.
+# Knots per period of the spectrum's highest frequency: the usual number, and the least. With the
+# usual number straight lines lower the density there by 0.2 dB, which is compensated. A slow device
+# needs fewer: with the least number the first image, at three times the highest frequency, has 1.2
+# % of the density. A bridge at 46 Hz then takes half the steps under a band up to 500 Hz, and a
+# third under one up to 2 kHz.
 KNOTS_PER_PERIOD, FEWEST_KNOTS_PER_PERIOD = 12.0, 4.0
 # A note is given if the rms of the knots exceeds that of the path between them by this share. The
 # second number is the points of the integral.

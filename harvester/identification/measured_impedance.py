@@ -175,7 +175,7 @@ def _columns(measured, given):
 
 
 def _place(measured, quantity, text):
-    """Place of a quantity's column: as given, else the only one whose heading names it."""
+    """Index of a quantity's column: as given, else the only one whose heading names it."""
     if text is not None:
         column = text.rpartition(":")[0] if _has_unit(measured, text) else text
         number = column not in measured.table.names and column.isdigit()

@@ -256,7 +256,7 @@ def _columns(measured, given, lines, units, rate):
 
 
 def _places(measured, given):
-    """Place of each quantity: as given, else by the headings, the plainest title first."""
+    """Column index of each quantity: as given, else by the headings, the plainest title first."""
     places: dict[str, int] = {}
     for quantity in COLUMNS:
         if quantity in given:

@@ -31,17 +31,17 @@ if TYPE_CHECKING:
 
 # The number of points allowed if none are kept. No run reaches it.
 MOST_POINTS = 2**62
-# Where each row of eight numbers begins. The first rows are the state at the beginning of a step,
-# with the number of the zone, its ends and the contacts' force. Realizations that are stepped apart
-# also have the excitation and its slope, the time since the knot, the step, and the number of zones
-# by which the mass moves at the step's end.
+# Offsets of the rows of eight numbers in a block. The first rows are the state at the beginning of
+# a step, with the number of the zone, its ends and the contacts' force. Realizations that are
+# stepped apart also have the excitation and its slope, the time since the knot, the step, and the
+# number of zones by which the mass moves at the step's end.
 STATE_ROWS = 13
 (
     DISPLACEMENT, VELOCITY, TRANSDUCER, HELD_SPEED, ZONE, LOW, HIGH, REACTION, NOISE, SLOPE, PHASE,
     LENGTH, ENTERS,
 ) = range(0, STATE_ROWS * TOGETHER, TOGETHER)  # fmt: skip
 MOTION_ROWS = 3  # X, X' and the transducer's state
-# The rows behind them belong to the end of the step: the motion, the contacts' force and damping
+# The rows after those belong to the end of the step: the motion, the contacts' force and damping
 # (1/s), the excitation, and whether the step is rejected.
 ROWS = STATE_ROWS + 7
 END = STATE_ROWS * TOGETHER

@@ -21,9 +21,9 @@ from harvester.record.record import Record
 # share a block of memory, in which each quantity has a row of eight numbers.
 TOGETHER = 8
 FIELDS, SUMS = len(Record._fields), len(QUANTITIES) + len(PRODUCTS)
-# Where each row begins. The rows are the latest point, the sums in the order of `Moments.integrals`
-# and `Moments.products`, the displacement before, the time since (0 before the start), and the two
-# saddles beside the well that was reached last.
+# Offsets of the rows in a block. The rows are the latest point, the sums in the order of
+# `Moments.integrals` and `Moments.products`, the displacement before it, the time since then (0
+# before the start), and the two saddles beside the well that was reached last.
 TIME, DISPLACEMENT, VELOCITY, VOLTAGE, LOAD_POWER, INPUT_POWER, LOSS_POWER, OWN_LOSS, STATE = range(
     0, FIELDS * TOGETHER, TOGETHER
 )

@@ -165,7 +165,7 @@ def _listed(name, count):
 
 
 def _without(place, name, index):
-    """Take one of several tables out, the last one with the name."""
+    """Remove one of several tables; if it is the only one, the key goes too."""
     several = place.pop(name)
     if isinstance(several, dict) or len(several) == 1:
         return

@@ -45,9 +45,10 @@ UNSEEN_ERROR = 0.2
 # others. A grid with more of them then shows it.
 SLOW_CHARGE = 0.1
 # If refining the nodes changes every mean by less than SPARSE_GRID_CHANGE of the tolerance, the
-# time-step error is estimated on the coarser grid, which is cheaper. Not where a charge outlasts
-# the period and the rate of crossings of a saddle changes by more than SPARSE_GRID_CROSSINGS of
-# itself: on few nodes each further step smears more density over the saddle.
+# time-step error is estimated on the coarser grid, which is cheaper. This does not hold if the
+# charge decays slower than a period and the rate of saddle crossings changes by more than
+# SPARSE_GRID_CROSSINGS of itself: on few nodes each further step smears more density over the
+# saddle.
 SPARSE_GRID_CHANGE, SPARSE_GRID_CROSSINGS = 0.2, 0.2
 # Coarse grids tried until one covers the density that it gives.
 REGION_ATTEMPTS = 8
@@ -65,10 +66,10 @@ LINE_TOLERANCE_SHARE = 0.3
 CONTINUED_WORK = 2.0
 # The first coarse grid's E[X'²] may be wrong by up to this factor.
 UNTOLD_FACTOR = 2.0
-# Two grids that differ in their steps give Richardson's correction for an error of second order.
-# Where steps are long the error is of higher order: CORRECTION_TAKEN of it is added. The stated
-# error is these shares of the correction and of what the last refinement of nodes and charges
-# changed.
+# Two grids with different steps give Richardson's correction, which assumes an error of second
+# order. With long steps the error is of higher order, so that only CORRECTION_TAKEN of it is added.
+# STATED_ERROR gives the shares of this correction, and of the last changes by refining nodes and
+# charges, that are stated as error.
 CORRECTION_TAKEN, STATED_ERROR = 0.6, {"steps": 0.7, "nodes": 0.75, "charges": 0.75}
 # Nodes too coarse for a contact have an error of first order: with 4/3 times the nodes a quarter of
 # it goes, so that three times the change is left.

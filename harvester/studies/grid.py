@@ -76,7 +76,7 @@ class Grid:
 
     @property
     def curve(self) -> int | None:
-        """Place among the sweeps of the one that optima are sought along: the longest."""
+        """Index of the sweep along which optima are sought: the longest one."""
         lengths = [len(values) for values in self.sweeps.values()]
         return lengths.index(max(lengths)) if lengths else None
 

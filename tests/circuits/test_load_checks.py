@@ -49,7 +49,9 @@ def test_couplings_that_coils_can_have(tmp_path, sizes):
     ],
 )
 def test_couplings_that_contradict_each_other(tmp_path, sizes, parameters):
-    with pytest.raises(NetlistError, match=r"load\.lib:9: k2: impossible couplings: .* l1, l2, l3 would hold"):
+    with pytest.raises(
+        NetlistError, match=r"load\.lib:9: k2: impossible couplings: .* l1, l2, l3 would hold"
+    ):
         read(tmp_path, with_couplings(*sizes), **parameters)
 
 

@@ -170,7 +170,8 @@ def _error_of_prefix(weights, series, count):
 
 
 def _vertex(x, y):
-    """Place of a parabola's extremum through three points, and its derivative by their values."""
+    """Position of the extremum of a parabola through three points, and its derivatives by
+    their values."""
     # Rows: curvature, slope and value at the middle point, each linear in y.
     rows = np.linalg.inv(np.vander(x - x[1], 3))
     curvature, slope = rows[0] @ y, rows[1] @ y

@@ -112,7 +112,7 @@ class Sensitivity:
         return header, rows
 
     def order(self) -> list:
-        """Places of the parameters, that with the largest total index first."""
+        """Indices of the parameters, the one with the largest total index first."""
         size = [abs(high.estimate - low.estimate) for low, high in self.effects]
         if self.indices.total is not None:
             size = [each.estimate for each in self.indices.total]
