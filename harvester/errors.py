@@ -65,7 +65,7 @@ class IdentificationError(HarvesterError):
 
 
 class SimulationError(HarvesterError):
-    """A simulation did not come to its end.
+    """A simulation failed or was stopped before its end.
 
     Attributes
     ----------

@@ -75,7 +75,7 @@ def unpickled(content: bytes, path: str) -> Any:
 
 
 def _say_damage(path: str) -> None:
-    """One line on standard error in each process."""
+    """Report a damaged file: one line on standard error, once in each process."""
     if not _said:
         _said.append(path)
         print(

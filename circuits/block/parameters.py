@@ -59,7 +59,7 @@ class Parameter(NamedTuple):
 
 
 class Parameters:
-    """What a block's formulas are made of.
+    """The parameters of a block, and the expressions of them by which its formulas are written.
 
     Parameters
     ----------

@@ -138,7 +138,7 @@ def _constant(value, count, kind=DOUBLE):
 
 
 def beside(numbers: Sequence[Number]) -> Number:
-    """Numbers put side by side."""
+    """A vector made of single numbers."""
     builder = numbers[0].builder
     value = ir.Constant(ir.VectorType(DOUBLE, len(numbers)), ir.Undefined)
     for k, number in enumerate(numbers):

@@ -81,7 +81,7 @@ def evaluate(typing_context: Any, address: Any, numbers: Any, values: Any) -> An
 
 @intrinsic
 def _at(typing_context, place):
-    """The device that lies at a place in memory."""
+    """Read the device from an address in memory."""
 
     def code(context, builder, signature, arguments):
         kind = context.get_value_type(signature.return_type)

@@ -110,7 +110,7 @@ def _again(record, output, point, power):
 
 @merged
 def _write(device, probes, state, record, output, point, time, noise, free):
-    """One point of the record."""
+    """Write one point into the record."""
     scalars, y = state.scalars[0], state.y
     n = y.size
     places, units = probes.places, probes.units

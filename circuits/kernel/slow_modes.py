@@ -128,7 +128,7 @@ def _stamp(conductance, ends, value):
 
 
 def _add_behavioural(tables, y, conductance):
-    """Slopes of the expressions."""
+    """Add the behavioural sources' slopes to the conductances."""
     values, shares = tables.tape_values.copy(), np.zeros(len(tables.tape))
     evaluate(tables.tape, values, y, 0.0)
     for number, (to, source, first, last) in enumerate(tables.behavioural):

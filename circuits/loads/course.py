@@ -46,7 +46,7 @@ MOST_STEPS = 5000
 
 
 class Plan(NamedTuple):
-    """Steps over a stretch of time.
+    """The steps prescribed by a load's own sources over an interval of time.
 
     Attributes
     ----------
@@ -185,7 +185,7 @@ class Steps:
 
 
 def _cells(edges, intervals):
-    """Which steps of the grid hold intervals."""
+    """Indices of the grid's steps in which the intervals lie."""
     return np.searchsorted(edges, 0.5 * (intervals[0] + intervals[1]), "right") - 1
 
 

@@ -56,7 +56,7 @@ class _Foreign(Parser):
         return super().compared(sign, left, right)
 
     def raised(self, base: Tree, exponent: Tree) -> Tree:
-        """The real part of the power."""
+        """Build the tree of a power; of a negative base its real part, as LTspice has it."""
         if exponent[0] == "number" and exponent[1] % 2.0 == 0.0:
             return super().raised(base, exponent)
         size = _size(base, exponent)

@@ -156,7 +156,7 @@ class Parser:
             )
 
     def signed(self) -> Tree:
-        """A power behind signs and negations."""
+        """Parse a power with the signs and negations before it."""
         signs = []
         while self.peek() in ("-", "+", *self.negations):
             signs.append(self.take()[1])
@@ -326,7 +326,7 @@ def rebuilt(tree: Tree, made: Callable) -> Any:
 
 
 def leaves(tree: Tree) -> Iterator[Tree]:
-    """A tree and all within it."""
+    """A tree and all trees within it."""
     waiting = [tree]
     while waiting:
         here = waiting.pop()

@@ -127,7 +127,7 @@ def _is_wave(part: Part) -> bool:
 
 
 def _pins(nodes, known):
-    """New name of each node that gets one."""
+    """New names of the nodes that are renamed."""
     for node in nodes:
         if node not in known:
             raise NetlistError(f"no node {node[:40]}{nearest(node, known)}; {listed(known)}")

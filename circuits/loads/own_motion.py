@@ -290,7 +290,7 @@ class _Circuit:
         return f"{each.name} ({each.where})"
 
     def _currents(self, y, closed, slopes_too):
-        """i(y), and its slopes."""
+        """Currents i(y) into the nodes, and their derivatives."""
         current, slope = self._g @ y, self._g.copy()
         known = np.append(y, 0.0)
 

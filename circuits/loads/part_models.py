@@ -166,7 +166,7 @@ def switch(line: Any, model: Model) -> Model:
 
 
 def _resistances(line, model):
-    """Ω of a switch that is open and closed."""
+    """Resistances (Ω) of a switch, open and closed."""
     off, on = model.get("roff", 1e12), model.get("ron", 1.0)
     if min(off, on) < LEAST_RESISTANCE:
         line.refuse(

@@ -173,7 +173,7 @@ class Scope:
         return None
 
     def outwards(self) -> Iterator[Scope]:
-        """This one and those around its definition."""
+        """This scope and those in which it is defined, outwards."""
         scope: Scope | None = self
         while scope is not None:
             yield scope

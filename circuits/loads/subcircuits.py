@@ -52,7 +52,7 @@ _READINGS = {"M": ("a million", "a thousandth"), "F": ("a farad", "a femtofarad"
 
 @dataclass(frozen=True)
 class LoadCircuit:
-    """A load ready to hang on the piezo.
+    """A load that was read and checked, ready to be connected to the transducer.
 
     Attributes
     ----------

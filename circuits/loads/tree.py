@@ -44,7 +44,7 @@ class Subcircuit:
     dialect: str = ""
 
     def scope(self) -> Scope:
-        """Names from here outwards."""
+        """The names that are visible here, including those of the definitions around it."""
         around = self.around()
         return Scope(
             ChainMap(*(values for place in around for values in (place.local, place.parameters))),

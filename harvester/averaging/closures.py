@@ -34,7 +34,7 @@ COARSE_LEVELS, COARSE_NODES = 200, 24
 
 
 class Closure(NamedTuple):
-    """One way to stationary means.
+    """A closure: one method for stationary means.
 
     Attributes
     ----------

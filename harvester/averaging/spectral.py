@@ -214,7 +214,7 @@ class GaussianDensity:
         return ("displacement", "velocity") if self.gaussian else ()
 
     def tabulated(self, name: str) -> tuple[np.ndarray, np.ndarray]:
-        """Places and the density there."""
+        """A density as a table: (places, values)."""
         place = self.names.index(name)
         deviation = math.sqrt(self.covariance[place, place])
         spring = self.system.spring

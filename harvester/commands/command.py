@@ -48,7 +48,7 @@ class Command:
 
     @property
     def found(self) -> Callable:
-        """The function itself."""
+        """The function that the command calls, imported if it was given by name."""
         if isinstance(self.function, str):
             return getattr(harvester, self.function)
         return self.function

@@ -95,7 +95,7 @@ class _Lines:
         self._start.start()
 
     def close(self):
-        """End the output."""
+        """Finish the last line."""
         self._start.cancel()
 
     def _say_start(self):

@@ -11,7 +11,7 @@ if TYPE_CHECKING:
 
 
 class Tabled(Protocol):
-    """What a command shows on the terminal."""
+    """Interface of results that a command shows on the terminal."""
 
     @property
     def scene(self) -> Scene | None:
@@ -25,7 +25,7 @@ class Tabled(Protocol):
 
 
 class Shown(Tabled, Protocol):
-    """What it writes as JSON and as a figure too."""
+    """Interface of results that are also written as JSON and as a figure."""
 
     def to_dict(self) -> dict[str, Any]:
         """Plain values for JSON."""

@@ -202,7 +202,7 @@ class ForceTable(NamedTuple):
         return False
 
     def gain_formula(self, x: str, place: float, rate: float, number: Callable) -> str:
-        """2 [U(x) − U(place)]/rate²."""
+        """A formula of 2 [U(x) − U(place)]/rate² for netlists."""
         pieces = []
         for origin, force in self.pieces():
             below = float(self.energy(origin)) - float(self.energy(place))

@@ -134,7 +134,7 @@ def check_value(where: str, value: Any, spec: Key, origin: str) -> Any:
 
 
 def is_word(value: object, words: Collection[str]) -> bool:
-    """Whether a value is one of some words."""
+    """Whether a value is one of the allowed words."""
     # An array of numpy is compared item by item.
     return isinstance(value, str) and value in words
 

@@ -68,7 +68,7 @@ class ShakenPiezo(PiezoLaw, _ShakenRates):
     __slots__ = ()
 
     def base_rate(self, slope: float) -> float:
-        """κ η'."""
+        """Contribution of the base to the state's rate, κ η'."""
         return self.base_share * slope
 
     def base_speed(self, v: Values, state: Values, current: Values) -> Values:
@@ -76,7 +76,7 @@ class ShakenPiezo(PiezoLaw, _ShakenRates):
         return v - self.coupling * self.base_share * (v - self.own_rate * state - current)
 
     def kept_state(self, state: Values, noise: Values) -> Values:
-        """W."""
+        """The kept state W = V − κ η."""
         return state - self.base_share * noise
 
     def current(self, v: Values, state: Values) -> Values:

@@ -43,7 +43,7 @@ class Ranged(NamedTuple):
 
     @property
     def straight(self) -> bool:
-        """No: it bends at both ends."""
+        """Whether F is a line: no, it bends at both ends of the range."""
         return False
 
     @property
@@ -124,7 +124,7 @@ class Ranged(NamedTuple):
         return False
 
     def gain_formula(self, x: str, place: float, rate: float, number: Callable) -> str:
-        """2 [U(x) − U(place)]/rate²."""
+        """A formula of 2 [U(x) − U(place)]/rate² for netlists."""
         inside = self.spring.gain_formula(x, place, rate, number)
 
         def parabola(end):

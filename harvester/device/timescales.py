@@ -282,6 +282,6 @@ def beside(system: System, well: float) -> tuple[float, ...]:
 
 
 def _neighbours(system, well, saddle):
-    """Whether no other well lies between the two."""
+    """Whether a well and a saddle are neighbours: no other well lies between them."""
     low, high = min(well, saddle), max(well, saddle)
     return not any(low < x < high for x in wells(system) if x != well)

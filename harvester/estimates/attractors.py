@@ -171,7 +171,7 @@ def groups_that_meet(samples: np.ndarray) -> list[Group]:
 
 
 def _cycles(samples, scale, period, members):
-    """Starts of one period, by their cycles."""
+    """Starts whose motions have the same period, grouped by the cycle that they reach."""
     last = samples[members, -period:]
     left, found = np.arange(members.size), []
     while left.size:
@@ -282,7 +282,7 @@ class Divergence:
 
     @property
     def chaotic(self) -> bool:
-        """Whether neighbours part, beyond chance."""
+        """Whether neighbouring paths diverge significantly (exponent > 0)."""
         return self.exponent > 3.0 * self.standard_error
 
     def __str__(self) -> str:

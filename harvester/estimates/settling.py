@@ -58,7 +58,7 @@ DRIFTING_QUANTITIES = {
 
 @dataclass(frozen=True)
 class Shortfall:
-    """What a run was too short for.
+    """A reason for which a run was too short, with the quantities affected.
 
     Attributes
     ----------
@@ -86,7 +86,7 @@ def shortfalls(
     estimates: dict[str, Estimate],
     balance: WellBalance | None = None,
 ) -> list[Shortfall]:
-    """What a run was too short for, if anything.
+    """All reasons for which a run was too short; empty if there are none.
 
     Parameters
     ----------

@@ -319,7 +319,7 @@ def flat_crests(values: np.ndarray) -> np.ndarray:
 
 
 def _longest_run(fault):
-    """Samples of the longest gap."""
+    """Length of the longest gap in samples."""
     edges = np.flatnonzero(np.diff(np.concatenate([[False], fault, [False]]).astype(int)))
     return int((edges[1::2] - edges[::2]).max())
 

@@ -141,7 +141,7 @@ def _text_attribute(dataset, names):
 
 
 def _number_attributes(holder):
-    """Attributes of one number."""
+    """Attributes that hold a single number."""
     found = {name: np.asarray(holder.attrs[name]) for name in holder.attrs}
     return {
         name: float(value.ravel()[0])

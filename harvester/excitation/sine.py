@@ -92,7 +92,7 @@ class Sine(Harmonic):
         return 1.0 / (self.frequency * knots)
 
     def density(self, frequencies: np.ndarray) -> np.ndarray:
-        """0: all that there is are its `lines`."""
+        """Continuous spectral density: 0, as a sine has only its `lines`."""
         return np.zeros(np.shape(frequencies))
 
     def path(self, spacing: float, length: float, seed: Any) -> ExcitationPath:

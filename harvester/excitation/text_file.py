@@ -225,7 +225,7 @@ def _digits(text):
 
 
 def _form_of(lines):
-    """The form of most of some lines."""
+    """The form (separator, decimal mark, kinds of columns) that most of the lines have."""
     seen = []
     for line in lines:
         best, best_share = None, 0.0

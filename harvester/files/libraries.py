@@ -7,7 +7,7 @@ from harvester.errors import MissingLibrary
 
 
 def optional_library(name: str, purpose: str, extra: str) -> ModuleType:
-    """A library of an extra of this project.
+    """Import a library that belongs to an extra of this project, or say how to install it.
 
     Parameters
     ----------

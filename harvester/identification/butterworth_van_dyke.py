@@ -198,7 +198,7 @@ def _unit_branch(frequency, resonance, quality):
 
 
 def _stacked(table):
-    """Real parts above imaginary ones."""
+    """A complex array as a real one: the real parts, then the imaginary parts."""
     return np.concatenate([table.real, table.imag])
 
 

@@ -39,7 +39,7 @@ SURE = 3.0
 
 @dataclass(frozen=True)
 class Candidate:
-    """A model beside the scene's.
+    """A model that is compared with the scene's own.
 
     Attributes
     ----------

@@ -152,7 +152,7 @@ class ImpedanceStretch(ResponseStretch):
 
 
 def kept_aside(measured: Any) -> np.ndarray:
-    """Which lines of a response no fit sees."""
+    """Mask of the lines of a response that are kept aside."""
     return np.arange(measured.frequency.size) % KEPT_ASIDE == 1
 
 

@@ -167,7 +167,7 @@ def _model_error(fitted):
 
 
 def _of_record(fitted, measurement, visited, values, model_error):
-    """One record's proof."""
+    """Compare one kept-aside record with its prediction."""
     shooting, noise = _shooting(fitted, measurement)
     whole = [(0, measurement.acceleration.size)]
     begun = Fit(fitted.values, [], [], [noise])

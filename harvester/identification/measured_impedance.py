@@ -201,7 +201,7 @@ def _has_unit(measured, text):
 
 
 def _values(measured, quantity, place, text):
-    """A column in SI."""
+    """The values of a column, converted to SI units."""
     given = text.rpartition(":")[2] if text is not None and _has_unit(measured, text) else None
     unit = measured.agreed_unit(quantity, place, f"{quantity}=COLUMN:UNIT", given)
     (values,) = measured.take([place])
@@ -252,7 +252,7 @@ def _check_phase(measured, place, values, unit):
 
 
 def _ordered(frequency, impedance, where):
-    """Lines by rising frequency."""
+    """The lines sorted by rising frequency."""
     if frequency.size > MOST_LINES:
         raise SceneError(
             f"{where}: it has {frequency.size} lines, and {MOST_LINES} are the most: leave every "

@@ -101,7 +101,7 @@ class Measurement:
 
     @property
     def duration(self) -> float:
-        """s."""
+        """Duration of the record (s)."""
         return self.acceleration.size / self.sampling_rate
 
 

@@ -63,7 +63,7 @@ class Stretch:
 
     @property
     def residuals(self) -> np.ndarray:
-        """Simulated in windows less measured."""
+        """Outputs simulated in windows minus the measured ones."""
         return self.windowed - self.measured
 
     @property

@@ -84,7 +84,7 @@ class Experiment:
 def experiment(
     scene: Scene, measurement: Measurement, frequency: float, per_period: int = FINE_STEPS
 ) -> Experiment:
-    """A measurement made ready.
+    """Prepare a measurement for simulation: its steps, and the acceleration at them.
 
     Parameters
     ----------

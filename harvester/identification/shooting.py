@@ -188,7 +188,7 @@ class Shooting:
         return True
 
     def _shares(self, number, noise):
-        """Noise of each output over its rms."""
+        """Noise level of each output, divided by the output's rms."""
         outputs = self.responses.experiments[number].measurement.outputs
         return noise / np.array([np.std(each) for each in outputs.values()])
 

@@ -112,7 +112,7 @@ class SteadyResponses(Responses):
         return np.column_stack(list(outputs.values()))
 
     def _response(self, system, scales, number, values):
-        """True voltage over true acceleration."""
+        """Complex voltage per base acceleration, before the sensors' effects."""
         each: Any = self.experiments[number]
         measured = each.measurement
         rate = 2j * math.pi * measured.frequency

@@ -42,7 +42,7 @@ SMALLEST_SHARE = 1e-3
 
 @dataclass(frozen=True)
 class Unknown:
-    """One free number.
+    """One unknown of a fit.
 
     Attributes
     ----------

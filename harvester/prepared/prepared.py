@@ -22,7 +22,7 @@ KEPT = 64
 
 @dataclass(frozen=True)
 class Prepared:
-    """A scene with its scaled form.
+    """A scene together with its scaled device and scales.
 
     Attributes
     ----------

@@ -52,7 +52,7 @@ FINEST_BIN = 2.0**-40
 
 @dataclass
 class Moments:
-    """What is kept of one realization's record.
+    """Sums, histograms and end points that are kept of one realization's record.
 
     Attributes
     ----------
@@ -101,7 +101,7 @@ class Moments:
 
     @property
     def has_output(self) -> bool:
-        """Whether they are of a load with an output."""
+        """Whether the load has an output."""
         return self.output is not None and self.output.has_output
 
     @classmethod

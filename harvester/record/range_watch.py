@@ -34,7 +34,7 @@ class RangeWatch:
         self._length, self._unit = length, unit
 
     def add(self, record: Record) -> None:
-        """Take the points in.
+        """Check the points of one chunk.
 
         Raises
         ------

@@ -81,7 +81,7 @@ class StrainWatch:
         self._last = np.full((2, 3), np.nan)
 
     def add(self, record: Record) -> None:
-        """Take the points in."""
+        """Add the points of one chunk."""
         if record.time.size == 0:
             return
         of, strain = self._moments, self._strain

@@ -376,7 +376,7 @@ class Result:
         return f"{title}{table_of(*self.table())}{facts('; '.join(self.sentences()))}"
 
     def evidence(self) -> list[str]:
-        """Sentences on how the numbers came about."""
+        """Sentences on the runs and methods behind the numbers."""
         said = [self.engine_version]
         if self.simulated_time > 0.0:
             said.append(

@@ -31,7 +31,7 @@ def open_runner(
     progress: Callable[[float, str], object] | None = None,
     runner: Runner | None = None,
 ) -> Iterator[Runner]:
-    """Make a runner for the block.
+    """Open a runner for the duration of a `with` block.
 
     Parameters
     ----------

@@ -107,7 +107,7 @@ class Request:
 
     @property
     def first(self) -> int:
-        """Realizations to begin with."""
+        """Number of realizations in the first round."""
         if self.precision:
             return self.realizations or FIRST_REALIZATIONS
         wanted = self.realizations or self.scene.run.realizations

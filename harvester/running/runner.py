@@ -169,7 +169,7 @@ class Runner:
 
 
 class _Following:
-    """One call of `Runner.follow`."""
+    """State of one call of `Runner.follow`."""
 
     def __init__(self, runner, plans, on_end, in_turn):
         self._runner, self._plans, self._on_end = runner, plans, on_end
@@ -308,6 +308,6 @@ def _cut(request):
 
 
 def _alone(task):
-    """A plan of one task."""
+    """A plan that asks for a single task and returns its answer."""
     (result,) = yield Wanted([task])
     return result

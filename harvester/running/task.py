@@ -68,7 +68,7 @@ class Task:
 
 
 class Wanted(NamedTuple):
-    """What a plan yields to get answers.
+    """Tasks whose answers a plan needs: the plan yields this and is sent the answers.
 
     Attributes
     ----------

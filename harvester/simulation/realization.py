@@ -37,7 +37,7 @@ REPORT_SECONDS = 0.25
 
 @dataclass
 class Realization:
-    """What a worker sends back.
+    """One realization's results, as a worker process returns them.
 
     Attributes
     ----------
@@ -158,7 +158,7 @@ class Reporter:
         self._next = time.monotonic() + REPORT_SECONDS
 
     def add(self, record: Record) -> None:
-        """Report when it is time."""
+        """Report the moments if the last report is old enough."""
         now = time.monotonic()
         if now >= self._next:
             self._report(self._moments)

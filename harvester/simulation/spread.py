@@ -152,7 +152,7 @@ def outcomes(
 
 
 class Follower:
-    """Adds up how far the realizations are."""
+    """Computes the progress of all realizations from their reports."""
 
     def __init__(self, scene: Scene, method: str, progress: Callable[[float, str], object]):
         self._method = method
@@ -163,7 +163,7 @@ class Follower:
         self._progress = progress
 
     def __call__(self, index: int, moments: list) -> None:
-        """Take in the moments that a call has so far."""
+        """Update the progress from one call's latest moments."""
         reached = sum(each.time_reached for each in moments)
         self._sum += reached - self._reached.get(index, 0.0)
         self._reached[index] = reached

@@ -33,7 +33,7 @@ FASTEST_PHASE = 1.5
 
 
 class Grid(NamedTuple):
-    """Nodes of a propagator.
+    """The nodes of a grid, and the time step, of a propagator.
 
     Attributes
     ----------

@@ -71,7 +71,7 @@ WHITE_MEMORY = 1e-4
 
 
 class Level(NamedTuple):
-    """How fine a grid is.
+    """Numbers of nodes and steps that define how fine a grid is.
 
     Attributes
     ----------

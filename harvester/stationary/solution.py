@@ -161,7 +161,7 @@ class Solution:
         return self.propagator.repeated(state, self.steps)
 
     def _balanced(self, change):
-        """A change of the state, of sum 0."""
+        """A change of the state, corrected so that its sum is 0."""
         return change - change[:, :, 0].sum() * self.state
 
     def _cleared(self, change):

@@ -45,7 +45,7 @@ def checked_method(scene: Scene, method: str | Method | None) -> Method:
 
 
 def is_noisy(scene: Scene, method: Method) -> bool:
-    """Whether another seed gives another value."""
+    """Whether the value depends on the seed."""
     return isinstance(method, Engine) and scene.excitation.random
 
 

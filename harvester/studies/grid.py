@@ -48,7 +48,7 @@ class Point:
 
 @dataclass(frozen=True)
 class Grid:
-    """What a study varies.
+    """The loads and the swept values of a study, with the scene of every point.
 
     Attributes
     ----------
@@ -71,7 +71,7 @@ class Grid:
 
     @property
     def shape(self) -> tuple[int, ...]:
-        """Loads, then the values of each sweep."""
+        """Shape of the grid: (loads, values of the first sweep, …)."""
         return (len(self.loads), *(len(values) for values in self.sweeps.values()))
 
     @property

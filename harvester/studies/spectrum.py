@@ -46,7 +46,7 @@ def analysis_of(
     duration: Seconds | None,
     breakpoints: int,
 ) -> SpectrumAnalysis:
-    """What `harvester.spectrum` returns."""
+    """The analysis that `harvester.spectrum` returns."""
     from harvester.excitation.recorded import RecordedMotion, one_pass
 
     if breakpoints < 2:
@@ -212,7 +212,7 @@ def profile(frequencies: np.ndarray, density: np.ndarray, breakpoints: int) -> n
 
 @dataclass(frozen=True)
 class SpectrumAnalysis:
-    """What `harvester.spectrum` says.
+    """Result of `harvester.spectrum`.
 
     Attributes
     ----------

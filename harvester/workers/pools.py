@@ -138,7 +138,7 @@ class WorkerPool:
             self._idle.put(worker)
 
     def _begin(self, *call):
-        """The Future of one call."""
+        """Start one call; returns its Future."""
         if self._closed:
             raise HarvesterError("runner: its processes were ended; give one that is open")
         return self._threads.submit(self._run, *call)
@@ -188,7 +188,7 @@ class ExecutorPool:
         return self._begin(function, arguments, time_limit, True)
 
     def _begin(self, *call):
-        """The Future of one call."""
+        """Start one call; returns its Future."""
         try:
             return self._executor.submit(call_here, *call)
         # Executors have no common exception for having been shut down.

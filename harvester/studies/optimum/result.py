@@ -192,7 +192,7 @@ class Optimum:
         ]
 
     def _on_averaging(self, averaging):
-        """How far averaging is off."""
+        """Sentence: the deviation of averaging from the simulation."""
         words = f"averaging, {averaging.closure}"
         place, value = self._off(averaging)
         lines = [f"{words}: no optimum: {averaging.reason}"]
@@ -223,7 +223,7 @@ class Optimum:
         ]
 
     def _on_ranges(self):
-        """What bounds each parameter."""
+        """Sentences: the flat range of each parameter."""
         lines = []
         failures = sum(math.isnan(value.estimate) for _, value in self.searched)
         if any(math.isnan(each.flat_low + each.flat_high) for each in self.parameters):
@@ -269,7 +269,7 @@ class Optimum:
         ]
 
     def _on_runs(self):
-        """What was run, over several parameters."""
+        """Sentence: the runs of an optimum over several parameters."""
         noisy = is_noisy(self.scene, method_of(self.method))
         own_noise = "; value on noise of its own" if noisy else ""
         return (

@@ -144,7 +144,7 @@ class Bifurcation:
 
     @property
     def _every(self):
-        """The table shows every so many-th value."""
+        """Stride of the table: it shows every n-th value."""
         return math.ceil(self.values.size / MOST_VALUES_SHOWN)
 
     def data(self) -> tuple[list[str], list[list[Any]]]:

@@ -148,7 +148,7 @@ class Sensitivity:
         return [*lines, *self.failures]
 
     def _spread(self, each):
-        """An interval in a sentence."""
+        """Text: a quantity's interval."""
         words = (quantity(number, self.unit) for number in (each.estimate, each.low, each.high))
         return "{} ({} … {})".format(*words)
 
@@ -241,7 +241,7 @@ class Sensitivity:
 
 
 def checked(scene: Scene, tolerances: list, method: str | Method | None, rows: int) -> Method:
-    """The method of a design that can be run.
+    """The method, checked together with the design and its options.
 
     Raises
     ------

@@ -73,7 +73,7 @@ BATCHED_AS = 8
 
 @dataclass(frozen=True)
 class MethodRow:
-    """What was measured of one method.
+    """Measured errors and times of one method.
 
     Attributes
     ----------

@@ -30,7 +30,7 @@ UNITS = ((86400.0, "d"), (3600.0, "h"), (60.0, "min"), (1.0, "s"), (1e-3, "ms"))
 
 @dataclass(frozen=True)
 class Line:
-    """What was measured of one method.
+    """Errors and cost of one method.
 
     Attributes
     ----------
@@ -209,7 +209,7 @@ def reached(error: TotalError, limit: float) -> str:
 
 
 def duration(seconds: float) -> str:
-    """Two digits with a fitting unit."""
+    """A duration as text: two digits with a fitting unit."""
     for size, unit in UNITS:
         if seconds >= size:
             return f"{float(f'{seconds / size:.2g}'):g} {unit}"

@@ -101,7 +101,7 @@ class MeasuredDevice:
     scatter: float | None = None
 
     def truths(self) -> list[Truth]:
-        """One for each point."""
+        """The known results of this device, one for each measured point."""
         found = []
         for frequency, (resistances, powers) in self.series.items():
             own = self.own_scatter(frequency)

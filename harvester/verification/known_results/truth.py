@@ -128,7 +128,7 @@ class Verification:
 
     @property
     def scene(self) -> None:
-        """Every result has its own."""
+        """None: every result has a scene of its own."""
 
     @property
     def failed(self) -> list[TruthRow]:
@@ -137,7 +137,7 @@ class Verification:
 
     @property
     def exact(self) -> list[TruthRow]:
-        """Rows of what was derived or computed."""
+        """Rows of truths that were derived or computed, not measured."""
         return [row for row in self.rows if not row.truth.device]
 
     @property

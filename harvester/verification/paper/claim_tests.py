@@ -88,7 +88,7 @@ class StatementTest:
         return ()
 
     def scenes(self, condition: Changes) -> list[Changes]:
-        """Changes of the scene."""
+        """The changes of the scene whose answers this test needs."""
         return [with_value(condition, *place) for place in self.places()] or [condition]
 
     def findings(self, *arguments: Any) -> list[Finding]:
@@ -105,11 +105,11 @@ class Along(StatementTest):
     values: tuple[float, ...]
 
     def places(self) -> list[tuple[str, float]]:
-        """The key with each of its values."""
+        """(key, value) for each value of the key."""
         return [(self.swept, value) for value in self.values]
 
     def known(self, condition: Changes, read: Read) -> list[tuple[float, Answer]]:
-        """(value, answer) where there is one that has the quantity."""
+        """(value, answer) of the values for which there is an answer that has the quantity."""
         answers = [read(changes) for changes in self.scenes(condition)]
         pairs = zip(self.values, answers, strict=True)
         return [(value, each) for value, each in pairs if each and _has(each, self.quantity)]
@@ -315,7 +315,7 @@ class WiderBand(StatementTest):
     of_orbits = True
 
     def scenes(self, condition: Changes) -> list[Changes]:
-        """None: no noise enters."""
+        """No scenes: the test needs no simulation."""
         return []
 
     def findings(self, scene: Scene) -> list[Finding]:

@@ -111,7 +111,7 @@ class Judgement:
 
     @property
     def judged(self) -> list[tuple[Claim, dict[str, Opinion]]]:
-        """Each claim with what is said of it."""
+        """Each claim with the methods' verdicts."""
         return list(zip(self.claims, self.verdicts, strict=True))
 
     def table(self) -> tuple[list[str], list[list[str]]]:

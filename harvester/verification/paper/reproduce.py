@@ -289,7 +289,7 @@ def _sweep_values(panel, place, curve, quick):
 
 
 def _requests(plan):
-    """All of a figure's."""
+    """All requests of a figure."""
     lines = [line for panel in plan for line in panel]
     return [request for line in lines for points in line.values() for _, request in points]
 

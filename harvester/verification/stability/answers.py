@@ -107,7 +107,7 @@ def _simulated(scene, engine, step):
 
 
 def _run(scene, step):
-    """All of Monte Carlo's realizations."""
+    """Run all realizations of a case by Monte Carlo."""
     return run(scene, MonteCarlo(step), range(scene.run.realizations), None, ignore)
 
 

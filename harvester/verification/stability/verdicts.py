@@ -50,7 +50,7 @@ SOLVER = "fokker_planck"
 
 @dataclass(frozen=True)
 class Evidence:
-    """What one judge found, in shares.
+    """One judge's finding: a deviation and its limit, as shares.
 
     Attributes
     ----------
@@ -116,7 +116,7 @@ class CaseRow:
     cells: dict[str, Cell]
 
     def answer(self, method: str) -> CaseAnswer | None:
-        """What a method said, None without an answer."""
+        """The method's answer; None if it has none."""
         found = self.answers[method]
         return found if isinstance(found, CaseAnswer) else None
 
@@ -174,7 +174,7 @@ def _why_not(found, evidence):
 
 
 def _of_engine(found):
-    """Evidence from the path."""
+    """Evidence on an engine, from its paths compared with fine ones."""
     path = found.path
     if not path.comparable_periods >= FEWEST_PERIODS:
         return ()
