@@ -165,7 +165,7 @@ class LoadCircuit:
 
     @cached_property
     def levels(self) -> tuple[str, ...]:
-        """Nodes and currents that tell what its stores hold, see `circuits.loads.stores`."""
+        """Nodes and currents that determine what its stores hold, see `circuits.loads.stores`."""
         return levels_of(self)
 
     @property

@@ -327,7 +327,7 @@ def _folds(scan):
     """Levels at which orbits begin or cease to cross the next one.
 
     They cross where ½X'² at one X grows nowhere less than 0 from one to the next. That growth is
-    dE − dN2 · ½(X − X*)², monotone in |X − X*|, so three points tell.
+    dE − dN2 · ½(X − X*)², monotone in |X − X*|, so three points suffice.
     """
     anchor = scan.edge.anchor
     left, right = _middle(scan.left), _middle(scan.right)

@@ -117,7 +117,7 @@ def add_option(parser: ArgumentParser, option: Option, text: str) -> None:
 
 
 def _number(text):
-    """A number with or without a suffix, as argparse wants to be told what is wrong with it."""
+    """A number with or without a suffix; an error is raised as argparse expects it."""
     try:
         return number(text)
     except NotANumber as reason:

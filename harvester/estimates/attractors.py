@@ -1,9 +1,9 @@
-"""The steady motions of a driven device, told apart by stroboscopic samples of many starts.
+"""The steady motions of a driven device, distinguished by stroboscopic samples of many starts.
 
 A motion is periodic where its samples repeat after a whole number of forcing periods. Starts whose
-samples are the same cycle are on one attractor, whatever their place in it. What does not repeat is
-told apart by where it goes: two starts are on one attractor where their samples fill the same
-cells of the section.
+samples are the same cycle are on one attractor, whatever their place in it. Motions that do not
+repeat are distinguished by where they go: two starts are on one attractor where their samples fill
+the same cells of the section.
 """
 
 from __future__ import annotations

@@ -100,7 +100,8 @@ def faint_output_notes(estimates: dict[str, Estimate]) -> tuple[str, ...]:
 
 
 def source_notes(load: Any) -> tuple[str, ...]:
-    """A note on parts of a load that may deliver energy: it cannot be told from the piezo's.
+    """A note on parts of a load that may deliver energy, which cannot be separated from the
+    piezo's.
 
     Parameters
     ----------

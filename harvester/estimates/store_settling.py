@@ -3,7 +3,7 @@
 The averaged charges obey C d⟨y⟩/dt + G (⟨y⟩ − y∞) = 0, G about the means: what is missing of y∞ is
 G⁻¹ C times the rate at which the mean still moves, however the stores are connected. A diode that
 blocks on average counts as blocking, so that this is rather too much; where the rate itself decays
-within the run, its decay tells the rest.
+within the run, the rest follows from its decay.
 """
 
 from __future__ import annotations

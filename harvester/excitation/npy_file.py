@@ -26,7 +26,7 @@ class NpyTable(Table):
     width, rows : int
         Columns, samples in each.
     rate : None
-        The file does not tell it.
+        The sampling rate: None, as the file does not hold it.
 
     Raises
     ------

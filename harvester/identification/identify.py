@@ -88,7 +88,7 @@ def identify(
     SceneError, HarvesterError
         A record or a key is not usable.
     IdentificationError
-        The records do not tell what is asked of them.
+        The records do not determine the values asked for.
     """
     from harvester.identification.candidates import Candidate, candidates
     from harvester.identification.checks import check_records, check_volts, scale_is_missing

@@ -1,8 +1,8 @@
 """Whole records kept aside: a run from one start under the recorded acceleration beside each.
 
-The record is followed in windows first, which gives the start and tells which orbit was measured.
-From that start alone the device then runs under the whole recorded acceleration, with the values
-that fit and with some drawn from their covariance.
+The record is followed in windows first, which gives its initial state and shows which orbit was
+measured. From that start alone the device then runs under the whole recorded acceleration, with the
+values that fit and with some drawn from their covariance.
 """
 
 from __future__ import annotations

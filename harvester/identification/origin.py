@@ -1,4 +1,5 @@
-"""Where x = 0 is: a record of the voltage alone cannot tell one equilibrium from another.
+"""Where x = 0 is: a record of the voltage alone does not show which equilibrium the motion is
+about.
 
 With the constant force kept, F(x − d) is the same device for every d at which its constant force is
 that; of these the one nearest to the scene's own spring is taken.

@@ -3,7 +3,7 @@
 A sensor that does not pass constants (AC coupling) shows a(s) s/(s + ω); the true quantity is what
 it shows plus ω times the integral of that. So the acceleration that drives a model is put right.
 What an integral gathers of offset and noise is a slow drift: its parabola is taken out, as the
-sensor tells nothing of it.
+sensor has no information on it.
 
 An output is compared behind its sensor: the simulated one goes through the sensor's filters. To
 put the measured one right would integrate its noise, and a free corner would come out too low. A

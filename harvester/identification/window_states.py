@@ -1,6 +1,7 @@
 """States at the beginnings of windows, the device's numbers being as they are.
 
-A voltage tells velocity and charge, but not in which well the mass is: displacements are tried.
+A voltage determines velocity and charge, but not the well in which the mass is: displacements are
+tried.
 """
 
 from __future__ import annotations

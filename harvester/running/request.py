@@ -50,7 +50,7 @@ class Request:
     Attributes
     ----------
     scene : Scene
-        The length of each realization, their seed and, unless told otherwise, their number.
+        The length of each realization, their seed and, if no other number is given, their number.
     method : Method
         An engine or a closure; its name is taken too.
     precision : float or None

@@ -2,7 +2,7 @@
 
 The Fokker–Planck equation of Eq. 4 with Z = X − V, Z' = λ(X − Z), is carried on in time by
 `propagator`; what P, the propagator over about one period, leaves as it is, is the stationary
-density: (1 − P) p = 0 (`solution`). It starts from a Gibbs density on a coarse grid, which tells
+density: (1 − P) p = 0 (`solution`). It starts from a Gibbs density on a coarse grid, which shows
 how far the grid must reach and how fine it must be (`region`). What the first grid for the answer
 misses is estimated on grids that are finer in time, in X and X' or in Z, each corrected from the
 one before, until it is less than the tolerance.

@@ -98,7 +98,7 @@ class _SlowestDecay(_Found):
         self.rate = -np.log(abs(self.decayed)) / time
 
     def _corrected(self, tolerance, parity):
-        """Correct the state, and tell what a period changes of it, as a share, but for its decay.
+        """Correct the state; returns the share of it that a period changes, apart from its decay.
 
         As a change of the eigenvalue acts on the state from which it began, and not on the one that
         is sought, what is left of a poor state may not be what it was to be.

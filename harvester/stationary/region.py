@@ -79,7 +79,7 @@ class Level(NamedTuple):
     fine, fine_speed : nodes within the core of the density in X and in X'.
     nodes : nodes of Z that are kept, where the charge displaces the mass by little.
     modes : Hermite functions of η.
-    most : cores that are told apart at most.
+    most : largest number of cores that the nodes resolve separately.
     tolerance : of the means, for which its state is settled.
     """
 

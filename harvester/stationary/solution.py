@@ -56,7 +56,7 @@ class Task:
     share : float
         Share of the usual work.
     read : transducer's equations, optional
-        Whose voltage and power the state tells; the device's own by default.
+        Transducer whose voltage and power are computed from the state; the device's own by default.
     """
 
     def __init__(self, device, tolerance, share=1.0, read=None):
@@ -87,7 +87,7 @@ class Solution:
     state, before_flow : ndarray
         Mass at each node, where a step is symmetric in time and before the flow.
     means : dict of str to float
-        Those of the answer, `power_in`, and what tells of several wells.
+        The means of the answer, `power_in`, and those that describe several wells.
     density : harvester.stationary.grid_density.GridDensity
     """
 

@@ -1,8 +1,9 @@
 """Density of X − Z, and so of the voltage, from a state known at a few nodes of Z.
 
-The nodes tell moments of Z. Where they and X' tell all, as of a fast load, Z has a normal density
-at each X and X'. Else, as of a slow load whose charge may be that of a well that motion has left,
-it has at each X the density of greatest entropy (Jaynes 1957): the exponential of a polynomial.
+The nodes give moments of Z. Where these and X' determine the density, as for a fast load, Z has a
+normal density at each X and X'. Else, as of a slow load whose charge may be that of a well that
+motion has left, it has at each X the density of greatest entropy (Jaynes 1957): the exponential of
+a polynomial.
 """
 
 from __future__ import annotations

@@ -26,7 +26,8 @@ if TYPE_CHECKING:
 # segments than the most are not taken by default, and blocks hold so many samples at least: an hour
 # at 8 kHz takes no more memory than a minute.
 SEGMENTS, MOST_IN_SEGMENT, BLOCK = 64, 2**18, 2**16
-# Stretches whose mean squares tell of drift, and parts whose spread is the error of the moments.
+# Number of stretches: the trend of their mean squares shows a drift, their scatter gives the errors
+# of the moments.
 STRETCHES = 32
 # Hann's window passes as much noise as this many bins.
 HANN_BINS = 1.5

@@ -2,7 +2,7 @@
 
 Proposals of a library for noisy functions are evaluated on common noise; the highest are run again
 on fresh noise, as the highest of many is partly luck; from the best of them the search climbs along
-the axes, which also tells how flat the maximum is; its value comes from a last run on noise that
+the axes, which also shows how flat the maximum is; its value comes from a last run on noise that
 nothing was chosen by.
 """
 

@@ -378,7 +378,7 @@ def _runs(scenes, methods, runner):
 def _runs_by_time(scene, methods, seconds, runner):
     """`Timed`, the HarvesterError or None of each method; the first is the reference.
 
-    A first task of each tells how many more there is time for.
+    The time of each method's first task decides how many more are run.
     """
     sizes = [_together(scene, method) for method in methods]
 

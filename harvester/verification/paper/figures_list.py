@@ -47,7 +47,7 @@ class Panel:
     Attributes
     ----------
     swept : str
-        The scene's key along the axis; for densities the one that tells the curves apart.
+        The scene's key along the axis; for densities the one in which the curves differ.
     first, last : float
         Ends of the axis; not used for densities.
     quick, full : int
