@@ -256,7 +256,7 @@ def solve_stage(
     zone: Any,
     row_unit: float,
 ) -> bool:
-    """Newton's iterations of a stage that has begun; whether they came to an end.
+    """Newton's iterations of a stage that has begun; True if they converged.
 
     Parameters
     ----------

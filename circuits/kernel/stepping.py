@@ -312,7 +312,7 @@ def _enter(state, place, zone):
 
 @merged
 def _turn(tables, state, step):
-    """Turn the switches that ask for it; whether that is chatter."""
+    """Turn the switches whose controls have passed their thresholds; True if they chatter."""
     scalars = state.scalars[0]
     turn(tables, state)
     _restart(scalars, step)

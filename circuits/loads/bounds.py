@@ -19,7 +19,7 @@ Pair = tuple[np.ndarray, np.ndarray]
 
 
 def of_time_alone(tree: Tree) -> bool:
-    """Whether a tree changes with time and asks for nothing of the circuit."""
+    """Whether an expression depends on the time, and on no voltage or current."""
     kinds = {each[0] for each in leaves(tree)}
     return "time" in kinds and not kinds & {"v", "i"}
 

@@ -187,7 +187,7 @@ def _check_functions(topology, functions):
 
 
 def _rewritten(text, pins, currents):
-    """Text with the load's names of what voltages and currents it asks for."""
+    """Text in which the voltages and currents have the load's names."""
 
     def current(found):
         known = currents.get(found[1].strip().lower(), found[0])

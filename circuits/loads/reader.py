@@ -91,7 +91,8 @@ class _Reader:
         self._files = self._bytes = self._cards = 0
 
     def cards(self, path, place, including):
-        """Cards of a file; `place` is who asks for it, `including` the files around it."""
+        """Cards of a file; `place` is where it is included, `including` the files that lead
+        to it."""
         with _named(place):
             real = path.resolve()
         if real in including:

@@ -16,7 +16,7 @@ import numpy as np
 from harvester.compilation import uncounted
 
 # Largest error of a step in a capacitor or a coil: the root of the error's energy over the root of
-# the greatest energy of late.
+# the greatest recent energy.
 TOLERANCE = 5e-5
 # Shortest step that the load may ask for, and the first one after a switch has turned where ngspice
 # does not control the local error, both as shares of the grid's step.
@@ -36,7 +36,7 @@ COIL_APPROACH, IDLE = 0.5, 10.0
 LOCATED, LEAST_LOCATED = 0.2, 1.0 / 64.0
 # SHORTEST, RESTART and LOCATED of a switch that turns by itself, in time constants of its control.
 TURN_STEPS = 0.1, 0.01, 0.05
-# Radians of the device's natural frequency after which the greatest energy of late is forgotten.
+# Radians of the device's natural frequency over which the greatest recent energy is remembered.
 MEMORY = 15.0
 # The third derivative is computed from so many accepted points, and exists after so many steps.
 POINTS = 4

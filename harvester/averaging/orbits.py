@@ -54,9 +54,9 @@ class Edge:
     """All orbits of one kind: inside the right well, or around both wells.
 
     A monostable device has orbits around X = 0 alone, which are as those around both wells. An
-    orbit is labelled by its `level`: inside a well ln(r/(1 − r)), r the way of its left turning
-    point from the bottom (0) to the well's end (1), and else ln(H − U(0)). Both are logarithmic
-    where orbits change on every scale.
+    orbit is labelled by its `level`: inside a well ln(r/(1 − r)), r the relative position of its
+    left turning point from the bottom (0) to the well's end (1), and else ln(H − U(0)). Both are
+    logarithmic where orbits change on every scale.
 
     Attributes
     ----------
@@ -290,7 +290,7 @@ def edges(system: System, closure: str) -> list[tuple[Edge, float, float]]:
 
 
 def _well_range(edge, reach):
-    """First and last level of the wells, which end at the latest where they come to `reach`."""
+    """First and last level of the wells, whose orbits extend to `reach` at most."""
     scan = _scan(edge, *WELL_LEVELS)
     first = min([SMALL_ORBIT, *_zeros(scan.level, scan.exponent() - NEGLIGIBLE)])
     # Smaller orbits may seem to cross by rounding alone.

@@ -1,4 +1,4 @@
-"""`[beam]`: a cantilever's drawing, and the mass, spring and transducer that it comes to.
+"""`[beam]`: a cantilever's drawing, and the lumped mass, spring and transducer computed from it.
 
 Equations: A. Erturk and D. J. Inman, Smart Mater. Struct. 18, 025009 (2009), and docs/beams.md.
 """

@@ -81,7 +81,8 @@ class Drawing:
 
 
 def beam(scene: Scene) -> Drawing:
-    """Show what a scene's drawing comes to: mass, spring, coupling, capacitance, frequencies.
+    """Show the lumped values of a scene's drawing: mass, spring, coupling, capacitance,
+    frequencies.
 
     Parameters
     ----------

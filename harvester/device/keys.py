@@ -24,7 +24,7 @@ class Key:
 
     `kind` is float, int, str, (str, int), `NAMED_VALUES` for a table of numbers or texts, or dict
     for a table with a `kind` of its own. With `each`, a list of `count` (fewest, most) values of
-    that key's sort.
+    that kind.
     """
 
     kind: Any = float

@@ -135,7 +135,7 @@ class Ranged(NamedTuple):
         return self._chosen(x, "gain", f"({inside})", parabola, number)
 
     def _chosen(self, x, name, inside, beyond, number):
-        """The formula within the range, and the polynomials of the way beyond either end."""
+        """The formula within the range, and the polynomials of the distance beyond either end."""
 
         def outside(side, end, place):
             texts = [

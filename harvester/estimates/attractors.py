@@ -25,7 +25,7 @@ REPEATS, SAME_CYCLE = 1e-4, 1e-2
 # spiral that turns by a third of a circle a period nearly repeats after three.
 STILL_SETTLING = 3e-3
 # A start joins a cycle if it stays within `SAME_CYCLE` of it for two periods and this many further
-# samples: of 1681 starts of the scene `device` under a sine one came to its orbit too late for
+# samples: of 1681 starts of the scene `device` under a sine one reached its orbit too late for
 # `REPEATS`.
 STAYS = 6
 # For a path with noise: the longest period that is tested, in forcing periods, and the correlation
@@ -134,7 +134,7 @@ def sizes_of(samples: np.ndarray) -> np.ndarray:
 
 
 def groups_of(samples: np.ndarray) -> list[Group]:
-    """Starts by the steady motion that they came to, that of most starts first.
+    """Starts grouped by the steady motion that they reached, the largest group first.
 
     Parameters
     ----------
@@ -154,7 +154,7 @@ def groups_of(samples: np.ndarray) -> list[Group]:
 
 
 def groups_that_meet(samples: np.ndarray) -> list[Group]:
-    """Starts in groups that came to the same path under one record.
+    """Starts grouped by the path that they reached under one record.
 
     Parameters
     ----------

@@ -142,7 +142,7 @@ def standard_error_of_drift(series: np.ndarray) -> float | None:
     in which a slow drift cancels: the error of this mean among records that drift alike.
     Batches are joined until the correlation ρ between neighbours, which gives their successive
     differences the correlation (2ρ − 1)/(2 − 2ρ), is small; see `standard_error`. A motion that
-    is as slow as the drift is taken for it.
+    is as slow as the drift counts as drift.
     """
     series = np.asarray(series, dtype=float)
     while series.size >= FEWEST_BATCHES and series.shape[1] > 2:

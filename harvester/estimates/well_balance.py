@@ -82,7 +82,7 @@ class WellBalance:
         Returns
         -------
         float or None
-            None where it stands on fewer than `FEWEST_JUMPS` jumps or too few batches.
+            None where fewer than `FEWEST_JUMPS` jumps, or too few batches, support it.
         """
         series = np.asarray(series, dtype=float)
         if self.shares is None:
@@ -128,7 +128,7 @@ class WellBalance:
         Returns
         -------
         ndarray, shape (means,), or None
-            None where one of them stands on fewer than `FEWEST_JUMPS` jumps.
+            None where fewer than `FEWEST_JUMPS` jumps support one of them.
         """
         if self.shares is None:
             return None

@@ -233,7 +233,7 @@ def sensor_noise(stretch: Stretch, output: int = 0) -> float:
 
 
 def noise_floor(values: np.ndarray, rate: float) -> float:
-    """rms of a record's noise: the floor of its spectrum in the highest quarter, taken for white.
+    """rms of a record's noise: the floor of its spectrum in the highest quarter, assumed white.
 
     Parameters
     ----------

@@ -27,7 +27,8 @@ SHORT_PERIODS = 2.0
 # Largest number of iterations: with the first short windows, at each longer length, and in the last
 # fit.
 FIRST, ON_THE_WAY, LAST = 12, 6, 40
-# A fit ends when a step would lower its cost by less than this share: on the way, and at its end.
+# A fit ends when a step would lower its cost by less than this share: in all but the last fit, and
+# in the last.
 COARSE, FINE = 1e-3, 1e-6
 # Noise that the first fit assumes, as a share of an output's rms.
 FIRST_NOISE = 0.05

@@ -2,7 +2,7 @@
 
 A few sines of nearly one amplitude show the force at that amplitude, which many springs have. With
 the next power free beside the model's own values, to first order about the fit, a score test says
-whether the records ask for it; the other values' errors say whether they could refuse it.
+whether the records need it; the other values' errors say whether they could exclude it.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""One sentence on whether a fitted model is to be believed."""
+"""One sentence on whether a fitted model can be trusted."""
 
 from __future__ import annotations
 

@@ -108,7 +108,7 @@ class Result:
         Where it was asked for: the state at the beginnings of the excitation's periods, scaled, in
         the columns of `harvester.record.stroboscope.COLUMNS`; see `section`.
     attractors : tuple of Attractor
-        For a run without chance from several starts: the motions that they come to.
+        For a deterministic run from several starts: the motions that they reach.
     outcome : str
         "complete", "incomplete" where realizations failed, or the name of the error that ended
         the run early.

@@ -252,7 +252,7 @@ def in_rounds(
         Relative error that ends it; None: the first round is all.
     judge : callable
         Given the answers of all tasks so far and what ended them ("" while they go on), returns
-        what they come to and its relative error; 0 where more realizations would not help.
+        the estimates and their relative error; 0 where more realizations would not help.
 
     Returns
     -------

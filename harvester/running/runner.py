@@ -69,7 +69,8 @@ class Runner:
 
     @property
     def warnings(self) -> list[str]:
-        """Answers that were not believed, outcomes not kept, a folder that cannot be locked."""
+        """Warnings: stored answers that are not valid, outcomes not kept, a folder that
+        cannot be locked."""
         lines = list(self._store.refused.values())
         if len(lines) > MOST_NAMED:
             lines[MOST_NAMED:] = [f"and {len(lines) - MOST_NAMED} more of this kind"]

@@ -21,7 +21,7 @@ DRAWN = {
 
 
 def with_drawing(tables: dict[str, Any], origin: str) -> dict[str, Any]:
-    """A scene's tables with what its drawing comes to.
+    """A scene's tables with the lumped values computed from its drawing.
 
     Raises
     ------

@@ -170,7 +170,7 @@ def neighbours(
     samples : ndarray, shape (starts, samples, columns or STATE)
     starts : ndarray, shape (starts, STATE)
     members : ndarray of int
-        Numbers of the starts that came to the motion.
+        Indices of the starts that reached the motion.
 
     Returns
     -------

@@ -204,7 +204,7 @@ def frequency_response(
 
     Notes
     -----
-    The excitation has no chance in it, so there is no statistical error. `Sweep.residual` tells
+    The excitation is deterministic, so there is no statistical error. `Sweep.residual` shows
     how far the motion is from a settled, periodic one; the step's own error, of second order in
     the circuit, shows when `step` is halved.
     """

@@ -81,7 +81,7 @@ class Optimum:
     own : Estimate or None
         The value of the scene itself, over several parameters.
     other_starts : tuple of float
-        Values at the place from other states, where the excitation has no chance in it.
+        Values at the place from other initial states, for a deterministic excitation.
     evaluations : int
         Runs in all, over several parameters.
     seconds : float

@@ -79,7 +79,7 @@ class Basins:
         return orbit_table(self.orbits, self.unit)
 
     def data(self) -> tuple[list[str], list[list[Any]]]:
-        """Header and rows: each start and the orbit that it comes to."""
+        """Header and rows: each start and the orbit that it reaches."""
         header = [
             f"displacement [{self.unit('displacement')}]",
             f"velocity [{self.unit('velocity')}]",

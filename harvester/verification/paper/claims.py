@@ -25,7 +25,7 @@ UNDECIDED, UNTESTED = "not significant", "not tested"
 REALIZATIONS = {"monte-carlo": 48, "circuit": 16}
 THOROUGH = {"monte-carlo": 640, "circuit": 104}
 METHODS = ("monte-carlo", "circuit", *NOISE_CLOSURES)
-# An effect of so many standard errors has no chance in it, and the number is not printed.
+# An effect of this many standard errors is certain, and the number is not printed.
 WITHOUT_CHANCE = 1e3
 
 
