@@ -63,7 +63,8 @@ def begins_with_text(content: bytes) -> bool:
 
 
 def unpickled(content: bytes, path: str) -> Any:
-    """What was written behind a digest; None where that does not match or a class is gone."""
+    """Unpickle the content behind a digest; None if the digest does not match or a class is
+    missing."""
     digest, content = content[:DIGEST_BYTES], content[DIGEST_BYTES:]
     if hashlib.sha256(content).digest() != digest:
         on_damage(path)

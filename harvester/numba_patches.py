@@ -1,4 +1,4 @@
-"""What is changed in numba itself, and what is taken from its private parts, all in one place.
+"""All changes to numba itself and all uses of its private parts.
 
 Each was tried with numba 0.68.1 (`TRIED_WITH`) and holds for 0.61 and later as long as what it
 replaces there stays as it was: `tests/harvester/test_numba_patches.py` compares that with

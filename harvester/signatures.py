@@ -1,4 +1,4 @@
-"""What the signature of a public function says of its options: unit, spelling and check.
+"""The options of a public function from its signature: unit, spelling and check.
 
 The annotation of a parameter is its option at the command line (`harvester.commands.parsing`) and
 its check in Python (`harvester.calling`). What the Python type leaves open (the unit, the range,
@@ -395,7 +395,8 @@ def _option(name, annotation, names, default, passing):
 
 
 def _evaluated(annotation, names):
-    """What an annotation means; None where it holds names that only type checkers import."""
+    """The object that an annotation's text stands for; None if only type checkers import its
+    names."""
     if not isinstance(annotation, str):
         return annotation
     try:

@@ -66,7 +66,7 @@ def _depletion(said, nominal, kelvin):
 
 
 def _potential_shift(kelvin):
-    """What silicon's band gap and its intrinsic density add to a junction's potential (V)."""
+    """Change of a junction's potential (V) by silicon's band gap and intrinsic carrier density."""
     gap = 1.16 - 7.02e-4 * kelvin**2 / (kelvin + 1108.0)
     volts = VOLT_PER_KELVIN * kelvin
     half = (1.1150877 / REFERENCE - gap / kelvin) / (2.0 * VOLT_PER_KELVIN)

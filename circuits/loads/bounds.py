@@ -1,4 +1,4 @@
-"""Between which values an expression of the time stays over intervals of it: interval arithmetic.
+"""Bounds of an expression of the time over intervals of time, by interval arithmetic.
 
 Whatever happens within an interval lies between the bounds, so that no pulse is missed between two
 samples. The narrower the interval, the closer they are.

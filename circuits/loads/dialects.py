@@ -108,7 +108,7 @@ def _ours(text):
 
 
 def ambiguity(cards: Iterable[Card]) -> str:
-    """What to say of a file without a dialect that may be LTspice's or PSpice's; else nothing."""
+    """A note on a file without a dialect line that may be LTspice's or PSpice's; else empty."""
     cards = list(cards)
     for dialect, marks in _MARKS.items():
         words = [found.group() for card in cards if (found := marks.search(card.text))]

@@ -74,7 +74,7 @@ BOOLEAN = {"<", "<=", "==", "and", "or", "not"}
 
 
 class ExpressionError(HarvesterError):
-    """What is wrong with an expression, in a few words; its readers add the place."""
+    """A fault in an expression, in a few words; the caller adds file and line."""
 
 
 class NotConstant(ExpressionError):
@@ -218,11 +218,11 @@ class Parser:
         self.take()
 
     def truth(self, condition: Tree) -> Tree:
-        """A condition's value, above 0 or not."""
+        """Build the tree of a condition, which holds above 0."""
         return condition
 
     def compared(self, sign: str, left: Tree, right: Tree) -> Tree:
-        """What a binary operator makes of both sides."""
+        """Build the tree of a binary operator."""
         if sign in (">", ">="):
             return (sign.replace(">", "<"), right, left)
         if sign in ("!=", "<>"):
@@ -396,7 +396,8 @@ FUNCTIONS |= {*_SAME, *_MADE, *CIRCUIT_ONLY, *SOLUTION}
 
 
 class Names:
-    """What names and functions mean where an expression stands; `circuits.loads.scope` fills it.
+    """Interface: resolves names and functions of an expression; implemented in
+    `circuits.loads.scope`.
 
     Attributes
     ----------

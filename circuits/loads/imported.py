@@ -110,7 +110,8 @@ def imported(text: str, name: str, nodes: Sequence[str], remove: Sequence[str] =
 
 
 def _body(text):
-    """Without the title, µ and § in the names that every reader takes."""
+    """The netlist without its title; µ and § in names are replaced by characters that every
+    reader takes."""
     return "\n" + text.partition("\n")[2].replace("§", "_")
 
 

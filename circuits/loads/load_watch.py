@@ -1,4 +1,4 @@
-"""What of a load decides the steps: its switches' controls, its capacitors and its coils."""
+"""The unknowns of a load that limit the steps: controls of switches, capacitors and coils."""
 
 from __future__ import annotations
 
@@ -54,7 +54,7 @@ NOTHING = Watch()
 
 
 def watch_of(load: LoadCircuit, pins: Mapping[str, str]) -> Watch:
-    """What to watch of a load with its pins at these nodes.
+    """The unknowns to watch of a load whose pins are at these nodes.
 
     Parameters
     ----------

@@ -29,7 +29,7 @@ GMIN, MOST_ITERATIONS, SETTLED = 1e-12, 300, 1e-9
 # If Newton's iterations fail, they are repeated with this conductance (S), which is multiplied by
 # the second number after each.
 SLOWED, FADING = 1e-3, 0.9
-# Beyond this exponent a diode's current goes on as a straight line.
+# Above this exponent a diode's exponential is continued as a straight line.
 LARGEST_EXPONENT = 40.0
 # A mode grows if its growth exceeds this share of its rate. Rates above the second number (1/s) are
 # rounding.

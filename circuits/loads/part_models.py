@@ -1,4 +1,4 @@
-"""What models make of parts: values of R, C and L, ranges of diodes, laws of switches."""
+"""Values of R, C and L, ranges of diode parameters and laws of switches, from their models."""
 
 from __future__ import annotations
 
@@ -61,7 +61,7 @@ _ENDS = {"vswitch": (("von", 1.0), ("voff", 0.0)), "iswitch": (("ion", 1e-3), ("
 
 
 def unknown_word(kind: str, name: str) -> str:
-    """What is wrong with a name in a model of this kind; empty where nothing is."""
+    """The fault of a parameter's name in a model of this kind; empty if it is allowed."""
     if name in KNOWN.get(kind, (name,)):
         return ""
     if (kind, name) == ("c", "c"):

@@ -1,4 +1,4 @@
-"""What names mean in each call of a sub-circuit, by ngspice's rules.
+"""Resolves names in each call of a sub-circuit, by ngspice's rules.
 
 A parameter is looked for where it is used, then in the calls around it, outwards to the file: a
 value given in the call goes before a .param of the sub-circuit, that before the default of its
@@ -119,7 +119,7 @@ class Scope:
 
     @property
     def circuit_names(self) -> Names:
-        """What names mean in an expression of the circuit's solution."""
+        """The resolver of names for expressions of voltages and currents."""
         return _Circuit(self)
 
     def parameter(self, name: str) -> float:

@@ -113,12 +113,13 @@ class LoadCircuit:
 
     @cached_property
     def watch(self) -> Watch:
-        """What decides the steps, its pins by their own names: `circuits.loads.load_watch`."""
+        """The unknowns that limit the steps (`circuits.loads.load_watch`), with the pins'
+        own names."""
         return watch_of(self, {pin: pin for pin in self.pins})
 
     @cached_property
     def own_motion(self) -> OwnMotion:
-        """What it does with the device at rest: `circuits.loads.own_motion`."""
+        """How it behaves with the device at rest: `circuits.loads.own_motion`."""
         return own_motion(self.elements)
 
     @cached_property

@@ -1,4 +1,4 @@
-"""What a netlist connects: its elements, their nodes and its sub-circuits, for drawing."""
+"""The elements of a netlist with their nodes, and its sub-circuits, for drawing."""
 
 from __future__ import annotations
 

@@ -76,7 +76,7 @@ def abortion(lines: Sequence[str]) -> str:
 
 
 def advice(reason: str, drives_current: bool) -> str:
-    """What helps against a reason for which a run ended early, to be put behind it; may be empty.
+    """Advice to append to the reason for which a run ended early; may be empty.
 
     Parameters
     ----------

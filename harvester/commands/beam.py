@@ -35,7 +35,7 @@ class Drawing:
         return [*self._with_magnets(), *remarks(self.beam, self.scene.magnets)]
 
     def _with_magnets(self):
-        """What the magnets change of the beam alone: rest positions, barriers and frequency."""
+        """Sentences on the device with magnets: rest positions, barriers and frequency."""
         if self.scene.magnets is None:
             return []
         from harvester.device import timescales

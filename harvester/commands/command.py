@@ -1,4 +1,4 @@
-"""What a command is: a function whose signature gives the options, and what is done around it."""
+"""Commands: a function whose signature gives the options, with common steps before and after it."""
 
 from __future__ import annotations
 

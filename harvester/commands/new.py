@@ -29,7 +29,7 @@ HEAD = """\
 
 
 class Question(NamedTuple):
-    """What is asked for at a terminal, where the scene has it.
+    """A question at the terminal, asked if the scene has its key.
 
     Attributes
     ----------

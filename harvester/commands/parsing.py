@@ -151,5 +151,5 @@ def values_of(options: Namespace, function: Callable) -> dict[str, Any]:
 
 
 def overrides_of(overrides: Iterable[str] = (), seed: int | None = None) -> list[str]:
-    """What --set and --seed say, as overrides of a scene."""
+    """The overrides of a scene that --set and --seed give."""
     return [*overrides, *([] if seed is None else [f"run.seed={seed}"])]

@@ -1,4 +1,4 @@
-"""What commands do around their functions: open a runner, check places, show a result."""
+"""Common steps of commands: open a runner, check where files go, show a result."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What every result, comparison and study offers to be shown and written."""
+"""Interfaces by which results, comparisons and studies are shown and written."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ class Tabled(Protocol):
         """Header and rows as text; the first two columns are words."""
 
     def sentences(self) -> list[str]:
-        """What the numbers say and how they came about, one line each."""
+        """Sentences on the findings and on how they were obtained, one line each."""
 
 
 class Shown(Tabled, Protocol):

@@ -37,7 +37,7 @@ class PiezoLaw(LinearTransducer):
         return self.coupling * self.own_rate * state * state
 
     def stiffness(self, mechanical: float) -> float:
-        """What the open piezo adds to a stiffness per mass, β (1/s²)."""
+        """Stiffness per mass that the open-circuit piezo adds, β (1/s²)."""
         return self.coupling
 
 

@@ -101,7 +101,7 @@ def contact_force(
 
 @register_jitable
 def loss_power(s: System, x: float, v: float, held_speed: float, touching: bool) -> float:
-    """What damper and, if `touching` one, contacts take, [c + contact damping] X'² (Eq. 36)."""
+    """Power lost in damper and, if `touching`, contacts: [c + contact damping] X'² (Eq. 36)."""
     rate = damping_rate(s.damper, v)
     if touching:
         rate += contacts.loss_rate(s.contacts, s.spring, x, v, held_speed)

@@ -1,4 +1,4 @@
-"""What an estimate and a density are, with their evidence."""
+"""Estimates and densities with their standard errors."""
 
 from __future__ import annotations
 

@@ -127,7 +127,8 @@ def _state(store, levels, matrix):
             missing, time = by_network, by_network / rate
         memory = float(times_of(matrix, ends).max(initial=0.0))
     if not math.isfinite(missing):
-        # Without a time constant: it still lacks at least as much as the run has changed it.
+        # There is no time constant: assume that the store still lacks as much as the run has
+        # changed it.
         missing, time = rate * length, length
     memory = min(memory, _remembered(levels, ends)) if steady else 0.0
     if not held:

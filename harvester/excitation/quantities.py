@@ -162,7 +162,7 @@ def factor_of(quantity: str, unit: str, where: str, cure: str) -> float:
 
 
 class Heading(NamedTuple):
-    """What a column's name says.
+    """Title, unit and quantity that a column's name gives.
 
     Attributes
     ----------

@@ -1,4 +1,4 @@
-"""What every reader of a record's file offers."""
+"""Base class of the readers of record files."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from harvester.errors import HarvesterError
 
 
 class Unreadable(ValueError):
-    """What a reader itself finds wrong with a file, in words for its user."""
+    """A fault that a reader finds in a file; the message is for the user."""
 
 
 @contextlib.contextmanager

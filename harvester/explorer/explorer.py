@@ -105,7 +105,7 @@ class View:
 
 
 class Explorer:
-    """What `explore` returns: the sliders in a notebook, one picture where there are none.
+    """The result of `explore`: sliders in a notebook, elsewhere one picture.
 
     Attributes
     ----------
@@ -236,7 +236,7 @@ def outlined(scene: Scene, report: Callable) -> dict[str, Density]:
         It does not hold for this scene.
     """
     density = outline(averaged_device(scene))
-    # On a coarse grid values alternate from node to node; the joint density is free of that.
+    # On a coarse grid densities alternate from node to node; the joint density is smoothed.
     x, v, joint = density.tabulated_joint()
     marginals = {
         "displacement": (x, joint.sum(axis=1) * (v[1] - v[0])),

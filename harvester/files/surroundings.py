@@ -1,4 +1,4 @@
-"""What lies around the program: the working folder, and folders that others may write to."""
+"""Protection from the working folder's settings files and from folders that others may write to."""
 
 from __future__ import annotations
 

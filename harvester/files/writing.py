@@ -152,7 +152,7 @@ def _open_file(path):
 
 
 def _status(path):
-    """What is at a path, links followed; None where there is nothing yet."""
+    """`os.stat` of a path, links followed; None if there is nothing yet."""
     try:
         status = os.stat(path)
     except FileNotFoundError:

@@ -130,7 +130,8 @@ class Identification:
         return proposed(self.candidates)
 
     def simulated(self, measurement: Measurement) -> dict[str, np.ndarray]:
-        """What the sensors would have shown of another record, the device starting at rest.
+        """Simulated sensor signals under another record's acceleration, the device starting at
+        rest.
 
         Parameters
         ----------

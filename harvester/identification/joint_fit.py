@@ -130,7 +130,7 @@ def _first(alone, scene, times, steady, keys, sizes):
 
 
 def _responses(scene, records, steady, lines, keys, length):
-    """All experiments, of the steady ones some lines."""
+    """The experiments of a fit; of responses and impedances only some lines."""
     experiments: list[Any] = list(records)
     for each, some in zip(steady, lines, strict=True):
         sort = ImpedanceExperiment if isinstance(each, MeasuredImpedance) else SteadyExperiment

@@ -56,7 +56,8 @@ class MeasuredImpedance(MeasuredResponse):
 
     @property
     def outputs(self) -> dict[str, np.ndarray]:
-        """What is compared with the model: an error of either is a relative one of Z."""
+        """Outputs that are compared with the model, ln |Z| and phase: errors of both are
+        relative errors of Z."""
         return impedance_outputs(self.response)
 
     @property

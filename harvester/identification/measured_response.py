@@ -60,14 +60,14 @@ class MeasuredResponse:
 
     @property
     def outputs(self) -> dict[str, np.ndarray]:
-        """What is compared with the model: real and imaginary part, or the amplitude."""
+        """Outputs that are compared with the model: real and imaginary part, or the amplitude."""
         if np.iscomplexobj(self.response):
             return {"real part": self.response.real, "imaginary part": self.response.imag}
         return {"amplitude": self.response}
 
     @property
     def sensed(self) -> dict[str, np.ndarray]:
-        """What a sensor measured, by its name."""
+        """Amplitudes of the sensors' outputs by name."""
         return {"voltage": np.abs(self.response)}
 
     @property

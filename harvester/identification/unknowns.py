@@ -126,7 +126,7 @@ def checked_keys(scene: Scene, keys: Sequence[str], outputs: Sequence[str]) -> l
 
 
 def unknowns(scene: Scene, keys: Sequence[str], sizes: dict[str, float]) -> list[Unknown]:
-    """What is free, with bounds from the scene's own checks.
+    """The unknowns of a fit, with bounds from the scene's own checks.
 
     Parameters
     ----------

@@ -33,7 +33,7 @@ LEVELS = np.exp2(
 
 @dataclass
 class OutputMoments:
-    """What is kept of the output voltage of one realization; scaled units.
+    """Sums and passages that are kept of one realization's output voltage; scaled units.
 
     Attributes
     ----------

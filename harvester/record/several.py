@@ -43,7 +43,8 @@ BLOCK = RIGHT + TOGETHER
 
 
 class Tally(NamedTuple):
-    """What compiled code adds to; leading axes are realizations, else as in `Moments` and `Jumps`.
+    """Arrays that compiled code adds to; leading axes are realizations, else as in `Moments` and
+    `Jumps`.
 
     Attributes
     ----------

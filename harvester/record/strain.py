@@ -24,7 +24,8 @@ STRAIN, STRESS = 0, 1
 
 @dataclass
 class StrainMoments:
-    """What is kept of one realization's strain and stress, in batches as `Moments` has them.
+    """Sums and peaks that are kept of one realization's strain and stress, in the batches of
+    `Moments`.
 
     Attributes
     ----------

@@ -14,7 +14,7 @@ from harvester.estimates.estimate import Estimate
 from harvester.files.serialising import plain
 from harvester.show.numbers import quantity
 
-# What motions without a period are called: with an exponent that is not above 0, and without one.
+# Kinds of motions without a period: if the exponent is not above 0, and if there is none.
 NOT_SETTLED, UNTOLD = "not settled", "no period: chaotic or not settled"
 
 

@@ -438,7 +438,7 @@ def _result_of(kind, content, folder):
 
 
 def _check_dimension(dimension, where):
-    """Such as "voltage^2": a known unit, and a whole power of it."""
+    """Check a dimension such as "voltage^2": a known quantity and a whole power of it."""
     base, power, exponent = dimension.partition("^")
     if base not in SI_UNITS or (power and not exponent.removeprefix("-").isdecimal()):
         raise NotAValue(f"{where} = {shown(dimension)}: is no dimension")

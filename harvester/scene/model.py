@@ -121,7 +121,7 @@ class Start:
 
 @dataclass(frozen=True)
 class Load:
-    """What hangs on the transducer: the built-in resistor, or a netlist.
+    """The load of the transducer: the built-in resistor, or a netlist.
 
     `kind`, `resistance` (SI, Ω), `decay_rate` (scaled, λ = 1/(R Cp)) are the built-in resistor's.
     `netlist` is a name in netlists/ or a path, `subcircuit` the one meant of its file,
@@ -159,7 +159,7 @@ def _tables() -> dict[str, tuple[str, Any]]:
 
 
 class Reader(Protocol):
-    """What `Scene.load` is: see `read_scene`."""
+    """Type of `Scene.load` as a function, see `read_scene`."""
 
     def __call__(self, source: str | Path, overrides: Iterable[str] = ()) -> Scene:
         """Read a scene."""

@@ -165,7 +165,7 @@ def load_resistance(scene: Scene) -> float | None:
 
 
 def setting(scene: Scene) -> Setting:
-    """What a scene's transducer is built into: `harvester.device.terminals.Setting`."""
+    """The surroundings of a scene's transducer: `harvester.device.terminals.Setting`."""
     scaled = scene.units != "SI"
     mass: Any = 1.0 if scaled else scene.oscillator.mass
     length = 1.0 if scaled else length_scale(scene)

@@ -145,7 +145,7 @@ def partial_result(scene: Scene, engine: Engine, error: SimulationError) -> Resu
 
 
 def notes_on_excitation(scene: Scene) -> tuple[str, ...]:
-    """What a reader must know of the noise that a scene is run with."""
+    """Notes for the result on the excitation that a scene was run with."""
     ready = prepared(scene)
     frequency = timescales.angular_frequency(ready.system)
     return scene.excitation.notes(knot_spacing(ready), frequency, scene.run)

@@ -88,7 +88,7 @@ def calls_of(
 
 
 def stretch_of(scene: Scene, window: Sequence[float] | None, nodes: Sequence[str]) -> Stretch:
-    """What of the first realization is kept as the result's waveform.
+    """The part of the first realization that is kept as the result's waveform.
 
     Raises
     ------

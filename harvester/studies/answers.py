@@ -131,7 +131,7 @@ def on_common_knots(scenes: Sequence[Scene], of: Sequence[Scene] | None = None) 
 
 
 def answers_in_time(runner: Any, requests: Sequence[Request], **options: Any) -> list:
-    """What a runner answers; see `harvester.running.Runner.answer`.
+    """A runner's answers to requests, or OutOfTime; see `harvester.running.Runner.answer`.
 
     Raises
     ------

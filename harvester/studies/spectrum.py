@@ -110,7 +110,8 @@ def _analysed(name, blocks, count, interval, resolution, breakpoints, scene, uni
         density, moments, segments = _sums(blocks, count, interval, size)
     frequencies = np.fft.rfftfreq(size, interval)
     if knots:
-        # What acts is linear between the knots.
+        # The engines' excitation is linear between the knots, which lowers the density by this
+        # factor.
         density = density * np.sinc(frequencies * interval) ** 4
     return SpectrumAnalysis(
         name=name,

@@ -198,7 +198,7 @@ class Comparison:
         return [[of_root.replace("_", " "), unit, *engines, "", "", *closures]]
 
     def sentences(self) -> list[str]:
-        """What the numbers say, one line each."""
+        """Sentences on the findings, one line each."""
         lines = [headline(self.circuit), self.verdict().text]
         lines += [f"{engine.engine}: {'; '.join(engine.evidence())}" for engine in self._engines()]
         bare = [name for name in self.compared if math.isnan(self.difference(name))]

@@ -82,7 +82,7 @@ def _farthest(comparison, name):
 
 
 def _reasons(result, name):
-    """What the result's own notes say, then the closure's documentation where it applies."""
+    """Text: the result's own notes, then the known limits of the closure that apply."""
     reasons = list(result.notes)
     in_wells = result.scaled_quantities.get("share_in_wells")
     if name == "paper" and in_wells is not None:

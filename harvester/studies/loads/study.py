@@ -1,4 +1,4 @@
-"""What a load study consists of and says, and the steps that `load_study` takes."""
+"""The result of a load study with its sentences, and the steps of `load_study`."""
 
 from __future__ import annotations
 

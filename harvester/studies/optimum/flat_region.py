@@ -138,7 +138,7 @@ class _Ray:
 
 
 def ranges(axes: Sequence[Axis], place: tuple, sides: list) -> list[Parameter]:
-    """What `climb` found, in the units of each parameter."""
+    """The flat ranges that `climb` found, in the unit of each parameter."""
     return [
         Parameter(
             axis=axis,

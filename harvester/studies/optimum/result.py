@@ -1,4 +1,4 @@
-"""What `optimum` returns, over any number of parameters, and how it is shown."""
+"""The result of `optimum`, over any number of parameters, and how it is shown."""
 
 from __future__ import annotations
 
@@ -176,7 +176,7 @@ class Optimum:
         return f"{self._at(key, low)} … {self._at(key, high)}" if known else NOT_KNOWN
 
     def sentences(self) -> list[str]:
-        """What bounds the place and the value, and what was run."""
+        """Sentences on the intervals of place and value, and on the runs."""
         if self.averaging is None:
             return [*self._on_value(), *self._on_ranges(), *self._on_starts(), self._on_runs()]
         (one,) = self.parameters

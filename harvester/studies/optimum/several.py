@@ -38,7 +38,7 @@ CONFIRMED = 5
 CLIMB_EACH = 30
 # Noise streams, by number: for the search, for the chosen places, and for the final value.
 SEARCH, AGAIN, VALUE = 0, 1, 2
-# At the maximum a device without chance is started from so many other states.
+# Number of other initial states that are tried at the maximum under a deterministic excitation.
 STARTS = 8
 
 

@@ -94,7 +94,7 @@ class Basins:
         return header, rows
 
     def sentences(self) -> list[str]:
-        """What the numbers say, one line each."""
+        """Sentences on the findings, one line each."""
         count = int((self.orbit >= 0).sum())
         starts = "1 start" if count == 1 else f"{count} starts"
         lines = [

@@ -171,7 +171,7 @@ class Bifurcation:
         return header, rows
 
     def sentences(self) -> list[str]:
-        """What the numbers say, one line each."""
+        """Sentences on the findings, one line each."""
         lines = [
             f"{self.method}: {self.engine_version}; at each of {self.values.size} values "
             f"{self.periods} periods of the excitation, then {SAMPLES} samples, one a period; "

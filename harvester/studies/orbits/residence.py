@@ -120,7 +120,7 @@ class Residence:
         ]
 
     def sentences(self) -> list[str]:
-        """What the numbers mean and how they came about, one line each."""
+        """Sentences on the meaning of the numbers and on how they were obtained."""
         lines = [
             f"{self.method}: {self.engine_version}; {self.seconds:.2f} s",
             "a stay lasts from reaching a well (no more than a quarter of the energy that leads "

@@ -268,7 +268,7 @@ def study_of(
     precision: float | None,
     runner: Runner,
 ) -> Sensitivity:
-    """All of a `Sensitivity` but its time: `shape` is that of the design, rows and devices."""
+    """Everything of a `Sensitivity` except its wall time; `shape` is (rows, devices in a row)."""
     nominal = first_answer(runner, Request(scene, method))
     check_quantity(quantity, nominal)
     shares = design(shape[0], len(tolerances), scene.run.seed)

@@ -113,7 +113,7 @@ class MethodRow:
 
 @dataclass(frozen=True)
 class Measured:
-    """What was measured of every method on one scene.
+    """Measured errors and times of every method on one scene.
 
     Attributes
     ----------

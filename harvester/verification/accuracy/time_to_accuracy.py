@@ -120,7 +120,7 @@ class TimeToAccuracy:
         return header, rows
 
     def sentences(self) -> list[str]:
-        """What the numbers rest on, one line each."""
+        """Sentences on the runs behind the numbers, one line each."""
         known = ", ".join(
             f"{SYMBOLS[name]} {error.scatter / math.sqrt(self.reference.simulated_time):.2%}"
             for name, error in self.reference.errors.items()

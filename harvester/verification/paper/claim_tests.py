@@ -68,7 +68,7 @@ def name_of(changes: Changes) -> str:
 
 
 class StatementTest:
-    """What is asked of each method; `places` are the keys and values that it needs.
+    """A test that each method is put to; `places` are the keys and values that it needs.
 
     Most have a `quantity`: that of an answer, or one of `FEATURES` of its density.
 
@@ -277,7 +277,7 @@ class Bimodal(StatementTest):
     quantity = "peak"
 
     def findings(self, condition: Changes, read: Read) -> list[Finding]:
-        """What the density lacks at 0, as a share of its peak."""
+        """Findings: by how much the density at 0 is below its peak, as a share of the peak."""
         answer = read(condition)
         if answer is None or answer.density is None:
             return []

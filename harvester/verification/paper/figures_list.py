@@ -89,7 +89,7 @@ class PaperFigure:
 
 
 def _rounded(value):
-    """Without the last bits, so that curves share the scenes that they have in common."""
+    """Values rounded in their last bits, so that curves with equal scenes share them."""
     return float(f"{value:.12g}")
 
 

@@ -107,7 +107,7 @@ class Reproduction:
         return header, rows
 
     def sentences(self) -> list[str]:
-        """What a reader must know beside the figure."""
+        """Notes that belong to the figure."""
         lines = [f"{self.name}: refused by {m} at {where}: {why}" for m, where, why in self.refused]
         short: dict[tuple[str, str], list[str]] = {}
         for panel, curve, method, value, outcome in self.points():

@@ -1,4 +1,4 @@
-"""What one engine or closure says of one case, computed in a worker process.
+"""The answer of one engine or closure to one case, computed in a worker process.
 
 Errors are outcomes of the task, which the runner hands on.
 """
@@ -33,7 +33,7 @@ TRIAL_STEPS = 100_000
 @register
 @dataclass(frozen=True)
 class CaseAnswer:
-    """What one engine or closure says of one case, in scaled units.
+    """The answer of one engine or closure to one case, in scaled units.
 
     Attributes
     ----------
