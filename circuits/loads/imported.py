@@ -110,8 +110,7 @@ def imported(text: str, name: str, nodes: Sequence[str], remove: Sequence[str] =
 
 
 def _body(text):
-    """The netlist without its title; µ and § in names are replaced by characters that every
-    reader takes."""
+    """The netlist without its title line; § in names becomes _."""
     return "\n" + text.partition("\n")[2].replace("§", "_")
 
 

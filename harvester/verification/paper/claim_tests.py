@@ -92,7 +92,7 @@ class StatementTest:
         return [with_value(condition, *place) for place in self.places()] or [condition]
 
     def findings(self, *arguments: Any) -> list[Finding]:
-        """The answers of one method at a condition."""
+        """Findings from the answers of one method at a condition."""
         raise NotImplementedError
 
 
