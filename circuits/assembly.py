@@ -139,7 +139,7 @@ class Netlist:
     measurement : circuits.loads.measurement.Measurement
         Measures of the load.
     watch : circuits.loads.load_watch.Watch
-        What limits the step in the load.
+        The load's unknowns that limit the step.
     watched_energy : (float, float)
         Twice the energy over the terminal's voltage squared (F), and twice that which does not
         count (J).

@@ -111,7 +111,7 @@ def numbers_of(part: Any) -> list[float]:
     Parameters
     ----------
     part : tuple or float
-        As of a `harvester.device.system.System`.
+        A part of a device, such as a `harvester.device.system.System`.
     """
     if isinstance(part, tuple):
         return [number for each in part for number in numbers_of(each)]

@@ -20,7 +20,7 @@ def at_temperature(model: Mapping[str, float], celsius: float) -> dict[str, floa
     Parameters
     ----------
     model : mapping of str to float
-        By ngspice's names, for `tnom` °C.
+        Parameters by ngspice's names, valid at `tnom` °C.
     celsius : float
     """
     said = {"is": 1e-14, "n": 1.0, "m": 0.5, "vj": 1.0, "fc": 0.5, "eg": 1.11, "xti": 3.0,

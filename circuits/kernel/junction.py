@@ -88,7 +88,7 @@ def table_row(
     many : float
         How many of them lie side by side.
     celsius : float
-        Its temperature.
+        Temperature of the junction (°C).
     """
     model = at_temperature(model, celsius)
     saturation, all_of_them = area * model["is"], area * many

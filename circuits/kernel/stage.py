@@ -266,7 +266,7 @@ def solve_stage(
         `latest` holds a guess of y + u, of the velocity at least where no behavioural source asks
         for more, `iterated` one of the junctions'.
     slot : int
-        From `slot_of`.
+        Slot of the factors, from `slot_of`.
     delta, time : float
     x_base : float
         X less what δ X' adds in the stage.

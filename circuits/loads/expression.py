@@ -540,7 +540,7 @@ def written(
         said = [text for text, _ in parts]
         form = "{0}%{1}" if kind == "%" else getattr(OPERATIONS[kind], dialect)
         if sum(map(len, said)) > LONGEST_WRITTEN:
-            raise ExpressionError("it grows too long")
+            raise ExpressionError("it grows too long for LTspice: divide it")
         if form[0].isalpha():
             return form.format(*said), 9
         said = [

@@ -43,7 +43,7 @@ def imported(text: str, name: str, nodes: Sequence[str], remove: Sequence[str] =
     Parameters
     ----------
     text : str
-        Its first line is a title.
+        Text of the netlist; its first line is a title.
     name : str
         Name of the sub-circuit.
     nodes : sequence of str

@@ -42,11 +42,11 @@ class Measurement(_Rows):
     rows : tuple of (str, str)
         Kind and name of each value; the power that a state takes has the kind `TAKEN`. Levels last.
     trees : tuple
-        Their expressions, see `circuits.loads.expression`.
+        Expressions of the measures, see `circuits.loads.expression`.
     watched : tuple of str
         The unknowns that they are made of: a node's full name, or "i(name)".
     pins : tuple of str
-        Those of them that are nodes at the load's pins.
+        Watched nodes that are pins of the load.
     """
 
     @cached_property

@@ -28,7 +28,7 @@ class Ranged(NamedTuple):
     low, high : float
         Ends of the range.
     stiffness : float
-        Of the straight lines beyond.
+        Stiffness of the straight lines beyond the range.
     """
 
     spring: Any

@@ -45,7 +45,7 @@ class Group:
     Attributes
     ----------
     period : int or None
-        In forcing periods; None for motion that does not repeat itself.
+        Period of the motion in forcing periods; None if it does not repeat itself.
     members : ndarray of int
         Numbers of the starts, ascending.
     points : ndarray, shape (period or samples, 3)
@@ -159,7 +159,7 @@ def groups_that_meet(samples: np.ndarray) -> list[Group]:
     Parameters
     ----------
     samples : ndarray, shape (starts, samples, 3)
-        At the same times of all starts, the last of their runs.
+        Samples of all starts at the same times, the last ones of their runs.
     """
     scale, left, found = sizes_of(samples), np.arange(len(samples)), []
     while left.size:

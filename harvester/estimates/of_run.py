@@ -53,9 +53,9 @@ class RunEstimates:
     residual : float
         Residual of the energy balance, as a share of the energy put in.
     notes : tuple of str
-        On sources in the load, efficiencies above 1 and the shortfalls.
+        Notes on sources in the load, efficiencies above 1 and the shortfalls.
     moments : list of Moments
-        With the weights of `harvester.estimates.well_balance`, where wells differ.
+        Moments, weighted by `harvester.estimates.well_balance` where wells differ.
     error : callable
         The error of a mean from batches of these.
     balance : WellBalance or None

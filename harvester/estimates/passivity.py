@@ -86,7 +86,7 @@ def faint_output_notes(estimates: dict[str, Estimate]) -> tuple[str, ...]:
     Parameters
     ----------
     estimates : dict of str to Estimate
-        As of `efficiency_notes`.
+        Estimates as for `efficiency_notes`.
     """
     if "mean_output_power" not in estimates:
         return ()

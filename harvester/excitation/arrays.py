@@ -83,7 +83,7 @@ def rate_of(numbers: Mapping[str, float]) -> float | None:
     Parameters
     ----------
     numbers : mapping of str to float
-        By their names, without those of groups or structures.
+        Single numbers by their names, without the names of groups or structures.
 
     Raises
     ------

@@ -66,7 +66,7 @@ class MeasuredFile:
         The file's name in messages.
     table : harvester.excitation.table.Table
     headings : list of harvester.excitation.quantities.Heading
-        One for each column; without a title where the file has no names.
+        Heading of each column; without a title where the file has no names.
 
     Raises
     ------

@@ -47,7 +47,7 @@ def refuse_size(values: np.ndarray, factor: float, unit: str, file: str) -> None
     Parameters
     ----------
     values : ndarray, shape (n,)
-        In the file's unit; NaN and infinite ones are left alone.
+        Samples in the file's unit; NaN and infinite ones are ignored.
     factor : float
         Factor from the file's unit to m/s².
     unit, file : str

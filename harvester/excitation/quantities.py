@@ -169,7 +169,7 @@ class Heading(NamedTuple):
     title : str
         The name without its unit.
     unit : str
-        As written; empty where none is.
+        Unit as it is written; empty if there is none.
     quantity : str
         A name in `QUANTITIES`, empty where the title is none.
     """

@@ -65,7 +65,7 @@ class SpectrumFit:
     unexplained : float
         Share of the band's variance that lies apart from the fit, in thirds of octaves.
     excess_kurtosis : float
-        Of the samples: 0 for Gaussian noise, high for a record with an envelope.
+        Excess kurtosis of the samples: 0 for Gaussian noise, high for a record with an envelope.
     """
 
     intensity: float

@@ -37,7 +37,7 @@ def read_input(file: Path | str, noun: str, largest: int) -> bytes:
     noun : str
         Kind of file that is expected, for messages.
     largest : int
-        Bytes.
+        Largest size in bytes.
 
     Raises
     ------

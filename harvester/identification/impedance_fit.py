@@ -59,7 +59,7 @@ class FromImpedance:
     mode : int
         Index of the circuit's mode that is the scene's.
     measured : MeasuredImpedance
-        With the background that the other modes and the loss make.
+        The impedance, with the background of the other modes and of the loss.
     scene : Scene
         The scene with the fitted values.
     keys : list of str

@@ -38,7 +38,7 @@ class SpringShape:
     significance : float
         Its coefficient in standard errors, by a score test.
     moves : dict of str to float
-        By how much it would move each of the spring's values, as a share of the value.
+        Change of each of the spring's values by the next power, as a share of the value.
     halves : dict of str to float
         Half of the 95 % interval of each value beyond the linear one with the next power free, as
         a share of the value.

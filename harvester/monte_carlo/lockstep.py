@@ -62,7 +62,7 @@ class Room(NamedTuple):
     points : ndarray of int64, shape (realizations,)
         Points of each since it was last zero.
     columns : ndarray, shape (realizations, fields of `Record`, points)
-        Where these points are kept, if it has any room.
+        Array for the recorded points; of length 0 if none are kept.
     """
 
     states: np.ndarray

@@ -88,7 +88,8 @@ def knot_spacing(ready: Prepared) -> float:
 
 
 def with_knots(scene: Scene) -> Scene:
-    """The scene with its spacing of knots written out: what changes keep, and so their noise."""
+    """The scene with its knot spacing made explicit, so that changed copies keep it and thus
+    the same noise."""
     return scene.replace({"excitation.knot_spacing": knot_spacing(prepared(scene))})
 
 

@@ -47,7 +47,7 @@ class OutputMoments:
     first : ndarray, shape (len(rows),)
         When each measure was first above 0, settling included (s); nan: never, or a level.
     latest : ndarray, shape (len(rows),)
-        Their values at the latest point.
+        Values of these rows at the latest point.
     passages : ndarray, shape (len(LEVELS),)
         When the voltage's size first reached each level, settling included (s); nan: never.
     lowest, highest : float

@@ -52,7 +52,7 @@ class Tally(NamedTuple):
     wells : ndarray of int64
         Reached last; −1 before the first.
     since : ndarray
-        From when on the time in that well is still to be added (s).
+        Time (s) up to which the stay in that well has been added.
     """
 
     start: float

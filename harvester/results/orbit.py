@@ -27,7 +27,7 @@ class Attractor:
     name : str
         A, B, … in the order of their shares.
     period : int or None
-        In periods of the excitation; None for motion that does not repeat itself.
+        Period of the motion in periods of the excitation; None if it does not repeat itself.
     periodic_drive : bool
         Whether the excitation has a period; under a record motions are those that meet.
     starts : int
@@ -35,7 +35,7 @@ class Attractor:
     share : float
         Share of all starts.
     share_error : float or None
-        Its standard error where starts are drawn.
+        Standard error of the share, if starts are drawn at random.
     quantities : dict of str to Estimate
         Means of its starts alone.
     points : ndarray, shape (n, 2)

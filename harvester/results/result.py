@@ -74,7 +74,7 @@ class Result:
     energy_balance_residual : float or None
         Share of the energy put in that is not found again.
     wall_seconds : float
-        From the first realization's start to the last one's end, without start-up.
+        Wall time from the first realization's start to the last one's end, without start-up (s).
     engine_seconds : float
         Summed over realizations: `simulated_time` over it is the rate of one core.
     simulated_time : float
@@ -105,7 +105,7 @@ class Result:
     spectrum_fit : SpectrumFit or None
         The fit behind averaging over a record.
     stroboscope : ndarray or None, shape (realizations, samples, columns)
-        Where it was asked for: the state at the beginnings of the excitation's periods, scaled, in
+        If requested, the state at the beginnings of the excitation's periods, scaled, in
         the columns of `harvester.record.stroboscope.COLUMNS`; see `section`.
     attractors : tuple of Attractor
         For a deterministic run from several starts: the motions that they reach.
@@ -308,7 +308,7 @@ class Result:
         name : str
             "displacement", "velocity" or "voltage".
         label : str or None
-            In the legend (default: the method).
+            Label in the legend (default: the method).
         **style
             `colour` and `line`, as matplotlib has them.
 

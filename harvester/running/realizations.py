@@ -104,7 +104,7 @@ class Realizations:
     Attributes
     ----------
     scene : Scene
-        Its number of realizations decides the batches of each, and no more.
+        The scene; its number of realizations only sets the number of batches of each.
     method : Engine
     size : int
         Size of a task.

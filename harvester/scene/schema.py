@@ -135,14 +135,9 @@ def check_tables(
 ) -> dict[str, Any]:
     """Checked copy of a scene's nested dictionaries.
 
-    Parameters
-    ----------
-    tables : dict
-        The scene as read from TOML: top-level keys and tables.
-    origin : str
-        File or scene name, for messages.
-    kinds : dict of str to dict
-        For tables whose `kind` decides what else they hold: {table: {kind: class with KEYS}}.
+    Parameters ---------- tables : dict The scene as read from TOML: top-level keys and tables.
+    origin : str File or scene name, for messages. kinds : dict of str to dict Keys of the tables
+    whose `kind` decides which keys they have: {table: {kind: class with KEYS}}.
 
     Returns
     -------

@@ -103,7 +103,7 @@ def follow(
     Parameters
     ----------
     scene : Scene
-        As `forced` gives it.
+        A scene as returned by `forced`.
     engine, step, settings
         The engine's name, its step, and what else of it is not as usual.
     starts : list of [float, float, float]
@@ -166,7 +166,7 @@ def neighbours(
     Parameters
     ----------
     scene : Scene
-        As `forced` gives it.
+        A scene as returned by `forced`.
     samples : ndarray, shape (starts, samples, columns or STATE)
     starts : ndarray, shape (starts, STATE)
     members : ndarray of int

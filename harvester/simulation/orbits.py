@@ -59,7 +59,7 @@ def attractors(
     scene : Scene
     engine : Engine
     realizations : dict of int to Realization
-        By their numbers, with stroboscopic samples.
+        Realizations by their numbers, with stroboscopic samples.
     pool : Workers
         Follow neighbours on motions without a period.
     time_limit : float

@@ -47,7 +47,7 @@ class _Found:
     Attributes
     ----------
     inverses : dict of float to Inverse
-        By the parity of what they undo; a finer grid takes them as a start.
+        Inverses by the parity of the states; a finer grid uses them as preconditioners.
     """
 
     def __init__(self, solution: Solution, coarser: _Found | None) -> None:

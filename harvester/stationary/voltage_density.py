@@ -46,7 +46,7 @@ def density_of_charge(grid: Grid, mass: np.ndarray) -> tuple[np.ndarray, np.ndar
     ----------
     grid : harvester.stationary.propagator.Grid
     mass : ndarray
-        At the nodes of (X, Z, X'), of sum 1.
+        Mass at the nodes of (X, Z, X'), with sum 1.
     """
     away = grid.x[:, None] - grid.z
     along = mass.sum(axis=2)

@@ -103,7 +103,7 @@ def missing_from(quantity: str, estimate: Estimate) -> list[str]:
     ----------
     quantity : str
     estimate : Estimate
-        Without an error bar where something is missing.
+        The estimate; if it lacks an error bar, its note gives the reason.
     """
     if estimate.standard_error is not None or not estimate.note:
         return []
@@ -118,7 +118,7 @@ def on_common_knots(scenes: Sequence[Scene], of: Sequence[Scene] | None = None) 
     ----------
     scenes : sequence of Scene
     of : sequence of Scene or None
-        Those whose spacing is looked at; None: the scenes themselves.
+        Scenes among which the finest spacing is taken; None: the scenes themselves.
     """
     if not hasattr(scenes[0].excitation, "knot_spacing"):
         return list(scenes)

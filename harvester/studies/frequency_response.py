@@ -105,7 +105,7 @@ class FrequencyResponse:
     Attributes
     ----------
     scene : Scene
-        With a sine, whose own frequency is not used.
+        Scene with a sine, whose own frequency is not used.
     engine : str
     frequencies : ndarray, shape (n,)
         Hz, rising.

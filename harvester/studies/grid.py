@@ -53,7 +53,7 @@ class Grid:
     Attributes
     ----------
     scene : Scene
-        With one spacing of knots for all points.
+        The scene, with one knot spacing for all points.
     loads : tuple of str
         Labels.
     sweeps : dict of str to tuple of float

@@ -38,7 +38,7 @@ class Cell:
     outcome : str
         "complete", or what went wrong.
     estimates : dict of str to Estimate
-        In the scene's units.
+        Estimates in the scene's units.
     realizations : int
     """
 
@@ -55,7 +55,7 @@ class Sweep(Tabular):
     Attributes
     ----------
     scene : Scene
-        With one spacing of knots for all places.
+        The scene, with one knot spacing for all places.
     values : dict of str to tuple
         Keys that were varied, and their values; of a load study also the names of loads.
     methods, quantities : tuple of str
@@ -252,7 +252,7 @@ def variables_of(scene: Scene, cells: np.ndarray, dimensions: Sequence[str]) -> 
     ----------
     scene : Scene
     cells : ndarray of Cell
-        With as many axes as there are dimensions.
+        Cells with one axis for each dimension.
     dimensions : sequence of str
     """
     variables: dict[str, tuple] = {

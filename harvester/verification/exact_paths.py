@@ -57,7 +57,7 @@ class Equations:
     Parameters
     ----------
     system : harvester.device.system.System
-        Only its numbers are read.
+        The device, of which only the numbers are read.
     """
 
     def __init__(self, system):

@@ -29,7 +29,7 @@ class Worker:
     Parameters
     ----------
     folders : sequence of str or Path
-        For the process to import from, after all others.
+        Folders that the process imports from, after all others.
     """
 
     def __init__(self, folders: Sequence[str | Path] = ()) -> None:

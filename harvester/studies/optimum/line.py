@@ -147,7 +147,7 @@ class Search:
     Parameters
     ----------
     scene : Scene
-        With one spacing of knots for all places.
+        The scene, with one knot spacing for all places.
     axis : Axis
     quantity : str
     method : Method

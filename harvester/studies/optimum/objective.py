@@ -32,7 +32,7 @@ def series_in_units(answer: Any, quantity: str) -> np.ndarray:
     answer : harvester.running.Answer
         An answer with its moments.
     quantity : str
-        One that `harvester.results.paired.deviations` knows.
+        Name of a quantity that `harvester.results.paired.deviations` accepts.
 
     Returns
     -------

@@ -41,14 +41,9 @@ _FORMER = {
 class Averaging:
     """The same optimum by averaging, for comparison.
 
-    Attributes
-    ----------
-    closure : str
-    place, value : float or None
-        None where it refuses or has no maximum inside, with the reason.
-    reason : str
-    value_at_simulated_place : float or None
-        At the place that simulation found.
+    Attributes ---------- closure : str place, value : float or None Place and value of averaging's
+    maximum; None (see the reason) if it refuses or has none inside. reason : str
+    value_at_simulated_place : float or None Averaging's value at the place that simulation found.
     """
 
     closure: str
@@ -72,7 +67,7 @@ class Optimum:
     parameters : list of Parameter
         Each with its place at the optimum.
     value : Estimate
-        From a run at the place; over several parameters on noise of its own.
+        Value from a run at the place; over several parameters on noise of its own.
     searched : list of (dict, Estimate)
         Places and values: those that the last fit used; over several parameters those proposed,
         nan where a run failed.

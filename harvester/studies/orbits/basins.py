@@ -56,7 +56,7 @@ class Basins:
     orbits : list of Orbit
         The orbits, the one with the most starts first.
     periods : int
-        Forcing periods followed at least.
+        Least number of forcing periods that each start was followed.
     seconds : float
     """
 

@@ -61,7 +61,7 @@ class Jump:
     before, after : float
         The last value on the old branch and the first on the new one.
     power_before, power_after : float
-        In the scene's units.
+        Mean powers on both sides of the jump, in the scene's units.
     """
 
     direction: str
@@ -80,9 +80,9 @@ class Branch:
     direction : str
         "up" or "down".
     displacement, velocity : ndarray, shape (n, samples)
-        At the beginnings of the last forcing periods; NaN where a run failed.
+        Section: samples at the beginnings of the last forcing periods; NaN where a run failed.
     period : ndarray of int, shape (n,)
-        In forcing periods; 0 for motion that does not repeat itself.
+        Period of the motion in forcing periods; 0 if it does not repeat itself.
     mean_power, rms_voltage, rms_displacement : ndarray, shape (n,)
     """
 
@@ -110,7 +110,7 @@ class Bifurcation:
     jumps : list of Jump
     method, engine_version : str
     periods : int
-        Forcing periods at each place before the samples.
+        Number of forcing periods at each value before the samples.
     failures : dict of str to str
         "up at VALUE" to why the run failed.
     seconds : float

@@ -50,7 +50,7 @@ class Orbit:
     name : str
         A, B, … in the order of their shares.
     period : int or None
-        In periods of the forcing; None for motion that does not repeat itself.
+        Period of the motion in forcing periods; None if it does not repeat itself.
     lyapunov : Divergence or None
         For a motion without a period: its largest Lyapunov exponent (1/s).
     starts : int
@@ -60,7 +60,7 @@ class Orbit:
     mean_power, rms_voltage, rms_displacement : float
         Over the samples of all its starts.
     points : ndarray, shape (n, 2)
-        Its section: displacement and velocity at the beginnings of forcing periods.
+        Stroboscopic section: displacement and velocity at the beginnings of forcing periods.
     """
 
     name: str

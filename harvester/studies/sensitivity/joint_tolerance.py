@@ -68,9 +68,9 @@ def directions(scene: Scene, identified: Mapping[str, Any] | str | Path) -> list
     Parameters
     ----------
     scene : Scene
-        Its values are the means.
+        The scene, whose values are the means of the distributions.
     identified : dict with `keys` and `covariance`, or the file of its JSON
-        As `Identification.to_dict` and `harvester identify --json` give it.
+        Result of `Identification.to_dict` or `harvester identify --json`.
 
     Raises
     ------

@@ -27,14 +27,9 @@ RESAMPLES = 1000
 class Yield:
     """The share of devices above a limit.
 
-    Attributes
-    ----------
-    limit : float
-    share : Interval
-        Without the noise; its interval holds the choice of devices and the noise.
-    counted : float
-        The share as it is counted, noise and all.
-    devices : int
+    Attributes ---------- limit : float share : Interval Share without the effect of noise; its
+    interval includes the choice of devices and the noise. counted : float The share as it is
+    counted, noise and all. devices : int
     """
 
     limit: float
@@ -50,7 +45,7 @@ class Population:
     Attributes
     ----------
     values : ndarray, shape (devices,)
-        Without the noise's share of their spread.
+        Devices' values, their spread reduced by the noise's part.
     mean, deviation : Interval
     quantiles : dict of float to Interval
     """
@@ -69,7 +64,7 @@ def population(values: np.ndarray, variance: Interval, seed: int) -> Population:
     values : ndarray, shape (replicates, rows, devices in a row)
         Rows are independent of each other.
     variance : Interval
-        Without noise, from `harvester.studies.sensitivity.sobol.indices`.
+        Variance without noise, from `harvester.studies.sensitivity.sobol.indices`.
     seed : int
         Seed of the resampling.
     """
@@ -120,7 +115,7 @@ def share_above(values: np.ndarray, limit: float) -> Yield:
     Parameters
     ----------
     values : ndarray, shape (replicates, rows, devices in a row)
-        One or two replicates.
+        Values of one or two replicates.
     limit : float
     """
     counted = values.mean(axis=0) > limit

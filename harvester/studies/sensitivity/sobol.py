@@ -91,7 +91,7 @@ def indices(values: np.ndarray, seed: int) -> Indices:
     Parameters
     ----------
     values : ndarray, shape (replicates, rows, parameters + 2)
-        One replicate of what has no noise, else two or more.
+        Values: of one replicate if there is no noise, else of two or more.
     seed : int
         Seed of the resampling.
     """

@@ -78,7 +78,7 @@ class MethodRow:
     Attributes
     ----------
     run : Timed or None
-        Its run for the means; None where it failed.
+        The method's run for the means; None if it failed.
     note : str
         How it failed, or empty.
     mean_step : float
@@ -118,7 +118,7 @@ class Measured:
     Attributes
     ----------
     reference : Method
-        Its runs are what biases are deviations from.
+        The method from whose runs biases are measured.
     references : dict of bool to Timed
         The reference's runs, by `Method.brief`.
     closures : dict of str to dict
@@ -128,7 +128,7 @@ class Measured:
     answer : Answer or None
         The reference's long run with its evidence; None for runs by time, as is all that follows.
     exact_paths : str
-        What strong errors are deviations from.
+        Name of the solution from which strong errors are measured.
     horizon : float
         Length of the paths (s).
     speeds : dict

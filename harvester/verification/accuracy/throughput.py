@@ -83,7 +83,7 @@ def measure(
     Parameters
     ----------
     pool : harvester.workers.pools.WorkerPool
-        With two workers or more for the ratio of two processes to one.
+        Pool of workers; the ratio of two processes to one needs at least two.
     compiled : bool
         Whether the compiled device is on.
     knots, repeats : int

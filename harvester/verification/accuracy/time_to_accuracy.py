@@ -35,7 +35,7 @@ class Line:
     Attributes
     ----------
     errors : dict of str to TotalError
-        By quantity; empty where the method failed.
+        Total errors by quantity; empty if the method failed.
     simulated_time : float
         Measured time of all its realizations (s).
     cost : float
@@ -67,7 +67,7 @@ class TimeToAccuracy:
     Attributes
     ----------
     reference : Line
-        Its errors hold no bias.
+        The reference method; its errors hold no bias.
     refused : dict of str to str
         Closures that do not hold, with the reason.
     """
@@ -159,7 +159,7 @@ def time_to_accuracy(
     Parameters
     ----------
     scene : Scene, str or Path
-        Its run gives the length of each realization.
+        The scene; its [run] gives the length of each realization.
     seconds : float
         Seconds of one core that each method's run may take: the longer, the better are biases
         known.

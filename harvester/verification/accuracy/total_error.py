@@ -30,7 +30,7 @@ class TotalError:
     Attributes
     ----------
     bias : Estimate
-        As a share of the reference's mean; no standard error where the runs are too short.
+        Bias as a share of the reference's mean; no standard error where the runs are too short.
     scatter : float
         Relative standard error of the mean times the root of the simulated time (√s).
     cost : float

@@ -232,7 +232,7 @@ def work_precision(
     Parameters
     ----------
     scene : Scene, str or Path
-        Its run is the one whose means are compared.
+        The scene; means are compared over its own [run].
     thorough : bool
         More paths, steps and realizations.
     methods : sequence of Method or None

@@ -77,12 +77,12 @@ class MeasuredDevice:
     name : str
     source : str
     said : tuple of str
-        What the paper states, what is inferred, and what the limit is made of.
+        Sentences on what the paper states, what is inferred, and how the limit is set.
     lumped : Lumped
     reading : float
         Relative error of a power as it was read, and of what was taken from such a point.
     series : dict of float to (resistances, powers)
-        By frequency (Hz): kΩ, and mean power (W).
+        Load resistances (kΩ) and mean powers (W) by frequency (Hz).
     acceleration : float
         Acceleration of the base (m/s²).
     methods : tuple of str

@@ -35,13 +35,13 @@ class Finding:
     effect : float
         A share, with the sign of what was found.
     error : float
-        Its standard error, or numerical error.
+        Standard error of the effect, or its numerical error.
     favours : int
         Sign of an effect that speaks for the statement.
     decisive : bool
         Whether the statement needs it; steps of a trend only may speak against it.
     margin : float or None
-        What decides instead of the effect: how far it stays below a limit.
+        Margin below a limit, which decides in place of the effect.
     """
 
     where: str

@@ -99,7 +99,7 @@ class Judgement:
     verdicts : list of dict of str to Opinion
         Verdicts of each claim, by method.
     answers : dict of (str, Changes) to Answer, HarvesterError or None
-        By method and changes of the scene.
+        Answers by method and changes of the scene.
     """
 
     scene: Scene

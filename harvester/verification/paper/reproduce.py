@@ -55,13 +55,13 @@ class Reproduction:
     Attributes
     ----------
     layout : PaperFigure
-        What it shows.
+        Panels, curves and axes of the figure.
     scene : Scene
         The device; curves and axes change it.
     lines : list of list of dict
         Per panel and curve: {method: [(value, Outcome), …]}, values increasing.
     wall_seconds : float
-        From the call until the figure was done; figures share points.
+        Wall time from the call until the figure was done (s); figures share points.
     """
 
     name: str

@@ -55,7 +55,7 @@ class Evidence:
     Attributes
     ----------
     of : str
-        What was compared, in words.
+        Name of the compared quantity.
     sharpness : float
         Joint standard error of means; of a path the deviation that its step explains.
     largest : float
@@ -107,7 +107,7 @@ class CaseRow:
     Attributes
     ----------
     answers : dict of str to CaseAnswer, HarvesterError or None
-        By engine and closure; None: nothing yet when time ran out.
+        Answers by engine and closure; None if time ran out before one.
     cells : dict of str to Cell
     """
 
