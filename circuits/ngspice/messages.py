@@ -40,7 +40,7 @@ MOST_REASONS = 3
 # Matches the message on steps that are too small. Causes are switches, and coils with inductance.
 _TOO_SMALL = re.compile("timestep too small", re.I)
 _AT_SWITCH = re.compile(r"-instance [sw]\.", re.I)
-_CHATTER = "; it undoes what turned it over and over: give it a hysteresis, or a wider one"
+_CHATTER = "; its own effect turns it back again and again: give it a hysteresis, or a wider one"
 _CUT_OFF = (
     "; the inductance drives the coil's current on, and a load that switches leaves it no way: set "
     "coil.inductance = 0, which changes little while ωL is far below the resistances"

@@ -129,7 +129,7 @@ def _without_value(load, moments):
     return tuple(
         f"{measure.where}: measure: {measure.kind} {measure.name} = {measure.expression} has no "
         "finite value at some time of the run, such as the root of a negative number or a quotient "
-        "by 0; mend the expression"
+        "by 0; correct the expression"
         for measure in (load.measures if load else ())
         if any(row in names for row in measure.rows)
     )

@@ -306,10 +306,10 @@ def _storage(ready, moments, estimates):
         return Shortfall(
             f"the store {worst.name} ({worst.where}) still "
             f"{'charges' if worst.missing > 0.0 else 'discharges'}",
-            f"it is up to {100.0 * abs(worst.missing):.2g} % of what it holds from where it will "
-            f"settle, and all means change with it; raise run.settle (to "
+            f"it is up to {100.0 * abs(worst.missing):.2g} % of what it holds away from its "
+            "steady state, which affects all means; raise run.settle (to "
             f"{run.settle + FORGETTING_TIMES * worst.time:.2g} s at most, less where a diode "
-            "charges it), or let it begin nearer to that by ic=",
+            "charges it), or start it nearer to that by ic=",
         )
     if not scene.excitation.random:
         return None
@@ -335,7 +335,7 @@ def _jumps(p, moments, estimates):
     seen = f"{crossings:.0f} passes" if crossings else "no pass"
     return Shortfall(
         f"{seen} between the wells in {measured:.3g} s",
-        f"one jump more would add {one:.2g} of itself to E[V²]; raise run.duration or "
+        f"a single further jump would raise E[V²] by {100.0 * one:.2g} %; raise run.duration or "
         "run.realizations",
         QUANTITIES_OF_THE_CHARGE,
     )
@@ -445,7 +445,7 @@ def _drift(moments, balance):
             return [
                 Shortfall(
                     f"{name} still drifts",
-                    f"it changes by {change:+.2g} of itself from the first half of the measured "
+                    f"it changes by {change:+.2g} of its mean from the first half of the measured "
                     "time to the second; raise run.settle and run.duration",
                 )
             ]

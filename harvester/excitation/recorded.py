@@ -245,7 +245,7 @@ class RecordedMotion(Excitation):
         if repeats:
             times = (run.settle + run.duration) * run.realizations / length
             lines.append(
-                f"the record is used {times:.1f} times over: error bars tell how well this "
+                f"the record is used {times:.1f} times over: error bars show how well this "
                 f"record's own mean is known (best over whole repeats of {length:g} s), not what "
                 "another record gives"
             )
@@ -474,9 +474,9 @@ def _band_remark(record, angular_frequency):
     if not 0.0 < frequency < math.inf or low / BAND_MISS <= frequency <= high * BAND_MISS:
         return ()
     return (
-        f"the record misses the device: {BAND_SHARE:.0%} of its power lies between {low:.3g} and "
-        f"{high:.3g} Hz, and the device moves at {frequency:.3g} Hz: see that time_unit or "
-        "sampling_rate are right",
+        f"the record does not excite the device: {BAND_SHARE:.0%} of its power lies between "
+        f"{low:.3g} and {high:.3g} Hz, and the device moves at {frequency:.3g} Hz: check "
+        "time_unit and sampling_rate",
     )
 
 

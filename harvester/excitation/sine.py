@@ -20,9 +20,9 @@ KNOTS_PER_PERIOD = 40
 # Straight lines through fewer points per period do not resemble a sine.
 FEWEST_KNOTS_PER_PERIOD = 8
 WITHOUT_CHANCE = (
-    "the excitation is periodic and without chance: means are over whole periods, and error bars "
-    "tell what is left of the start, how the means vary if the motion has another period, and what "
-    "the steps cost"
+    "the excitation is periodic and deterministic: means are over whole periods, and error bars "
+    "show the remaining transient, how the means vary if the motion has another period, and the "
+    "error of the steps"
 )
 
 

@@ -182,8 +182,8 @@ class Spectrum(Excitation):
         frequency = angular_frequency / (2.0 * math.pi)
         if not low <= frequency <= high and 0.0 < frequency < math.inf:
             lines.append(
-                f"the spectrum misses the device: it lies between {low:g} and {high:g} Hz, and the "
-                f"device moves at {frequency:.3g} Hz"
+                f"the spectrum does not excite the device: it lies between {low:g} and {high:g} "
+                f"Hz, and the device moves at {frequency:.3g} Hz"
             )
         if filter_length(np.array(self.corners), spacing) == MOST_TAPS:
             lines.append(

@@ -207,7 +207,7 @@ class Identification:
             )
             if stretch.windows > 1:
                 lines.append(
-                    f"{stretch.name}: from one start alone, whose path may part from the "
+                    f"{stretch.name}: from one start alone, whose path may diverge from the "
                     f"measured one, {name} {with_error(stretch.free_power(), unit)}"
                 )
         lines += [str(each) for each in self.kept_aside]

@@ -106,9 +106,9 @@ class FromImpedance:
                 )
         if not mass_is_free:
             lines.append(
-                "an impedance tells θ²/M, k/M and C/M, not the mass: of another mass, stiffness "
-                "and damping are in proportion to it and coupling to its square root; weigh it, or "
-                "give a record of voltage under a measured acceleration (--record)"
+                "an impedance determines θ²/M, k/M and C/M, not the mass: for another mass, "
+                "stiffness and damping are in proportion to it and coupling to its square root; "
+                "weigh it, or give a record of voltage under a measured acceleration (--record)"
             )
         return lines
 
@@ -325,11 +325,11 @@ def impedance_verdict(base: Fitted) -> Verdict:
     if not base.adequate:
         return Verdict(
             "incomplete",
-            f"the model is wrong or incomplete: {said}: more is there than modes, a capacitance "
-            "and its loss",
+            f"the model is wrong or incomplete: {said}: it has more than modes, a capacitance and "
+            "its loss",
         )
     return Verdict(
         "predicts",
         f"the model predicts {said}; that is small motion about the place where it rests, the base "
-        "clamped: nothing is known of large motion, of stoppers and of the answer to acceleration",
+        "clamped: it does not cover large motion, stoppers and the response to acceleration",
     )

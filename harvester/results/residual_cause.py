@@ -59,7 +59,7 @@ def _diverged(result, p, totals, stored):
     if np.isfinite(result.energy_balance_residual) and np.all(np.isfinite(stored)):
         return ""
     return (
-        "the run diverged, its energies are no numbers any more: look for a negative resistance or "
+        "the run diverged, its energies are not finite: look for a negative resistance or "
         "a gain that feeds back in the load"
     )
 
@@ -89,8 +89,8 @@ def _short_run(result, p, totals, stored):
     if share < STORED_SHARE_OF_SHORT_RUNS:
         return ""
     return (
-        f"the run is too short: the stored energy changes by {share:.2g} of what is put in, and "
-        "the ends count; raise run.duration"
+        f"the run is too short: the stored energy changes by {share:.2g} of what is put in, so "
+        "that its ends matter; raise run.duration"
     )
 
 
@@ -112,9 +112,9 @@ def _load(result, p, totals, stored):
     share = left.sum() / takers[found[0]].sum()
     names = " or the ".join(found)
     return (
-        f"the {names}: what is missing goes with what it takes, {share:+.2g} of it in every "
-        f"realization; the circuit's {names} is not the one that the power is reckoned with (its "
-        "value, its parameters, a temperature or a multiplier)"
+        f"the {names}: the missing energy is proportional to what it takes, {share:+.2g} of it in "
+        f"every realization; the circuit's {names} differs from the one that the power is computed "
+        "with (its value, its parameters, a temperature or a multiplier)"
     )
 
 

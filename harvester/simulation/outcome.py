@@ -114,7 +114,7 @@ def _density_notes(found, shapes):
     if found.balance is None or found.shortfalls or not bare:
         return ()
     return (
-        f"the density of {', '.join(bare)} has no error bar: some of it stands on fewer than "
+        f"the density of {', '.join(bare)} has no error bar: parts of it rest on fewer than "
         f"{FEWEST_JUMPS:.0f} jumps between wells; simulate longer",
     )
 
@@ -166,7 +166,7 @@ def _notes_on_starts(scene, motions):
         return (
             *repeated,
             "one start: a driven device that is not linear may have other motions with other "
-            "powers: set run.starts = 100, or ask harvester basins",
+            "powers: set run.starts = 100, or use harvester basins",
         )
     unit = unit_of(scene, "power")
     lines = (*repeated, *(each.sentence(unit) for each in motions))
@@ -177,9 +177,9 @@ def _notes_on_starts(scene, motions):
         )
     if scene.run.starts:
         lines += (
-            "the quantities above are means over all starts; their error bars hold the chance of "
-            f"{given} drawn starts; a motion that fewer than {3.0 / given:.1%} of all starts come "
-            "to may be missing",
+            "the quantities above are means over all starts; their error bars include the chance "
+            f"of {given} drawn starts; a motion that fewer than {3.0 / given:.1%} of all starts "
+            "reach may be missing",
         )
     elif len(motions) > 1:
         lines += (
@@ -195,8 +195,9 @@ def _notes_on_repetition(count, given):
         return ()
     starts = "there is one" if count == 1 else f"there are {count}, one in each well"
     return (
-        f"run.realizations = {given}: without chance in the excitation realizations differ by "
-        f"their starts alone, and {starts}: each is run once; run.starts = 100 draws others",
+        f"run.realizations = {given}: the excitation is deterministic, so that realizations "
+        f"differ by their starts alone, and {starts}: each is run once; run.starts = 100 draws "
+        "others",
     )
 
 

@@ -108,7 +108,7 @@ def missing_from(quantity: str, estimate: Estimate) -> list[str]:
     if estimate.standard_error is not None or not estimate.note:
         return []
     name = quantity.replace("_", " ")
-    return [f"{name}: {estimate.note}; what is missing moves what is found here, too"]
+    return [f"{name}: {estimate.note}; this affects the results found here, too"]
 
 
 def on_common_knots(scenes: Sequence[Scene], of: Sequence[Scene] | None = None) -> list[Scene]:

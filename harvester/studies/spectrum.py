@@ -366,7 +366,7 @@ class SpectrumAnalysis:
             )
         if self.runs_test()[1] < 1.0 - CONFIDENCE:
             lines.append(
-                "not stationary: its strength drifts, and one density does not tell it all"
+                "not stationary: its strength drifts, so that one density does not describe it"
             )
         return lines
 

@@ -224,7 +224,7 @@ class Comparison:
             return Verdict(f"Circuit and Monte Carlo disagree: {self._greatest()}{tail}.", False)
         if self.significant or self.paired_apart:
             within = f"Circuit and Monte Carlo agree within {AGREEING_SHARE:.0%}"
-            small = "significant, but negligible against that limit: it is what steps may cost"
+            small = "significant, but negligible against that limit: the steps may cause as much"
             return Verdict(f"{within}: {self._greatest()}; {small}{tail}.", True)
         # Runs without chance may have a difference of 0.
         worst = max(0.1, *known.values())

@@ -255,12 +255,12 @@ class Optimum:
         others = values[off > FLAT_SHARE * abs(self.value.estimate)]
         states = f"{values.size} other states"
         if not others.size:
-            return [f"started there from each of {states} it comes to the same: one attractor"]
+            return [f"started there from each of {states} it reaches the same value: one attractor"]
         return [
             f"several attractors: started there from {values.size - others.size} of {states} it "
-            f"comes to the same, from the others to {quantity(others.min(), self.unit)} … "
-            f"{quantity(others.max(), self.unit)}; the search starts every run as the "
-            "scene does: other values of [start] may find another branch"
+            f"reaches the same value, from the others {quantity(others.min(), self.unit)} … "
+            f"{quantity(others.max(), self.unit)}; the search starts every run as the scene does: "
+            "other values of [start] may find another branch"
         ]
 
     def _on_runs(self):

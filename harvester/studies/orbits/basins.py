@@ -181,15 +181,15 @@ def orbit_sentences(orbits: Sequence[Orbit], unit: Any) -> list[str]:
         return lines
     lines.append(
         f"most power on orbit {best.name}, {quantity(best.mean_power, unit('power'))}: "
-        f"{best.share:.1%} ± {best.share_error:.1%} of the starts come to it"
+        f"{best.share:.1%} ± {best.share_error:.1%} of the starts reach it"
     )
     least = min(orbits, key=lambda each: each.mean_power)
     if 0.0 < least.mean_power < (1.0 - ALIKE_POWER) * best.mean_power:
         lines[-1] += f"; {best.mean_power / least.mean_power:.3g} times that of orbit {least.name}"
     if any(each.kind == NOT_SETTLED for each in orbits):
         lines.append(
-            "what is not settled repeats no period and its neighbours do not part: follow it "
-            "longer with --periods"
+            '"not settled" means: no period repeats, and neighbouring paths do not diverge: follow '
+            "it longer with --periods"
         )
     return lines
 

@@ -141,8 +141,8 @@ class Sensitivity:
     def _on_noise(self):
         if self.indices.first is None:
             return [
-                "the parameters' part of the scatter cannot be told from the runs' noise: no "
-                "indices; lower --precision, or raise run.duration, run.realizations or --rows"
+                "the parameters' part of the scatter is not above the runs' noise: no indices; "
+                "lower --precision, or raise run.duration, run.realizations or --rows"
             ]
         noise, own = self.indices.noise_variance, self.indices.variance.estimate
         share = noise / (noise + own)
@@ -311,8 +311,8 @@ def _told(kept, failures, out_of_time):
     lines = []
     if failures:
         lines.append(
-            f"{len(failures)} runs failed; their rows are left out, and the yield does not know "
-            f"of them: {failures[0]}"
+            f"{len(failures)} runs failed; their rows are left out, and the yield does not include "
+            f"them: {failures[0]}"
         )
     if out_of_time:
         lines.append(
