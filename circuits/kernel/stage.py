@@ -123,7 +123,8 @@ class State(NamedTuple):
 
 
 def fresh_state(circuit: Circuit) -> State:
-    """A state of a circuit, all zero; its vectors keep the memory that they are views of."""
+    """A state of a circuit, all zero. Its vectors are views of one block of memory, which
+    they keep alive."""
     tables, order, at = circuit.tables, circuit.order, circuit.layout
     memory = fresh_memory(tables, at)
     n, m, k = tables.steady.size, len(tables.junctions), len(tables.tape)
@@ -235,7 +236,7 @@ def _near(state, only_motion, smooth):
         moving = position == state.motion
         new = state.y[unknown] + state.solution[position]
         moved = abs(new - state.latest[unknown])
-        # Not a number is not near.
+        # NaN counts as not near, so that the iteration goes on or fails.
         free = SMOOTH_STEP if smooth and moving else RELATIVE_STEP
         settled = settled and moved <= free * max(state.largest[unknown], abs(new))
         state.latest[unknown] = new

@@ -1,8 +1,8 @@
 """Whether a load oscillates by itself, with the device at rest, and how fast its switches act.
 
 Kirchhoff's laws of the load alone, C dy/dt + i(y) = s, are solved at rest and linearised there. A
-mode that grows is an oscillator; switches that no state satisfies relax for ever, and the time
-constants of what controls them set the time of a turn.
+mode that grows is an oscillator; switches for which no rest state exists turn for ever, at a rate
+set by the time constants of their controls.
 """
 
 from __future__ import annotations

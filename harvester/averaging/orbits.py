@@ -283,7 +283,8 @@ def edges(system: System, closure: str) -> list[tuple[Edge, float, float]]:
     if closure == "consistent" and system.transducer.coupling > 0.0:
         wells, reach = Edge(system, inside=True, anchor=timescales.rest(system)), np.inf
     else:
-        # With one potential for all, no well reaches out of the first outer orbit.
+        # All edges share one potential here, so that no orbit of a well extends beyond the first
+        # outer orbit.
         wells = Edge(system, inside=True)
         reach = settled_orbits(outer, np.array([first]), SCAN_NODES).right[0]
     return [(wells, *_well_range(wells, reach)), (outer, first, last)]

@@ -184,7 +184,7 @@ def advance(
 
 @merged
 def _excitation(knots, block, k, phase):
-    """The excitation of a realization and its slope, so long after the earlier of two knots."""
+    """The excitation of a realization, and its slope, at a time after the earlier of two knots."""
     before, after, spacing = knots
     slope = (after[block, k] - before[block, k]) / spacing
     return before[block, k] + slope * phase, slope
