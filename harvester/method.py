@@ -43,8 +43,11 @@ class Method(ABC):
     def as_arguments(self, key: str) -> dict[str, Any]:
         """An engine as plain arguments of a task, which name the task's answer.
 
-        Parameters ---------- key : str Key under which the engine's name stands. `step` has a key
-        of its own; other settings are included if they differ from their defaults.
+        Parameters
+        ----------
+        key : str
+            Key under which the engine's name stands. `step` has a key of its own; other settings
+            are included if they differ from their defaults.
         """
         settings = self.settings
         step = settings.pop("step", "default")

@@ -30,10 +30,15 @@ _ACTIVE = "swqjmb"
 def relaxation(ready: Prepared, levels: Mapping[str, float], blocking: bool = True) -> np.ndarray:
     """Matrix G⁻¹ C: times the levels' rates of change, it gives their distance from steady state.
 
-    Parameters ---------- ready : Prepared A scene whose load is a netlist. levels : mapping of str
-    to float Mean voltages (V) and currents (A) by the load's own names. blocking : bool Whether
-    diodes, open switches and expressions are included, each with its slope at the mean levels; else
-    they conduct nothing.
+    Parameters
+    ----------
+    ready : Prepared
+        A scene whose load is a netlist.
+    levels : mapping of str to float
+        Mean voltages (V) and currents (A) by the load's own names.
+    blocking : bool
+        Whether diodes, open switches and expressions are included, each with its slope at the mean
+        levels; else they conduct nothing.
 
     Returns
     -------

@@ -54,19 +54,35 @@ _READINGS = {"M": ("a million", "a thousandth"), "F": ("a farad", "a femtofarad"
 class LoadCircuit:
     """A load that was read and checked, ready to be connected to the transducer.
 
-    Attributes ---------- text : str Text of its file for exported decks: includes inserted,
-    parameters by name; ends with a newline. elements : tuple of circuits.loads.elements.Element All
-    that it holds, as both engines run it. name : str Name of its sub-circuit. pins : tuple of str
-    Pins as declared, from `PIEZO_PINS` and `OUTPUT_PINS`. parameters : tuple of (str, float) Values
-    other than the netlist's own, given where it is called. defaults : tuple of (str, float) The
-    netlist's own values of its sub-circuit's parameters, where they are plain numbers.
-    across_output : tuple of circuits.loads.elements.Element Resistors and capacitors across the
-    output. linear, switches : bool Resistors and capacitors only; anything beside them and diodes.
-    resistance : float or None Resistance of a load that is one resistor between p and n, in Ω.
-    measures : tuple of circuits.loads.measures.Measure Measures that its file asks for (`*
-    measure:`). probes : tuple of str Nodes, and currents "i(name)", that a waveform is to hold; see
-    `with_probes`. file : str Name of the file that its sub-circuit stands in. ambiguity : str A
-    note on expressions that another SPICE reads otherwise; empty if there are none.
+    Attributes
+    ----------
+    text : str
+        Text of its file for exported decks: includes inserted, parameters by name; ends with a
+        newline.
+    elements : tuple of circuits.loads.elements.Element
+        All that it holds, as both engines run it.
+    name : str
+        Name of its sub-circuit.
+    pins : tuple of str
+        Pins as declared, from `PIEZO_PINS` and `OUTPUT_PINS`.
+    parameters : tuple of (str, float)
+        Values other than the netlist's own, given where it is called.
+    defaults : tuple of (str, float)
+        The netlist's own values of its sub-circuit's parameters, where they are plain numbers.
+    across_output : tuple of circuits.loads.elements.Element
+        Resistors and capacitors across the output.
+    linear, switches : bool
+        Resistors and capacitors only; anything beside them and diodes.
+    resistance : float or None
+        Resistance of a load that is one resistor between p and n, in Ω.
+    measures : tuple of circuits.loads.measures.Measure
+        Measures that its file asks for (`* measure:`).
+    probes : tuple of str
+        Nodes, and currents "i(name)", that a waveform is to hold; see `with_probes`.
+    file : str
+        Name of the file that its sub-circuit stands in.
+    ambiguity : str
+        A note on expressions that another SPICE reads otherwise; empty if there are none.
     """
 
     text: str

@@ -22,11 +22,19 @@ TRANSISTORS = ("m", "j", "q")
 class Part:
     """One element.
 
-    Attributes ---------- name : str Name as the netlist spells it. nodes : tuple of str Nodes of
-    the element in the netlist's order; of a controlled element those through which current flows.
-    control : tuple of str Nodes, sources or coupled coils that act on it. value : str Text that
-    follows the nodes; of a sub-circuit's call, its parameters. calls : str Name of the sub-circuit
-    of an X element, else empty.
+    Attributes
+    ----------
+    name : str
+        Name as the netlist spells it.
+    nodes : tuple of str
+        Nodes of the element in the netlist's order; of a controlled element those through which
+        current flows.
+    control : tuple of str
+        Nodes, sources or coupled coils that act on it.
+    value : str
+        Text that follows the nodes; of a sub-circuit's call, its parameters.
+    calls : str
+        Name of the sub-circuit of an X element, else empty.
     """
 
     name: str

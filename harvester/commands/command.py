@@ -111,16 +111,27 @@ class Study(Command):
     A function with `**running: Unpack[RunnerOptions]` is given an open runner, one with `progress`
     what draws the progress bar.
 
-    Attributes ---------- title : str or callable Over the table; or what gives it, of the result.
-    stem : str Name of the files, behind that of the scene: a word, or an option in braces; left
-    out: the command's name. failed : callable or None Function that tells from the result whether
-    the exit code is 1. json : bool Whether the command has the option --json. waveform : bool
-    Whether there is --waveform, which gets the result's `waveform`. files : tuple of str Names of
-    the files that the result's `save(folder)` writes; left out: it has none, and the folder gets
-    JSON, figure and tables. running : callable or None Function of the options that gives the
-    runner's settings where the user leaves it out. bar : str Content of the progress bar: "" the
-    runner's tasks if there is a runner, "function" the function's own reports, "simulated time"
-    these with seconds of the scene.
+    Attributes
+    ----------
+    title : str or callable
+        Over the table; or what gives it, of the result.
+    stem : str
+        Name of the files, behind that of the scene: a word, or an option in braces; left out: the
+        command's name.
+    failed : callable or None
+        Function that tells from the result whether the exit code is 1.
+    json : bool
+        Whether the command has the option --json.
+    waveform : bool
+        Whether there is --waveform, which gets the result's `waveform`.
+    files : tuple of str
+        Names of the files that the result's `save(folder)` writes; left out: it has none, and the
+        folder gets JSON, figure and tables.
+    running : callable or None
+        Function of the options that gives the runner's settings where the user leaves it out.
+    bar : str
+        Content of the progress bar: "" the runner's tasks if there is a runner, "function" the
+        function's own reports, "simulated time" these with seconds of the scene.
     """
 
     title: str | Callable[[Any], str] = ""

@@ -242,12 +242,20 @@ def time_to_accuracy(
 ) -> None:
     """How long every method takes to an error of 10, 3 and 1 %.
 
-    Parameters ---------- scenes : list of str TOML files or names of built-in scenes (default:
-    paper with excitation.intensity=0.1 and device with load.netlist=bridge). overrides : list of
-    str Override a value of every scene; TABLE=none removes a table. seed : int or None Same as
-    --set run.seed=SEED. seconds : float or None Time on one core for each method's run (default:
-    10). A longer run gives smaller error bars of the biases. json : str or None Write JSON; - for
-    standard output.
+    Parameters
+    ----------
+    scenes : list of str
+        TOML files or names of built-in scenes (default: paper with excitation.intensity=0.1 and
+        device with load.netlist=bridge).
+    overrides : list of str
+        Override a value of every scene; TABLE=none removes a table.
+    seed : int or None
+        Same as --set run.seed=SEED.
+    seconds : float or None
+        Time on one core for each method's run (default: 10). A longer run gives smaller error bars
+        of the biases.
+    json : str or None
+        Write JSON; - for standard output.
     """
     from harvester.scene.model import Scene
     from harvester.verification.accuracy.time_to_accuracy import SECONDS, time_to_accuracy

@@ -164,8 +164,11 @@ class Excitation(ABC):
     def spacing(self, longest: float) -> float:
         """Spacing of the knots (s).
 
-        Parameters ---------- longest : float Longest spacing that resolves the device's own motion
-        (s); infinite where it has no frequency.
+        Parameters
+        ----------
+        longest : float
+            Longest spacing that resolves the device's own motion (s); infinite where it has no
+            frequency.
         """
 
     @abstractmethod
@@ -185,9 +188,15 @@ class Excitation(ABC):
     def path(self, spacing: float, length: float, seed: Any) -> ExcitationPath:
         """The path of one realization: the same seed gives the same bytes.
 
-        Parameters ---------- spacing : float Time between knots (s). length : float The divisor
-        that turns accelerations into η: the length unit (1 in scaled scenes) over
-        `oscillator.base_factor`. seed : numpy.random.SeedSequence Seed of this realization.
+        Parameters
+        ----------
+        spacing : float
+            Time between knots (s).
+        length : float
+            The divisor that turns accelerations into η: the length unit (1 in scaled scenes) over
+            `oscillator.base_factor`.
+        seed : numpy.random.SeedSequence
+            Seed of this realization.
         """
 
     @abstractmethod

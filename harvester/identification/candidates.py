@@ -78,9 +78,17 @@ def candidates(
 ) -> list[Candidate]:
     """The scene's own model first, then its neighbours that could be fitted.
 
-    Parameters ---------- base : Fitted The scene's own. measurements : sequence of Measurement
-    sizes : dict of str to float start : Scene The scene before the fit. is_noise : bool Whether the
-    scene's own model leaves only the sensors' noise; else sensor effects are tried too.
+    Parameters
+    ----------
+    base : Fitted
+        The scene's own.
+    measurements : sequence of Measurement
+    sizes : dict of str to float
+    start : Scene
+        The scene before the fit.
+    is_noise : bool
+        Whether the scene's own model leaves only the sensors' noise; else sensor effects are tried
+        too.
     """
     found = [Candidate("as given", base, 0.0, 0.0)]
     keys = base.keys

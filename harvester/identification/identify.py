@@ -50,29 +50,39 @@ def identify(
 ) -> Identification:
     """Fit a scene's numbers to measured records, with intervals and a proof on data kept aside.
 
-    Parameters ---------- scene : Scene Scene that gives the initial values and all known ones:
-    values that are not free stay as they are. records : sequence of Measurement, MeasuredResponse,
-    file or (file, settings), or one of them CSV, .npy, .wav, .mat, .lvm, HDF5, TDMS or .IDE: base
-    acceleration beside voltage, displacement or velocity; or a frequency response, frequency beside
-    amplitude and phase; with the settings acceleration=COLUMN:UNIT, voltage=COLUMN:UNIT, …,
-    time=COLUMN, sampling_rate=HZ, or what differs from the scene (load.resistance=1e5), see
-    `harvester.read_measurement`; several may be given. impedance : MeasuredImpedance, file or
-    (file, settings), optional Impedance of the piezo, its base clamped, from an impedance analyser:
-    CSV of magnitude and phase or of resistance and reactance, or .s1p (needs scikit-rf: pip install
-    'harvester[analyser]'), with the settings frequency=COLUMN:UNIT, impedance=COLUMN:UNIT,
-    phase=COLUMN:UNIT, …; alone it tells stiffness, damping, coupling and capacitance for the
-    scene's mass, beside records the mass too. free : sequence of str What is fitted: numbers of the
-    scene (oscillator.damping, oscillator.restoring_force[2], …), or of sensors
-    (sensor.voltage_offset, _scale, _delay, _filter, _highpass, _resistance,
-    sensor.acceleration_highpass, …); `device` stands for what is free by default: the device's own
-    that are not zero, but mass, winding, leak and, without a displacement, the constant force; what
-    the records do not determine then stays as in the scene. keep_aside : as `records` Whole records
-    that are not fitted to: each is run from one start under its acceleration, and its orbit, rms
-    and power are compared. compare : bool Beside the scene's model fit others to compare it with
-    (symmetric spring or not, cubic or linear, drag, stoppers; sensors and richer springs, where
-    more than the sensors' noise is left); --alone fits the scene's only. posterior : bool Sample
-    the posterior of the values too, by the scene's seed (needs emcee: pip install
-    'harvester[posterior]').
+    Parameters
+    ----------
+    scene : Scene
+        Scene that gives the initial values and all known ones: values that are not free stay as
+        they are.
+    records : sequence of Measurement, MeasuredResponse, file or (file, settings), or one of them
+        CSV, .npy, .wav, .mat, .lvm, HDF5, TDMS or .IDE: base acceleration beside voltage,
+        displacement or velocity; or a frequency response, frequency beside amplitude and phase;
+        with the settings acceleration=COLUMN:UNIT, voltage=COLUMN:UNIT, …, time=COLUMN,
+        sampling_rate=HZ, or what differs from the scene (load.resistance=1e5), see
+        `harvester.read_measurement`; several may be given.
+    impedance : MeasuredImpedance, file or (file, settings), optional
+        Impedance of the piezo, its base clamped, from an impedance analyser: CSV of magnitude and
+        phase or of resistance and reactance, or .s1p (needs scikit-rf: pip install
+        'harvester[analyser]'), with the settings frequency=COLUMN:UNIT, impedance=COLUMN:UNIT,
+        phase=COLUMN:UNIT, …; alone it tells stiffness, damping, coupling and capacitance for the
+        scene's mass, beside records the mass too.
+    free : sequence of str
+        What is fitted: numbers of the scene (oscillator.damping, oscillator.restoring_force[2], …),
+        or of sensors (sensor.voltage_offset, _scale, _delay, _filter, _highpass, _resistance,
+        sensor.acceleration_highpass, …); `device` stands for what is free by default: the device's
+        own that are not zero, but mass, winding, leak and, without a displacement, the constant
+        force; what the records do not determine then stays as in the scene.
+    keep_aside : as `records`
+        Whole records that are not fitted to: each is run from one start under its acceleration, and
+        its orbit, rms and power are compared.
+    compare : bool
+        Beside the scene's model fit others to compare it with (symmetric spring or not, cubic or
+        linear, drag, stoppers; sensors and richer springs, where more than the sensors' noise is
+        left); --alone fits the scene's only.
+    posterior : bool
+        Sample the posterior of the values too, by the scene's seed (needs emcee: pip install
+        'harvester[posterior]').
 
     Other Parameters
     ----------------

@@ -93,9 +93,14 @@ def moved_by_records(shooting: Shooting, fit: Fit, records: int) -> np.ndarray:
     step of the linearized problem. A variance from so few records is itself uncertain: intervals
     are widened by Student's distribution. Zero of a single record.
 
-    Parameters ---------- shooting : Shooting fit : Fit records : int Number of records in time,
-    which come first. Frequency responses and impedances stay in: what one of them alone determines,
-    such as the mass, would be without a bound where it is left out.
+    Parameters
+    ----------
+    shooting : Shooting
+    fit : Fit
+    records : int
+        Number of records in time, which come first. Frequency responses and impedances stay in:
+        what one of them alone determines, such as the mass, would be without a bound where it is
+        left out.
 
     Returns
     -------

@@ -71,10 +71,16 @@ def as_it_is(responses: Responses, values: np.ndarray, centre: float | None = No
 def regressed(responses: Responses, values: np.ndarray, number: int, drifts: bool) -> list[Start]:
     """Starts by regression on one experiment, one for each likely origin of its displacement.
 
-    Parameters ---------- responses : Responses values : ndarray Values of the unknowns, used for
-    those that a regression does not give. number : int Number of the experiment. drifts : bool
-    Whether the slow part of an integrated voltage is kept: it is needed if the mass changes wells;
-    otherwise it only adds noise.
+    Parameters
+    ----------
+    responses : Responses
+    values : ndarray
+        Values of the unknowns, used for those that a regression does not give.
+    number : int
+        Number of the experiment.
+    drifts : bool
+        Whether the slow part of an integrated voltage is kept: it is needed if the mass changes
+        wells; otherwise it only adds noise.
     """
     tried = [
         _of_electrical(responses, values, number, factor, drifts)

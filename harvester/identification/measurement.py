@@ -38,16 +38,27 @@ LINES = tuple(f"{name}_{end}" for name in ("acceleration", *OUTPUTS) for end in 
 class Measurement:
     """One record, in SI units, or in those of a scaled scene.
 
-    Attributes ---------- acceleration : ndarray, shape (n,) Acceleration of the base (m/s²); in a
-    scaled scene η itself, the force per mass on the mass. sampling_rate : float Hz. voltage,
-    displacement, velocity : ndarray of shape (n,), or None Voltage at the terminals (V);
-    displacement and velocity of the mass relative to the base (m, m/s). At least one is given.
-    changes : dict of str to number or text Values of the scene that differ in this record:
-    {"load.resistance": 1e5}. name : str remarks : tuple of str Remarks on markers that stand for
-    samples that could not be measured. sensors : dict of str to float Known effects of sensors:
-    {"sensor.acceleration_highpass": 0.5}. velocity_is_absolute : bool Whether the velocity is
-    measured against the laboratory, as by a laser beside the shaker. velocity_in_volts : bool
-    Whether the velocity's sensor has a scale in V/(m/s), free or among `sensors`.
+    Attributes
+    ----------
+    acceleration : ndarray, shape (n,)
+        Acceleration of the base (m/s²); in a scaled scene η itself, the force per mass on the
+        masDuration of the record (s).
+    sampling_rate : float
+        Hz.
+    voltage, displacement, velocity : ndarray of shape (n,), or None
+        Voltage at the terminals (V); displacement and velocity of the mass relative to the base (m,
+        m/s). At least one is given.
+    changes : dict of str to number or text
+        Values of the scene that differ in this record: {"load.resistance": 1e5}.
+    name : str
+    remarks : tuple of str
+        Remarks on markers that stand for samples that could not be measured.
+    sensors : dict of str to float
+        Known effects of sensors: {"sensor.acceleration_highpass": 0.5}.
+    velocity_is_absolute : bool
+        Whether the velocity is measured against the laboratory, as by a laser beside the shaker.
+    velocity_in_volts : bool
+        Whether the velocity's sensor has a scale in V/(m/s), free or among `sensors`.
     """
 
     acceleration: np.ndarray

@@ -209,11 +209,17 @@ def without_memory(
 ) -> np.ndarray:
     """A simulated series, with the filters' states at the windows' starts chosen to fit best.
 
-    Parameters ---------- shown : ndarray, shape (n,) Simulated, behind the filters, from any states
-    of them. seen : ndarray, shape (n,) Measured. edges : ndarray of int, shape (windows + 1,)
-    time_constant, corner, second_corner : float or None Time constant in samples, corners in
-    radians per sample; None: there is no such filter. A filter that is free is one without effect,
-    too, so that nothing jumps where its effect begins.
+    Parameters
+    ----------
+    shown : ndarray, shape (n,)
+        Simulated, behind the filters, from any states of them.
+    seen : ndarray, shape (n,)
+        Measured.
+    edges : ndarray of int, shape (windows + 1,)
+    time_constant, corner, second_corner : float or None
+        Time constant in samples, corners in radians per sample; None: there is no such filter. A
+        filter that is free is one without effect, too, so that nothing jumps where its effect
+        begins.
     """
     cuts = edges - edges[0]
     places, modes = np.arange(np.diff(cuts).max()), []

@@ -124,9 +124,12 @@ def deviations(moments: Sequence[Moments], name: str) -> Any:
     Combinations of several results on common noise get their error from the same combination of
     these: `standard_error` of it knows what the results have in common.
 
-    Parameters ---------- moments : sequence of harvester.record.moments.Moments name : str Name of
-    a quantity for which `has_deviations` is true: a mean over time, an efficiency, the output's
-    power.
+    Parameters
+    ----------
+    moments : sequence of harvester.record.moments.Moments
+    name : str
+        Name of a quantity for which `has_deviations` is true: a mean over time, an efficiency, the
+        output's power.
 
     Returns
     -------

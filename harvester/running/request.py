@@ -47,15 +47,26 @@ MARGIN, GROWTH = 1.1, 2.0
 class Request:
     """One scene by one method.
 
-    Attributes ---------- scene : Scene The length of each realization, their seed and, if no other
-    number is given, their number. method : Method An engine or a closure; its name is taken too.
-    precision : float or None Relative error of each of the quantities that realizations are added
-    for: the standard error, and what the steps may cost. quantities : tuple of str Quantities that
-    the precision applies to; those that the scene does not have are ignored. step, tolerance : str
-    or float, float or None Options of the method, if it is given by its name. realizations : int or
-    None Number of realizations: of the first round with a precision, else in all. None:
-    `FIRST_REALIZATIONS` with one, else the scene's own. most : int Most realizations that a
-    precision is worth. density, moments : bool Whether the answer is to hold them.
+    Attributes
+    ----------
+    scene : Scene
+        The length of each realization, their seed and, if no other number is given, their number.
+    method : Method
+        An engine or a closure; its name is taken too.
+    precision : float or None
+        Relative error of each of the quantities that realizations are added for: the standard
+        error, and what the steps may cost.
+    quantities : tuple of str
+        Quantities that the precision applies to; those that the scene does not have are ignored.
+    step, tolerance : str or float, float or None
+        Options of the method, if it is given by its name.
+    realizations : int or None
+        Number of realizations: of the first round with a precision, else in all. None:
+        `FIRST_REALIZATIONS` with one, else the scene's own.
+    most : int
+        Most realizations that a precision is worth.
+    density, moments : bool
+        Whether the answer is to hold them.
     """
 
     scene: Scene
@@ -107,15 +118,29 @@ class Request:
 class Answer:
     """The answer of a method to a request.
 
-    Attributes ---------- scene : Scene The scene, with the number of realizations that were run.
-    method : str quantities : dict of str to Estimate Scaled units; `standard_error` is the
-    numerical error for a closure. seconds : float Processor time of one core (s). outcome : str
-    "complete", or what ended it early. realizations : int simulated_time : float Simulated time of
-    all realizations (s); 0 for a closure. energy_balance_residual : float or None misses_jumps :
-    bool Whether a single further jump between the wells would change E[V²] by more than the
-    precision; the error bar does not include jumps that no realization made. notes : tuple of str
-    density : Density or None Density of the displacement. moments : tuple of
-    harvester.record.moments.Moments One per realization, for paired differences.
+    Attributes
+    ----------
+    scene : Scene
+        The scene, with the number of realizations that were run.
+    method : str
+    quantities : dict of str to Estimate
+        Scaled units; `standard_error` is the numerical error for a closure.
+    seconds : float
+        Processor time of one core (s).
+    outcome : str
+        "complete", or what ended it early.
+    realizations : int
+    simulated_time : float
+        Simulated time of all realizations (s); 0 for a closure.
+    energy_balance_residual : float or None
+    misses_jumps : bool
+        Whether a single further jump between the wells would change E[V²] by more than the
+        precision; the error bar does not include jumps that no realization made.
+    notes : tuple of str
+    density : Density or None
+        Density of the displacement.
+    moments : tuple of harvester.record.moments.Moments
+        One per realization, for paired differences.
     """
 
     scene: Scene

@@ -135,9 +135,15 @@ def check_tables(
 ) -> dict[str, Any]:
     """Checked copy of a scene's nested dictionaries.
 
-    Parameters ---------- tables : dict The scene as read from TOML: top-level keys and tables.
-    origin : str File or scene name, for messages. kinds : dict of str to dict Keys of the tables
-    whose `kind` decides which keys they have: {table: {kind: class with KEYS}}.
+    Parameters
+    ----------
+    tables : dict
+        The scene as read from TOML: top-level keys and tables.
+    origin : str
+        File or scene name, for messages.
+    kinds : dict of str to dict
+        Keys of the tables whose `kind` decides which keys they have: {table: {kind: class with
+        KEYS}}.
 
     Returns
     -------

@@ -39,14 +39,26 @@ REPORT_SECONDS = 0.25
 class Realization:
     """One realization's results, as a worker process returns them.
 
-    Attributes ---------- moments : Moments waveform : Record or None The stretch asked for.
-    electrical : dict of str to ndarray Series beside the waveform: `output_voltage` (scaled) of a
-    load with an output, and the requested nodes and currents (V and A). joint : JointHistogram or
-    None Joint histogram, if it was requested. seconds : float Processor time of one core (s), for
-    the simulation alone, whatever else the machine does; of realizations run together, its share.
-    started, ended : float The system's clock (s). engine_version : str netlist_sha256 : str or None
-    stroboscope : ndarray or None Samples at the beginnings of the excitation's periods, as
-    `harvester.record.stroboscope.Stroboscope` has them; where they were asked for.
+    Attributes
+    ----------
+    moments : Moments
+    waveform : Record or None
+        The stretch asked for.
+    electrical : dict of str to ndarray
+        Series beside the waveform: `output_voltage` (scaled) of a load with an output, and the
+        requested nodes and currents (V and A).
+    joint : JointHistogram or None
+        Joint histogram, if it was requested.
+    seconds : float
+        Processor time of one core (s), for the simulation alone, whatever else the machine does; of
+        realizations run together, its share.
+    started, ended : float
+        The system's clock (s).
+    engine_version : str
+    netlist_sha256 : str or None
+    stroboscope : ndarray or None
+        Samples at the beginnings of the excitation's periods, as
+        `harvester.record.stroboscope.Stroboscope` has them; where they were asked for.
     """
 
     moments: Moments

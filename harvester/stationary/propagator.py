@@ -35,11 +35,19 @@ FASTEST_PHASE = 1.5
 class Grid(NamedTuple):
     """The nodes of a grid, and the time step, of a propagator.
 
-    Attributes ---------- x, v : ndarray Evenly spaced displacements and velocities. z : ndarray
-    Nodes of Z, ascending; a single one of a transducer that keeps nothing. mirrored : bool Only the
-    upper half of `z` is kept: the other half follows by (X, X', Z, η) → −(X, X', Z, η). All nodes
-    are then symmetric about 0. modes : int Hermite functions of η; one for white noise. step :
-    float Time step (s).
+    Attributes
+    ----------
+    x, v : ndarray
+        Evenly spaced displacements and velocities.
+    z : ndarray
+        Nodes of Z, ascending; a single one of a transducer that keeps nothing.
+    mirrored : bool
+        Only the upper half of `z` is kept: the other half follows by (X, X', Z, η) → −(X, X', Z,
+        η). All nodes are then symmetric about 0.
+    modes : int
+        Hermite functions of η; one for white noise.
+    step : float
+        Time step (s).
     """
 
     x: np.ndarray

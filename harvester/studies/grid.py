@@ -89,10 +89,16 @@ def make_grid(
 ) -> Grid:
     """Every point of a study, its scene checked.
 
-    Parameters ---------- scene : Scene loads : sequence of str Names in netlists/ or paths; empty:
-    the scene's own. sweeps : dict of str to sequence of float or str "table.key" to values.
-    argument : str Name of the caller's argument, for messages: "sweeps", of numbers of the device,
-    its load and its excitation, or "over", of any key.
+    Parameters
+    ----------
+    scene : Scene
+    loads : sequence of str
+        Names in netlists/ or paths; empty: the scene's own.
+    sweeps : dict of str to sequence of float or str
+        "table.key" to values.
+    argument : str
+        Name of the caller's argument, for messages: "sweeps", of numbers of the device, its load
+        and its excitation, or "over", of any key.
 
     Raises
     ------

@@ -480,20 +480,32 @@ def sensitivity(
 ) -> Sensitivity:
     """Tolerances: which parameter matters (Sobol indices), how a quantity scatters, and yield.
 
-    Parameters ---------- scene : Scene The scene; each device runs with its [run], half of the
-    realizations for each of two replicates. vary : dict of str to str ±10%, +-10%, ±0.5,
-    uniform:LOW:HIGH, normal:5% or normal:MEAN:SD for a number of the scene: see
-    `harvester.studies.sensitivity.tolerances`. covariance : dict or file JSON of `harvester
-    identify`: its values scatter as far as records leave them open, along the principal axes
-    (`harvester.studies.sensitivity.joint_tolerance`). quantity : str or None mean_power,
-    power_conversion_efficiency, of a load with an output mean_output_power, … (default: the power,
-    at the output where the load has one). method : str, Method or None An engine or a closure
-    (default: monte-carlo, or circuit where the load needs it). above : float or None Also the
-    yield: the share of devices above it, in the scene's units. rows : int A power of two; N ×
-    (parameters + 2) devices are run. precision : float or None Relative standard error of each
-    device's quantity that it is run for, in each of two runs (default: the scene's own run). Noise
-    is taken out at any length of run: few rows of long runs and many of short ones cost the same.
-    **running See `harvester.running.open_runner`.
+    Parameters
+    ----------
+    scene : Scene
+        The scene; each device runs with its [run], half of the realizations for each of two
+        replicates.
+    vary : dict of str to str
+        ±10%, +-10%, ±0.5, uniform:LOW:HIGH, normal:5% or normal:MEAN:SD for a number of the scene:
+        see `harvester.studies.sensitivity.tolerances`.
+    covariance : dict or file
+        JSON of `harvester identify`: its values scatter as far as records leave them open, along
+        the principal axes (`harvester.studies.sensitivity.joint_tolerance`).
+    quantity : str or None
+        mean_power, power_conversion_efficiency, of a load with an output mean_output_power, …
+        (default: the power, at the output where the load has one).
+    method : str, Method or None
+        An engine or a closure (default: monte-carlo, or circuit where the load needs it).
+    above : float or None
+        Also the yield: the share of devices above it, in the scene's units.
+    rows : int
+        A power of two; N × (parameters + 2) devices are run.
+    precision : float or None
+        Relative standard error of each device's quantity that it is run for, in each of two runs
+        (default: the scene's own run). Noise is taken out at any length of run: few rows of long
+        runs and many of short ones cost the same.
+    **running
+        See `harvester.running.open_runner`.
 
     Returns
     -------
@@ -548,20 +560,35 @@ def optimum(
 ) -> Optimum:
     """Where one parameter, or several, make the power or the efficiency largest (Eq. 37).
 
-    Parameters ---------- scene : Scene, str or Path The scene; its [run] is used first at each
-    place (over one parameter), or for each evaluation (over several). over : str, or dict of str to
-    (float, float) or None A number of the scene and its range (default: a tenth to ten times its
-    value, within what the key allows); several may be given. low : float or None Range of a single
-    parameter. high : float or None Upper end of that range. maximise : str or None mean_power,
-    power_conversion_efficiency or mean_square_voltage; of a load with an output also
-    mean_output_power and the like; over several parameters any (default: the power, at the output
-    where the load has one). method : str, Method or None monte-carlo or circuit, over several
-    parameters also a closure (default: monte-carlo, or circuit where the load needs it). closure :
-    str or None Closure to compare the simulation with, over one parameter (default: the most
-    accurate). evaluations : int or None Places proposed, over several parameters (default: 60 for
-    each). Those of the climb, some tens, come on top. precision : float or None Relative standard
-    error of the value at the optimum of several parameters (default: the scene's own run).
-    **running See `harvester.running.open_runner`.
+    Parameters
+    ----------
+    scene : Scene, str or Path
+        The scene; its [run] is used first at each place (over one parameter), or for each
+        evaluation (over several).
+    over : str, or dict of str to (float, float) or None
+        A number of the scene and its range (default: a tenth to ten times its value, within what
+        the key allows); several may be given.
+    low : float or None
+        Range of a single parameter.
+    high : float or None
+        Upper end of that range.
+    maximise : str or None
+        mean_power, power_conversion_efficiency or mean_square_voltage; of a load with an output
+        also mean_output_power and the like; over several parameters any (default: the power, at
+        the output where the load has one).
+    method : str, Method or None
+        monte-carlo or circuit, over several parameters also a closure (default: monte-carlo, or
+        circuit where the load needs it).
+    closure : str or None
+        Closure to compare the simulation with, over one parameter (default: the most accurate).
+    evaluations : int or None
+        Places proposed, over several parameters (default: 60 for each). Those of the climb, some
+        tens, come on top.
+    precision : float or None
+        Relative standard error of the value at the optimum of several parameters (default: the
+        scene's own run).
+    **running
+        See `harvester.running.open_runner`.
 
     Returns
     -------

@@ -38,13 +38,21 @@ SIGNIFICANT_SIGMAS, SIGNIFICANT_SHARE = 3.0, 0.01
 class Proof:
     """The circuit's result at one place of a study.
 
-    Attributes ---------- place : int Index of the point in the grid. highest : bool Whether it was
-    chosen as its curve's highest point, and not drawn. difference : float (circuit − Monte
-    Carlo)/Monte Carlo of the output power on the same noise; nan without. standard_error : float
-    Standard error of the paired difference, widened where realizations are few; nan without a
-    difference. early_difference, early_standard_error : float The same over the first `PERIODS`
-    periods from rest; nan without. trouble : str The reason why a difference is missing (the
-    settled part's first); "" if none is.
+    Attributes
+    ----------
+    place : int
+        Index of the point in the grid.
+    highest : bool
+        Whether it was chosen as its curve's highest point, and not drawn.
+    difference : float
+        (circuit − Monte Carlo)/Monte Carlo of the output power on the same noise; nan without.
+    standard_error : float
+        Standard error of the paired difference, widened where realizations are few; nan without a
+        difference.
+    early_difference, early_standard_error : float
+        The same over the first `PERIODS` periods from rest; nan without.
+    trouble : str
+        The reason why a difference is missing (the settled part's first); "" if none is.
     """
 
     place: int

@@ -53,13 +53,26 @@ PROOF_SHARE = 0.2
 class Study(Tabular):
     """A load study's points, how it ended, and what follows: optima, ranking, verdict.
 
-    Attributes ---------- grid : Grid method : str "judged", an engine or a closure. version : str
-    Version of the program that computed. precision : float or None evaluations : list of Evaluation
-    Evaluations of the points, in the order of `grid.points`. proofs : list of Proof Comparisons
-    with the circuit, at the points that were chosen for it. out_of_time : bool The time budget
-    ended it: the same call again goes on. computed, reused : int Tasks. wall_seconds : float
-    warnings : tuple of str Warnings: stored answers that are not valid, outcomes not kept, a folder
-    that cannot be locked.
+    Attributes
+    ----------
+    grid : Grid
+    method : str
+        "judged", an engine or a closure.
+    version : str
+        Version of the program that computed.
+    precision : float or None
+    evaluations : list of Evaluation
+        Evaluations of the points, in the order of `grid.points`.
+    proofs : list of Proof
+        Comparisons with the circuit, at the points that were chosen for it.
+    out_of_time : bool
+        The time budget ended it: the same call again goes on.
+    computed, reused : int
+        Tasks.
+    wall_seconds : float
+    warnings : tuple of str
+        Warnings: stored answers that are not valid, outcomes not kept, a folder that cannot be
+        locked.
     """
 
     grid: Grid

@@ -88,11 +88,18 @@ class Axis:
 class Parameter:
     """One parameter at a maximum.
 
-    Attributes ---------- axis : Axis place : float standard_error : float or None Standard error of
-    the place, where a curve was fitted for it. flat_low, flat_high : float Range of this parameter,
-    the others held, in which the quantity is not significantly more than 1 % below the maximum; nan
-    where the runs are too short to decide, or it was not computed. open_low, open_high : bool The
-    range ends before the flat region does.
+    Attributes
+    ----------
+    axis : Axis
+    place : float
+    standard_error : float or None
+        Standard error of the place, where a curve was fitted for it.
+    flat_low, flat_high : float
+        Range of this parameter, the others held, in which the quantity is not significantly more
+        than 1 % below the maximum; nan where the runs are too short to decide, or it was not
+        computed.
+    open_low, open_high : bool
+        The range ends before the flat region does.
     """
 
     axis: Axis

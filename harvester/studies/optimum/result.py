@@ -41,9 +41,15 @@ _FORMER = {
 class Averaging:
     """The same optimum by averaging, for comparison.
 
-    Attributes ---------- closure : str place, value : float or None Place and value of averaging's
-    maximum; None (see the reason) if it refuses or has none inside. reason : str
-    value_at_simulated_place : float or None Averaging's value at the place that simulation found.
+    Attributes
+    ----------
+    closure : str
+    place, value : float or None
+        Place and value of averaging's maximum; None (see the reason) if it refuses or has none
+        inside.
+    reason : str
+    value_at_simulated_place : float or None
+        Averaging's value at the place that simulation found.
     """
 
     closure: str

@@ -27,9 +27,15 @@ RESAMPLES = 1000
 class Yield:
     """The share of devices above a limit.
 
-    Attributes ---------- limit : float share : Interval Share without the effect of noise; its
-    interval includes the choice of devices and the noise. counted : float The share as it is
-    counted, noise and all. devices : int
+    Attributes
+    ----------
+    limit : float
+    share : Interval
+        Share without the effect of noise; its interval includes the choice of devices and the
+        noise.
+    counted : float
+        The share as it is counted, noise and all.
+    devices : int
     """
 
     limit: float

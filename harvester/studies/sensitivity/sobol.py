@@ -49,10 +49,15 @@ class Interval:
 class Indices:
     """Sobol indices of a design, with their intervals.
 
-    Attributes ---------- first, total : list of Interval, or None One for each parameter; None
-    where the parameters' variance is not significantly above that of the noise. variance : Interval
-    Variance of the quantity among devices, without the noise. noise_variance : float Variance of
-    the mean of a device's replicates.
+    Attributes
+    ----------
+    first, total : list of Interval, or None
+        One for each parameter; None where the parameters' variance is not significantly above that
+        of the noise.
+    variance : Interval
+        Variance of the quantity among devices, without the noise.
+    noise_variance : float
+        Variance of the mean of a device's replicates.
     """
 
     first: list[Interval] | None

@@ -52,14 +52,28 @@ NOTED_NOISE = 0.2
 class Sensitivity:
     """How a quantity depends on what scatters from device to device; in the scene's units.
 
-    Attributes ---------- scene : Scene tolerances : list of Tolerance or Direction quantity, unit,
-    method : str nominal : Estimate The quantity of the scene itself. indices : Indices population :
-    Population effects : list of (Interval, Interval) For each parameter: change of the quantity's
-    mean where the parameter is low and high (5 % and 95 % quantiles of the devices), averaged over
-    the others. yield_above : Yield or None shares : ndarray, shape (rows, parameters + 2,
-    parameters) The design; see `harvester.studies.sensitivity.sobol.design`. values : ndarray,
-    shape (replicates, rows, parameters + 2) rows_asked : int failures : tuple of str Why rows were
-    left out. out_of_time : bool seconds : float Wall-clock, of this call.
+    Attributes
+    ----------
+    scene : Scene
+    tolerances : list of Tolerance or Direction
+    quantity, unit, method : str
+    nominal : Estimate
+        The quantity of the scene itself.
+    indices : Indices
+    population : Population
+    effects : list of (Interval, Interval)
+        For each parameter: change of the quantity's mean where the parameter is low and high (5 %
+        and 95 % quantiles of the devices), averaged over the others.
+    yield_above : Yield or None
+    shares : ndarray, shape (rows, parameters + 2, parameters)
+        The design; see `harvester.studies.sensitivity.sobol.design`.
+    values : ndarray, shape (replicates, rows, parameters + 2)
+    rows_asked : int
+    failures : tuple of str
+        Why rows were left out.
+    out_of_time : bool
+    seconds : float
+        Wall-clock, of this call.
     """
 
     scene: Scene
