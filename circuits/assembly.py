@@ -107,7 +107,7 @@ def _switched_newton(ready):
 
 @dataclass(frozen=True)
 class Netlist:
-    """A circuit ready to run, and how its nodes read.
+    """A circuit ready to run, with the units in which its node voltages are read.
 
     Attributes
     ----------
@@ -121,7 +121,7 @@ class Netlist:
     stop : float
         End of what is of interest (s); the text may run on.
     prefixes : tuple of str
-        In front of the nodes' names, one for each copy of the device.
+        Prefixes of the nodes' names, one for each copy of the device.
     terminal : str
         Node that carries the transducer's terminal voltage.
     state : str
@@ -137,16 +137,16 @@ class Netlist:
     drives_current : bool
         Whether an inductance of the transducer drives the load's current on.
     measurement : circuits.loads.measurement.Measurement
-        Of the load.
+        Measures of the load.
     watch : circuits.loads.load_watch.Watch
-        Of the load.
+        The load's unknowns that limit the step.
     watched_energy : (float, float)
         Twice the energy over the terminal's voltage squared (F), and twice that which does not
         count (J).
     pace : float
-        Of the motion's clock; the excitation is to be less by it.
+        Factor of the motion's clock; the excitation is to be less by it.
     course : circuits.loads.course.Course or None
-        What of the load moves by itself.
+        Sources and expressions of the load that change with time alone.
     """
 
     text: str
@@ -198,7 +198,7 @@ def assemble(
         For each copy of the device in the netlist its X, X' and transducer's state, scaled; None:
         one copy, as the first realization starts.
     waveform : str
-        Of the noise source: `external`, or a PWL.
+        Waveform of the noise source: `external`, or a PWL.
     options : str
         ngspice's tolerances.
     integrator : str
@@ -209,7 +209,7 @@ def assemble(
         The mechanics and the piezo are one compiled device each, see
         `circuits.verilog`.
     pace : float
-        Of the motion's clock, see `circuits.elements.pace_of`.
+        Factor of the motion's clock, see `circuits.elements.pace_of`.
     named : bool
         The load keeps its sub-circuits and the names of its parameters, for people to read; not
         where ngspice would take a name for another.
@@ -276,7 +276,7 @@ def assemble(
         stray = elements.STRAY_SHARE * capacitance
         charge = stray * scales.voltage
         if load.own_motion.oscillates:
-            # A load that oscillates may store as little as that.
+            # A load that oscillates by itself may hold charges as small as OWN_CHARGE.
             charge = min(charge, OWN_CHARGE)
         options += (
             f" chgtol={elements.number(3.0 * charge)} abstol={elements.number(charge * rate)}"

@@ -83,7 +83,7 @@ def pace_of(angle: float) -> float:
 
 
 def add_pace(circuit: Circuit, rate: float, pace: float, start: tuple[str, ...]) -> None:
-    """Capacitors beside those of displacement and velocity that let both go faster by `pace`."""
+    """Parallel capacitors by which displacement and velocity change faster by a factor `pace`."""
     if pace != 1.0:
         less = number((1.0 / pace - 1.0) / rate)
         circuit.C("displacement_pace", DISPLACEMENT, circuit.gnd, less, ic=start[0])
@@ -113,8 +113,8 @@ def add_prescribed_displacement(
 ) -> None:
     """Displacement and velocity as sines, and the η of a mass that would move so (Eq. 4a).
 
-    X = a sin ωt; with neither spring nor damper, η = X'' + the transducer's force: what drives it
-    is the power put in, and the energy balance holds as it stands.
+    X = a sin ωt; with neither spring nor damper, η = X'' + the transducer's force: η is then the
+    force that drives the motion; its power is the input power, so that the energy balance closes.
     """
     gnd = circuit.gnd
     amplitude = excitation.amplitude / scales.displacement
@@ -181,11 +181,11 @@ def holding(s: System) -> list[Contact]:
 def add_speed_hold(circuit: Circuit, s: System, rate: float, step: float, start: str) -> None:
     """Sample and hold of the impact speed (`event`).
 
-    Out of contact, `held_speed` follows the speed at which the mass would arrive at the
-    stopper ahead with the energy it has; in contact nothing flows. A time constant of half a step
-    is the shortest that the trapezoidal rule follows without ringing. A node that only follows
-    lags by that; what `lagging_speed` lags by is added, and what is left is of second order.
-    `start` is the initial speed over rate, as text.
+    Out of contact, `held_speed` follows the speed at which the mass would arrive at the stopper
+    ahead with the energy it has; in contact nothing flows. A time constant of half a step is the
+    shortest that the trapezoidal rule follows without ringing. Such a node lags behind; the lag of
+    a second node, `lagging_speed`, is added to correct for it, which leaves an error of second
+    order. `start` is the initial speed over rate, as text.
     """
     held = holding(s)
     conditions = [contacts.formulas(each, s.spring, X, U, rate, literal, H)[0] for each in held]
@@ -219,7 +219,8 @@ def add_transducer(
     """Elements of a transducer's network; `state` is the volts or amperes it begins with, as text.
 
     A source that moves with the mass is controlled by the velocity, and a force is a current out of
-    it (Eq. 4). The charge that the mass moves goes at its `pace`, by which the excitation is less.
+    it (Eq. 4). The charge that the mass moves, and the base's voltage, are multiplied by `pace`;
+    the excitation is divided by it.
     """
     for each in elements:
         gain = pace if each.kind in ("moving current", "base voltage") else 1.0
@@ -258,7 +259,7 @@ def _add_element(circuit: Circuit, each: Element, rate: float, scales: Scales, s
 
 
 def _force_gain(each, rate, scales):
-    """Acceleration over rate² per volt or per ampere."""
+    """Force of a network element: acceleration over rate² per volt or per ampere."""
     unit = scales.voltage if each.kind == "force of voltage" else 1.0
     return each.value / (rate**2 * unit)
 

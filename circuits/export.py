@@ -55,7 +55,7 @@ def stand_alone(
     ----------
     ready : Prepared
     path : ExcitationPath
-        At its beginning; its knots are written out.
+        Path of the noise, not read from yet; its knots are written out.
     start : (float, float, float) or None
         X, X' and transducer's state at the beginning, scaled; None: as the first realization.
     step : str or float

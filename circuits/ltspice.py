@@ -73,7 +73,7 @@ def translate(expression: str, behavioural: bool = False) -> str:
     ----------
     expression : str
     behavioural : bool
-        Of a B source, where parameters stand in braces.
+        Whether it stands in a B source, where parameters stand in braces.
 
     Raises
     ------
@@ -106,7 +106,7 @@ class _Kept(Names):
 
 
 def _with_truths(tree: Tree, parts: list[Tree]) -> Tree:
-    """What ngspice takes for true is not 0, and to LTspice it lies above 0.5."""
+    """Translate conditions: ngspice takes any number but 0 for true, LTspice those above 0.5."""
     if not parts:
         return tree
     count = {"if": 1, "not": 1, "and": 2, "or": 2}.get(tree[0], 0)

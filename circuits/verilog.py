@@ -89,13 +89,13 @@ def module(
     Parameters
     ----------
     system : harvester.device.system.System
-        With a piezo, and impact velocities read from the state.
+        A device with a piezo, and with impact velocities read from the state.
     rate : float
         ω of the netlist (rad/s).
     side : Side or None
         None: in scaled units.
     name : str or None
-        Of a module to be read, whose defaults are this device's values; None: one that holds a
+        Name of a module to be read, whose defaults are this device's values; None: one that holds a
         digest of the text, which depends on the parts that the device has and not on their values.
 
     Returns
@@ -219,7 +219,7 @@ endmodule
 
 
 def add_device(circuit: Circuit, network: Network) -> None:
-    """One copy between the nodes that `circuits.elements` names, the load's side included."""
+    """Add one instance of the compiled device, connected to the nodes of `circuits.elements`."""
     ends = (DISPLACEMENT, VELOCITY, TERMINAL, *({BASE} & network.nodes))
     circuit.raw_spice += f"Nharvester {' '.join(ends)} {MODEL}\n"
 
@@ -248,7 +248,7 @@ def add_model(
     network : harvester.device.terminals.Network
     scales : harvester.scene.units.Scales
     pace : float
-        Of the charge that the mass moves, see `circuits.elements.pace_of`.
+        Factor for the charge that the mass moves, see `circuits.elements.pace_of`.
     """
     charge, capacitance = (network.value(name) for name in ("charge", "piezo"))
     side = Side(scales.voltage, charge * pace, capacitance)

@@ -19,7 +19,7 @@ USUAL: dict[str, Any] = {"divide": "warn", "over": "warn", "under": "ignore", "i
 
 
 def usual_arithmetic() -> np.errstate:
-    """numpy's own treatment of overflow and the like for a block, where the caller's is to raise.
+    """Within the block, numpy's default floating-point warnings, even if the caller set "raise".
 
     `np.seterr(all="raise")` is meant for the caller's own arithmetic: here a density that
     underflows to 0 is right.
@@ -47,7 +47,7 @@ def listed(values: Any, where: str, example: str) -> tuple[Any, ...]:
         A text, which is a list of its letters, or no list; or it does not end.
     """
     if isinstance(values, (str, bytes, Mapping)) or not isinstance(values, Iterable):
-        raise HarvesterError(f"{where} = {shown(values)}: is no list; write {example}")
+        raise HarvesterError(f"{where} = {shown(values)}: must be a list; write {example}")
     found = tuple(itertools.islice(values, MOST_VALUES + 1))
     if len(found) > MOST_VALUES:
         raise HarvesterError(f"{where}: has more than {MOST_VALUES} values; give fewer")
@@ -68,7 +68,7 @@ def table(values: Any, where: str, example: str) -> dict[Any, Any]:
         It is none.
     """
     if not isinstance(values, Mapping):
-        raise HarvesterError(f"{where} = {shown(values)}: is no dictionary; write {example}")
+        raise HarvesterError(f"{where} = {shown(values)}: must be a dictionary; write {example}")
     return dict(values)
 
 
@@ -91,7 +91,8 @@ def checked_options(options: dict[str, Any]) -> dict[str, Any]:
     executor, progress = options.get("executor"), options.get("progress")
     if executor is not None and not hasattr(executor, "submit"):
         raise HarvesterError(
-            f"executor = {shown(executor)}: has no submit; give a concurrent.futures.Executor"
+            f"executor = {shown(executor)}: has no method submit; give a "
+            "concurrent.futures.Executor"
         )
     if progress is None:
         return options
@@ -101,7 +102,7 @@ def checked_options(options: dict[str, Any]) -> dict[str, Any]:
 
 
 def _guarded(progress: Callable[[float, str], object]) -> Callable[[float, str], None]:
-    """The caller's function; what it raises ends the run in an error of ours that names it."""
+    """The caller's progress function; an exception in it becomes a HarvesterError that names it."""
 
     def follow(share: float, words: str) -> None:
         try:

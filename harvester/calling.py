@@ -73,7 +73,7 @@ def takes_scene(
 
 
 def _meant(option: str, known: list[str]) -> str:
-    """The option that may be meant, in words, or all of them."""
+    """Text for an error message: the option that was probably meant, or a list of all options."""
     former = FORMER_NAMES.get(option)
     hint = f" (did you mean {former}?)" if former in known else nearest(option, known)
     return hint or f"; there are {', '.join(known[1:])}"

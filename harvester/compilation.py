@@ -111,7 +111,7 @@ def numbers_of(part: Any) -> list[float]:
     Parameters
     ----------
     part : tuple or float
-        As of a `harvester.device.system.System`.
+        A part of a device, such as a `harvester.device.system.System`.
     """
     if isinstance(part, tuple):
         return [number for each in part for number in numbers_of(each)]
@@ -127,7 +127,7 @@ def address_of(function: Any, *arguments: Any) -> int:
     Parameters
     ----------
     function : callable
-        Of `compiled`.
+        A function that `compiled` has decorated.
     *arguments : numba types
     """
     if arguments not in function.overloads:

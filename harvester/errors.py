@@ -37,7 +37,7 @@ class NetlistError(HarvesterError):
 
 
 class LoadError(HarvesterError):
-    """A method does not know this load."""
+    """A method cannot simulate this load."""
 
 
 class ExportError(HarvesterError):
@@ -57,20 +57,20 @@ class AveragingError(HarvesterError):
 
 
 class OptimumError(HarvesterError):
-    """There is no maximum inside the range, or none that can be told from noise."""
+    """There is no maximum inside the range, or none that exceeds the noise."""
 
 
 class IdentificationError(HarvesterError):
-    """Measured records do not tell what is asked of them."""
+    """The measured records do not determine the values asked for."""
 
 
 class SimulationError(HarvesterError):
-    """A simulation did not come to its end.
+    """A simulation failed or was stopped before its end.
 
     Attributes
     ----------
     partial : harvester.results.result.Result or None
-        What the run had until then; within a worker, its moments.
+        The result of the run up to then; within a worker, its moments.
     """
 
     def __init__(self, message: str, partial: Any = None) -> None:

@@ -1,4 +1,4 @@
-"""Whether the libraries fit into a limited memory, found out before any of it is used.
+"""Checks at the start whether the libraries fit into a limited memory.
 
 OpenBLAS tries again without end where it gets no memory as it is loaded, or at its first call.
 """

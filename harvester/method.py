@@ -1,4 +1,4 @@
-"""What every way to an answer is: an object whose fields are its settings."""
+"""Base class of all methods (engines and closures): an object whose fields are its settings."""
 
 from __future__ import annotations
 
@@ -46,15 +46,16 @@ class Method(ABC):
         Parameters
         ----------
         key : str
-            That of its name; `step` has its own, and other settings are there where they differ
-            from their defaults.
+            Key under which the engine's name stands. `step` has a key of its own; other settings
+            are included if they differ from their defaults.
         """
         settings = self.settings
         step = settings.pop("step", "default")
         return {key: self.name, "step": step, **({"settings": settings} if settings else {})}
 
     def with_options(self, options: Mapping[str, Any]) -> Self:
-        """This method with options of a call that names it; those that it does not have are left.
+        """This method with the options of a call; options that the method does not have are
+        ignored.
 
         Parameters
         ----------
@@ -66,7 +67,8 @@ class Method(ABC):
         return replace(self, **{name: value for name, value in given.items() if name in own})
 
     def beside_options(self, options: Mapping[str, Any], defaults: Mapping[str, Any]) -> Self:
-        """This method, given as an object; options of the same call must not contradict it.
+        """Check that the options of a call do not contradict this method, which was given as an
+        object.
 
         Raises
         ------

@@ -25,7 +25,7 @@ DIGEST_BYTES = hashlib.sha256().digest_size
 
 
 def keep_environment_usable() -> None:
-    """Take out of the environment what numba would end at.
+    """Remove environment variables whose values would make numba fail.
 
     That is a number of threads below 1, and where its cache is looked for: nothing here uses its
     threads, and `is_safe` judges the usual places of the cache.
@@ -63,7 +63,8 @@ def begins_with_text(content: bytes) -> bool:
 
 
 def unpickled(content: bytes, path: str) -> Any:
-    """What was written behind a digest; None where that does not match or a class is gone."""
+    """Unpickle the content behind a digest; None if the digest does not match or a class is
+    missing."""
     digest, content = content[:DIGEST_BYTES], content[DIGEST_BYTES:]
     if hashlib.sha256(content).digest() != digest:
         on_damage(path)
@@ -75,7 +76,7 @@ def unpickled(content: bytes, path: str) -> Any:
 
 
 def _say_damage(path: str) -> None:
-    """One line on standard error in each process."""
+    """Report a damaged file: one line on standard error, once in each process."""
     if not _said:
         _said.append(path)
         print(
@@ -91,10 +92,10 @@ on_damage: Callable[[str], None] = _say_damage
 
 @contextlib.contextmanager
 def alone(folder: Path, name: str) -> Iterator[None]:
-    """The only process of this machine that compiles this; with others where it cannot be had.
+    """Within the block, hold a lock so that no other process compiles the same function.
 
-    A byte of one file is locked, which the system gives back when the process ends and refuses
-    where two would wait for each other.
+    A byte of one file is locked. The system releases it when the process ends. Where no lock can be
+    had, several processes may compile.
     """
     place = int.from_bytes(hashlib.sha256(name.encode()).digest()[:4])
     handle, fcntl = _lock_file(folder)

@@ -1,4 +1,4 @@
-"""What is changed in numba itself, and what is taken from its private parts, all in one place.
+"""All changes to numba itself and all uses of its private parts.
 
 Each was tried with numba 0.68.1 (`TRIED_WITH`) and holds for 0.61 and later as long as what it
 replaces there stays as it was: `tests/harvester/test_numba_patches.py` compares that with
@@ -48,7 +48,7 @@ WITHIN = {"no_cfunc_wrapper": True}
 
 
 def digest_of(part: Any) -> str:
-    """What tells one source of a class or function from another."""
+    """Digest of the source of a class or function, to detect that it has changed."""
     return hashlib.sha256(inspect.getsource(part).encode()).hexdigest()[:16]
 
 

@@ -1,4 +1,4 @@
-"""What the signature of a public function says of its options: unit, spelling and check.
+"""The options of a public function from its signature: unit, spelling and check.
 
 The annotation of a parameter is its option at the command line (`harvester.commands.parsing`) and
 its check in Python (`harvester.calling`). What the Python type leaves open (the unit, the range,
@@ -36,9 +36,9 @@ class Kind:
     metavar : str
         Stands for the value in a command's help; FILE and DIR are completed by the shell.
     required : str
-        What a value must be, in words.
+        Text: what a value must be.
     holds : callable or None
-        Whether a value is that; None: any value is.
+        Function that tells whether a value is allowed; None: all are.
     option : str
         Name of the option where it is not that of the parameter.
     read : callable or None
@@ -313,7 +313,7 @@ class Option(NamedTuple):
     ----------
     name : str
     type : object
-        Of the value, without the None that stands for a value left out; None where only a type
+        Type of the value, without the None that stands for a value left out; None where only a type
         checker knows the names in it.
     kind : Kind or None
     default : object
@@ -395,7 +395,8 @@ def _option(name, annotation, names, default, passing):
 
 
 def _evaluated(annotation, names):
-    """What an annotation means; None where it holds names that only type checkers import."""
+    """The object that an annotation's text stands for; None if only type checkers import its
+    names."""
     if not isinstance(annotation, str):
         return annotation
     try:

@@ -21,7 +21,7 @@ WIDTH = 120
 
 
 def in_dialect(text: str, dialect: str) -> str:
-    """Statements of ngspice, without analysis and options, in another's words.
+    """Statements of ngspice, without analysis and options, in another simulator's syntax.
 
     Parameters
     ----------
@@ -44,7 +44,7 @@ def in_dialect(text: str, dialect: str) -> str:
 
 
 def _lines(card):
-    """A card's lines, none of them longer than every reader takes."""
+    """A card split into lines of at most `WIDTH` characters, the later ones begun with "+"."""
     if len(card) <= WIDTH:
         return [card]
     # A break within an expression must not cut a name, number or call.

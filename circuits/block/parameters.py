@@ -3,7 +3,7 @@
 Formulas are those of the circuit (`harvester.device`), in scaled units. Each of their numbers
 becomes an expression of SI parameters with + − * / alone, which every simulator reads alike. A
 number's factor is its scaled value over the SI values that it is proportional to, so that nothing
-is scaled here a second time; numbers of which no rule is known are written out.
+is scaled here a second time; a number without such a rule is written out as a constant.
 """
 
 from __future__ import annotations
@@ -59,12 +59,12 @@ class Parameter(NamedTuple):
 
 
 class Parameters:
-    """What a block's formulas are made of.
+    """The parameters of a block, and the expressions of them by which its formulas are written.
 
     Parameters
     ----------
     ready : harvester.prepared.prepared.Prepared
-        Of a scene in SI.
+        A prepared scene in SI.
     start : (float, float, float)
         X, X' and the transducer's state at the beginning, scaled.
     displacement_unit : float
@@ -172,7 +172,7 @@ class Parameters:
         return self.proportional(value, *ELEMENTS.get(name, ("",)))
 
     def named(self, refer: Callable[[str], str]) -> Callable[..., str]:
-        """What formulas call for their numbers (`harvester.device.spring`).
+        """The function by which a formula writes one of its numbers (`harvester.device.spring`).
 
         A contact's keys begin with its name. `refer` gives the text by which an expression refers
         to a derived name.

@@ -100,7 +100,7 @@ def _electrical(parameters: Parameters) -> Iterator[str]:
 
 
 def metered(network: Network) -> bool:
-    """Whether a force asks for the current through the terminals."""
+    """Whether a force on the mass is proportional to the current through the terminals."""
     return any(each.plus == LOAD_AMMETER for each in network.elements)
 
 

@@ -89,7 +89,7 @@ def module(name: str, parameters: Parameters) -> str:
 
 
 def _electrical(parameters: Parameters) -> list[str]:
-    """Contributions of the transducer's network."""
+    """Verilog-A contribution statements of the transducer's network."""
     network: Network = parameters.ready.network
     lines = [_contribution(each, nodes_of(network), parameters) for each in network.elements]
     # A source of 0 V would merge both nodes and its current would read 0, so 1e-9 Ω measures it.

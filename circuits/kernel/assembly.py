@@ -29,7 +29,7 @@ DEVICE = "device:"
 
 
 def collect(ready: Prepared, whole: bool = True) -> tuple[Builder, Measurement, Probes, int]:
-    """Elements of a scene's transducer and its load, what is watched, and the velocity's place.
+    """Elements of a scene's transducer and load, the measured quantities, and the index of X'.
 
     Parameters
     ----------
@@ -114,7 +114,7 @@ def build(ready: Prepared) -> Circuit:
 
 
 def _own(b, tables, stray):
-    """Places of the load's unknowns that store more than a stray capacitance, and their kinds."""
+    """Indices of the load's unknowns that store more than a stray capacitance, and their kinds."""
     names = [*b.unknowns]
     stores = {
         int(row)

@@ -38,15 +38,15 @@ class Builder:
         self.retimed: list[tuple[int, int]] = []
 
     def node(self, name: str) -> int:
-        """The place of a node's voltage; −1 for ground."""
+        """Index of a node's voltage among the unknowns; −1 for ground."""
         return -1 if name == GROUND else self.unknowns.setdefault(name, len(self.unknowns))
 
     def branch(self, name: str) -> int:
-        """The place of a branch's current."""
+        """Index of a branch's current among the unknowns."""
         return self.unknowns.setdefault(f"i({name})", len(self.unknowns))
 
     def enter(self, row: int, column: int, capacity: float = 0.0, conductance: float = 0.0) -> None:
-        """One number of C or G."""
+        """Add to one entry of C (capacity) or G (conductance)."""
         if row >= 0 and column >= 0:
             entry = self.entries.setdefault((row, column), [0.0, 0.0])
             entry[0] += capacity
@@ -71,7 +71,7 @@ class Builder:
         self.initial.append((a, b, start, abs(value)))
 
     def through(self, name: str, a: int, b: int) -> int:
-        """A branch whose current is an unknown; its row is the voltage across it."""
+        """Add a branch whose current is an unknown; its equation states the voltage across it."""
         row = self.branch(name)
         for node, sign in ((a, 1.0), (b, -1.0)):
             self.enter(node, row, conductance=sign)
@@ -107,13 +107,13 @@ class Builder:
             self.waves.append((row, kind, sign, first, len(self.corners), *numbers))
 
     def mark(self, rows: list[int], columns: list[int]) -> None:
-        """Say where what is not linear stands."""
+        """Record the rows and columns of the matrix that a nonlinear element changes."""
         self.nonlinear |= {("row", place) for place in rows}
         self.nonlinear |= {("column", place) for place in columns}
 
 
 def tables_of(b: Builder, velocity: int) -> Tables:
-    """What was collected, with the velocity at its place behind all others."""
+    """The collected elements as tables; the velocity X' is the last unknown."""
     n = velocity + 1
     if len(b.unknowns) != velocity:
         raise ValueError("an unknown was added behind the velocity")
@@ -166,8 +166,9 @@ def tables_of(b: Builder, velocity: int) -> Tables:
 def _starts(b, n):
     """y at the beginning without the transducer's state, and what one unit of it adds: (2, n).
 
-    What sources set holds; the voltages of capacitors and the currents of inductors are as given,
-    those of the greatest first where they contradict each other; the first step finds the rest.
+    Voltages that sources set are kept exactly. Capacitors' voltages and inductors' currents are as
+    given; where these contradict each other, the largest elements have the greatest weight. The
+    first step finds the rest.
     """
     matrix = np.zeros((len(b.initial), n + 1))
     values = np.zeros((len(b.initial), 2))

@@ -247,7 +247,7 @@ def _add_junctions(e, shape, matrix, right):
 
 
 def _add_behavioural(e, shape, matrix, right):
-    """Behavioural sources and their slopes."""
+    """Add the behavioural sources' values and slopes to right-hand side and matrix."""
     delta, at, position = e.numbers[0], shape.layout, _positions(shape)
     for k, (to, source) in enumerate(shape.behavioural):
         size = delta * e.load(at.sizes + k)
@@ -388,7 +388,7 @@ def _loaded(e, shape):
 
 
 def _stamp(matrix, position, plus, minus, value, shape):
-    """A conductance between two nodes."""
+    """Add a conductance between two nodes to the matrix."""
     n = len(shape.rows)
     ends = [(node, sign) for node, sign in ((plus, 1), (minus, -1)) if node < n]
     for row, sign in ends:

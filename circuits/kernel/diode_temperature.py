@@ -20,7 +20,7 @@ def at_temperature(model: Mapping[str, float], celsius: float) -> dict[str, floa
     Parameters
     ----------
     model : mapping of str to float
-        By ngspice's names, for `tnom` °C.
+        Parameters by ngspice's names, valid at `tnom` °C.
     celsius : float
     """
     said = {"is": 1e-14, "n": 1.0, "m": 0.5, "vj": 1.0, "fc": 0.5, "eg": 1.11, "xti": 3.0,
@@ -66,7 +66,7 @@ def _depletion(said, nominal, kelvin):
 
 
 def _potential_shift(kelvin):
-    """What silicon's band gap and its intrinsic density add to a junction's potential (V)."""
+    """Change of a junction's potential (V) by silicon's band gap and intrinsic carrier density."""
     gap = 1.16 - 7.02e-4 * kelvin**2 / (kelvin + 1108.0)
     volts = VOLT_PER_KELVIN * kelvin
     half = (1.1150877 / REFERENCE - gap / kelvin) / (2.0 * VOLT_PER_KELVIN)

@@ -16,7 +16,8 @@ def add(matrix: Matrix, where: tuple[int, int], value: Number) -> None:
 
 
 def eliminate(matrix: Matrix, start: int, stop: int) -> None:
-    """Eliminate pivots, which get inverted; below them what rows lose, beside them as they were."""
+    """LU elimination in place: pivots become their inverses, entries below them the rows'
+    multipliers."""
     for k in range(start, stop):
         inverse = 1.0 / matrix[k, k]
         matrix[k, k] = inverse
@@ -38,7 +39,7 @@ def forward(matrix: Matrix, values: list[Number], start: int, stop: int) -> None
 
 
 def backward(matrix: Matrix, values: list[Number], start: int, stop: int) -> None:
-    """The unknowns from `stop` back to `start` in place of the right-hand side."""
+    """Back substitution from `stop` to `start`: the right-hand side becomes the unknowns."""
     for k in range(stop - 1, start - 1, -1):
         for i, j in matrix:
             if i == k and j > k:

@@ -30,14 +30,14 @@ SERIES = [1.0 / math.factorial(k) for k in range(12)]
 
 
 class Number:
-    """A double that the code computes when it runs, or several side by side."""
+    """A double that the code computes when it runs, or a vector of them ("side by side")."""
 
     def __init__(self, builder: Any, value: Any) -> None:
         self.builder, self.value = builder, value
 
     @property
     def count(self) -> int:
-        """How many there are side by side; 0 for one that stands alone."""
+        """Length of the vector that it is; 0 for a scalar."""
         return getattr(self.value.type, "count", 0)
 
     def _with(self, operation, other):
@@ -78,7 +78,7 @@ class Number:
         return self.builder.fcmp_ordered("<=", self.value, self._of(other))
 
     def where(self, condition: Any, other: Number) -> Number:
-        """This number where a condition holds, the other elsewhere."""
+        """This number if a condition holds, else the other one; element by element in a vector."""
         return Number(self.builder, self.builder.select(condition, self.value, other.value))
 
     def greater(self, other: Number | float) -> Number:
@@ -101,7 +101,7 @@ class Number:
         ]
 
     def function(self, name: str, *others: Number) -> Number:
-        """One of LLVM's: log, pow."""
+        """A mathematical function of LLVM's: log or pow."""
         if self.count:
             columns = zip(self.parts(), *(other.parts() for other in others), strict=True)
             return beside([one.function(name, *rest) for one, *rest in columns])
@@ -138,7 +138,7 @@ def _constant(value, count, kind=DOUBLE):
 
 
 def beside(numbers: Sequence[Number]) -> Number:
-    """Numbers put side by side."""
+    """A vector made of single numbers."""
     builder = numbers[0].builder
     value = ir.Constant(ir.VectorType(DOUBLE, len(numbers)), ir.Undefined)
     for k, number in enumerate(numbers):
@@ -158,7 +158,7 @@ class Emitter:
         self.numbers = [Number(self.builder, each) for each in numbers]
 
     def constant(self, value: float, count: int = 0) -> Number:
-        """A number known now, or as many of it side by side."""
+        """A constant, or a vector of that many equal ones."""
         return Number(self.builder, _constant(value, count))
 
     def load(self, place: int, in_slot: bool = False, count: int = 0) -> Number:

@@ -116,8 +116,8 @@ def run_realizations(
         ):
             if not all(np.isfinite(column[-1]) for column in record):
                 raise SolutionDiverged(
-                    f"Monte Carlo left the finite numbers before t = {record.time[-1]:g}; "
-                    "choose a shorter --step"
+                    "Monte Carlo diverged (values that are not finite) before t = "
+                    f"{record.time[-1]:g}; choose a shorter --step"
                 )
             for observer in watching:
                 observer.add(record)
@@ -163,9 +163,9 @@ def integrate(
     steps_per_contact : int
         Fewest steps from the beginning of a contact to its end.
     refinement : float
-        Of the steps against the default ones. A step's tolerated error goes with its square, down
-        to what Newton's iterations leave: else where the error alone sets the steps a finer grid
-        would change nothing.
+        Number by which the default step is divided. A step's tolerated error goes with its square,
+        down to what Newton's iterations leave: else where the error alone sets the steps a finer
+        grid would change nothing.
     line : float
         Angular frequency at which the device's motion is to be exact (rad/s); 0: none.
 

@@ -37,7 +37,8 @@ LARGEST_CURRENT = 100.0
 JUNCTION_STEP = 0.2
 # Exponentials of less than this exponent count as 0.
 BLOCKED = -40.0
-# So many swings below 0 a junction blocks, and its recombination stays constant.
+# Below minus this many swings (n kT/q) a junction counts as blocked, and its recombination stays
+# constant.
 REVERSE = 3.0
 # Smallest square of the recombination's width.
 RECOMBINATION_FLOOR = 0.005
@@ -83,11 +84,11 @@ def table_row(
     model : dict of str to float
         A diode's model by ngspice's names.
     area : float
-        Of its junction, in units of the model's.
+        Area of its junction, in units of the model's.
     many : float
         How many of them lie side by side.
     celsius : float
-        Its temperature.
+        Temperature of the junction (°C).
     """
     model = at_temperature(model, celsius)
     saturation, all_of_them = area * model["is"], area * many
@@ -149,9 +150,9 @@ class Law:
     Parameters
     ----------
     e : Emitter
-        Of the function.
+        Emitter of the function.
     place, stride : int
-        Of the first one's numbers in the memory, and from there to its next column.
+        Address of the first one's numbers in the memory, and from there to its next column.
     count : int
         How many there are.
     has : Traits
@@ -265,11 +266,12 @@ class Law:
         return stored, capacitance
 
     def moved(self, old: Number, across: Number) -> tuple[Number, Any]:
-        """The voltages to go on from when `across` stands over junction and resistance.
+        """Junction voltages for the next Newton iteration; `across` is over junction and
+        resistance.
 
-        After `linear`; also whether all moved by little. Where Newton's step leads up the
-        exponential, the current that it predicts tells the voltage: one iteration then goes as far
-        as many.
+        Call after `linear`. Also returns whether all changes are within the tolerance. Where
+        Newton's step leads up the exponential, the voltage is taken from the predicted current,
+        which saves many iterations.
         """
         predicted = (self._through + self._slope * (across - old)) * self._share
         new = across
@@ -318,9 +320,11 @@ class Law:
         return self._e.choose(self._e.any(into), limited, lambda: [new])[0]
 
     def _flatness(self, old, new):
-        """A bound of exp(depth/2), with the swings by which both voltages lie within the flat.
+        """Factor by which Newton's tolerance may grow: a bound of exp(depth/2) for blocked
+        junctions.
 
-        There an exponential's part of the current is as much less as Newton's step may be longer.
+        `depth` is how far both voltages lie below the exponential's rise, in swings n kT/q. There
+        the exponential part of the current is smaller by at least this factor.
         """
         depth = -(old.greater(new)) * self._value(PER_SWING)
         if self._has.breakdown:

@@ -41,7 +41,7 @@ class Device(NamedTuple):
     contact_step : of (x, v, noise, remaining, longest, steps)
         Step that resolves a contact with what is gained until the knot, ≤ longest (s).
     loss_power : of (x, v, held speed, whether a contact acts)
-        What damper and contacts take.
+        Power lost in damper and contacts.
     """
 
     transducer: Any
@@ -81,7 +81,7 @@ def evaluate(typing_context: Any, address: Any, numbers: Any, values: Any) -> An
 
 @intrinsic
 def _at(typing_context, place):
-    """The device that lies at a place in memory."""
+    """Read the device from an address in memory."""
 
     def code(context, builder, signature, arguments):
         kind = context.get_value_type(signature.return_type)

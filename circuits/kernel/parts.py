@@ -1,4 +1,4 @@
-"""A load's elements into a `Builder`, each kind by one function; refused is what is not taken."""
+"""Adds a load's elements to a `Builder`, each kind by one function; unknown kinds are refused."""
 
 from __future__ import annotations
 
@@ -166,7 +166,7 @@ def _current_source(b, each):
 
 
 def _controlled(b, each):
-    """E, G, F and H by a gain."""
+    """Add a controlled source (E, G, F or H) with a constant gain."""
     if each.expression is not None:
         _behavioural(b, each)
         return

@@ -79,7 +79,7 @@ def add_points(
     noise: float,
     free: tuple[float, float],
 ) -> int:
-    """A step's end as a point, behind the beginning once more where the power jumped there.
+    """Record a step's end as a point; if the power jumped at its beginning, that point is repeated.
 
     `before` are the load's power and the transducer's energy at the step's beginning, `scale` is
     its energy that counts, `free` the displacements between which no contact acts. Returns the
@@ -110,7 +110,7 @@ def _again(record, output, point, power):
 
 @merged
 def _write(device, probes, state, record, output, point, time, noise, free):
-    """One point of the record."""
+    """Write one point into the record."""
     scalars, y = state.scalars[0], state.y
     n = y.size
     places, units = probes.places, probes.units

@@ -28,7 +28,7 @@ _ACTIVE = "swqjmb"
 
 
 def relaxation(ready: Prepared, levels: Mapping[str, float], blocking: bool = True) -> np.ndarray:
-    """How far levels lie from where they will settle, for each rate at which they still move.
+    """Matrix G⁻¹ C: times the levels' rates of change, it gives their distance from steady state.
 
     Parameters
     ----------
@@ -37,7 +37,8 @@ def relaxation(ready: Prepared, levels: Mapping[str, float], blocking: bool = Tr
     levels : mapping of str to float
         Mean voltages (V) and currents (A) by the load's own names.
     blocking : bool
-        Whether what may block, diodes, open switches and expressions, leads anywhere.
+        Whether diodes, open switches and expressions are included, each with its slope at the mean
+        levels; else they conduct nothing.
 
     Returns
     -------
@@ -132,7 +133,7 @@ def _stamp(conductance, ends, value):
 
 
 def _add_behavioural(tables, y, conductance):
-    """Slopes of the expressions."""
+    """Add the behavioural sources' slopes to the conductances."""
     values, shares = tables.tape_values.copy(), np.zeros(len(tables.tape))
     evaluate(tables.tape, values, y, 0.0)
     for number, (to, source, first, last) in enumerate(tables.behavioural):

@@ -35,7 +35,7 @@ DIFFERENCE = 1e-6
 
 
 class Rates(enum.IntEnum):
-    """What is known of the rates of change at a step's beginning."""
+    """Whether the rates of change at a step's beginning are known."""
 
     TURNED = -1  # A switch turned: nothing, and the first step is backward Euler's.
     UNKNOWN = 0
@@ -123,7 +123,8 @@ class State(NamedTuple):
 
 
 def fresh_state(circuit: Circuit) -> State:
-    """A state of a circuit, all zero; its vectors keep the memory that they are views of."""
+    """A state of a circuit, all zero. Its vectors are views of one block of memory, which
+    they keep alive."""
     tables, order, at = circuit.tables, circuit.order, circuit.layout
     memory = fresh_memory(tables, at)
     n, m, k = tables.steady.size, len(tables.junctions), len(tables.tape)
@@ -235,7 +236,7 @@ def _near(state, only_motion, smooth):
         moving = position == state.motion
         new = state.y[unknown] + state.solution[position]
         moved = abs(new - state.latest[unknown])
-        # Not a number is not near.
+        # NaN counts as not near, so that the iteration goes on or fails.
         free = SMOOTH_STEP if smooth and moving else RELATIVE_STEP
         settled = settled and moved <= free * max(state.largest[unknown], abs(new))
         state.latest[unknown] = new
@@ -256,7 +257,7 @@ def solve_stage(
     zone: Any,
     row_unit: float,
 ) -> bool:
-    """Newton's iterations of a stage that has begun; whether they came to an end.
+    """Newton's iterations of a stage that has begun; True if they converged.
 
     Parameters
     ----------
@@ -266,14 +267,14 @@ def solve_stage(
         `latest` holds a guess of y + u, of the velocity at least where no behavioural source asks
         for more, `iterated` one of the junctions'.
     slot : int
-        From `slot_of`.
+        Slot of the factors, from `slot_of`.
     delta, time : float
     x_base : float
         X less what δ X' adds in the stage.
     zone : (bool, float, float, float)
         Whether contacts act, between which displacements, and the held speed.
     row_unit : float
-        Of the velocity's row.
+        Unit of the velocity's row.
     """
     code, memory = state.code, state.address
     last = state.y.size - 1

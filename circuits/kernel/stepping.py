@@ -117,7 +117,7 @@ def advance(
     state : State
         Changed.
     edges : ndarray
-        Of the contact zones (scaled displacement).
+        Edges of the contact zones (scaled displacement).
     block : ndarray
         The excitation at its knots.
     segment, count : int
@@ -129,7 +129,7 @@ def advance(
     steps_per_knot, steps_per_contact : int
         Steps of the grid between two knots, and fewest in a contact.
     plan : circuits.loads.course.Plan
-        What the load does by itself.
+        Steps that follow the load's own sources.
     record : Record
         Filled with the accepted points.
     output : ndarray, shape (1 + watched, points)
@@ -213,10 +213,10 @@ def _until_corner(tables, time, step):
 
 @merged
 def _planned(plan, place, time, step):
-    """Position in the load's plan at a time.
+    """Find where a time lies in the load's plan of steps.
 
-    Returns the place in it, the time left to the end of that place, the longest step that it
-    allows, and whether the load jumps at that end.
+    Returns the interval's index, the time left to its end, the longest step that it allows, and
+    whether the load jumps at that end.
     """
     past = time + LEAST_TO_CORNER * step + CLOCK_ROUNDING * abs(time)
     while place < plan.ends.size and plan.ends[place] <= past:
@@ -312,7 +312,7 @@ def _enter(state, place, zone):
 
 @merged
 def _turn(tables, state, step):
-    """Turn the switches that ask for it; whether that is chatter."""
+    """Turn the switches whose controls have passed their thresholds; True if they chatter."""
     scalars = state.scalars[0]
     turn(tables, state)
     _restart(scalars, step)
@@ -344,7 +344,7 @@ def _chattering(tables, state, time, step):
 
 @merged
 def _restart(scalars, step):
-    """Begin anew after a turn: with a short step, and rates that nobody knows yet."""
+    """Restart after a switch has turned: with a short step, and with unknown rates of change."""
     scalars.switchings += 1
     scalars.rates = Rates.TURNED
     scalars.proposed = min(RESTART * step, TURN_RESTART * scalars.turn_time)
@@ -372,9 +372,9 @@ def _length(longest, remaining, step):
 
 @merged
 def _guess(tables, state, share):
-    """A guess of the unknowns for Newton: as they are, and a share of the latest change.
+    """Newton's first guess: the present unknowns plus a share of their latest change.
 
-    Of the velocity alone, where no behavioural source asks for more.
+    Without behavioural sources only the velocity needs a guess.
     """
     n = state.y.size
     for i in range(0 if tables.behavioural.shape[0] > 0 else n - 1, n):
@@ -383,7 +383,8 @@ def _guess(tables, state, share):
 
 @merged
 def _set_sources(tables, state, time, noise, delta):
-    """Set the right-hand side to what sources add in a stage that change in time or with η."""
+    """Set the right-hand side to a stage's contributions of η and of sources that change in
+    time."""
     if tables.sources.shape[0] + tables.driven.shape[0] > 0:
         state.right[:] = 0.0
         add_waves(tables.sources, tables.waves, tables.corners, state.right, time, delta)

@@ -12,9 +12,10 @@ from harvester.compilation import merged
 # At a tenth, series SSHI missed extremes of the voltage, 7 % of its mean square; at a hundredth, a
 # ringing behind a diode's breakdown was a fifth too deep.
 CONTROL_TOLERANCE = 0.001
-# What a load that oscillates by itself stores is known to this share of its greatest size: at five
-# times as much, the mean square of a relaxation was 0.6 % too large. Where the size is less than a
-# share of the greatest voltage or current, of that: what rounds is not followed.
+# Allowed error of the charges and fluxes of a load that oscillates by itself, as a share of their
+# greatest size: at five times as much, the mean square of a relaxation was 0.6 % too large. Sizes
+# below LEAST_OWN of the greatest voltage or current are raised to that, so that rounding is not
+# followed.
 OWN_TOLERANCE, LEAST_OWN = 2e-5, 1e-4
 
 
@@ -80,9 +81,9 @@ def turn(tables: Tables, state: Any) -> None:
 
 @merged
 def missed_own(tables: Tables, state: Any) -> float:
-    """The greatest error of what a load that oscillates by itself stores, against what it may be.
+    """Largest error of a self-oscillating load's charges and fluxes, over its tolerance.
 
-    Its energy may be a millionth of the device's.
+    It has a tolerance of its own, since its energy may be a millionth of the device's.
     """
     sizes, greatest = (0.0, 0.0), 0.0
     for k in range(tables.own.shape[0]):
@@ -101,7 +102,7 @@ def missed_own(tables: Tables, state: Any) -> float:
 
 @merged
 def missed_controls(tables: Tables, state: Any) -> float:
-    """The greatest error of a switch's control, against what it may be."""
+    """Largest error of a switch's control, over its tolerance."""
     n = state.y.size
     greatest = 0.0
     for k in range(state.closed.size):

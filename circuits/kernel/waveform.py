@@ -33,7 +33,7 @@ def shape(wave: Waveform) -> tuple[int, list[float], list[tuple[float, float]]]:
 
 @compiled
 def value(kind: int, row: np.ndarray, corners: np.ndarray, time: float) -> float:
-    """A changing source at a time."""
+    """Value of a changing source at a time."""
     if kind == LINES:
         first, last = int(row[FIRST]), int(row[LAST])
         if time <= corners[first, 0]:

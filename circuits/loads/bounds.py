@@ -1,4 +1,4 @@
-"""Between which values an expression of the time stays over intervals of it: interval arithmetic.
+"""Bounds of an expression of the time over intervals of time, by interval arithmetic.
 
 Whatever happens within an interval lies between the bounds, so that no pulse is missed between two
 samples. The narrower the interval, the closer they are.
@@ -19,7 +19,7 @@ Pair = tuple[np.ndarray, np.ndarray]
 
 
 def of_time_alone(tree: Tree) -> bool:
-    """Whether a tree changes with time and asks for nothing of the circuit."""
+    """Whether an expression depends on the time, and on no voltage or current."""
     kinds = {each[0] for each in leaves(tree)}
     return "time" in kinds and not kinds & {"v", "i"}
 
@@ -106,7 +106,7 @@ _divisors = np.vectorize(divisor, otypes=[float])
 
 
 def _power(a, b):
-    """The size of a to the b."""
+    """Bounds of |a|^b."""
     sizes = _size(a)
     corners = np.array([one**other for one in sizes for other in b])
     return corners.min(axis=0), corners.max(axis=0)
@@ -131,7 +131,7 @@ def _cosine(a):
 
 
 def _meets(a, angle):
-    """Whether an angle lies within, some turns on."""
+    """Whether an interval contains an angle, up to whole turns."""
     turns = (a[0] - angle) / (2.0 * math.pi), (a[1] - angle) / (2.0 * math.pi)
     return np.floor(turns[1]) > np.floor(turns[0])
 
@@ -142,7 +142,7 @@ def _tangent(a):
 
 
 def _truths(a):
-    """Whether it may be false, and true."""
+    """Whether a condition may be false, and whether it may be true, over an interval."""
     return (a[0] <= 0.0) & (a[1] >= 0.0), (a[0] != 0.0) | (a[1] != 0.0)
 
 

@@ -1,9 +1,9 @@
 """A load's changes in time by itself: its jumps, and the steps that follow them.
 
 Sources and expressions of the time move whether or not the device does. Both engines ask here how
-long a step may be and where one has to end. The expressions' bounds over intervals tell: where one
-changes by more than a share of its swing the interval is halved, and what still does in the
-shortest intervals jumps there.
+long a step may be and where one has to end. The answer comes from the expressions' bounds over
+intervals: where one changes by more than a share of its swing the interval is halved, and one that
+still does so in the shortest intervals jumps there.
 """
 
 from __future__ import annotations
@@ -46,14 +46,14 @@ MOST_STEPS = 5000
 
 
 class Plan(NamedTuple):
-    """Steps over a stretch of time.
+    """The steps prescribed by a load's own sources over an interval of time.
 
     Attributes
     ----------
     ends : ndarray, shape (n,)
         Times at which steps have to end, growing (s).
     longest : ndarray, shape (n,)
-        Of the steps up to each (s).
+        Longest step up to each (s).
     jumps : ndarray, shape (n,)
         1 where the stretch up to it holds a jump, else 0.
     """
@@ -67,7 +67,7 @@ NO_PLAN = Plan(np.zeros(0), np.zeros(0), np.zeros(0))
 
 
 class Course:
-    """What of a load moves by itself.
+    """The sources and expressions of a load that change with time alone.
 
     Parameters
     ----------
@@ -90,7 +90,7 @@ class Course:
         return bool(self._found)
 
     def steps(self, step: float) -> Steps:
-        """The plans of a run on a grid of this step (s)."""
+        """Plans of a run's steps, for a grid of this step (s)."""
         return Steps(self._found, step)
 
 
@@ -103,7 +103,7 @@ class Steps:
         self._most = {tree: -math.inf for tree in found}
 
     def plan(self, first: int, count: int) -> Plan:
-        """The plan from a step of the grid on, for some `AHEAD` of them; none where the grid does.
+        """The plan of `count` steps of the grid, from number `first` on.
 
         Raises
         ------
@@ -120,7 +120,8 @@ class Steps:
         return _joined(low[order], high[order], leaps[order], self._step)
 
     def _between(self, edges, smooth, jumps):
-        """Steps of the grid with jumps once more, cut at these: halving comes ever closer to one.
+        """Halve the steps that contain jumps once more, now cut at the jumps so that none lies
+        inside.
 
         Yields the smooth intervals elsewhere, the jumps, and the new intervals.
         """
@@ -157,7 +158,7 @@ class Steps:
         return tuple(np.concatenate(each) for each in zip(*done, strict=True)), (low, high)
 
     def _fine(self, low, high):
-        """Which intervals need no halving, and the element that asks for the most of it."""
+        """Which intervals are short enough, and the element that needs the most further halving."""
         fine, worst, element = np.ones(low.size, dtype=bool), -1, None
         middle, rounding = 0.5 * (low + high), CLOCK * self._step
         for tree, each in self._found.items():
@@ -184,12 +185,13 @@ class Steps:
 
 
 def _cells(edges, intervals):
-    """Which steps of the grid hold intervals."""
+    """Indices of the grid's steps in which the intervals lie."""
     return np.searchsorted(edges, 0.5 * (intervals[0] + intervals[1]), "right") - 1
 
 
 def _merged(low, high):
-    """Jumps that touch as one, a little wider: an end is told from a jump just there."""
+    """Jumps with touching ones joined, each a little wider, so that a step's end does not
+    coincide with a jump."""
     order = np.argsort(low)
     low, high = low[order], high[order]
     apart = low[1:] > high[:-1] + 0.5 * (high[:-1] - low[:-1])
@@ -234,7 +236,7 @@ def tree_of(wave: Waveform) -> Tree:
 
 
 def steep(wave: Waveform) -> bool:
-    """Whether a source stands still but for jumps, to whose corners steps go anyway."""
+    """Whether a source is constant but for steep edges, at whose corners steps end anyway."""
     numbers = wave.numbers
     if wave.kind == "pulse":
         rise, fall, width, every = numbers[3:]

@@ -56,7 +56,7 @@ class _Foreign(Parser):
         return super().compared(sign, left, right)
 
     def raised(self, base: Tree, exponent: Tree) -> Tree:
-        """The real part of the power."""
+        """Build the tree of a power; of a negative base its real part, as LTspice has it."""
         if exponent[0] == "number" and exponent[1] % 2.0 == 0.0:
             return super().raised(base, exponent)
         size = _size(base, exponent)
@@ -108,7 +108,7 @@ def _ours(text):
 
 
 def ambiguity(cards: Iterable[Card]) -> str:
-    """What to say of a file without a dialect that may be LTspice's or PSpice's; else nothing."""
+    """A note on a file without a dialect line that may be LTspice's or PSpice's; else empty."""
     cards = list(cards)
     for dialect, marks in _MARKS.items():
         words = [found.group() for card in cards if (found := marks.search(card.text))]

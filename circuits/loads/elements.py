@@ -9,7 +9,7 @@ from circuits.loads.waveform import Waveform
 
 
 class Model(NamedTuple):
-    """A .model as it counts at one place: its name there, its kind, and what it says."""
+    """A .model as one element sees it: its name, kind, parameters and flags."""
 
     name: str
     kind: str
@@ -53,7 +53,7 @@ class Element(NamedTuple):
     voltage: bool = False
 
     def get(self, name: str, otherwise: float = 0.0) -> float:
-        """One of its further numbers."""
+        """One of its name=value settings."""
         return dict(self.numbers).get(name, otherwise)
 
     @property

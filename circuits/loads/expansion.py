@@ -1,4 +1,5 @@
-"""What a load grows to when ngspice expands its calls and functions, counted before it does.
+"""Counts the elements and characters of a load with its calls and functions expanded, before
+ngspice does so.
 
 ngspice puts a function's text in the place of each of its calls and a sub-circuit's cards in the
 place of each X: a few lines can stand for more than any machine holds.
@@ -40,12 +41,12 @@ class Length(NamedTuple):
         return Length(self.own + other.own, self.share + other.share)
 
     def given(self, argument: Length) -> Length:
-        """The text with its arguments put in."""
+        """Length of the text with its arguments inserted."""
         return Length(self.own + self.share * argument.own, self.share * argument.share)
 
 
 class Content(NamedTuple):
-    """What a sub-circuit holds with all it calls."""
+    """Numbers of elements, calls and characters of a sub-circuit with all that it calls."""
 
     elements: int
     calls: int
@@ -76,7 +77,7 @@ class Expansion:
         self._check(root.card, self._own_characters(root))
 
     def content(self, circuit: Subcircuit, calling: tuple[Subcircuit, ...] = ()) -> Content:
-        """What a sub-circuit expands to."""
+        """The content of a sub-circuit with all its calls expanded."""
         if id(circuit) not in self._contents:
             self._contents[id(circuit)] = self._counted(circuit, calling)
         return self._contents[id(circuit)]

@@ -74,11 +74,11 @@ BOOLEAN = {"<", "<=", "==", "and", "or", "not"}
 
 
 class ExpressionError(HarvesterError):
-    """What is wrong with an expression, in a few words; its readers add the place."""
+    """A fault in an expression, in a few words; the caller adds file and line."""
 
 
 class NotConstant(ExpressionError):
-    """A value that changes while the circuit runs."""
+    """Raised where a constant is needed and an expression depends on the running circuit."""
 
 
 def truth(condition: Tree) -> Tree:
@@ -146,7 +146,9 @@ class Parser:
         return tree
 
     def check_order(self, sign: str, level: int, loosest: int, before: str | None) -> None:
-        """Refuse an order that is read in two ways."""
+        """Refuse a == b < c without parentheses: sources and parameters read it in different
+        orders.
+        """
         if level == loosest == TIGHTNESS["<"]:
             raise ExpressionError(
                 f"== or != before {sign}: of a source's {sign} counts first, of a parameter's "
@@ -154,7 +156,7 @@ class Parser:
             )
 
     def signed(self) -> Tree:
-        """A power behind signs and negations."""
+        """Parse a power with the signs and negations before it."""
         signs = []
         while self.peek() in ("-", "+", *self.negations):
             signs.append(self.take()[1])
@@ -216,11 +218,11 @@ class Parser:
         self.take()
 
     def truth(self, condition: Tree) -> Tree:
-        """A condition's value, above 0 or not."""
+        """Build the tree of a condition, which holds above 0."""
         return condition
 
     def compared(self, sign: str, left: Tree, right: Tree) -> Tree:
-        """What a binary operator makes of both sides."""
+        """Build the tree of a binary operator."""
         if sign in (">", ">="):
             return (sign.replace(">", "<"), right, left)
         if sign in ("!=", "<>"):
@@ -298,7 +300,7 @@ def parse(text: str) -> Tree:
 
 
 def parts_of(tree: Tree) -> Tree:
-    """The trees that a tree is made of."""
+    """The operands of an expression."""
     if tree[0] == "call":
         return tree[2:]
     return () if tree[0] in ("number", "time", "name", "v", "i") else tree[1:]
@@ -324,7 +326,7 @@ def rebuilt(tree: Tree, made: Callable) -> Any:
 
 
 def leaves(tree: Tree) -> Iterator[Tree]:
-    """A tree and all within it."""
+    """A tree and all trees within it."""
     waiting = [tree]
     while waiting:
         here = waiting.pop()
@@ -394,12 +396,13 @@ FUNCTIONS |= {*_SAME, *_MADE, *CIRCUIT_ONLY, *SOLUTION}
 
 
 class Names:
-    """What names and functions mean where an expression stands; `circuits.loads.scope` fills it.
+    """Interface: resolves names and functions of an expression; implemented in
+    `circuits.loads.scope`.
 
     Attributes
     ----------
     parameters_only : bool
-        Of a parameter's value: pow() keeps the sign and pwr() does not, and nothing varies.
+        For a parameter's value: pow() keeps the sign and pwr() does not, and nothing varies.
     """
 
     parameters_only = False
@@ -537,7 +540,7 @@ def written(
         said = [text for text, _ in parts]
         form = "{0}%{1}" if kind == "%" else getattr(OPERATIONS[kind], dialect)
         if sum(map(len, said)) > LONGEST_WRITTEN:
-            raise ExpressionError("it grows too long")
+            raise ExpressionError("it grows too long for LTspice: divide it")
         if form[0].isalpha():
             return form.format(*said), 9
         said = [
@@ -558,7 +561,7 @@ def _voltage(a, z, node):
 
 
 def varies(tree: Tree) -> bool:
-    """Whether a tree that is not yet resolved asks for what changes while the circuit runs."""
+    """Whether an unresolved expression depends on a voltage, a current or the time."""
     return any(
         each[0] in (*SOLUTION, "time") or (each[0] == "name" and each[1] in VARYING)
         for each in leaves(tree)

@@ -43,9 +43,9 @@ def imported(text: str, name: str, nodes: Sequence[str], remove: Sequence[str] =
     Parameters
     ----------
     text : str
-        Its first line is a title.
+        Text of the netlist; its first line is a title.
     name : str
-        Of the sub-circuit.
+        Name of the sub-circuit.
     nodes : sequence of str
         The harvester's two, then the output's two where there is one.
     remove : sequence of str
@@ -110,7 +110,7 @@ def imported(text: str, name: str, nodes: Sequence[str], remove: Sequence[str] =
 
 
 def _body(text):
-    """Without the title, µ and § in the names that every reader takes."""
+    """The netlist without its title line; § in names becomes _."""
     return "\n" + text.partition("\n")[2].replace("§", "_")
 
 
@@ -127,7 +127,7 @@ def _is_wave(part: Part) -> bool:
 
 
 def _pins(nodes, known):
-    """New name of each node that gets one."""
+    """New names of the nodes that are renamed."""
     for node in nodes:
         if node not in known:
             raise NetlistError(f"no node {node[:40]}{nearest(node, known)}; {listed(known)}")
@@ -159,7 +159,7 @@ def _check_ground(topology, pins):
 
 
 def _currents(topology, gone):
-    """What stands for i(NAME): voltage over resistance, or why nothing does."""
+    """What replaces i(NAME): (voltage, resistance), or the reason why nothing can."""
     found: dict[str, tuple[str, str] | str] = {}
     for part in topology.parts:
         name = part.name.lower()
@@ -187,7 +187,7 @@ def _check_functions(topology, functions):
 
 
 def _rewritten(text, pins, currents):
-    """Text with the load's names of what voltages and currents it asks for."""
+    """Text in which the voltages and currents have the load's names."""
 
     def current(found):
         known = currents.get(found[1].strip().lower(), found[0])

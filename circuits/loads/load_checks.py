@@ -27,7 +27,7 @@ _CONTROLLED = "seg"
 
 
 def check_load(load: LoadCircuit) -> None:
-    """Refuse what is no circuit.
+    """Refuse a load whose elements form no valid circuit.
 
     Raises
     ------
@@ -41,7 +41,7 @@ def check_load(load: LoadCircuit) -> None:
 
 
 def loose_nodes(load: LoadCircuit) -> tuple[str, ...]:
-    """Nodes with one element's end, that nothing asks for, as "node of name (file:line)"."""
+    """Nodes with a single connection and no use in an expression, as "node of name (file:line)"."""
     ends = Counter(node for each in load.elements for node in _connected(each))
     known = {GROUND, *load.pins, *(node for each in load.elements for node in _controlling(each))}
     return tuple(
@@ -65,7 +65,7 @@ def check_needs(scope: Scope) -> None:
             try:
                 holds = each.value("{" + card.text + "}") > 0.0
             except ExpressionError as reason:
-                raise NetlistError(f"{needs}: that cannot be checked for {reason}") from None
+                raise NetlistError(f"{needs}: that cannot be checked: {reason}") from None
             if not holds:
                 raise NetlistError(f"{needs} here, with {_values(each, card.text)}")
 
@@ -101,7 +101,7 @@ def _check_nodes(parts, pins):
 
 
 def _check_currents(parts):
-    """Refuse a current that no element has."""
+    """Refuse an expression with the current of an element that does not exist."""
     known = {each.name for each in parts if each.letter in "vehl" or each.voltage}
     for each in parts:
         asked = {leaf[1] for leaf in leaves(each.expression or ("time",)) if leaf[0] == "i"}
@@ -115,7 +115,7 @@ def _check_currents(parts):
 
 
 def _controlling(each: Element) -> list[str]:
-    """Nodes whose voltage an element asks for."""
+    """Nodes whose voltage controls an element."""
     pairs = (leaf[1:] for leaf in leaves(each.expression or ("time",)) if leaf[0] == "v")
     inner = sorted({node for pair in pairs for node in pair})
     return [*each.nodes[2:], *inner] if each.letter in _CONTROLLED else inner
@@ -146,7 +146,7 @@ def _check_couplings(parts):
             coils = [name for name, flows in zip(names, flowing, strict=True) if flows]
             last = [each for each in couplings if not set(coils).isdisjoint(each.controls)][-1]
             raise NetlistError(
-                f"{last.where}: {last.name}: no coils are coupled so: some currents in "
+                f"{last.where}: {last.name}: impossible couplings: some currents in "
                 f"{', '.join(coils[:5])} would hold less than no energy; lower the couplings, or "
                 "give one the other sign"
             )

@@ -1,4 +1,4 @@
-"""What of a load decides the steps: its switches' controls, its capacitors and its coils."""
+"""The unknowns of a load that limit the steps: controls of switches, capacitors and coils."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ _JUMPING = frozenset("bqjm")
 
 
 class Watch(NamedTuple):
-    """Unknowns of a load that tell how long a step may be.
+    """Unknowns of a load that limit the step: controls of switches, capacitors, coils.
 
     Attributes
     ----------
@@ -54,7 +54,7 @@ NOTHING = Watch()
 
 
 def watch_of(load: LoadCircuit, pins: Mapping[str, str]) -> Watch:
-    """What to watch of a load with its pins at these nodes.
+    """The unknowns to watch of a load whose pins are at these nodes.
 
     Parameters
     ----------
@@ -119,7 +119,8 @@ def _comparisons(parts, pins):
 
 
 def _store(each, pins):
-    """The ends of what is kept, and (size, whether it is a coil's current)."""
+    """The unknowns of a store (two nodes, or a coil's current), and (size in F or H, whether
+    it is a coil)."""
     coil = each.letter == "l"
     ends = tuple(pins.get(node, node) for node in each.nodes)
     return (f"i({each.name})", GROUND) if coil else ends, (each.size, coil)

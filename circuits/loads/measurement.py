@@ -42,11 +42,11 @@ class Measurement(_Rows):
     rows : tuple of (str, str)
         Kind and name of each value; the power that a state takes has the kind `TAKEN`. Levels last.
     trees : tuple
-        Their expressions, see `circuits.loads.expression`.
+        Expressions of the measures, see `circuits.loads.expression`.
     watched : tuple of str
         The unknowns that they are made of: a node's full name, or "i(name)".
     pins : tuple of str
-        Those of them that are nodes at the load's pins.
+        Watched nodes that are pins of the load.
     """
 
     @cached_property
@@ -77,7 +77,7 @@ class Measurement(_Rows):
         ----------
         time : ndarray, shape (n,)
         unknowns : ndarray, shape (len(watched), n)
-            In V and A.
+            Values of the watched unknowns, in V and A.
         unit : float
             Factor from a watt and a joule to the wanted unit.
 
@@ -151,7 +151,7 @@ def with_probes(load: LoadCircuit, names: Iterable[str]) -> LoadCircuit:
 def evaluated(
     measures: tuple[Measure, ...], scope: Scope, parts: tuple[Element, ...]
 ) -> tuple[Measure, ...]:
-    """The measures with their expressions read in the load's own sub-circuit.
+    """The measures with their expressions resolved to nodes and sources of the load.
 
     Raises
     ------

@@ -1,4 +1,4 @@
-"""What a load's file wants to have measured: lines `* measure: kind name = expression`."""
+"""Measures that a load's file defines by lines `* measure: kind name = expression`."""
 
 from __future__ import annotations
 

@@ -1,8 +1,8 @@
 """Whether a load oscillates by itself, with the device at rest, and how fast its switches act.
 
 Kirchhoff's laws of the load alone, C dy/dt + i(y) = s, are solved at rest and linearised there. A
-mode that grows is an oscillator; switches that no state satisfies relax for ever, and the time
-constants of what controls them set the time of a turn.
+mode that grows is an oscillator; switches for which no rest state exists turn for ever, at a rate
+set by the time constants of their controls.
 """
 
 from __future__ import annotations
@@ -29,7 +29,7 @@ GMIN, MOST_ITERATIONS, SETTLED = 1e-12, 300, 1e-9
 # If Newton's iterations fail, they are repeated with this conductance (S), which is multiplied by
 # the second number after each.
 SLOWED, FADING = 1e-3, 0.9
-# Beyond this exponent a diode's current goes on as a straight line.
+# Above this exponent a diode's exponential is continued as a straight line.
 LARGEST_EXPONENT = 40.0
 # A mode grows if its growth exceeds this share of its rate. Rates above the second number (1/s) are
 # rounding.
@@ -57,7 +57,7 @@ class OwnMotion(NamedTuple):
     turn : float
         Shortest time constant of what controls a switch that turns for ever (s); infinite without.
     switch : str
-        That switch, as "name (file:line)".
+        Name of that switch, as "name (file:line)".
     unknown : str
         Why all this is not known; empty where it is.
     """
@@ -98,14 +98,13 @@ def check_turn(load: LoadCircuit, step: float) -> None:
     own = load.own_motion
     if own.turn < LEAST_TURN * step:
         raise LoadError(
-            f"{own.switch} turns by itself, and its control follows within {own.turn:.2g} s: no "
-            f"run with steps of {step:.2g} s comes down to that; raise ron or the capacitance at "
-            "its control"
+            f"{own.switch} turns by itself, and its control follows within {own.turn:.2g} s: steps "
+            f"of {step:.2g} s cannot follow that; raise ron or the capacitance at its control"
         )
 
 
 def following_notes(load: LoadCircuit, duration: float) -> tuple[str, ...]:
-    """What it costs to follow a load's fastest source through some seconds, where that is long."""
+    """A note on the cost of following a load's fastest source through a run (s), if over `LONG`."""
     period = min(load.periods, default=math.inf)
     costs = {engine: duration / period * cost for engine, cost in PERIOD_COST.items()}
     if any(each.letter in "jmq" for each in load.elements):
@@ -129,7 +128,7 @@ def _spoken(seconds):
 
 
 def own_notes(load: LoadCircuit) -> tuple[str, ...]:
-    """What a reader of results must know of a load whose own motion is not known."""
+    """A note for results whose load may oscillate by itself, if that could not be determined."""
     if not load.own_motion.unknown:
         return ()
     return (
@@ -275,7 +274,9 @@ class _Circuit:
         self._behavioural.append(([(place, sign * many) for place, sign in ends], first, last))
 
     def sources(self) -> Iterator[np.ndarray]:
-        """Right-hand sides: of the sources at the beginning, and at their other end."""
+        """Right-hand sides for two extreme values of every source: its first one and its opposite
+        one.
+        """
         for which in range(2):
             right = np.zeros(self.size)
             for place, sign, each in self._steady:
@@ -289,7 +290,7 @@ class _Circuit:
         return f"{each.name} ({each.where})"
 
     def _currents(self, y, closed, slopes_too):
-        """i(y), and its slopes."""
+        """Currents i(y) into the nodes, and their derivatives."""
         current, slope = self._g @ y, self._g.copy()
         known = np.append(y, 0.0)
 
@@ -319,7 +320,9 @@ class _Circuit:
         return current, slope if slopes_too else None
 
     def rest(self, closed: np.ndarray, source: np.ndarray) -> np.ndarray | None:
-        """Voltages and currents at which nothing moves, found from 0; None where none is found."""
+        """The rest state: voltages and currents with C dy/dt = 0, by Newton from 0; None if it
+        fails.
+        """
         found = self._newton(closed, source, 0.0)
         return self._newton(closed, source, SLOWED) if found is None else found
 
@@ -342,7 +345,7 @@ class _Circuit:
         return None
 
     def wrong(self, closed: np.ndarray, y: np.ndarray) -> int:
-        """The first switch that would turn there, or −1."""
+        """Index of the first switch that would turn at these voltages, or −1."""
         known = np.append(y, 0.0)
         for k, (each, _, control) in enumerate(self._switches):
             volts = known[control[0]] - known[control[1]]
@@ -361,14 +364,14 @@ class _Circuit:
         return -1.0 / times[finite], moved @ held / times[finite], held
 
     def grows(self, y: np.ndarray, closed: np.ndarray) -> bool:
-        """Whether a mode grows there."""
+        """Whether a mode grows about this rest state."""
         rates, *_ = self._modes(y, closed)
         return bool(np.any(rates.real > GROWING * np.abs(rates)))
 
     def time_constant(
         self, switch: int, before: np.ndarray, y: np.ndarray, closed: np.ndarray
     ) -> float:
-        """The shortest of those with which a switch's control goes from one rest to another (s)."""
+        """Shortest time constant (s) with which a switch's control goes between two rest states."""
         rates, shapes, held = self._modes(y, closed)
         # A turn leaves the energy in stores unchanged; the voltages of nodes without a store jump.
         shares = np.linalg.pinv(held) @ (self._ends.T @ (before - y)) if rates.size else rates
@@ -384,7 +387,7 @@ class _Circuit:
 
 
 def _value(source, which):
-    """Value of a source at the beginning (0), or at its other end (1)."""
+    """Value of a source at the beginning (0), or its opposite extreme (1)."""
     if source.wave is None:
         return source.value
     if which == 0:

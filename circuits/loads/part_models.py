@@ -1,4 +1,4 @@
-"""What models make of parts: values of R, C and L, ranges of diodes, laws of switches."""
+"""Values of R, C and L, ranges of diode parameters and laws of switches, from their models."""
 
 from __future__ import annotations
 
@@ -61,7 +61,7 @@ _ENDS = {"vswitch": (("von", 1.0), ("voff", 0.0)), "iswitch": (("ion", 1e-3), ("
 
 
 def unknown_word(kind: str, name: str) -> str:
-    """What is wrong with a name in a model of this kind; empty where nothing is."""
+    """The fault of a parameter's name in a model of this kind; empty if it is allowed."""
     if name in KNOWN.get(kind, (name,)):
         return ""
     if (kind, name) == ("c", "c"):
@@ -74,7 +74,7 @@ def unknown_word(kind: str, name: str) -> str:
 def size(
     letter: str, given: float | None, model: Model | None, numbers: Mapping[str, float]
 ) -> float:
-    """Ω, F or H of one R, C or L as its model, scale and temperature make it.
+    """Value (Ω, F or H) of one R, C or L from its model, scale and temperature.
 
     Raises
     ------
@@ -87,7 +87,7 @@ def size(
     if given is None:
         given = _by_model(letter, model, numbers)
     if given is None:
-        raise ExpressionError("it has no value")
+        raise ExpressionError("it has no value: write one behind its nodes, or name a model")
     temperature = numbers.get("temp", TEMPERATURE + numbers.get("dtemp", 0.0))
     warmer = temperature - model.get("tnom", TEMPERATURE)
     first = _first_of(numbers, model, "tc1", "tc", "tc1r")
@@ -166,7 +166,7 @@ def switch(line: Any, model: Model) -> Model:
 
 
 def _resistances(line, model):
-    """Ω of a switch that is open and closed."""
+    """Resistances (Ω) of a switch, open and closed."""
     off, on = model.get("roff", 1e12), model.get("ron", 1.0)
     if min(off, on) < LEAST_RESISTANCE:
         line.refuse(

@@ -19,9 +19,9 @@ if TYPE_CHECKING:
 LEAST_STORAGE, LEAST_LOAD = 1e-12, 1.0
 # Advice for a source that turns on and off without end.
 SOURCE_CURE = (
-    "its value jumps to and fro at one threshold, where what it does takes it back at once; use a "
-    "switch with a hysteresis (S, vt= and vh=), or let it change smoothly over some millivolts, as "
-    "0.5*(1+tanh((v-vt)/5m)) does"
+    "its value jumps to and fro at one threshold, as its own effect reverses each jump at once; "
+    "use a switch with a hysteresis (S, vt= and vh=), or let it change smoothly over some "
+    "millivolts, as 0.5*(1+tanh((v-vt)/5m)) does"
 )
 # Operations whose value jumps.
 _JUMPS = {"if", "<", "<=", "==", "and", "or", "not", "sgn", "floor", "ceil", "u", "nint"}
@@ -53,11 +53,11 @@ def capacitance(parts: Iterable[Element]) -> float:
 
 
 def suspicion(load: LoadCircuit | None) -> str:
-    """What to suspect when a run with a load ended early, to be put behind the reason."""
+    """The negative parts that may have ended a run early: text to append to the reason."""
     if load is None or not load.negative_parts:
         return ""
     names = ", ".join(load.negative_parts[:3])
-    return f"; a value below 0 makes what it feeds grow without an end: {names}"
+    return f"; a value below 0 feeds energy in, so that voltages may grow without bound: {names}"
 
 
 def jumping_sources(load: LoadCircuit) -> tuple[Element, ...]:
@@ -71,7 +71,7 @@ def jumping_sources(load: LoadCircuit) -> tuple[Element, ...]:
 
 
 def reading_notes(load: LoadCircuit) -> tuple[str, ...]:
-    """What the reader took for something that its writer may not have meant."""
+    """Notes on values that the reader may have understood otherwise than their writer."""
     notes = [
         f"{each.name} ({each.where}) is read as a smooth switch of LTspice or PSpice: its "
         "conductance changes over the whole hysteresis"

@@ -21,7 +21,7 @@ _UNDEFINED_AT_0 = {"ln", "^", "pwr", "acosh"}
 
 
 class Potentials:
-    """Which nodes sources connect, and what they say.
+    """Voltages between nodes that are connected by voltage sources.
 
     Parameters
     ----------
@@ -78,7 +78,7 @@ def _at_start(each):
 
 
 def with_sources(tree: Tree, potentials: Potentials) -> Tree:
-    """An expression in which voltages that sources set are what the sources say."""
+    """An expression in which each voltage that sources set is replaced by the sources' values."""
 
     def made(here: Tree, parts: list[Tree]) -> Tree:
         if here[0] == "v":
@@ -172,7 +172,7 @@ def levels(switch: Element, potentials: Potentials) -> tuple[float, float]:
 
 
 def _sides(sign, source):
-    """The least and the most that a source says, with its sign."""
+    """Smallest and largest value of a source, times its sign."""
     if source.wave is None:
         ends = [source.value]
     elif source.wave.kind == "pwl":
@@ -186,7 +186,7 @@ def _sides(sign, source):
 
 
 def starts(elements: tuple[Element, ...]) -> dict[str, float]:
-    """Nodes that a run must begin with at what sources and charged capacitors say.
+    """Initial voltages of nodes, from sources and charged capacitors, that a run must be given.
 
     Without them ngspice takes 0 V at first: it forgets which state a switch within its hysteresis
     has, and evaluates a logarithm of 0.

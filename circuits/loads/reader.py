@@ -91,7 +91,8 @@ class _Reader:
         self._files = self._bytes = self._cards = 0
 
     def cards(self, path, place, including):
-        """Cards of a file; `place` is who asks for it, `including` the files around it."""
+        """Cards of a file; `place` is where it is included, `including` the files that lead
+        to it."""
         with _named(place):
             real = path.resolve()
         if real in including:
@@ -107,7 +108,10 @@ class _Reader:
                 )
             self._cards += 1
             if self._cards > MOST_CARDS:
-                raise NetlistError(f"{card.where}: more than {MOST_CARDS} statements: no load")
+                raise NetlistError(
+                    f"{card.where}: more than {MOST_CARDS} statements, too many for a load: leave "
+                    "some out"
+                )
             first, _, rest = card.text.partition(" ")
             if first.lower() in INCLUDES:
                 where = f"{card.where}: {first}"
@@ -124,7 +128,7 @@ class _Reader:
             raise NetlistError(f"{place}: more than {MOST_FILES} files are included")
         with _named(place):
             if not path.is_file():
-                raise NetlistError(f"{place}: no regular file")
+                raise NetlistError(f"{place}: is not a regular file")
             # Reads no more bytes than the file's size: a file that the system shows as empty may
             # have no end.
             size = min(path.stat().st_size, MOST_BYTES - self._bytes + 1)
@@ -186,7 +190,7 @@ def statements(text: str, name: str) -> list[Card]:
     ----------
     text : str
     name : str
-        Of the file, for messages.
+        Name of the file, for messages.
 
     Returns
     -------

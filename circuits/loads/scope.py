@@ -1,4 +1,4 @@
-"""What names mean in each call of a sub-circuit, by ngspice's rules.
+"""Resolves names in each call of a sub-circuit, by ngspice's rules.
 
 A parameter is looked for where it is used, then in the calls around it, outwards to the file: a
 value given in the call goes before a .param of the sub-circuit, that before the default of its
@@ -61,7 +61,7 @@ class _Circuit(Names):
         if name == "time":
             return ("time",)
         if name == "hertz":
-            raise NotConstant("hertz, which has no value in a run")
+            raise NotConstant("hertz, which is defined only in an AC analysis")
         value = self._scope.parameter(name)
         if name in _FIRST and not math.isclose(value, CONSTANTS[name], rel_tol=1e-6):
             raise ExpressionError(f"{name} means ngspice's constant here: rename the parameter")
@@ -119,7 +119,7 @@ class Scope:
 
     @property
     def circuit_names(self) -> Names:
-        """What names mean in an expression of the circuit's solution."""
+        """The resolver of names for expressions of voltages and currents."""
         return _Circuit(self)
 
     def parameter(self, name: str) -> float:
@@ -130,7 +130,7 @@ class Scope:
         ExpressionError
         """
         if name in ("time", "hertz"):
-            raise NotConstant(f"the name {name}")
+            raise NotConstant(f"{name} changes during the run")
         if name not in self._under_way:
             if name in self.given:
                 return self.given[name]
@@ -141,7 +141,7 @@ class Scope:
             return self.caller.parameter(name)
         if name in CONSTANTS:
             return CONSTANTS[name]
-        raise ExpressionError(f"the name {name[:60]}")
+        raise ExpressionError(f"unknown name {name[:60]}: define it by .param")
 
     def _evaluated(self, name, text):
         """A value of this sub-circuit's own; one that names itself means that around it."""
@@ -173,7 +173,7 @@ class Scope:
         return None
 
     def outwards(self) -> Iterator[Scope]:
-        """This one and those around its definition."""
+        """This scope and those in which it is defined, outwards."""
         scope: Scope | None = self
         while scope is not None:
             yield scope

@@ -44,7 +44,7 @@ def stores_of(load: LoadCircuit) -> tuple[Store, ...]:
 
 
 def levels_of(load: LoadCircuit) -> tuple[str, ...]:
-    """Nodes, and currents as "i(name)", that tell what the stores hold and what acts on them.
+    """Nodes, and currents as "i(name)", that determine the stores' energies and their drive.
 
     Empty for a load without a store.
     """

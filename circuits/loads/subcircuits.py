@@ -52,18 +52,19 @@ _READINGS = {"M": ("a million", "a thousandth"), "F": ("a farad", "a femtofarad"
 
 @dataclass(frozen=True)
 class LoadCircuit:
-    """A load ready to hang on the piezo.
+    """A load that was read and checked, ready to be connected to the transducer.
 
     Attributes
     ----------
     text : str
-        Its file with the parameters by name, includes in, for exported decks; ends with a newline.
+        Text of its file for exported decks: includes inserted, parameters by name; ends with a
+        newline.
     elements : tuple of circuits.loads.elements.Element
         All that it holds, as both engines run it.
     name : str
-        Of its sub-circuit.
+        Name of its sub-circuit.
     pins : tuple of str
-        As declared, from `PIEZO_PINS` and `OUTPUT_PINS`.
+        Pins as declared, from `PIEZO_PINS` and `OUTPUT_PINS`.
     parameters : tuple of (str, float)
         Values other than the netlist's own, given where it is called.
     defaults : tuple of (str, float)
@@ -73,15 +74,15 @@ class LoadCircuit:
     linear, switches : bool
         Resistors and capacitors only; anything beside them and diodes.
     resistance : float or None
-        Of a load that is one resistor between p and n, in Ω.
+        Resistance of a load that is one resistor between p and n, in Ω.
     measures : tuple of circuits.loads.measures.Measure
-        What its file wants to have measured.
+        Measures that its file asks for (`* measure:`).
     probes : tuple of str
         Nodes, and currents "i(name)", that a waveform is to hold; see `with_probes`.
     file : str
         Name of the file that its sub-circuit stands in.
     ambiguity : str
-        What of it another SPICE may mean otherwise; empty where nothing.
+        A note on expressions that another SPICE reads otherwise; empty if there are none.
     """
 
     text: str
@@ -101,7 +102,9 @@ class LoadCircuit:
 
     @cached_property
     def is_plain(self) -> bool:
-        """Whether ngspice reads the text with its names as it is meant here."""
+        """Whether ngspice can take the file's own text, as it reads every name as this program
+        does.
+        """
         return reads_alike(self.text, self.elements)
 
     @cached_property
@@ -111,12 +114,13 @@ class LoadCircuit:
 
     @cached_property
     def watch(self) -> Watch:
-        """What decides the steps, its pins by their own names: `circuits.loads.load_watch`."""
+        """The unknowns that limit the steps (`circuits.loads.load_watch`), with the pins'
+        own names."""
         return watch_of(self, {pin: pin for pin in self.pins})
 
     @cached_property
     def own_motion(self) -> OwnMotion:
-        """What it does with the device at rest: `circuits.loads.own_motion`."""
+        """How it behaves with the device at rest: `circuits.loads.own_motion`."""
         return own_motion(self.elements)
 
     @cached_property
@@ -137,12 +141,12 @@ class LoadCircuit:
 
     @cached_property
     def reading_notes(self) -> tuple[str, ...]:
-        """What in it may not be meant as it is read."""
+        """Notes on values that its writer may have meant otherwise, such as a suffix."""
         return reading_notes(self)
 
     @cached_property
     def loose_nodes(self) -> tuple[str, ...]:
-        """Nodes in it that nothing but one end of one element is connected to."""
+        """Nodes with a single connection, as "node of name (file:line)"."""
         return loose_nodes(self)
 
     @property
@@ -163,7 +167,7 @@ class LoadCircuit:
 
     @cached_property
     def levels(self) -> tuple[str, ...]:
-        """Nodes and currents that tell what its stores hold, see `circuits.loads.stores`."""
+        """Nodes and currents that determine what its stores hold, see `circuits.loads.stores`."""
         return levels_of(self)
 
     @property
@@ -205,7 +209,7 @@ def find_netlist(netlist: str, folders: Sequence[str | Path] = (".",)) -> Path:
     netlist : str
         A name in netlists/, or a path (with a dot or a slash in it).
     folders : sequence of str or Path
-        Where a relative path is looked for, in order.
+        Folders in which a relative path is looked for, in order.
 
     Raises
     ------
@@ -238,7 +242,7 @@ def read_load(
     Parameters
     ----------
     path : Path
-        From `find_netlist`.
+        Path from `find_netlist`.
     subcircuit : str or None
         Which of the file's; None: the one called as the file, or the only one with these pins.
     parameters : dict of str to (float or str), optional
@@ -298,7 +302,7 @@ def _defaults(root, top):
 
 def _chosen(root, path, name):
     if not root.inner:
-        raise NetlistError(f"{path.name}: holds no .subckt")
+        raise NetlistError(f"{path.name}: holds no .subckt: put the load into one")
     if name is None:
         names = [each for each, circuit in root.inner.items() if _fits(circuit)] or [*root.inner]
         name = path.stem.lower() if path.stem.lower() in root.inner else names[0]
@@ -387,7 +391,7 @@ def _vet(circuit):
 
 
 def _need(card, scope):
-    """A need as it is said, or in ngspice's words where that is another text."""
+    """A "needs" line as it is written, or in ngspice's syntax where that differs."""
     text = check_expression(card, card.text, scope)
     return card if text == rewritten(card.text) else card._replace(text=text)
 

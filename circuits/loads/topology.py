@@ -1,4 +1,4 @@
-"""What a netlist connects: its elements, their nodes and its sub-circuits, for drawing."""
+"""The elements of a netlist with their nodes, and its sub-circuits, for drawing."""
 
 from __future__ import annotations
 
@@ -25,13 +25,14 @@ class Part:
     Attributes
     ----------
     name : str
-        As the netlist spells it.
+        Name as the netlist spells it.
     nodes : tuple of str
-        Its own, in the netlist's order; of a controlled element those through which current flows.
+        Nodes of the element in the netlist's order; of a controlled element those through which
+        current flows.
     control : tuple of str
         Nodes, sources or coupled coils that act on it.
     value : str
-        What follows; of a sub-circuit's call, its parameters.
+        Text that follows the nodes; of a sub-circuit's call, its parameters.
     calls : str
         Name of the sub-circuit of an X element, else empty.
     """
@@ -65,7 +66,7 @@ class Topology:
     Attributes
     ----------
     name : str
-        Of the sub-circuit; empty for the circuit.
+        Name of the sub-circuit; empty for the circuit.
     pins : tuple of str
     parts : list of Part
     inner : dict of str to Topology
@@ -108,7 +109,7 @@ def read_topology(text: str) -> Any:
     Parameters
     ----------
     text : str
-        Without includes.
+        A netlist without includes.
 
     Returns
     -------

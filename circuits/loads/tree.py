@@ -26,7 +26,7 @@ COMMA = re.compile(r"\s*,\s*(?=[a-z_]\w*\s*=[^=])")
 
 @dataclass(eq=False)
 class Subcircuit:
-    """A .subckt under way, or the file around them (no name)."""
+    """A .subckt definition that is being read, or the file around them (empty name)."""
 
     card: Card
     name: str = ""
@@ -44,7 +44,7 @@ class Subcircuit:
     dialect: str = ""
 
     def scope(self) -> Scope:
-        """Names from here outwards."""
+        """The names that are visible here, including those of the definitions around it."""
         around = self.around()
         return Scope(
             ChainMap(*(values for place in around for values in (place.local, place.parameters))),
@@ -132,7 +132,7 @@ def parse(cards: list[Card], name: str) -> Subcircuit:
 
 
 def _once(card, known, what, name):
-    """Refuse a name that stands twice: releases differ in which of them counts."""
+    """Refuse a name that is defined twice: ngspice releases differ in which definition counts."""
     if name in known:
         refuse(card, f"{what[:60]} is there twice, first at {known[name][0].where}: keep one")
 

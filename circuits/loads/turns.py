@@ -31,7 +31,7 @@ class Passing(NamedTuple):
     ends : (str, str)
         A node, "i(source)" or ground each.
     level : float
-        In V or A.
+        Level in V or A.
     """
 
     ends: tuple[str, str]
@@ -40,13 +40,13 @@ class Passing(NamedTuple):
 
 @functools.lru_cache(maxsize=4096)
 def turns(tree: Tree) -> tuple[Tree, ...]:
-    """Trees that pass 0 where a tree jumps, those of the time alone left out."""
+    """Expressions that cross 0 where this one jumps; those of the time alone are left out."""
     found = dict.fromkeys(each for each in _passed(tree) if not of_time_alone(each))
     return tuple(each for each in found if _jumps(tree, each))
 
 
 def _passed(tree: Tree) -> Iterator[Tree]:
-    """Expressions that pass 0 where a part of a tree turns."""
+    """Expressions that cross 0 where a part of this one switches (comparison, step, rounding)."""
     half_turn = ("number", math.pi)
     for each in leaves(tree):
         if each[0] in ("<", "<="):
@@ -66,7 +66,7 @@ def _unknowns(tree):
 
 
 def _jumps(tree, passed):
-    """Whether a tree's value jumps where another passes 0; so where that is met nowhere."""
+    """Whether an expression jumps where another crosses 0; True also if no crossing was found."""
     names = _unknowns(tree)
     try:
         from circuits.loads.tape import Values

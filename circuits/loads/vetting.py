@@ -1,4 +1,4 @@
-"""What a load's netlist may hold: a list of what is allowed, and a one-line refusal of the rest.
+"""Checks that a load's netlist holds only what is allowed; all else is refused in one line.
 
 A netlist from elsewhere is data. Nothing in it may run a program, touch a file, reach a node of
 the device, or stop ngspice's process; what LTspice writes and ngspice would silently ignore or

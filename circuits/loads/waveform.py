@@ -1,4 +1,5 @@
-"""What a V or I source says, every omitted number filled in as ngspice has it, or refused."""
+"""Waveforms of V and I sources, with omitted numbers filled in by ngspice's defaults, or
+refused."""
 
 from __future__ import annotations
 

@@ -216,7 +216,7 @@ def get_noise(current: Any, time: float, name: Any, identity: int, user: Any) ->
 
 @intrinsic
 def _state(typingctx, user):
-    """The shared structure: what `user` points to, of whatever device it says that it is."""
+    """Cast the pointer `user` to the shared structure, whatever device type it has."""
 
     def generate(context, builder, signature, arguments):
         kind = context.get_value_type(signature.return_type)
@@ -227,7 +227,7 @@ def _state(typingctx, user):
 
 @intrinsic
 def _device(typingctx, user, address):
-    """The device whose numbers stand from an address on, of the type that `user` points to."""
+    """Read the device from an address, as the type that `user` points to."""
     made = user.dtype
 
     def generate(context, builder, signature, arguments):

@@ -26,7 +26,7 @@ FEWEST_POINTS = 200
 
 
 class Chattering:
-    """Looks at the points of a run now and then.
+    """Checks a run's points about once a second for a source that chatters.
 
     Parameters
     ----------
@@ -52,7 +52,7 @@ class Chattering:
         self._values = Values(trees, measurement.watched) if trees else None
 
     def found(self, times: np.ndarray, points: np.ndarray) -> str:
-        """The source that has chattered at every look of late, or ""."""
+        """Name of the source that chattered in each of the last `LOOKS` checks, or ""."""
         self._seen = [*self._seen, self._now(times.copy(), points.copy())][-LOOKS:]
         one = len(self._seen) == LOOKS and len(set(self._seen)) == 1
         return self._seen[0] if one else ""

@@ -110,7 +110,7 @@ def load(engine: Any, text: str) -> None:
     ----------
     engine : circuits.ngspice.session.Session
     text : str
-        Its Verilog-A.
+        Verilog-A text of the device.
 
     Raises
     ------

@@ -109,7 +109,7 @@ def _pace(ready, step):
 
 
 def device_used(ready: Prepared, device: str, report: Callable) -> str:
-    """What a device asked for comes to: "compiled" or "behavioural" (in a worker)."""
+    """Which device a run with this option uses: "compiled" or "behavioural" (in a worker)."""
     compiled = _compiled(session(), ready, device)
     return "compiled" if compiled else "behavioural"
 
@@ -137,7 +137,7 @@ def version(engine: Session) -> str:
 
 
 def describe(report: Callable) -> dict[str, Any]:
-    """What was found: a dictionary for `harvester engine` (called in a worker)."""
+    """Library, version and features of the ngspice found, for `harvester engine` (in a worker)."""
     engine = session()
     text = engine.version_text
     return {

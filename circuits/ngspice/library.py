@@ -74,7 +74,7 @@ def code_models(library: str) -> list[Path]:
     Parameters
     ----------
     library : str
-        From `find_library`.
+        Name or path from `find_library`.
 
     Returns
     -------

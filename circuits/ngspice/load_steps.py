@@ -16,7 +16,7 @@ import numpy as np
 from harvester.compilation import uncounted
 
 # Largest error of a step in a capacitor or a coil: the root of the error's energy over the root of
-# the greatest energy of late.
+# the greatest recent energy.
 TOLERANCE = 5e-5
 # Shortest step that the load may ask for, and the first one after a switch has turned where ngspice
 # does not control the local error, both as shares of the grid's step.
@@ -36,7 +36,7 @@ COIL_APPROACH, IDLE = 0.5, 10.0
 LOCATED, LEAST_LOCATED = 0.2, 1.0 / 64.0
 # SHORTEST, RESTART and LOCATED of a switch that turns by itself, in time constants of its control.
 TURN_STEPS = 0.1, 0.01, 0.05
-# Radians of the device's natural frequency after which the greatest energy of late is forgotten.
+# Radians of the device's natural frequency over which the greatest recent energy is remembered.
 MEMORY = 15.0
 # The third derivative is computed from so many accepted points, and exists after so many steps.
 POINTS = 4
@@ -47,7 +47,7 @@ OPEN, UNKNOWN, CLOSED = 0.0, 0.5, 1.0
 
 @uncounted
 def limits_of(step: float, refinement: float, by_error: bool) -> tuple[float, float, float]:
-    """The limits of `resolving_step` on a grid of this step, `by_error` if no store is watched."""
+    """The step limits (s) of `resolving_step`; `by_error` if ngspice controls the local error."""
     if by_error:
         shortest = SHORTEST * step * refinement
         return shortest, shortest, step
@@ -100,7 +100,7 @@ def resolving_step(
         Shortest step that the load asks for, how well at best a turn is known, and the longest step
         after one (s).
     longest : float
-        Of steps (s).
+        Longest step allowed (s).
     """
     last = history[1][now[0]] - history[1][now[1]]
     longest = min(longest, GROWTH * last)

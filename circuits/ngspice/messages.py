@@ -40,7 +40,7 @@ MOST_REASONS = 3
 # Matches the message on steps that are too small. Causes are switches, and coils with inductance.
 _TOO_SMALL = re.compile("timestep too small", re.I)
 _AT_SWITCH = re.compile(r"-instance [sw]\.", re.I)
-_CHATTER = "; it undoes what turned it over and over: give it a hysteresis, or a wider one"
+_CHATTER = "; its own effect turns it back again and again: give it a hysteresis, or a wider one"
 _CUT_OFF = (
     "; the inductance drives the coil's current on, and a load that switches leaves it no way: set "
     "coil.inductance = 0, which changes little while ωL is far below the resistances"
@@ -55,7 +55,7 @@ def refusal(lines: list[Any]) -> str:
     Parameters
     ----------
     lines : sequence of str
-        Of standard error.
+        Lines of standard error.
     """
     first = next((k for k, line in enumerate(lines) if _refuses(line)), None)
     if first is None:
@@ -76,7 +76,7 @@ def abortion(lines: Sequence[str]) -> str:
 
 
 def advice(reason: str, drives_current: bool) -> str:
-    """What helps against a reason for which a run ended early, to be put behind it; may be empty.
+    """Advice to append to the reason for which a run ended early; may be empty.
 
     Parameters
     ----------
@@ -97,7 +97,7 @@ def _refuses(line):
 
 
 def _told(lines):
-    """The element first, then the reasons."""
+    """One line from ngspice's messages: the element that they name, then the reasons."""
     subject, reasons = "", {}
     for line in map(str.strip, lines):
         match = _SUBJECT.fullmatch(line)

@@ -72,7 +72,7 @@ class Session(NgSpiceShared):
     Attributes
     ----------
     circuit_load : circuits.loads.subcircuits.LoadCircuit or None
-        Of the netlist at hand, whose elements messages are to name.
+        The load of the netlist at hand, whose elements messages are to name.
     """
 
     circuit_load = None
@@ -168,7 +168,7 @@ class Session(NgSpiceShared):
         local_error : bool
             Between knots, ngspice's own step is taken where it is shorter.
         refinement : float
-            Of the steps against the default ones.
+            Number by which the default step is divided.
         outputs : sequence of harvester.record.output_side.OutputMoments or None
             For a load that has an output side, one for each copy.
 
@@ -326,7 +326,7 @@ class Session(NgSpiceShared):
 
     @contextlib.contextmanager
     def _watched(self):
-        """Give up a run within the block that gets nowhere: ngspice itself would try for ever."""
+        """Within the block, end a run that makes no progress: ngspice itself would try for ever."""
         done = threading.Event()
         threading.Thread(target=self._watch, args=(done,), daemon=True).start()
         try:
@@ -376,7 +376,7 @@ class Session(NgSpiceShared):
         self._announce("was running the netlist")
 
     def _announce(self, doing):
-        """The last words of the process, should it crash now."""
+        """Print what ngspice is about to do: if it crashes, the error quotes this line."""
         load = f" with the load {self.circuit_load.file}" if self.circuit_load else ""
         print(f"ngspice {doing}{load}", file=sys.stderr, flush=True)
 
@@ -393,7 +393,7 @@ class Session(NgSpiceShared):
         return self._said(reason + (advice or suspicion(self.circuit_load)))
 
     def _said(self, trouble):
-        """ngspice's words about what went wrong, with the load's own names."""
+        """ngspice's messages on what went wrong, with the load's own names."""
         trouble = with_places(trouble or "it gave no reason", self.circuit_load)
         return f"ngspice {self._doing}: {trouble}"
 
@@ -431,6 +431,8 @@ class Session(NgSpiceShared):
         return 0
 
     def _exited(self, status, immediate, quit_requested, identity, user):
-        """ngspice wants to leave the process: let it, with its last words."""
+        """Callback for ngspice wanting to exit: end this process with ngspice's messages as its
+        error.
+        """
         words = messages.refusal(self.errors) or messages.abortion(self.errors)
         give_up(SimulatorAborted(self._said(words)))

@@ -1,4 +1,4 @@
-"""What is read from ngspice's solution: the vectors of a netlist, and their values as a record."""
+"""Names of the vectors to read from ngspice's solution, and their conversion to a record."""
 
 from __future__ import annotations
 

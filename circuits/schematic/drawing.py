@@ -82,7 +82,7 @@ def schematic(scene: SceneOrName) -> Schematic:
     Parameters
     ----------
     scene : Scene, str or Path
-        Itself, its file or its built-in name.
+        A scene, its file or the name of a built-in one.
 
     Returns
     -------

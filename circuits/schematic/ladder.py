@@ -151,7 +151,7 @@ def _cost(rails, columns, left, right):
 
 
 def _improve(order, cost):
-    """The order after single entries were moved for as long as a move lowers the cost."""
+    """Local search: move single entries of the order as long as that lowers the cost."""
     best, least = list(order), cost(order)
     moved = True
     while moved:

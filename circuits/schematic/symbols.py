@@ -183,7 +183,7 @@ class Pen:
 
 
 def schemdraw_library() -> Any:
-    """The module.
+    """The imported module schemdraw.
 
     Raises
     ------

@@ -34,13 +34,13 @@ COARSE_LEVELS, COARSE_NODES = 200, 24
 
 
 class Closure(NamedTuple):
-    """One way to stationary means.
+    """A closure: one method for stationary means.
 
     Attributes
     ----------
     average : callable
-        Of a device, a tolerance and whether the memory between wells is wanted; gives `Averages`.
-        With `of_spectrum` of the prepared scene and a tolerance.
+        Function of a device, a tolerance and whether the memory between wells is wanted; gives
+        `Averages`. With `of_spectrum` of the prepared scene and a tolerance.
     tolerance : float
         Largest numerical error that is an answer, as a share of it, unless another is asked for.
     of_spectrum : bool
@@ -59,7 +59,7 @@ def average(
     tolerance: float | None = None,
     memory: bool = False,
 ) -> Averages:
-    """Means and densities of a device by stochastic averaging, or by what it approximates.
+    """Means and densities of a device by stochastic averaging, or by the Fokker–Planck equation.
 
     Parameters
     ----------
@@ -69,7 +69,7 @@ def average(
         Largest numerical error that is an answer, as a share of it; the closure's own by default.
         `fokker_planck` refines its grid until it is met.
     memory : bool
-        Of `fokker_planck`: also find the slowest decay rate between wells.
+        For `fokker_planck`: also find the slowest decay rate between wells.
 
     Returns
     -------
@@ -88,7 +88,7 @@ def average(
     Eq. 26 below the barrier. `consistent` keeps the force −N2 X* of Eq. 11 in the potential, takes
     V about each well's rest position, and lets g = p/T obey d ln g/dH = −B/(πSJ), the flux form,
     where Eqs. 21, 22 and 25 have a further 1/S(ω) in g: the drift πS(ω) lacks dS/dH. The page
-    `theory` tells what these choices change.
+    docs/theory.md says what these choices change.
 
     `consistent` is for motion inside a well: it misses the slow part of V after a jump. Noise and
     contact must be weak per period; on a preloaded stopper (gap 0.95, D = 0.01) it is 11 % low.
@@ -123,7 +123,7 @@ def _over_orbits(closure, device, tolerance, memory):
 
 
 def _check(s):
-    """Refuse what Eqs. 10–37 do not know, and what their averaging does not hold for."""
+    """Refuse a device outside Eqs. 10–37, or one for which averaging over orbits is not valid."""
     laws = [each.law for each in s.contacts]
     piezo = isinstance(s.transducer, PiezoLaw)
     refusals = {
@@ -142,8 +142,8 @@ def _check(s):
     for reason, holds in refusals.items():
         if holds:
             raise AveragingError(
-                f"{reason}: averaging over orbits knows the source paper's symmetric device only; "
-                "use the closure fokker_planck, or simulate"
+                f"{reason}: averaging over orbits holds for the source paper's symmetric device "
+                "only; use the closure fokker_planck, or simulate"
             )
     linear, cubic = stiffnesses(s)
     if linear <= 0.0 and cubic <= 0.0 and not any(law.stiffness > 0.0 for law in laws):
@@ -154,9 +154,9 @@ def _check(s):
     memory, relaxation = s.noise.correlation_time, timescales.relaxation_time(s)
     if memory > relaxation:
         raise AveragingError(
-            f"correlation_time={memory:g} is above the relaxation time of "
-            f"{relaxation:.3g} s; averaging assumes noise that forgets before the energy "
-            "changes: use the closure fokker_planck, or simulate"
+            f"correlation_time={memory:g} is above the relaxation time of {relaxation:.3g} s; "
+            "averaging assumes noise whose correlation time is shorter than the time in which the "
+            "energy changes: use the closure fokker_planck, or simulate"
         )
     if linear < 0.0 and s.transducer.coupling >= -linear:
         raise AveragingError(

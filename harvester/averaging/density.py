@@ -13,9 +13,10 @@ if TYPE_CHECKING:
 
     from harvester.averaging.orbits import Orbits
 
-# Orbits are interpolated into so many intervals between two computed ones.
+# The interval between two computed orbits is divided into this many by interpolation.
 FINER = 10
-# Half a table has so many evenly spaced points, and so many where orbits turn.
+# Number of points in one half of a density table: evenly spaced ones, and ones at turning points of
+# orbits.
 EVEN, TURNING = 100, 100
 # A density of X' is summed over so many even pieces, besides those between orbits.
 PIECES = 1500
@@ -30,9 +31,9 @@ class Layer:
     ----------
     orbits : Orbits
     logarithm : ndarray
-        Of the value on each orbit.
+        Logarithm of the value on each orbit.
     filled : bool
-        What the innermost orbit encloses has that orbit's value; else it is left out.
+        Whether the area inside the innermost orbit has that orbit's value; else it is left out.
     floor : float
         Taken off the value.
     """
@@ -47,13 +48,14 @@ class Layer:
         self._energy, self._added, self._fine = CubicSpline(orbits.level, columns, axis=1)(level)
 
     def _kinetic(self, x):
-        """½X'² of every orbit at one x, ascending; negative where the edge has no orbit."""
+        """½X'² of every orbit at one x, ascending; negative for orbits that do not reach x."""
         if x < self.orbits.left[-1]:
             return np.full_like(self._energy, -1.0)
         return self._energy - self.orbits.edge.energy(x, self._added)
 
     def _values(self, kinetic, square):
-        """Values where ½X'² is `square`, at the place where it is `kinetic` on the orbits."""
+        """Values at ½X'² = `square`, interpolated between orbits, on which ½X'² is `kinetic`
+        there."""
         values = np.exp(np.interp(square, kinetic, self._fine, left=self._within)) - self._floor
         return np.where(square <= kinetic[-1], values, 0.0)
 
@@ -129,7 +131,9 @@ class Density:
         )
 
     def tabulated(self, name: str) -> tuple[np.ndarray, np.ndarray]:
-        """Places as far out as a density matters, finer where orbits crowd, and it there."""
+        """A density as a table (places, values), as far out as it matters and finer where orbits
+        crowd.
+        """
         turning = self._turning(name)
         crowded = turning[np.linspace(0, turning.size - 1, TURNING).astype(int)]
         half = np.unique(np.append(crowded, np.linspace(turning[0], turning[-1], EVEN)))
@@ -138,8 +142,9 @@ class Density:
         return np.append(-half[mirrored], half), np.append(values[mirrored], values)
 
     def _turning(self, name):
-        """Where orbits that matter turn, or their greatest speeds: none is missed between them,
-        how narrow its well may be."""
+        """Turning points (or greatest speeds) of the orbits that matter: with them in the table no
+        well is missed, however narrow.
+        """
         least = NEGLIGIBLE + max(layer.logarithm.max() for layer in self.layers)
         points = [[] if name == "displacement" else [0.0]]
         for layer in self.layers:

@@ -49,7 +49,7 @@ def average(
     Parameters
     ----------
     scene : Scene, str or Path
-        Itself, its file or its built-in name.
+        A scene, its file or the name of a built-in one.
     method : str or Stationary
         fokker_planck (the stationary density, nothing averaged), paper (Eqs. 10–37 as printed,
         slips corrected), consistent (the constant force of the piezo kept in the potential) or
@@ -59,10 +59,10 @@ def average(
         Largest numerical error that is an answer, as a share of it (default: 1e-2; paper,
         consistent 1e-3, spectral 1e-6).
     fit : bool
-        Of a recorded excitation: take the Ornstein–Uhlenbeck noise whose D and τ1 fit its
+        For a recorded excitation: take the Ornstein–Uhlenbeck noise whose D and τ1 fit its
         spectrum, and say how far it is from it.
     jump_rates : bool
-        Of several wells, by fokker_planck: also the rates of jumps between them and the slowest
+        For several wells, by fokker_planck: also the rates of jumps between them and the slowest
         decay rate (two or three times as long).
 
     Returns
@@ -149,14 +149,14 @@ def _left_out(system, closure):
 
 
 def _closure_alone(method: Method) -> Stationary:
-    """A method that is given as an object, which is a closure.
+    """The method, checked to be a closure: an engine is refused.
 
     Raises
     ------
     HarvesterError
     """
     if not isinstance(method, Stationary):
-        raise HarvesterError(f"average: {method} is no closure; give Stationary(…)")
+        raise HarvesterError(f"average: {method} is an engine, not a closure; give Stationary(…)")
     return method
 
 
@@ -209,7 +209,7 @@ def averaged_device(scene: Scene) -> System:
 
 
 def _refuse_range(scene):
-    """Refuse a spring that does not hold everywhere."""
+    """Refuse a spring with a range of validity: a stationary density reaches beyond any range."""
     if scene.oscillator.restoring_force_range is not None:
         raise AveragingError(
             "oscillator.restoring_force_range: a stationary density reaches beyond any range; take "

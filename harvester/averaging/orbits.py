@@ -29,7 +29,7 @@ if TYPE_CHECKING:
 
 # A divisor that has vanished is replaced by this.
 SMALLEST = 1e-150
-# The first scan takes levels so far apart, and so many nodes of an orbit on either side of the
+# The first scan of orbits: spacing of the levels, and nodes of an orbit on either side of the
 # stopper.
 SCAN_STEP, SCAN_NODES = 0.25, 24
 WELL_LEVELS = -15.0, 11.5
@@ -54,15 +54,15 @@ class Edge:
     """All orbits of one kind: inside the right well, or around both wells.
 
     A monostable device has orbits around X = 0 alone, which are as those around both wells. An
-    orbit is known by its `level`: inside a well ln(r/(1 − r)), r the way of its left turning point
-    from the bottom (0) to the well's end (1), and else ln(H − U(0)). Both are logarithmic where
-    orbits change on every scale.
+    orbit is labelled by its `level`: inside a well ln(r/(1 − r)), r the relative position of its
+    left turning point from the bottom (0) to the well's end (1), and else ln(H − U(0)). Both are
+    logarithmic where orbits change on every scale.
 
     Attributes
     ----------
     system : harvester.device.system.System
     inside : bool
-        In the right well, which stands for both.
+        Whether the orbits are those inside the right well, which stands for both wells.
     anchor : float
         X* of the potential U(X) = −½ω0² X² + ¼κ X⁴ + ½N2 (X − X*)² + contact (Eq. 15 with X* = 0).
         Methods take N2, the `added` stiffness of the piezo (Eq. 12), with the orbits.
@@ -77,7 +77,7 @@ class Edge:
         return potential(self.system, x) + 0.5 * added * (x - self.anchor) ** 2
 
     def rise(self, start: Values, end: Values, added: Values) -> Values:
-        """U(end) − U(start), that of spring and piezo without cancellation."""
+        """U(end) − U(start); the terms of spring and piezo are free of cancellation."""
         linear, cubic = stiffnesses(self.system)
         both = start + end
         spring = both * (0.5 * linear + 0.25 * cubic * (start * start + end * end))
@@ -103,10 +103,11 @@ class Edge:
         return _root_of_convex(lambda x: self.slope(x, added), curvature, rest)
 
     def well_end(self, added: np.ndarray) -> np.ndarray:
-        """Where the well gives way: its saddle; without one, where the pull back is weakest.
+        """The inner end of a well: its saddle; without one, where the restoring force is weakest.
 
-        Middle root of κx³ − (ω0² − N2) x − N2 X* = 0. For N2 X* so large that it has gone, the
-        clipped formula gives the point of zero curvature. A far stopper ends the well as well.
+        Middle root of κx³ − (ω0² − N2) x − N2 X* = 0. If N2 X* is so large that there is no such
+        root, the clipped formula gives the point of zero curvature. A far stopper ends the well as
+        well.
         """
         linear, cubic = stiffnesses(self.system)
         softening, offset = -(linear + added), added * self.anchor
@@ -118,7 +119,9 @@ class Edge:
         return np.maximum(end, timescales.free_zone(self.system)[0])
 
     def ends(self, level: np.ndarray, added: np.ndarray) -> tuple[np.ndarray, ...]:
-        """(left end, ½X'² there, right end, way on which the speed near the left end varies)."""
+        """(left end, ½X'² there, right end, distance over which the speed near the left end
+        varies).
+        """
         bottom, left, excess = self.bottom(added), np.zeros_like(level), np.zeros_like(level)
         if self.inside:
             depth = bottom - self.well_end(added)
@@ -254,7 +257,8 @@ def settled_orbits(edge: Edge, level: np.ndarray, nodes: int) -> Orbits:
         found = find_root(mismatch, bracket, args=(level,), tolerances=limits)
         if not found.success.all():
             raise AveragingError(
-                "N2 and ω of the orbits found no fixed point; change coupling or load"
+                "the iteration for the orbits' frequency ω and added stiffness N2 did not "
+                "converge; change coupling or load, or use the closure fokker_planck"
             )
         added = found.x
     return Orbits(edge, level, added, nodes)
@@ -279,14 +283,15 @@ def edges(system: System, closure: str) -> list[tuple[Edge, float, float]]:
     if closure == "consistent" and system.transducer.coupling > 0.0:
         wells, reach = Edge(system, inside=True, anchor=timescales.rest(system)), np.inf
     else:
-        # With one potential for all, no well reaches out of the first outer orbit.
+        # All edges share one potential here, so that no orbit of a well extends beyond the first
+        # outer orbit.
         wells = Edge(system, inside=True)
         reach = settled_orbits(outer, np.array([first]), SCAN_NODES).right[0]
     return [(wells, *_well_range(wells, reach)), (outer, first, last)]
 
 
 def _well_range(edge, reach):
-    """First and last level of the wells, which end at the latest where they come to `reach`."""
+    """First and last level of the wells, whose orbits extend to `reach` at most."""
     scan = _scan(edge, *WELL_LEVELS)
     first = min([SMALL_ORBIT, *_zeros(scan.level, scan.exponent() - NEGLIGIBLE)])
     # Smaller orbits may seem to cross by rounding alone.
@@ -323,7 +328,7 @@ def _folds(scan):
     """Levels at which orbits begin or cease to cross the next one.
 
     They cross where ½X'² at one X grows nowhere less than 0 from one to the next. That growth is
-    dE − dN2 · ½(X − X*)², monotone in |X − X*|, so three points tell.
+    dE − dN2 · ½(X − X*)², monotone in |X − X*|, so three points suffice.
     """
     anchor = scan.edge.anchor
     left, right = _middle(scan.left), _middle(scan.right)

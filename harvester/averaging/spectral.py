@@ -22,7 +22,7 @@ NODES, COARSE_NODES = 20, 12
 # Pieces begin at this share of the lowest scale of frequency and end at this multiple of the
 # highest: of E[X'²] under white noise a part in 10^10 lies beyond.
 LOWEST, HIGHEST = 2.0**-10, 2.0**34
-# Frequencies (Hz) beyond all that a density bends at.
+# Two frequencies (Hz) above every corner of a density; they show whether it still falls there.
 BEYOND = np.array([1e14, 1e15])
 # The stated relative error of a mean is never smaller than this.
 LEAST_ERROR = 1e-8
@@ -82,7 +82,7 @@ def spectral(ready: Prepared, tolerance: float) -> Averages:
 
 
 def spectral_refusal(system: System, excitation: Excitation) -> str:
-    """Why the spectrum alone does not tell the means; empty where it does."""
+    """Why the means do not follow from the spectrum alone; empty where they do."""
     if not system.spring.straight:
         return "the spring is not linear: simulate, or take the closure fokker_planck"
     if system.contacts:
@@ -103,7 +103,7 @@ def spectral_refusal(system: System, excitation: Excitation) -> str:
 
 
 def _falls_off(excitation):
-    """Whether its density is less at very high frequencies than at high ones, or none."""
+    """Whether the excitation's density decreases at very high frequencies, or is 0 there."""
     high, higher = excitation.density(BEYOND)
     return higher < high or high == 0.0
 
@@ -214,7 +214,7 @@ class GaussianDensity:
         return ("displacement", "velocity") if self.gaussian else ()
 
     def tabulated(self, name: str) -> tuple[np.ndarray, np.ndarray]:
-        """Places and the density there."""
+        """A density as a table: (places, values)."""
         place = self.names.index(name)
         deviation = math.sqrt(self.covariance[place, place])
         spring = self.system.spring

@@ -115,7 +115,8 @@ def spring_points(
     if magnets.reach * slope > math.pi / 4.0:
         raise SceneError(
             f"{origin}: magnets.reach = {magnets.reach:g}: the tip would turn by "
-            f"{math.degrees(magnets.reach * slope):.3g}°; a beam is linear to some 10°"
+            f"{math.degrees(magnets.reach * slope):.3g}°; the beam's theory is linear and holds to "
+            "about 10°: lower magnets.reach"
         )
     if magnets.arrangement == "repelling" and magnets.spacing:
         raise SceneError(f"{origin}: magnets.spacing belongs to attracting magnets; take it out")

@@ -77,7 +77,7 @@ def modes(
     Parameters
     ----------
     pieces : sequence of Piece
-        From the clamp to the tip.
+        The beam's pieces from the clamp to the tip.
     tip : Tip
     count : int
     root_compliance : float
@@ -112,7 +112,7 @@ def clamp_compliance(pieces: Sequence[Piece], tip: Tip, angular_frequency: float
 
 
 def rest(pieces: Sequence[Piece], tip: Tip) -> Rest:
-    """What all modes together do statically: ∫ ϑ²/EI, and ∫ ϑ G/EI.
+    """Static sums over all modes: ∫ ϑ²/EI, and ∫ ϑ G/EI.
 
     G is the bending moment of a unit acceleration. The clamp's compliance does not enter, as the
     beam is statically determinate.

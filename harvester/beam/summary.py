@@ -54,7 +54,8 @@ def rows(beam: Beam) -> list[tuple[str, str, float, str]]:
 
 
 def remarks(beam: Beam, magnets: Magnets | None = None) -> list[str]:
-    """Where the theory holds only roughly, sources, and the magnets as a polynomial."""
+    """Lines on the theory's limits here, sources of material data, and the magnets as a
+    polynomial."""
     found = notes(beam)
     for name, known in ((beam.material, PASSIVE), (beam.piezo, ACTIVE)):
         found.append(f"{name}: {known[name].source}")

@@ -1,4 +1,4 @@
-"""`[beam]`: a cantilever's drawing, and the mass, spring and transducer that it comes to.
+"""`[beam]`: a cantilever's drawing, and the lumped mass, spring and transducer computed from it.
 
 Equations: A. Erturk and D. J. Inman, Smart Mater. Struct. 18, 025009 (2009), and docs/beams.md.
 """
@@ -136,7 +136,9 @@ class Beam:
         return modulus, self.piezo_density or named.density, d31, permittivity
 
     def default_values(self) -> dict[str, float]:
-        """What stands for keys that are left out: the materials' values, a patch to the end."""
+        """Values of keys that are left out: the materials' values, and a patch that covers the
+        beam.
+        """
         names = "modulus", "density", "piezo_modulus", "piezo_density", "piezo_d31"
         values = dict(zip(names, (*self.substrate, *self.active[:3]), strict=True))
         return {**values, "piezo_length": self.patch[1] - self.patch[0]}
@@ -333,7 +335,7 @@ def frequencies(beam: Beam, count: int = 3) -> list[float]:
 
 
 def _calibrated_clamp(beam, pieces, tip, origin):
-    """The compliance of the clamp that a measured short-circuit frequency shows."""
+    """Compliance of the clamp for which the first short-circuit frequency is the measured one."""
     rigid = modes(pieces, tip)[0].angular_frequency
     wanted = 2.0 * math.pi * beam.measured_frequency
     if wanted > rigid:
@@ -346,7 +348,7 @@ def _calibrated_clamp(beam, pieces, tip, origin):
 
 
 def notes(beam: Beam) -> list[str]:
-    """What the theory of slender beams holds for only roughly here."""
+    """Notes on the dimensions for which the theory of slender beams is only approximate."""
     found = []
     thickness = beam.thickness + beam.layers * beam.piezo_thickness
     if thickness > THICK * beam.length:

@@ -1,4 +1,4 @@
-"""`harvester beam`: what a drawing comes to."""
+"""`harvester beam`: the lumped values of a drawing."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class Drawing:
-    """A scene's beam and what it comes to, to be shown and written."""
+    """A scene's beam with its lumped values, to be shown and written."""
 
     scene: Scene
     beam: Beam
@@ -35,7 +35,7 @@ class Drawing:
         return [*self._with_magnets(), *remarks(self.beam, self.scene.magnets)]
 
     def _with_magnets(self):
-        """What the magnets change of the beam alone: rest positions, barriers and frequency."""
+        """Sentences on the device with magnets: rest positions, barriers and frequency."""
         if self.scene.magnets is None:
             return []
         from harvester.device import timescales
@@ -81,7 +81,8 @@ class Drawing:
 
 
 def beam(scene: Scene) -> Drawing:
-    """Show what a scene's drawing comes to: mass, spring, coupling, capacitance, frequencies.
+    """Show the lumped values of a scene's drawing: mass, spring, coupling, capacitance,
+    frequencies.
 
     Parameters
     ----------

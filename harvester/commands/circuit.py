@@ -78,12 +78,12 @@ def export(
     displacement_unit : float or None
         Metres for a volt at a block's pin x (default: 1e-3).
     duration : float or None
-        Of the deck that tries a block, and its vibration, in s (default: 25 periods); of a trace
-        (default: the scene's).
+        Duration of the deck that tries a block, and its vibration, in s (default: 25 periods); of a
+        trace (default: the scene's).
     rate : float or None
         Samples a second of csv (default: 10000); Shepherd's is 100000.
     data : str or None
-        Of shepherd: ivsample (default), or isc_voc.
+        For shepherd: ivsample (default), or isc_voc.
     """
     options: dict[str, Any] = {
         "dialect": dialect, "step": step, "realization": realization,
@@ -138,7 +138,7 @@ def _words(text):
 
 
 def _asked(found):
-    """The harvester's nodes, from whoever sits at the terminal."""
+    """Ask at the terminal which nodes of the netlist are the harvester's."""
     listed = f"nodes: {', '.join(found)}"
     if not sys.stdin.isatty():
         raise HarvesterError(f"--nodes P,N,OUT,REF: say which are the harvester's; {listed}")

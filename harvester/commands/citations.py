@@ -14,7 +14,7 @@ class Source(NamedTuple):
     Attributes
     ----------
     method : str
-        What of it is used here.
+        Method of the source that is used here.
     reference : str
     used : callable
         Given `Used`, whether a result rests on it.

@@ -1,4 +1,4 @@
-"""What a command is: a function whose signature gives the options, and what is done around it."""
+"""Commands: a function whose signature gives the options, with common steps before and after it."""
 
 from __future__ import annotations
 
@@ -48,7 +48,7 @@ class Command:
 
     @property
     def found(self) -> Callable:
-        """The function itself."""
+        """The function that the command calls, imported if it was given by name."""
         if isinstance(self.function, str):
             return getattr(harvester, self.function)
         return self.function
@@ -71,7 +71,7 @@ class Command:
         return Scene.load(options.scene, overrides_of(**given))
 
     def _call(self, scene: Scene | None, values: dict[str, Any]) -> Any:
-        """What the function returns; the scene and words of the call are handed on by place."""
+        """Call the function; the scene and the words of the call are its positional arguments."""
         words = [
             values.pop(option.name)
             for option in options_of(self.found).values()
@@ -95,7 +95,7 @@ def named_after(scene: str, stem: str) -> str:
 
 
 def _say_costs(scene):
-    """Say before anything runs what a load that switches fast costs."""
+    """Print, before anything runs, how long a load that switches fast will take."""
     if scene is None or scene.load.circuit is None:
         return
     from circuits.loads.own_motion import following_notes
@@ -119,19 +119,19 @@ class Study(Command):
         Name of the files, behind that of the scene: a word, or an option in braces; left out: the
         command's name.
     failed : callable or None
-        Of the result: whether the exit code is 1.
+        Function that tells from the result whether the exit code is 1.
     json : bool
-        Whether there is --json.
+        Whether the command has the option --json.
     waveform : bool
         Whether there is --waveform, which gets the result's `waveform`.
     files : tuple of str
         Names of the files that the result's `save(folder)` writes; left out: it has none, and the
         folder gets JSON, figure and tables.
     running : callable or None
-        Of the options: what the runner is given where the user leaves it out.
+        Function of the options that gives the runner's settings where the user leaves it out.
     bar : str
-        What the progress bar shows: "" the tasks of the runner where there is one, "function" what
-        the function reports all the same, "simulated time" that with seconds of the scene.
+        Content of the progress bar: "" the runner's tasks if there is a runner, "function" the
+        function's own reports, "simulated time" these with seconds of the scene.
     """
 
     title: str | Callable[[Any], str] = ""
@@ -181,7 +181,7 @@ class Study(Command):
         return 1 if self.failed and self.failed(result) else 0
 
     def _computed(self, scene, values, json):
-        """The result; a run that failed leaves what it had as JSON."""
+        """Compute the result; if the run fails, its partial result is written as JSON."""
         try:
             result = self._call(scene, values)
         except SimulationError as error:
@@ -233,6 +233,6 @@ class Study(Command):
             yield runner
 
     def _takes_runner(self):
-        """Whether the function takes the options of a study's runner."""
+        """Whether the function takes `**running`, the options of a study's runner."""
         parameters = inspect.signature(self.found).parameters.values()
         return any(each.kind is each.VAR_KEYWORD for each in parameters)

@@ -24,7 +24,7 @@ SHOW_AFTER_SECONDS = 0.5
 SAY_AFTER_SECONDS = 5.0
 # Width of a line in characters. It is so large that tables are never folded.
 TABLE_WIDTH = 1000
-# Longer remaining times, in seconds, are not given as a number.
+# Remaining times above this (s) are shown as "centuries".
 LONGEST_TOLD_SECONDS = 1e10
 
 
@@ -95,7 +95,7 @@ class _Lines:
         self._start.start()
 
     def close(self):
-        """End the output."""
+        """Finish the last line."""
         self._start.cancel()
 
     def _say_start(self):

@@ -29,7 +29,7 @@ HEAD = """\
 
 
 class Question(NamedTuple):
-    """What is asked for at a terminal, where the scene has it.
+    """A question at the terminal, asked if the scene has its key.
 
     Attributes
     ----------
@@ -193,7 +193,9 @@ def _line_of(text, key):
 
 
 def _accepted(scene, question, keys, line):
-    """(key without its table, value, scene) of an answer that the scene takes; Nones for none."""
+    """Ask until the scene accepts the answer: (key without table, value, scene); Nones if
+    unchanged.
+    """
     table = keys[0].partition(".")[0]
     words = f"{table}: {question.words}"
     if scene.units == "SI" and question.units:
@@ -238,7 +240,7 @@ def _read(answer, question, keys, units):
 
 
 def _in_scene(key: str, value: Any, scene: Scene) -> tuple[str, Any]:
-    """The scene's own key and value of an answer."""
+    """The key and value that set an answer in the scene: k² and rms are converted."""
     if key == "piezo.k2":
         from harvester.scene.units import rest_stiffness
 
@@ -251,6 +253,6 @@ def _in_scene(key: str, value: Any, scene: Scene) -> tuple[str, Any]:
 
 
 def _answer(question, usual):
-    """What is typed, or the usual where that is nothing or the input has ended."""
+    """The line typed, or the default if it is empty or the input has ended."""
     print(f"{question} [{usual}]: ", end="", file=sys.stderr, flush=True)
     return one_line(sys.stdin.readline().strip()) or usual

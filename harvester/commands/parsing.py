@@ -117,7 +117,7 @@ def add_option(parser: ArgumentParser, option: Option, text: str) -> None:
 
 
 def _number(text):
-    """A number with or without a suffix, as argparse wants to be told what is wrong with it."""
+    """A number with or without a suffix; an error is raised as argparse expects it."""
     try:
         return number(text)
     except NotANumber as reason:
@@ -151,5 +151,5 @@ def values_of(options: Namespace, function: Callable) -> dict[str, Any]:
 
 
 def overrides_of(overrides: Iterable[str] = (), seed: int | None = None) -> list[str]:
-    """What --set and --seed say, as overrides of a scene."""
+    """The overrides of a scene that --set and --seed give."""
     return [*overrides, *([] if seed is None else [f"run.seed={seed}"])]

@@ -23,7 +23,7 @@ def quiet(wanted: bool = True) -> Iterator[None]:
 
 
 def is_quiet() -> bool:
-    """Whether `quiet` is in force."""
+    """Whether the program runs inside a `quiet` block."""
     return _QUIET.get()
 
 

@@ -51,7 +51,7 @@ def page_of(content: Shown, title: str) -> str:
 
 
 def _verdicts(content: Any) -> list[Verdict]:
-    """The headline, and what raises an alarm."""
+    """Sentences at the top of the page: the headline and the alarms."""
     said = content.headline() if hasattr(content, "headline") else content.sentences()[0]
     alarms = content.alarms() if hasattr(content, "alarms") else ()
     return [Verdict(said), *(Verdict(alarm, False) for alarm in alarms)]

@@ -1,4 +1,4 @@
-"""What commands do around their functions: open a runner, check places, show a result."""
+"""Common steps of commands: open a runner, check where files go, show a result."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ def study_runner(label: str | None, **running: Unpack[RunnerOptions]) -> Iterato
     Parameters
     ----------
     label : str or None
-        Of the progress bar; None: the study draws its own.
+        Label of the progress bar; None: the study draws its own.
     **running
         See `harvester.running.open_runner`.
     """

@@ -1,4 +1,4 @@
-"""What every result, comparison and study offers to be shown and written."""
+"""Interfaces by which results, comparisons and studies are shown and written."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ if TYPE_CHECKING:
 
 
 class Tabled(Protocol):
-    """What a command shows on the terminal."""
+    """Interface of results that a command shows on the terminal."""
 
     @property
     def scene(self) -> Scene | None:
@@ -21,11 +21,11 @@ class Tabled(Protocol):
         """Header and rows as text; the first two columns are words."""
 
     def sentences(self) -> list[str]:
-        """What the numbers say and how they came about, one line each."""
+        """Sentences on the findings and on how they were obtained, one line each."""
 
 
 class Shown(Tabled, Protocol):
-    """What it writes as JSON and as a figure too."""
+    """Interface of results that are also written as JSON and as a figure."""
 
     def to_dict(self) -> dict[str, Any]:
         """Plain values for JSON."""

@@ -25,7 +25,7 @@ def densities(results: Mapping[str, Result], quantity: str = "displacement") -> 
     Parameters
     ----------
     results : mapping of str to Result
-        Of one scene, by the name that a line gets.
+        Results of one scene, by the name that a line gets.
     quantity : str
         A key of `Result.densities`.
     """

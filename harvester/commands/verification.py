@@ -139,7 +139,7 @@ def claims(
     Parameters
     ----------
     seed : int or None
-        Of the noise (default: the scene's).
+        Seed of the noise (default: the scene's).
     thorough : bool
         Longer runs, the circuit at every condition.
     """
@@ -169,7 +169,7 @@ def reproduce(
     quick : bool
         All figures in minutes: fewer points, error bars up to 5 % (circuit: more).
     seed : int or None
-        Of the noise (default: the scene's).
+        Seed of the noise (default: the scene's).
     precision : float or None
         Relative standard error of E[V²] and PCE that simulations are run for.
     output : str or Path
@@ -252,7 +252,8 @@ def time_to_accuracy(
     seed : int or None
         Same as --set run.seed=SEED.
     seconds : float or None
-        Of one core, for the run of each method (default: 10): biases are known the better.
+        Time on one core for each method's run (default: 10). A longer run gives smaller error bars
+        of the biases.
     json : str or None
         Write JSON; - for standard output.
     """

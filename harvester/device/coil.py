@@ -35,7 +35,7 @@ class Coil(LinearTransducer, Rates):
         return self.load_rate * state
 
     def current(self, v: Values, state: Values) -> Values:
-        """The coil's current, as its state."""
+        """The coil's current (the state, in its unit)."""
         return state
 
     def loss(self, v: Values, state: Values, current: Values) -> Values:
@@ -67,11 +67,11 @@ class ResistiveCoil(Unshaken, _Resistances):
         return False
 
     def decay_rate(self) -> float:
-        """0: the state stays 0."""
+        """Decay rate of the state: 0, since the state is always 0."""
         return 0.0
 
     def damping(self) -> float:
-        """What damps the velocity at once, Φ²/(M (R_coil + R)) (1/s)."""
+        """Damping proportional to the velocity, Φ²/(M (R_coil + R)) (1/s)."""
         return self.winding_damping * self.current_share
 
     def force(self, v: Values, state: Values) -> Values:
@@ -79,7 +79,7 @@ class ResistiveCoil(Unshaken, _Resistances):
         return self.winding_damping * self.current_share * v
 
     def state_rate(self, v: Values, state: Values) -> Values:
-        """The state stays 0."""
+        """Rate of the state: 0, since it is always 0."""
         return 0.0
 
     def voltage(self, v: Values, state: Values) -> Values:

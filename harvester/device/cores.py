@@ -1,4 +1,4 @@
-"""Cores of a device's wells: where a mass is held in one and has not merely come across a saddle.
+"""Cores of a device's wells: states in which a well holds the mass, as opposed to a brief crossing.
 
 A mass that passes a saddle may turn back at once, or go to and fro over it until it has lost what
 energy it had too much. It has reached a well when it moves between the saddles beside it with no
@@ -29,7 +29,7 @@ def core_energies(system: System) -> np.ndarray:
     Parameters
     ----------
     system : harvester.device.system.System
-        With several wells.
+        A device with several wells.
 
     Returns
     -------

@@ -18,7 +18,7 @@ def equation(name: str) -> Callable:
     Parameters
     ----------
     name : str
-        Of a method that every part of the same sort has.
+        Name of a method that every part of the same sort has.
 
     Returns
     -------

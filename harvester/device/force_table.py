@@ -43,7 +43,7 @@ class ForceTable(NamedTuple):
     sides, offsets : tuple of float
         ±1, and the distance of each change to another piece.
     squares, cubes : tuple of float
-        Of the force.
+        Coefficients of (distance)² and (distance)³ in the force of each piece.
     energy_cubes, energy_fourths : tuple of float
         The same of the energy, U = … + Σ (energy_cube + energy_fourth·d) d³.
     steepest : float
@@ -158,9 +158,10 @@ class ForceTable(NamedTuple):
         return float(found.min()), float(found.max())
 
     def _outermost(self, level):
-        """The pieces in which the energy comes below a level, and the lines at both ends.
+        """Indices of the outermost pieces in which the energy falls to a level, and of both end
+        lines.
 
-        None, which stands for all pieces, where the level lies above an end of the table.
+        None (search all pieces) where the level lies above the energy at an end of the table.
         """
         places, energies = _ladder(self)
         below, breaks = places[energies <= level], self.breaks()
@@ -201,7 +202,7 @@ class ForceTable(NamedTuple):
         return False
 
     def gain_formula(self, x: str, place: float, rate: float, number: Callable) -> str:
-        """2 [U(x) − U(place)]/rate²."""
+        """A formula of 2 [U(x) − U(place)]/rate² for netlists."""
         pieces = []
         for origin, force in self.pieces():
             below = float(self.energy(origin)) - float(self.energy(place))

@@ -1,4 +1,4 @@
-"""What one key of a scene accepts: its kind, its range, its units; and the check of a value."""
+"""Keys of a scene: the kind, range and units of the values that each accepts, and their check."""
 
 from __future__ import annotations
 
@@ -20,11 +20,12 @@ SMALLEST, LARGEST = 1e-30, 1e30
 
 @dataclass(frozen=True)
 class Key:
-    """What one key accepts: a number in a range, a text, one of a few words, a list, named values.
+    """Values that one key accepts: a number in a range, a text, one of a few words, a list, named
+    values.
 
     `kind` is float, int, str, (str, int), `NAMED_VALUES` for a table of numbers or texts, or dict
     for a table with a `kind` of its own. With `each`, a list of `count` (fewest, most) values of
-    that key's sort.
+    that kind.
     """
 
     kind: Any = float
@@ -134,7 +135,7 @@ def check_value(where: str, value: Any, spec: Key, origin: str) -> Any:
 
 
 def is_word(value: object, words: Collection[str]) -> bool:
-    """Whether a value is one of some words."""
+    """Whether a value is one of the allowed words."""
     # An array of numpy is compared item by item.
     return isinstance(value, str) and value in words
 

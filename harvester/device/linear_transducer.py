@@ -17,18 +17,18 @@ class Unshaken:
     __slots__ = ()
 
     def base_rate(self, slope: float) -> float:
-        """What the excitation's rate of change η' adds to X' where X' drives the state.
+        """The term that η', the excitation's rate of change, adds to X' in the state's equation.
 
         Nothing is −0.0: a sum with it is the same to the last bit, and compiled code leaves it out.
         """
         return -0.0
 
     def base_speed(self, v: Values, state: Values, current: Values) -> Values:
-        """The speed that times η is the power put in; `current` into the load, as `current`."""
+        """The velocity whose product with η is the input power; `current` flows into the load."""
         return v
 
     def kept_state(self, state: Values, noise: Values) -> Values:
-        """The state whose energy `stored_energy` is, and in which a run begins."""
+        """The state that determines `stored_energy`, and that a scene's start sets."""
         return state
 
 
@@ -55,7 +55,7 @@ class LinearTransducer(Unshaken):
         return self.load_rate + self.own_rate
 
     def damping(self) -> float:
-        """d, what damps the velocity at once (1/s)."""
+        """d, the part of the force that is proportional to the velocity (1/s)."""
         return 0.0
 
     def force(self, v: Values, state: Values) -> Values:

@@ -37,7 +37,7 @@ class PiezoLaw(LinearTransducer):
         return self.coupling * self.own_rate * state * state
 
     def stiffness(self, mechanical: float) -> float:
-        """What the open piezo adds to a stiffness per mass, β (1/s²)."""
+        """Stiffness per mass that the open-circuit piezo adds, β (1/s²)."""
         return self.coupling
 
 
@@ -68,7 +68,7 @@ class ShakenPiezo(PiezoLaw, _ShakenRates):
     __slots__ = ()
 
     def base_rate(self, slope: float) -> float:
-        """κ η'."""
+        """Contribution of the base to the state's rate, κ η'."""
         return self.base_share * slope
 
     def base_speed(self, v: Values, state: Values, current: Values) -> Values:
@@ -76,7 +76,7 @@ class ShakenPiezo(PiezoLaw, _ShakenRates):
         return v - self.coupling * self.base_share * (v - self.own_rate * state - current)
 
     def kept_state(self, state: Values, noise: Values) -> Values:
-        """W."""
+        """The kept state W = V − κ η."""
         return state - self.base_share * noise
 
     def current(self, v: Values, state: Values) -> Values:

@@ -1,4 +1,4 @@
-"""A spring that is known between two displacements only, such as one that softens.
+"""A spring that is defined between two displacements only, such as one that softens.
 
 Beyond its range it goes on in a straight line that leads back, so that what leaves the range is
 seen there and is not lost in numbers that overflow; every engine ends the run with an error.
@@ -28,7 +28,7 @@ class Ranged(NamedTuple):
     low, high : float
         Ends of the range.
     stiffness : float
-        Of the straight lines beyond.
+        Stiffness of the straight lines beyond the range.
     """
 
     spring: Any
@@ -43,7 +43,7 @@ class Ranged(NamedTuple):
 
     @property
     def straight(self) -> bool:
-        """No: it bends at both ends."""
+        """Whether F is a line: no, it bends at both ends of the range."""
         return False
 
     @property
@@ -124,7 +124,7 @@ class Ranged(NamedTuple):
         return False
 
     def gain_formula(self, x: str, place: float, rate: float, number: Callable) -> str:
-        """2 [U(x) − U(place)]/rate²."""
+        """A formula of 2 [U(x) − U(place)]/rate² for netlists."""
         inside = self.spring.gain_formula(x, place, rate, number)
 
         def parabola(end):
@@ -135,7 +135,7 @@ class Ranged(NamedTuple):
         return self._chosen(x, "gain", f"({inside})", parabola, number)
 
     def _chosen(self, x, name, inside, beyond, number):
-        """The formula within the range, and the polynomials of the way beyond either end."""
+        """The formula within the range, and the polynomials of the distance beyond either end."""
 
         def outside(side, end, place):
             texts = [

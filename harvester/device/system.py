@@ -101,7 +101,7 @@ def contact_force(
 
 @register_jitable
 def loss_power(s: System, x: float, v: float, held_speed: float, touching: bool) -> float:
-    """What damper and, if `touching` one, contacts take, [c + contact damping] X'² (Eq. 36)."""
+    """Power lost in damper and, if `touching`, contacts: [c + contact damping] X'² (Eq. 36)."""
     rate = damping_rate(s.damper, v)
     if touching:
         rate += contacts.loss_rate(s.contacts, s.spring, x, v, held_speed)
@@ -122,7 +122,7 @@ def stored_energy(s: System, x: float, v: float, state: float) -> float:
 
 
 def begun_state(s: System, kept: float, noise: float) -> float:
-    """The transducer's state where what it keeps is `kept` and the excitation begins with `noise`.
+    """The transducer's state at the start, from `kept_state` = `kept` and η = `noise`.
 
     A base that is shaken from the first moment on has moved its charge by then.
     """
@@ -130,9 +130,9 @@ def begun_state(s: System, kept: float, noise: float) -> float:
 
 
 def speed_held(s: System, x: float, v: float) -> float:
-    """Impact speed that a state at the beginning of a run holds (`event`).
+    """Impact speed v0 that a run begins with where v0 is held during contact (`event`).
 
-    That with which the mass would have come into the contact it begins in.
+    It is the speed at which the mass would have entered the contact that it starts in.
     """
     return float(np.sqrt(v * v + 2.0 * contacts.energy(s.contacts, x)))
 
@@ -184,7 +184,7 @@ def resolving_step(
         The free zone.
     x, v : float
     acceleration : float
-        From `push`.
+        Acceleration by `push` (per length unit).
     margin : float
         Greatest change of it within `longest`.
     longest : float

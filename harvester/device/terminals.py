@@ -104,7 +104,7 @@ class Network(NamedTuple):
 
     @property
     def drives_current(self) -> bool:
-        """Whether an inductance drives the load's current on, whatever the load does."""
+        """Whether the load's current is an inductance's, so that it cannot change at once."""
         return self.state_current == LOAD_AMMETER
 
     def value(self, name: str) -> float:
@@ -118,9 +118,9 @@ class TransducerTable:
     Attributes
     ----------
     KEYS : dict of str to harvester.device.keys.Key
-        What the table may hold.
+        The keys that the table may hold.
     takes_voltage : bool
-        Whether `start.voltage` is a state in which it can begin.
+        Whether a run can start with `start.voltage`, because the state is a voltage.
     """
 
     KEYS: ClassVar[dict] = {}
@@ -151,7 +151,7 @@ class TransducerTable:
         ----------
         setting : Setting
         equations : named tuple
-            What `equations` gave.
+            The result of `equations`.
         rate : float
             The device's angular frequency (rad/s).
 

@@ -134,7 +134,7 @@ def _finite(values):
 
 
 def _reach(system):
-    """A distance beyond all equilibria: there the force leads back on either side."""
+    """A distance beyond all equilibria, at which the force points inwards on both sides."""
     places = [abs(x) for x in system.spring.roots()]
     places += [abs(edge) for edge in _finite(contacts.edges(system.contacts))]
     reach = 1.25 * max(places, default=1.0) or 1.0
@@ -282,6 +282,6 @@ def beside(system: System, well: float) -> tuple[float, ...]:
 
 
 def _neighbours(system, well, saddle):
-    """Whether no other well lies between the two."""
+    """Whether a well and a saddle are neighbours: no other well lies between them."""
     low, high = min(well, saddle), max(well, saddle)
     return not any(low < x < high for x in wells(system) if x != well)

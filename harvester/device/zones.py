@@ -1,4 +1,4 @@
-"""Where a step leaves the zone between two contacts: the cubic through both of its ends."""
+"""Where a step leaves its contact zone, by the cubic through the step's two ends."""
 
 from __future__ import annotations
 
@@ -30,8 +30,8 @@ def crossing(
 ) -> float:
     """Time into the step at which x passes the edge in the direction ±1 first.
 
-    Newton on the cubic, kept by bisection. A mass that begins on the edge and moves away from it
-    passes on its way back.
+    Newton's method on the cubic, safeguarded by bisection. A mass that begins on the edge and moves
+    away from it passes on its way back.
     """
     low, high = 0.0, 1.0
     inside = direction * (x1 - edge) <= 0.0

@@ -1,9 +1,9 @@
-"""The steady motions of a driven device, told apart by stroboscopic samples of many starts.
+"""The steady motions of a driven device, distinguished by stroboscopic samples of many starts.
 
 A motion is periodic where its samples repeat after a whole number of forcing periods. Starts whose
-samples are the same cycle are on one attractor, whatever their place in it. What does not repeat is
-told apart by where it goes: two starts are on one attractor where their samples fill the same
-cells of the section.
+samples are the same cycle are on one attractor, whatever their place in it. Motions that do not
+repeat are distinguished by where they go: two starts are on one attractor where their samples fill
+the same cells of the section.
 """
 
 from __future__ import annotations
@@ -24,28 +24,28 @@ REPEATS, SAME_CYCLE = 1e-4, 1e-2
 # A shorter period is taken instead of its multiple if it repeats to within this share: a decaying
 # spiral that turns by a third of a circle a period nearly repeats after three.
 STILL_SETTLING = 3e-3
-# A start joins a cycle if it stayed within `SAME_CYCLE` of it for two cycles and this many samples
-# more: of 1681 starts of the scene `device` under a sine one came to its orbit too late for
+# A start joins a cycle if it stays within `SAME_CYCLE` of it for two periods and this many further
+# samples: of 1681 starts of the scene `device` under a sine one reached its orbit too late for
 # `REPEATS`.
 STAYS = 6
 # For a path with noise: the longest period that is tested, in forcing periods, and the correlation
 # above which it repeats.
 LONGEST_IN_NOISE, CORRELATED = 6, 0.95
-# Motions without a period are compared on a grid of cells over the section; its side has this many
-# times √samples cells (24 for 64; with 24 for 19 samples one chaotic motion of eight starts was
-# taken for two). Two starts are on one attractor if this share of one's samples lies in or beside
-# cells of the other.
+# Motions without a period are compared on a grid of cells over the section, with CELLS √samples
+# cells along a side (24 for 64 samples; with 24 cells for 19 samples one chaotic motion of eight
+# starts was taken for two). Two starts are on one attractor if SAME_CELLS of one's samples lie in
+# or beside cells that the other fills.
 CELLS, SAME_CELLS = 3.0, 0.7
 
 
 @dataclass(frozen=True)
 class Group:
-    """Starts that came to one steady motion.
+    """Starts that settled on the same steady motion.
 
     Attributes
     ----------
     period : int or None
-        In forcing periods; None for motion that does not repeat itself.
+        Period of the motion in forcing periods; None if it does not repeat itself.
     members : ndarray of int
         Numbers of the starts, ascending.
     points : ndarray, shape (period or samples, 3)
@@ -106,7 +106,7 @@ def repeats_in_noise(path: np.ndarray, period: float) -> bool:
     path : ndarray, shape (n,)
         Evenly spaced; its first third, in which a start is forgotten, does not count.
     period : float
-        Of the forcing, in samples.
+        Period of the forcing, in samples.
     """
     late = path[path.size // 3 :] - np.mean(path[path.size // 3 :])
     places = np.arange(late.size)
@@ -134,7 +134,7 @@ def sizes_of(samples: np.ndarray) -> np.ndarray:
 
 
 def groups_of(samples: np.ndarray) -> list[Group]:
-    """Starts by the steady motion that they came to, that of most starts first.
+    """Starts grouped by the steady motion that they reached, the largest group first.
 
     Parameters
     ----------
@@ -154,12 +154,12 @@ def groups_of(samples: np.ndarray) -> list[Group]:
 
 
 def groups_that_meet(samples: np.ndarray) -> list[Group]:
-    """Starts in groups that came to the same path under one record.
+    """Starts grouped by the path that they reached under one record.
 
     Parameters
     ----------
     samples : ndarray, shape (starts, samples, 3)
-        At the same times of all starts, the last of their runs.
+        Samples of all starts at the same times, the last ones of their runs.
     """
     scale, left, found = sizes_of(samples), np.arange(len(samples)), []
     while left.size:
@@ -171,7 +171,7 @@ def groups_that_meet(samples: np.ndarray) -> list[Group]:
 
 
 def _cycles(samples, scale, period, members):
-    """Starts of one period, by their cycles."""
+    """Starts whose motions have the same period, grouped by the cycle that they reach."""
     last = samples[members, -period:]
     left, found = np.arange(members.size), []
     while left.size:
@@ -188,7 +188,8 @@ def _cycles(samples, scale, period, members):
 
 
 def _joined(cycles, samples, scale, members):
-    """Cycles with the starts that came to one of them too late to repeat it, and what is left."""
+    """Cycles with late starts added (those close to a cycle at the end), and the remaining
+    starts."""
     found = []
     for cycle in cycles:
         back = min(samples.shape[1], 2 * cycle.period + STAYS)
@@ -281,7 +282,7 @@ class Divergence:
 
     @property
     def chaotic(self) -> bool:
-        """Whether neighbours part, beyond chance."""
+        """Whether neighbouring paths diverge significantly (exponent > 0)."""
         return self.exponent > 3.0 * self.standard_error
 
     def __str__(self) -> str:

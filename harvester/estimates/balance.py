@@ -17,7 +17,7 @@ if TYPE_CHECKING:
 
 
 def energy_balance_residual(moments: list[Moments], parameters: System) -> float:
-    """Energy put in that is not found again, as a share of the energy that flows.
+    """Energy input that is neither stored, lost nor delivered, as a share of the energy that flows.
 
     ∫ηX'dt − Δ(½X'² + U + ½βV²) − ∫loss dt − ∫load dt, over the measured time of all
     realizations, divided by the larger of what went in and what came out (Eq. 33).

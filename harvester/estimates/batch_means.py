@@ -84,11 +84,11 @@ def standard_error(series: np.ndarray, least_correlation: float = 0.0) -> float 
 
 
 def error_without_chance(series: np.ndarray, drawn: bool = False) -> float | None:
-    """Error of a mean over whole periods of an excitation without chance.
+    """Error of a mean under a deterministic excitation, over whole periods of it.
 
-    What is left of the start: the change from the first to the second half. Where the motion has
-    another period or none, how far batches scatter about that, as if each were by chance.
-    Realizations differ by their starts alone, so that these are errors of their mean.
+    It holds the transient that remains: the change from the first to the second half. Where the
+    motion has another period or none, how far batches scatter about that, as if each were by
+    chance. Realizations differ by their starts alone, so that these are errors of their mean.
 
     Parameters
     ----------
@@ -142,7 +142,7 @@ def standard_error_of_drift(series: np.ndarray) -> float | None:
     in which a slow drift cancels: the error of this mean among records that drift alike.
     Batches are joined until the correlation ρ between neighbours, which gives their successive
     differences the correlation (2ρ − 1)/(2 − 2ρ), is small; see `standard_error`. A motion that
-    is as slow as the drift is taken for it.
+    is as slow as the drift counts as drift.
     """
     series = np.asarray(series, dtype=float)
     while series.size >= FEWEST_BATCHES and series.shape[1] > 2:

@@ -1,4 +1,4 @@
-"""What an estimate and a density are, with their evidence."""
+"""Estimates and densities with their standard errors."""
 
 from __future__ import annotations
 
@@ -51,7 +51,8 @@ class Estimate:
         )
 
     def to_dict(self, unit: str | None = None) -> dict[str, Any]:
-        """Plain values for JSON, with the unit if told; nan and missing errors become null."""
+        """Plain values for JSON, with the unit if one is given; nan and missing errors
+        become null."""
         content = {name: getattr(self, name) for name in _IN_JSON}
         if unit is not None:
             content["unit"] = unit

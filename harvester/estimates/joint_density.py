@@ -45,7 +45,7 @@ class JointDensity:
     def distance(self, other: JointDensity) -> tuple[float, float]:
         """∬|p − p'| dX dX' from another density, on the places of this one.
 
-        And what of that the standard errors of this one make by chance; nan without them.
+        Also the distance expected by chance from this density's standard errors; nan without them.
         """
         area = np.prod([axis[1] - axis[0] for axis in (self.displacement, self.velocity)])
         apart = float(np.abs(self.density - other.on(self)).sum() * area)

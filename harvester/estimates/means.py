@@ -87,7 +87,9 @@ def estimate_all(
 
 
 def _jump_rates(moments, batches, alike, error_of):
-    """Jumps out of a well over the time for which it was the last one reached (1/s)."""
+    """Rates of jumps (1/s): jumps out of a well over the time for which it was the last one
+    reached.
+    """
     jumps = [each.jumps for each in moments]
     if jumps[0] is None:
         return {}

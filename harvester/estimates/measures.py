@@ -1,4 +1,4 @@
-"""Quantities of what a load's file has measured: its stages' losses, its states, its events.
+"""Quantities from a load file's `* measure:` lines: losses of stages, states, events.
 
 Shares are of the mechanical input, so that those of all losses, outputs and stores, with what the
 device itself loses, add up to 1.
@@ -43,7 +43,7 @@ def estimate_measures(
     Parameters
     ----------
     moments : sequence of harvester.record.moments.Moments
-        Of a load with an output.
+        Moments of a load with an output.
     error_of : callable
         See `harvester.estimates.means.estimate_all`.
 
@@ -128,7 +128,7 @@ def _state(name, series, batches, moments, row, error_of):
 
 
 def _taken(name, series, batches, moments, row, error_of):
-    """The row of the state itself stands in front."""
+    """Energy per event: the power taken during a state, whose own row is the one before this."""
     state = measured_series(moments, row - 1)
     if not np.isfinite(state[:, :, INTEGRAL]).all():
         yield f"{name}_energy", Estimate(math.nan, None, None, "energy", NO_VALUE)

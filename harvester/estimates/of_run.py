@@ -1,4 +1,4 @@
-"""What the moments of a run come to: its estimates, what they are too short for, and notes."""
+"""From the moments of a run to its estimates, with notes on what the run is too short for."""
 
 from __future__ import annotations
 
@@ -47,19 +47,19 @@ class RunEstimates:
     Attributes
     ----------
     whole : dict of str to Estimate
-        With all error bars.
+        All estimates, each with its error bar.
     shortfalls : list of Shortfall
-        What the run was too short for.
+        The relaxations for which the run was too short.
     residual : float
-        Of the energy balance, as a share of the energy put in.
+        Residual of the energy balance, as a share of the energy put in.
     notes : tuple of str
-        On sources in the load, efficiencies above 1 and the shortfalls.
+        Notes on sources in the load, efficiencies above 1 and the shortfalls.
     moments : list of Moments
-        With the weights of `harvester.estimates.well_balance`, where wells differ.
+        Moments, weighted by `harvester.estimates.well_balance` where wells differ.
     error : callable
         The error of a mean from batches of these.
     balance : WellBalance or None
-        Of the jumps between wells, where these differ.
+        Balance of the jumps between wells, where these differ.
     """
 
     whole: dict[str, Estimate]
@@ -72,7 +72,7 @@ class RunEstimates:
 
     @property
     def scaled(self) -> dict[str, Estimate]:
-        """The estimates without the error bars that would lie."""
+        """The estimates, without the error bars that would be too small."""
         return withheld(self.whole, self.shortfalls)
 
 
@@ -129,14 +129,16 @@ def _without_value(load, moments):
     return tuple(
         f"{measure.where}: measure: {measure.kind} {measure.name} = {measure.expression} has no "
         "finite value at some time of the run, such as the root of a negative number or a quotient "
-        "by 0; mend the expression"
+        "by 0; correct the expression"
         for measure in (load.measures if load else ())
         if any(row in names for row in measure.rows)
     )
 
 
 def error_of(scene: Scene) -> Callable:
-    """The error of a mean from batches that holds for a scene's excitation and starts."""
+    """The function that gives a mean's standard error from batches, chosen by excitation and
+    starts.
+    """
     excitation = scene.excitation
     drawn = excitation.random or scene.run.starts is not None
     if excitation.period is not None:
@@ -155,7 +157,7 @@ def error_of(scene: Scene) -> Callable:
 
 
 def with_steps(scene: Scene, estimate: Estimate, step_error: float) -> Estimate:
-    """An estimate with the step's error in its bar, and no samples, where nothing is by chance."""
+    """For a periodic excitation, add the step error to the error bar and drop the sample size."""
     if scene.excitation.period is None or scene.excitation.random:
         return estimate
     error = estimate.standard_error

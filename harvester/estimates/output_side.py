@@ -88,7 +88,7 @@ def output_ratio(moments: Sequence[Any], name: str) -> tuple[np.ndarray, np.ndar
     Parameters
     ----------
     moments : sequence of harvester.record.moments.Moments
-        Of a load with an output.
+        Moments of a load with an output.
     name : str
 
     Returns
@@ -119,7 +119,7 @@ def output_ratio(moments: Sequence[Any], name: str) -> tuple[np.ndarray, np.ndar
 
 
 def _squares(moments, output):
-    """Time integrals of the squares of what two of `RATIOS` are means of.
+    """Time integrals of squares for output voltage and output power, for their sample sizes.
 
     The output's power is a sum where a load has several, of which only the parts' squares are kept.
     """

@@ -1,4 +1,4 @@
-"""Energy that a load gives against energy it takes; notes on efficiencies that are invalid."""
+"""Whether a load delivers more energy than it takes; notes on efficiencies that are invalid."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ def efficiency_notes(
     estimates : dict of str to Estimate
         Scaled units, of `estimate_all` and, where the load has an output, `estimate_output`.
     power_scale : float
-        Of a scaled power in `unit`.
+        Value of a scaled power of 1 in `unit`.
     unit : str
 
     Returns
@@ -58,8 +58,8 @@ def efficiency_notes(
         share = -kept / abs(taken) if taken else math.inf
         if share <= STEPS_OWN_EXCESS:
             return (
-                f"the load gives {share:.1g} of its power more than it takes: the steps' own "
-                "error, of a load that loses next to nothing",
+                f"the load gives {share:.1g} of its power more than it takes: this is the error "
+                "of the steps, as the load has hardly any loss",
             )
         excess = f"{-kept * power_scale:.3g} {unit} more than it takes from the piezo"
         if share <= SMALL_EXCESS:
@@ -69,7 +69,7 @@ def efficiency_notes(
             )
         return (
             f"the load is not passive: it gives {excess} ({taken * power_scale:.3g} {unit}), out "
-            "of its own sources or of what it held at the start; its efficiencies are no shares "
+            "of its own sources or of what it held at the start; its efficiencies are not shares "
             "of the piezo's power",
         )
     if outside:
@@ -86,7 +86,7 @@ def faint_output_notes(estimates: dict[str, Estimate]) -> tuple[str, ...]:
     Parameters
     ----------
     estimates : dict of str to Estimate
-        As of `efficiency_notes`.
+        Estimates as for `efficiency_notes`.
     """
     if "mean_output_power" not in estimates:
         return ()
@@ -94,13 +94,14 @@ def faint_output_notes(estimates: dict[str, Estimate]) -> tuple[str, ...]:
     if not 0.0 < given < FAINT_OUTPUT * taken:
         return ()
     return (
-        f"the output power is {given / taken:.1g} of what the base puts in: steps may cost it per "
-        "cents, compare with --step finest",
+        f"the output power is {given / taken:.1g} of what the base puts in: steps may change it "
+        "by some per cent; compare with --step finest",
     )
 
 
 def source_notes(load: Any) -> tuple[str, ...]:
-    """A note on parts of a load that may deliver energy: it cannot be told from the piezo's.
+    """A note on parts of a load that may deliver energy, which cannot be separated from the
+    piezo's.
 
     Parameters
     ----------

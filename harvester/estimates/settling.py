@@ -1,4 +1,4 @@
-"""Whether a run is long enough for what its device and its load remember, and what it drifted.
+"""Whether a run is longer than the memory of its device and load, and whether its means drift.
 
 Realizations start at rest. What is left of that start in a mean over the measured time, once
 `run.settle` has passed, is not seen by batch means: where it exceeds the error bar, that bar is
@@ -58,14 +58,14 @@ DRIFTING_QUANTITIES = {
 
 @dataclass(frozen=True)
 class Shortfall:
-    """What a run was too short for.
+    """A reason for which a run was too short, with the quantities affected.
 
     Attributes
     ----------
     reason : str
-        In a few words, for each estimate.
+        The reason in a few words, shown beside each estimate.
     advice : str
-        What that does, and what to set.
+        The consequence, and the setting to change.
     names : tuple of str or None
         Estimates that lose their error bar; None: all.
     """
@@ -86,7 +86,7 @@ def shortfalls(
     estimates: dict[str, Estimate],
     balance: WellBalance | None = None,
 ) -> list[Shortfall]:
-    """What a run was too short for, if anything.
+    """All reasons for which a run was too short; empty if there are none.
 
     Parameters
     ----------
@@ -94,7 +94,7 @@ def shortfalls(
     moments : sequence of harvester.record.moments.Moments
     estimates : dict of str to Estimate
     balance : WellBalance or None
-        Of the wells, where they differ.
+        Balance of the jumps between wells, where they differ.
 
     Returns
     -------
@@ -117,7 +117,7 @@ def shortfalls(
 
 
 def withheld(estimates: dict[str, Estimate], found: list[Shortfall]) -> dict[str, Estimate]:
-    """The estimates without the error bars that would lie."""
+    """The estimates, without the error bars that would be too small."""
     result = dict(estimates)
     for shortfall in reversed(found):
         for name in result if shortfall.names is None else shortfall.names:
@@ -138,7 +138,7 @@ def left_of_start(time: float, settle: float, duration: float) -> float:
 
 
 def unseen_jump(p: System, square_voltage: Any, measured: float) -> float:
-    """What one more jump between the wells would add to E[V²], as a share.
+    """The share by which a single further jump between the wells would raise E[V²].
 
     The charge is then off by the wells' distance, and follows within 1/λ.
     """
@@ -172,7 +172,7 @@ def _too_short(run, time, what, share, names=None):
 
 
 def _slow(scene, time, what, error, names=None):
-    """The shortfall of a run against what relaxes within one known time, or None."""
+    """The shortfall of a run against one relaxation time, or None if the run is long enough."""
     run = scene.run
     left = left_of_start(time, run.settle, run.duration)
     if left > max(error, SMALLEST_DRIFT):
@@ -236,7 +236,8 @@ def _motion(p, run, estimates):
 def _linear(p, square):
     """Matrix of (X − rest, X', V, η), or without V for a load that is no resistor.
 
-    Also the places whose squares count. A monostable spring is as stiff as at the measured E[X²].
+    Also the indices of the states whose mean squares are tested. The stiffness of a monostable
+    spring is that at the measured E[X²].
     """
     rest = timescales.rest(p)
     stiffness = timescales.stiffness(p, rest)
@@ -260,7 +261,8 @@ def _linear(p, square):
 
 
 def _left_in_squares(p, matrix, run):
-    """Share by which the mean squares over the measured time miss their stationary values."""
+    """Share by which the mean squares over the measured time differ from their stationary
+    values."""
     from scipy.linalg import expm, solve_continuous_lyapunov
 
     noise = np.zeros_like(matrix)
@@ -280,7 +282,7 @@ def _left_in_squares(p, matrix, run):
 
 
 def _charge(scene, p, moments, estimates):
-    """The charge that a jump leaves behind follows within 1/λ."""
+    """The shortfall against 1/λ, the time in which the charge follows a jump between wells."""
     decay = p.transducer.decay_rate()
     if not timescales.bistable(p) or not decay:
         return None
@@ -304,10 +306,10 @@ def _storage(ready, moments, estimates):
         return Shortfall(
             f"the store {worst.name} ({worst.where}) still "
             f"{'charges' if worst.missing > 0.0 else 'discharges'}",
-            f"it is up to {100.0 * abs(worst.missing):.2g} % of what it holds from where it will "
-            f"settle, and all means change with it; raise run.settle (to "
+            f"it is up to {100.0 * abs(worst.missing):.2g} % of what it holds away from its "
+            "steady state, which affects all means; raise run.settle (to "
             f"{run.settle + FORGETTING_TIMES * worst.time:.2g} s at most, less where a diode "
-            "charges it), or let it begin nearer to that by ic=",
+            "charges it), or start it nearer to that by ic=",
         )
     if not scene.excitation.random:
         return None
@@ -318,7 +320,7 @@ def _storage(ready, moments, estimates):
 
 
 def _jumps(p, moments, estimates):
-    """Jumps too few for their share in E[V²] to be known."""
+    """The shortfall of a run with too few jumps to estimate their contribution to E[V²]."""
     crossings = _crossings(moments)
     decay = p.transducer.decay_rate()
     if not timescales.bistable(p) or not decay or crossings >= FEW_JUMPS:
@@ -333,14 +335,15 @@ def _jumps(p, moments, estimates):
     seen = f"{crossings:.0f} passes" if crossings else "no pass"
     return Shortfall(
         f"{seen} between the wells in {measured:.3g} s",
-        f"one jump more would add {one:.2g} of itself to E[V²]; raise run.duration or "
+        f"a single further jump would raise E[V²] by {100.0 * one:.2g} %; raise run.duration or "
         "run.realizations",
         QUANTITIES_OF_THE_CHARGE,
     )
 
 
 def _residence(moments, estimates, balance):
-    """Wells that are seldom left: what depends on them is known by their jumps alone."""
+    """The shortfall of a run with few jumps between wells, for quantities that depend on the
+    well."""
     shares = [name for name in estimates if name.startswith("share_of_time_in_well_")]
     if not shares:
         return None
@@ -368,7 +371,7 @@ def _residence(moments, estimates, balance):
 
 
 def _unknown(name, estimate):
-    """Whether an estimate has no error bar for want of jumps, or is a rate of too few."""
+    """Whether an estimate lacks an error bar because jumps are few, or is a rate of few jumps."""
     few = (estimate.effective_sample_size or FEWEST_JUMPS) < FEWEST_JUMPS
     return estimate.note == TOO_SHORT or (few and name.startswith("jump_rate"))
 
@@ -442,7 +445,7 @@ def _drift(moments, balance):
             return [
                 Shortfall(
                     f"{name} still drifts",
-                    f"it changes by {change:+.2g} of itself from the first half of the measured "
+                    f"it changes by {change:+.2g} of its mean from the first half of the measured "
                     "time to the second; raise run.settle and run.duration",
                 )
             ]

@@ -1,9 +1,9 @@
-"""What a load's capacitors and coils still take, and how far they are from where they settle.
+"""How far a load's capacitors and coils are from their steady state at the end of a run.
 
 The averaged charges obey C d⟨y⟩/dt + G (⟨y⟩ − y∞) = 0, G about the means: what is missing of y∞ is
 G⁻¹ C times the rate at which the mean still moves, however the stores are connected. A diode that
 blocks on average counts as blocking, so that this is rather too much; where the rate itself decays
-within the run, its decay tells the rest.
+within the run, the rest follows from its decay.
 """
 
 from __future__ import annotations
@@ -35,7 +35,7 @@ SLOWEST_DECAY, ALIKE = 0.98, 0.2
 
 @dataclass(frozen=True)
 class StoreState:
-    """One store of a load over a run.
+    """The state of one capacitor or coil of a load over a run.
 
     Attributes
     ----------
@@ -45,7 +45,7 @@ class StoreState:
     error : float
         Standard error of `missing`.
     time : float
-        In which it relaxes (s); nan where nothing tells.
+        Relaxation time (s); nan where it could not be determined.
     memory : float
         Time over which what it holds is remembered under noise (s).
     """
@@ -127,7 +127,8 @@ def _state(store, levels, matrix):
             missing, time = by_network, by_network / rate
         memory = float(times_of(matrix, ends).max(initial=0.0))
     if not math.isfinite(missing):
-        # Without a time constant: it still lacks at least as much as the run has changed it.
+        # There is no time constant: assume that the store still lacks as much as the run has
+        # changed it.
         missing, time = rate * length, length
     memory = min(memory, _remembered(levels, ends)) if steady else 0.0
     if not held:
@@ -160,7 +161,7 @@ def _by_decay(changes, length):
 
 
 def _remembered(levels, ends):
-    """Time over which what a store holds is correlated, by neighbouring batches (s)."""
+    """Correlation time (s) of a store's voltage or current, from neighbouring batches."""
     values = (levels.series[..., INTEGRAL] @ ends) / levels.time
     values = values - values.mean()
     total = float((values**2).sum())

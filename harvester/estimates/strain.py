@@ -21,7 +21,7 @@ if TYPE_CHECKING:
 # The normal distribution's quantile that two standard errors stand for.
 TWO_SIDED = 1.959964
 ONE_PEAK = "one realization has one peak: raise run.realizations for an error bar"
-# What there is only with a line of Basquin.
+# Quantities that exist only if the scene gives a Basquin's line of its layers.
 LIFE = ("damage_rate", "fatigue_life")
 ONE_PASS = "the peak of one pass without chance"
 NO_CYCLE = "no cycle of strain was seen"
@@ -36,7 +36,7 @@ def estimate_strain(
     ----------
     moments : sequence of Moments
     excitation : Excitation
-        Of the scene: whether realizations differ by chance, and have periods.
+        The scene's, for whether realizations differ by chance, and have periods.
     error_of : callable
         See `harvester.estimates.means.estimate_all`.
 
@@ -111,7 +111,7 @@ def strain_notes(scene: Scene, moments: Sequence[Moments]) -> tuple[str, ...]:
 
 
 def without_line(scene: Scene, name: str) -> str:
-    """Why a scene with a drawing has not this quantity; "" where its line of Basquin is not it."""
+    """Why a scene lacks a fatigue quantity (no Basquin's line); "" if that is not the reason."""
     if name not in LIFE or scene.beam is None or scene.beam.fatigue_line is not None:
         return ""
     keys = ", ".join(f"beam.{key}" for key in FATIGUE)

@@ -36,7 +36,7 @@ LEAST_CORRELATION = -0.25
 
 @dataclass(frozen=True)
 class WellBalance:
-    """What jumps between wells say of a run's shares of time.
+    """Stationary shares of time in the wells, from a run's jumps between them.
 
     Attributes
     ----------
@@ -50,11 +50,11 @@ class WellBalance:
     exchange_time : float
         The slowest time in which the wells forget which one was begun in (s).
     weights : ndarray, shape (realizations, batches)
-        Of mean 1, with which the mean of `features` is `balanced`.
+        Weights with mean 1, with which the mean of `features` is `balanced`.
     features : ndarray, shape (realizations, batches, wells + kinds of jumps)
         Each batch's share of time in each well and its jumps per second, kind by kind.
     balanced : ndarray, shape (wells + kinds of jumps,)
-        Their stationary means by the rates.
+        Stationary means of the features, from the jump rates.
     innovations : ndarray, as `features`
         How far `balanced` lies off by each batch's jumps, more or less than the rates expect, were
         all batches like it.
@@ -73,7 +73,7 @@ class WellBalance:
     changes: np.ndarray
 
     def error(self, series: np.ndarray) -> float | None:
-        """Standard error of a mean from what its weighted batches lie off it.
+        """Standard error of a mean from the deviations of its weighted batches.
 
         Parameters
         ----------
@@ -82,7 +82,7 @@ class WellBalance:
         Returns
         -------
         float or None
-            None where it stands on fewer than `FEWEST_JUMPS` jumps or too few batches.
+            None where fewer than `FEWEST_JUMPS` jumps, or too few batches, support it.
         """
         series = np.asarray(series, dtype=float)
         if self.shares is None:
@@ -99,12 +99,12 @@ class WellBalance:
         return error * math.sqrt(series.size / (series.size - len(slopes)))
 
     def parts(self, series: np.ndarray) -> np.ndarray:
-        """What each batch adds to a mean's deviation: within the wells, and by its jumps.
+        """Each batch's contribution to a mean's deviation: within the wells, and by its jumps.
 
         Parameters
         ----------
         series : ndarray, shape (realizations, batches)
-            What the weighted batches lie off their mean.
+            Deviations of the weighted batches from their mean.
         """
         off = self.weights[:, :, None] * (self.features - self.balanced)
         slopes = _slopes(off, series)
@@ -123,12 +123,12 @@ class WellBalance:
         Parameters
         ----------
         series : ndarray, shape (realizations × groups, means)
-            What the groups of the realizations, weighted, lie off their means.
+            Deviations of the weighted groups of realizations from their means.
 
         Returns
         -------
         ndarray, shape (means,), or None
-            None where one of them stands on fewer than `FEWEST_JUMPS` jumps.
+            None where fewer than `FEWEST_JUMPS` jumps support one of them.
         """
         if self.shares is None:
             return None
@@ -149,7 +149,7 @@ class WellBalance:
         return parts.std(axis=0, ddof=1) / math.sqrt(count - len(slopes))
 
     def _stand_on_enough(self, own, slopes, count):
-        """Whether means with these errors within the wells and slopes stand on enough jumps.
+        """Whether enough jumps support means with these errors within the wells and these slopes.
 
         By Satterthwaite, Biometrics Bull. 2, 110 (1946). A jump that was not seen counts as one.
         """
@@ -160,7 +160,9 @@ class WellBalance:
         return bool(np.all(samples >= FEWEST_JUMPS * known))
 
     def without_wells(self, series: np.ndarray) -> np.ndarray:
-        """A series of batches, not weighted, less what the wells do to it; its mean stays."""
+        """An unweighted series of batches with the wells' effect regressed out; its mean is
+        unchanged.
+        """
         off = self.features - self.features.mean(axis=(0, 1))
         return series - off @ _slopes(off, series - series.mean())
 
@@ -173,7 +175,7 @@ def well_balance(scene: Scene, system: System, moments: Sequence[Moments]) -> We
     scene : Scene
     system : System
     moments : sequence of Moments
-        Of all realizations.
+        Moments of all realizations.
     """
     batches = complete_batches(moments)
     if batches is None or not _wells_differ(scene, system, batches):
@@ -211,7 +213,7 @@ def weighted(moments: Sequence[Moments], balance: WellBalance | None) -> list[Mo
     ----------
     moments : sequence of Moments
     balance : WellBalance or None
-        Theirs; None leaves them as they are.
+        The balance of these moments; None: the moments are returned unchanged.
     """
     if balance is None or balance.shares is None:
         return list(moments)
@@ -237,7 +239,7 @@ def _with_settling(rows, count):
 
 
 def _slopes(off, series):
-    """Least squares of a series by the wells' shares, (realizations, batches[, wells])."""
+    """Least-squares coefficients of a series on `off`, the deviations of the batches' features."""
     return np.linalg.lstsq(off.reshape(-1, off.shape[2]), series.ravel(), rcond=None)[0]
 
 
@@ -274,7 +276,8 @@ def _balanced(rates, shares, seen):
 
 
 def _changes(rates, shares):
-    """How shares change with the rate from the first well to the second, by the balance."""
+    """Derivatives of the stationary shares by each jump rate (from the first well to the
+    second)."""
     change = rates - np.diag(rates.sum(axis=1))
     answer = np.linalg.inv(shares[None] - change)
     return shares[:, None, None] * (answer[None] - answer[:, None])

@@ -25,11 +25,12 @@ class ArraysTable(Table):
     Parameters
     ----------
     shapes : mapping of str to tuple of int
-        Of the arrays of numbers in one or two dimensions.
+        Shapes of the arrays of numbers in one or two dimensions.
     load : callable
-        Of the names of the longest arrays; gives them by name, as ndarrays of those shapes.
+        Function of the names of the longest arrays; gives them by name, as ndarrays of those
+        shapes.
     units : mapping of str to str
-        Of arrays whose units the file says.
+        Units of arrays whose units the file says.
 
     Raises
     ------
@@ -82,7 +83,7 @@ def rate_of(numbers: Mapping[str, float]) -> float | None:
     Parameters
     ----------
     numbers : mapping of str to float
-        By their names, without those of groups or structures.
+        Single numbers by their names, without the names of groups or structures.
 
     Raises
     ------

@@ -1,4 +1,4 @@
-"""What every kind of excitation offers to scenes and engines."""
+"""Base classes of all excitations: their interface to scenes and engines."""
 
 from __future__ import annotations
 
@@ -63,7 +63,7 @@ class Excitation(ABC):
     Attributes
     ----------
     KEYS : dict of str to harvester.device.keys.Key
-        What the table may hold besides `kind`.
+        The keys that the table may hold besides `kind`.
     """
 
     KEYS: ClassVar[dict] = {}
@@ -88,8 +88,8 @@ class Excitation(ABC):
     def lines(self) -> tuple[tuple[float, float], ...]:
         """Frequency (Hz) and amplitude of each sine in it, at the same time or one after another.
 
-        A device meets them at its resonance with an error of its frequency, not of its power: steps
-        are chosen for that.
+        Near a resonance an integrator's error of frequency changes a sine's power; steps are chosen
+        for that.
         """
         return ()
 
@@ -110,7 +110,7 @@ class Excitation(ABC):
 
     @property
     def kept_samples(self) -> int:
-        """Samples that a path holds in memory all along."""
+        """Number of samples that a path keeps in memory for the whole run."""
         return 0
 
     @property
@@ -135,7 +135,8 @@ class Excitation(ABC):
 
     @property
     def highest_frequency(self) -> float:
-        """Above it a measured path holds nothing (Hz); infinite where it is not measured."""
+        """Highest frequency in a measured path (Hz); infinite where the excitation is not
+        measured."""
         return math.inf
 
     @property
@@ -144,7 +145,7 @@ class Excitation(ABC):
         return False
 
     def check(self, units: str, run: Run, origin: str) -> None:  # noqa: B027
-        """Refuse what no single value shows.
+        """Refuse values that are valid one by one but not together, or not with this run.
 
         Parameters
         ----------
@@ -166,7 +167,8 @@ class Excitation(ABC):
         Parameters
         ----------
         longest : float
-            What resolves the device's own motion (s); infinite where it has no frequency.
+            Longest spacing that resolves the device's own motion (s); infinite where it has no
+            frequency.
         """
 
     @abstractmethod
@@ -178,7 +180,8 @@ class Excitation(ABC):
         Parameters
         ----------
         relaxation_time, longest : float
-            Of the device (s); see `spacing`.
+            The device's relaxation time, and longest spacing that resolves its motion (s); see
+            `spacing`.
         """
 
     @abstractmethod
@@ -190,15 +193,15 @@ class Excitation(ABC):
         spacing : float
             Time between knots (s).
         length : float
-            What turns accelerations into η: the length unit (1 in scaled scenes) over the scene's
+            The divisor that turns accelerations into η: the length unit (1 in scaled scenes) over
             `oscillator.base_factor`.
         seed : numpy.random.SeedSequence
-            Of this realization.
+            Seed of this realization.
         """
 
     @abstractmethod
     def notes(self, spacing: float, angular_frequency: float, run: Run) -> tuple[str, ...]:
-        """What a reader must know before citing a number, as a tuple of lines."""
+        """Notes for the result: what must be known of the excitation before citing a number."""
 
     def averaging_refusal(self) -> str:
         """Why stochastic averaging does not apply; empty where it does."""

@@ -39,9 +39,9 @@ class Columns(NamedTuple):
     sampling_rate : float or None
         Hz, as given or as the file says.
     unit : str
-        Of the samples, as the file writes it; empty where it does not say.
+        Unit of the samples, as the file writes it; empty where it does not say.
     remarks : tuple of str
-        What a reader of results must know of the file.
+        Remarks on the file that go into a result's notes.
     """
 
     values: np.ndarray
@@ -57,7 +57,7 @@ class MeasuredFile:
     Parameters
     ----------
     file : str
-        For messages, and its ending for the reader.
+        Name of the file: for messages, and its ending selects the reader.
     content : bytes
 
     Attributes
@@ -66,7 +66,7 @@ class MeasuredFile:
         The file's name in messages.
     table : harvester.excitation.table.Table
     headings : list of harvester.excitation.quantities.Heading
-        One for each column; without a title where the file has no names.
+        Heading of each column; without a title where the file has no names.
 
     Raises
     ------
@@ -95,7 +95,7 @@ class MeasuredFile:
             return self.table.take(places)
 
     def of(self, quantity: str) -> list[int]:
-        """Places of the columns of numbers whose headings name a quantity."""
+        """Indices of the numeric columns whose headings name a quantity."""
         return [
             place
             for place, each in enumerate(self.headings)
@@ -105,18 +105,18 @@ class MeasuredFile:
         ]
 
     def times(self) -> list[int]:
-        """Places of the columns of times; those of sample numbers where nothing else is."""
+        """Indices of the time columns; of columns of sample numbers if there is no other."""
         found = self.of("time")
         clocks = [k for k in found if unit_named("time", self.headings[k].unit) != SAMPLES]
         return clocks or found
 
     def place(self, key: str, wanted: str | int) -> int:
-        """Place of a column by its name, its title or its number.
+        """Index of a column from its name, its title or its number.
 
         Parameters
         ----------
         key : str
-            What asks for it, for messages.
+            Key of the scene that names the column, for messages.
         wanted : str or int
 
         Raises
@@ -141,7 +141,8 @@ class MeasuredFile:
         return self._real(key, wanted)
 
     def _real(self, key, place):
-        """The place of a column; complex numbers are a response or an impedance alone."""
+        """Index of a column; refused if it holds complex numbers and is no response or
+        impedance."""
         if place in self.table.complexes and key not in COMPLEX_QUANTITIES:
             raise SceneError(
                 f"{self.where}: {key}: {self.label(place)} holds complex numbers, as a frequency "
@@ -169,7 +170,7 @@ class MeasuredFile:
         quantity : str
         place : int
         key : str
-            What gives it, for messages.
+            Key of the scene that gives the unit, for messages.
         given : str or None
 
         Returns
@@ -215,9 +216,9 @@ class MeasuredFile:
         ----------
         values : ndarray, shape (n,)
         place : int
-            Of the column.
+            Index of the column.
         unit : str
-            Of time, in its usual spelling; "samples" need a rate.
+            Unit of time, in its usual spelling; "samples" need a rate.
         rate : float or None
             Hz.
         cure : str
@@ -249,7 +250,8 @@ class MeasuredFile:
         factor: float = RATE_TOLERANCE,
         key: str = "sampling_rate",
     ) -> None:
-        """Refuse a rate that is not that of the times; times that never rise have none.
+        """Refuse a sampling rate that differs from the time column's; times that never rise have
+        none.
 
         Parameters
         ----------
@@ -258,11 +260,11 @@ class MeasuredFile:
         rate : float
             Hz, as given.
         place : int
-            Of the column of times.
+            Index of the column of times.
         factor : float
-            By which they may differ.
+            Largest factor by which the two rates may differ.
         key : str
-            What gives the rate, for the message.
+            Key of the scene that gives the rate, for the message.
 
         Raises
         ------
@@ -306,7 +308,7 @@ def motion_columns(
     ----------
     file : str
     content : bytes
-        Of that file.
+        Bytes of that file.
     column, time_column : str, int or None
         Name, title without unit, or number from 0. Without `column` it is the only one besides
         time, or the only one whose heading names an acceleration; without `time_column`,
@@ -349,13 +351,14 @@ def _agreed_rate(measured, given):
     own = measured.table.rate
     if given is not None and own is not None and not np.isclose(given, own, rtol=1e-6):
         raise SceneError(
-            f"{measured.where}: excitation.sampling_rate = {given:g}: the file says {own:g} Hz"
+            f"{measured.where}: excitation.sampling_rate = {given:g}: the file says {own:g} Hz: "
+            "leave it out"
         )
     return given if given is not None else own
 
 
 def _time_place(measured, wanted, needed):
-    """Place of the column of times: as asked for, or where one is needed the one that is."""
+    """Index of the time column: the named one, else the only one if times are needed."""
     if wanted is not None:
         return measured.place("excitation.time_column", wanted)
     found = measured.times() if needed else []
@@ -399,7 +402,7 @@ def _motion_place(measured, wanted, time_place):
 
 
 def _refuse_other_rate(measured, rate):
-    """A given rate is compared with the one column whose heading says a unit of time."""
+    """Refuse a given sampling rate that differs from the one column with a unit of time."""
     found = [place for place in measured.times() if measured.headings[place].unit]
     if len(found) != 1:
         return

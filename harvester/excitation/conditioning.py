@@ -47,9 +47,9 @@ def refuse_size(values: np.ndarray, factor: float, unit: str, file: str) -> None
     Parameters
     ----------
     values : ndarray, shape (n,)
-        In the file's unit; NaN and infinite ones are left alone.
+        Samples in the file's unit; NaN and infinite ones are ignored.
     factor : float
-        From there to m/s².
+        Factor from the file's unit to m/s².
     unit, file : str
         For messages.
 
@@ -78,14 +78,14 @@ class EvenSamples(NamedTuple):
 def without_markers(
     values: np.ndarray, mend: Collection[str]
 ) -> tuple[np.ndarray, tuple[str, ...]]:
-    """Samples whose markers (-9999, 65535, a rail) are NaN where that is to be mended.
+    """Samples with markers (-9999, 65535, a rail) replaced by NaN, if `mend` asks for it.
 
     Loggers write such a number for what they could not measure.
 
     Parameters
     ----------
     values : ndarray, shape (n,)
-        In the file's numbers.
+        Samples as the file has them, before units and scales.
     mend : sequence of str
         Faults to mend; "nan" among them takes markers for gaps.
 
@@ -143,7 +143,7 @@ def even_samples(columns: Columns, mend: Collection[str], file: str, most: int) 
     Parameters
     ----------
     columns : harvester.excitation.columns.Columns
-        With a sampling rate or times.
+        Columns with a sampling rate or with times.
     mend : sequence of str
         Faults to mend: "nan" by straight lines over the gap, "uneven" by straight lines onto an
         even grid, "clipped" by a cubic spline through what was not clipped.
@@ -290,7 +290,7 @@ def closed(values: np.ndarray) -> np.ndarray:
 
 
 def _refuse(file, fault, mend, count, total, where):
-    """Unless it is to be mended and few enough."""
+    """Refuse faulty samples unless `mend` names the fault and they are few enough."""
     name = {"nan": "without a number", "clipped": "clipped"}[fault]
     cure = {"nan": "cut the record there", "clipped": "measure in a wider range"}[fault]
     if count > LARGEST_MENDED_SHARE * total:
@@ -319,7 +319,7 @@ def flat_crests(values: np.ndarray) -> np.ndarray:
 
 
 def _longest_run(fault):
-    """Samples of the longest gap."""
+    """Length of the longest gap in samples."""
     edges = np.flatnonzero(np.diff(np.concatenate([[False], fault, [False]]).astype(int)))
     return int((edges[1::2] - edges[::2]).max())
 
@@ -373,7 +373,7 @@ def _even(values, times, rate, mend, file, most):
 
 
 def _bridged(times, steps, spacing, file):
-    """What straight lines onto an even grid bridge, in words; refused above the share of gaps."""
+    """A remark on gaps bridged by straight lines; refused above `LARGEST_MENDED_SHARE`."""
     missing = float(np.sum(np.maximum(np.round(steps / spacing) - 1.0, 0.0)))
     share = missing / (missing + times.size)
     place = int(np.argmax(steps))

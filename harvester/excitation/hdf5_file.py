@@ -33,7 +33,7 @@ class Hdf5Table(ArraysTable):
     Parameters
     ----------
     content : bytes
-        Of the whole file; links to other files, data in them and plug-ins are refused.
+        Bytes of the whole file; links to other files, data in them and plug-ins are refused.
 
     Raises
     ------
@@ -141,7 +141,7 @@ def _text_attribute(dataset, names):
 
 
 def _number_attributes(holder):
-    """Attributes of one number."""
+    """Attributes that hold a single number."""
     found = {name: np.asarray(holder.attrs[name]) for name in holder.attrs}
     return {
         name: float(value.ravel()[0])

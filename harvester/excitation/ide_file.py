@@ -25,7 +25,7 @@ class IdeTable(ArraysTable):
     Parameters
     ----------
     content : bytes
-        Of the whole file; calibrated as it says.
+        Bytes of the whole file; calibrated as it says.
 
     Raises
     ------

@@ -19,7 +19,7 @@ class LvmTable(TextTable):
     Parameters
     ----------
     content : bytes
-        Of the whole file.
+        Bytes of the whole file.
 
     Raises
     ------
@@ -55,7 +55,7 @@ class LvmTable(TextTable):
 
 
 def _trimmed(part):
-    """Without the rest of the header's last line."""
+    """A part of the file with the rest of its header's last line removed."""
     return part.partition(b"\n")[2].lstrip(b"\r\n")
 
 

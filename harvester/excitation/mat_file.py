@@ -37,8 +37,8 @@ class MatTable(ArraysTable):
     Parameters
     ----------
     content : bytes
-        Of the whole file, in MATLAB's formats 4 to 7.2; scipy reads its numbers and structures of
-        them, and nothing else.
+        Bytes of the whole file, in MATLAB's formats 4 to 7.2; scipy reads its numbers and
+        structures of them, and nothing else.
 
     Raises
     ------
@@ -109,7 +109,7 @@ def _fields(name: str, value: Any) -> Iterator[tuple[str, np.ndarray]]:
 
 
 def _refuse_claims(content):
-    """Refuse structures that claim more than the file holds.
+    """Refuse structures whose headers claim more data than the file has.
 
     Raises
     ------

@@ -86,7 +86,7 @@ def most_samples() -> int:
 
 @contextlib.contextmanager
 def refused_as_record(where: str) -> Iterator[None]:
-    """What a reader finds wrong, as a refusal of the file `where`."""
+    """Within the block, turn a reader's errors into a SceneError that names the file."""
     try:
         yield
     except ValueError as error:

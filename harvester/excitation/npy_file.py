@@ -17,16 +17,16 @@ class NpyTable(Table):
     Parameters
     ----------
     content : bytes
-        Of the whole file; pickled objects in it are not read.
+        Bytes of the whole file; pickled objects in it are not read.
 
     Attributes
     ----------
     names : list of str
-        Of the fields; empty without any.
+        Names of the fields; empty without any.
     width, rows : int
         Columns, samples in each.
     rate : None
-        The file does not tell it.
+        The sampling rate: None, as the file does not hold it.
 
     Raises
     ------

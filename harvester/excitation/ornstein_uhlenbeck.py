@@ -91,7 +91,7 @@ class NoisePath(ExcitationPath):
     spacing : float
         Time between knots (s).
     seed : numpy.random.SeedSequence
-        Of this realization; the same seed gives the same bytes in blocks of any size.
+        Seed of this realization; the same seed gives the same bytes in blocks of any size.
     """
 
     def __init__(

@@ -69,7 +69,7 @@ class PrescribedDisplacement(Excitation):
 
 @dataclass(frozen=True)
 class _Nothing(ExcitationPath):
-    """No noise: the netlist itself holds the motion."""
+    """A path of zeros: the prescribed motion is part of the netlist itself."""
 
     spacing: float
 

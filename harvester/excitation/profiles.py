@@ -36,7 +36,7 @@ PROFILES = {
 
 
 def with_profile(table: dict[str, Any], where: str) -> dict[str, Any]:
-    """An excitation's table with the values of the profile that it names in the name's place.
+    """An excitation's table with its profile's name replaced by the profile's values.
 
     Parameters
     ----------

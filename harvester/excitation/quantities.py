@@ -139,7 +139,7 @@ def factor_of(quantity: str, unit: str, where: str, cure: str) -> float:
     quantity : str
         A name in `QUANTITIES`.
     unit : str
-        In any spelling.
+        The unit, in any spelling.
     where, cure : str
         For the message: file and column; what to do.
 
@@ -162,14 +162,14 @@ def factor_of(quantity: str, unit: str, where: str, cure: str) -> float:
 
 
 class Heading(NamedTuple):
-    """What a column's name says.
+    """Title, unit and quantity that a column's name gives.
 
     Attributes
     ----------
     title : str
         The name without its unit.
     unit : str
-        As written; empty where none is.
+        Unit as it is written; empty if there is none.
     quantity : str
         A name in `QUANTITIES`, empty where the title is none.
     """
@@ -290,7 +290,7 @@ def is_unit(text: str) -> bool:
 
 
 def column_named(wanted: str, names: Collection[str]) -> int | None:
-    """Place of a column by its whole name, or by its title where only one has that.
+    """Index of a column by its whole name, or by its title if only one column has it.
 
     None where there is no such column.
     """

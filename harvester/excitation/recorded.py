@@ -32,13 +32,13 @@ BAND_SHARE, BAND_MISS = 0.99, 3.0
 # The result has a note if the offset exceeds this share of the rms.
 NOTED_OFFSET = 0.1
 STRETCHES = 4
-# A record is one sine at a time, perhaps swept, where in most of so many stretches this share of
-# the power lies within so many bins of the strongest; noise behind a filter of Q < 20 has less.
+# The record is cut into LINE_STRETCHES stretches. It counts as one sine at a time, perhaps swept,
+# if in most of them LINE_SHARE of the power lies within LINE_BINS bins of the strongest. Noise
+# behind a filter of Q < 20 has less.
 LINE_STRETCHES, LINE_SHARE, LINE_BINS = 16, 0.9, 3
-# So it is of up to three sines at once that hold this share, each with so many bins to itself; a
-# stretch with less than this share of the loudest one's power is silent.
-# Knots for each sample of a smooth record: of seven samples a period, straight lines between knots
-# then take 0.1 % of the amplitude.
+# The same holds for up to three sines at once, each with its own bins. A stretch counts as silent
+# if it has less than the given share of the loudest one's power. Knots for each sample of a smooth
+# record: of seven samples a period, straight lines between knots then take 0.1 % of the amplitude.
 SMOOTH_KNOTS = 8
 LINES_AT_ONCE, SHARE_OF_SEVERAL, BINS_PER_LINE, SILENT = 3, 0.99, 100, 1e-6
 # Length of a stretch, in samples.
@@ -57,12 +57,12 @@ class RecordedMotion(Excitation):
     file : str
         Relative to the scene's folder in a scene file, else to the working folder.
     unit : str or None
-        Of the column, scaled: a name in `UNITS`; left out where the column's heading says it, with
-        which it must agree.
+        Unit of the column after scaling: a name in `UNITS`; left out where the column's heading
+        says it, with which it must agree.
     column, time_column : str, int or None
         Name or number from 0; see `columns.motion_columns`.
     time_unit : str or None
-        Of the time column; left out where its heading says it.
+        Unit of the time column; left out where its heading says it.
     sampling_rate : float or None
         Hz; left out where the time column or the file itself says it.
     start : float or None
@@ -70,7 +70,7 @@ class RecordedMotion(Excitation):
     scale, offset : float or None
         The acceleration in `unit` is scale · column + offset: volts or raw counts. Left out: 1, 0.
     full_scale : float
-        Of a .wav file, in `unit`.
+        Value of full scale in a .wav file, in `unit`.
     detrend : str
         "mean" takes the constant part off, such as gravity; "none" or "linear".
     band : (float, float) or None
@@ -88,8 +88,8 @@ class RecordedMotion(Excitation):
     knot_spacing : float or None
         s; closer than the samples: band-limited interpolation, rounded down to a whole fraction.
     sha256 : str
-        Of the file, when the scene was made: each worker process reads the file for itself, and
-        refuses one that has changed.
+        SHA-256 of the file when the scene was made: each worker process reads the file for itself,
+        and refuses one that has changed.
     """
 
     file: str
@@ -245,7 +245,7 @@ class RecordedMotion(Excitation):
         if repeats:
             times = (run.settle + run.duration) * run.realizations / length
             lines.append(
-                f"the record is used {times:.1f} times over: error bars tell how well this "
+                f"the record is used {times:.1f} times over: error bars show how well this "
                 f"record's own mean is known (best over whole repeats of {length:g} s), not what "
                 "another record gives"
             )
@@ -474,9 +474,9 @@ def _band_remark(record, angular_frequency):
     if not 0.0 < frequency < math.inf or low / BAND_MISS <= frequency <= high * BAND_MISS:
         return ()
     return (
-        f"the record misses the device: {BAND_SHARE:.0%} of its power lies between {low:.3g} and "
-        f"{high:.3g} Hz, and the device moves at {frequency:.3g} Hz: see that time_unit or "
-        "sampling_rate are right",
+        f"the record does not excite the device: {BAND_SHARE:.0%} of its power lies between "
+        f"{low:.3g} and {high:.3g} Hz, and the device moves at {frequency:.3g} Hz: check "
+        "time_unit and sampling_rate",
     )
 
 

@@ -30,7 +30,7 @@ def filter_length(frequencies: np.ndarray, spacing: float) -> int:
     Parameters
     ----------
     frequencies : ndarray, shape (n,)
-        Of the breakpoints, ascending (Hz).
+        Frequencies of the breakpoints, ascending (Hz).
     spacing : float
         Time between knots (s).
     """
@@ -100,7 +100,7 @@ class ShapedPath(ExcitationPath):
     kurtosis : float
         3 for a Gaussian path; above, see `Bursts`.
     burst_time : float
-        Of `Bursts` (s).
+        `time` of `Bursts` (s).
     """
 
     def __init__(
@@ -158,7 +158,7 @@ class Bursts:
     kurtosis : float
         Above 3.
     knots : float
-        From one node to the next.
+        Number of knots from one node to the next.
     seed : numpy.random.SeedSequence
     """
 

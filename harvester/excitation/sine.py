@@ -20,9 +20,9 @@ KNOTS_PER_PERIOD = 40
 # Straight lines through fewer points per period do not resemble a sine.
 FEWEST_KNOTS_PER_PERIOD = 8
 WITHOUT_CHANCE = (
-    "the excitation is periodic and without chance: means are over whole periods, and error bars "
-    "tell what is left of the start, how the means vary if the motion has another period, and what "
-    "the steps cost"
+    "the excitation is periodic and deterministic: means are over whole periods, and error bars "
+    "show the remaining transient, how the means vary if the motion has another period, and the "
+    "error of the steps"
 )
 
 
@@ -92,7 +92,7 @@ class Sine(Harmonic):
         return 1.0 / (self.frequency * knots)
 
     def density(self, frequencies: np.ndarray) -> np.ndarray:
-        """0: all that there is are its `lines`."""
+        """Continuous spectral density: 0, as a sine has only its `lines`."""
         return np.zeros(np.shape(frequencies))
 
     def path(self, spacing: float, length: float, seed: Any) -> ExcitationPath:
@@ -144,7 +144,7 @@ class SinePath(ExcitationPath):
     Parameters
     ----------
     amplitude : float
-        Of η, scaled units.
+        Amplitude of η, scaled units.
     frequencies : sequence of float
         Hz; the last one goes on for ever.
     dwell : float
@@ -152,7 +152,7 @@ class SinePath(ExcitationPath):
     spacing : float
         Time between knots (s).
     phase : float
-        At the beginning (rad).
+        Phase at the beginning (rad).
     """
 
     def __init__(

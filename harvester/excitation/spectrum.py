@@ -27,13 +27,14 @@ if TYPE_CHECKING:
     from harvester.excitation.run import Run
 
 UNITS = {"g^2/Hz": ACCELERATION["g"] ** 2, "(m/s^2)^2/Hz": 1.0, "scaled": 1.0}
-# Knots in a period of the highest frequency, where the device itself needs them so close: the
-# signal is raised by 1/sinc², there by 0.2 dB, so that its density is right between them. Where the
-# device is slower its own spacing is enough, down to a quarter of that period: the first image, at
-# three times the highest frequency, then has 1.2 % of the density there. A bridge at 46 Hz under
-# 500 Hz takes half the steps so, one under 2 kHz a third.
+# Knots per period of the spectrum's highest frequency: the usual number, and the least. With the
+# usual number straight lines lower the density there by 0.2 dB, which is compensated. A slow device
+# needs fewer: with the least number the first image, at three times the highest frequency, has 1.2
+# % of the density. A bridge at 46 Hz then takes half the steps under a band up to 500 Hz, and a
+# third under one up to 2 kHz.
 KNOTS_PER_PERIOD, FEWEST_KNOTS_PER_PERIOD = 12.0, 4.0
-# Excess of the rms of the knots themselves that a note says.
+# A note is given if the rms of the knots exceeds that of the path between them by this share. The
+# second number is the points of the integral.
 NOTED_EXCESS, EXCESS_FREQUENCIES = 0.01, 2001
 # Bursts last so many periods of the lowest frequency, unless `burst_time` says.
 PERIODS_PER_BURST = 20.0
@@ -50,14 +51,14 @@ class Spectrum(Excitation):
         In a scene also the name of a CSV file with two columns; or `profile`, a name in
         `harvester.excitation.profiles`, stands in place of these, the unit and the source.
     unit : str or None
-        Of the densities: a name in `UNITS`.
+        Unit of the densities: a name in `UNITS`.
     kurtosis : float
         3 is Gaussian. Above, the Gaussian path is multiplied by factors exp(σ z − σ²) that change
         from one burst to the next; see `harvester.excitation.shaped.Bursts`.
     burst_time : float or None
         s; left out, 20 periods of the lowest frequency.
     source : str
-        Where the values stand, in words: results write it out.
+        The publication that the values come from; results quote it.
     knot_spacing : float or None
         s; left out, a twelfth of the highest frequency's period; for a slower device a fortieth of
         its own period, at most a quarter of the highest frequency's.
@@ -90,7 +91,8 @@ class Spectrum(Excitation):
 
     @property
     def kept_samples(self) -> int:
-        """Input, output and filter of one path, at the knots that the spectrum asks for."""
+        """Samples in memory of one path's input, output and filter, at the spectrum's knot
+        spacing."""
         frequencies = np.array([frequency for frequency, _ in self.breakpoints])
         spacing = self.knot_spacing or 1.0 / (KNOTS_PER_PERIOD * frequencies[-1])
         return 5 * filter_length(frequencies, spacing)
@@ -180,8 +182,8 @@ class Spectrum(Excitation):
         frequency = angular_frequency / (2.0 * math.pi)
         if not low <= frequency <= high and 0.0 < frequency < math.inf:
             lines.append(
-                f"the spectrum misses the device: it lies between {low:g} and {high:g} Hz, and the "
-                f"device moves at {frequency:.3g} Hz"
+                f"the spectrum does not excite the device: it lies between {low:g} and {high:g} "
+                f"Hz, and the device moves at {frequency:.3g} Hz"
             )
         if filter_length(np.array(self.corners), spacing) == MOST_TAPS:
             lines.append(

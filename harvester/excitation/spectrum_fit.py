@@ -65,7 +65,7 @@ class SpectrumFit:
     unexplained : float
         Share of the band's variance that lies apart from the fit, in thirds of octaves.
     excess_kurtosis : float
-        Of the samples: 0 for Gaussian noise, high for a record with an envelope.
+        Excess kurtosis of the samples: 0 for Gaussian noise, high for a record with an envelope.
     """
 
     intensity: float
@@ -186,7 +186,8 @@ def fit_spectrum(record: RecordedMotion, device_frequency: float) -> SpectrumFit
         )
     compared = _band(record, frequency, COMPARED_SHARE * 0.5 / interval)
     used, frequency, density = used[compared], frequency[compared], density[compared]
-    # The number of independent values in the band, over the number of frequencies.
+    # Independent values in the band per frequency of the periodogram: the weight of each frequency
+    # in the likelihood.
     weight = values.size * interval * (frequency[1] - frequency[0])
 
     def misfit(logarithms):
@@ -223,7 +224,8 @@ def fit_spectrum(record: RecordedMotion, device_frequency: float) -> SpectrumFit
 
 
 def _band(record, frequency, high):
-    """Where the density is trusted: above the stretches' own trend, within the record's band."""
+    """The frequencies that are fitted: above the trend of the stretches, within the record's
+    band."""
     low = 2.0 * frequency[1]
     if record.band is not None:
         low, high = max(low, record.band[0]), min(high, record.band[1])

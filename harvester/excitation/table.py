@@ -1,4 +1,4 @@
-"""What every reader of a record's file offers."""
+"""Base class of the readers of record files."""
 
 from __future__ import annotations
 
@@ -13,17 +13,17 @@ from harvester.errors import HarvesterError
 
 
 class Unreadable(ValueError):
-    """What a reader itself finds wrong with a file, in words for its user."""
+    """A fault that a reader finds in a file; the message is for the user."""
 
 
 @contextlib.contextmanager
 def broken_file(sort: str, cure: str) -> Iterator[None]:
-    """Whatever a library's parser meets in a broken file, as one refusal.
+    """Within the block, turn any exception of a library's parser into `Unreadable`.
 
     Parameters
     ----------
     sort : str
-        What the file should be.
+        Kind of file that was expected, for the message.
     cure : str
 
     Raises
@@ -46,9 +46,10 @@ class Table(ABC):
     Attributes
     ----------
     names : list of str
-        Of the columns; empty where the file has none.
+        Names of the columns; empty where the file has none.
     units : sequence of str
-        Of the columns where they stand apart from the names ("" where none does); may be empty.
+        Units of the columns where they stand apart from the names ("" where none does); may be
+        empty.
     width, rows : int
         Columns, samples in each.
     rate : float or None
@@ -58,7 +59,7 @@ class Table(ABC):
     complexes : sequence of int
         Places of columns of complex numbers.
     remarks : tuple of str
-        What a reader of results must know of the file.
+        Remarks on the file that go into a result's notes.
     """
 
     names: list[str]

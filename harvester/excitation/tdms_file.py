@@ -19,7 +19,7 @@ class TdmsTable(ArraysTable):
     Parameters
     ----------
     content : bytes
-        Of the whole file.
+        Bytes of the whole file.
 
     Raises
     ------

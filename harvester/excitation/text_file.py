@@ -50,11 +50,11 @@ class Form(NamedTuple):
     Attributes
     ----------
     separator : str or None
-        None are blanks.
+        Separator of the fields; None: blanks.
     decimal : str
         "." or ",".
     kinds : tuple of str
-        Of each column: `NUMBER`, `STAMP`, `COMPLEX` or `TEXT`.
+        Kind of each column: `NUMBER`, `STAMP`, `COMPLEX` or `TEXT`.
     """
 
     separator: str | None
@@ -62,7 +62,7 @@ class Form(NamedTuple):
     kinds: tuple[str, ...]
 
     def fits(self, fields: list[str]) -> bool:
-        """Whether a line has numbers and stamps, or nothing, where most lines have them."""
+        """Whether each field of a line is empty or of its column's kind (number, time stamp)."""
         if len(fields) != len(self.kinds):
             return False
         pairs = [pair for pair in zip(fields, self.kinds, strict=True) if pair[1] != TEXT]
@@ -225,7 +225,7 @@ def _digits(text):
 
 
 def _form_of(lines):
-    """The form of most of some lines."""
+    """The form (separator, decimal mark, kinds of columns) that most of the lines have."""
     seen = []
     for line in lines:
         best, best_share = None, 0.0

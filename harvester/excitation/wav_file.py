@@ -22,7 +22,7 @@ class WavTable(Table):
     Parameters
     ----------
     content : bytes
-        Of the whole file.
+        Bytes of the whole file.
 
     Attributes
     ----------

@@ -65,20 +65,20 @@ QUANTITIES = (
 
 @dataclass(frozen=True)
 class View:
-    """One place of the sliders.
+    """The numbers and densities at one setting of the sliders.
 
     Attributes
     ----------
     scene : Scene
-        With the sliders' values, and its run cut short.
+        The scene with the sliders' values and a shortened run.
     result : Result
-        Of Monte Carlo.
+        The result of Monte Carlo.
     outline : dict of str to Density
-        Of the stationary solver, on a coarse grid; empty where it does not hold.
+        Densities by the stationary solver, on a coarse grid; empty where it does not hold.
     refusal : str
         Why it does not, in one line.
     seconds : float
-        That it took.
+        Wall time that the view took (s).
     """
 
     scene: Scene
@@ -105,14 +105,14 @@ class View:
 
 
 class Explorer:
-    """What `explore` returns: the sliders in a notebook, one picture where there are none.
+    """The result of `explore`: sliders in a notebook, elsewhere one picture.
 
     Attributes
     ----------
     view : View
-        Of the last place that could be shown.
+        The view at the last setting that could be shown.
     picture : bytes
-        Of it, PNG.
+        The picture of the view as PNG.
     """
 
     def __init__(self, scene: Scene, ranges: dict[str, tuple[float, float]]) -> None:
@@ -189,7 +189,7 @@ def explore(
     Parameters
     ----------
     scene : Scene, str or Path
-        Itself, its file or its built-in name.
+        A scene, its file or the name of a built-in one.
     over : iterable of str, or dict of str to (float, float), optional
         Dotted keys, such as "stoppers.gap", or each with the ends of its slider; by default a
         third of the scene's value to three times it. None: noise, damping, gap, coupling, load.
@@ -210,7 +210,7 @@ def explore(
 
 
 def cut_short(scene: Scene) -> Scene:
-    """The scene with so much of its run as a picture has time for."""
+    """The scene with its run shortened to `STEPS_SHOWN` steps of Monte Carlo."""
     ready = prepared(scene)
     per_second = steps_per_knot(ready, engine="monte-carlo") / knot_spacing(ready)
     load = scene.load.circuit
@@ -236,7 +236,7 @@ def outlined(scene: Scene, report: Callable) -> dict[str, Density]:
         It does not hold for this scene.
     """
     density = outline(averaged_device(scene))
-    # On a coarse grid values alternate from node to node; the joint density is free of that.
+    # On a coarse grid densities alternate from node to node; the joint density is smoothed.
     x, v, joint = density.tabulated_joint()
     marginals = {
         "displacement": (x, joint.sum(axis=1) * (v[1] - v[0])),

@@ -49,7 +49,7 @@ class Block:
     ----------
     ready : harvester.prepared.prepared.Prepared
     name : str
-        Of sub-circuit or module, and of the files.
+        Name of sub-circuit or module, and of the files.
     parameters : circuits.block.parameters.Parameters
     vibration : ndarray of shape (knots, 2)
         Time (s) and acceleration of the base (m/s²), straight lines between them.
@@ -95,7 +95,7 @@ def block_of(
     displacement_unit : float
         Metres for a volt at the pin `x`.
     duration : float or None
-        Of the deck (s); None: `TEST_PERIODS`.
+        Duration of the deck (s); None: `TEST_PERIODS`.
 
     Raises
     ------

@@ -56,7 +56,7 @@ def coupled(scene: Scene, *, realization: int = 0, load_resistance: float = 0.0)
     Parameters
     ----------
     scene : Scene, str or Path
-        In SI.
+        A scene in SI units.
     realization : int
         Whose excitation and start.
     load_resistance : float
@@ -99,7 +99,7 @@ class Coupled:
     Attributes
     ----------
     time : float
-        Where it is (s).
+        Simulated time so far (s).
     """
 
     def __init__(self, scene: Scene, realization: int, load_resistance: float) -> None:

@@ -73,7 +73,7 @@ def write_deck(
 
 
 def check_dialect(dialect: str, known: tuple[str, ...]) -> None:
-    """Refuse a dialect that is not there.
+    """Refuse an unknown dialect.
 
     Raises
     ------

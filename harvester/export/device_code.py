@@ -145,7 +145,7 @@ def _transducer(scene: Scene) -> str:
         energy = 0.5 * table.inductance
     else:
         raise ExportError(
-            f"{scene.name}: exported C knows the transducers piezo and coil, not "
+            f"{scene.name}: exported C has the transducers piezo and coil, not "
             f"{type(table).__name__}; export a subckt or a deck"
         )
     values["STATE_ENERGY"] = energy

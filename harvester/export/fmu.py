@@ -154,7 +154,7 @@ def _fmu(scene: Scene, version: int) -> bytes:
 
 
 def identifier(name: str) -> str:
-    """A scene's name as C takes it."""
+    """A scene's name as a C identifier."""
     return re.sub(r"^(?=\d)", "_", re.sub(r"[^A-Za-z0-9_]", "_", name))
 
 
@@ -201,7 +201,7 @@ def _experiment(scene: Scene) -> str:
 
 
 def _kinds(each: Variable) -> dict[str, str | None]:
-    """Variability and initial of a variable."""
+    """The FMI attributes `variability` and `initial` of a variable."""
     variability = "fixed" if each.causality == "parameter" else "continuous"
     initial = {"parameter": "exact", "output": "calculated"}.get(each.causality)
     return {"variability": variability, "initial": initial}

@@ -1,4 +1,5 @@
-"""What a scene can be written as, by name: a function that writes files and returns their paths.
+"""Formats of `harvester export` by name: each is a function that writes files and returns their
+paths.
 
 A further kind is a function here and its entry in `FORMATS`. Its keyword arguments are those
 options of `harvester export` that it has.

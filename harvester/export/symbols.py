@@ -12,11 +12,11 @@ def ltspice_symbol(name: str, library: str, pins: tuple[str, ...]) -> str:
     Parameters
     ----------
     name : str
-        Of the sub-circuit.
+        Name of the sub-circuit.
     library : str
         Name of its file.
     pins : tuple of str
-        In the sub-circuit's order.
+        Names of the pins in the sub-circuit's order.
     """
     lines = [
         "Version 4",

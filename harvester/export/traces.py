@@ -58,7 +58,7 @@ class Trace:
     voltage, current : ndarray, shape (samples,)
         V and A, not negative.
     energy : float
-        What the engine's own points say of the same time (J).
+        Energy by the engine's own points over the same time (J).
     returned : float
         Share of the energy that the load hands back, which is not in the trace.
     """
@@ -260,7 +260,8 @@ def write_shepherd(
 
 
 def _extremes(scene, duration, realization, report):
-    """Voltage of open and current of shorted terminals, and what a line between them promises."""
+    """Open-circuit voltage and short-circuit current; reports the power of a straight line
+    between."""
     ready = prepared(scene)
     rate = timescales.angular_frequency(ready.system)
     matched = scene.transducer.matched_resistance(rate)

@@ -1,1 +1,1 @@
-"""Files read and written, and what of the surroundings is believed."""
+"""Reading and writing files, and which folders and settings around the program are trusted."""

@@ -7,16 +7,16 @@ from harvester.errors import MissingLibrary
 
 
 def optional_library(name: str, purpose: str, extra: str) -> ModuleType:
-    """A library of an extra of this project.
+    """Import a library that belongs to an extra of this project, or say how to install it.
 
     Parameters
     ----------
     name : str
-        Of the module.
+        Name of the module.
     purpose : str
-        What needs it, for the message.
+        What the library is needed for, for the message.
     extra : str
-        Of pyproject.toml.
+        Name of the extra in pyproject.toml that installs it.
 
     Raises
     ------

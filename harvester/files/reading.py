@@ -35,9 +35,9 @@ def read_input(file: Path | str, noun: str, largest: int) -> bytes:
     ----------
     file : str or Path
     noun : str
-        What it should be, for messages.
+        Kind of file that is expected, for messages.
     largest : int
-        Bytes.
+        Largest size in bytes.
 
     Raises
     ------
@@ -64,7 +64,7 @@ def read_input(file: Path | str, noun: str, largest: int) -> bytes:
 
 
 def _check(status, where, noun, largest):
-    """Size of a plain file."""
+    """Refuse what is no plain file or too large; returns the size in bytes."""
     for is_sort, sort in _SORTS:
         if is_sort(status.st_mode):
             raise SceneError(

@@ -59,7 +59,7 @@ def fields_of(instance: Any, units: Callable[[str], str] | None = None) -> dict[
 def plain(value: Any, units: Callable[[str], str] | None = None) -> Any:
     """A value as JSON takes it: NaN and infinity become null, arrays and tuples become lists.
 
-    What has a `to_dict` of its own is asked for it; other dataclasses tell their fields.
+    An object with a `to_dict` is converted by it; of other dataclasses all fields are taken.
     """
     if isinstance(value, np.generic | np.ndarray):
         value = value.tolist()
@@ -93,7 +93,7 @@ def read(kind: Any, value: Any, where: str) -> Any:
     kind : type or annotation
         str, bool, int, float, a dataclass, a dict or a tuple of one kind, or one of these or None.
     where : str
-        What the value is called in messages.
+        Name of the value in messages.
 
     Raises
     ------

@@ -72,7 +72,8 @@ class GuardedStream:
         return _GuardedBuffer(self, self._stream.buffer)
 
     def attempt(self, action: Callable) -> None:
-        """Do it if nothing has failed yet."""
+        """Call a function unless the stream has failed before; an error of it counts as the
+        failure."""
         if self.failure is None:
             try:
                 action()

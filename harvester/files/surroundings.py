@@ -1,4 +1,4 @@
-"""What lies around the program: the working folder, and folders that others may write to."""
+"""Protection from the working folder's settings files and from folders that others may write to."""
 
 from __future__ import annotations
 
@@ -32,12 +32,12 @@ def away_from_working_folder() -> Iterator[None]:
 
 
 def who_else_writes(path: str | Path) -> str:
-    """Who besides this user and the program's owner may change what lies at a path.
+    """Which other user (not this one, not the program's owner) may change the file at a path.
 
     Parameters
     ----------
     path : str or Path
-        Of a file or a folder; what is not there yet is made by this user.
+        A file or a folder; what is not there yet is made by this user.
 
     Returns
     -------

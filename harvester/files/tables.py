@@ -74,7 +74,7 @@ def write_netcdf(path: str | Path, dataset: Any) -> None:
 
 
 def xarray_or_say() -> ModuleType:
-    """xarray, or one line on how to get it.
+    """The module xarray; without it, a MissingLibrary error says how to install it.
 
     Raises
     ------

@@ -25,12 +25,12 @@ class TemporaryFolder:
     Parameters
     ----------
     within : str or Path or None
-        Where it is made; None: the system's place.
+        Folder in which it is made; None: the system's folder for temporary files.
 
     Attributes
     ----------
     name : str
-        Its path.
+        Path of the folder.
     """
 
     def __init__(self, within: str | Path | None = None) -> None:

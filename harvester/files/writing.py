@@ -126,7 +126,7 @@ def in_folder(folder: str | Path, file: str) -> Path:
 
 @contextlib.contextmanager
 def _named(path):
-    """Name the path in what the system says."""
+    """Turn the system's errors within the block into an `OutputError` that names the path."""
     try:
         yield
     except (OSError, ValueError) as error:
@@ -152,7 +152,7 @@ def _open_file(path):
 
 
 def _status(path):
-    """What is at a path, links followed; None where there is nothing yet."""
+    """`os.stat` of a path, links followed; None if there is nothing yet."""
     try:
         status = os.stat(path)
     except FileNotFoundError:

@@ -54,7 +54,7 @@ class Circuit:
     parameters : ndarray, shape (2 + 3 modes,)
         ln C0 (F), tan δ; ln fs (Hz), ln Q, ln Cm (F) of each mode, by rising fs.
     covariance : ndarray
-        Of the parameters.
+        Covariance of the parameters.
     noise : tuple of float
         Relative, of |Z|; of the phase (rad).
     """
@@ -198,7 +198,7 @@ def _unit_branch(frequency, resonance, quality):
 
 
 def _stacked(table):
-    """Real parts above imaginary ones."""
+    """A complex array as a real one: the real parts, then the imaginary parts."""
     return np.concatenate([table.real, table.imag])
 
 

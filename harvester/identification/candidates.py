@@ -1,4 +1,4 @@
-"""Other models of the same device: what is missing in the scene, and what it can do without."""
+"""Other models of the same device: with one part more than the scene, or with one part less."""
 
 from __future__ import annotations
 
@@ -39,7 +39,7 @@ SURE = 3.0
 
 @dataclass(frozen=True)
 class Candidate:
-    """A model beside the scene's.
+    """A model that is compared with the scene's own.
 
     Attributes
     ----------
@@ -85,10 +85,10 @@ def candidates(
     measurements : sequence of Measurement
     sizes : dict of str to float
     start : Scene
-        As it was before the fit.
+        The scene before the fit.
     is_noise : bool
-        Whether the scene's own leaves only the sensors' noise; else what sensors may have done is
-        tried too.
+        Whether the scene's own model leaves only the sensors' noise; else sensor effects are tried
+        too.
     """
     found = [Candidate("as given", base, 0.0, 0.0)]
     keys = base.keys
@@ -131,9 +131,9 @@ def _of_sensors(base, measurements, sizes, start):
 
 
 def _compared(base, other):
-    """Mean logarithm of the ratio of the blocks' mean square errors, and its standard error.
+    """Mean logarithm of the ratio of two models' mean square errors by blocks, and its error.
 
-    Of all outputs, each in units of what the base's model leaves of it.
+    All outputs count, each in units of the base model's rms residual.
     """
     ratios: list[float] = []
     for mine, theirs in zip(base.stretches, other.stretches, strict=True):
@@ -152,7 +152,8 @@ def proposed(found: Sequence[Candidate]) -> Candidate:
 
 
 def rivals(found: Sequence[Candidate]) -> list[Candidate]:
-    """Models as simple as the proposed one that predict as well: records do not tell which is."""
+    """Models as simple as the proposed one that predict as well: the records cannot decide
+    between them."""
     best = proposed(found)
     return [
         each

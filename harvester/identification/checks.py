@@ -1,4 +1,4 @@
-"""What no fit should begin with: records that cannot tell what is asked."""
+"""Refuses records from which the requested values cannot be fitted, before a fit begins."""
 
 from __future__ import annotations
 

@@ -1,9 +1,10 @@
-"""Whether what a model leaves of a record is the sensors' noise.
+"""Whether a model's residuals are only the sensors' noise.
 
 The noise of each output is added to the simulated one, and that of the base's sensor to what drives
-the model: so the residuals of a right model are drawn, in the same windows. Their spectrum weights
-the measured residuals, which are then regressed on what a wrong model leaves: signals made of the
-measured acceleration and the simulated output. A right model leaves nothing of those but chance.
+the model: this simulates the residuals that a right model would have, in the same windows. Their
+spectrum weights the measured residuals. These are then regressed on signals that a wrong model
+would leave, made of the measured acceleration and the simulated output. For a right model the
+regression explains no more than chance.
 """
 
 from __future__ import annotations
@@ -40,7 +41,7 @@ SMALLEST_DIRECTION = 1e-8
 
 @dataclass(frozen=True)
 class Misfit:
-    """What is left of one output of one record, as shares of its standard deviation.
+    """Residuals of one output of one record, as shares of its standard deviation.
 
     Attributes
     ----------
@@ -48,7 +49,7 @@ class Misfit:
     left : float
         rms of the residuals.
     noise : float
-        That a right model would leave.
+        Residual that a right model would leave.
     systematic : float
         rms of the residuals' part that follows from the acceleration and the motion.
     ratio : float
@@ -86,7 +87,7 @@ def worst(found: Sequence[Misfit]) -> Misfit | None:
 
 
 class _Residuals:
-    """Weighted residuals of one record, without what the windows' starts explain."""
+    """Weighted residuals of one record, with the fitted starts of the windows projected out."""
 
     def __init__(self, fitted: Fitted, number: int) -> None:
         settled: Any = fitted.settled
@@ -121,7 +122,7 @@ class _Residuals:
         return found
 
     def _drawn(self):
-        """Residuals of a right model, shape (samples, outputs, draws)."""
+        """Simulated residuals of a right model, shape (samples, outputs, draws)."""
         measurement, random = self.experiment.measurement, np.random.default_rng(0)
         rate, base = measurement.sampling_rate, measurement.acceleration
         shaken = min(noise_floor(base, rate), MOST_BASE_NOISE * float(np.std(base)))
@@ -146,7 +147,8 @@ class _Residuals:
         return other.states(0, self.values, self.edges, self.starts)[2]
 
     def _signals(self, output, simulated):
-        """What a wrong model leaves of an output, shape (samples, signals)."""
+        """Signals that a wrong model would leave in an output's residuals, shape (samples,
+        signals)."""
         measurement = self.experiment.measurement
         places = np.arange(measurement.acceleration.size)
         integral = integrals(measurement.acceleration, measurement.sampling_rate, places)[0]
@@ -189,7 +191,7 @@ def _regressed(left, signals, spectrum):
         flat, np.concatenate([seen.real, seen.imag]), rcond=SMALLEST_DIRECTION
     )
     explained = columns @ coefficients
-    # The median ignores the few lines of a sine that no signal explains.
+    # The median ignores the few spectral lines of a sine that no signal explains.
     chance = float(np.median(np.abs(seen - explained) ** 2)) / np.log(2.0)
     ratio = 2.0 * float(np.sum(np.abs(explained) ** 2)) / rank / max(chance, 1e-300)
     return _rms(signals @ coefficients), ratio

@@ -1,4 +1,4 @@
-"""A model fitted to records: values, covariance, and what it predicts of the data kept aside."""
+"""A model fitted to records: values, covariance, and predictions of the data kept aside."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ class Fitted:
     Attributes
     ----------
     scene : Scene
-        With them.
+        The scene with the fitted values.
     unknowns : list of Unknown
     values : ndarray, shape (unknowns,)
     covariance : ndarray, shape (unknowns, unknowns)
@@ -41,7 +41,7 @@ class Fitted:
     stretches : list of Stretch
         The kept-aside part of each record.
     interpolation : str
-        Of the acceleration between its samples.
+        Interpolation of the acceleration between its samples.
     shooting : Shooting
     fit : Fit
     settled : Fit or None
@@ -69,7 +69,7 @@ class Fitted:
         stretches: Sequence[Stretch],
         settled: Fit | None = None,
     ) -> Fitted:
-        """The model that a fit has come to; `scene` is the one that it began with.
+        """The model at the end of a fit; `scene` is the scene that the fit began with.
 
         Raises
         ------
@@ -80,8 +80,8 @@ class Fitted:
         made = with_values(scene, keys, fit.values)
         if made is None:
             raise IdentificationError(
-                f"{scene.name}: the values that fit best are refused by the scene: free fewer "
-                "(--free), or begin nearer (--set)"
+                f"{scene.name}: the scene refuses the best-fitting values: check the columns' "
+                "units and signs, free fewer (--free), or begin nearer (--set)"
             )
         path = shooting.responses.interpolation
         base = made.excitation
@@ -114,13 +114,14 @@ class Fitted:
 
     @property
     def adequate(self) -> bool:
-        """Whether what was kept aside leaves little beyond the sensor's noise."""
+        """Whether the residuals of the data kept aside are little more than the sensor's noise."""
         noise = min(self.sensor_noise, MOST_NOISE)
         return max(self.nrmse**2 - noise**2, 0.0) <= MISSED_SHARE**2
 
     @property
     def leaves_noise(self) -> bool:
-        """Whether no model could predict what was kept aside noticeably better."""
+        """Whether the residuals of the data kept aside are only noise, so that no model can
+        be better."""
         return all(each.nrmse() <= (1.0 + NOTED) * sensor_noise(each) for each in self.stretches)
 
     @property

@@ -29,7 +29,6 @@ from harvester.identification.search import (
     LAST,
     ON_THE_WAY,
     followed_anew,
-    misfit,
     opened,
     searched,
 )
@@ -88,12 +87,12 @@ def fitted(
     Parameters
     ----------
     scene : Scene
-        Where the fit begins, and all that is not free.
+        Scene that gives the initial values and all values that are not free.
     measurements : sequence of Measurement, or of MeasuredResponse
     keys : sequence of str
-        What is free.
+        Keys of the free values.
     sizes : dict of str to float
-        Of keys whose start may be 0.
+        Sizes of keys whose start may be 0.
     warm : Fitted, optional
         A neighbouring model, from whose windows the fit begins.
 
@@ -138,12 +137,12 @@ def fitted(
     for name, each in fits.items():
         fine.interpolation = name
         fits[name] = shooting.minimized(each, LAST, FINE)
-    best, *others = sorted(fits, key=lambda name: misfit(fits[name]))
+    best, *others = sorted(fits, key=lambda name: _misfit(fits[name]))
     fit, fine.interpolation = fits[best], best
     values = fit.values
     covariance = intervals.covariance(shooting, fit)
     for other in (fits[name] for name in others):
-        if misfit(other) - misfit(fit) < RULED_OUT:
+        if _misfit(other) - _misfit(fit) < RULED_OUT:
             # The base's path between the samples is unknown: the difference between both fits is an
             # error.
             covariance = covariance + np.outer(other.values - values, other.values - values)
@@ -176,8 +175,14 @@ def _otherwise(shooting, fit):
     return {other: trial} if trial and trial.cost < HOPELESS * fit.cost else {}
 
 
+def _misfit(fit):
+    """Cost of a fit plus the number of its fitted window states, to compare fits by."""
+    return fit.cost + sum(each.size for each in fit.starts)
+
+
 def _warmed(coarse, fine, free, warm):
-    """The fit from a neighbour's, in its windows where that one leaves noise only, else anew."""
+    """A fit that begins at a neighbouring model's values; in that model's windows if it
+    leaves only noise, else in short windows."""
     known = dict(zip(warm.keys, warm.values, strict=True))
     free = [each.begun(known.get(each.key, each.start)) for each in free]
     shooting = Shooting(fine, free, [])

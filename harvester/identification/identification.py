@@ -43,9 +43,9 @@ class Identification:
     Attributes
     ----------
     scene : Scene
-        With the values that fit.
+        The scene with the fitted values.
     start : Scene
-        With which it began.
+        The scene that the fit began with.
     measurements : list of Measurement
     fitted : Fitted
         Values, covariance, and what the model predicts of the data kept aside.
@@ -54,22 +54,22 @@ class Identification:
     candidates : list of Candidate
         The scene's own model first.
     whiteness : Whiteness
-        Of the residuals of the first record's part that was kept aside.
+        Whiteness of the residuals of the first record's part that was kept aside.
     verdict : Verdict
     seconds : float
         Wall-clock.
     posterior : Posterior, optional
-        Of the values, where it was asked for.
+        Posterior of the values, where it was asked for.
     impedance : FromImpedance, optional
-        What the impedance said, where one was given.
+        Results from the impedance, if one was given.
     misfits : list of Misfit
-        What is left of each output of each record beside the sensors' noise.
+        Residuals of each output of each record, compared with the sensors' noise.
     spring_shape : SpringShape or None
         The spring beside one with the next power, of a model that explains its records in time.
     kept_aside : list of Kept
         Whole records that were not fitted to.
     visited : Visited or None
-        Where the records took the device; None of frequency responses.
+        Ranges that the records visited; None if there are only frequency responses.
     """
 
     scene: Scene
@@ -130,12 +130,13 @@ class Identification:
         return proposed(self.candidates)
 
     def simulated(self, measurement: Measurement) -> dict[str, np.ndarray]:
-        """What the sensors would have shown of another record, the device starting at rest.
+        """Simulated sensor signals under another record's acceleration, the device starting at
+        rest.
 
         Parameters
         ----------
         measurement : Measurement
-            Of its outputs only the names are used.
+            A record; of its outputs only the names are used.
 
         Returns
         -------
@@ -206,7 +207,7 @@ class Identification:
             )
             if stretch.windows > 1:
                 lines.append(
-                    f"{stretch.name}: from one start alone, whose path may part from the "
+                    f"{stretch.name}: from one start alone, whose path may diverge from the "
                     f"measured one, {name} {with_error(stretch.free_power(), unit)}"
                 )
         lines += [str(each) for each in self.kept_aside]
@@ -237,7 +238,7 @@ class Identification:
         )
 
     def _fitted_part(self):
-        """What of the records the values come from, in words."""
+        """Text: the part of the records that was fitted."""
         stretches = self.fitted.stretches
         steady = sum(isinstance(each, ResponseStretch) for each in stretches)
         lines = f"two of every three frequencies of {_records(steady)}"

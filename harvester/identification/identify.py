@@ -31,7 +31,8 @@ Impedance = Annotated[Any, Kind("FILE [SETTING=VALUE]", read=one_record_of, word
 MASS = "oscillator.mass"
 # Progress (share of the work) at which other models begin, and at which the posterior begins.
 MODELS_BEGIN, POSTERIOR_BEGINS = 0.4, 0.7
-# In a direction that the records do not determine, the first of these values stays as in the scene.
+# If the records leave a combination of values undetermined, the first of these that belongs to it
+# keeps the scene's value.
 KEPT_FIRST = ("mass", "capacitance", "restitution", "stiffness", "quadratic_damping")
 
 
@@ -52,7 +53,8 @@ def identify(
     Parameters
     ----------
     scene : Scene
-        Where the fit begins, and all that is known: what is not free stays as it is.
+        Scene that gives the initial values and all known ones: values that are not free stay as
+        they are.
     records : sequence of Measurement, MeasuredResponse, file or (file, settings), or one of them
         CSV, .npy, .wav, .mat, .lvm, HDF5, TDMS or .IDE: base acceleration beside voltage,
         displacement or velocity; or a frequency response, frequency beside amplitude and phase;
@@ -60,11 +62,11 @@ def identify(
         sampling_rate=HZ, or what differs from the scene (load.resistance=1e5), see
         `harvester.read_measurement`; several may be given.
     impedance : MeasuredImpedance, file or (file, settings), optional
-        Of the piezo, its base clamped, from an impedance analyser: CSV of magnitude and phase or of
-        resistance and reactance, or .s1p (needs scikit-rf: pip install 'harvester[analyser]'), with
-        the settings frequency=COLUMN:UNIT, impedance=COLUMN:UNIT, phase=COLUMN:UNIT, …; alone it
-        tells stiffness, damping, coupling and capacitance for the scene's mass, beside records the
-        mass too.
+        Impedance of the piezo, its base clamped, from an impedance analyser: CSV of magnitude and
+        phase or of resistance and reactance, or .s1p (needs scikit-rf: pip install
+        'harvester[analyser]'), with the settings frequency=COLUMN:UNIT, impedance=COLUMN:UNIT,
+        phase=COLUMN:UNIT, …; alone it tells stiffness, damping, coupling and capacitance for the
+        scene's mass, beside records the mass too.
     free : sequence of str
         What is fitted: numbers of the scene (oscillator.damping, oscillator.restoring_force[2], …),
         or of sensors (sensor.voltage_offset, _scale, _delay, _filter, _highpass, _resistance,
@@ -85,7 +87,7 @@ def identify(
     Other Parameters
     ----------------
     progress : callable, optional
-        Of the share done and what is being done.
+        Function of (share done, what is being done).
 
     Returns
     -------
@@ -96,7 +98,7 @@ def identify(
     SceneError, HarvesterError
         A record or a key is not usable.
     IdentificationError
-        The records do not tell what is asked of them.
+        The records do not determine the values asked for.
     """
     from harvester.identification.candidates import Candidate, candidates
     from harvester.identification.checks import check_records, check_volts, scale_is_missing
@@ -125,16 +127,16 @@ def identify(
         if not measurements:
             if keep_aside is not None:
                 raise IdentificationError(
-                    "--keep-aside: an impedance alone predicts no record: give one to fit to, too "
-                    "(--record)"
+                    "--keep-aside: an impedance alone cannot predict a record: give a record to "
+                    "fit too (--record)"
                 )
             return _of_impedance(scene, analysed, free, posterior, clock)
         begun, measurements = analysed.scene, [*measurements, analysed.measured]
     aside = [] if keep_aside is None else _measurements(scene, keep_aside)
     if not measurements:
         raise IdentificationError(
-            "--record: none is given: records kept aside are not fitted to; name at least one "
-            "that is"
+            "--record: none is given, and records kept aside are not fitted: name at least one "
+            "record to fit"
         )
     check_kept_aside(begun, measurements, aside)
     check_records(begun, [*measurements, *aside])
@@ -195,7 +197,7 @@ def identify(
 
 
 def _of_impedance(scene, analysed, free, posterior, clock):
-    """What an impedance tells without any record."""
+    """The identification from an impedance alone, without records in time."""
     from harvester.identification.candidates import Candidate
     from harvester.identification.identification import Identification
     from harvester.identification.impedance_fit import fitted_impedance, impedance_verdict
@@ -204,8 +206,8 @@ def _of_impedance(scene, analysed, free, posterior, clock):
 
     if free is not None:
         raise IdentificationError(
-            f"--free: an impedance alone tells {', '.join(analysed.keys)}, and no others: leave "
-            "--free out, or give a record too (--record)"
+            f"--free: an impedance alone determines {', '.join(analysed.keys)}, and no others: "
+            "leave --free out, or give a record too (--record)"
         )
     base = fitted_impedance(analysed)
     period = 1.0 / float(analysed.circuit.resonances[analysed.mode])
@@ -267,7 +269,7 @@ def _measurements(scene, records):
 def _determined(
     scene: Scene, measurements: list[Measurement], keys: list[str], drop: bool
 ) -> tuple[Fitted, list[tuple[str, Undetermined]]]:
-    """The fit of what the records determine, and what of the keys was kept as in the scene."""
+    """The fit of the values that the records determine, and the keys kept at the scene's values."""
     from harvester.identification.fitting import fitted
     from harvester.identification.sizes import first_sizes
 

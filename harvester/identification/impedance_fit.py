@@ -57,11 +57,11 @@ class FromImpedance:
     ----------
     circuit : Circuit
     mode : int
-        Of the circuit, which is the scene's.
+        Index of the circuit's mode that is the scene's.
     measured : MeasuredImpedance
-        With the background that the other modes and the loss make.
+        The impedance, with the background of the other modes and of the loss.
     scene : Scene
-        With the values.
+        The scene with the fitted values.
     keys : list of str
     values : ndarray, shape (keys,)
     covariance : ndarray, shape (keys, keys)
@@ -106,9 +106,9 @@ class FromImpedance:
                 )
         if not mass_is_free:
             lines.append(
-                "an impedance tells θ²/M, k/M and C/M, not the mass: of another mass, stiffness "
-                "and damping are in proportion to it and coupling to its square root; weigh it, or "
-                "give a record of voltage under a measured acceleration (--record)"
+                "an impedance determines θ²/M, k/M and C/M, not the mass: for another mass, "
+                "stiffness and damping are in proportion to it and coupling to its square root; "
+                "weigh it, or give a record of voltage under a measured acceleration (--record)"
             )
         return lines
 
@@ -129,7 +129,7 @@ class ImpedanceStretch(ResponseStretch):
 
     @property
     def quantity(self) -> str:
-        """What `nrmse` is of."""
+        """Name of the quantity that `nrmse` refers to."""
         return "impedance"
 
     def nrmse(self, output: int = 0) -> float:
@@ -152,12 +152,12 @@ class ImpedanceStretch(ResponseStretch):
 
 
 def kept_aside(measured: Any) -> np.ndarray:
-    """Which lines of a response no fit sees."""
+    """Mask of the lines of a response that are kept aside."""
     return np.arange(measured.frequency.size) % KEPT_ASIDE == 1
 
 
 def from_impedance(scene: Scene, measured: MeasuredImpedance) -> FromImpedance:
-    """The scene with what an impedance says of it.
+    """The scene with the values that an impedance determines.
 
     Raises
     ------
@@ -234,8 +234,8 @@ def _spring_key(scene):
         if key in numbers(scene):
             return key
     raise IdentificationError(
-        f"{scene.name}: an impedance tells the stiffness at rest, and this spring has no linear "
-        "term of its own: give it as restoring_force"
+        f"{scene.name}: an impedance determines the stiffness at rest, and this spring has no "
+        "linear term of its own: give it as restoring_force"
     )
 
 
@@ -280,7 +280,7 @@ def _check_capacitance(scene, capacitance, where):
 
 
 def fitted_impedance(found: FromImpedance) -> Fitted:
-    """The model of an impedance alone, and what it says of the lines kept aside."""
+    """The model fitted to an impedance alone, with its predictions of the lines kept aside."""
     aside = kept_aside(found.measured)
     length = prepared(found.scene).scales.displacement
     free = unknowns(found.scene, found.keys, {})
@@ -325,11 +325,11 @@ def impedance_verdict(base: Fitted) -> Verdict:
     if not base.adequate:
         return Verdict(
             "incomplete",
-            f"the model is wrong or incomplete: {said}: more is there than modes, a capacitance "
-            "and its loss",
+            f"the model is wrong or incomplete: {said}: it has more than modes, a capacitance and "
+            "its loss",
         )
     return Verdict(
         "predicts",
         f"the model predicts {said}; that is small motion about the place where it rests, the base "
-        "clamped: nothing is known of large motion, of stoppers and of the answer to acceleration",
+        "clamped: it does not cover large motion, stoppers and the response to acceleration",
     )

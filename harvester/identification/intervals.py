@@ -1,4 +1,4 @@
-"""How well a fit knows its values: residuals that are correlated, and what is not determined.
+"""Errors of fitted values: with correlated residuals, and for values that are not determined.
 
 With residuals of covariance Γ the estimate's covariance is the sandwich N⁻¹ (Jᵀ Γ J) N⁻¹, N = Jᵀ J,
 the windows' starts eliminated from J. Γ is that of a stationary series with the residuals' own
@@ -43,7 +43,7 @@ class Undetermined:
     Attributes
     ----------
     keys : tuple of str
-        Of the values that move together.
+        Keys of the values that move together.
     powers : tuple of float
         The product of the values to these powers is what is determined; empty for a single value.
     """
@@ -87,19 +87,20 @@ def covariance(shooting: Shooting, fit: Fit) -> np.ndarray:
 
 
 def moved_by_records(shooting: Shooting, fit: Fit, records: int) -> np.ndarray:
-    """Covariance from what moves when each record is left out in turn (jackknife).
+    """Covariance from the changes of the values as each record is left out in turn (jackknife).
 
     It holds a model's error, which differs from record to record. Each fit without a record is one
-    step of the linearized problem. So few records know a variance badly: an interval is as much
-    wider as Student's distribution says. Zero of a single record.
+    step of the linearized problem. A variance from so few records is itself uncertain: intervals
+    are widened by Student's distribution. Zero of a single record.
 
     Parameters
     ----------
     shooting : Shooting
     fit : Fit
     records : int
-        In time, which come first. Frequency responses and impedances stay in: what one of them
-        alone determines, such as the mass, would be without a bound where it is left out.
+        Number of records in time, which come first. Frequency responses and impedances stay in:
+        what one of them alone determines, such as the mass, would be without a bound where it is
+        left out.
 
     Returns
     -------
@@ -182,7 +183,7 @@ def undetermined(
     ----------
     keys : list of str
     values, sizes : ndarray
-        Of the unknowns; a value much smaller than its size counts in sizes.
+        Values and sizes of the unknowns; a value much smaller than its size counts in sizes.
     covariance : ndarray
     """
     units = np.where(np.abs(values) > 1e-3 * sizes, np.abs(values), sizes)
@@ -199,7 +200,7 @@ def undetermined(
 
 
 def _determined_powers(relative, members):
-    """Powers of the product that is known best; of values that grow with their sign."""
+    """Exponents of the product of the undetermined values that the records determine best."""
     if members.size == 1:
         return ()
     _, directions = np.linalg.eigh(relative[np.ix_(members, members)])

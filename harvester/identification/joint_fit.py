@@ -121,7 +121,7 @@ def fitted_together(
 
 
 def _first(alone, scene, times, steady, keys, sizes):
-    """The model that records of one kind give, the mass as in the scene where none tells it."""
+    """The model from records of one kind alone (in time, else responses), with the scene's mass."""
     own = [key for key in keys if key != MASS]
     if times:
         return alone(scene, times, own, sizes)
@@ -130,7 +130,7 @@ def _first(alone, scene, times, steady, keys, sizes):
 
 
 def _responses(scene, records, steady, lines, keys, length):
-    """All experiments, of the steady ones some lines."""
+    """The experiments of a fit; of responses and impedances only some lines."""
     experiments: list[Any] = list(records)
     for each, some in zip(steady, lines, strict=True):
         sort = ImpedanceExperiment if isinstance(each, MeasuredImpedance) else SteadyExperiment
@@ -139,7 +139,7 @@ def _responses(scene, records, steady, lines, keys, length):
 
 
 def _shooting(responses, free, first, records):
-    """The least-squares problem; states of the records as the first model had them."""
+    """The least-squares problem, with the first model's sizes of the windows' states."""
     shooting = Shooting(responses, free, [np.zeros(3)] * len(responses.experiments))
     for name in ("state_sizes", "states_there"):
         known = getattr(first.shooting, name)[:records]

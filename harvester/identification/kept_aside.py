@@ -1,10 +1,10 @@
 """Whole records kept aside: a run from one start under the recorded acceleration beside each.
 
-The record is followed in windows first, which gives the start and tells which orbit was measured.
-From that start alone the device then runs under the whole recorded acceleration, with the values
-that fit and with others that are as likely: drawn from their covariance, and not refuted by the
-same runs of the fitted records. What a record alone knows, such as the tilt of its base, is found
-in its windows for each of those values.
+The record is followed in windows first, which gives its initial state and shows which orbit was
+measured. From that start alone the device then runs under the whole recorded acceleration, with the
+values that fit and with others that are as likely. Those are drawn from the covariance, and the same
+runs of the fitted records do not refute them. A value that only this record shows, such as the tilt
+of its base, is found in its windows for each of the likely values.
 """
 
 from __future__ import annotations
@@ -77,12 +77,12 @@ class Kept:
     agreement : float
         Share of the likely values whose runs have the predicted orbit.
     rms_unit : str
-        Of the first output; empty in a scaled scene.
+        Unit of the first output; empty in a scaled scene.
     quantity, unit : str
-        Of the powers.
+        Quantity and unit of the powers.
     measured_rms, predicted_rms, measured_power, predicted_power : Estimate
-        Of the first output; predicted from one start alone, with the values' error and that which
-        runs of the fitted records show.
+        Estimates for the first output. They are predicted from one start alone, with the values'
+        error and that which runs and residuals of the fitted records show.
     own : dict of str to Estimate
         Values that were found in this record, with the error that the others bring.
     """
@@ -140,18 +140,18 @@ def kept_aside(
     misfits: Sequence[Misfit],
     seed: int,
 ) -> list[Kept]:
-    """What a fit predicts of records that it has not seen.
+    """A fit's predictions of records that were not fitted.
 
     Parameters
     ----------
     fitted : Fitted
     measurements : sequence of Measurement
     visited : Visited
-        Where the fitted records took the device.
+        Ranges that the fitted records visited.
     misfits : sequence of Misfit
-        Of the fitted records.
+        Misfits of the fitted records.
     seed : int
-        Of the values that are drawn.
+        Seed of the values that are drawn.
     """
     if not measurements:
         return []
@@ -163,7 +163,7 @@ def kept_aside(
 
 
 def _likely(fitted, seed, model_error):
-    """Likely values, the best first: drawn, and not refuted by the fitted records.
+    """Likely sets of values, the fitted one first: drawn, and not refuted by the fitted records.
 
     Where the covariance is much wider than what those records allow, draws come ever nearer.
     """
@@ -237,7 +237,7 @@ def _model_error(fitted, misfits):
 
 
 def _of_record(fitted, measurement, visited, values, model_error, most):
-    """One record's proof; `most` may be left of it in windows."""
+    """Compare one record kept aside with its prediction; `most` may be left of it in windows."""
     shooting, noise = _shooting(fitted, measurement)
     whole = [(0, measurement.acceleration.size)]
     values, own, reach = _with_own(fitted, measurement, visited, values, noise)
@@ -356,7 +356,7 @@ def _repeats(measurement):
 
 
 def _orbit(x, saddles, edges, period):
-    """What kind of motion a displacement is, in words."""
+    """Kind of motion in words: in which well or between the wells, and whether chaotic."""
     repeats = "" if period is None or repeats_in_noise(x, period) else ", chaotic"
     if not saddles.size:
         return f"in the well{repeats}"
@@ -372,7 +372,7 @@ def _orbit(x, saddles, edges, period):
 
 
 def _why_not(visited, responses, x):
-    """What of a record and its run the fitted records did not visit; empty where they did."""
+    """Why a record lies outside the fitted records' ranges; empty if it lies within them."""
     low = min(each[0] for each in visited.displacement)
     high = max(each[1] for each in visited.displacement)
     more = BEYOND * (high - low)
@@ -421,5 +421,5 @@ def _unit(measurement):
 
 
 def _text(each, unit):
-    """With its 95 % interval."""
+    """An estimate as text with half of its 95 % interval."""
     return with_error(replace(each, standard_error=HALF_INTERVAL * each.standard_error), unit)

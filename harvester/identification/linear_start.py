@@ -49,7 +49,7 @@ class Start:
     values : ndarray, shape (unknowns,)
     motions : list of Motion
     misfit : float
-        Of the regression, as a share; NaN where there was none.
+        Misfit of the regression, as a share; NaN where there was none.
     """
 
     values: np.ndarray
@@ -58,7 +58,8 @@ class Start:
 
 
 def as_it_is(responses: Responses, values: np.ndarray, centre: float | None = None) -> Start:
-    """The start at given values, with the motions that follow from them, about a place or not."""
+    """The start at given values with the motions that follow from them, centred if `centre`
+    is given."""
     motions = []
     for number in range(len(responses.experiments)):
         system, scales = responses.known_device(number, values)
@@ -74,12 +75,12 @@ def regressed(responses: Responses, values: np.ndarray, number: int, drifts: boo
     ----------
     responses : Responses
     values : ndarray
-        Of the unknowns, for what a regression does not tell.
+        Values of the unknowns, used for those that a regression does not give.
     number : int
-        Of the experiment.
+        Number of the experiment.
     drifts : bool
-        Whether the slow part of an integrated voltage is believed: it is needed where the mass
-        changes wells, and else only brings noise.
+        Whether the slow part of an integrated voltage is kept: it is needed if the mass changes
+        wells; otherwise it only adds noise.
     """
     tried = [
         _of_electrical(responses, values, number, factor, drifts)
@@ -113,7 +114,7 @@ def _with(responses, values, changes):
 
 
 def _value(responses, values, key, number):
-    """A number of the scene, free or not; 0 where the scene has none."""
+    """Value of a scene's key, whether it is free or not; 0 where the scene has no such key."""
     if key in responses.keys:
         return float(values[responses.keys.index(key)])
     found = numbers(responses.experiments[number].scene).get(key)
@@ -121,7 +122,7 @@ def _value(responses, values, key, number):
 
 
 def _of_electrical(responses, values, number, factor, drifts):
-    """The regression for one capacitance, solved; None where it cannot be."""
+    """The solved regression for one trial capacitance; None where the scene refuses it."""
     capacitance = _value(responses, values, "piezo.capacitance", number) * factor
     values = _with(responses, values, {"piezo.capacitance": capacitance})
     made = responses.device(number, values)
@@ -206,7 +207,7 @@ class _Regression:
         return max(n for n, k in enumerate(self.powers) if k or n == 1)
 
     def _columns(self, share):
-        """Integrals of what the coefficients multiply, and its names; all over s."""
+        """The regression's columns (integrals of the terms, over s) and the coefficients' names."""
         z = self.z / self.unit
         names, columns = ["damping"], [self.damping]
         if "oscillator.quadratic_damping" in self.responses.keys:
@@ -231,7 +232,7 @@ class _Regression:
         return np.column_stack(columns), names
 
     def _linear_force(self):
-        """Whether the transducer's force has a coefficient of its own: a scaled scene's β."""
+        """Whether the transducer's force has a coefficient to be fitted: β of a scaled scene."""
         return self.scene.units != "SI" and "piezo.coupling" in self.responses.keys
 
     def _free_drive(self):
@@ -333,7 +334,8 @@ class _Regression:
         return changes
 
     def _shifts(self, found, s):
-        """Where the mean of x may lie, so that kept coefficients are nearly as in the scene."""
+        """Likely mean displacements: those for which the coefficients that are not free keep
+        their values."""
         if not self.centred:
             return [s * self.offset]
         fixed = self._kept_coefficients()
@@ -395,7 +397,7 @@ def _shifted(coefficients, distance):
 
 
 def _ways(measurement):
-    """Whether an integrated voltage is believed: yes and no; of a measured displacement once."""
+    """Ways to take the motion: with the slow drift of an integrated voltage, and without it."""
     return (True,) if "displacement" in measurement.outputs else (True, False)
 
 

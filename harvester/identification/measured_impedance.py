@@ -56,23 +56,24 @@ class MeasuredImpedance(MeasuredResponse):
 
     @property
     def outputs(self) -> dict[str, np.ndarray]:
-        """What is compared with the model: an error of either is a relative one of Z."""
+        """Outputs that are compared with the model, ln |Z| and phase: errors of both are
+        relative errors of Z."""
         return impedance_outputs(self.response)
 
     @property
     def sensed(self) -> dict[str, np.ndarray]:
-        """No sensor but the analyser's own."""
+        """Outputs of sensors with free effects: none, as the analyser is taken to be exact."""
         return {}
 
     def part(self, lines: np.ndarray) -> MeasuredImpedance:
-        """Some of its lines."""
+        """A selection of its frequencies."""
         beside = None if self.background is None else self.background[lines]
         return MeasuredImpedance(
             self.frequency[lines], self.response[lines], name=self.name, background=beside
         )
 
     def check(self) -> None:
-        """Refuse what is too short.
+        """Refuse an impedance with fewer than `FEWEST_FREQUENCIES` frequencies.
 
         Raises
         ------
@@ -175,7 +176,7 @@ def _columns(measured, given):
 
 
 def _place(measured, quantity, text):
-    """Place of a quantity's column: as given, else the only one whose heading names it."""
+    """Index of a quantity's column: as given, else the only one whose heading names it."""
     if text is not None:
         column = text.rpartition(":")[0] if _has_unit(measured, text) else text
         number = column not in measured.table.names and column.isdigit()
@@ -201,7 +202,7 @@ def _has_unit(measured, text):
 
 
 def _values(measured, quantity, place, text):
-    """A column in SI."""
+    """The values of a column, converted to SI units."""
     given = text.rpartition(":")[2] if text is not None and _has_unit(measured, text) else None
     unit = measured.agreed_unit(quantity, place, f"{quantity}=COLUMN:UNIT", given)
     (values,) = measured.take([place])
@@ -222,7 +223,7 @@ def _values(measured, quantity, place, text):
 
 
 def _looks(quantity, values):
-    """What a column without a unit looks like, in words."""
+    """A hint for a message: whether a phase column without a unit looks like degrees or radians."""
     if quantity != "phase":
         return ""
     sort = "radians" if np.abs(values).max() <= math.radians(LARGEST_PHASE) else "degrees"
@@ -252,7 +253,7 @@ def _check_phase(measured, place, values, unit):
 
 
 def _ordered(frequency, impedance, where):
-    """Lines by rising frequency."""
+    """The lines sorted by rising frequency."""
     if frequency.size > MOST_LINES:
         raise SceneError(
             f"{where}: it has {frequency.size} lines, and {MOST_LINES} are the most: leave every "
@@ -274,7 +275,7 @@ def _ordered(frequency, impedance, where):
 
 
 def _check_passive(impedance, where):
-    """Refuse what no piezo's impedance is."""
+    """Refuse an impedance that no passive part can have."""
     if (np.abs(impedance) == 0.0).any():
         raise SceneError(f"{where}: |Z| is 0 in some lines: leave them out, or check the column")
     if np.median(impedance.imag) > 0.0:

@@ -26,7 +26,7 @@ class MeasuredResponse:
     acceleration : ndarray of shape (n,), or None
         Amplitude of the base's sine (m/s²): the response then may depend on it.
     changes : dict of str to number or text
-        What is other than in the scene for this record: {"load.resistance": 1e5}.
+        Values of the scene that differ in this record: {"load.resistance": 1e5}.
     name : str
     sensors : dict of str to float
         Known effects of sensors: {"sensor.acceleration_highpass": 0.5}.
@@ -60,14 +60,14 @@ class MeasuredResponse:
 
     @property
     def outputs(self) -> dict[str, np.ndarray]:
-        """What is compared with the model: real and imaginary part, or the amplitude."""
+        """Outputs that are compared with the model: real and imaginary part, or the amplitude."""
         if np.iscomplexobj(self.response):
             return {"real part": self.response.real, "imaginary part": self.response.imag}
         return {"amplitude": self.response}
 
     @property
     def sensed(self) -> dict[str, np.ndarray]:
-        """What a sensor measured, by its name."""
+        """Amplitudes of the sensors' outputs by name."""
         return {"voltage": np.abs(self.response)}
 
     @property
@@ -76,14 +76,14 @@ class MeasuredResponse:
         return float(self.frequency[np.argmax(np.abs(self.response))])
 
     def part(self, lines: np.ndarray) -> MeasuredResponse:
-        """Some of its lines."""
+        """A selection of its frequencies."""
         base = self.acceleration if self.acceleration is None else self.acceleration[lines]
         return replace(
             self, frequency=self.frequency[lines], response=self.response[lines], acceleration=base
         )
 
     def check(self) -> None:
-        """Refuse what tells nothing of a resonance.
+        """Refuse a response with too few frequencies, or without both sides of the resonance.
 
         Raises
         ------

@@ -27,7 +27,7 @@ from harvester.identification.sensors import OUTPUTS, checked_sensors
 
 # Quantities that a record's columns can hold.
 COLUMNS = tuple(name for name in QUANTITIES if name not in IMPEDANCES)
-# Suffix of a velocity's unit: measured in the room, not relative to the base.
+# Suffix of a velocity's unit: measured against the laboratory, not relative to the base.
 ABSOLUTE = ":absolute"
 # Word for a value that a record alone tells.
 FREE = "free"
@@ -43,20 +43,22 @@ class Measurement:
     Attributes
     ----------
     acceleration : ndarray, shape (n,)
-        Of the base (m/s²); in a scaled scene η itself, the force per mass on the mass.
+        Acceleration of the base (m/s²); in a scaled scene η itself, the force per mass on the
+        masDuration of the record (s).
     sampling_rate : float
         Hz.
     voltage, displacement, velocity : ndarray of shape (n,), or None
-        At the terminals (V); of the mass relative to the base (m, m/s). At least one.
+        Voltage at the terminals (V); displacement and velocity of the mass relative to the base (m,
+        m/s). At least one is given.
     changes : dict of str to number or text
-        What is other than in the scene for this record: {"load.resistance": 1e5}.
+        Values of the scene that differ in this record: {"load.resistance": 1e5}.
     name : str
     remarks : tuple of str
-        On markers among the samples, of what was not measured.
+        Remarks on markers that stand for samples that could not be measured.
     sensors : dict of str to float
         Known effects of sensors: {"sensor.acceleration_highpass": 0.5}.
     velocity_is_absolute : bool
-        Whether the velocity is that in the room, as a laser beside the shaker measures it.
+        Whether the velocity is measured against the laboratory, as by a laser beside the shaker.
     velocity_in_volts : bool
         Whether the velocity's sensor has a scale in V/(m/s), free or among `sensors`.
     own : tuple of str
@@ -100,14 +102,14 @@ class Measurement:
 
     @property
     def outputs(self) -> dict[str, np.ndarray]:
-        """What was measured of the device, by its name."""
+        """The measured outputs of the device (voltage, displacement, velocity) by their names."""
         return {name: getattr(self, name) for name in OUTPUTS if getattr(self, name) is not None}
 
     sensed = outputs
 
     @property
     def duration(self) -> float:
-        """s."""
+        """Duration of the record (s)."""
         return self.acceleration.size / self.sampling_rate
 
 
@@ -122,7 +124,7 @@ def _marker_remarks(columns):
 
 
 def _check_column(values, quantity, shape, where):
-    """Refuse what is no whole measurement of one quantity."""
+    """Refuse a column that is too short, constant, clipped or has samples without a number."""
     if values.ndim != 1 or values.shape != shape:
         raise SceneError(f"{where}: {quantity} has the shape {values.shape}, not {shape}")
     if values.size < FEWEST_SAMPLES:
@@ -167,7 +169,7 @@ def read_measurement(
         whose heading says "voltage [mV]" or the like needs no
         setting.
     units : str
-        Of the scene: "SI", or "scaled", where no column has a unit.
+        Units of the scene: "SI", or "scaled", where no column has a unit.
 
     Raises
     ------
@@ -221,7 +223,8 @@ def read_measurement(
 
 
 def _taken_absolute(where, given):
-    """Whether the velocity is said to be of the room; that word is taken out of the setting."""
+    """Whether a velocity's setting ends in `:absolute` (not relative to the base); the word
+    is removed."""
     text = given.get("velocity", "")
     before, _, word = text.rpartition(":")
     if before.rpartition(":")[2] not in QUANTITIES["velocity"] or ":" not in before:
@@ -269,7 +272,7 @@ def _columns(measured, given, lines, units, rate):
 
 
 def _places(measured, given):
-    """Place of each quantity: as given, else by the headings, the plainest title first."""
+    """Column index of each quantity: as given, else by the headings, the plainest title first."""
     places: dict[str, int] = {}
     for quantity in COLUMNS:
         if quantity in given:

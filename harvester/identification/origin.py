@@ -1,7 +1,8 @@
-"""Where x = 0 is: a record of the voltage alone cannot tell one equilibrium from another.
+"""Where x = 0 is: a record of the voltage alone does not show which equilibrium the motion is
+about.
 
 With the constant force kept, F(x − d) is the same device for every d at which its constant force is
-that; of these the one is taken that is most like the scene.
+that; of these the one nearest to the scene's own spring is taken.
 """
 
 from __future__ import annotations
@@ -21,14 +22,14 @@ ITERATIONS = 6
 
 
 def recentred(shooting: Shooting, fit: Fit, scene: Scene) -> Fit:
-    """The fit about the equilibrium that the scene has at its origin.
+    """The fit with x = 0 moved to the equilibrium that the scene has there.
 
     Parameters
     ----------
     shooting : Shooting
     fit : Fit
     scene : Scene
-        As it was before.
+        The scene before the fit.
     """
     responses = shooting.responses
     keys, wanted = responses.keys, scene.oscillator.restoring_force

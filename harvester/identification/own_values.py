@@ -23,7 +23,6 @@ from harvester.identification.search import (
     HOPELESS,
     ON_THE_WAY,
     followed,
-    misfit,
     short_windows,
 )
 from harvester.identification.shooting import Fit, Shooting
@@ -112,7 +111,9 @@ def own_values(
     problem = _problem(fitted, measurement, likely[0])
     fit = _best(problem, visited, noise)
     other = _best(problem, reach, noise)
-    if other is not None and (fit is None or misfit(fit) > HOPELESS * misfit(other)):
+    if other is not None and (
+        fit is None or _cost(problem, fit, noise) > HOPELESS * _cost(problem, other, noise)
+    ):
         fit = other
     if fit is None:
         raise IdentificationError(
@@ -164,4 +165,12 @@ def _best(shooting, reach, noise):
         moved = [np.abs(fit.values - each.values) / shooting.sizes for each in minima]
         if fit.grams and all(each.max() > SAME for each in moved):
             minima.append(fit)
-    return min((followed(shooting, each) for each in minima), key=misfit, default=None)
+    fits = [followed(shooting, each) for each in minima]
+    return min(fits, key=lambda each: _cost(shooting, each, noise), default=None)
+
+
+def _cost(shooting, fit, noise):
+    """Cost of a fit by a noise that all have, and what its windows' starts took off it."""
+    # A fit that was followed is weighted by its own residuals.
+    same = Fit(fit.values, fit.edges, fit.starts, [noise])
+    return shooting.cost(same) + sum(each.size for each in fit.starts)

@@ -1,6 +1,6 @@
 """The posterior of a fit's values by Markov chains: flat priors within the bounds.
 
-Residuals are taken for independent and normal, as large as the fit left them; the windows' starts
+Residuals are assumed independent and normal, as large as the fit left them; the windows' starts
 are eliminated to first order. An ensemble of walkers that is invariant under linear changes of the
 values (Goodman and Weare, Comm. App. Math. Comp. Sci. 5, 65 (2010)), by emcee.
 """
@@ -78,7 +78,7 @@ def posterior(
     found : Fitted
     seed : int
     follow : callable, optional
-        Of the share done.
+        Function of the share done.
 
     Raises
     ------
@@ -113,7 +113,7 @@ def posterior(
 
 
 def log_density(found: Fitted) -> Callable[[np.ndarray], float]:
-    """Logarithm of the posterior's density, but for a constant, as a function of the values."""
+    """Logarithm of the posterior's density, up to a constant, as a function of the values."""
     shooting, fit = found.shooting, found.fit
     shooting.linearized(fit)
     bases, free = [], -len(found.keys)
@@ -139,7 +139,7 @@ def log_density(found: Fitted) -> Callable[[np.ndarray], float]:
 
 
 def _cost(shooting, fit, bases):
-    """Sum of squares without what better starts of the windows would take off it."""
+    """Sum of squares, minimised over the windows' starts to first order."""
     total = 0.0
     for number, edges in enumerate(fit.edges):
         found, _ = shooting.residuals(

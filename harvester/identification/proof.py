@@ -1,4 +1,4 @@
-"""What a fitted device predicts of the stretch of each record that it was not fitted to."""
+"""A fitted device's predictions of the part of each record that was kept aside."""
 
 from __future__ import annotations
 
@@ -44,7 +44,7 @@ class Stretch:
         numbers being as they were; `free` goes on from the first start alone.
     windows : int
     resistance : float or None
-        Of the load (Ω).
+        Resistance of the load (Ω).
     """
 
     name: str
@@ -63,12 +63,12 @@ class Stretch:
 
     @property
     def residuals(self) -> np.ndarray:
-        """Simulated in windows less measured."""
+        """Outputs simulated in windows minus the measured ones."""
         return self.windowed - self.measured
 
     @property
     def quantity(self) -> str:
-        """What `nrmse` is of."""
+        """Name of the quantity that `nrmse` refers to."""
         return self.outputs[0]
 
     def nrmse(self, output: int = 0) -> float:
@@ -128,7 +128,7 @@ class ResponseStretch(Stretch):
 
     @property
     def quantity(self) -> str:
-        """What `nrmse` is of."""
+        """Name of the quantity that `nrmse` refers to."""
         return "response"
 
     def nrmse(self, output: int = 0) -> float:
@@ -233,7 +233,7 @@ def sensor_noise(stretch: Stretch, output: int = 0) -> float:
 
 
 def noise_floor(values: np.ndarray, rate: float) -> float:
-    """rms of a record's noise: the floor of its spectrum in the highest quarter, taken for white.
+    """rms of a record's noise: the floor of its spectrum in the highest quarter, assumed white.
 
     Parameters
     ----------
@@ -255,11 +255,11 @@ class Whiteness:
     Attributes
     ----------
     correlations : ndarray, shape (lags,)
-        From lag 1 on.
+        Autocorrelations from lag 1 on.
     bound : float
-        That white residuals stay within at 95 % of the lags.
+        Limit within which white residuals' correlations stay at 95 % of the lags.
     probability : float
-        Of a sum of squares as large as this for white residuals (Ljung and Box).
+        Probability of a sum of squares as large as this for white residuals (Ljung and Box).
     """
 
     correlations: np.ndarray

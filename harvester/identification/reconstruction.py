@@ -1,4 +1,4 @@
-"""The motion behind a measured record, up to a factor and an origin: what a start is made from."""
+"""The motion behind a measured record, up to a factor and an origin: the start of a fit."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ if TYPE_CHECKING:
 # The fastest frequency of the motion is the one with this share of the signal's power below it.
 FASTEST_SHARE = 0.98
 
-# What is slower than this share of the median frequency is drift.
+# Frequencies below this share of the median frequency count as drift and are removed.
 SLOW_SHARE = 0.15
 
 
@@ -29,7 +29,7 @@ class Motion:
     ----------
     x, v, state : ndarray
     measured : bool
-        Whether the displacement itself was.
+        Whether the displacement itself was measured.
     """
 
     x: np.ndarray
@@ -38,15 +38,16 @@ class Motion:
     measured: bool
 
     def shifted(self, distance: float) -> Motion:
-        """The motion elsewhere."""
+        """The motion displaced by a distance."""
         return replace(self, x=self.x + distance)
 
     def centred(self, place: float) -> Motion:
-        """The motion about a place, unless its displacement was measured."""
+        """The motion with its mean at a place; unchanged if the displacement itself was
+        measured."""
         return self if self.measured else self.shifted(place - float(self.x.mean()))
 
     def without_drift(self, measurement: Measurement) -> Motion:
-        """The motion without what is much slower than its median frequency."""
+        """The motion with its slow drift removed by a high-pass."""
         from scipy import signal
 
         if self.measured:
@@ -57,7 +58,7 @@ class Motion:
 
 
 def frequencies(measurement: Measurement | MeasuredResponse) -> tuple[float, float]:
-    """Median frequency of what was measured of the device, and its fastest (Hz)."""
+    """Median frequency of the measured output, and its fastest (`FASTEST_SHARE`), in Hz."""
     from scipy import signal
 
     if isinstance(measurement, MeasuredResponse):
@@ -81,7 +82,7 @@ def frequencies(measurement: Measurement | MeasuredResponse) -> tuple[float, flo
 
 
 def motion(system: System, scales: Scales, measurement: Measurement) -> Motion:
-    """The motion that a record shows, the transducer being the scene's.
+    """The motion that belongs to a record, computed with the scene's transducer.
 
     With a voltage alone, e' = x' − λ e gives x = e + λ ∫e for a capacitance or an inductance, and
     x = ∫x' where the voltage follows the velocity at once.

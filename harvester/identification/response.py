@@ -1,4 +1,4 @@
-"""What a device with given numbers would have shown at the sensors, window by window."""
+"""Simulated sensor signals of a device with given values, window by window."""
 
 from __future__ import annotations
 
@@ -54,11 +54,11 @@ class Experiment:
     ----------
     measurement : Measurement
     scene : Scene
-        With the record's own changes.
+        The scene with the record's own changes.
     steps : int
         Between two samples.
     acceleration : dict of str to ndarray
-        At the steps, by the name of the interpolation.
+        Base acceleration at the steps, by the name of the interpolation.
     """
 
     measurement: Measurement
@@ -84,7 +84,7 @@ class Experiment:
 def experiment(
     scene: Scene, measurement: Measurement, frequency: float, per_period: int = FINE_STEPS
 ) -> Experiment:
-    """A measurement made ready.
+    """Prepare a measurement for simulation: its steps, and the acceleration at them.
 
     Parameters
     ----------
@@ -116,7 +116,7 @@ class Responses:
     ----------
     experiments : sequence of Experiment
     keys : sequence of str
-        Of the unknowns, in the order of their values.
+        Keys of the unknowns, in the order of their values.
     interpolation : str
         A name in `INTERPOLATIONS`.
     length : float
@@ -168,8 +168,8 @@ class Responses:
         made = self.device(number, values)
         if made is None:
             raise IdentificationError(
-                "the fit has come to values that the scene refuses: free fewer (--free), or begin "
-                "nearer (--set)"
+                "the fit reached values that the scene refuses: check the columns' units and signs, "
+                "free fewer (--free), or begin nearer (--set)"
             )
         return made
 
@@ -185,9 +185,9 @@ class Responses:
         Parameters
         ----------
         number : int
-            Of the experiment.
+            Number of the experiment.
         values : ndarray
-            Of the unknowns.
+            Values of the unknowns.
         edges : ndarray of int, shape (windows + 1,)
         starts : ndarray, shape (windows, 3)
             Scaled X, X' and transducer's state.
@@ -222,7 +222,7 @@ class Responses:
         return self.experiments[number].scene.oscillator.base_factor
 
     def _base(self, number, values, path, steps):
-        """True acceleration of the base where its sensor showed this path."""
+        """True base acceleration from the path that its sensor showed."""
         each = self.experiments[number]
         corners = self._corners(number, values, "acceleration")
         if any(corners):
@@ -254,7 +254,8 @@ class Responses:
         return self.experiments[number].measurement.sensors.get(key, neutral(key))
 
     def shown(self, number: int, values: np.ndarray) -> Measurement:
-        """A record's outputs as the device had them, but for delays and low-passes."""
+        """A record with the sensors' effects removed from its outputs, except delays and
+        low-passes."""
         measurement = self.experiments[number].measurement
         found = {}
         for name, values_shown in measurement.outputs.items():
@@ -270,18 +271,18 @@ class Responses:
         return replace(measurement, **found)
 
     def velocity_scale(self, number: int, velocity: np.ndarray, values: np.ndarray) -> float | None:
-        """Scale of the velocity's sensor for which it would show a motion.
+        """Scale of the velocity's sensor that fits its record to a motion (least squares).
 
         None where the record has none.
 
         Parameters
         ----------
         number : int
-            Of the experiment.
+            Number of the experiment.
         velocity : ndarray, shape (n,)
             Relative to the base, in the scene's units.
         values : ndarray
-            Of the unknowns.
+            Values of the unknowns.
         """
         measurement = self.experiments[number].measurement
         if measurement.velocity is None:
@@ -292,7 +293,7 @@ class Responses:
         return float(measurement.velocity @ true) / float(true @ true)
 
     def _taken_away(self, number, values, name):
-        """What an AC-coupled input took away from what it shows at the samples."""
+        """The slow part that an AC-coupled input removed from its signal, at the samples."""
         corners = self._corners(number, values, name)
         if not any(corners):
             return 0.0
@@ -301,7 +302,7 @@ class Responses:
         return put_right(seen, each.integrals(name, 1), *corners) - seen
 
     def _outputs(self, number, values, system, scales, states, edges):
-        """What the sensors show of the states."""
+        """Simulated sensor signals from the device's states, shape (samples, outputs)."""
         measurement = self.experiments[number].measurement
         x, v, e = states.T
         columns, inside = [], slice(edges[0], edges[-1])

@@ -21,7 +21,7 @@ def scene_text(scene: Scene, comments: dict[str, str], heading: list[str]) -> st
     ----------
     scene : Scene
     comments : dict of str to str
-        By the key of a number, `table.key`, `table[n].key` or `table.key[n]`.
+        Comments by the key of a number, `table.key`, `table[n].key` or `table.key[n]`.
     heading : list of str
         Lines of comment at the top.
     """

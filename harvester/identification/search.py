@@ -24,9 +24,11 @@ if TYPE_CHECKING:
     from harvester.identification.unknowns import Unknown
 
 SHORT_PERIODS = 2.0
-# Most iterations with short windows, at each further length, and of the last fit.
+# Largest number of iterations: with the first short windows, at each longer length, and in the last
+# fit.
 FIRST, ON_THE_WAY, LAST = 12, 6, 40
-# A fit ends when a step would lower its cost by less than this share: on the way, and at its end.
+# A fit ends when a step would lower its cost by less than this share: in all but the last fit, and
+# in the last.
 COARSE, FINE = 1e-3, 1e-6
 # Noise that the first fit assumes, as a share of an output's rms.
 FIRST_NOISE = 0.05
@@ -94,7 +96,7 @@ def followed(shooting: Shooting, fit: Fit, rival: float = np.inf) -> Fit:
     ----------
     shooting : Shooting
     fit : Fit
-        With short windows, linearized.
+        A fit with short windows, linearized.
     rival : float
         Cost of a model beside it.
     """
@@ -119,18 +121,13 @@ def followed(shooting: Shooting, fit: Fit, rival: float = np.inf) -> Fit:
     return shooting.minimized(shooting.reweighted(fit), ON_THE_WAY, FINE)
 
 
-def misfit(fit: Fit) -> float:
-    """Cost, and what the windows' starts took off it: fits in other windows compare by it."""
-    return fit.cost + sum(each.size for each in fit.starts)
-
-
 def _longest(fit):
     """Samples of each experiment's longest window."""
     return np.array([np.diff(edges).max() for edges in fit.edges])
 
 
 def _in_short_windows(shooting, fit):
-    """The fit's motion in the shortest windows, linearized in their starts."""
+    """The fit in the shortest windows, linearized in their starts alone."""
     short = opened(shooting, fit)
     shooting.frozen().linearized(short)
     return short
@@ -142,14 +139,14 @@ def settle_windows(
     stretches: Sequence[tuple[int, int]],
     reach: tuple[float, float] | None = None,
 ) -> Fit:
-    """Windows of other stretches and their starts, the device's values being as they are.
+    """Fit the starts of windows in other stretches of the records, the device's values fixed.
 
     Parameters
     ----------
     shooting : Shooting
-        Without unknowns.
+        A problem without unknowns of the device.
     fit : Fit
-        Of the values and the noise.
+        The fit that gives the values and the noise.
     stretches : sequence of (int, int)
         First sample of each experiment, and that behind the last.
     reach : (float, float), optional
@@ -185,7 +182,7 @@ def short_windows(measurement: Measurement, first: int, last: int) -> np.ndarray
 
 
 def opened(shooting: Shooting, fit: Fit) -> Fit:
-    """The fit in the shortest windows, which begin on its own motion."""
+    """The fit cut into the shortest windows, whose starts lie on its own motion."""
     edges, starts = [], []
     for number, old in enumerate(fit.edges):
         states, _, _ = shooting.responses.states(number, fit.values, old, fit.starts[number])
@@ -207,8 +204,8 @@ def followed_anew(shooting: Shooting, begun: Fit, rival: float) -> Fit | None:
 def mended(shooting: Shooting, fit: Fit) -> Fit:
     """The fit with better starts of windows in doubt, or with those cut in half.
 
-    Windows in which an error at the start grows beyond what is allowed are cut, too. Itself where
-    nothing is to be mended, or mending leads nowhere.
+    Windows in which an error at the start grows beyond what is allowed are cut, too. Returns the
+    same fit where nothing is in doubt or no better one is found.
     """
     better, cut = fit, _doubtful(fit)
     if any(each.any() for each in cut):

@@ -1,7 +1,7 @@
-"""What sensors may have done to the records, tried where a model leaves more than their noise.
+"""Sensor effects (filters, delays, signs) tried where a model leaves more than the sensors' noise.
 
-A high-pass, a delay and a low-pass turn a residual's phase with the frequency. By how much one of
-them would lower the cost is told by its effect at no strength (a score test), so that only the most
+A high-pass, a delay and a low-pass turn a residual's phase with the frequency. The slope of the
+cost at zero strength estimates what each of them would gain (a score test), so that only the most
 promising are fitted.
 """
 
@@ -38,7 +38,7 @@ class Trial:
     name : str
     measurements : sequence of Measurement
     keys : list of str
-        What is free of the sensors, beside the device's.
+        Keys of the free values: the sensors' beside the device's.
     """
 
     name: str
@@ -95,7 +95,7 @@ def promising(
 
 
 def _promised(normal, gradient, places):
-    """What a step of some unknowns takes off the cost, and the step."""
+    """Expected decrease of the cost by a step in some unknowns, and that step."""
     some = list(places)
     step = -np.linalg.lstsq(normal[np.ix_(some, some)], gradient[some], rcond=1e-12)[0]
     return float(-gradient[some] @ step), step

@@ -1,9 +1,9 @@
-"""What sensors make of their quantities, and the true quantities behind what they show.
+"""Effects of sensors on their signals, and the true quantities behind those signals.
 
 A sensor that does not pass constants (AC coupling) shows a(s) s/(s + ω); the true quantity is what
 it shows plus ω times the integral of that. So the acceleration that drives a model is put right.
 What an integral gathers of offset and noise is a slow drift: its parabola is taken out, as the
-sensor tells nothing of it.
+sensor has no information on it.
 
 An output is compared behind its sensor: the simulated one goes through the sensor's filters. To
 put the measured one right would integrate its noise, and a free corner would come out too low. A
@@ -24,8 +24,9 @@ from harvester.files.plain_text import named, nearest, shown
 
 OUTPUT_UNITS = {"voltage": "V", "displacement": "m", "velocity": "m/s"}
 OUTPUTS = tuple(OUTPUT_UNITS)
-# Values at which an effect vanishes. A high-pass is given by its corner (Hz), of first order, or of
-# second (Butterworth's); the resistance (Ω) is that of the input, in parallel with the load.
+# Values at which a sensor's effect vanishes (0 of an offset, 1 of a scale). A high-pass is given by
+# its corner (Hz), of first order, or of second (Butterworth's); the resistance (Ω) is that of the
+# input, in parallel with the load.
 HIGHPASSES = {"highpass": 0.0, "highpass2": 0.0}
 OUTPUT_EFFECTS = {"offset": 0.0, "scale": 1.0, "delay": 0.0, "filter": 0.0}
 # The base's sensor has no delay: it would equal an opposite delay of all outputs.
@@ -103,7 +104,7 @@ def integrals(
     rate : float
         Hz.
     places : ndarray
-        Where they are wanted, in samples.
+        Positions of the wanted values, in samples.
     """
     from scipy.interpolate import make_interp_spline
 
@@ -127,16 +128,16 @@ def put_right(
     corner: float,
     second_corner: float,
 ) -> np.ndarray:
-    """What a sensor with these high-passes was shown.
+    """The true signal, from what a sensor with these high-passes shows.
 
     Parameters
     ----------
     values : ndarray
-        That it shows.
+        The signal that the sensor shows.
     integral : (ndarray, ndarray)
         First and second integral of them.
     corner, second_corner : float
-        Of the high-pass of first and of second order (Hz); 0: there is none.
+        Corner frequencies of the high-pass of first and of second order (Hz); 0: there is none.
     """
     once = 2.0 * math.pi * corner
     twice = 2.0 * math.pi * second_corner
@@ -206,7 +207,7 @@ def without_memory(
     corner: float | None,
     second_corner: float | None,
 ) -> np.ndarray:
-    """A simulated series whose filters have the states at the windows' starts that fit best.
+    """A simulated series, with the filters' states at the windows' starts chosen to fit best.
 
     Parameters
     ----------
@@ -216,8 +217,9 @@ def without_memory(
         Measured.
     edges : ndarray of int, shape (windows + 1,)
     time_constant, corner, second_corner : float or None
-        In samples, and in radians per sample; None: there is no such filter. A filter that is free
-        is one without effect, too, so that nothing jumps where its effect begins.
+        Time constant in samples, corners in radians per sample; None: there is no such filter. A
+        filter that is free is one without effect, too, so that nothing jumps where its effect
+        begins.
     """
     cuts = edges - edges[0]
     places, modes = np.arange(np.diff(cuts).max()), []

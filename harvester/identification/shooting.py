@@ -22,8 +22,8 @@ if TYPE_CHECKING:
 
 # Step of the difference quotients, in sizes of the unknowns and rms values of the states.
 DIFFERENCE = 1e-5
-# A window is given up if a weighted residual changes by more than this per size of an unknown or
-# state.
+# A linearization is rejected if a weighted residual changes by more than this for a change of an
+# unknown or state by its size.
 LARGEST_SLOPE = 1e12
 # First, smallest and largest damping of the Levenberg–Marquardt steps.
 FIRST_DAMPING, LEAST_DAMPING, MOST_DAMPING = 1e-3, 1e-9, 1e9
@@ -45,17 +45,17 @@ class Fit:
     Attributes
     ----------
     values : ndarray, shape (unknowns,)
-        In the scene's units.
+        Values of the unknowns, in the scene's units.
     edges : list of ndarray of int
-        Of the windows of each experiment.
+        Edges of the windows of each experiment.
     starts : list of ndarray, shape (windows, 3)
         Scaled states at their beginnings.
     noise : list of ndarray, shape (outputs,)
-        By which residuals are divided.
+        Noise levels by which residuals are divided.
     cost : float
         Sum of squares of the weighted residuals.
     grams, transitions, growth : list of ndarray
-        Of each window of each experiment: [J r]ᵀ[J r]; how its end follows its start; the greatest
+        For each window of each experiment: [J r]ᵀ[J r]; how its end follows its start; the greatest
         output, in rms values, for an error of its start, in rms values too.
     """
 
@@ -115,7 +115,7 @@ class Shooting:
         return (outputs - self.seen(number, edges)) / noise, ends
 
     def seen(self, number: int, edges: np.ndarray) -> np.ndarray:
-        """What was measured in the windows of one experiment, shape (samples, outputs)."""
+        """Measured outputs in the windows of one experiment, shape (samples, outputs)."""
         outputs = self.responses.experiments[number].measurement.outputs
         return np.column_stack([each[edges[0] : edges[-1]] for each in outputs.values()])
 
@@ -188,7 +188,7 @@ class Shooting:
         return True
 
     def _shares(self, number, noise):
-        """Noise of each output over its rms."""
+        """Noise level of each output, divided by the output's rms."""
         outputs = self.responses.experiments[number].measurement.outputs
         return noise / np.array([np.std(each) for each in outputs.values()])
 
@@ -215,7 +215,7 @@ class Shooting:
         return change, self.state_moves(fit, change, damping)
 
     def state_moves(self, fit: Fit, change: np.ndarray, damping: float = 0.0) -> list[np.ndarray]:
-        """Changes of all starts that go with one of the unknowns, in sizes."""
+        """Changes of all window starts that go with a change of the unknowns, both in sizes."""
         p, moves = len(self.unknowns), []
         for grams in fit.grams:
             inverse = self._state_inverse(grams, damping)
@@ -255,7 +255,7 @@ class Shooting:
         ----------
         fit : Fit
         iterations : int
-            At most.
+            Largest number of iterations.
         tolerance : float
             Share of the cost: a step that promises or brings less is the last one.
         """

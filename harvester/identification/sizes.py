@@ -1,4 +1,5 @@
-"""What counts as a change of order one of a value that may begin at zero."""
+"""Sizes: the typical magnitude of each unknown, also of one that begins at zero; fits work
+in these units."""
 
 from __future__ import annotations
 
@@ -25,7 +26,7 @@ POWERS = 8
 def sizes_of(
     scene: Scene, measurements: Sequence[Measurement], reach: float, speed: float
 ) -> dict[str, float]:
-    """Sizes by key, of sensors too.
+    """Typical magnitudes of the unknowns, including the sensors', by their keys.
 
     Parameters
     ----------

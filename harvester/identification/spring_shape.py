@@ -2,7 +2,7 @@
 
 A few sines of nearly one amplitude show the force at that amplitude, which many springs have. With
 the next power free beside the model's own values, to first order about the fit, a score test says
-whether the records ask for it; the other values' errors say whether they could refuse it.
+whether the records need it; the other values' errors say whether they could exclude it.
 """
 
 from __future__ import annotations
@@ -19,10 +19,10 @@ from harvester.identification.intervals import HALF_INTERVAL
 from harvester.identification.shooting import Shooting
 from harvester.identification.unknowns import unknowns
 
-# A spring's value depends on powers that the model lacks if half of its 95 % interval exceeds this
-# share of the value. Right models had 0.003 driven by noise and 0.02 to 5 driven by three sines;
-# cubic models of softening springs under three sines, whose value was off by 0.02, 0.05, 0.05 and
-# 0.16, had 0.06, 0.16, 1.2 and 0.38.
+# Once the next power is free too, a spring's value counts as uncertain if half of its 95 % interval
+# exceeds this share of the value. Measured shares: right models had 0.003 under noise and 0.02 to 5
+# under three sines. Cubic models of softening springs under three sines, with errors of 0.02, 0.05,
+# 0.05 and 0.16, had 0.06, 0.16, 1.2 and 0.38.
 TOLD_APART = 0.1
 NAMED = {"linear_stiffness": 1, "cubic_stiffness": 3}
 
@@ -38,7 +38,7 @@ class SpringShape:
     significance : float
         Its coefficient in standard errors, by a score test.
     moves : dict of str to float
-        By how much it would move each of the spring's values, as a share of the value.
+        Change of each of the spring's values by the next power, as a share of the value.
     halves : dict of str to float
         Half of the 95 % interval of each value beyond the linear one with the next power free, as
         a share of the value.
@@ -51,13 +51,14 @@ class SpringShape:
 
     @property
     def is_refuted(self) -> bool:
-        """Whether the records ask for the next power, and it moves what would be noticed."""
+        """Whether the records need the next power, and it changes a value noticeably."""
         noticed = any(abs(each) > NOTED for each in self.moves.values())
         return noticed and abs(self.significance) > SURE
 
     @property
     def untold(self) -> dict[str, float]:
-        """The values that depend on powers that the model lacks, with their `halves`."""
+        """Values whose interval would grow if the spring had the next power, with their
+        `halves`."""
         return {key: half for key, half in self.halves.items() if half > TOLD_APART}
 
 
@@ -68,7 +69,7 @@ def spring_shape(base: Fitted, sizes: dict[str, float]) -> SpringShape | None:
     ----------
     base : Fitted
     sizes : dict of str to float
-        Of the motion that was fitted.
+        Sizes from the motion that was fitted.
     """
     try:
         made = richer(base.scene, base.keys, sizes)

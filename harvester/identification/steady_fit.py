@@ -47,12 +47,12 @@ def fitted_responses(
     Parameters
     ----------
     scene : Scene
-        Where the fit begins, and all that is not free.
+        Scene that gives the initial values and all values that are not free.
     measurements : sequence of MeasuredResponse
     keys : sequence of str
-        What is free.
+        Keys of the free values.
     sizes : dict of str to float
-        Of keys whose start may be 0.
+        Sizes of keys whose start may be 0.
     warm : Fitted, optional
         A neighbouring model, from whose values the fit begins; else from a grid of values.
 
@@ -63,7 +63,7 @@ def fitted_responses(
     """
     if scene.stoppers:
         raise IdentificationError(
-            f"{scene.name}: a frequency response says nothing of stoppers: identify them from a "
+            f"{scene.name}: a frequency response cannot determine stoppers: identify them from a "
             "record in time"
         )
     aside = [np.arange(each.frequency.size) % KEPT_ASIDE == 1 for each in measurements]

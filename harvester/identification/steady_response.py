@@ -1,4 +1,4 @@
-"""What a device with given numbers answers to sines of its base, about the place where it rests.
+"""Response of a device with given values to sines of its base, about its rest position.
 
 Linear; where the base's amplitude is known, weakly nonlinear: with the displacement's amplitude a
 the stiffness is k1 + (3/4 k3 − 5/6 k2²/k1) a², of the spring's Taylor coefficients at rest (Nayfeh
@@ -37,7 +37,7 @@ class SteadyExperiment:
     ----------
     measurement : MeasuredResponse
     scene : Scene
-        With the record's own changes.
+        The scene with the record's own changes.
     """
 
     measurement: MeasuredResponse
@@ -75,7 +75,8 @@ class SteadyResponses(Responses):
     def states(
         self, number: int, values: np.ndarray, edges: np.ndarray, starts: np.ndarray
     ) -> tuple[Any, Any, Any]:
-        """Empty states, and the outputs, like `Responses.states` of records in time."""
+        """States (zeros) and outputs, with the interface of `Responses.states` for records
+        in time."""
         if isinstance(self.experiments[number], Experiment):
             return super().states(number, values, edges, starts)
         made = self.device(number, values)
@@ -111,7 +112,7 @@ class SteadyResponses(Responses):
         return np.column_stack(list(outputs.values()))
 
     def _response(self, system, scales, number, values):
-        """True voltage over true acceleration."""
+        """Complex voltage per base acceleration, before the sensors' effects."""
         each: Any = self.experiments[number]
         measured = each.measurement
         rate = 2j * math.pi * measured.frequency

@@ -1,4 +1,4 @@
-"""What a fit is free to change: numbers of the scene, and of the sensors; bounds and sizes."""
+"""The unknowns of a fit (values of the scene and of the sensors) with their bounds and sizes."""
 
 from __future__ import annotations
 
@@ -26,7 +26,8 @@ if TYPE_CHECKING:
 
 # Tables of the scene whose numbers describe the device; the load's values are given.
 DEVICE_TABLES = ("oscillator", "stoppers", "piezo", "coil")
-# Values that a scale, a data sheet or an ohmmeter gives, and that records hardly determine.
+# Keys that are not free by default: a scale, a data sheet or an ohmmeter gives them, and records
+# hardly determine them.
 KNOWN = (
     "mass", "base_factor", "base_charge", "exponent", "resistance", "inductance",
     "leakage_resistance", "leakage_rate",
@@ -41,16 +42,16 @@ SMALLEST_SHARE = 1e-3
 
 @dataclass(frozen=True)
 class Unknown:
-    """One free number.
+    """One unknown of a fit.
 
     Attributes
     ----------
     key : str
         `table.key` of the scene, or `sensor.QUANTITY_EFFECT`.
     start, low, high : float
-        Where a fit begins, and its bounds, in the scene's units.
+        Initial value of a fit, and the value's bounds, in the scene's units.
     size : float
-        What counts as a change of order one; > 0.
+        Typical magnitude of a change of the value; > 0.
     """
 
     key: str
@@ -90,7 +91,7 @@ def default_keys(scene: Scene, outputs: Sequence[str], volts: bool = False) -> l
 
 
 def _unused(scene, key):
-    """Whether the scene says by a zero that its device has no such part."""
+    """Whether a key's value is 0 in the scene, which means that the device has no such part."""
     value = numbers(scene)[key][0]
     return value == 0.0 and key != ORIGIN and key != "oscillator.damping"
 
@@ -125,14 +126,14 @@ def checked_keys(scene: Scene, keys: Sequence[str], outputs: Sequence[str]) -> l
 
 
 def unknowns(scene: Scene, keys: Sequence[str], sizes: dict[str, float]) -> list[Unknown]:
-    """What is free, with bounds from the scene's own checks.
+    """The unknowns of a fit, with bounds from the scene's own checks.
 
     Parameters
     ----------
     scene : Scene
     keys : sequence of str
     sizes : dict of str to float
-        Of keys whose start may be 0.
+        Sizes of keys whose start may be 0.
     """
     known = numbers(scene)
     found = []

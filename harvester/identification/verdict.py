@@ -1,4 +1,4 @@
-"""One sentence on whether a fitted model is to be believed."""
+"""One sentence on whether a fitted model can be trusted."""
 
 from __future__ import annotations
 
@@ -61,11 +61,11 @@ def verdict(
     found : sequence of Candidate
         The scene's own first.
     whiteness : Whiteness
-        Of the residuals of the first record kept aside.
+        Whiteness of the residuals of the first record kept aside.
     misfits : sequence of Misfit
-        Of each output of each record; none of frequency responses.
+        Misfits of each output of each record; none of frequency responses.
     visited : Visited, optional
-        Where the records took the device.
+        Ranges that the records visited.
     kept : sequence of Kept
         Records kept aside as a whole.
     shape : SpringShape, optional
@@ -109,7 +109,7 @@ def _nothing(base):
 
 
 def _untold(shape):
-    """Intervals of the spring's values if it has one more power, in words."""
+    """Text: how wide the intervals of the spring's values are if it has one more power."""
     values = " and ".join(
         f"{key.rpartition('.')[2]} to ± {half:.0%}" for key, half in shape.untold.items()
     )
@@ -149,14 +149,14 @@ def _fault(base, whiteness, misfits, kept, shape):
 
 
 def _freed(best, base):
-    """The sensors' values of another model, in words."""
+    """Text: the sensors' values that another model frees in addition."""
     values = dict(zip(best.fitted.keys, best.fitted.values, strict=True))
     sensors = [key for key in values if key.startswith("sensor.") and key not in base.keys]
     return "".join(f" ({key} = {values[key]:.4g}, to be freed by --free {key})" for key in sensors)
 
 
 def _rivals(found, base):
-    """Other models that the records do not tell from the proposed one, in words."""
+    """Text: other models that fit the records as well as the proposed one."""
     names = [f"{each.name}{_freed(each, base)}" for each in rivals(found)]
     if not names:
         return ""
@@ -164,7 +164,8 @@ def _rivals(found, base):
 
 
 def _claims(kept):
-    """How many of the records kept aside are claimed, and how many of those hold, in words."""
+    """Text: how many kept-aside records a prediction is claimed for, and how many of those
+    agree."""
     if not kept:
         return ""
     claimed = [each for each in kept if each.claimed]
@@ -178,7 +179,7 @@ def _claims(kept):
 
 
 def _where(visited):
-    """What was visited, and what the model only extrapolates, in words."""
+    """Text: the ranges that the records visited, and what the model extrapolates."""
     if visited is None:
         return ""
     return (
@@ -188,7 +189,8 @@ def _where(visited):
 
 
 def _said(base, misfits, whiteness):
-    """What is left of the worst record and channel, and of the worst record of other channels."""
+    """Text: residual (NRMSE) of the worst record and channel, then of the other channels'
+    worst records."""
     if not misfits:
         return (
             f"{base.stretches[0].quantity} to {base.nrmse:.2%} NRMSE on the data kept aside (about "

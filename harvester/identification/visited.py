@@ -1,4 +1,4 @@
-"""Where records took a device: what a model says beyond that is extrapolated."""
+"""The ranges that records visited; beyond them a model extrapolates."""
 
 from __future__ import annotations
 
@@ -30,7 +30,8 @@ class Visited:
     Attributes
     ----------
     displacement, velocity : tuple of (float, float)
-        Of the mass, each record's least and greatest, as the model has them.
+        Displacement and velocity of the mass: each record's least and greatest, as the model has
+        them.
     frequency : (float, float)
         Hz, of the base.
     loads : tuple of float
@@ -76,7 +77,7 @@ class Visited:
 
 
 def visited(fitted: Fitted) -> Visited | None:
-    """What the records of a fit visited; None of frequency responses."""
+    """The ranges that a fit's records visited; None if there are only frequency responses."""
     if fitted.settled is None:
         return None
     responses = fitted.shooting.responses

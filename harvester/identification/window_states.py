@@ -1,6 +1,7 @@
 """States at the beginnings of windows, the device's numbers being as they are.
 
-A voltage tells velocity and charge, but not in which well the mass is: displacements are tried.
+A voltage determines velocity and charge, but not the well in which the mass is: displacements are
+tried.
 """
 
 from __future__ import annotations
@@ -69,7 +70,7 @@ def settled(
 
 
 def _step(shooting, number, fit, starts, residuals, damping):
-    """Damped step of each window's start, in sizes, and what it takes off the cost at least."""
+    """Damped step of each window's start, in sizes, and the least decrease of the cost expected."""
     sizes = shooting.state_sizes[number]
     columns = np.zeros((*residuals.shape, 3))
 
@@ -109,7 +110,7 @@ def placed(
     ----------
     shooting : Shooting
     number : int
-        Of the experiment.
+        Number of the experiment.
     fit : Fit
     where : ndarray of bool, shape (windows,)
         Windows to look at; the others' starts are NaN.
@@ -144,7 +145,7 @@ def repaired(
     shooting : Shooting
     fit : Fit
     where : sequence of ndarray of bool, shape (windows,)
-        Those windows, by experiment.
+        Which windows of each experiment are repaired.
 
     Returns
     -------
@@ -178,7 +179,7 @@ def _better(own, other):
 
 
 def reach_of(x: np.ndarray) -> tuple[float, float]:
-    """A little more than where the mass mostly was."""
+    """Range of displacements to search: from the 1 % to the 99 % quantile, and a tenth beyond."""
     low, high = np.nanquantile(x, [0.01, 0.99])
     more = 0.1 * (high - low)
     return float(low - more), float(high + more)

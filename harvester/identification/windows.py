@@ -22,7 +22,7 @@ def equal_windows(samples: int, width: float) -> np.ndarray:
 
 
 def lengthened(fit: Fit, short: Fit, most: Sequence[int]) -> Fit | None:
-    """The fit with neighbouring windows joined as far as errors stay small; None: none can be.
+    """The fit with neighbouring windows joined as long as errors stay small; None if none can be.
 
     Parameters
     ----------
@@ -43,10 +43,10 @@ def lengthened(fit: Fit, short: Fit, most: Sequence[int]) -> Fit | None:
 
 
 def _kept(transitions, growth, edges, most):
-    """Numbers of the windows at which joined ones begin.
+    """Indices of the windows at which the joined windows begin.
 
-    An error that is forgotten soon after the start may yet arise anew within, by a value that is
-    not quite right: `totals` lead from the start, and from all places whose errors grow.
+    An error of the start may decay, and one from an inexact value may still grow later. So `totals`
+    holds the transition matrices from the start and from all places whose errors grow.
     """
     kept, totals = [0], transitions[:1]
     for window in range(1, len(transitions)):

@@ -126,7 +126,7 @@ def integrate(
     ----------
     s : harvester.device.system.System
     paths : sequence of harvester.excitation.base.ExcitationPath
-        Of one spacing.
+        All with the same knot spacing.
     starts : sequence of (float, float, float)
         X, X' and the transducer's state, scaled.
     stop : float
@@ -138,9 +138,10 @@ def integrate(
     steps_per_contact : int
         Fewest steps from the beginning of a contact to its end.
     moments : sequence of Moments
-        Of each path, empty: added to; or none.
+        One for each path, empty at first; points are added to them. Empty sequence: none are
+        recorded.
     keep : bool
-        Whether points are wanted.
+        Whether the points are kept.
 
     Yields
     ------
@@ -182,8 +183,8 @@ def integrate(
             several.collect(room.points)
             if several.diverged is not None:
                 raise SolutionDiverged(
-                    f"Monte Carlo left the finite numbers before t = {several.diverged:g}; "
-                    "choose a shorter --step"
+                    "Monte Carlo diverged (values that are not finite) before t = "
+                    f"{several.diverged:g}; choose a shorter --step"
                 )
             yield room.columns, room.points
         noise[0] = noise[count]
@@ -195,7 +196,7 @@ def _beginning():
 
 
 def _unwanted(stop, spacing):
-    """Moments that nobody asks for."""
+    """A placeholder for moments that are not recorded."""
     return Moments.empty(0.0, stop, (-math.inf, math.inf), (), False, 1, 1, spacing)
 
 

@@ -31,17 +31,17 @@ if TYPE_CHECKING:
 
 # The number of points allowed if none are kept. No run reaches it.
 MOST_POINTS = 2**62
-# Where each row of eight numbers begins. The first rows are the state at the beginning of a step,
-# with the number of the zone, its ends and the contacts' force. Realizations that are stepped apart
-# also have the excitation and its slope, the time since the knot, the step, and the number of zones
-# by which the mass moves at the step's end.
+# Offsets of the rows of eight numbers in a block. The first rows are the state at the beginning of
+# a step, with the number of the zone, its ends and the contacts' force. Realizations that are
+# stepped apart also have the excitation and its slope, the time since the knot, the step, and the
+# number of zones by which the mass moves at the step's end.
 STATE_ROWS = 13
 (
     DISPLACEMENT, VELOCITY, TRANSDUCER, HELD_SPEED, ZONE, LOW, HIGH, REACTION, NOISE, SLOPE, PHASE,
     LENGTH, ENTERS,
 ) = range(0, STATE_ROWS * TOGETHER, TOGETHER)  # fmt: skip
 MOTION_ROWS = 3  # X, X' and the transducer's state
-# The rows behind them belong to the end of the step: the motion, the contacts' force and damping
+# The rows after those belong to the end of the step: the motion, the contacts' force and damping
 # (1/s), the excitation, and whether the step is rejected.
 ROWS = STATE_ROWS + 7
 END = STATE_ROWS * TOGETHER
@@ -62,7 +62,7 @@ class Room(NamedTuple):
     points : ndarray of int64, shape (realizations,)
         Points of each since it was last zero.
     columns : ndarray, shape (realizations, fields of `Record`, points)
-        Where these points are kept, if it has any room.
+        Array for the recorded points; of length 0 if none are kept.
     """
 
     states: np.ndarray
@@ -80,7 +80,7 @@ class Room(NamedTuple):
         s : harvester.device.system.System
         starts : sequence of (float, float, float)
         points : int
-            Of each realization, at least 2, or 0 to keep none.
+            Number of points of each realization, at least 2, or 0 to keep none.
         """
         blocks = math.ceil(len(starts) / TOGETHER)
         states = np.zeros((blocks, ROWS, TOGETHER))
@@ -124,7 +124,7 @@ def advance(
         `argument` of a `harvester.monte_carlo.schemes.Scheme`.
     s : harvester.device.system.System
     edges : ndarray
-        Of the zones, from minus to plus infinity (scaled displacement).
+        Edges of the zones, from minus to plus infinity (scaled displacement).
     noise : ndarray, shape (knots, blocks, 8)
         The excitation of all realizations at its knots.
     first_knot : int
@@ -184,7 +184,7 @@ def advance(
 
 @merged
 def _excitation(knots, block, k, phase):
-    """The excitation of a realization and its slope, so long after the earlier of two knots."""
+    """The excitation of a realization, and its slope, at a time after the earlier of two knots."""
     before, after, spacing = knots
     slope = (after[block, k] - before[block, k]) / spacing
     return before[block, k] + slope * phase, slope
@@ -241,7 +241,7 @@ def _try(scheme, s, count, lanes, apart):
 
 @merged
 def _gather(s, start, end, steps_per_contact, room):
-    """Set apart the realizations that the step of free flight does not hold for; returns how many.
+    """Gather the realizations that cannot take the free-flight step; returns their number.
 
     These are in contact, or would leave the free zone in this step.
     """

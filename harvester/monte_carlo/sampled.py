@@ -68,7 +68,7 @@ def states_at_samples(
 # Python's lock is released, so that the columns of a Jacobian are integrated in parallel.
 @compiled(nogil=True)
 def _run(scheme, s, zones, eta, spacing, every, edges, starts, states, ends):
-    """Fill `states` and `ends`."""
+    """Integrate each window: fill `states` at the samples and `ends` at the windows' ends."""
     final = eta.size - 1
     for window in range(edges.size - 1):
         x, v, voltage = starts[window, 0], starts[window, 1], starts[window, 2]

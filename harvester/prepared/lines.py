@@ -16,7 +16,7 @@ if TYPE_CHECKING:
 # An integrator may misplace a resonance by this share of its half width. On the flank the power
 # then changes by half a percent.
 SHARE_OF_HALF_WIDTH = 0.005
-# A line whose response is this share of the greatest counts.
+# Lines count if their response exceeds this share of the largest response.
 COUNTING_RESPONSE = 0.1
 # A nonlinear spring or a stopper may change the square of the frequency by this share. It is ten
 # times what 14 devices with Q from 12 to 340 showed against steps 32 times shorter.
@@ -46,7 +46,7 @@ def line_frequency(ready: Prepared) -> float:
 
 @functools.lru_cache(maxsize=64)
 def spread(ready: Prepared) -> float:
-    """Change of the frequency's square, over itself, among the motions that lines drive.
+    """Largest relative difference of ω² between the lines' motions and `line_frequency`.
 
     An integrator that is exact at `line_frequency` leaves this share of its error.
     """

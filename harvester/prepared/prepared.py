@@ -1,4 +1,5 @@
-"""A scene made ready: what every engine, estimate and study derives from it, derived once."""
+"""A prepared scene: the scaled device and all else that engines and studies derive from a
+scene, computed once."""
 
 from __future__ import annotations
 
@@ -21,18 +22,18 @@ KEPT = 64
 
 @dataclass(frozen=True)
 class Prepared:
-    """A scene with its scaled form.
+    """A scene together with its scaled device and scales.
 
     Attributes
     ----------
     scene : Scene
-        As it was given.
+        The scene as the caller gave it.
     system : harvester.device.system.System
         The device in scaled form (Eqs. 3–6).
     scales : Scales
-        What leads back to the scene's units.
+        Factors from scaled values to the scene's units.
     setting : harvester.device.terminals.Setting
-        What its transducer is built into.
+        Mass, length unit and load, which the transducer's equations need.
     excitation_unit : float
         The base's acceleration for one unit of η, in the scene's units.
     """

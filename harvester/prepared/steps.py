@@ -88,14 +88,15 @@ def knot_spacing(ready: Prepared) -> float:
 
 
 def with_knots(scene: Scene) -> Scene:
-    """The scene with its spacing of knots written out: what changes keep, and so their noise."""
+    """The scene with its knot spacing made explicit, so that changed copies keep it and thus
+    the same noise."""
     return scene.replace({"excitation.knot_spacing": knot_spacing(prepared(scene))})
 
 
 def resolving(scene: Scene) -> Scene:
     """The scene with knots close enough for its noise.
 
-    A sweep over τ1 would else leave the scene's own spacing behind.
+    Without this, a sweep over τ1 would keep the scene's spacing where τ1 needs a shorter one.
     """
     spacing = getattr(scene.excitation, "knot_spacing", None) or knot_spacing(prepared(scene))
     if isinstance(scene.excitation, OrnsteinUhlenbeck):
@@ -124,7 +125,7 @@ def steps_per_knot(ready: Prepared, step: str | float = "default", engine: str =
     if not isinstance(step, str):
         if step < SHORTEST_STEP * spacing:
             raise HarvesterError(
-                f"step {step:g}: less than {SHORTEST_STEP:g} of the {spacing:.3g} s between two "
+                f"step {step:g}: is less than {SHORTEST_STEP:g} of the {spacing:.3g} s between two "
                 "knots of the noise; choose a longer one"
             )
         return max(1, math.ceil(spacing / step - 1e-9))

@@ -1,1 +1,1 @@
-"""What engines hand over, and its streaming accumulation."""
+"""Records, which engines hand over in chunks, and their streaming accumulation."""

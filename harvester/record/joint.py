@@ -22,7 +22,7 @@ class JointHistogram:
     start, interval : float
         Begin of the measured time, and time between samples (s).
     counts : ndarray of uint32, shape (BINS, BINS)
-        By displacement (rows) and velocity.
+        Counts by displacement (rows) and velocity (columns).
     bin_widths : ndarray, shape (2,)
         Powers of two, doubled whenever a value falls outside.
     latest : ndarray, shape (3,)

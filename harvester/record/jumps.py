@@ -29,7 +29,7 @@ class Jumps:
     start, batch_length : float
         As in `harvester.record.moments.Moments` (s).
     saddles : ndarray, shape (wells − 1,)
-        Ascending; wells are counted from the left.
+        Displacements of the saddles, ascending; wells are counted from the left.
     limits : ndarray, shape (wells,)
         Largest ½X'² + U(X) in each core, scaled.
     ends : (float, float)
@@ -43,7 +43,7 @@ class Jumps:
     well : int
         The last one reached; −1 before the first.
     time : float
-        Of the latest point (s).
+        Time of the latest point (s).
     """
 
     start: float

@@ -52,7 +52,7 @@ FINEST_BIN = 2.0**-40
 
 @dataclass
 class Moments:
-    """What is kept of one realization's record.
+    """Sums, histograms and end points that are kept of one realization's record.
 
     Attributes
     ----------
@@ -76,11 +76,11 @@ class Moments:
     points : int
         Accepted points, those before `start` included.
     output : OutputMoments or None
-        Of the load's output side and of what its stores hold, where it has them.
+        Moments of the load's output side and of what its stores hold, where it has them.
     jumps : Jumps or None
         Between wells, where there are several.
     strain : StrainMoments or None
-        At the clamp, of a scene with a drawing; `StrainWatch` adds to it.
+        Strain at the clamp, for a scene with a drawing; `StrainWatch` adds to it.
     """
 
     start: float
@@ -101,7 +101,7 @@ class Moments:
 
     @property
     def has_output(self) -> bool:
-        """Whether they are of a load with an output."""
+        """Whether the load has an output."""
         return self.output is not None and self.output.has_output
 
     @classmethod

@@ -33,7 +33,7 @@ LEVELS = np.exp2(
 
 @dataclass
 class OutputMoments:
-    """What is kept of the output voltage of one realization; scaled units.
+    """Sums and passages that are kept of one realization's output voltage; scaled units.
 
     Attributes
     ----------
@@ -47,16 +47,16 @@ class OutputMoments:
     first : ndarray, shape (len(rows),)
         When each measure was first above 0, settling included (s); nan: never, or a level.
     latest : ndarray, shape (len(rows),)
-        Their values at the latest point.
+        Values of these rows at the latest point.
     passages : ndarray, shape (len(LEVELS),)
         When the voltage's size first reached each level, settling included (s); nan: never.
     lowest, highest : float
-        Of the voltage in the measured time.
+        Extremes of the voltage in the measured time.
     conductance, capacitance : float
-        Of the resistors and capacitors across the output, scaled: power is conductance voltage²,
-        energy ½ capacitance voltage². nan before the run's end.
+        Sums over the resistors and capacitors across the output, scaled: power is conductance
+        voltage², energy ½ capacitance voltage². nan before the run's end.
     time, voltage : float
-        Of the latest point.
+        Time and voltage of the latest point.
     has_output : bool
         Whether the load has an output; else its levels alone are meant.
     """
@@ -110,9 +110,9 @@ class OutputMoments:
         ----------
         time, voltage : ndarray, shape (n,)
         values : ndarray, shape (measures, n), or None
-            Of the load's measures, where it has any.
+            Values of the load's measures, where it has any.
         levels : sequence of ndarray, shape (n,), or None
-            Of the rows behind the measures (V and A); None is 0.
+            Values of the rows behind the measures (V and A); None is 0.
         """
         if time.size == 0:
             return
@@ -146,7 +146,7 @@ class OutputMoments:
                 self.latest[row] = values[-1]
 
     def passage(self, voltage: float) -> float:
-        """When the output's size first reached a voltage (s); nan: never."""
+        """Time (s) at which the output's |voltage| first reached a value; nan if it never did."""
         reached = np.isfinite(self.passages)
         if not reached.any() or not 0.0 < voltage <= LEVELS[reached][-1]:
             return float("nan")

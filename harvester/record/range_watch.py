@@ -26,7 +26,7 @@ class RangeWatch:
     length : float
         The length unit, in the scene's units.
     unit : str
-        Its name, for the message.
+        Name of the unit of length, for the message.
     """
 
     def __init__(self, low: float, high: float, length: float, unit: str) -> None:
@@ -34,7 +34,7 @@ class RangeWatch:
         self._length, self._unit = length, unit
 
     def add(self, record: Record) -> None:
-        """Take the points in.
+        """Check the points of one chunk.
 
         Raises
         ------

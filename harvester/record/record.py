@@ -37,7 +37,7 @@ class Record(NamedTuple):
 
 
 class Observer(Protocol):
-    """What an engine hands each chunk of a realization's record to."""
+    """Interface of objects that receive each chunk of a realization's record."""
 
     def add(self, record: Record) -> None:
         """Take the points in; the next chunk overwrites them."""

@@ -21,9 +21,9 @@ from harvester.record.record import Record
 # share a block of memory, in which each quantity has a row of eight numbers.
 TOGETHER = 8
 FIELDS, SUMS = len(Record._fields), len(QUANTITIES) + len(PRODUCTS)
-# Where each row begins. The rows are the latest point, the sums in the order of `Moments.integrals`
-# and `Moments.products`, the displacement before, the time since (0 before the start), and the two
-# saddles beside the well that was reached last.
+# Offsets of the rows in a block. The rows are the latest point, the sums in the order of
+# `Moments.integrals` and `Moments.products`, the displacement before it, the time since then (0
+# before the start), and the two saddles beside the well that was reached last.
 TIME, DISPLACEMENT, VELOCITY, VOLTAGE, LOAD_POWER, INPUT_POWER, LOSS_POWER, OWN_LOSS, STATE = range(
     0, FIELDS * TOGETHER, TOGETHER
 )
@@ -43,7 +43,8 @@ BLOCK = RIGHT + TOGETHER
 
 
 class Tally(NamedTuple):
-    """What compiled code adds to; leading axes are realizations, else as in `Moments` and `Jumps`.
+    """Arrays that compiled code adds to; leading axes are realizations, else as in `Moments` and
+    `Jumps`.
 
     Attributes
     ----------
@@ -51,7 +52,7 @@ class Tally(NamedTuple):
     wells : ndarray of int64
         Reached last; −1 before the first.
     since : ndarray
-        From when on the time in that well is still to be added (s).
+        Time (s) up to which the stay in that well has been added.
     """
 
     start: float
@@ -121,7 +122,8 @@ class SeveralMoments:
         )
 
     def collect(self, points: np.ndarray) -> None:
-        """Tell each its latest point and how many more points it has, shape (realizations,)."""
+        """Copy the latest points into each realization's moments, and add to its number of
+        points."""
         tally = self.tally
         latest = tally.rows[:, :TOTALS].reshape(-1, FIELDS, TOGETHER).transpose(0, 2, 1)
         self._last[:] = latest.reshape(-1, FIELDS)[: len(self._last)]
@@ -161,7 +163,8 @@ def batch_of(tally: Tally, begin: float, end: float) -> int:
 
 @uncounted
 def end_batch(tally: Tally, batch: int) -> None:
-    """Hand the sums over to a batch; −1 is what was before the first, whose points are kept."""
+    """Add the sums to a batch. Batch −1 is the time before the first one: only its last
+    points are kept."""
     quantities = len(QUANTITIES)
     for k in range(tally.wells.size):
         cells, lane = tally.rows[k // TOGETHER], k % TOGETHER
@@ -238,7 +241,7 @@ def add_point(
 
 @merged_once
 def follow(tally: Tally, block: int, first: int, end: int, batch: int) -> None:
-    """Count where the intervals just added of some places in a block lead to."""
+    """Count crossings of saddles and jumps between wells in the intervals just added."""
     cells = tally.rows[block]
     if batch >= 0:
         for saddle in tally.saddles:

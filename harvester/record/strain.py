@@ -24,7 +24,8 @@ STRAIN, STRESS = 0, 1
 
 @dataclass
 class StrainMoments:
-    """What is kept of one realization's strain and stress, in batches as `Moments` has them.
+    """Sums and peaks that are kept of one realization's strain and stress, in the batches of
+    `Moments`.
 
     Attributes
     ----------
@@ -62,7 +63,7 @@ class StrainWatch:
     Parameters
     ----------
     moments : Moments
-        With a `strain`.
+        Moments whose `strain` is added to.
     line : tuple of float or None
         Strain, cycles and exponent of Basquin's line, where cycles are to be counted.
 
@@ -81,7 +82,7 @@ class StrainWatch:
         self._last = np.full((2, 3), np.nan)
 
     def add(self, record: Record) -> None:
-        """Take the points in."""
+        """Add the points of one chunk."""
         if record.time.size == 0:
             return
         of, strain = self._moments, self._strain

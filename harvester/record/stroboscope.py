@@ -39,7 +39,7 @@ class Stroboscope:
     Attributes
     ----------
     samples : ndarray, shape (count, len(COLUMNS))
-        Scaled; NaN where the record has not come to yet.
+        Scaled; NaN at times that the record has not reached yet.
     """
 
     def __init__(self, first: float, period: float, count: int) -> None:

@@ -1,4 +1,4 @@
-"""What engines and closures return, and how it is written and drawn."""
+"""Results of engines and closures, and how they are written and drawn."""
 
 from harvester.former_names import handed_on
 

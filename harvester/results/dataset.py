@@ -14,7 +14,7 @@ if TYPE_CHECKING:
 
 
 def dataset_of(result: Result) -> Dataset:
-    """Every quantity and every density beside its `…_standard_error`; nan where there is none.
+    """All quantities and densities, each with its `…_standard_error`; nan where there is none.
 
     Returns
     -------

@@ -16,7 +16,7 @@ NOT_NAMED = ("kind", "knot_spacing", "full_scale")
 
 
 def headline(result: Result) -> str:
-    """What comes out, into which load, under what excitation, and by which method."""
+    """One line: the power, the load, the excitation and the method."""
     known, scene = result.scaled_quantities, result.scene
     name = next((each for each in ("mean_output_power", "mean_power") if each in known), "")
     if not name:

@@ -1,4 +1,4 @@
-"""A steady motion that starts of a driven device come to."""
+"""A steady motion of a driven device on which some of a run's starts settle."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from harvester.estimates.estimate import Estimate
 from harvester.files.serialising import plain
 from harvester.show.numbers import quantity
 
-# What motions without a period are called: with an exponent that is not above 0, and without one.
+# Kinds of motions without a period: if the exponent is not above 0, and if there is none.
 NOT_SETTLED, UNTOLD = "not settled", "no period: chaotic or not settled"
 
 
@@ -27,15 +27,15 @@ class Attractor:
     name : str
         A, B, … in the order of their shares.
     period : int or None
-        In periods of the excitation; None for motion that does not repeat itself.
+        Period of the motion in periods of the excitation; None if it does not repeat itself.
     periodic_drive : bool
         Whether the excitation has a period; under a record motions are those that meet.
     starts : int
-        That came to it.
+        Number of starts that settled on it.
     share : float
-        Of all starts.
+        Share of all starts.
     share_error : float or None
-        Its standard error where starts are drawn.
+        Standard error of the share, if starts are drawn at random.
     quantities : dict of str to Estimate
         Means of its starts alone.
     points : ndarray, shape (n, 2)

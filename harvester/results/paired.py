@@ -70,7 +70,7 @@ def paired_difference(result: Any, reference: Any) -> dict[str, Estimate]:
 
 
 def _share(batches, row):
-    """How far a mean over time lies off in each batch, as a share of it."""
+    """Deviation of each batch from a mean over time, as a share of the mean."""
     sums, time = batches[:, :, row], batches[:, :, QUANTITIES.index("time")]
     return sums / sums.mean() - time / time.mean()
 
@@ -119,7 +119,7 @@ def has_deviations(name: str) -> bool:
 
 
 def deviations(moments: Sequence[Moments], name: str) -> Any:
-    """How far an estimate lies off its mean in each batch, to first order.
+    """Deviation of each batch from an estimate, to first order.
 
     Combinations of several results on common noise get their error from the same combination of
     these: `standard_error` of it knows what the results have in common.
@@ -128,7 +128,8 @@ def deviations(moments: Sequence[Moments], name: str) -> Any:
     ----------
     moments : sequence of harvester.record.moments.Moments
     name : str
-        One that `has_deviations` knows: a mean over time, an efficiency, the output's power.
+        Name of a quantity for which `has_deviations` is true: a mean over time, an efficiency, the
+        output's power.
 
     Returns
     -------

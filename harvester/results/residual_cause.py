@@ -1,4 +1,4 @@
-"""What an energy balance that does not close is suspected of, by the run's own evidence."""
+"""The likeliest cause of an energy balance that does not close, from the run's own record."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ def suspected_cause(result: Result) -> str:
     Parameters
     ----------
     result : harvester.results.result.Result
-        With its moments and its residual.
+        A result with its moments and its energy balance residual.
     """
     p = prepared(result.scene).system
     totals, stored = _energies(result.moments, p)
@@ -59,7 +59,7 @@ def _diverged(result, p, totals, stored):
     if np.isfinite(result.energy_balance_residual) and np.all(np.isfinite(stored)):
         return ""
     return (
-        "the run diverged, its energies are no numbers any more: look for a negative resistance or "
+        "the run diverged, its energies are not finite: look for a negative resistance or "
         "a gain that feeds back in the load"
     )
 
@@ -89,13 +89,13 @@ def _short_run(result, p, totals, stored):
     if share < STORED_SHARE_OF_SHORT_RUNS:
         return ""
     return (
-        f"the run is too short: the stored energy changes by {share:.2g} of what is put in, and "
-        "the ends count; raise run.duration"
+        f"the run is too short: the stored energy changes by {share:.2g} of what is put in, so "
+        "that its ends matter; raise run.duration"
     )
 
 
 def _load(result, p, totals, stored):
-    """Residuals of the realizations that go with what load or transducer take and nothing else."""
+    """The clause for residuals that are proportional to the load's or the transducer's energy."""
     if len(stored) < FEWEST_REALIZATIONS:
         return ""
     left = totals["input_power"] - totals["load_power"] - totals["loss_power"] - stored
@@ -112,14 +112,14 @@ def _load(result, p, totals, stored):
     share = left.sum() / takers[found[0]].sum()
     names = " or the ".join(found)
     return (
-        f"the {names}: what is missing goes with what it takes, {share:+.2g} of it in every "
-        f"realization; the circuit's {names} is not the one that the power is reckoned with (its "
-        "value, its parameters, a temperature or a multiplier)"
+        f"the {names}: the missing energy is proportional to what it takes, {share:+.2g} of it in "
+        f"every realization; the circuit's {names} differs from the one that the power is computed "
+        "with (its value, its parameters, a temperature or a multiplier)"
     )
 
 
 def _together(left, taken):
-    """Share of the residuals' squares that a fixed share of what was taken explains."""
+    """Squared correlation of the residuals with an energy, through the origin."""
     squares = float(np.sum(left**2) * np.sum(taken**2))
     return float(np.sum(left * taken)) ** 2 / squares if squares > 0.0 else 0.0
 

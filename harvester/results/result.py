@@ -74,7 +74,7 @@ class Result:
     energy_balance_residual : float or None
         Share of the energy put in that is not found again.
     wall_seconds : float
-        From the first realization's start to the last one's end, without start-up.
+        Wall time from the first realization's start to the last one's end, without start-up (s).
     engine_seconds : float
         Summed over realizations: `simulated_time` over it is the rate of one core.
     simulated_time : float
@@ -88,13 +88,14 @@ class Result:
     realizations : int
     engine_version : str
     netlist_sha256 : str or None
-        Of the first realization's netlist; of Monte Carlo, of its load's.
+        SHA-256 of the first realization's netlist; of Monte Carlo, of its load's.
     notes : tuple of str
-        What a reader must know before citing a number.
+        Notes that a reader must know before citing a number.
     densities : dict of str to Density
-        Of displacement, velocity and voltage.
+        Densities of displacement, velocity and voltage.
     joint_density : JointDensity or None
-        Of displacement and velocity together: of the stationary solver, or where it was asked for.
+        Density of displacement and velocity together: of the stationary solver, or where it was
+        asked for.
     waveform : Waveform or None
         A stretch of the first realization, in the scene's units; None of averaging.
     failures : dict of int to str
@@ -102,12 +103,12 @@ class Result:
     moments : list of harvester.record.moments.Moments
         One per realization, for paired differences; empty for averaging.
     spectrum_fit : SpectrumFit or None
-        Of averaging over a record.
+        The fit behind averaging over a record.
     stroboscope : ndarray or None, shape (realizations, samples, columns)
-        Where it was asked for: the state at the beginnings of the excitation's periods, scaled, in
+        If requested, the state at the beginnings of the excitation's periods, scaled, in
         the columns of `harvester.record.stroboscope.COLUMNS`; see `section`.
     attractors : tuple of Attractor
-        Of a run without chance from several starts: the motions that they come to.
+        For a deterministic run from several starts: the motions that they reach.
     outcome : str
         "complete", "incomplete" where realizations failed, or the name of the error that ended
         the run early.
@@ -278,7 +279,7 @@ class Result:
         return header, rows
 
     def in_print(self, name: str, estimate: Estimate) -> tuple[float, str]:
-        """The factor that one of its quantities is printed with, and the unit that then holds."""
+        """Factor and unit with which a quantity is printed, such as 1e6 and "µW"."""
         if estimate.dimension == "1" and is_share(name):
             return 100.0, "%"
         return prefixed(estimate.estimate, self.unit(estimate.dimension))
@@ -307,7 +308,7 @@ class Result:
         name : str
             "displacement", "velocity" or "voltage".
         label : str or None
-            In the legend (default: the method).
+            Label in the legend (default: the method).
         **style
             `colour` and `line`, as matplotlib has them.
 
@@ -375,7 +376,7 @@ class Result:
         return f"{title}{table_of(*self.table())}{facts('; '.join(self.sentences()))}"
 
     def evidence(self) -> list[str]:
-        """Sentences on how the numbers came about."""
+        """Sentences on the runs and methods behind the numbers."""
         said = [self.engine_version]
         if self.simulated_time > 0.0:
             said.append(
@@ -437,7 +438,7 @@ def _result_of(kind, content, folder):
 
 
 def _check_dimension(dimension, where):
-    """Such as "voltage^2": a known unit, and a whole power of it."""
+    """Check a dimension such as "voltage^2": a known quantity and a whole power of it."""
     base, power, exponent = dimension.partition("^")
     if base not in SI_UNITS or (power and not exponent.removeprefix("-").isdecimal()):
         raise NotAValue(f"{where} = {shown(dimension)}: is no dimension")

@@ -47,7 +47,7 @@ class Waveform:
         `displacement`, `velocity`, the terminal's `voltage` and `current` (into the load), of a
         load with an output `output_voltage`, and the nodes and currents that were asked for.
     units : dict of str to str
-        Of each column.
+        Units of each column.
     record : Record
         The same points in scaled units, as engines hand them on.
     """

@@ -1,4 +1,4 @@
-"""An answer as bytes and back: nothing is unpickled, and nothing is believed that does not add up.
+"""Writes an answer as bytes and reads it back, without pickle and with all sizes checked.
 
 An answer's file is a zip of plain arrays (.npz): a tree in JSON, the arrays that it names, and a
 digest of all content. The digest finds damage and edits; it is no signature: who may write the
@@ -52,7 +52,7 @@ _KNOWN: dict[str, type] = {
 
 
 class NotAnAnswer(Exception):
-    """A stored file is not the answer of its task; the message says why."""
+    """A stored file does not hold its task's answer; the message says why."""
 
 
 def register(kind: type) -> type:
@@ -62,7 +62,8 @@ def register(kind: type) -> type:
 
 
 def is_final(answer: object) -> bool:
-    """Whether another run would come to the same; a limit or the machine's trouble is not."""
+    """Whether a repeated run would give the same answer: not after a time limit or lack of
+    memory."""
     if not isinstance(answer, BaseException):
         return True
     return type(answer).__name__ in LASTING and not PASSING_REASON.search(str(answer))

@@ -25,7 +25,7 @@ class StudyFolder(os.PathLike):
     Attributes
     ----------
     notes : list of str
-        What a user should know once it is held: that this file system cannot lock.
+        Notes for the user, such as that the file system cannot lock files.
     """
 
     def __init__(self, path: str | os.PathLike):

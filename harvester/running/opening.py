@@ -1,4 +1,4 @@
-"""How a runner is opened: its folder, its processes, its limits."""
+"""Opens a runner: with its folder, its processes and its limits."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ def open_runner(
     progress: Callable[[float, str], object] | None = None,
     runner: Runner | None = None,
 ) -> Iterator[Runner]:
-    """Make a runner for the block.
+    """Open a runner for the duration of a `with` block.
 
     Parameters
     ----------
@@ -41,7 +41,7 @@ def open_runner(
     workers : int or None
         Processes of our own; None: one per core.
     executor : concurrent.futures.Executor, WorkerPool, ExecutorPool or None
-        Instead of them; the numbers are the same.
+        Executor used in place of own workers; the numbers are the same.
     scheduler : str or None
         Address of a Dask scheduler, instead of them.
     time_budget : float or None
@@ -51,7 +51,7 @@ def open_runner(
     progress : callable or None
         Given the share done, 0 … 1, and a few words.
     runner : Runner or None
-        One that is open already: it is handed on, and all else must be left out.
+        A runner that is open already; all other options must then be left out.
 
     Raises
     ------

@@ -34,11 +34,11 @@ class Progress:
         self._ahead[plan] = label, ahead
 
     def wait(self, label: str) -> None:
-        """One task more is to be computed."""
+        """Note that one more task is to be computed."""
         self._waiting[label] += 1
 
     def done(self, label: str, seconds: float) -> None:
-        """One task has been computed."""
+        """Note that a task has been computed."""
         self._waiting[label] -= 1
         self._seconds[label] += seconds
         self._spent += seconds
@@ -46,7 +46,7 @@ class Progress:
         self._say()
 
     def end(self, plan: object) -> None:
-        """A plan has come to its end."""
+        """Note that a plan has ended."""
         self._ahead.pop(plan, None)
         self._ended += 1
         self._say()

@@ -104,12 +104,12 @@ class Realizations:
     Attributes
     ----------
     scene : Scene
-        Its number of realizations decides the batches of each, and no more.
+        The scene; its number of realizations only sets the number of batches of each.
     method : Engine
     size : int
-        Of a task.
+        Size of a task.
     version : str
-        Of what computes, see `Runner.version`.
+        Version of the program that computes, see `Runner.version`.
     density, waveform : bool
         Whether histograms, and the beginning of the first realization, are kept.
     """

@@ -1,4 +1,4 @@
-"""A scene by a method until its error bars are small enough, and what it comes to."""
+"""A scene by a method, with realizations added until its error bars are small enough."""
 
 import math
 from collections.abc import Callable, Generator, Sequence
@@ -50,19 +50,19 @@ class Request:
     Attributes
     ----------
     scene : Scene
-        The length of each realization, their seed and, unless told otherwise, their number.
+        The length of each realization, their seed and, if no other number is given, their number.
     method : Method
         An engine or a closure; its name is taken too.
     precision : float or None
         Relative error of each of the quantities that realizations are added for: the standard
         error, and what the steps may cost.
     quantities : tuple of str
-        Those that decide; names that this scene does not have do not.
+        Quantities that the precision applies to; those that the scene does not have are ignored.
     step, tolerance : str or float, float or None
-        Of the method where it is given by its name.
+        Options of the method, if it is given by its name.
     realizations : int or None
-        At first, and in all without a precision; None: `FIRST_REALIZATIONS` with one, else the
-        scene's own.
+        Number of realizations: of the first round with a precision, else in all. None:
+        `FIRST_REALIZATIONS` with one, else the scene's own.
     most : int
         Most realizations that a precision is worth.
     density, moments : bool
@@ -96,10 +96,10 @@ class Request:
 
     @property
     def cut_from(self) -> Scene:
-        """The scene of its tasks: alike for all requests that share their realizations.
+        """The scene of its tasks: the same for all requests that share realizations.
 
-        Each realization has as many batches as in a long run. Only where a request runs the scene's
-        own number of realizations, and that is small, has each of them more.
+        Each realization is cut into as many batches as in a run of many realizations. If a request
+        runs the scene's own number of realizations and that is small, each is cut into more.
         """
         own = self.realizations is None and self.precision is None
         count = min(self.scene.run.realizations, MANY_REALIZATIONS) if own else MANY_REALIZATIONS
@@ -107,7 +107,7 @@ class Request:
 
     @property
     def first(self) -> int:
-        """Realizations to begin with."""
+        """Number of realizations in the first round."""
         if self.precision:
             return self.realizations or FIRST_REALIZATIONS
         wanted = self.realizations or self.scene.run.realizations
@@ -121,24 +121,24 @@ class Answer:
     Attributes
     ----------
     scene : Scene
-        With as many realizations as were run.
+        The scene, with the number of realizations that were run.
     method : str
     quantities : dict of str to Estimate
         Scaled units; `standard_error` is the numerical error for a closure.
     seconds : float
-        Of one core.
+        Processor time of one core (s).
     outcome : str
         "complete", or what ended it early.
     realizations : int
     simulated_time : float
-        Of all realizations (s); 0 for a closure.
+        Simulated time of all realizations (s); 0 for a closure.
     energy_balance_residual : float or None
     misses_jumps : bool
-        One jump between the wells more would change E[V²] by more than the precision asked for:
-        the error bar knows nothing of jumps that no realization saw.
+        Whether a single further jump between the wells would change E[V²] by more than the
+        precision; the error bar does not include jumps that no realization made.
     notes : tuple of str
     density : Density or None
-        Of the displacement.
+        Density of the displacement.
     moments : tuple of harvester.record.moments.Moments
         One per realization, for paired differences.
     """
@@ -196,7 +196,7 @@ def answering(
     ----------
     request : Request
     version : str
-        Of what computes, see `Runner.version`.
+        Version of the program that computes, see `Runner.version`.
     density : bool
         Whether histograms are kept even where this request does not ask for them.
 
@@ -225,7 +225,7 @@ def aim_beside_steps(precision: float, step_error: float) -> float:
 
 
 def note_on_steps(precision: float, step_error: float) -> str:
-    """What to say of steps that cost more than a precision asked for; empty otherwise."""
+    """A note if the steps' error exceeds the precision asked for; empty otherwise."""
     if step_error < precision:
         return ""
     return (
@@ -252,7 +252,7 @@ def in_rounds(
         Relative error that ends it; None: the first round is all.
     judge : callable
         Given the answers of all tasks so far and what ended them ("" while they go on), returns
-        what they come to and its relative error; 0 where more realizations would not help.
+        the estimates and their relative error; 0 where more realizations would not help.
 
     Returns
     -------
@@ -292,7 +292,7 @@ def not_balanced(residual: float) -> EnergyNotBalanced:
 
 
 def residual_notes(residual: float) -> list[str]:
-    """What to say of a share that an energy balance leaves."""
+    """Notes on a residual of the energy balance."""
     if abs(residual) <= NOTED_RESIDUAL:
         return []
     return [f"energy balance residual {residual:.1%}: choose a shorter --step"]
@@ -310,7 +310,7 @@ def told(error: HarvesterError) -> str:
 
 
 def good_ones(found: Sequence) -> tuple[list, HarvesterError | str]:
-    """The answers before the first that is missing, and why it is: an error, or the time."""
+    """The answers before the first missing one, and its reason: an error, or that time ran out."""
     good: list = []
     for each in found:
         if each is None:

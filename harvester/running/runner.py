@@ -34,7 +34,7 @@ class Runner:
     Attributes
     ----------
     folder : StudyFolder or None
-        Where answers outlast this process.
+        Folder in which answers are kept on disk; None: in memory only.
     out_of_time : bool
         Something was left out because the time budget was spent.
     computed, reused : int
@@ -69,7 +69,8 @@ class Runner:
 
     @property
     def warnings(self) -> list[str]:
-        """Answers that were not believed, outcomes not kept, a folder that cannot be locked."""
+        """Warnings: stored answers that are not valid, outcomes not kept, a folder that
+        cannot be locked."""
         lines = list(self._store.refused.values())
         if len(lines) > MOST_NAMED:
             lines[MOST_NAMED:] = [f"and {len(lines) - MOST_NAMED} more of this kind"]
@@ -82,7 +83,7 @@ class Runner:
 
     @contextlib.contextmanager
     def reserving(self, share: float) -> Iterator[None]:
-        """Leave this share of the time that is left to what comes after."""
+        """Within the block, reserve this share of the remaining time for what follows it."""
         whole, now = self._deadline, time.monotonic()
         self._deadline = now + (1.0 - share) * (whole - now)
         try:
@@ -169,7 +170,7 @@ class Runner:
 
 
 class _Following:
-    """One call of `Runner.follow`."""
+    """State of one call of `Runner.follow`."""
 
     def __init__(self, runner, plans, on_end, in_turn):
         self._runner, self._plans, self._on_end = runner, plans, on_end
@@ -256,7 +257,7 @@ class _Following:
             future.add_done_callback(self._done.put)
 
     def _leave_out(self):
-        """Begin nothing more: what was asked for and has not begun is answered by None."""
+        """Start no further tasks: tasks that have not begun get the answer None."""
         for future in self._futures:
             future.cancel()
         ready, self._ready = self._ready, []
@@ -303,11 +304,11 @@ def _outcome(future):
 
 
 def _cut(request):
-    """What decides the realizations of a request."""
+    """The key by which requests share realizations."""
     return request.cut_from, request.method
 
 
 def _alone(task):
-    """A plan of one task."""
+    """A plan that asks for a single task and returns its answer."""
     (result,) = yield Wanted([task])
     return result

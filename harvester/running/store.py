@@ -22,7 +22,7 @@ class Store:
     refused : dict of str to str
         Keys to one line each: what lay under a task's name and was no answer to it.
     passing : int
-        Outcomes that another run may not come to, and that are therefore not on disk.
+        Outcomes that a repeated run may not reproduce, and that are therefore not on disk.
     """
 
     def __init__(self, folder: os.PathLike | None = None):
@@ -38,7 +38,7 @@ class Store:
         return self._folder is not None
 
     def get(self, task: Task) -> object:
-        """The answer, or `MISSING` where there is none to be believed."""
+        """The answer, or `MISSING` where there is no valid one."""
         if task.key in self._held:
             return self._held[task.key]
         if self._folder is None or task.key in self._unbelieved:
@@ -56,7 +56,7 @@ class Store:
         return answer
 
     def put(self, task: Task, answer: object) -> None:
-        """Keep an answer; on return it is on disk, if another run would come to the same."""
+        """Keep an answer; on return it is on disk, if a repeated run would give the same."""
         final = is_final(answer)
         self.passing += not final
         if not (self.on_disk and final and self._is_free(task)):

@@ -34,12 +34,12 @@ class Task:
     Attributes
     ----------
     function : callable
-        Of a module; called in a worker process as function(report=…, **arguments). It returns
-        what `harvester.running.codec` knows, and raises a HarvesterError where it fails.
+        A function of a module; called in a worker process as function(report=…, **arguments). It
+        returns what `harvester.running.codec` knows, and raises a HarvesterError where it fails.
     arguments : dict of str to object
         Scenes, numbers, strings, None, and lists, tuples and dictionaries of these.
     version : str
-        Of what computes, besides this package.
+        Version of the program that computes, besides this package.
     label : str
         Tasks of one label take about as long as each other: for the time left.
     time_limits : int
@@ -68,7 +68,7 @@ class Task:
 
 
 class Wanted(NamedTuple):
-    """What a plan yields to get answers.
+    """Tasks whose answers a plan needs: the plan yields this and is sent the answers.
 
     Attributes
     ----------

@@ -1,4 +1,4 @@
-"""A device in the words that its maker knows it by: frequency, quality factor, matched load."""
+"""A device described by frequency, quality factor, coupling and matched load."""
 
 from __future__ import annotations
 

@@ -21,7 +21,7 @@ DRAWN = {
 
 
 def with_drawing(tables: dict[str, Any], origin: str) -> dict[str, Any]:
-    """A scene's tables with what its drawing comes to.
+    """A scene's tables with the lumped values computed from its drawing.
 
     Raises
     ------
@@ -64,7 +64,7 @@ def _checked(name, tables, origin):
 
 
 def _beside(name, tables, origin):
-    """A table's keys that the drawing does not determine; keys that it does are refused."""
+    """A table's own keys; a key that follows from the drawing is refused."""
     given = tables.get(name, {})
     if not isinstance(given, dict):
         raise SceneError(f"{origin}: {name} must be a table")

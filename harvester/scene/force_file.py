@@ -37,7 +37,7 @@ def with_points(tables: dict[str, Any], origin: str) -> dict[str, Any]:
 
 
 def _read(table, key, what, where):
-    """One table, and the parts that it may have, with points for the name of a file."""
+    """A table, and its `parts`, in which a file's name is replaced by the points of the file."""
     table = with_profile(dict(table), where)
     if isinstance(table.get(key), str):
         try:

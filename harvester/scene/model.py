@@ -121,7 +121,7 @@ class Start:
 
 @dataclass(frozen=True)
 class Load:
-    """What hangs on the transducer: the built-in resistor, or a netlist.
+    """The load of the transducer: the built-in resistor, or a netlist.
 
     `kind`, `resistance` (SI, Ω), `decay_rate` (scaled, λ = 1/(R Cp)) are the built-in resistor's.
     `netlist` is a name in netlists/ or a path, `subcircuit` the one meant of its file,
@@ -159,7 +159,7 @@ def _tables() -> dict[str, tuple[str, Any]]:
 
 
 class Reader(Protocol):
-    """What `Scene.load` is: see `read_scene`."""
+    """Type of `Scene.load` as a function, see `read_scene`."""
 
     def __call__(self, source: str | Path, overrides: Iterable[str] = ()) -> Scene:
         """Read a scene."""
@@ -186,7 +186,7 @@ def read_scene(cls: type[Scene], source: str | Path, overrides: Iterable[str] = 
 
 
 class ReaderOrTable:
-    """Two meanings of `load`: the class reads a scene, a scene has its table [load]."""
+    """Descriptor for `load`: `Scene.load(…)` reads a scene, `scene.load` is the table [load]."""
 
     @overload
     def __get__(self, scene: None, owner: type[Scene]) -> Reader: ...
@@ -438,7 +438,7 @@ def _check_sampling(scene, origin):
 
 
 def _without_computed(table: dict[str, Any]) -> dict[str, Any]:
-    """An excitation's table without what it found in its files."""
+    """An excitation's table without the fields that were computed from its files."""
     kinds: Iterable[Any] = KINDS.values()
     computed = {each.name for kind in kinds for each in dataclasses.fields(kind) if not each.init}
     kept = {key: value for key, value in table.items() if key not in computed}

@@ -59,7 +59,7 @@ def number(scene: Scene, key: str, option: str) -> tuple[float, Key]:
     scene : harvester.scene.model.Scene
     key : str
     option : str
-        Of the command line, for the message.
+        Option of the command line, for the message.
 
     Returns
     -------

@@ -104,7 +104,7 @@ def put(tables: dict[str, Any], dotted: str, value: Any, origin: str) -> None:
 
 
 def _leave_out_others(table, kind):
-    """Take out of an excitation's table what another kind does not have."""
+    """Remove the keys from an excitation's table that its new kind does not have."""
     if isinstance(kind, str) and kind in KINDS and kind != table.get("kind", next(iter(KINDS))):
         for key in {*table} - {"kind", *KINDS[kind].KEYS}:
             del table[key]
@@ -165,7 +165,7 @@ def _listed(name, count):
 
 
 def _without(place, name, index):
-    """Take one of several tables out, the last one with the name."""
+    """Remove one of several tables; if it is the only one, the key goes too."""
     several = place.pop(name)
     if isinstance(several, dict) or len(several) == 1:
         return

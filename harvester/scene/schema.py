@@ -138,11 +138,12 @@ def check_tables(
     Parameters
     ----------
     tables : dict
-        As read from TOML: top-level keys and tables.
+        The scene as read from TOML: top-level keys and tables.
     origin : str
         File or scene name, for messages.
     kinds : dict of str to dict
-        For tables whose `kind` decides what else they hold: {table: {kind: class with KEYS}}.
+        Keys of the tables whose `kind` decides which keys they have: {table: {kind: class with
+        KEYS}}.
 
     Returns
     -------
@@ -364,7 +365,7 @@ def _check_load(load, units, origin):
 
 
 def _check_physics(scene, origin):
-    """What no single value shows: a motion without bounds or without a stationary state."""
+    """Refuse values that together allow a motion without bounds or without a stationary state."""
     oscillator, stoppers = scene["oscillator"], scene.get("stoppers", ())
     stoppers = [stoppers] if isinstance(stoppers, dict) else stoppers
     _check_bounded(oscillator, stoppers, origin)
@@ -439,7 +440,7 @@ def _check_bounded(oscillator, stoppers, origin):
 
 
 def _stopped(stoppers, side, order):
-    """Whether a stopper there holds against a force that grows with this power."""
+    """Whether a stopper on this side grows faster with depth than a force of this power."""
     return any(
         each["stiffness"] > 0.0
         and each.get("side", "both") in (side, "both")

@@ -1,4 +1,4 @@
-"""Where a scene comes from: built-in names, its file, and the files that it names."""
+"""Finds a scene: by a built-in name or a file, with the files that it refers to."""
 
 from __future__ import annotations
 

@@ -51,7 +51,7 @@ def read_toml(text: str, origin: str) -> dict[str, Any]:
 def plain_tables(tables: dict[str, Any], origin: str) -> dict[str, Any]:
     """Copy of nested dictionaries with numpy's numbers as Python's.
 
-    What a key does not accept is left for the check of that key.
+    Values of other types are kept; the check of their key refuses them.
 
     Raises
     ------

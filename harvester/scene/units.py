@@ -92,7 +92,8 @@ def scale(scene: Scene) -> tuple[System, Scales]:
 
 
 def excitation_unit(scene: Scene, length: float) -> float:
-    """The base's acceleration for one unit of η, l/μ: the base's counts μ times on a mode."""
+    """Base acceleration for one unit of η, l/μ: on a beam's mode the base's acceleration
+    counts μ times."""
     return length / scene.oscillator.base_factor
 
 
@@ -164,7 +165,7 @@ def load_resistance(scene: Scene) -> float | None:
 
 
 def setting(scene: Scene) -> Setting:
-    """What a scene's transducer is built into: `harvester.device.terminals.Setting`."""
+    """The surroundings of a scene's transducer: `harvester.device.terminals.Setting`."""
     scaled = scene.units != "SI"
     mass: Any = 1.0 if scaled else scene.oscillator.mass
     length = 1.0 if scaled else length_scale(scene)
@@ -189,14 +190,14 @@ def require_resistor(scene: Scene, method: str) -> None:
     """
     if not scene.load.is_resistor:
         raise LoadError(
-            f"{scene.name}: {method} knows a resistor as load, and load.netlist is "
+            f"{scene.name}: {method} takes only a resistor as load, and load.netlist is "
             f"{scene.load.netlist!r}; use the circuit engine"
         )
     require_mass(scene, method)
 
 
 def require_mass(scene: Scene, method: str) -> None:
-    """Refuse an excitation that says where the mass is.
+    """Refuse an excitation that prescribes the displacement of the mass.
 
     Raises
     ------
@@ -204,7 +205,7 @@ def require_mass(scene: Scene, method: str) -> None:
     """
     if scene.excitation.prescribes_displacement:
         raise LoadError(
-            f"{scene.name}: {method} knows a moving mass, and excitation.kind is "
+            f"{scene.name}: {method} needs a mass that moves by forces, and excitation.kind is "
             f"{scene.excitation.kind!r}; use the circuit engine"
         )
 

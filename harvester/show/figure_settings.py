@@ -29,7 +29,7 @@ def load_matplotlib() -> None:
 
 
 def _choose_backend(matplotlib):
-    """What MPLBACKEND names, if matplotlib knows it."""
+    """Use the backend that MPLBACKEND names, if matplotlib has it."""
     wanted = os.environ.get("MPLBACKEND")
     with contextlib.suppress(ValueError):
         if wanted:

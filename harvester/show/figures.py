@@ -44,7 +44,7 @@ def picture(draw: Callable, result: Any, format: str = "svg") -> bytes:
 
 
 def drawn(draw: Callable, result: Any) -> Any:
-    """What `draw` makes of a result in the project's style, whatever settings are in force."""
+    """Call `draw` on a result with the project's style, independent of matplotlib's settings."""
     with figure_settings(STYLE):
         return draw(result)
 

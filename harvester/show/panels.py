@@ -34,7 +34,7 @@ class Series:
     ----------
     x, y : array_like, shape (n,)
     label : str or None
-        In the legend.
+        Text in the legend.
     colour : str or None
         None: the next of the style's own.
     line, marker : str
@@ -46,9 +46,9 @@ class Series:
     hollow : array_like of bool or None, shape (n,)
         Points whose mark is not filled.
     size : float
-        Of a mark.
+        Size of a mark.
     width : float or None
-        Of a line; None: the style's own.
+        Width of a line; None: the style's own.
     shift : float
         Points of print to the right, so that marks at the same place stand side by side.
     """
@@ -112,7 +112,7 @@ def draw_panels(
     panels : sequence of Panel
     title : str
     size : (float, float)
-        Of a panel, in inches.
+        Size of a panel, in inches.
     columns : int
         Most panels in a row; only the first of a row names its y axis, where that is the same.
     **shared

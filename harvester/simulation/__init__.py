@@ -1,4 +1,4 @@
-"""`simulate`: realizations by one engine, and what they come to."""
+"""`simulate`: realizations by one engine, and the estimates from them."""
 
 from harvester.former_names import handed_on
 

@@ -22,10 +22,10 @@ from harvester.simulation.methods import Engine, engine_of
 if TYPE_CHECKING:
     from harvester.scene.model import Scene
 
-# The excitation's knots are this many times finer than the scene's: between knots a sine is a
-# straight line, which decides for starts next to a fractal border. Of 225 starts of a Duffing
-# oscillator 88, 94, 95.6 and 96 % came to the well that scipy found, with 1, 2, 4 and 8 times the
-# knots; four take 1.4 times as long as one.
+# The excitation's knots are this many times finer than the scene's: between knots the sine is
+# replaced by a straight line, whose error decides which well a start next to a fractal border
+# reaches. Of 225 starts of a Duffing oscillator 88, 94, 95.6 and 96 % came to the well that scipy
+# found, with 1, 2, 4 and 8 times the knots; four take 1.4 times as long as one.
 FINER_KNOTS = 4
 # Number of starts in one task: for a resistive load, for a netlist, and for the engine "circuit".
 TOGETHER, TOGETHER_NETLIST, TOGETHER_CIRCUIT = 512, 64, 8
@@ -103,7 +103,7 @@ def follow(
     Parameters
     ----------
     scene : Scene
-        As `forced` gives it.
+        A scene as returned by `forced`.
     engine, step, settings
         The engine's name, its step, and what else of it is not as usual.
     starts : list of [float, float, float]
@@ -166,11 +166,11 @@ def neighbours(
     Parameters
     ----------
     scene : Scene
-        As `forced` gives it.
+        A scene as returned by `forced`.
     samples : ndarray, shape (starts, samples, columns or STATE)
     starts : ndarray, shape (starts, STATE)
     members : ndarray of int
-        Numbers of the starts that came to the motion.
+        Indices of the starts that reached the motion.
 
     Returns
     -------

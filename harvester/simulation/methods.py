@@ -99,7 +99,7 @@ class Engine(Method):
 
 @dataclass(frozen=True)
 class Circuit(Engine):
-    """The circuit, by ngspice.
+    """The engine "circuit": the equivalent circuit, simulated by ngspice.
 
     Attributes
     ----------

@@ -1,4 +1,4 @@
-"""What several starts of one run come to: the steady motions of a device without chance."""
+"""The steady motions of a deterministic device, from the several starts of one run."""
 
 from __future__ import annotations
 
@@ -52,14 +52,14 @@ def attractors(
     pool: Workers,
     time_limit: float,
 ) -> tuple[Attractor, ...]:
-    """The motions that a run's starts came to, that of most starts first.
+    """The motions on which a run's starts settled, the one with the most starts first.
 
     Parameters
     ----------
     scene : Scene
     engine : Engine
     realizations : dict of int to Realization
-        By their numbers, with stroboscopic samples.
+        Realizations by their numbers, with stroboscopic samples.
     pool : Workers
         Follow neighbours on motions without a period.
     time_limit : float

@@ -47,7 +47,8 @@ def result_of(
     outcome: str = "complete",
     motions: tuple[Attractor, ...] = (),
 ) -> Result:
-    """The result of realizations that came to their end, failures named, with their motions."""
+    """The result of the realizations that were completed, with the failures named and the
+    motions found."""
     ready = prepared(scene)
     parameters, scales = ready.system, ready.scales
     moments = [realization.moments for realization in realizations]
@@ -113,7 +114,7 @@ def _density_notes(found, shapes):
     if found.balance is None or found.shortfalls or not bare:
         return ()
     return (
-        f"the density of {', '.join(bare)} has no error bar: some of it stands on fewer than "
+        f"the density of {', '.join(bare)} has no error bar: parts of it rest on fewer than "
         f"{FEWEST_JUMPS:.0f} jumps between wells; simulate longer",
     )
 
@@ -144,14 +145,14 @@ def partial_result(scene: Scene, engine: Engine, error: SimulationError) -> Resu
 
 
 def notes_on_excitation(scene: Scene) -> tuple[str, ...]:
-    """What a reader must know of the noise that a scene is run with."""
+    """Notes for the result on the excitation that a scene was run with."""
     ready = prepared(scene)
     frequency = timescales.angular_frequency(ready.system)
     return scene.excitation.notes(knot_spacing(ready), frequency, scene.run)
 
 
 def _notes_on_starts(scene, motions):
-    """How many motions a run without chance tells of."""
+    """Notes on how many different motions a deterministic run's starts reach."""
     if scene.excitation.random:
         return ()
     count, given = distinct_realizations(prepared(scene)), scene.run.realizations
@@ -165,7 +166,7 @@ def _notes_on_starts(scene, motions):
         return (
             *repeated,
             "one start: a driven device that is not linear may have other motions with other "
-            "powers: set run.starts = 100, or ask harvester basins",
+            "powers: set run.starts = 100, or use harvester basins",
         )
     unit = unit_of(scene, "power")
     lines = (*repeated, *(each.sentence(unit) for each in motions))
@@ -176,9 +177,9 @@ def _notes_on_starts(scene, motions):
         )
     if scene.run.starts:
         lines += (
-            "the quantities above are means over all starts; their error bars hold the chance of "
-            f"{given} drawn starts; a motion that fewer than {3.0 / given:.1%} of all starts come "
-            "to may be missing",
+            "the quantities above are means over all starts; their error bars include the chance "
+            f"of {given} drawn starts; a motion that fewer than {3.0 / given:.1%} of all starts "
+            "reach may be missing",
         )
     elif len(motions) > 1:
         lines += (
@@ -194,8 +195,9 @@ def _notes_on_repetition(count, given):
         return ()
     starts = "there is one" if count == 1 else f"there are {count}, one in each well"
     return (
-        f"run.realizations = {given}: without chance in the excitation realizations differ by "
-        f"their starts alone, and {starts}: each is run once; run.starts = 100 draws others",
+        f"run.realizations = {given}: the excitation is deterministic, so that realizations "
+        f"differ by their starts alone, and {starts}: each is run once; run.starts = 100 draws "
+        "others",
     )
 
 
@@ -220,7 +222,7 @@ def checked(result: Result) -> Result:
         raise EnergyNotBalanced(
             f"{result.engine}: the energy balance leaves {100.0 * residual:.4g} % of the energy "
             f"unaccounted for (limit {LARGEST_RESIDUAL:.0%}); suspected: "
-            f"{suspected_cause(result)}; else choose --step fine or finest",
+            f"{suspected_cause(result)}; if that is not the cause, choose --step fine or finest",
             partial=result,
         )
     if residual <= NOTED_RESIDUAL:

@@ -37,7 +37,7 @@ REPORT_SECONDS = 0.25
 
 @dataclass
 class Realization:
-    """What a worker sends back.
+    """One realization's results, as a worker process returns them.
 
     Attributes
     ----------
@@ -45,13 +45,13 @@ class Realization:
     waveform : Record or None
         The stretch asked for.
     electrical : dict of str to ndarray
-        Beside it: `output_voltage` (scaled) of a load with an output, and its nodes and currents
-        asked for (V and A).
+        Series beside the waveform: `output_voltage` (scaled) of a load with an output, and the
+        requested nodes and currents (V and A).
     joint : JointHistogram or None
-        Where it was asked for.
+        Joint histogram, if it was requested.
     seconds : float
-        Of one core, for the simulation alone, whatever else the machine does; of realizations run
-        together, its share.
+        Processor time of one core (s), for the simulation alone, whatever else the machine does; of
+        realizations run together, its share.
     started, ended : float
         The system's clock (s).
     engine_version : str
@@ -74,7 +74,7 @@ class Realization:
 
 
 class Stretch(NamedTuple):
-    """What of the first realization is kept as its waveform.
+    """The part of the first realization that is kept as a waveform.
 
     Attributes
     ----------
@@ -158,7 +158,7 @@ class Reporter:
         self._next = time.monotonic() + REPORT_SECONDS
 
     def add(self, record: Record) -> None:
-        """Report when it is time."""
+        """Report the moments if the last report is old enough."""
         now = time.monotonic()
         if now >= self._next:
             self._report(self._moments)
@@ -182,7 +182,7 @@ def run(
     scene : Scene
     engine : Engine
     indices : sequence of int
-        Of the realizations: each picks its seed and its starting well.
+        Numbers of the realizations: each picks its seed and its starting well.
     window : (float, float) or None
         Stretch of each one's waveform to keep (s).
     report : callable

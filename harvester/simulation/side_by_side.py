@@ -65,10 +65,10 @@ def share_steps(
     source: str = "external",
     tolerance: float | None = None,
 ) -> bool:
-    """Whether realizations may stand side by side: copies in one netlist share their steps.
+    """Whether several realizations may be copies in one netlist, where they share the time steps.
 
-    A stiff contact, which shortens those of one copy after another, control by the local error and
-    loads that switch leave each realization its own netlist.
+    Each realization gets its own netlist if contacts are stiff (each would shorten all copies'
+    steps), if the local error controls the steps, or if the load switches.
 
     Parameters
     ----------

@@ -52,7 +52,7 @@ def simulate(
     Parameters
     ----------
     scene : Scene, str or Path
-        Itself, its file or its built-in name.
+        A scene, its file or the name of a built-in one.
     method : str or Method
         circuit (ngspice) or monte-carlo (the equations themselves, no ngspice).
         In Python also `Circuit(…)`, `MonteCarlo(…)` or `Stationary(…)`, which hold the settings
@@ -168,9 +168,9 @@ def require_paths(scene: Scene, command: str) -> None:
     """
     if not scene.excitation.endless:
         raise HarvesterError(
-            f'{scene.name}: excitation.kind = "{scene.excitation.kind}": {command} needs as many '
-            'independent paths as it likes: set excitation.kind = "spectrum" (harvester spectrum '
-            'makes one of a record) or "ornstein-uhlenbeck"'
+            f'{scene.name}: excitation.kind = "{scene.excitation.kind}": {command} needs an '
+            'unlimited number of independent paths: set excitation.kind = "spectrum" (harvester '
+            'spectrum makes one of a record) or "ornstein-uhlenbeck"'
         )
 
 
@@ -185,6 +185,6 @@ def require_noise(scene: Scene, command: str) -> None:
 
     if not isinstance(scene.excitation, OrnsteinUhlenbeck):
         raise HarvesterError(
-            f'{scene.name}: excitation.kind = "{scene.excitation.kind}": {command} needs as many '
-            'independent paths as it likes: set excitation.kind = "ornstein-uhlenbeck"'
+            f'{scene.name}: excitation.kind = "{scene.excitation.kind}": {command} needs an '
+            'unlimited number of independent paths: set excitation.kind = "ornstein-uhlenbeck"'
         )

@@ -39,7 +39,8 @@ def running(
 
 
 def copies_that_pay(scene: Scene, engine: Engine, pool: Workers) -> int:
-    """Realizations in one call of an engine: its option `copies`, else as many as are fastest."""
+    """Number of realizations in one call of an engine: its option `copies`, else the fastest
+    number."""
     count = distinct_realizations(prepared(scene))
     if isinstance(engine, MonteCarlo):
         workers = getattr(pool, "size", math.inf)
@@ -87,7 +88,7 @@ def calls_of(
 
 
 def stretch_of(scene: Scene, window: Sequence[float] | None, nodes: Sequence[str]) -> Stretch:
-    """What of the first realization is kept as the result's waveform.
+    """The part of the first realization that is kept as the result's waveform.
 
     Raises
     ------
@@ -151,7 +152,7 @@ def outcomes(
 
 
 class Follower:
-    """Adds up how far the realizations are."""
+    """Computes the progress of all realizations from their reports."""
 
     def __init__(self, scene: Scene, method: str, progress: Callable[[float, str], object]):
         self._method = method
@@ -162,7 +163,7 @@ class Follower:
         self._progress = progress
 
     def __call__(self, index: int, moments: list) -> None:
-        """Take in the moments that a call has so far."""
+        """Update the progress from one call's latest moments."""
         reached = sum(each.time_reached for each in moments)
         self._sum += reached - self._reached.get(index, 0.0)
         self._reached[index] = reached

@@ -21,16 +21,16 @@ class Averages:
     mean_square_velocity, mean_square_displacement : float
         E[X'²], E[X²].
     mean_transducer_loss : float
-        In leak or winding, s⁻³.
+        Power lost in leak or winding, s⁻³.
     share_in_wells : float or None
         Probability of the orbits inside a well; 0 for a monostable device. None where nothing is
         averaged over orbits.
     numerical_error : dict of str to float
-        Of each mean above and of those of `between_wells`.
+        Numerical error of each mean above and of those of `between_wells`.
     density : Density or GridDensity
         Densities of displacement, velocity and both; of the second of the terminal voltage as well.
     between_wells : dict of str to float
-        Of `fokker_planck` and several wells that motion joins: `well_crossing_rate`, if
+        Quantities of `fokker_planck` for several wells that motion joins: `well_crossing_rate`, if
         asked for `slowest_decay_rate` and the rates of jumps that
         `harvester.device.cores.jump_rates` names (1/s), and, where symmetry does not tell them,
         `share_of_time_in_well_1` and so on from the left.

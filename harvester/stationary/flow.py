@@ -1,4 +1,5 @@
-"""Where the nodes of a grid go in one step with Z and η held, and how their mass is shared there.
+"""The flow of a grid's nodes in one step with Z and η fixed, and the sharing of their mass among
+nodes.
 
 The paths are integrated by the method of Dormand and Prince of order five, each with its own
 steps, so that a short contact costs only the paths that touch. The mass that arrives between nodes
@@ -39,7 +40,8 @@ STAGES, OFF = np.vstack([np.pad(RK45.A, ((0, 0), (0, 1))), RK45.B]), RK45.E
 
 
 def shared_ends(device: System, grid: Grid) -> tuple[np.ndarray, ...]:
-    """Where each node is after a step, as `shared` takes it: nodes about its end, and shares.
+    """For `shared`: the nodes around the end of each node's path after a step, and their shares of
+    its mass.
 
     Parameters
     ----------
@@ -62,8 +64,8 @@ def shared_ends(device: System, grid: Grid) -> tuple[np.ndarray, ...]:
         ends = [np.empty((len(part.x), len(part.kept), len(part.v))) for _ in range(2)]
         if not _ends(device, part.x, part.kept, part.v, part.step, most, *ends):
             raise AveragingError(
-                "contacts or spring are too stiff for the steps that fokker_planck has: soften "
-                "them, or simulate"
+                "contacts or spring are so stiff that fokker_planck would need too many steps: "
+                "soften them, or simulate"
             )
     return *_neighbours(ends[0], grid.x, NEIGHBOURS), *_neighbours(ends[1], grid.v, LANES)
 
@@ -178,7 +180,7 @@ def _add_multiple(typingctx, target, here, factor, source, there):
 
 @summing
 def _share(state, first_x, by_x, first_v, by_v, moved):
-    """Add to `moved` what each node's mass becomes, one layer after the other: it stays at hand."""
+    """Distribute each node's mass to `moved`, layer by layer so that a layer stays in the cache."""
     rows, layers, modes, columns = state.shape
     # Flat arrays and unsigned numbers: no index is then checked for being negative.
     source, target = state.reshape(-1), moved.reshape(-1)

@@ -2,7 +2,7 @@
 
 The Fokker–Planck equation of Eq. 4 with Z = X − V, Z' = λ(X − Z), is carried on in time by
 `propagator`; what P, the propagator over about one period, leaves as it is, is the stationary
-density: (1 − P) p = 0 (`solution`). It starts from a Gibbs density on a coarse grid, which tells
+density: (1 − P) p = 0 (`solution`). It starts from a Gibbs density on a coarse grid, which shows
 how far the grid must reach and how fine it must be (`region`). What the first grid for the answer
 misses is estimated on grids that are finer in time, in X and X' or in Z, each corrected from the
 one before, until it is less than the tolerance.
@@ -45,9 +45,10 @@ UNSEEN_ERROR = 0.2
 # others. A grid with more of them then shows it.
 SLOW_CHARGE = 0.1
 # If refining the nodes changes every mean by less than SPARSE_GRID_CHANGE of the tolerance, the
-# time-step error is estimated on the coarser grid, which is cheaper. Not where a charge outlasts
-# the period and the rate of crossings of a saddle changes by more than SPARSE_GRID_CROSSINGS of
-# itself: on few nodes each further step smears more density over the saddle.
+# time-step error is estimated on the coarser grid, which is cheaper. This does not hold if the
+# charge decays slower than a period and the rate of saddle crossings changes by more than
+# SPARSE_GRID_CROSSINGS of itself: on few nodes each further step smears more density over the
+# saddle.
 SPARSE_GRID_CHANGE, SPARSE_GRID_CROSSINGS = 0.2, 0.2
 # Coarse grids tried until one covers the density that it gives.
 REGION_ATTEMPTS = 8
@@ -63,12 +64,12 @@ SLOWEST_DECAY = 2e-3
 FARTHER = 2.0
 LINE_TOLERANCE_SHARE = 0.3
 CONTINUED_WORK = 2.0
-# The first coarse grid may give an E[X'²] that is wrong by up to this factor.
+# The first coarse grid's E[X'²] may be wrong by up to this factor.
 UNTOLD_FACTOR = 2.0
-# Two grids that differ in their steps give Richardson's correction for an error of second order.
-# Where steps are long the error is of higher order: CORRECTION_TAKEN of it is added. The stated
-# error is these shares of the correction and of what the last refinement of nodes and charges
-# changed.
+# Two grids with different steps give Richardson's correction, which assumes an error of second
+# order. With long steps the error is of higher order, so that only CORRECTION_TAKEN of it is added.
+# STATED_ERROR gives the shares of this correction, and of the last changes by refining nodes and
+# charges, that are stated as error.
 CORRECTION_TAKEN, STATED_ERROR = 0.6, {"steps": 0.7, "nodes": 0.75, "charges": 0.75}
 # Nodes too coarse for a contact have an error of first order: with 4/3 times the nodes a quarter of
 # it goes, so that three times the change is left.
@@ -146,8 +147,8 @@ def _check(device):
     """Refuse what the state does not hold, and what takes too many steps."""
     if any(not isinstance(each.law, HertzDamp) for each in device.contacts):
         raise AveragingError(
-            "the contact law is not Hertz's: a force that begins with a jump is beyond the grids "
-            "of fokker_planck: simulate"
+            "the contact law is not Hertz's: fokker_planck's grids cannot resolve a force that "
+            "begins with a jump: simulate"
         )
     if any(each.law.holds for each in device.contacts):
         raise AveragingError(
@@ -247,7 +248,7 @@ def _first(task, tolerance):
 def _refine(grids, respect, known=None):
     """One more solution, on a grid with more "steps", "nodes" or "charges" than the last of these.
 
-    `known` is a mean, and the share of it to which it is known so far.
+    `known` is (name of a mean, its relative error so far), for the message.
     """
     last = grids[respect][-1]
     try:
@@ -294,17 +295,19 @@ def _found(task):
             fitted = Region.guessed(device, lone if held_back else None, np.sqrt(spread))
             solution = None
         region = fitted
-    raise AveragingError("the range of the motion was not found: simulate")
+    raise AveragingError("no grid covers the range of the motion: simulate")
 
 
 def _changed(solutions):
-    """The judged mean that changes most from the last grid but one to the last, and its share."""
+    """Among the means `JUDGED`, the one with the largest relative change on the last grid,
+    and that change."""
     before, last = (each.means for each in solutions[-2:])
     return _worst(last, {name: abs(last[name] - before[name]) for name in JUDGED})
 
 
 def _corrected(grids):
-    """Means without the errors that grids tell, and what of these is in doubt, by respect.
+    """Means corrected by the differences between grids, and the stated errors by kind of
+    refinement.
 
     The errors of steps and nodes add up, so that each is known from grids that differ in it alone:
     the step's is of second order or higher and most of it taken off; that of nodes vanishes faster.
@@ -321,7 +324,8 @@ def _corrected(grids):
 
 
 def _compared(grids, find):
-    """What `find` gives, and its errors: what the two grids of each respect changed, as a whole.
+    """Rates by `find`, with errors: the whole change between the two grids of each kind of
+    refinement.
 
     Empty where it takes too many steps.
     """
@@ -337,7 +341,8 @@ def _compared(grids, find):
 def _summed(values, taken, doubted):
     """The means, summed from the first grid and the changes on finer ones, with their errors.
 
-    Of the last change of each respect one share is taken as well, and one is its error.
+    `taken` is the share of each refinement's last change that is added; `doubted` is the share
+    stated as error.
     """
     means, errors = dict(values["nodes"][0]), {}
     for respect, grids in values.items():
@@ -359,7 +364,7 @@ def _worst(means, error):
 
 
 def _answer(refined, memory=False):
-    """The means, with what several wells have in common."""
+    """The answer: means and errors, and for several wells the rates between them."""
     grids, means, error = refined
     fields = Averages.__dataclass_fields__
     own = {name: means.pop(name) for name in list(means) if name not in fields}

@@ -1,4 +1,4 @@
-"""What a linear map of states leaves undone on a grid, with what a coarser grid knows of it."""
+"""Solves linear equations of a map of states on a grid, preconditioned by a coarser grid."""
 
 from __future__ import annotations
 
@@ -19,8 +19,8 @@ LARGEST_BASIS = 2e8
 MOST_DIRECTIONS = 150
 # Most directions tried for one solution.
 MOST_SOUGHT = 400
-# If a direction leaves more than this share of the residual, the coarser grid's inverse that it
-# began with is of no use.
+# If a direction leaves more than this share of the residual, the coarser grid's solution is no
+# longer used as its start.
 POOR_DIRECTION_REST = 0.9
 # Number type of the directions that are kept, and its size in bytes. The change of each is kept in
 # the same precision, so that rounding does no harm.
@@ -37,9 +37,9 @@ SUFFICIENT_REDUCTION = 0.1
 class Inverse:
     """x of decayed · x − later(x) = rest, by generalised conjugate residuals, directions kept.
 
-    Each direction's change is at right angles to those before, so that what they reach of another
-    rest costs nothing: the slow states of a map are found once (Eisenstat, Elman and Schultz 1983).
-    A direction begins as what is left, and as what the coarser grid makes of that.
+    Each direction's image is orthogonal to all earlier ones, so that the directions serve further
+    right-hand sides at no cost: the slow states of a map are found once (Eisenstat, Elman and
+    Schultz 1983). A new direction is the residual plus the coarser grid's solution for it.
 
     Parameters
     ----------
@@ -53,7 +53,7 @@ class Inverse:
     cleared : callable, optional
         Removes the part whose errors on this grid are too large to pass to a finer one.
     decayed : float
-        Share of what is sought that a map leaves.
+        Factor of x in the equation: the share of the state that one application of the map leaves.
     parity : float
         −1 for states that change sign from one half of a mirrored grid to the other.
 
@@ -80,7 +80,8 @@ class Inverse:
         self._directions = self._changes = np.empty((0, 0), KEPT)
 
     def settled(self, state: np.ndarray, left: Map, allowed: float | np.floating) -> np.ndarray:
-        """The state of which `left`, which tells what is left of it exactly, is small enough.
+        """Improve a state until its residual, computed by `left` in full precision, is small
+        enough.
 
         Raises
         ------
@@ -98,12 +99,12 @@ class Inverse:
         return state
 
     def __call__(self, rest: np.ndarray, allowed: float, below: float = np.inf) -> np.ndarray:
-        """x that leaves no more than what is allowed of a rest.
+        """x whose residual for this right-hand side is within the limit.
 
         Raises
         ------
         AveragingError
-            It was not reached, or the rest's norm is not below what it is to be below.
+            The iteration did not converge, or the norm of `rest` is not less than `below`.
         """
         left, found = rest.ravel().astype(float), np.zeros(rest.size)
         if np.linalg.norm(left) < below:
@@ -120,17 +121,19 @@ class Inverse:
                 if np.linalg.norm(left) > POOR_DIRECTION_REST * size:
                     self._coarser = None
         raise AveragingError(
-            "the stationary density was not reached: raise the tolerance, or simulate"
+            "the iteration for the stationary density did not converge: raise the tolerance, or "
+            "simulate"
         )
 
     def _take(self, left, found, which):
-        """Take off what some directions reach of what is left."""
+        """Project a residual `left` onto some directions and add their part to the solution
+        `found`."""
         along = self._changes[which] @ left.astype(KEPT)
         left -= along @ self._changes[which]
         found += along @ self._directions[which]
 
     def _near(self, rest):
-        """About what leaves such a rest: what changes from node to node goes by itself."""
+        """Preconditioner: an approximate solution for a residual, from the coarser grid."""
         coarser = self._coarser
         if coarser is None:
             return rest
@@ -142,7 +145,7 @@ class Inverse:
         return (rest + moved(found, coarser._grid, self._grid, parity)) / self._decayed
 
     def extend(self, new: np.ndarray) -> bool:
-        """Learn one more direction; False if it tells nothing new."""
+        """Add a direction, orthogonalised; False if it depends on the earlier ones."""
         if self._directions.size == 0:
             held = int(LARGEST_BASIS / (2 * BYTES * new.size))
             shape = max(1, min(MOST_DIRECTIONS, held)), new.size

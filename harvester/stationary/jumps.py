@@ -42,12 +42,12 @@ PARTS_OF_NODE = 5
 
 
 class _Found:
-    """What is found on one grid, with the work that it may take there.
+    """Results on one grid, with the work that is left for them.
 
     Attributes
     ----------
     inverses : dict of float to Inverse
-        By the parity of what they undo; a finer grid takes them as a start.
+        Inverses by the parity of the states; a finer grid uses them as preconditioners.
     """
 
     def __init__(self, solution: Solution, coarser: _Found | None) -> None:
@@ -55,7 +55,7 @@ class _Found:
         self.inverses: dict[float, Inverse] = {}
 
     def take(self) -> None:
-        """Take a period of what is left, or refuse."""
+        """Subtract one period from the work that is left; refuse if none is left."""
         self.left -= self.solution.cost
         if self.left < 0.0:
             raise AveragingError("rates of jumps take too many steps")
@@ -98,7 +98,7 @@ class _SlowestDecay(_Found):
         self.rate = -np.log(abs(self.decayed)) / time
 
     def _corrected(self, tolerance, parity):
-        """Correct the state, and tell what a period changes of it, as a share, but for its decay.
+        """Correct the state; returns the share of it that a period changes, apart from its decay.
 
         As a change of the eigenvalue acts on the state from which it began, and not on the one that
         is sought, what is left of a poor state may not be what it was to be.

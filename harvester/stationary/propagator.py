@@ -4,7 +4,7 @@ A step is the flow of the device with Z and η held, and then what moves Z and �
 
 - flow: the mass of each node goes where the node goes, and is shared there (`flow`);
 - Z' = λ(X − Z): the same along Z, among all its nodes, which are those of Gauss and Legendre.
-  Every moment of Z that they tell moves as it should;
+  Every moment of Z that the nodes represent moves exactly;
 - η' = −η/τ1 + noise with X'' = η: exactly, for each wave number of X' by Hermite functions of η.
 
 Halves of the second and third step, which commute, stand at either end (Strang), so that the error
@@ -33,7 +33,7 @@ FASTEST_PHASE = 1.5
 
 
 class Grid(NamedTuple):
-    """Nodes of a propagator.
+    """The nodes of a grid, and the time step, of a propagator.
 
     Attributes
     ----------
@@ -42,8 +42,8 @@ class Grid(NamedTuple):
     z : ndarray
         Nodes of Z, ascending; a single one of a transducer that keeps nothing.
     mirrored : bool
-        Only the upper half of `z` is kept: (X, X', Z, η) → −(X, X', Z, η) tells the other.
-        All nodes are then symmetric about 0.
+        Only the upper half of `z` is kept: the other half follows by (X, X', Z, η) → −(X, X', Z,
+        η). All nodes are then symmetric about 0.
     modes : int
         Hermite functions of η; one for white noise.
     step : float

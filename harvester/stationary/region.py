@@ -1,4 +1,4 @@
-"""Where the stationary density is, and how narrow: what a grid must cover and resolve."""
+"""The range and width of the stationary density, which a grid must cover and resolve."""
 
 from __future__ import annotations
 
@@ -71,7 +71,7 @@ WHITE_MEMORY = 1e-4
 
 
 class Level(NamedTuple):
-    """How fine a grid is.
+    """Numbers of nodes and steps that define how fine a grid is.
 
     Attributes
     ----------
@@ -79,7 +79,7 @@ class Level(NamedTuple):
     fine, fine_speed : nodes within the core of the density in X and in X'.
     nodes : nodes of Z that are kept, where the charge displaces the mass by little.
     modes : Hermite functions of η.
-    most : cores that are told apart at most.
+    most : largest number of cores that the nodes resolve separately.
     tolerance : of the means, for which its state is settled.
     """
 
@@ -122,7 +122,7 @@ class Region(NamedTuple):
     width : float
         Half width of the density of X about its narrowest peak.
     mean : float
-        Of X, and so of Z.
+        Mean of X, and so of Z.
     well : float or None
         The only well in it; None for all.
     """
@@ -140,7 +140,7 @@ class Region(NamedTuple):
     def guessed(
         cls, device: System, well: float | None = None, speed: float | None = None
     ) -> Region:
-        """About a Gibbs density, its rms speed by default that of small oscillations."""
+        """The region of a Gibbs density; its rms speed is by default that of small oscillations."""
         wells = timescales.wells(device) if well is None else (well,)
         frequency = max(timescales.well_frequency(device, x) for x in wells)
         if speed is None:
@@ -152,7 +152,7 @@ class Region(NamedTuple):
 
     @classmethod
     def fitted(cls, device: System, solution: Solution) -> Region:
-        """About a density on a coarse grid."""
+        """The region of a density that was computed on a coarse grid."""
         density, well, before = solution.density, solution.region.well, solution.region
         x, v = solution.grid.x, solution.grid.v
         along_x, along_v = density.displacement(x), density.velocity(v)
@@ -236,7 +236,7 @@ class Region(NamedTuple):
         return device.transducer.coupling * reach / frequency**2 / self.width
 
     def check(self, device: System, allowed: float = GREATEST_DISPLACEMENT) -> None:
-        """Refuse a charge that Z's nodes cannot follow, so many half widths as are allowed."""
+        """Refuse a device whose charge displaces the mass by more than `allowed` half widths."""
         displaced = self.displaced(device)
         if displaced > allowed:
             raise AveragingError(
@@ -321,5 +321,5 @@ def _widths(nodes, density):
 
 
 def _first(found):
-    """Place of the first that holds, the last where none does."""
+    """Index of the first True; the last index if there is none."""
     return int(found.argmax()) if found.any() else found.size - 1

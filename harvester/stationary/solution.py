@@ -54,9 +54,9 @@ class Task:
     tolerance : float
         Named where it takes too much work.
     share : float
-        Of the usual work.
+        Share of the usual work.
     read : transducer's equations, optional
-        Whose voltage and power the state tells; the device's own by default.
+        Transducer whose voltage and power are computed from the state; the device's own by default.
     """
 
     def __init__(self, device, tolerance, share=1.0, read=None):
@@ -64,7 +64,7 @@ class Task:
         self.transducer, self.left = read or device.transducer, share * MOST_WORK
 
     def take(self, work: float, ahead: float = 0.0) -> None:
-        """Take so many amplitudes times steps of what is left, or refuse; more will be needed."""
+        """Subtract this work (amplitudes times steps) from what is left, or refuse."""
         if self.left < work + ahead:
             raise AveragingError(
                 "the density is so narrow, or its slowest part so slow, that the tolerance of "
@@ -81,13 +81,13 @@ class Solution:
     ----------
     grid : harvester.stationary.propagator.Grid
     steps, cost : int
-        Of a period, and its work.
+        Number of steps in a period, and the work of a period.
     propagator : Propagator
-        In single precision.
+        The propagator in single precision.
     state, before_flow : ndarray
         Mass at each node, where a step is symmetric in time and before the flow.
     means : dict of str to float
-        Those of the answer, `power_in`, and what tells of several wells.
+        The means of the answer, `power_in`, and those that describe several wells.
     density : harvester.stationary.grid_density.GridDensity
     """
 
@@ -161,11 +161,11 @@ class Solution:
         return self.propagator.repeated(state, self.steps)
 
     def _balanced(self, change):
-        """A change of the state, of sum 0."""
+        """A change of the state, corrected so that its sum is 0."""
         return change - change[:, :, 0].sum() * self.state
 
     def _cleared(self, change):
-        """A change of the state, without that of the mass of wells between which jumps are rare."""
+        """A change of the state with the change of each rarely left well's total mass removed."""
         for well, alone in zip(self._wells, self._of_wells(self.state), strict=True):
             change = change - (well @ change[:, :, 0].sum(axis=(1, 2))) * alone
         return change
@@ -202,7 +202,8 @@ class Solution:
 
 
 def _hurry(device, time):
-    """How many times as many steps of a period its load, contacts or spring ask for."""
+    """Factor by which a fast load, contacts or a stiffening spring multiply the steps per
+    period."""
     stiffened = getattr(device.transducer, "coupling", 0.0) * (time / (2.0 * np.pi)) ** 2
     decay = device.transducer.decay_rate() * time * (1.0 + STEPS_OF_STRONG_COUPLING * stiffened)
     contacts = CONTACTS_OF_A_STEP * time / timescales.contact_time(device)

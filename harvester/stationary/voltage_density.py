@@ -1,8 +1,9 @@
 """Density of X − Z, and so of the voltage, from a state known at a few nodes of Z.
 
-The nodes tell moments of Z. Where they and X' tell all, as of a fast load, Z has a normal density
-at each X and X'. Else, as of a slow load whose charge may be that of a well that motion has left,
-it has at each X the density of greatest entropy (Jaynes 1957): the exponential of a polynomial.
+The nodes give moments of Z. Where these and X' determine the density, as for a fast load, Z has a
+normal density at each X and X'. Else, as of a slow load whose charge may be that of a well that
+motion has left, it has at each X the density of greatest entropy (Jaynes 1957): the exponential of
+a polynomial.
 """
 
 from __future__ import annotations
@@ -45,7 +46,7 @@ def density_of_charge(grid: Grid, mass: np.ndarray) -> tuple[np.ndarray, np.ndar
     ----------
     grid : harvester.stationary.propagator.Grid
     mass : ndarray
-        At the nodes of (X, Z, X'), of sum 1.
+        Mass at the nodes of (X, Z, X'), with sum 1.
     """
     away = grid.x[:, None] - grid.z
     along = mass.sum(axis=2)

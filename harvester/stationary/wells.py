@@ -1,8 +1,8 @@
-"""How often motion crosses saddles, its share of time in each well, and which well holds it all.
+"""Rate of saddle crossings, shares of time in the wells, and the well that holds nearly all motion.
 
-Where jumps are rare, no grid tells their rates, far below what nodes share wrongly, and none is
-needed: of two wells alike each holds half, and of others the one that motion leaves the least
-often holds all.
+Where jumps are rare, their rates are far below the errors of sharing mass among nodes, so that no
+grid gives them, and none is needed: of two wells alike each holds half, and of others the one that
+motion leaves the least often holds all.
 """
 
 from __future__ import annotations
@@ -32,7 +32,7 @@ def between_wells(device: System, density: GridDensity) -> dict[str, float]:
     """Rate of crossings of all saddles, and shares of time from the left; empty for one well.
 
     The rate is the flux Σ ∫ |X'| p(saddle, X') dX', both ways, as Monte Carlo counts it; shares
-    are given where symmetry does not tell them. A density of one well alone tells no rate.
+    are given where they do not follow from symmetry. A density of one well alone gives no rate.
     """
     saddles, v, answer = sorted(timescales.saddles(device)), density.v, {}
     if not saddles:

@@ -1,4 +1,4 @@
-"""What studies ask of a runner, and what they make of its answers."""
+"""Helpers of studies for a runner's answers: checks of method and quantity, values, notes."""
 
 from __future__ import annotations
 
@@ -45,7 +45,7 @@ def checked_method(scene: Scene, method: str | Method | None) -> Method:
 
 
 def is_noisy(scene: Scene, method: Method) -> bool:
-    """Whether another seed gives another value."""
+    """Whether the value depends on the seed."""
     return isinstance(method, Engine) and scene.excitation.random
 
 
@@ -63,7 +63,7 @@ def check_quantity(quantity: str, answer: Any) -> None:
 
 
 def first_answer(runner: Any, request: Request) -> Any:
-    """The answer that all else is asked after.
+    """The answer to a study's first request, without which the study stops with an error.
 
     Raises
     ------
@@ -82,33 +82,33 @@ def first_answer(runner: Any, request: Request) -> Any:
 
 
 def is_complete(answer: Any) -> bool:
-    """Whether a run came to its end."""
+    """Whether a run ended normally, with a result."""
     return not (isinstance(answer, HarvesterError) or answer is None or answer.outcome != COMPLETE)
 
 
 def told(answer: Any) -> str:
-    """Why it did not."""
+    """The reason why a run did not come to its end."""
     return str(answer) if isinstance(answer, HarvesterError) else answer.outcome
 
 
 def value_of(answer: Any, quantity: str) -> float:
-    """A quantity in the scene's units; nan of what failed or was ended early."""
+    """A quantity in the scene's units; nan if the run failed or ended early."""
     return answer.in_units()[quantity].estimate if is_complete(answer) else math.nan
 
 
 def missing_from(quantity: str, estimate: Estimate) -> list[str]:
-    """Sentences on what the runs were too short for, which affects what is derived from them too.
+    """A sentence if the quantity lacks an error bar, as the run was too short; else nothing.
 
     Parameters
     ----------
     quantity : str
     estimate : Estimate
-        Without an error bar where something is missing.
+        The estimate; if it lacks an error bar, its note gives the reason.
     """
     if estimate.standard_error is not None or not estimate.note:
         return []
     name = quantity.replace("_", " ")
-    return [f"{name}: {estimate.note}; what is missing moves what is found here, too"]
+    return [f"{name}: {estimate.note}; this affects the results found here, too"]
 
 
 def on_common_knots(scenes: Sequence[Scene], of: Sequence[Scene] | None = None) -> list[Scene]:
@@ -118,7 +118,7 @@ def on_common_knots(scenes: Sequence[Scene], of: Sequence[Scene] | None = None) 
     ----------
     scenes : sequence of Scene
     of : sequence of Scene or None
-        Those whose spacing is looked at; None: the scenes themselves.
+        Scenes among which the finest spacing is taken; None: the scenes themselves.
     """
     if not hasattr(scenes[0].excitation, "knot_spacing"):
         return list(scenes)
@@ -131,7 +131,7 @@ def on_common_knots(scenes: Sequence[Scene], of: Sequence[Scene] | None = None) 
 
 
 def answers_in_time(runner: Any, requests: Sequence[Request], **options: Any) -> list:
-    """What a runner answers; see `harvester.running.Runner.answer`.
+    """A runner's answers to requests, or OutOfTime; see `harvester.running.Runner.answer`.
 
     Raises
     ------

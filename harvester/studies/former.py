@@ -1,4 +1,4 @@
-"""Names of the release before, as functions of the new ones: who asks for one is warned."""
+"""Names of the previous release, defined by the new ones; using one gives a warning."""
 
 from __future__ import annotations
 

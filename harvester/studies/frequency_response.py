@@ -105,7 +105,7 @@ class FrequencyResponse:
     Attributes
     ----------
     scene : Scene
-        With a sine, whose own frequency is not used.
+        Scene with a sine, whose own frequency is not used.
     engine : str
     frequencies : ndarray, shape (n,)
         Hz, rising.
@@ -116,7 +116,7 @@ class FrequencyResponse:
     dwell : float
         Time at each frequency (s).
     seconds : float
-        Of simulation, both directions.
+        Processor time of simulation (s), both directions.
     shown : tuple of str
         Quantities of the table and the figure; all there are stand in the JSON.
     per_g : bool
@@ -194,7 +194,7 @@ class FrequencyResponse:
         return xarray_or_say().Dataset(variables, coordinates, attributes)
 
     def sentences(self) -> list[str]:
-        """What the numbers say, one line each."""
+        """Sentences on the findings, one line each."""
         lines = [
             f"{self.engine}: {self.engine_version}; {self.dwell:.4g} s at each frequency, "
             f"the transient down to {SETTLED_SHARE:g}; {self.seconds:.2f} s"
@@ -418,7 +418,7 @@ def _measured(excitation, frequency):
 
 
 def _means(record, base, stop, measured):
-    """All of a `Sweep` but what the output does, over the last whole periods."""
+    """The quantities of a `Sweep` except those of the output, over the last whole periods."""
     middle, start = stop - 0.5 * measured, stop - measured
     inside = record.time >= start
     times = record.time[inside]

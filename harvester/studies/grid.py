@@ -35,7 +35,7 @@ class Point:
     Attributes
     ----------
     load : str
-        Its label.
+        The load's label.
     place : tuple of float
         Value of each sweep.
     scene : Scene
@@ -48,12 +48,12 @@ class Point:
 
 @dataclass(frozen=True)
 class Grid:
-    """What a study varies.
+    """The loads and the swept values of a study, with the scene of every point.
 
     Attributes
     ----------
     scene : Scene
-        With one spacing of knots for all points.
+        The scene, with one knot spacing for all points.
     loads : tuple of str
         Labels.
     sweeps : dict of str to tuple of float
@@ -71,12 +71,12 @@ class Grid:
 
     @property
     def shape(self) -> tuple[int, ...]:
-        """Loads, then the values of each sweep."""
+        """Shape of the grid: (loads, values of the first sweep, …)."""
         return (len(self.loads), *(len(values) for values in self.sweeps.values()))
 
     @property
     def curve(self) -> int | None:
-        """Place among the sweeps of the one that optima are sought along: the longest."""
+        """Index of the sweep along which optima are sought: the longest one."""
         lengths = [len(values) for values in self.sweeps.values()]
         return lengths.index(max(lengths)) if lengths else None
 
@@ -97,8 +97,8 @@ def make_grid(
     sweeps : dict of str to sequence of float or str
         "table.key" to values.
     argument : str
-        What the caller calls them, for messages: "sweeps", of numbers of the device, its load and
-        its excitation, or "over", of any key.
+        Name of the caller's argument, for messages: "sweeps", of numbers of the device, its load
+        and its excitation, or "over", of any key.
 
     Raises
     ------
@@ -144,7 +144,7 @@ def _with_load(scene, load):
 
 
 def _check_sweep(scene, key, values, any_key):
-    """Refuse what is no list of values, and a key that no scene has, or no number of this one."""
+    """Refuse a sweep without a list of values, or over a key that this scene has no number for."""
     known = [*numbers(scene), RESISTANCES[0]]
     option = "--over" if any_key else "--sweep"
     listed = key in known or key in RESISTANCES or key.startswith("load.parameters.")
@@ -171,7 +171,7 @@ def _every_key():
 
 
 def _at(scene, values):
-    """The scene with its load's resistor named as that load does."""
+    """The scene at these values; a resistance key is translated to the key that the load uses."""
     changes = {}
     for key, value in values.items():
         if key in RESISTANCES:
@@ -222,4 +222,4 @@ def _on_common_knots(points):
         change = {"excitation.knot_spacing": min(spacings)}
         return [Point(p.load, p.place, p.scene.replace(change)) for p in points]
     except SceneError as error:
-        raise HarvesterError(f"one spacing of knots for all points: {error}") from None
+        raise HarvesterError(f"the points need a common spacing of knots: {error}") from None

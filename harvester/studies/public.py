@@ -93,7 +93,7 @@ def validate(
     Parameters
     ----------
     scene : Scene, str or Path
-        Itself, its file or its built-in name.
+        A scene, its file or the name of a built-in one.
     step : str or float
         default, fine, finest, or the longest step in seconds.
     workers : int or None
@@ -169,12 +169,12 @@ def frequency_response(
     Parameters
     ----------
     scene : Scene, str or Path
-        Itself, its file or its built-in name;
+        A scene, its file or the name of a built-in one;
         with `excitation.kind = "sine"`, whose amplitude is kept, or any other with `amplitude`.
     frequencies : sequence of float
         In Hz: FIRST:LAST:log:NUMBER, FIRST:LAST:linear:NUMBER, or numbers between commas.
     amplitude : float or None
-        Of the base acceleration, m/s² in SI (default: that of the scene's own sine).
+        Amplitude of the base acceleration, m/s² in SI (default: that of the scene's own sine).
     down : bool
         Sweep down as well, to show hysteresis: it is where the two differ.
     quantities : sequence of str
@@ -204,7 +204,7 @@ def frequency_response(
 
     Notes
     -----
-    The excitation has no chance in it, so there is no statistical error. `Sweep.residual` tells
+    The excitation is deterministic, so there is no statistical error. `Sweep.residual` shows
     how far the motion is from a settled, periodic one; the step's own error, of second order in
     the circuit, shows when `step` is halved.
     """
@@ -268,19 +268,20 @@ def spectrum(
     source : Scene, str or Path
         A scene, its file (.toml) or its built-in name; else a record's file.
     device : Scene, str, Path or None
-        Of a record: the scene whose device's band is looked at.
+        For a record: the scene whose device's band is looked at.
     column : str or None
-        Of a record: name or number of the acceleration's column.
+        For a record: name or number of the acceleration's column.
     unit : str or None
-        Of a record's column, where its heading does not say it: g, m/s^2, …
+        Unit of a record's column, where its heading does not say it: g, m/s^2, …
     sampling_rate : float or None
-        Of a record, where it does not say it (Hz).
+        Sampling rate of a record, where it does not say it (Hz).
     resolution : float or None
         Bandwidth of the density (Hz); left out: that of 64 segments.
     duration : float or None
-        Of a scene: how long its excitation is drawn (s); left out: run.duration.
+        For a scene: how long its excitation is drawn (s); left out: run.duration.
     breakpoints : int
-        Of the specification: a scene with kind = "spectrum" takes its file.
+        Largest number of breakpoints in the specification: a scene with kind = "spectrum" takes its
+        file.
 
     Returns
     -------
@@ -313,7 +314,7 @@ def sweep(
     Parameters
     ----------
     scene : Scene, str or Path
-        Itself, its file or its built-in name.
+        A scene, its file or the name of a built-in one.
     over : dict of str to sequence of float or str
         Any key of the scene and its values, numbers or words: FIRST:LAST:log:NUMBER,
         FIRST:LAST:linear:NUMBER, or values between commas; several make a grid.
@@ -389,7 +390,7 @@ def load_study(
     Parameters
     ----------
     scene : Scene, str or Path
-        Itself, its file or its built-in name.
+        A scene, its file or the name of a built-in one.
         With a precision, its realizations are cut to `DURATION_OVER_SETTLE` times the settling,
         and there are as many as it takes, at most `MOST_REALIZATIONS`.
     loads : sequence of str
@@ -482,7 +483,8 @@ def sensitivity(
     Parameters
     ----------
     scene : Scene
-        Its run is that of each device, half of the realizations for each replicate.
+        The scene; each device runs with its [run], half of the realizations for each of two
+        replicates.
     vary : dict of str to str
         ±10%, +-10%, ±0.5, uniform:LOW:HIGH, normal:5% or normal:MEAN:SD for a number of the scene:
         see `harvester.studies.sensitivity.tolerances`.
@@ -561,14 +563,15 @@ def optimum(
     Parameters
     ----------
     scene : Scene, str or Path
-        Its run is the first one tried at each place, and that of each evaluation.
+        The scene; its [run] is used first at each place (over one parameter), or for each
+        evaluation (over several).
     over : str, or dict of str to (float, float) or None
         A number of the scene and its range (default: a tenth to ten times its value, within what
         the key allows); several may be given.
     low : float or None
         Range of a single parameter.
     high : float or None
-        Its upper end.
+        Upper end of that range.
     maximise : str or None
         mean_power, power_conversion_efficiency or mean_square_voltage; of a load with an output
         also mean_output_power and the like; over several parameters any (default: the power, at
@@ -577,7 +580,7 @@ def optimum(
         monte-carlo or circuit, over several parameters also a closure (default: monte-carlo, or
         circuit where the load needs it).
     closure : str or None
-        That stands beside simulation, over one parameter (default: the most accurate).
+        Closure to compare the simulation with, over one parameter (default: the most accurate).
     evaluations : int or None
         Places proposed, over several parameters (default: 60 for each). Those of the climb, some
         tens, come on top.

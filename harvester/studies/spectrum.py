@@ -26,7 +26,8 @@ if TYPE_CHECKING:
 # segments than the most are not taken by default, and blocks hold so many samples at least: an hour
 # at 8 kHz takes no more memory than a minute.
 SEGMENTS, MOST_IN_SEGMENT, BLOCK = 64, 2**18, 2**16
-# Stretches whose mean squares tell of drift, and parts whose spread is the error of the moments.
+# Number of stretches: the trend of their mean squares shows a drift, their scatter gives the errors
+# of the moments.
 STRETCHES = 32
 # Hann's window passes as much noise as this many bins.
 HANN_BINS = 1.5
@@ -46,7 +47,7 @@ def analysis_of(
     duration: Seconds | None,
     breakpoints: int,
 ) -> SpectrumAnalysis:
-    """What `harvester.spectrum` returns."""
+    """The analysis that `harvester.spectrum` returns."""
     from harvester.excitation.recorded import RecordedMotion, one_pass
 
     if breakpoints < 2:
@@ -109,7 +110,8 @@ def _analysed(name, blocks, count, interval, resolution, breakpoints, scene, uni
         density, moments, segments = _sums(blocks, count, interval, size)
     frequencies = np.fft.rfftfreq(size, interval)
     if knots:
-        # What acts is linear between the knots.
+        # The engines' excitation is linear between the knots, which lowers the density by this
+        # factor.
         density = density * np.sinc(frequencies * interval) ** 4
     return SpectrumAnalysis(
         name=name,
@@ -178,7 +180,7 @@ def profile(frequencies: np.ndarray, density: np.ndarray, breakpoints: int) -> n
     ----------
     frequencies, density : ndarray, shape (n,)
     breakpoints : int
-        At most.
+        Largest number of breakpoints.
 
     Returns
     -------
@@ -212,7 +214,7 @@ def profile(frequencies: np.ndarray, density: np.ndarray, breakpoints: int) -> n
 
 @dataclass(frozen=True)
 class SpectrumAnalysis:
-    """What `harvester.spectrum` says.
+    """Result of `harvester.spectrum`.
 
     Attributes
     ----------
@@ -364,7 +366,7 @@ class SpectrumAnalysis:
             )
         if self.runs_test()[1] < 1.0 - CONFIDENCE:
             lines.append(
-                "not stationary: its strength drifts, and one density does not tell it all"
+                "not stationary: its strength drifts, so that one density does not describe it"
             )
         return lines
 
@@ -436,7 +438,7 @@ def _central(moments):
 
 
 def _left_out(moments, value):
-    """A function of the mean powers, and its standard error by leaving out each stretch."""
+    """A function of the mean powers, and its jackknife standard error over the stretches."""
     count = len(moments)
     whole = moments.mean(axis=0)
     parts = [value((count * whole - each) / (count - 1)) for each in moments]

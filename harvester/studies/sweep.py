@@ -38,7 +38,7 @@ class Cell:
     outcome : str
         "complete", or what went wrong.
     estimates : dict of str to Estimate
-        In the scene's units.
+        Estimates in the scene's units.
     realizations : int
     """
 
@@ -55,13 +55,13 @@ class Sweep(Tabular):
     Attributes
     ----------
     scene : Scene
-        With one spacing of knots for all places.
+        The scene, with one knot spacing for all places.
     values : dict of str to tuple
         Keys that were varied, and their values; of a load study also the names of loads.
     methods, quantities : tuple of str
         The quantities that the tables show; `cells` hold all there are.
     cells : ndarray of Cell
-        Of shape (values of each key …, methods).
+        Array of shape (values of each key …, methods).
     notes : tuple of str
     out_of_time : bool
         The time budget ended it: the same call with `output` goes on.
@@ -208,13 +208,13 @@ def outcome_and_notes(cell: Cell | Evaluation) -> tuple[str, list[str]]:
 
 
 def labels_of(methods: Sequence[Method]) -> tuple[str, ...]:
-    """What tables call methods: their names, with settings where two have one name."""
+    """Labels of methods in tables: their names, with settings if two have the same name."""
     names = [each.name for each in methods]
     return tuple(each.label if names.count(each.name) > 1 else each.name for each in methods)
 
 
 def cells_of(labels: Sequence[str], answers: Sequence) -> np.ndarray:
-    """What answers say of every place by every method, in their order."""
+    """The cells of a sweep from the answers, for every place and method in order."""
     cells = np.empty(len(answers), dtype=object)
     for k, answer in enumerate(answers):
         cells[k] = _cell(labels[k % len(labels)], answer)
@@ -252,7 +252,7 @@ def variables_of(scene: Scene, cells: np.ndarray, dimensions: Sequence[str]) -> 
     ----------
     scene : Scene
     cells : ndarray of Cell
-        With as many axes as there are dimensions.
+        Cells with one axis for each dimension.
     dimensions : sequence of str
     """
     variables: dict[str, tuple] = {

@@ -1,1 +1,1 @@
-"""What judges the program: closed forms, other integrators, the source paper, the program."""
+"""Checks of the program against closed forms, other integrators, the source paper and itself."""

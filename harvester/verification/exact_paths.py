@@ -57,7 +57,7 @@ class Equations:
     Parameters
     ----------
     system : harvester.device.system.System
-        Only its numbers are read.
+        The device, of which only the numbers are read.
     """
 
     def __init__(self, system):
@@ -80,7 +80,7 @@ class Equations:
         self._touching = [False] * len(self._stoppers)
 
     def begin(self, state: np.ndarray, noise: float) -> None:
-        """Take up a run's first state: its contacts, each with the speed it stands for, its charge.
+        """Initialise from a run's first state: which contacts act, their impact speeds, the charge.
 
         `state` is changed.
         """
@@ -111,7 +111,7 @@ class Equations:
         return state
 
     def _pass(self, times, speed):
-        """Turn the contacts at whose gap the integration ended on or off."""
+        """Toggle the contacts at whose gap the integration stopped."""
         passed = [
             stopper[:2]
             for stopper, events in zip(self._stoppers, times, strict=True)

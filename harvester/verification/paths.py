@@ -55,4 +55,4 @@ def states_at_knots(scene: Scene, realizations: Sequence[Realization]) -> np.nda
 
 
 def ignore(moments: object) -> None:
-    """A report that nobody reads."""
+    """A progress callback that ignores its arguments."""

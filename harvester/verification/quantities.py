@@ -1,4 +1,5 @@
-"""What methods are compared by: states of a path, means, and from where a difference counts."""
+"""Quantities by which methods are compared (states of a path, means), and the significance
+limit."""
 
 STATES = ("displacement", "velocity", "voltage")
 VOLTAGE, VELOCITY = "mean_square_voltage", "mean_square_velocity"

@@ -24,7 +24,7 @@ LOOK_AROUND = 0.5
 
 
 class Workers(Protocol):
-    """What carries out calls: a `WorkerPool`, an `ExecutorPool`, or one's own."""
+    """Interface of all pools: a `WorkerPool`, an `ExecutorPool`, or a caller's own."""
 
     def map(
         self,
@@ -138,7 +138,7 @@ class WorkerPool:
             self._idle.put(worker)
 
     def _begin(self, *call):
-        """The Future of one call."""
+        """Start one call; returns its Future."""
         if self._closed:
             raise HarvesterError("runner: its processes were ended; give one that is open")
         return self._threads.submit(self._run, *call)
@@ -188,7 +188,7 @@ class ExecutorPool:
         return self._begin(function, arguments, time_limit, True)
 
     def _begin(self, *call):
-        """The Future of one call."""
+        """Start one call; returns its Future."""
         try:
             return self._executor.submit(call_here, *call)
         # Executors have no common exception for having been shut down.
@@ -215,12 +215,12 @@ def processes(
 
 
 def _of_one(on_progress, index):
-    """A report of one of several calls."""
+    """The progress callback for one of several calls, or None."""
     return (lambda content: on_progress(index, content)) if on_progress else None
 
 
 def lost(error: BaseException) -> HarvesterError:
-    """The error of a call that an executor did not carry out."""
+    """The error to raise for a call that an executor dropped."""
     return HarvesterError(
         f"the executor lost a task: {type(error).__name__}: {error}; what is finished is kept "
         "where there is an --output"

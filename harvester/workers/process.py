@@ -29,7 +29,7 @@ class Worker:
     Parameters
     ----------
     folders : sequence of str or Path
-        For the process to import from, after all others.
+        Folders that the process imports from, after all others.
     """
 
     def __init__(self, folders: Sequence[str | Path] = ()) -> None:
@@ -59,7 +59,7 @@ class Worker:
         Parameters
         ----------
         function : callable
-            Of a module; it takes `report` besides its arguments.
+            A function of a module; it takes `report` besides its arguments.
         arguments : dict
             Passed by name, pickled.
         time_limit : float or None
@@ -188,7 +188,7 @@ class Worker:
 
 
 def _waiting_time(deadline):
-    """Seconds until then, as many as the system can wait for: a limit may be infinite."""
+    """Seconds until a deadline (may be infinite), at most what the system can wait for."""
     return min(max(deadline - time.monotonic(), 0.0), threading.TIMEOUT_MAX)
 
 

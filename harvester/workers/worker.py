@@ -25,14 +25,15 @@ _give_up = None
 
 
 def give_up(error: BaseException) -> None:
-    """End this process with an error as the answer to its call: what it runs cannot be left."""
+    """Send an error as the call's answer and end this process, as the running code cannot be
+    interrupted."""
     if _give_up:
         _give_up("gone", error)
     os._exit(71)
 
 
 def as_answer(error: BaseException) -> HarvesterError:
-    """An exception as the caller is to get it."""
+    """The exception that is sent to the caller: a HarvesterError with one line."""
     if isinstance(error, HarvesterError):
         return error
     traceback.print_exception(error)

@@ -47,14 +47,14 @@ SHOWN_PERIODS = 20
 
 @dataclass(frozen=True)
 class Comparison:
-    """Results of one scene and what lies between them.
+    """Results of one scene by several methods, and their differences.
 
     Attributes
     ----------
     circuit, monte_carlo : Result
-        On the same noise paths.
+        Results of both engines on the same noise paths.
     closures : dict of str to Result
-        Those that hold for the scene.
+        Results of the closures that hold for the scene.
     refused : dict of str to str
         Closures that do not, with the reason.
     paired : dict of str to Estimate
@@ -94,7 +94,7 @@ class Comparison:
         return (a.estimate - b.estimate) / joint
 
     def share(self, name: str) -> float:
-        """Circuit minus Monte Carlo as a share of Monte Carlo; nan where that is 0."""
+        """(Circuit − Monte Carlo)/Monte Carlo of a mean; nan where Monte Carlo's is 0."""
         a = self.circuit.scaled_quantities[name].estimate
         b = self.monte_carlo.scaled_quantities[name].estimate
         return a / b - 1.0 if b else math.nan
@@ -111,7 +111,8 @@ class Comparison:
 
     @property
     def paired_apart(self) -> dict[str, Estimate]:
-        """Paired differences beyond their own errors, the greatest first."""
+        """Paired differences (circuit − Monte Carlo, same noise) that exceed their errors,
+        largest first."""
         apart = {
             name: each
             for name, each in self.paired.items()
@@ -130,7 +131,7 @@ class Comparison:
     def deviation(self, closure: str, name: str) -> tuple[float, float]:
         """A closure's deviation from Monte Carlo as a share, and in standard errors.
 
-        nan of what the closure does not tell.
+        nan for a quantity that the closure does not give.
         """
         found = self.closures[closure].scaled_quantities.get(name)
         value = math.nan if found is None else found.estimate
@@ -197,7 +198,7 @@ class Comparison:
         return [[of_root.replace("_", " "), unit, *engines, "", "", *closures]]
 
     def sentences(self) -> list[str]:
-        """What the numbers say, one line each."""
+        """Sentences on the findings, one line each."""
         lines = [headline(self.circuit), self.verdict().text]
         lines += [f"{engine.engine}: {'; '.join(engine.evidence())}" for engine in self._engines()]
         bare = [name for name in self.compared if math.isnan(self.difference(name))]
@@ -223,7 +224,7 @@ class Comparison:
             return Verdict(f"Circuit and Monte Carlo disagree: {self._greatest()}{tail}.", False)
         if self.significant or self.paired_apart:
             within = f"Circuit and Monte Carlo agree within {AGREEING_SHARE:.0%}"
-            small = "significant, but negligible against that limit: it is what steps may cost"
+            small = "significant, but negligible against that limit: the steps may cause as much"
             return Verdict(f"{within}: {self._greatest()}; {small}{tail}.", True)
         # Runs without chance may have a difference of 0.
         worst = max(0.1, *known.values())
@@ -231,7 +232,7 @@ class Comparison:
         return Verdict(f"{agreed} of every quantity{tail}.", True)
 
     def _greatest(self):
-        """The greatest difference that is no chance, between means or on common noise."""
+        """Text: the largest significant difference, between means or on common noise."""
         found = {name: abs(bias.estimate) for name, bias in self.paired_apart.items()}
         joint = next(iter(self.significant.items()), None)
         if joint and _or_infinite(joint[1]) >= max(found.values(), default=0.0):

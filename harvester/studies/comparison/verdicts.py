@@ -1,4 +1,4 @@
-"""Sentences on a comparison, made from its numbers: who agrees, who lies off, and what is known."""
+"""Sentences on a comparison: which methods agree, which deviate, and the closures' known limits."""
 
 from __future__ import annotations
 
@@ -71,7 +71,7 @@ def _off(share, sigma):
 
 
 def _farthest(comparison, name):
-    """The quantity in which a closure lies farthest off, in words; empty where none does."""
+    """Text: the quantity in which a closure deviates most; empty if none deviates."""
     deviations = {quantity: comparison.deviation(name, quantity) for quantity in COMPARED}
     off = {quantity: d for quantity, d in deviations.items() if _off(*d)}
     if not off:
@@ -82,7 +82,7 @@ def _farthest(comparison, name):
 
 
 def _reasons(result, name):
-    """What the result's own notes say, then the closure's documentation where it applies."""
+    """Text: the result's own notes, then the known limits of the closure that apply."""
     reasons = list(result.notes)
     in_wells = result.scaled_quantities.get("share_in_wells")
     if name == "paper" and in_wells is not None:

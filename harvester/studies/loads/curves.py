@@ -19,16 +19,16 @@ EDGE = "at the edge of the sweep: no interval"
 
 @dataclass(frozen=True)
 class CurveOptimum:
-    """Where a curve is highest.
+    """The maximum of a power curve over the swept value.
 
     Attributes
     ----------
     best : int or None
         Place of the highest point; None where no point has a value.
     place : float
-        Of the maximum between the points; nan at an edge.
+        Position of the maximum between the points; nan at an edge.
     low, high : float
-        Its interval; nan where there is none.
+        Ends of the maximum's interval; nan where there is none.
     note : str
     """
 
@@ -61,7 +61,7 @@ def optimum_of(
     Parameters
     ----------
     places : sequence of float
-        Increasing; the fit is in their logarithm where all are > 0.
+        Swept values, increasing; the fit uses their logarithms if all are > 0.
     powers : sequence of float
         nan where there is none.
     series : sequence of (ndarray of shape (realizations, batches), or None)
@@ -108,7 +108,7 @@ def rank(
     Parameters
     ----------
     powers : dict of str to float
-        At each load's optimum, the means of the series; nan where there is none.
+        Power at each load's optimum, the mean of its series; nan where there is none.
     series : dict of str to (ndarray or None)
     """
     order = sorted((k for k in powers if math.isfinite(powers[k])), key=lambda k: -powers[k])
@@ -135,7 +135,7 @@ def error_of_sum(weights: Sequence[float], series: Sequence[np.ndarray]) -> floa
     ----------
     weights : sequence of float
     series : sequence of ndarray, shape (realizations, batches)
-        Of any numbers of realizations.
+        Series of batches; their numbers of realizations may differ.
 
     Returns
     -------
@@ -170,7 +170,8 @@ def _error_of_prefix(weights, series, count):
 
 
 def _vertex(x, y):
-    """Place of a parabola's extremum through three points, and its derivative by their values."""
+    """Position of the extremum of a parabola through three points, and its derivatives by
+    their values."""
     # Rows: curvature, slope and value at the middle point, each linear in y.
     rows = np.linalg.inv(np.vander(x - x[1], 3))
     curvature, slope = rows[0] @ y, rows[1] @ y

@@ -1,4 +1,5 @@
-"""One point of a load study: its realizations until its power is precise, and what they come to."""
+"""One point of a load study: realizations until its power is precise, and the estimates from
+them."""
 
 import math
 from collections.abc import Generator, Sequence
@@ -133,7 +134,7 @@ def _evaluate(scene, method, good, ended, cost=0.0):
     good : sequence of dict
         Answers of its tasks, in the order of their realizations.
     ended : HarvesterError or str
-        What came instead of the next ones; "" where all came.
+        The reason why later answers are missing; "" if all came.
     cost : float
         Share of a power that the steps may cost; see `harvester.prepared.steps.step_error`.
     """
@@ -179,7 +180,7 @@ def series_of(scene: Scene, good: Sequence[dict]) -> np.ndarray | None:
 def power_series(moments: Sequence[Moments], unit: float) -> np.ndarray:
     """Output power batch by batch, shape (realizations, batches), whose mean is the estimate."""
     if complete_batches(moments) is None:
-        raise HarvesterError("no realization has a complete batch: raise run.duration")
+        raise HarvesterError("no realization is long enough for one batch: raise run.duration")
     energy, time = sums(moments, "mean_output_power" if moments[0].has_output else "mean_power")
     mean = energy.sum() / time.sum()
     return unit * (mean + (energy - mean * time) / time.mean())

@@ -1,9 +1,9 @@
 """The circuit as judge of a load study: the same noise by both engines, at a few of its places.
 
 At each load's highest point, where the study's answer comes from, and at a place drawn at random.
-Paths of a device between its wells part after some ten periods, however well they are computed, so
-that long ones tell a difference to some percent only. The first periods from rest tell it to
-some tenths of a percent, and the settled part what they cannot hold: a store that is charged.
+Paths of a device between its wells diverge after some ten periods, however well they are computed,
+so that long runs show a difference to some percent only. The first periods from rest show it to
+some tenths of a percent; the settled part adds what they lack, a charged store.
 """
 
 import math
@@ -41,17 +41,18 @@ class Proof:
     Attributes
     ----------
     place : int
-        Of the point in the grid.
+        Index of the point in the grid.
     highest : bool
         Whether it was chosen as its curve's highest point, and not drawn.
     difference : float
         (circuit − Monte Carlo)/Monte Carlo of the output power on the same noise; nan without.
     standard_error : float
-        Of the paired difference, wider where few realizations tell it; nan without.
+        Standard error of the paired difference, widened where realizations are few; nan without a
+        difference.
     early_difference, early_standard_error : float
         The same over the first `PERIODS` periods from rest; nan without.
     trouble : str
-        What came instead of a difference, the settled one's first.
+        The reason why a difference is missing (the settled part's first); "" if none is.
     """
 
     place: int
@@ -69,7 +70,7 @@ class Proof:
 
     @property
     def disagrees(self) -> bool:
-        """Whether one of the differences is beyond its error and no trifle."""
+        """Whether one of the differences exceeds its error and `SIGNIFICANT_SHARE`."""
         return _beyond(self.difference, self.standard_error) or _beyond(
             self.early_difference, self.early_standard_error
         )
@@ -119,7 +120,7 @@ def proving(
     place, highest
         As in `Proof`.
     scene : Scene
-        Of the point.
+        The scene of the point.
     first, judge : (Engine, str)
         Monte Carlo and the circuit, each with its version, see `Runner.version`.
     """
@@ -157,7 +158,7 @@ def _tasks(scene, most, method, version):
 def _difference(scene, ours, theirs):
     """(circuit − Monte Carlo)/Monte Carlo on the same noise, its standard error, both nan without.
 
-    Then what came instead, and the power by Monte Carlo.
+    Also the outcome if there is no difference, and the power by Monte Carlo.
     """
     powers = []
     for answers in (ours, theirs):
@@ -179,9 +180,10 @@ def _difference(scene, ours, theirs):
 
 
 def _of_few(realizations):
-    """Factor by which Student's distribution is wider than the normal one, at as rare a chance.
+    """Factor by which Student's quantile exceeds the normal one at the probability of
+    `SIGNIFICANT_SIGMAS`.
 
-    Batches of a realization may know of each other: only realizations count.
+    Batches of one realization may be correlated, so realizations are counted.
     """
     least = max(realizations - 1, 1)
     return float(stdtrit(least, ndtr(SIGNIFICANT_SIGMAS))) / SIGNIFICANT_SIGMAS

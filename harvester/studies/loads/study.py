@@ -1,4 +1,4 @@
-"""What a load study consists of and says, and the steps that `load_study` takes."""
+"""The result of a load study with its sentences, and the steps of `load_study`."""
 
 from __future__ import annotations
 
@@ -59,19 +59,20 @@ class Study(Tabular):
     method : str
         "judged", an engine or a closure.
     version : str
-        Of what computed.
+        Version of the program that computed.
     precision : float or None
     evaluations : list of Evaluation
-        In the order of `grid.points`.
+        Evaluations of the points, in the order of `grid.points`.
     proofs : list of Proof
-        Where the circuit was the judge.
+        Comparisons with the circuit, at the points that were chosen for it.
     out_of_time : bool
         The time budget ended it: the same call again goes on.
     computed, reused : int
         Tasks.
     wall_seconds : float
     warnings : tuple of str
-        Answers that were not believed, outcomes that are not kept, a folder that cannot be locked.
+        Warnings: stored answers that are not valid, outcomes not kept, a folder that cannot be
+        locked.
     """
 
     grid: Grid
@@ -426,7 +427,7 @@ class Study(Tabular):
 
 
 def chosen(method: str | Method, step: str | float) -> tuple[Method, Engine | None]:
-    """What runs the points, and the circuit that judges it, or None.
+    """The method that runs the points, and the circuit that checks it, or None.
 
     Raises
     ------
@@ -442,7 +443,7 @@ def chosen(method: str | Method, step: str | float) -> tuple[Method, Engine | No
 
 
 def method_at(scene: Scene, method: Method, judge: Engine | None) -> Method:
-    """What runs a point: a load that Monte Carlo does not take is run by its judge, the circuit."""
+    """The method of a point; a load that Monte Carlo cannot simulate is run by the circuit."""
     if not isinstance(method, Engine):
         require_resistor(scene, method.name)
     elif not isinstance(method, Circuit):
@@ -473,14 +474,15 @@ def proofs(
 
 
 def cut(scene: Scene) -> Scene:
-    """The scene with realizations of the length that rounds are made of."""
+    """The scene with shorter realizations, at most `DURATION_OVER_SETTLE` settling times,
+    for rounds."""
     run = scene.run
     duration = min(run.duration, DURATION_OVER_SETTLE * run.settle) or run.duration
     return scene.replace({"run.duration": duration, "run.realizations": MOST_REALIZATIONS})
 
 
 def _apart(difference, standard_error):
-    """A paired difference in words."""
+    """Text: the relative difference of two loads' powers, paired on common noise."""
     share = Estimate(difference, standard_error, None, "1")
     distance = abs(difference) / standard_error if standard_error else 0.0
     return f"{share_with_error(share)} ({distance:.1f} σ)"

@@ -1,4 +1,4 @@
-"""A parameter that a maximum is looked for over, and its place there."""
+"""A parameter of an optimum: its range, and its value at the maximum."""
 
 import math
 from dataclasses import dataclass
@@ -93,10 +93,11 @@ class Parameter:
     axis : Axis
     place : float
     standard_error : float or None
-        Of the place, where a curve was fitted for it.
+        Standard error of the place, where a curve was fitted for it.
     flat_low, flat_high : float
-        The others held, the quantity stays within 1 % of the maximum, or cannot be told to fall by
-        more, from here to there; nan where the runs are too short to tell, or it was not asked.
+        Range of this parameter, the others held, in which the quantity is not significantly more
+        than 1 % below the maximum; nan where the runs are too short to decide, or it was not
+        computed.
     open_low, open_high : bool
         The range ends before the flat region does.
     """

@@ -52,8 +52,8 @@ def largest(
     chosen = checked_method(scene, method)
     if limited and not isinstance(chosen, Engine):
         raise HarvesterError(
-            f"{scene.name}: beam.strain_limit: {chosen.name} knows no peak of the strain; take "
-            "--method monte-carlo or circuit, or the limit out"
+            f"{scene.name}: beam.strain_limit: {chosen.name} gives no peak strain; take --method "
+            "monte-carlo or circuit, or the limit out"
         )
     axes = [Axis.of(scene, key, *ends) for key, ends in over.items()]
     with open_runner(**running) as runner:

@@ -16,10 +16,11 @@ from harvester.studies.optimum.objective import Objective
 
 # A place belongs to the flat region if it loses at most this share, within so many standard errors.
 FLAT_SHARE, FLAT_SIGMAS = 0.01, 2.0
-# The first step outwards is the way to the end of the range, halved so often. The edge is then
-# located by so many halvings.
+# The first step outwards is the distance to the end of the range, halved HALVINGS times. The edge
+# is then located by REFINEMENTS further halvings.
 HALVINGS, REFINEMENTS = 6, 2
-# A place counts as higher if it is so by so many standard errors, and by this share.
+# A place counts as higher if its excess is more than HIGHER standard errors and more than the share
+# SHARE_HIGHER.
 HIGHER, SHARE_HIGHER = 3.0, 1e-3
 MOVES = 6
 
@@ -50,7 +51,7 @@ def climb(objective: Objective, place: tuple, stage: int) -> tuple[tuple, Any, l
     place : tuple of float
         Coordinates.
     stage : int
-        Of the noise.
+        Number of the noise stream.
 
     Returns
     -------
@@ -138,7 +139,7 @@ class _Ray:
 
 
 def ranges(axes: Sequence[Axis], place: tuple, sides: list) -> list[Parameter]:
-    """What `climb` found, in the units of each parameter."""
+    """The flat ranges that `climb` found, in the unit of each parameter."""
     return [
         Parameter(
             axis=axis,

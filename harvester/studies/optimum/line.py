@@ -34,7 +34,7 @@ MOVES = 16
 # round has so many times the realizations, up to the largest multiple.
 WANTED, TIMES_REALIZATIONS = 0.15, 4
 MOST_TIMES_REALIZATIONS = {"monte-carlo": 16, "circuit": 1}
-# A curvature, a slope or a fall counts from so many standard errors on.
+# A curvature, a slope or a fall is significant from this many standard errors on.
 SIGNIFICANT_SIGMAS = 3.0
 # A narrower window is fitted if a value deviates from the cubic by so many standard errors, and by
 # this share of the fall within the window.
@@ -97,7 +97,7 @@ def _on_common_knots(scene, axis):
 
 
 def amount(answer: Answer, quantity: str) -> float:
-    """An answer's mean in the scene's units."""
+    """An answer's value of the quantity, in the scene's units."""
     return answer.in_units()[quantity].estimate
 
 
@@ -147,7 +147,7 @@ class Search:
     Parameters
     ----------
     scene : Scene
-        With one spacing of knots for all places.
+        The scene, with one knot spacing for all places.
     axis : Axis
     quantity : str
     method : Method
@@ -190,8 +190,8 @@ class Search:
             else:
                 return self._found(centre, half, fit, coordinates, answers)
         raise OptimumError(
-            f"{self.axis.key}: the maximum of {self._name()} could not be told from noise; "
-            "raise run.duration or give a range around it with --from and --to"
+            f"{self.axis.key}: the maximum of {self._name()} could not be distinguished from "
+            "noise; raise run.duration or give a range around it with --from and --to"
         )
 
     def request(self, coordinate: float, moments: bool = False) -> Request:
@@ -218,7 +218,7 @@ class Search:
         return float(grid[top])
 
     def _moved(self, centre, half, fit):
-        """The next window's centre: towards the higher side, where that can be told."""
+        """The next window's centre, towards the higher side if the slope is significant."""
         if not fit.sloped:
             if self._lengthen():
                 return centre
@@ -232,7 +232,8 @@ class Search:
         return centre + side * half
 
     def _better_seen(self, centre, half, fit):
-        """The next window's centre, for a maximum that does not fall to both ends of this one."""
+        """The next window's centre, if the fitted maximum is not above both ends of the
+        present window."""
         around = min(max(centre + half * fit.place, half), 1.0 - half)
         if abs(around - centre) > RECENTRED * half:
             return around
@@ -242,12 +243,12 @@ class Search:
         end = self.axis.value(centre + half * fit.flat_to)
         raise OptimumError(
             f"{self.axis.key}: {self._name()} is flat from {place:.4g} to {end:.4g} by "
-            f"{self.method.name}, within errors or {STANDS_OUT:.1%}: a plateau, or a range too "
-            "narrow"
+            f"{self.method.name}, within errors or {STANDS_OUT:.1%}: the maximum is a plateau, or "
+            "the range is too narrow: widen it"
         )
 
     def _lengthen(self):
-        """Whether there could be more realizations."""
+        """Multiply the number of realizations; False if it is at its limit already."""
         if self._more * TIMES_REALIZATIONS > MOST_TIMES_REALIZATIONS[self.method.name]:
             return False
         self._more *= TIMES_REALIZATIONS
@@ -283,23 +284,23 @@ class Fit:
     Attributes
     ----------
     place, error : float, float or None
-        Of the maximum, by noise.
+        Position of the maximum, and its error from noise.
     bias : float
         How far a spline through the values has its maximum from there, where values lie off the
         cubic beyond chance.
     slope : float
-        At the middle.
+        Slope at the middle of the window.
     sloped, peaked : bool
         Whether the slope, and the downward curvature, are beyond chance.
     drop : float
-        From the maximum to the lower end, as a share of the maximum.
+        Fall from the maximum to the lower end, as a share of the maximum.
     misfit : bool
-        Whether that matters, in a window that can be narrowed.
+        Whether the deviation from the cubic matters and the window can be narrowed.
     flat_to : int
         −1 or 1, the end that the values do not surely fall to from the place nearest to the
         maximum; 0: they fall to both.
     noisy_ends : bool
-        Whether longer runs could tell more of that.
+        Whether longer runs could decide that.
     """
 
     def __init__(self, places: np.ndarray, answers: Sequence[Answer], quantity: str):
@@ -340,7 +341,8 @@ class Fit:
             self.misfit = not narrow and max(beyond) > MISFIT_SHARE * np.ptp(values)
 
     def _look_at_ends(self, places, values, series):
-        """Measured values alone: a cubic through a plateau has a maximum too."""
+        """Compare the measured values at the window's ends with the highest: a cubic through
+        a plateau has a maximum too."""
         self.flat_to, self.noisy_ends = 0, False
         nearest = int(np.argmin(np.abs(places - self.place)))
         least = STANDS_OUT * abs(values[nearest])

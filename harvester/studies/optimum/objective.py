@@ -25,14 +25,14 @@ from harvester.studies.optimum.axis import Axis
 
 
 def series_in_units(answer: Any, quantity: str) -> np.ndarray:
-    """How far a quantity is off its mean in each batch, in the scene's units.
+    """Deviation of each batch from a quantity's mean, in the scene's units.
 
     Parameters
     ----------
     answer : harvester.running.Answer
-        With its moments.
+        An answer with its moments.
     quantity : str
-        One that `harvester.results.paired.deviations` knows.
+        Name of a quantity that `harvester.results.paired.deviations` accepts.
 
     Returns
     -------

@@ -1,4 +1,4 @@
-"""What `optimum` returns, over any number of parameters, and how it is shown."""
+"""The result of `optimum`, over any number of parameters, and how it is shown."""
 
 from __future__ import annotations
 
@@ -45,10 +45,11 @@ class Averaging:
     ----------
     closure : str
     place, value : float or None
-        None where it refuses or has no maximum inside, with the reason.
+        Place and value of averaging's maximum; None (see the reason) if it refuses or has none
+        inside.
     reason : str
     value_at_simulated_place : float or None
-        At the place that simulation found.
+        Averaging's value at the place that simulation found.
     """
 
     closure: str
@@ -72,16 +73,16 @@ class Optimum:
     parameters : list of Parameter
         Each with its place at the optimum.
     value : Estimate
-        From a run at the place; over several parameters on noise of its own.
+        Value from a run at the place; over several parameters on noise of its own.
     searched : list of (dict, Estimate)
         Places and values: those that the last fit used; over several parameters those proposed,
         nan where a run failed.
     averaging : Averaging or None
         Over one parameter.
     own : Estimate or None
-        Of the scene itself, over several parameters.
+        The value of the scene itself, over several parameters.
     other_starts : tuple of float
-        Values at the place from other states, where the excitation has no chance in it.
+        Values at the place from other initial states, for a deterministic excitation.
     evaluations : int
         Runs in all, over several parameters.
     seconds : float
@@ -176,7 +177,7 @@ class Optimum:
         return f"{self._at(key, low)} … {self._at(key, high)}" if known else NOT_KNOWN
 
     def sentences(self) -> list[str]:
-        """What bounds the place and the value, and what was run."""
+        """Sentences on the intervals of place and value, and on the runs."""
         if self.averaging is None:
             return [*self._on_value(), *self._on_ranges(), *self._on_starts(), self._on_runs()]
         (one,) = self.parameters
@@ -192,7 +193,7 @@ class Optimum:
         ]
 
     def _on_averaging(self, averaging):
-        """How far averaging is off."""
+        """Sentence: the deviation of averaging from the simulation."""
         words = f"averaging, {averaging.closure}"
         place, value = self._off(averaging)
         lines = [f"{words}: no optimum: {averaging.reason}"]
@@ -223,7 +224,7 @@ class Optimum:
         ]
 
     def _on_ranges(self):
-        """What bounds each parameter."""
+        """Sentences: the flat range of each parameter."""
         lines = []
         failures = sum(math.isnan(value.estimate) for _, value in self.searched)
         if any(math.isnan(each.flat_low + each.flat_high) for each in self.parameters):
@@ -260,16 +261,16 @@ class Optimum:
         others = values[off > FLAT_SHARE * abs(self.value.estimate)]
         states = f"{values.size} other states"
         if not others.size:
-            return [f"started there from each of {states} it comes to the same: one attractor"]
+            return [f"started there from each of {states} it reaches the same value: one attractor"]
         return [
             f"several attractors: started there from {values.size - others.size} of {states} it "
-            f"comes to the same, from the others to {quantity(others.min(), self.unit)} … "
-            f"{quantity(others.max(), self.unit)}; the search starts every run as the "
-            "scene does: other values of [start] may find another branch"
+            f"reaches the same value, from the others {quantity(others.min(), self.unit)} … "
+            f"{quantity(others.max(), self.unit)}; the search starts every run as the scene does: "
+            "other values of [start] may find another branch"
         ]
 
     def _on_runs(self):
-        """What was run, over several parameters."""
+        """Sentence: the runs of an optimum over several parameters."""
         noisy = is_noisy(self.scene, method_of(self.method))
         own_noise = "; value on noise of its own" if noisy else ""
         return (

@@ -2,7 +2,7 @@
 
 Proposals of a library for noisy functions are evaluated on common noise; the highest are run again
 on fresh noise, as the highest of many is partly luck; from the best of them the search climbs along
-the axes, which also tells how flat the maximum is; its value comes from a last run on noise that
+the axes, which also shows how flat the maximum is; its value comes from a last run on noise that
 nothing was chosen by.
 """
 
@@ -36,9 +36,9 @@ MOST_PARAMETERS = 8
 CONFIRMED = 5
 # The climb takes about so many evaluations for each parameter. The progress bar uses this.
 CLIMB_EACH = 30
-# Numbers of the noise: of the search, of the chosen places, and of the final value.
+# Noise streams, by number: for the search, for the chosen places, and for the final value.
 SEARCH, AGAIN, VALUE = 0, 1, 2
-# At the maximum a device without chance is started from so many other states.
+# Number of other initial states that are tried at the maximum under a deterministic excitation.
 STARTS = 8
 
 
@@ -118,7 +118,7 @@ def _search(objective, proposals, count):
         proposals.tell([finite(value) for value in values])
         searched += zip(places, values, strict=True)
     if all(math.isnan(value) for _, value in searched):
-        raise OptimumError(f"at none of {len(searched)} places did a run come to its end")
+        raise OptimumError(f"all runs failed, at each of {len(searched)} places")
     return searched
 
 
@@ -131,12 +131,13 @@ def _chosen(objective, searched):
     places = list(dict.fromkeys(highest))[:CONFIRMED]
     values = [objective.value(each) for each in objective.answers(places, AGAIN, moments=True)]
     if all(math.isnan(value) for value in values):
-        raise OptimumError("at none of the highest places did a second run come to its end")
+        raise OptimumError("the second runs failed at all of the highest places")
     return places[int(np.nanargmax(values))]
 
 
 def _other_starts(objective, place, answer):
-    """Values from states drawn over what the motion at the maximum spans, and half as far again."""
+    """Values from other initial states, drawn over 1.5 times the range of the motion at the
+    maximum."""
     if objective.noisy or not isinstance(objective.method, Engine):
         return ()
     scene = objective.scene

@@ -1,4 +1,4 @@
-"""`basins`: to which steady motion a driven device comes from each place of a grid."""
+"""`basins`: the steady motion that a driven device settles on, for each start on a grid."""
 
 from __future__ import annotations
 
@@ -49,13 +49,14 @@ class Basins:
     scene : Scene
     method, engine_version : str
     displacements, velocities : ndarray, shapes (n,), (m,)
-        Of the starts, with the transducer's state 0 and a load's stores as its netlist begins.
+        Coordinates of the starts, with the transducer's state 0 and a load's stores as its netlist
+        begins.
     orbit : ndarray of int, shape (m, n)
         Place in `orbits` of each start; −1: not followed.
     orbits : list of Orbit
-        That of most starts first.
+        The orbits, the one with the most starts first.
     periods : int
-        Forcing periods followed at least.
+        Least number of forcing periods that each start was followed.
     seconds : float
     """
 
@@ -78,7 +79,7 @@ class Basins:
         return orbit_table(self.orbits, self.unit)
 
     def data(self) -> tuple[list[str], list[list[Any]]]:
-        """Header and rows: each start and the orbit that it comes to."""
+        """Header and rows: each start and the orbit that it reaches."""
         header = [
             f"displacement [{self.unit('displacement')}]",
             f"velocity [{self.unit('velocity')}]",
@@ -93,7 +94,7 @@ class Basins:
         return header, rows
 
     def sentences(self) -> list[str]:
-        """What the numbers say, one line each."""
+        """Sentences on the findings, one line each."""
         count = int((self.orbit >= 0).sum())
         starts = "1 start" if count == 1 else f"{count} starts"
         lines = [
@@ -180,15 +181,15 @@ def orbit_sentences(orbits: Sequence[Orbit], unit: Any) -> list[str]:
         return lines
     lines.append(
         f"most power on orbit {best.name}, {quantity(best.mean_power, unit('power'))}: "
-        f"{best.share:.1%} ± {best.share_error:.1%} of the starts come to it"
+        f"{best.share:.1%} ± {best.share_error:.1%} of the starts reach it"
     )
     least = min(orbits, key=lambda each: each.mean_power)
     if 0.0 < least.mean_power < (1.0 - ALIKE_POWER) * best.mean_power:
         lines[-1] += f"; {best.mean_power / least.mean_power:.3g} times that of orbit {least.name}"
     if any(each.kind == NOT_SETTLED for each in orbits):
         lines.append(
-            "what is not settled repeats no period and its neighbours do not part: follow it "
-            "longer with --periods"
+            '"not settled" means: no period repeats, and neighbouring paths do not diverge: follow '
+            "it longer with --periods"
         )
     return lines
 

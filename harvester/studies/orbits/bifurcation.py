@@ -61,7 +61,7 @@ class Jump:
     before, after : float
         The last value on the old branch and the first on the new one.
     power_before, power_after : float
-        In the scene's units.
+        Mean powers on both sides of the jump, in the scene's units.
     """
 
     direction: str
@@ -80,9 +80,9 @@ class Branch:
     direction : str
         "up" or "down".
     displacement, velocity : ndarray, shape (n, samples)
-        At the beginnings of the last forcing periods; NaN where a run failed.
+        Section: samples at the beginnings of the last forcing periods; NaN where a run failed.
     period : ndarray of int, shape (n,)
-        In forcing periods; 0 for motion that does not repeat itself.
+        Period of the motion in forcing periods; 0 if it does not repeat itself.
     mean_power, rms_voltage, rms_displacement : ndarray, shape (n,)
     """
 
@@ -110,7 +110,7 @@ class Bifurcation:
     jumps : list of Jump
     method, engine_version : str
     periods : int
-        Forcing periods at each place before the samples.
+        Number of forcing periods at each value before the samples.
     failures : dict of str to str
         "up at VALUE" to why the run failed.
     seconds : float
@@ -144,7 +144,7 @@ class Bifurcation:
 
     @property
     def _every(self):
-        """The table shows every so many-th value."""
+        """Stride of the table: it shows every n-th value."""
         return math.ceil(self.values.size / MOST_VALUES_SHOWN)
 
     def data(self) -> tuple[list[str], list[list[Any]]]:
@@ -171,7 +171,7 @@ class Bifurcation:
         return header, rows
 
     def sentences(self) -> list[str]:
-        """What the numbers say, one line each."""
+        """Sentences on the findings, one line each."""
         lines = [
             f"{self.method}: {self.engine_version}; at each of {self.values.size} values "
             f"{self.periods} periods of the excitation, then {SAMPLES} samples, one a period; "
@@ -365,7 +365,8 @@ def _period_at(scene, key, value):
 
 
 def jumps_of(values: np.ndarray, branch: Branch) -> list[Jump]:
-    """Where the section changes between neighbouring values as nowhere on one side of it."""
+    """Jumps of the section between neighbouring values: changes far larger than those next
+    to them."""
     section = branch.displacement
     size = float(np.nanmax(np.abs(section), initial=0.0))
     shape = np.stack([section.mean(axis=1), section.std(axis=1)])

@@ -50,17 +50,17 @@ class Orbit:
     name : str
         A, B, … in the order of their shares.
     period : int or None
-        In periods of the forcing; None for motion that does not repeat itself.
+        Period of the motion in forcing periods; None if it does not repeat itself.
     lyapunov : Divergence or None
-        Of a motion without a period: its largest Lyapunov exponent (1/s).
+        For a motion without a period: its largest Lyapunov exponent (1/s).
     starts : int
-        That came to it.
+        Number of starts that settled on it.
     share, share_error : float
-        Of all starts, and its standard error as that of a random sample of the plane.
+        Share of all starts, and its standard error as that of a random sample of the plane.
     mean_power, rms_voltage, rms_displacement : float
         Over the samples of all its starts.
     points : ndarray, shape (n, 2)
-        Its section: displacement and velocity at the beginnings of forcing periods.
+        Stroboscopic section: displacement and velocity at the beginnings of forcing periods.
     """
 
     name: str
@@ -160,7 +160,8 @@ def orbits_of(
     starts: np.ndarray,
     periods: int | None,
 ) -> Generator[Wanted, list, tuple[list[Orbit], np.ndarray]]:
-    """A plan: the orbits that starts come to, and to which each came (−1: not followed)."""
+    """A plan for `Runner.follow`: the orbits that starts settle on, and each start's orbit
+    number (−1: not followed)."""
     samples = yield from following(scene, engine, version, starts, periods)
     which = np.full(len(starts), -1)
     (done,) = np.nonzero(~np.isnan(samples).any(axis=(1, 2)))

@@ -35,7 +35,7 @@ def kramers_time(ready: Prepared, well: float) -> tuple[float | None, str]:
     ----------
     ready : harvester.prepared.prepared.Prepared
     well : float
-        Its displacement, scaled.
+        Displacement of the well, scaled.
     """
     system = ready.system
     why = _refusal(ready, well)

@@ -42,20 +42,21 @@ def basins(
     step: Step = "default",
     **running: Unpack[RunnerOptions],
 ) -> Basins:
-    """Which steady motion a driven device comes to, over a grid of starts.
+    """The steady motion that a driven device settles on, for each start on a grid.
 
     Parameters
     ----------
     scene : Scene, str or Path
-        Itself, its file or its built-in name; its excitation is a sine or a sum of sines.
+        A scene, its file or the name of a built-in one; its excitation is a sine or a sum of sines.
     displacement, velocity : sequence of float
-        Of the starts, in the scene's units: LOW:HIGH:NUMBER (default: the energies up to beyond
-        the device's largest motion).
+        Coordinates of the starts, in the scene's units: LOW:HIGH:NUMBER (default: the energies up
+        to beyond the device's largest motion).
     points : int
         Starts a side, of what is left to the default.
     periods : int or None
-        Of the excitation, that each start is followed for (default: as many as the device needs to
-        forget its start, and three times as many for those without a period by then).
+        Number of periods of the excitation, that each start is followed for (default: as many as
+        the device needs to forget its start, and three times as many for those without a period by
+        then).
     method : str or Method
         monte-carlo (the equations themselves) or circuit (ngspice).
     step : str or float
@@ -127,7 +128,7 @@ def bifurcation(
     Parameters
     ----------
     scene : Scene, str or Path
-        Itself, its file or its built-in name; its excitation is a sine or a sum of sines.
+        A scene, its file or the name of a built-in one; its excitation is a sine or a sum of sines.
     over : str
         The key, TABLE.KEY, such as excitation.amplitude.
     values : sequence of float
@@ -137,8 +138,8 @@ def bifurcation(
         The way down is taken as well, and shows where there are several motions; `--up-only`
         leaves it out.
     periods : int or None
-        Of the excitation, at each value before the samples (default: as many as the device needs to
-        forget the value before).
+        Number of periods of the excitation, at each value before the samples (default: as many as
+        the device needs to forget the value before).
     method : str or Method
         monte-carlo (the equations themselves) or circuit (ngspice).
     step : str or float
@@ -222,11 +223,12 @@ def residence(
     Parameters
     ----------
     scene : Scene, str or Path
-        Itself, its file or its built-in name; with several wells and noise.
+        A scene, its file or the name of a built-in one; with several wells and noise.
     over : str or None
         A key, TABLE.KEY, such as excitation.intensity.
     values : sequence of float
-        Of that key: FIRST:LAST:log:NUMBER, FIRST:LAST:linear:NUMBER or numbers between commas.
+        Values of that key: FIRST:LAST:log:NUMBER, FIRST:LAST:linear:NUMBER or numbers between
+        commas.
     precision : float or None
         Relative standard error, for which realizations are doubled up to 64 times the scene's;
         None: the scene's own run.

@@ -42,7 +42,7 @@ class Stay:
     Attributes
     ----------
     value : float or None
-        Of the key; None without one.
+        Value of the key; None without one.
     well : float
         Displacement at its bottom, in the scene's units; of two alike the one on the right, which
         stands for both.
@@ -50,7 +50,7 @@ class Stay:
         Mean time from reaching the well to reaching another (s); no error bar on fewer than
         `FEWEST_STAYS` stays. Infinite where it was never left.
     stays : int
-        That ended.
+        Number of stays that ended.
     watched : float
         Time in the well, of all realizations (s).
     kramers : float or None
@@ -80,7 +80,7 @@ class Residence:
     ----------
     scene : Scene
     key : str or None
-        What was varied.
+        The key that was varied.
     stays : list of Stay
         Value by value, wells from the left to the right.
     method, engine_version : str
@@ -120,7 +120,7 @@ class Residence:
         ]
 
     def sentences(self) -> list[str]:
-        """What the numbers mean and how they came about, one line each."""
+        """Sentences on the meaning of the numbers and on how they were obtained."""
         lines = [
             f"{self.method}: {self.engine_version}; {self.seconds:.2f} s",
             "a stay lasts from reaching a well (no more than a quarter of the energy that leads "
@@ -246,7 +246,8 @@ def staying(
 
 
 def stays_of(scene: Scene, value: float | None, times: np.ndarray, exits: np.ndarray) -> list[Stay]:
-    """Mean residence times from times in wells and exits, shape (realizations, batches, wells)."""
+    """Mean residence times from `times` in wells and `exits`, both (realizations, batches,
+    wells)."""
     ready = prepared(scene)
     system = ready.system
     wells = sorted(timescales.wells(system))

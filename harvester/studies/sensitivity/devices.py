@@ -51,7 +51,10 @@ def devices(
         try:
             made = [scene.replace(parameters(tolerances, each)) for each in row]
         except SceneError as error:
-            raise HarvesterError(f"--vary: one of the devices cannot be: {error}") from None
+            raise HarvesterError(
+                f"--vary: a device within the tolerances is not valid: {error}; choose narrower "
+                "ones"
+            ) from None
         rows.append(
             [
                 replace(device, run=replace(scene.run, seed=seed, realizations=realizations))

@@ -86,7 +86,7 @@ def _draw_indices(axes, study, order):
 
 
 def _bars(values, ends):
-    """Lengths to either side; a resampled interval may lie beside its estimate."""
+    """Lengths of error bars; 0 on a side where a resampled interval does not reach its estimate."""
     low, high = np.minimum(*ends), np.maximum(*ends)
     return np.maximum([values - low, high - values], 0.0)
 
@@ -101,7 +101,8 @@ def draw_distribution(study: Sensitivity) -> Figure:
     hidden = study.indices.first is None
     factor, unit = prefixed(float(np.abs(values).max()), study.unit.split()[0])
     if hidden:
-        # Without the noise's part nothing is left to draw: the figure has the devices as measured.
+        # If the variance without noise is not above 0, the histogram shows the measured values,
+        # noise included.
         values = study.values.mean(axis=0)[:, :2].ravel()
     values = factor * values
     axes.hist(values, bins=min(BINS, max(5, values.size // 6)), density=True, color="0.8")

@@ -10,7 +10,7 @@ RESAMPLES = 1000
 
 
 def effects(shares: np.ndarray, values: np.ndarray, seed: int) -> list[tuple[Interval, Interval]]:
-    """The quantity off its mean where one parameter is low and high, the others as they come.
+    """Change of the quantity's mean where one parameter is low and high, averaged over the others.
 
     By least squares: a mean and, for each parameter, a parabola in the share of the devices below
     it. Rows are resampled for the intervals.
@@ -18,7 +18,7 @@ def effects(shares: np.ndarray, values: np.ndarray, seed: int) -> list[tuple[Int
     Parameters
     ----------
     shares : ndarray, shape (rows, devices, parameters)
-        In (0, 1).
+        Shares of the devices below each value, in (0, 1).
     values : ndarray, shape (rows, devices)
     seed : int
 

@@ -40,7 +40,7 @@ class Direction:
     key : str
         The parameter that it mostly moves, with its place among the axes.
     centre, steps : dict of str to float
-        Of every parameter: its mean, and its change in one standard deviation of the axis.
+        For every parameter: its mean, and its change in one standard deviation of the axis.
     """
 
     key: str
@@ -63,14 +63,14 @@ class Direction:
 
 
 def directions(scene: Scene, identified: Mapping[str, Any] | str | Path) -> list[Direction]:
-    """The principal axes of what an identification left open.
+    """The principal axes of an identification's covariance.
 
     Parameters
     ----------
     scene : Scene
-        Its values are the means.
+        The scene, whose values are the means of the distributions.
     identified : dict with `keys` and `covariance`, or the file of its JSON
-        As `Identification.to_dict` and `harvester identify --json` give it.
+        Result of `Identification.to_dict` or `harvester identify --json`.
 
     Raises
     ------

@@ -1,7 +1,7 @@
 """How a quantity is distributed among devices, and how many of them reach a limit (yield).
 
-What is measured of a device is blurred by the noise of its run. The blur widens the distribution
-and moves devices over the limit, more of them from where there are more. It is taken out twice:
+The value measured for a device contains the noise of its run. The noise widens the distribution and
+moves devices across the limit, more of them from the denser side. It is taken out twice:
 
 - the devices' values are drawn together about their mean until their variance is that without the
   noise (see `sobol` beside this), so that spread and quantiles are those of the devices;
@@ -31,7 +31,8 @@ class Yield:
     ----------
     limit : float
     share : Interval
-        Without the noise; its interval holds the choice of devices and the noise.
+        Share without the effect of noise; its interval includes the choice of devices and the
+        noise.
     counted : float
         The share as it is counted, noise and all.
     devices : int
@@ -50,7 +51,7 @@ class Population:
     Attributes
     ----------
     values : ndarray, shape (devices,)
-        Without the noise's share of their spread.
+        Devices' values, their spread reduced by the noise's part.
     mean, deviation : Interval
     quantiles : dict of float to Interval
     """
@@ -69,9 +70,9 @@ def population(values: np.ndarray, variance: Interval, seed: int) -> Population:
     values : ndarray, shape (replicates, rows, devices in a row)
         Rows are independent of each other.
     variance : Interval
-        Without noise, from `harvester.studies.sensitivity.sobol.indices`.
+        Variance without noise, from `harvester.studies.sensitivity.sobol.indices`.
     seed : int
-        Of the resampling.
+        Seed of the resampling.
     """
     means = values.mean(axis=0)
     centred = np.moveaxis(values - values.mean(), 2, 0)
@@ -93,7 +94,7 @@ def population(values: np.ndarray, variance: Interval, seed: int) -> Population:
 
 
 def _drawn_together(means, spread):
-    """Devices drawn together about their mean to the variance without noise.
+    """Devices' values scaled about their mean so that their variance is that without noise.
 
     Parameters
     ----------
@@ -120,7 +121,7 @@ def share_above(values: np.ndarray, limit: float) -> Yield:
     Parameters
     ----------
     values : ndarray, shape (replicates, rows, devices in a row)
-        One or two replicates.
+        Values of one or two replicates.
     limit : float
     """
     counted = values.mean(axis=0) > limit

@@ -52,7 +52,8 @@ class Indices:
     Attributes
     ----------
     first, total : list of Interval, or None
-        One for each parameter; None where the parameters' variance cannot be told from noise.
+        One for each parameter; None where the parameters' variance is not significantly above that
+        of the noise.
     variance : Interval
         Variance of the quantity among devices, without the noise.
     noise_variance : float
@@ -74,7 +75,7 @@ def design(rows: int, parameters: int, seed: int) -> np.ndarray:
         A power of two.
     parameters : int
     seed : int
-        Of the scrambling of Sobol's sequence.
+        Seed of the scrambling of Sobol's sequence.
 
     Returns
     -------
@@ -95,9 +96,9 @@ def indices(values: np.ndarray, seed: int) -> Indices:
     Parameters
     ----------
     values : ndarray, shape (replicates, rows, parameters + 2)
-        One replicate of what has no noise, else two or more.
+        Values: of one replicate if there is no noise, else of two or more.
     seed : int
-        Of the resampling.
+        Seed of the resampling.
     """
     y = values - values[:, :, :2].mean()
     a, b, exchanged = y[:, :, 0], y[:, :, 1], np.moveaxis(y[:, :, 2:], 2, 0)

@@ -58,12 +58,12 @@ class Sensitivity:
     tolerances : list of Tolerance or Direction
     quantity, unit, method : str
     nominal : Estimate
-        Of the scene itself.
+        The quantity of the scene itself.
     indices : Indices
     population : Population
     effects : list of (Interval, Interval)
-        Of each parameter: by how much the quantity is off its mean where the parameter is low and
-        high (at 5 % and 95 % of the devices), the others as they come.
+        For each parameter: change of the quantity's mean where the parameter is low and high (5 %
+        and 95 % quantiles of the devices), averaged over the others.
     yield_above : Yield or None
     shares : ndarray, shape (rows, parameters + 2, parameters)
         The design; see `harvester.studies.sensitivity.sobol.design`.
@@ -112,7 +112,7 @@ class Sensitivity:
         return header, rows
 
     def order(self) -> list:
-        """Places of the parameters, that with the largest total index first."""
+        """Indices of the parameters, the one with the largest total index first."""
         size = [abs(high.estimate - low.estimate) for low, high in self.effects]
         if self.indices.total is not None:
             size = [each.estimate for each in self.indices.total]
@@ -148,15 +148,15 @@ class Sensitivity:
         return [*lines, *self.failures]
 
     def _spread(self, each):
-        """An interval in a sentence."""
+        """Text: a quantity's interval."""
         words = (quantity(number, self.unit) for number in (each.estimate, each.low, each.high))
         return "{} ({} … {})".format(*words)
 
     def _on_noise(self):
         if self.indices.first is None:
             return [
-                "the parameters' part of the scatter cannot be told from the runs' noise: no "
-                "indices; lower --precision, or raise run.duration, run.realizations or --rows"
+                "the parameters' part of the scatter is not above the runs' noise: no indices; "
+                "lower --precision, or raise run.duration, run.realizations or --rows"
             ]
         noise, own = self.indices.noise_variance, self.indices.variance.estimate
         share = noise / (noise + own)
@@ -241,7 +241,7 @@ class Sensitivity:
 
 
 def checked(scene: Scene, tolerances: list, method: str | Method | None, rows: int) -> Method:
-    """The method of a design that can be run.
+    """The method, checked together with the design and its options.
 
     Raises
     ------
@@ -268,7 +268,7 @@ def study_of(
     precision: float | None,
     runner: Runner,
 ) -> Sensitivity:
-    """All of a `Sensitivity` but its time: `shape` is that of the design, rows and devices."""
+    """Everything of a `Sensitivity` except its wall time; `shape` is (rows, devices in a row)."""
     nominal = first_answer(runner, Request(scene, method))
     check_quantity(quantity, nominal)
     shares = design(shape[0], len(tolerances), scene.run.seed)
@@ -325,8 +325,8 @@ def _told(kept, failures, out_of_time):
     lines = []
     if failures:
         lines.append(
-            f"{len(failures)} runs failed; their rows are left out, and the yield does not know "
-            f"of them: {failures[0]}"
+            f"{len(failures)} runs failed; their rows are left out, and the yield does not include "
+            f"them: {failures[0]}"
         )
     if out_of_time:
         lines.append(

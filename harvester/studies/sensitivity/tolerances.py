@@ -32,7 +32,7 @@ class Tolerance:
     first, second : float
         Ends of a uniform distribution; mean and standard deviation of a normal one.
     low, high : float
-        What the key allows: a normal distribution is cut off there.
+        Limits that the key allows; a normal distribution is cut off there.
     """
 
     key: str

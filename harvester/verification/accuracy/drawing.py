@@ -116,7 +116,8 @@ def _draw_line(axes, line, name, seconds, mark, limits):
 
 
 def _span(result, name):
-    """The range of times, from the first with a result of a method to the last that is read off."""
+    """The axis' range of times (s), a little beyond all times that are read off or belong to
+    closures."""
     errors = [line.errors[name] for line in result.lines if line.errors]
     times = [error.seconds_to(limit) for error in errors for limit in result.limits]
     times += [point.seconds for point in result.points]

@@ -73,21 +73,21 @@ BATCHED_AS = 8
 
 @dataclass(frozen=True)
 class MethodRow:
-    """What was measured of one method.
+    """Measured errors and times of one method.
 
     Attributes
     ----------
     run : Timed or None
-        Its run for the means; None where it failed.
+        The method's run for the means; None if it failed.
     note : str
         How it failed, or empty.
     mean_step : float
-        Of the runs for the strong errors (s); nan when they failed.
+        Mean step of the runs for the strong errors (s); nan when they failed.
     strong : dict of str to float
         RMS error of each state over knots and paths, scaled; nan when a path failed, empty for
         runs by time.
     bias : dict of str to Estimate
-        Of each mean as a share, paired with the reference; empty without a run.
+        Bias of each mean as a share, paired with the reference; empty without a run.
     sampling : dict of str to float
         Standard error of each mean itself in a run of this length, as a share: σ/√N.
     """
@@ -113,22 +113,22 @@ class MethodRow:
 
 @dataclass(frozen=True)
 class Measured:
-    """What was measured of every method on one scene.
+    """Measured errors and times of every method on one scene.
 
     Attributes
     ----------
     reference : Method
-        Its runs are what biases are deviations from.
+        The method from whose runs biases are measured.
     references : dict of bool to Timed
-        Those runs, by `Method.brief`.
+        The reference's runs, by `Method.brief`.
     closures : dict of str to dict
-        Of those that hold `quantities`, scaled, and `seconds`.
+        For each closure that holds `quantities`, scaled, and `seconds`.
     refused : dict of str to str
         Closures that do not hold, with the reason.
     answer : Answer or None
         The reference's long run with its evidence; None for runs by time, as is all that follows.
     exact_paths : str
-        What strong errors are deviations from.
+        Name of the solution from which strong errors are measured.
     horizon : float
         Length of the paths (s).
     speeds : dict
@@ -264,7 +264,7 @@ def _out_of_time():
 
 
 def _there(outcomes):
-    """Outcomes without which there is no measurement: none failed or is missing."""
+    """The outcomes; raises the error of one that failed, or OutOfTime for a missing one."""
     for each in outcomes:
         if each is None or isinstance(each, HarvesterError):
             raise each or _out_of_time()
@@ -378,7 +378,7 @@ def _runs(scenes, methods, runner):
 def _runs_by_time(scene, methods, seconds, runner):
     """`Timed`, the HarvesterError or None of each method; the first is the reference.
 
-    A first task of each tells how many more there is time for.
+    The time of each method's first task decides how many more are run.
     """
     sizes = [_together(scene, method) for method in methods]
 
@@ -405,7 +405,7 @@ def _runs_by_time(scene, methods, seconds, runner):
 
 
 def _counts(sizes, first, seconds):
-    """Tasks of each method that its time allows."""
+    """Number of tasks for each method within its time, from the seconds of its first task."""
     counts = []
     for place, (size, found) in enumerate(zip(sizes, first, strict=True)):
         budget = seconds * (1.0 if place else REFERENCE_SHARE)

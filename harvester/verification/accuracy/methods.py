@@ -25,7 +25,7 @@ class Method:
     order : int
         Order of the scheme, in theory.
     refinement : float
-        What the engine's default step is divided by.
+        Number by which the engine's default step is divided.
     source, scheme, tolerance, device, copies
         See `harvester.simulate`.
     brief : bool

@@ -58,13 +58,14 @@ def task(scene: Scene, version: str) -> Task:
 def measured_alone(
     scene: Scene, compiled: bool, knots: int, repeats: int, report: Callable
 ) -> dict[str, Any]:
-    """What `measure` returns as `rows`, and the `machine`; in a worker, on processes of its own."""
+    """The `rows` of `measure` and the `machine`, measured from a worker with processes of
+    its own."""
     with WorkerPool(workers=2) as pool:
         return {"rows": measure(scene, pool, compiled, knots, repeats), "machine": machine()}
 
 
 def machine() -> dict[str, Any]:
-    """What the times are measured on, and when."""
+    """Description of the machine, and the date of the measurement."""
     return {
         "date": datetime.date.today().isoformat(),
         "cores": os.cpu_count(),
@@ -82,11 +83,11 @@ def measure(
     Parameters
     ----------
     pool : harvester.workers.pools.WorkerPool
-        With two workers or more for the ratio of two processes to one.
+        Pool of workers; the ratio of two processes to one needs at least two.
     compiled : bool
         Whether the compiled device is on.
     knots, repeats : int
-        Of a realization, and measurements of which the best counts.
+        Knots of a realization, and number of measurements of which the best counts.
 
     Returns
     -------

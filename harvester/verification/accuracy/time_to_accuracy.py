@@ -30,12 +30,12 @@ UNITS = ((86400.0, "d"), (3600.0, "h"), (60.0, "min"), (1.0, "s"), (1e-3, "ms"))
 
 @dataclass(frozen=True)
 class Line:
-    """What was measured of one method.
+    """Errors and cost of one method.
 
     Attributes
     ----------
     errors : dict of str to TotalError
-        By quantity; empty where the method failed.
+        Total errors by quantity; empty if the method failed.
     simulated_time : float
         Measured time of all its realizations (s).
     cost : float
@@ -67,7 +67,7 @@ class TimeToAccuracy:
     Attributes
     ----------
     reference : Line
-        Its errors hold no bias.
+        The reference method; its errors hold no bias.
     refused : dict of str to str
         Closures that do not hold, with the reason.
     """
@@ -120,7 +120,7 @@ class TimeToAccuracy:
         return header, rows
 
     def sentences(self) -> list[str]:
-        """What the numbers rest on, one line each."""
+        """Sentences on the runs behind the numbers, one line each."""
         known = ", ".join(
             f"{SYMBOLS[name]} {error.scatter / math.sqrt(self.reference.simulated_time):.2%}"
             for name, error in self.reference.errors.items()
@@ -159,7 +159,7 @@ def time_to_accuracy(
     Parameters
     ----------
     scene : Scene, str or Path
-        Its run gives the length of each realization.
+        The scene; its [run] gives the length of each realization.
     seconds : float
         Seconds of one core that each method's run may take: the longer, the better are biases
         known.
@@ -209,7 +209,7 @@ def reached(error: TotalError, limit: float) -> str:
 
 
 def duration(seconds: float) -> str:
-    """Two digits with a fitting unit."""
+    """A duration as text: two digits with a fitting unit."""
     for size, unit in UNITS:
         if seconds >= size:
             return f"{float(f'{seconds / size:.2g}'):g} {unit}"

@@ -116,7 +116,8 @@ def averages_once_more(scene: Scene, closure: str, report: Callable) -> dict[str
 
 
 def closures(scene: Scene, runner: Runner) -> tuple[dict[str, dict], dict[str, str]]:
-    """What each closure that holds says, and why the others refuse, by their names.
+    """Answers of the closures that hold, and the other closures' reasons for refusal, by their
+    names.
 
     An answer holds `quantities`, scaled, and the `seconds` of one core.
     """

@@ -30,7 +30,7 @@ class TotalError:
     Attributes
     ----------
     bias : Estimate
-        As a share of the reference's mean; no standard error where the runs are too short.
+        Bias as a share of the reference's mean; no standard error where the runs are too short.
     scatter : float
         Relative standard error of the mean times the root of the simulated time (√s).
     cost : float
@@ -70,7 +70,7 @@ class TotalError:
         return self.scatter**2 * self.cost / left if left > 0.0 else math.inf
 
     def is_shown(self, limit: float) -> bool:
-        """Whether the bias is known well enough to say that this error is reached."""
+        """Whether even the upper bound of the bias is within this error."""
         return self.largest_bias <= limit
 
     def to_dict(self) -> dict[str, Any]:
@@ -104,7 +104,7 @@ def bias_of(name: str, run: Timed, reference: Timed) -> Estimate:
     Parameters
     ----------
     name : str
-        Of the quantity.
+        Name of the quantity.
 
     Returns
     -------

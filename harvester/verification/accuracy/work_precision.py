@@ -57,13 +57,13 @@ class WorkPrecision:
 
     @classmethod
     def of(cls, measured: Measured) -> WorkPrecision:
-        """What a measurement by the scene's own run says; see `by_own_length`."""
+        """Build it from a measurement with the scene's own run; see `by_own_length`."""
         assert measured.answer is not None
         return cls(measured, _orders(measured.rows), measured.answer)
 
     @property
     def rows(self) -> list[MethodRow]:
-        """What was measured of each method."""
+        """Measured errors and times of each method."""
         return self.measured.rows
 
     @property
@@ -113,7 +113,7 @@ class WorkPrecision:
         ]
 
     def sentences(self) -> list[str]:
-        """What the numbers say, one line each."""
+        """Sentences on the findings, one line each."""
         reference, found, method = self.reference, self.measured, self.measured.reference
         machine, speeds = found.speeds["machine"], found.speeds["rows"]
         sampling = ", ".join(f"{SYMBOLS[n]} {sampling_error(reference, n):.2%}" for n in MEANS)
@@ -232,7 +232,7 @@ def work_precision(
     Parameters
     ----------
     scene : Scene, str or Path
-        Its run is the one whose means are compared.
+        The scene; means are compared over its own [run].
     thorough : bool
         More paths, steps and realizations.
     methods : sequence of Method or None

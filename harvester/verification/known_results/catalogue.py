@@ -350,7 +350,7 @@ def _highest_power(scenes):
 
 
 def _tasks(function, scene, **arguments):
-    """One for each engine."""
+    """The task of this result for each engine."""
     calls = {engine: {"scene": scene, "engine": engine, **arguments} for engine in ENGINES}
     return {engine: Task(function, call, label=function.__name__) for engine, call in calls.items()}
 

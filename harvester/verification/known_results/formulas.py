@@ -149,7 +149,7 @@ def resistor_power_at(omega: float, resistance: float, device: Driven) -> float:
 
 
 def bridge_power(unit: float, share: float) -> float:
-    """Power of an ideal bridge into a steady voltage: `share` of the best resistance π/2ωC."""
+    """Power of an ideal bridge rectifier with smoothing, R = `share` times its best one, π/2ωC."""
     return 2.0 * unit / math.pi * share / (1.0 + share) ** 2
 
 

@@ -40,7 +40,7 @@ class Lumped:
     damping_ratio: float
 
     def scene(self, frequency: float, acceleration: float, load: dict[str, Any]) -> Scene:
-        """It on a sine of the base (Hz, m/s²)."""
+        """The scene of this device with a load, its base driven by a sine (Hz, m/s²)."""
         damping = 2.0 * self.damping_ratio * (self.stiffness * self.mass) ** 0.5
         decay = self.damping_ratio * (self.stiffness / self.mass) ** 0.5
         waits = RECTIFIED / frequency if "netlist" in load else SETTLING / decay
@@ -74,14 +74,14 @@ class MeasuredDevice:
     name : str
     source : str
     said : tuple of str
-        What the paper states, what is inferred, and what the limit is made of.
+        Sentences on what the paper states, what is inferred, and how the limit is set.
     lumped : Lumped
     reading : float
         Relative error of a power as it was read, and of what was taken from such a point.
     series : dict of float to (resistances, powers)
-        By frequency (Hz): kΩ, and mean power (W).
+        Load resistances (kΩ) and mean powers (W) by frequency (Hz).
     acceleration : float
-        Of the base (m/s²).
+        Acceleration of the base (m/s²).
     methods : tuple of str
     scatter : float or None
         Relative, where no curve of a linear device gives it.
@@ -98,7 +98,7 @@ class MeasuredDevice:
     scatter: float | None = None
 
     def truths(self) -> list[Truth]:
-        """One for each point."""
+        """The known results of this device, one for each measured point."""
         found = []
         for frequency, (resistances, powers) in self.series.items():
             own = self.own_scatter(frequency)

@@ -1,4 +1,4 @@
-"""What `verify` asks a worker process for that is no mean of a scene: (value, its error)."""
+"""Tasks of `verify` that give (value, error) of something other than a scene's mean."""
 
 from collections.abc import Callable, Sequence
 
@@ -26,7 +26,7 @@ COLUMNS = ("displacement", "voltage")
 
 
 def rebound(scene: Scene, engine: str, report: Callable) -> tuple[float, float]:
-    """Speed at the end of a run that begins with a drop at speed 1."""
+    """Rebound speed off a stopper: at the end of a run whose mass hits it with speed 1."""
     [path] = recorded(scene, engine, [0], "default")
     return -float(path.waveform.velocity[-1]), 0.0  # type: ignore[union-attr]
 
@@ -47,7 +47,7 @@ def path_deviation(
 def highest(
     scenes: Sequence[Scene], engine: str, quantity: str, report: Callable
 ) -> tuple[float, float]:
-    """The largest of a quantity (scaled) among some scenes that no noise moves."""
+    """The largest value of a quantity (scaled) among some scenes without noise."""
     values = []
     for scene in scenes:
         [found] = run(scene, engine_of(engine), [0], None, report)

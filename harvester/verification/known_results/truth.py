@@ -38,9 +38,9 @@ class Truth:
         How far off the simulated device may be because it is not quite that of the result
         (knots of the noise, diodes that are not ideal), in the unit of `exact`.
     asked : dict of str to Request or Task
-        By method; a task returns (value, standard error).
+        What to compute by each method; a task returns (value, standard error).
     quantity : str
-        Of an answer, in the scene's units.
+        Quantity of an answer, in the scene's units.
     device : str
         Name of the device that was measured; empty for what was derived or computed.
     """
@@ -128,7 +128,7 @@ class Verification:
 
     @property
     def scene(self) -> None:
-        """Every result has its own."""
+        """None: every result has a scene of its own."""
 
     @property
     def failed(self) -> list[TruthRow]:
@@ -137,7 +137,7 @@ class Verification:
 
     @property
     def exact(self) -> list[TruthRow]:
-        """Rows of what was derived or computed."""
+        """Rows of truths that were derived or computed, not measured."""
         return [row for row in self.rows if not row.truth.device]
 
     @property
@@ -235,7 +235,8 @@ def verify(
     Parameters
     ----------
     chosen : sequence of Truth or None
-        Of `harvester.verification.known_results.catalogue` and of `measured` beside it; None: all.
+        Truths out of `harvester.verification.known_results.catalogue` and of `measured` beside it;
+        None: all.
     **running
         See `harvester.running.open_runner`.
     """

@@ -1,4 +1,4 @@
-"""What can be asked of a statement: each test turns answers into findings, one method at a time.
+"""Tests of the paper's statements: each turns one method's answers into findings.
 
 A test lists the changes of the scene that it needs at a condition (`scenes`), and judges them
 (`findings`) from `read(changes)`, which gives the method's answer there, or None where it has
@@ -35,13 +35,13 @@ class Finding:
     effect : float
         A share, with the sign of what was found.
     error : float
-        Its standard error, or numerical error.
+        Standard error of the effect, or its numerical error.
     favours : int
         Sign of an effect that speaks for the statement.
     decisive : bool
         Whether the statement needs it; steps of a trend only may speak against it.
     margin : float or None
-        What decides instead of the effect: how far it stays below a limit.
+        Margin below a limit, which decides in place of the effect.
     """
 
     where: str
@@ -68,7 +68,7 @@ def name_of(changes: Changes) -> str:
 
 
 class StatementTest:
-    """What is asked of each method; `places` are the keys and values that it needs.
+    """A test that each method is put to; `places` are the keys and values that it needs.
 
     Most have a `quantity`: that of an answer, or one of `FEATURES` of its density.
 
@@ -88,11 +88,11 @@ class StatementTest:
         return ()
 
     def scenes(self, condition: Changes) -> list[Changes]:
-        """Changes of the scene."""
+        """The changes of the scene whose answers this test needs."""
         return [with_value(condition, *place) for place in self.places()] or [condition]
 
     def findings(self, *arguments: Any) -> list[Finding]:
-        """The answers of one method at a condition."""
+        """Findings from the answers of one method at a condition."""
         raise NotImplementedError
 
 
@@ -105,11 +105,11 @@ class Along(StatementTest):
     values: tuple[float, ...]
 
     def places(self) -> list[tuple[str, float]]:
-        """The key with each of its values."""
+        """(key, value) for each value of the key."""
         return [(self.swept, value) for value in self.values]
 
     def known(self, condition: Changes, read: Read) -> list[tuple[float, Answer]]:
-        """(value, answer) where there is one that has the quantity."""
+        """(value, answer) of the values for which there is an answer that has the quantity."""
         answers = [read(changes) for changes in self.scenes(condition)]
         pairs = zip(self.values, answers, strict=True)
         return [(value, each) for value, each in pairs if each and _has(each, self.quantity)]
@@ -208,7 +208,7 @@ class Stronger(Ranges):
         return [(key, value) for key, ends in (*self.ranges, *self.weak) for value in ends]
 
     def findings(self, condition: Changes, read: Read) -> list[Finding]:
-        """Every strong one against every weak one: difference of the sizes of their changes."""
+        """For every strong and every weak key: the difference of the sizes of their changes."""
         found = []
         for (strong, ends), (weak, others) in itertools.product(self.ranges, self.weak):
             ours = self.change(condition, read, strong, ends)
@@ -277,7 +277,7 @@ class Bimodal(StatementTest):
     quantity = "peak"
 
     def findings(self, condition: Changes, read: Read) -> list[Finding]:
-        """What the density lacks at 0, as a share of its peak."""
+        """Findings: by how much the density at 0 is below its peak, as a share of the peak."""
         answer = read(condition)
         if answer is None or answer.density is None:
             return []
@@ -315,7 +315,7 @@ class WiderBand(StatementTest):
     of_orbits = True
 
     def scenes(self, condition: Changes) -> list[Changes]:
-        """None: no noise enters."""
+        """No scenes: the test needs no simulation."""
         return []
 
     def findings(self, scene: Scene) -> list[Finding]:

@@ -25,7 +25,7 @@ UNDECIDED, UNTESTED = "not significant", "not tested"
 REALIZATIONS = {"monte-carlo": 48, "circuit": 16}
 THOROUGH = {"monte-carlo": 640, "circuit": 104}
 METHODS = ("monte-carlo", "circuit", *NOISE_CLOSURES)
-# An effect of so many standard errors has no chance in it, and the number is not printed.
+# An effect of this many standard errors is certain, and the number is not printed.
 WITHOUT_CHANCE = 1e3
 
 
@@ -39,7 +39,7 @@ class Opinion:
 
     @property
     def speaking(self) -> tuple[list[Finding], list[Finding], list[Finding]]:
-        """(for, against, undecided): of those that the statement needs, what is undecided."""
+        """Findings (for, against, undecided); undecided are only those that the statement needs."""
         pro = [f for f in self.findings if f.sigmas >= SIGNIFICANT_SIGMAS]
         contra = [f for f in self.findings if f.sigmas <= -SIGNIFICANT_SIGMAS]
         open_ = [f for f in self.findings if f.decisive and abs(f.sigmas) < SIGNIFICANT_SIGMAS]
@@ -97,9 +97,9 @@ class Judgement:
     Attributes
     ----------
     verdicts : list of dict of str to Opinion
-        Of each claim, by method.
+        Verdicts of each claim, by method.
     answers : dict of (str, Changes) to Answer, HarvesterError or None
-        By method and changes of the scene.
+        Answers by method and changes of the scene.
     """
 
     scene: Scene
@@ -111,7 +111,7 @@ class Judgement:
 
     @property
     def judged(self) -> list[tuple[Claim, dict[str, Opinion]]]:
-        """Each claim with what is said of it."""
+        """Each claim with the methods' verdicts."""
         return list(zip(self.claims, self.verdicts, strict=True))
 
     def table(self) -> tuple[list[str], list[list[str]]]:

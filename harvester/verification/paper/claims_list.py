@@ -44,9 +44,9 @@ class Claim:
     sentence : str
         Quoted, shortened.
     says : str
-        What is tested, in a few words.
+        The tested statement in a few words.
     conditions : tuple of tuple of (key, value)
-        What is changed in the scene; the statement must hold at each.
+        Changes of the scene; the statement must hold under each of them.
     """
 
     section: str

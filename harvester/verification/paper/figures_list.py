@@ -47,7 +47,7 @@ class Panel:
     Attributes
     ----------
     swept : str
-        The scene's key along the axis; for densities the one that tells the curves apart.
+        The scene's key along the axis; for densities the one in which the curves differ.
     first, last : float
         Ends of the axis; not used for densities.
     quick, full : int
@@ -89,7 +89,7 @@ class PaperFigure:
 
 
 def _rounded(value):
-    """Without the last bits, so that curves share the scenes that they have in common."""
+    """Values rounded in their last bits, so that curves with equal scenes share them."""
     return float(f"{value:.12g}")
 
 

@@ -34,7 +34,7 @@ CHECKED, POINTS = 5, 512
 
 
 class _Figure:
-    """How either figure is drawn and written."""
+    """Base of both figures: how they are drawn and written."""
 
     name: ClassVar[str]
     computed: ClassVar[str]

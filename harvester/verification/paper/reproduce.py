@@ -55,13 +55,13 @@ class Reproduction:
     Attributes
     ----------
     layout : PaperFigure
-        What it shows.
+        Panels, curves and axes of the figure.
     scene : Scene
         The device; curves and axes change it.
     lines : list of list of dict
         Per panel and curve: {method: [(value, Outcome), …]}, values increasing.
     wall_seconds : float
-        From the call until the figure was done; figures share points.
+        Wall time from the call until the figure was done (s); figures share points.
     """
 
     name: str
@@ -107,7 +107,7 @@ class Reproduction:
         return header, rows
 
     def sentences(self) -> list[str]:
-        """What a reader must know beside the figure."""
+        """Notes that belong to the figure."""
         lines = [f"{self.name}: refused by {m} at {where}: {why}" for m, where, why in self.refused]
         short: dict[tuple[str, str], list[str]] = {}
         for panel, curve, method, value, outcome in self.points():
@@ -274,7 +274,7 @@ def _plan(scene, figure, quick, precision=None):
 
 
 def _density_values(panel, place, curve, quick):
-    """The single value of a curve, for each method."""
+    """Values at which each method computes a density curve: one, that of the curve."""
     # The circuit takes a hundred times as long and gets one curve of each panel.
     methods = [*NOISE_CLOSURES, "monte-carlo"] + ["circuit"] * (place == 0)
     value = dict(curve.changes)[panel.swept]
@@ -289,7 +289,7 @@ def _sweep_values(panel, place, curve, quick):
 
 
 def _requests(plan):
-    """All of a figure's."""
+    """All requests of a figure."""
     lines = [line for panel in plan for line in panel]
     return [request for line in lines for points in line.values() for _, request in points]
 

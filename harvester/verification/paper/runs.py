@@ -31,7 +31,7 @@ def request(
     Parameters
     ----------
     realizations : dict of str to int
-        Of each engine, at first.
+        Number for each engine, at first.
     **options
         Of `harvester.running.Request`, for simulations alone.
     """

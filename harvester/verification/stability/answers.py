@@ -1,4 +1,4 @@
-"""What one engine or closure says of one case, computed in a worker process.
+"""The answer of one engine or closure to one case, computed in a worker process.
 
 Errors are outcomes of the task, which the runner hands on.
 """
@@ -33,7 +33,7 @@ TRIAL_STEPS = 100_000
 @register
 @dataclass(frozen=True)
 class CaseAnswer:
-    """What one engine or closure says of one case, in scaled units.
+    """The answer of one engine or closure to one case, in scaled units.
 
     Attributes
     ----------
@@ -41,13 +41,13 @@ class CaseAnswer:
         Means: Monte Carlo's with their standard errors, a closure's with its numerical ones; none
         of the circuit, whose run is too short for them.
     residual : float or None
-        Of the energy balance; None for a closure.
+        Residual of the energy balance; None for a closure.
     seconds : float
-        Of one core, for the simulation or the closure.
+        Processor time of one core (s), for the simulation or the closure.
     steps, realizations : int
         0 for a closure.
     duration, settle, step : float or None
-        Of each realization, as it was run, and its longest step (s); None for a closure.
+        Times of each realization as it was run, and its longest step (s); None for a closure.
     settled : bool
         The transient had passed before the means were taken.
     path : PathDeviation or None
@@ -107,7 +107,7 @@ def _simulated(scene, engine, step):
 
 
 def _run(scene, step):
-    """All of Monte Carlo's realizations."""
+    """Run all realizations of a case by Monte Carlo."""
     return run(scene, MonteCarlo(step), range(scene.run.realizations), None, ignore)
 
 

@@ -34,7 +34,7 @@ class Case:
     Attributes
     ----------
     family : str
-        What is varied.
+        Name of what is varied.
     name : str
         Value or values, as text.
     values : dict of str to float, bool, str or None

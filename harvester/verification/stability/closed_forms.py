@@ -35,7 +35,7 @@ def closed_forms(scene: Scene, realizations: int) -> dict[str, Means]:
     Parameters
     ----------
     realizations : int
-        Of the run that is judged: they start in the wells in turn.
+        Number in the run that is judged: they start in the wells in turn.
     """
     if not scene.load.is_resistor:
         return {}
@@ -108,7 +108,8 @@ def _covariance(system, stiffness, spacing):
     variance = noise.intensity / noise.correlation_time
 
     def carried(time):
-        """The three states at a time after a knot, from them, η there and η at the next."""
+        """Matrix to the three states at a time after a knot, from (states, η at the knot, η
+        at the next one)."""
         whole = expm(drift * time)[:3]
         slope = whole[:, 4] / spacing
         return np.column_stack([whole[:, :3], whole[:, 3] - slope, slope])

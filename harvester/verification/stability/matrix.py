@@ -88,7 +88,8 @@ class StabilityMatrix:
         ]
 
     def sentences(self) -> list[str]:
-        """What the verdicts are, one line each; reasons once for all cells that share them."""
+        """Sentences on the verdicts, one line each; a reason is stated once for all cells
+        that share it."""
         counts = ", ".join(f"{len(self.cells(word))} {word}" for word in WORDS)
         lines = [
             f"{counts} in {self.wall_seconds:.0f} s",

@@ -1,10 +1,10 @@
 """The path of an engine against a fine one on the same noise, for as long as paths can be compared.
 
-Two motions on the same noise part in time: a contact or a pass of a saddle makes a small difference
-a large one. A second fine path from a slightly other start tells when, and so does the engine
-itself at half its step. Up to there the engine's limit for short steps, extrapolated from the two,
-has to be the fine path: a wrong equation shows there far below what the step itself costs. What
-the step costs is the difference of the mean squares at the step asked for.
+Two motions on the same noise diverge in time: a contact or the passage of a saddle amplifies a
+small difference. A second fine path from a slightly different start shows when, and so does the
+engine itself at half its step. Up to there the engine's limit for short steps, extrapolated from
+the two, has to be the fine path: a wrong equation shows there far below what the step itself costs.
+What the step costs is the difference of the mean squares at the step asked for.
 """
 
 from dataclasses import dataclass
@@ -70,7 +70,7 @@ class PathDeviation:
         The same of X against the mass under the recorded voltage (`replay`), where the circuit is
         its own reference; nan elsewhere.
     resolution : float
-        What both may be in an engine that solves the same equations.
+        Size that both deviations may have in an engine that solves the same equations.
     of_mean_squares : float
         Largest deviation of the mean squares of X' and V at the step asked for, as a share.
     compared_periods, comparable_periods : float
@@ -214,7 +214,8 @@ def _paths(scene, engine, step):
 
 
 def _comparable(scene, engine, fine, sizes):
-    """Knots up to which a small difference has not grown much, bool of shape (paths, knots)."""
+    """Knots before a small initial difference has grown by `LARGEST_GROWTH`: bool (paths,
+    knots)."""
     shift = DISPLACED * sizes[STATES.index("velocity")]
     start = scene.start.velocity if scene.start else 0.0
     moved = scene.replace({"start.velocity": start + shift * prepared(scene).scales.displacement})

@@ -1,4 +1,4 @@
-"""The mass driven by a circuit's own terminal voltage: what judges it where no other engine can.
+"""Checks a circuit's run by replay: the mass is integrated under the run's own terminal voltage.
 
 Any load answers the piezo with a voltage V(t). With that of the circuit's own record put into
 Eq. 4a, the motion is that of a mass under two known forces, which an integrator without a circuit
@@ -87,7 +87,7 @@ def _runge_kutta(system, x, v, first, middle, last, h):
 
 
 def _resistance(system, x, v):
-    """What spring, damper and contacts oppose to the drive; arrays of one shape."""
+    """Force of spring, damper and contacts against the drive; arrays of one shape."""
     force = elastic_force(system, x) + system.damper.force(v)
     for each in system.contacts:
         side = np.sign(x) if each.side == 0.0 else each.side

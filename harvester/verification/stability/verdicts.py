@@ -1,4 +1,5 @@
-"""Verdicts of `harvester stability`, each from what has the power to judge its cell.
+"""Verdicts of `harvester stability`: each cell is judged by independent comparisons of known
+sharpness.
 
 A judge compares one answer with something that does not share its faults: the path with a fine one,
 Monte Carlo's means with the stationary solution or a closed form, a closure with its coarser grid.
@@ -49,12 +50,12 @@ SOLVER = "fokker_planck"
 
 @dataclass(frozen=True)
 class Evidence:
-    """What one judge found, in shares.
+    """One judge's finding: a deviation and its limit, as shares.
 
     Attributes
     ----------
     of : str
-        What was compared, in words.
+        Name of the compared quantity.
     sharpness : float
         Joint standard error of means; of a path the deviation that its step explains.
     largest : float
@@ -91,7 +92,8 @@ class Cell:
 
     @property
     def judges(self) -> list[Evidence]:
-        """The first evidence of each sharp judge, which is that on E[V²] if there is any."""
+        """The first evidence of each judge that is sharp enough (on E[V²] if there is any),
+        sharpest first."""
         first: dict[str, Evidence] = {}
         for each in self.evidence:
             first.setdefault(each.judge, each)
@@ -105,7 +107,7 @@ class CaseRow:
     Attributes
     ----------
     answers : dict of str to CaseAnswer, HarvesterError or None
-        By engine and closure; None: nothing yet when time ran out.
+        Answers by engine and closure; None if time ran out before one.
     cells : dict of str to Cell
     """
 
@@ -114,7 +116,7 @@ class CaseRow:
     cells: dict[str, Cell]
 
     def answer(self, method: str) -> CaseAnswer | None:
-        """What a method said, None without an answer."""
+        """The method's answer; None if it has none."""
         found = self.answers[method]
         return found if isinstance(found, CaseAnswer) else None
 
@@ -172,7 +174,7 @@ def _why_not(found, evidence):
 
 
 def _of_engine(found):
-    """Evidence from the path."""
+    """Evidence on an engine, from its paths compared with fine ones."""
     path = found.path
     if not path.comparable_periods >= FEWEST_PERIODS:
         return ()
@@ -204,7 +206,7 @@ def _of_closure(closure, found):
 
 
 def _of_means(method, scene, given):
-    """Evidence on means: Monte Carlo's and the stationary solution's against each other, and forms.
+    """Evidence on means: Monte Carlo against the stationary solution, and against closed forms.
 
     Only these two claim to solve the equations themselves.
     """

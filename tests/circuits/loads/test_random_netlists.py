@@ -234,7 +234,7 @@ def test_engines_spellings_and_plain_ngspice_agree(pool, tmp_path, seed):
     circuit = run(plain, "circuit", step="fine", runner=pool)
     for path in (plain, other):
         ours = run(path, "monte-carlo", step="fine", runner=pool)
-        noted = [any("per cents" in note for note in each.notes) for each in (ours, circuit)]
+        noted = [any("per cent" in note for note in each.notes) for each in (ours, circuit)]
         # Outputs below the note's limit may agree all the same.
         if seed in FAINT:
             assert noted == [True, True]

@@ -125,7 +125,7 @@ def test_what_is_not_linear_is_refused_by_name():
     with pytest.raises(AveragingError, match="the spring is not linear"):
         average("paper", method="spectral")
     bridge = Scene.load("device").replace({"load.netlist": "bridge"})
-    with pytest.raises(LoadError, match="knows a resistor as load"):
+    with pytest.raises(LoadError, match="takes only a resistor as load"):
         average(bridge, method="spectral")
 
 

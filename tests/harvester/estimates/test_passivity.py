@@ -37,4 +37,4 @@ def test_an_excess_that_may_be_the_steps_own_says_so():
     (note,) = notes(mean_power=1.0, mean_converter_loss=-0.001, converter_efficiency=1.001)
     assert "or the step too long" in note
     (note,) = notes(mean_power=1.0, mean_converter_loss=-4e-4, converter_efficiency=1.0004)
-    assert note.startswith("the load gives 0.0004 of its power more than it takes: the steps' own")
+    assert note.startswith("the load gives 0.0004 of its power more than it takes: this is")

@@ -483,7 +483,7 @@ def test_a_record_that_misses_the_device_says_so_first(tmp_path):
     fast = scene_of(written(tmp_path, [], rows()), column=1, unit="m/s^2", sampling_rate=25_000.0,
                     repetition="periodic")  # fmt: skip
     first = fast.excitation.notes(4e-5, 2.0 * np.pi * 9.0, fast.run)[0]
-    assert "misses the device" in first
+    assert "does not excite the device" in first
     assert "moves at 9 Hz" in first
 
 

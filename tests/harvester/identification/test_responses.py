@@ -163,7 +163,7 @@ def test_responses_that_tell_nothing_are_refused():
     for made, scene, words in (
         (MeasuredResponse(FREQUENCY[:40:4], seen[:40:4]), truth, "too short: 10 frequencies"),
         (MeasuredResponse(FREQUENCY[:30], seen[:30]), truth, "where the record ends"),
-        (whole, truth.replace(stoppers=stoppers), "says nothing of stoppers"),
+        (whole, truth.replace(stoppers=stoppers), "cannot determine stoppers"),
     ):
         with pytest.raises(IdentificationError, match=words):
             identify(scene, made)

@@ -21,7 +21,7 @@ def test_a_step_that_no_run_would_end_with_is_refused():
     scene = Scene.load("paper")
     ready = prepared(scene)
     assert steps_per_knot(ready, 1e-8) == 5_000_000
-    with pytest.raises(HarvesterError, match=r"step 1e-30: less than 1e-09 of the 0.05 s"):
+    with pytest.raises(HarvesterError, match=r"step 1e-30: is less than 1e-09 of the 0.05 s"):
         steps_per_knot(ready, 1e-30)
 
 

@@ -26,7 +26,7 @@ def disturbed(result, quantity, factor):
 def test_a_load_that_is_not_the_one_reckoned_with(pool):
     result = simulate(Scene.load("linear", SHORT), method="monte-carlo", runner=pool)
     cause = suspected_cause(disturbed(result, "load_power", 1.05))
-    assert "the load: what is missing goes with what it takes, -0.04" in cause
+    assert "the load: the missing energy is proportional to what it takes, -0.04" in cause
 
 
 def test_a_transducer_whose_loss_is_not_the_one_reckoned_with(pool):
@@ -39,7 +39,7 @@ def test_a_transducer_whose_loss_is_not_the_one_reckoned_with(pool):
         loss *= 1.2
     residual = energy_balance_residual(result.moments, prepared(result.scene).system)
     cause = suspected_cause(replace(result, energy_balance_residual=residual))
-    assert "the load or the transducer: what is missing goes with" in cause
+    assert "the load or the transducer: the missing energy is proportional to" in cause
 
 
 def test_a_load_that_delivers(pool):

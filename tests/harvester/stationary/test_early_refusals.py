@@ -46,7 +46,7 @@ def test_paths_are_sampled_before_all_are_followed(monkeypatch):
     ends = flow._ends
     monkeypatch.setattr(flow, "_ends", noted)
     monkeypatch.setattr(flow, "MOST_OF_ALL_PATHS", 100.0)
-    with pytest.raises(AveragingError, match="too stiff"):
+    with pytest.raises(AveragingError, match="so stiff"):
         average(averaged_device(Scene.load("paper")))
     assert len(followed) == 1
     assert followed[0] < 200

@@ -120,7 +120,7 @@ def test_few_directions_held_at_a_time(monkeypatch):
 def test_a_rest_that_has_not_fallen_is_refused():
     grid = grid_of(24)
     (rest,) = rests(grid, 1)
-    with pytest.raises(AveragingError, match="not reached"):
+    with pytest.raises(AveragingError, match="did not converge"):
         Inverse(grid, lambda x: 0.0 * x)(rest, 1e-3, below=np.linalg.norm(rest))
 
 

@@ -95,9 +95,9 @@ def test_what_fails_is_the_outcome_of_its_place(pool):
     ("over", "options", "words"),
     [
         ({"load.decay_rat": [1.0]}, {}, "did you mean load.decay_rate"),
-        ({KEY: 1.0}, {}, "over.*is no list"),
+        ({KEY: 1.0}, {}, "over.*must be a list"),
         ({KEY: [1.0, 1.0]}, {}, "each value once"),
-        ({KEY: [1.0]}, {"methods": "circuit"}, "methods = 'circuit': is no list"),
+        ({KEY: [1.0]}, {"methods": "circuit"}, "methods = 'circuit': must be a list"),
         ({KEY: [1.0]}, {"methods": ["spice"]}, "unknown method spice"),
         ({KEY: [1.0]}, {"methods": []}, "at least one"),
         ({KEY: [1.0]}, {"methods": ["circuit", "circuit"]}, "each once"),
