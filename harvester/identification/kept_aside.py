@@ -2,9 +2,9 @@
 
 The record is followed in windows first, which gives its initial state and shows which orbit was
 measured. From that start alone the device then runs under the whole recorded acceleration, with the
-values that fit and with others that are as likely. Those are drawn from the covariance, and the same
-runs of the fitted records do not refute them. A value that only this record shows, such as the tilt
-of its base, is found in its windows for each of the likely values.
+values that fit and with others that are as likely. Those are drawn from the covariance, and the
+same runs of the fitted records do not refute them. A value that only this record shows, such as the
+tilt of its base, is found in its windows for each of the likely values.
 """
 
 from __future__ import annotations

@@ -168,8 +168,8 @@ class Responses:
         made = self.device(number, values)
         if made is None:
             raise IdentificationError(
-                "the fit reached values that the scene refuses: check the columns' units and signs, "
-                "free fewer (--free), or begin nearer (--set)"
+                "the fit reached values that the scene refuses: check the columns' units and "
+                "signs, free fewer (--free), or begin nearer (--set)"
             )
         return made
 
