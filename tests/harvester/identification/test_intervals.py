@@ -22,6 +22,7 @@ def fitted(effects, starts, residuals):
     table = np.concatenate([effects, starts, residuals[..., None]], axis=2)
     shooting = SimpleNamespace(
         unknowns=[None] * effects.shape[2],
+        responses=SimpleNamespace(experiments=[None]),
         sizes=np.ones(effects.shape[2]),
         jacobian=lambda fit, number: (table, None),
     )
