@@ -26,7 +26,7 @@ import numpy as np
 from scipy.signal import welch
 
 import harvester
-from harvester.show import figures
+from harvester.show import figures, palette
 
 plt.style.use(figures.STYLE)
 
@@ -122,7 +122,7 @@ left.set(
 )
 for engine, style in (("monte-carlo", "-"), ("circuit", "--")):
     waveform = results[engine].waveform
-    colour = figures.CIRCUIT if engine == "circuit" else figures.MONTE_CARLO
+    colour = palette.CIRCUIT if engine == "circuit" else palette.MONTE_CARLO
     right.plot(waveform.time, waveform.voltage, style, color=colour, label=engine)
 right.set(
     xlabel="time [s]", ylabel="voltage [V]", title="the piezo's voltage: paths part, means do not"

@@ -27,7 +27,7 @@ import matplotlib.pyplot as plt
 import numpy as np
 
 import harvester
-from harvester.show import figures
+from harvester.show import figures, palette
 
 plt.style.use(figures.STYLE)
 
@@ -142,7 +142,7 @@ for k, (buffer, result) in enumerate(results.items()):
     factors = np.array([1.0, 1.0, 1.0 / 3600.0])
     values = factors * [each.estimate for each in found]
     errors = factors * [each.standard_error or 0.0 for each in found]
-    colour = (figures.MONTE_CARLO, figures.CIRCUIT)[k]
+    colour = (palette.MONTE_CARLO, palette.CIRCUIT)[k]
     left.bar(places + 0.4 * k, values, 0.4, yerr=errors, color=colour, label=buffer)
     stages = shares(result)
     rows = np.arange(len(stages)) + 0.4 * k

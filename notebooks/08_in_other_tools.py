@@ -147,7 +147,7 @@ for name, drive in (("FMPy", by_fmpy), ("PathSim", by_pathsim)):
         print(f"{name} is left out: {missing}")
 
 # %% [markdown]
-# ## One picture
+# ## Answer
 
 # %%
 scale = np.std(paths["circuit"])
@@ -167,11 +167,6 @@ above.set(ylabel="displacement (mm)")
 below.set(ylabel="from the circuit's (mm)", xlabel="time (s)")
 above.legend(ncols=len(paths), loc="lower center", bbox_to_anchor=(0.5, 1.0))
 plt.show()
-
-# %% [markdown]
-# ## Answer
-
-# %%
 furthest = max(off, key=off.get)
 print(
     f"{len(off)} other tools follow the circuit's path over {SECONDS:g} s; furthest off is "

@@ -47,6 +47,16 @@ def pool():
 
 
 @pytest.fixture
+def shared_workers(pool, monkeypatch):
+    """A call that would start workers of its own takes those of the session.
+
+    To start one takes a second of processor time. That calls start their own and end them has
+    tests in `harvester/workers`, and of the command line in `test_command_line`.
+    """
+    monkeypatch.setattr(WorkerPool, "__enter__", lambda unused: pool)
+
+
+@pytest.fixture
 def worker():
     """One worker process that can import this folder's modules."""
     one = Worker(folders=[HERE])

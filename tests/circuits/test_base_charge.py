@@ -12,6 +12,8 @@ from harvester.prepared.paths import noise_path
 from harvester.prepared.prepared import prepared
 from harvester.scene.model import Scene
 
+pytestmark = pytest.mark.usefixtures("shared_workers")
+
 FREQUENCY = 48.0
 # Series and parallel resistance and capacitance, none of them a resistor by itself.
 LOAD = """\

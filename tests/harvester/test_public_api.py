@@ -72,6 +72,7 @@ def test_the_documentation_has_the_same_table():
 
 
 @pytest.mark.slow
+@pytest.mark.usefixtures("shared_workers")
 def test_the_documented_calls_work():
     pytest.importorskip("xarray")
     text = (ROOT / "docs" / "api.md").read_text("utf-8")

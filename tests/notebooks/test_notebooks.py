@@ -1,11 +1,13 @@
 """The site is built without a warning; every notebook in it ends with its answer and a figure."""
 
 import ast
+import importlib
 import os
 import re
 import subprocess
 import sys
 from pathlib import Path
+from types import ModuleType
 
 import pytest
 
@@ -96,6 +98,30 @@ def test_a_notebook_opens_with_a_question_and_is_plain_python(path):
     title = first.source.splitlines()[0]
     assert title.startswith("# ")
     assert title.endswith("?")
+
+
+@pytest.mark.parametrize("path", NOTEBOOKS, ids=lambda path: path.stem)
+def test_what_a_notebook_takes_of_the_package_is_there(path):
+    """Names that it imports, and attributes of the modules among them."""
+    tree = ast.parse(path.read_text(encoding="utf-8"))
+    taken = {}
+    for node in ast.walk(tree):
+        if isinstance(node, ast.ImportFrom) and node.module.split(".")[0] == "harvester":
+            for name in node.names:
+                taken[name.asname or name.name] = _taken(node.module, name.name)
+    for node in ast.walk(tree):
+        if isinstance(node, ast.Attribute) and isinstance(node.value, ast.Name):
+            owner = taken.get(node.value.id)
+            if isinstance(owner, ModuleType):
+                assert hasattr(owner, node.attr), f"{node.value.id}.{node.attr}"
+
+
+def _taken(module, name):
+    """What `from module import name` gives."""
+    try:
+        return getattr(importlib.import_module(module), name)
+    except AttributeError:
+        return importlib.import_module(f"{module}.{name}")
 
 
 def build(folder, *options):

@@ -9,6 +9,8 @@ import harvester
 from harvester.errors import NetlistError
 from harvester.scene.source import BUILT_IN
 
+pytestmark = pytest.mark.usefixtures("shared_workers")
+
 # Two resistors in series, together other than the scene's own: ignored, they would be noticed.
 TOY = """* lead of 1 kohm, then a resistor
 .subckt toy p n resistance=100k

@@ -13,6 +13,8 @@ from harvester.averaging.of_scene import average
 from harvester.errors import AveragingError, LoadError
 from harvester.scene.model import Scene
 
+pytestmark = pytest.mark.usefixtures("shared_workers")
+
 MASS, STIFFNESS, DAMPING, FACTOR = 0.0141, 1158.0, 0.22, 1.085
 THETA, CAPACITANCE, LEAK, RESISTANCE = 2.327e-3, 41.26e-9, 2e6, 47e3
 PHI, COIL, INDUCTANCE, COIL_LOAD = 14.9, 391.0, 0.5, 1e3

@@ -84,6 +84,7 @@ def _driven(frequency, resistance, base):
 
 
 @pytest.mark.slow
+@pytest.mark.usefixtures("shared_workers")
 def test_peak_and_rms_of_a_sine():
     frequency, resistance, base = 46.5, 33e3, 2.0
     scene = _driven(frequency, resistance, base)

@@ -7,6 +7,8 @@ import pytest
 import harvester
 from harvester.commands.report import page_of
 
+pytestmark = pytest.mark.usefixtures("shared_workers")
+
 BRIEF = ["run.realizations=2", "run.duration=200", "run.settle=20"]
 GRID = {"load.decay_rate": [0.5, 1.0, 2.0]}
 

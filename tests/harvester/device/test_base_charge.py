@@ -19,6 +19,8 @@ from harvester.prepared.prepared import prepared
 from harvester.prepared.steps import knot_spacing
 from harvester.scene.model import Scene
 
+pytestmark = pytest.mark.usefixtures("shared_workers")
+
 REFERENCE = {
     "length": 50.8e-3, "width": 31.8e-3, "thickness": 0.14e-3, "piezo_thickness": 0.26e-3,
     "piezo": "PSI-5A4E",

@@ -14,6 +14,8 @@ from harvester.prepared.steps import step_error
 from harvester.simulation.methods import MonteCarlo
 from harvester.simulation.realization import empty_moments, run
 
+pytestmark = pytest.mark.usefixtures("shared_workers")
+
 
 def test_equal_batches_have_no_error():
     assert error_without_chance(np.full((1, 7), 3.0)) == 0.0

@@ -11,6 +11,8 @@ from harvester.prepared.prepared import prepared
 from harvester.scene.model import Scene
 from harvester.simulation.simulate import simulate
 
+pytestmark = pytest.mark.usefixtures("shared_workers")
+
 RATE = 100.0
 
 

@@ -10,6 +10,8 @@ from harvester.errors import HarvesterError
 from harvester.export.formats import write
 from harvester.export.traces import record_trace
 
+pytestmark = pytest.mark.usefixtures("shared_workers")
+
 
 def test_a_trace_too_long_is_refused_with_its_size(tmp_path):
     pytest.importorskip("shepherd_core")

@@ -20,6 +20,7 @@ def power(damping, coupling):
 
 
 @pytest.mark.slow
+@pytest.mark.usefixtures("shared_workers")
 def test_what_a_record_leaves_open_scatters_the_power_as_its_covariance_says(tmp_path, capsys):
     coil = {"coupling": COUPLING, "resistance": COIL}
     truth = scene_of(MASS, 0.05, [0.0, STIFFNESS], {"coil": coil}, LOAD)
@@ -40,7 +41,7 @@ def test_what_a_record_leaves_open_scatters_the_power_as_its_covariance_says(tmp
     assert main([*words, "--output", str(tmp_path)]) == 0
     identified = tmp_path / "made-identified.toml"
     words = ["sensitivity", str(identified), "--covariance", str(identified.with_suffix(".json"))]
-    words += ["--method", "fokker_planck", "--rows", "16", "--workers", "1"]
+    words += ["--method", "spectral", "--rows", "16", "--workers", "1"]
     assert main([*words, "--output", str(tmp_path)]) == 0
     capsys.readouterr()
     found = json.loads((tmp_path / "sensitivity.json").read_text())

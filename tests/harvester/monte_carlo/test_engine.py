@@ -14,6 +14,8 @@ from harvester.record.moments import Moments
 from harvester.scene.model import Scene
 from harvester.verification.known_results.formulas import rebound_speed
 
+pytestmark = pytest.mark.usefixtures("shared_workers")
+
 
 def simulated(scene, knots, steps_per_knot=1, index=0):
     keep, stop = Keep(), knots * noise_path(prepared(scene), index).spacing

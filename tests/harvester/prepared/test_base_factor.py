@@ -11,6 +11,8 @@ from harvester.prepared.paths import noise_path
 from harvester.prepared.prepared import prepared
 from harvester.scene.model import Scene
 
+pytestmark = pytest.mark.usefixtures("shared_workers")
+
 FACTOR = 1.566
 BRIEF = {"run.duration": 20.0, "run.settle": 1.0, "run.realizations": 2}
 

@@ -9,6 +9,8 @@ from harvester.errors import HarvesterError, LoadError, NetlistError, UnknownQua
 from harvester.scene.model import Scene
 from harvester.simulation.simulate import simulate
 
+pytestmark = pytest.mark.usefixtures("shared_workers")
+
 UPPER, LOWER, COIL = 2e5, 1e5, 1e-3
 DIVIDER = f"""
 .subckt divider p n out ref

@@ -11,6 +11,8 @@ from harvester.errors import HarvesterError
 from harvester.running.realizations import Realizations
 from harvester.simulation.methods import ENGINES, engine_of, method_of
 
+pytestmark = pytest.mark.usefixtures("shared_workers")
+
 BRIEF = ["run.duration=20", "run.settle=2", "run.realizations=2", "stoppers=none"]
 
 

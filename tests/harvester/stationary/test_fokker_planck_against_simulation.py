@@ -9,6 +9,8 @@ from harvester.prepared.prepared import prepared
 from harvester.scene.model import Scene
 from harvester.simulation.simulate import simulate
 
+pytestmark = pytest.mark.usefixtures("shared_workers")
+
 
 def assert_as_simulated(scene, names):
     """Within four standard errors of Monte Carlo and the numerical error; returns Monte Carlo's."""

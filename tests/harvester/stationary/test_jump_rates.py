@@ -15,6 +15,8 @@ from harvester.simulation.simulate import simulate
 from harvester.stationary.jumps import slowest_decay_rate
 from harvester.stationary.propagator import Propagator
 
+pytestmark = pytest.mark.usefixtures("shared_workers")
+
 # A double well without transducer to speak of, barrier five times the temperature.
 DAMPING, INTENSITY = 0.8, 0.16
 

@@ -14,6 +14,8 @@ from harvester.stationary.flow import lagrange
 from harvester.stationary.propagator import Grid
 from harvester.stationary.voltage_density import density_of_charge
 
+pytestmark = pytest.mark.usefixtures("shared_workers")
+
 
 @pytest.mark.slow
 @pytest.mark.parametrize(

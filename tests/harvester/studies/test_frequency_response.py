@@ -21,6 +21,8 @@ from harvester.studies.frequency_response import (
     with_sine,
 )
 
+pytestmark = pytest.mark.usefixtures("shared_workers")
+
 
 def sine(name, amplitude, **changes):
     tables = Scene.load(name).to_tables()

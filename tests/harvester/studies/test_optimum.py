@@ -24,6 +24,8 @@ from harvester.studies.optimum.axis import Axis
 from harvester.studies.optimum.line import Fit, Search, averaged
 from harvester.studies.public import optimum
 
+pytestmark = pytest.mark.usefixtures("shared_workers")
+
 LINEAR = Scene.load("linear", ["run.realizations=2", "run.duration=3000"])
 
 
@@ -293,7 +295,7 @@ def test_the_output_of_a_netlist_has_its_optimum(runner):
             "oscillator.linear_stiffness=126.9",
             "oscillator.cubic_stiffness=0",
             "load.netlist=bridge",
-            "run.realizations=8",
+            "run.realizations=4",
             "run.duration=6",
             "run.settle=2",
         ],

@@ -15,6 +15,8 @@ from harvester.scene.model import Scene
 from harvester.studies.optimum.proposals import BATCH, Proposals
 from harvester.studies.public import optimum
 
+pytestmark = pytest.mark.usefixtures("shared_workers")
+
 optuna = pytest.importorskip("optuna", reason="Optuna is in the extra `optimum`")
 
 PAPER = Scene.load("paper", ["run.realizations=2"])

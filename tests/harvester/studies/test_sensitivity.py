@@ -18,6 +18,8 @@ from harvester.show import figures
 from harvester.studies.public import sensitivity
 from harvester.studies.sensitivity import drawing as sensitivity_drawing
 
+pytestmark = pytest.mark.usefixtures("shared_workers")
+
 PAPER = Scene.load("paper")
 LINEAR = Scene.load("linear", ["run.realizations=2", "run.duration=400", "run.settle=50"])
 VARY = {"load.decay_rate": "uniform:0.5:6", "piezo.coupling": "±60%"}

@@ -20,9 +20,12 @@ from harvester.prepared.prepared import prepared
 from harvester.prepared.steps import knot_spacing
 from harvester.scene.model import Scene
 from harvester.simulation.methods import Circuit, MonteCarlo
+from harvester.simulation.simulate import simulate
 from harvester.studies import load_study, save
 from harvester.studies.loads import proof as proof_module
 from harvester.studies.loads.proof import Proof, proving
+
+pytestmark = pytest.mark.usefixtures("shared_workers")
 
 RESISTANCE = "load.parameters.resistance"
 BRIEF = {"run.duration": 20.0, "run.settle": 5.0}
@@ -185,7 +188,7 @@ def test_a_part_that_fails_is_told_and_the_other_judges(linear, monkeypatch, fai
 @pytest.mark.slow
 def test_leakage_of_a_closed_converter_is_no_early_power(pool):
     """Its lockout opens after the first periods; until then a resistor's picowatts pass."""
-    scene = Scene.load("device", ["run.duration=4", "run.settle=2", "run.realizations=8"])
+    scene = Scene.load("device", ["run.duration=4", "run.settle=2", "run.realizations=4"])
     study = load_study(scene, loads=["bridge_buck"], executor=pool)
     (proof,) = study.proofs
     assert math.isnan(proof.early_standard_error)
@@ -302,13 +305,20 @@ def test_a_piece_of_another_study_under_this_ones_name_is_named(linear, tmp_path
 
 
 @pytest.mark.slow
-def test_a_dask_cluster_gives_identical_numbers(linear, dask_executor):
+def test_a_dask_cluster_gives_identical_numbers(linear, pool, dask_executor):
+    """In a study, and in a run of which it has the realizations."""
     pytest.importorskip("xarray")
     options = {"loads": ["resistor"], "sweeps": {RESISTANCE: [0.2, 1.0]}}
     options |= {"precision": 0.2, "time_budget": 600.0}
     expected = load_study(linear, **options).to_xarray()
     found = load_study(linear, executor=dask_executor, **options)
     assert found.to_xarray().identical(expected)
+    scene = Scene.load("paper", ["run.duration=100", "run.realizations=3"])
+    one, other = (
+        simulate(scene, method="circuit", **place)
+        for place in ({"runner": pool}, {"executor": dask_executor})
+    )
+    assert one.to_dict()["quantities"] == other.to_dict()["quantities"]
 
 
 @pytest.mark.parametrize(

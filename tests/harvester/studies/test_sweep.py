@@ -13,6 +13,8 @@ from harvester.prepared.prepared import prepared
 from harvester.prepared.steps import knot_spacing
 from harvester.scene.model import Scene
 
+pytestmark = pytest.mark.usefixtures("shared_workers")
+
 KEY = "load.decay_rate"
 RATES = (0.5, 2.0)
 METHODS = ("monte-carlo", "consistent")

@@ -17,6 +17,8 @@ from harvester.studies.orbits.basins import orbit_sentences
 from harvester.studies.orbits.following import Orbit
 from harvester.studies.orbits.kramers import kramers_time
 
+pytestmark = pytest.mark.usefixtures("shared_workers")
+
 PERIODS = 150
 
 

@@ -6,6 +6,7 @@ import pytest
 import worker_calls
 from truths import reference_path as independent_path
 
+from harvester.averaging import NOISE_CLOSURES
 from harvester.command_line import main
 from harvester.errors import LoadError, OutOfTime
 from harvester.results.paired import paired_difference
@@ -14,7 +15,7 @@ from harvester.scene.model import Scene
 from harvester.show import figures
 from harvester.simulation.simulate import simulate
 from harvester.verification import exact_paths
-from harvester.verification.accuracy import measurement
+from harvester.verification.accuracy import measurement, timed
 from harvester.verification.accuracy.drawing import draw_work_precision
 from harvester.verification.accuracy.methods import (
     COMPILED_METHODS,
@@ -38,21 +39,30 @@ FEW = [
     for family, (engine, order, scheme, refinements) in FAMILIES.items()
     for refinement in refinements
 ]
-SHORT = ["run.realizations=2", "run.duration=200", "run.settle=20", "excitation.intensity=0.03"]
+SHORT = ["run.realizations=2", "run.duration=50", "run.settle=5", "excitation.intensity=0.03"]
 
 
 @pytest.fixture(scope="module", autouse=True)
-def brief_throughput():
-    """Speeds have tests of their own."""
+def briefly():
+    """Speeds have tests of their own; one closure says what all of them would.
+
+    Fokker–Planck takes longer than the methods that are measured here.
+    """
     with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(timed, "NOISE_CLOSURES", ("consistent",))
         patch.setattr("harvester.verification.accuracy.throughput.KNOTS", 200)
         patch.setattr("harvester.verification.accuracy.throughput.REPEATS", 1)
         yield
 
 
+@pytest.fixture
+def every_closure(monkeypatch):
+    monkeypatch.setattr(timed, "NOISE_CLOSURES", NOISE_CLOSURES)
+
+
 @pytest.fixture(scope="module")
-def diagram():
-    return work_precision(Scene.load("paper", SHORT), methods=FEW, workers=2)
+def diagram(pool):
+    return work_precision(Scene.load("paper", SHORT), methods=FEW, executor=pool)
 
 
 @pytest.mark.slow
@@ -88,9 +98,9 @@ def test_table_sentences_and_json_tell_the_same(diagram):
 
 
 @pytest.mark.slow
-def test_the_sentences_judge_the_default_step():
+def test_the_sentences_judge_the_default_step(pool):
     scene = Scene.load("linear", ["run.realizations=2", "run.duration=200", "run.settle=20"])
-    diagram = work_precision(scene, methods=METHODS[5:6], workers=2)
+    diagram = work_precision(scene, methods=METHODS[5:6], executor=pool)
     (judged,) = [line for line in diagram.sentences() if "the circuit's default step" in line]
     assert "E[V²]" in judged
     assert "PCE" in judged
@@ -136,6 +146,7 @@ def test_the_paired_difference_of_efficiency_is_that_of_the_two_estimates(pool):
 
 
 @pytest.mark.slow
+@pytest.mark.usefixtures("every_closure")
 def test_a_method_that_fails_leaves_the_others_and_says_why(monkeypatch, pool):
     whole = measurement.realizations_task
 
@@ -149,6 +160,7 @@ def test_a_method_that_fails_leaves_the_others_and_says_why(monkeypatch, pool):
     assert diagram.rows[0].note == "SimulatorAborted: timestep too small at 0"
     assert math.isnan(diagram.rows[0].seconds_per_unit)
     assert diagram.rows[1].bias
+    assert set(diagram.measured.closures) == set(NOISE_CLOSURES)
     json.dumps(diagram.to_dict(), allow_nan=False)
 
 
@@ -174,6 +186,7 @@ def test_what_was_measured_is_kept_with_its_times_and_goes_on_after_an_early_end
 
 
 @pytest.mark.slow
+@pytest.mark.usefixtures("every_closure")
 def test_a_netlist_is_measured_against_the_compiled_engines_finest_paths(pool, tmp_path):
     """Circuit and Monte Carlo come nearer to them with shorter steps, with second order."""
     sets = ["run.realizations=2", "run.duration=1", "run.settle=0.2", "load.netlist=bridge"]

@@ -20,6 +20,8 @@ from harvester.verification.accuracy.time_to_accuracy import duration, reached, 
 from harvester.verification.accuracy.timed import Timed
 from harvester.verification.accuracy.total_error import TotalError, bias_of
 
+pytestmark = pytest.mark.usefixtures("shared_workers")
+
 FEW = (
     Method("circuit", "circuit", 2),
     Method("Monte Carlo, Runge–Kutta", "monte-carlo", 4),
@@ -115,10 +117,10 @@ SHORT = ["run.duration=200", "run.settle=20"]
 
 @pytest.mark.slow
 @pytest.mark.usefixtures("briefly")
-def test_what_was_measured_is_kept_with_its_times(tmp_path):
+def test_what_was_measured_is_kept_with_its_times(tmp_path, pool):
     told = []
     for computed in (True, False):
-        with open_runner(tmp_path, workers=2) as runner:
+        with open_runner(tmp_path, executor=pool) as runner:
             found = time_to_accuracy(Scene.load("linear", SHORT), seconds=0.05, runner=runner)
             assert bool(runner.computed) == computed
         told.append(json.dumps(found.to_dict(), allow_nan=False))
@@ -148,9 +150,9 @@ def test_the_command_draws_and_writes(tmp_path, capsys):
 
 @pytest.mark.slow
 @pytest.mark.usefixtures("briefly")
-def test_a_rectifier_is_timed_by_its_output_power():
+def test_a_rectifier_is_timed_by_its_output_power(pool):
     overrides = ["load.netlist=bridge", "run.duration=2", "run.settle=0.5"]
-    found = time_to_accuracy(Scene.load("device", overrides), seconds=0.5, workers=2)
+    found = time_to_accuracy(Scene.load("device", overrides), seconds=0.5, executor=pool)
     assert found.quantities == ("mean_output_power", "power_conversion_efficiency")
     assert [line.name for line in found.lines] == ["circuit", "Monte Carlo, TR-BDF2"]
     assert set(found.refused) == {"consistent"}

@@ -116,6 +116,7 @@ def test_a_value_hardly_known_agrees_with_anything_and_does_not_hold():
 
 
 @pytest.mark.slow
+@pytest.mark.usefixtures("shared_workers")
 def test_the_command_ends_with_one_where_a_row_fails(tmp_path, monkeypatch, capsys):
     drop = [each for each in quick() if "e = 0.7" in each.title]
     off = dataclasses.replace(drop[0], title="made up", exact=0.9)

@@ -254,6 +254,7 @@ def test_the_command_judges_and_writes(tmp_path, capsys, brief):
 
 
 @pytest.mark.slow
+@pytest.mark.usefixtures("shared_workers")
 def test_it_finds_what_a_figure_left_in_the_folder(tmp_path, brief, pool, monkeypatch):
     """Fig. 9's ends are among the points of the statement, and not computed again."""
     efforts = {"monte-carlo": Effort(8, 0.5, 8), "circuit": Effort(8, 0.5, 8)}

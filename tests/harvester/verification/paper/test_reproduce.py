@@ -20,6 +20,8 @@ from harvester.verification.paper import reproduce as module
 from harvester.verification.paper.figures_list import FIGURES
 from harvester.verification.paper.reproduce import Effort, Reproduction, reproduce
 
+pytestmark = pytest.mark.usefixtures("shared_workers")
+
 TINY = {"monte-carlo": Effort(8, 0.5, 16), "circuit": Effort(8, 0.5, 8)}
 SCENE = Scene.load("paper", ["run.settle=5"])
 

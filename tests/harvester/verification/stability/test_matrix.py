@@ -29,6 +29,8 @@ from harvester.verification.stability.cases import (
 from harvester.verification.stability.matrix import StabilityMatrix, stability
 from harvester.verification.stability.verdicts import REFUSED, RIGHT, CaseRow, Cell
 
+pytestmark = pytest.mark.usefixtures("shared_workers")
+
 CASE = Case("scene", "as it is", {})
 # Without coupling: none of a scene in SI units.
 UNCOUPLED = {"β = 0", "β = 0, e = 1, c = 1, τ1 = 0.01"}
