@@ -260,12 +260,13 @@ def refined(values: np.ndarray, factor: int) -> np.ndarray:
 def smoothed(values: np.ndarray, factor: int) -> np.ndarray:
     """A smooth path through the samples at `factor` times as many knots, linear between those.
 
-    By a spline, which follows five samples a period to 1e-5, and to the record's ends.
+    By a spline, which follows five samples a period to 1e-5, and to the record's ends. Of several
+    records, shape (n, records), each has its own path.
     """
     from scipy.interpolate import make_interp_spline
 
-    spline = make_interp_spline(np.arange(values.size), values, SPLINE_DEGREE)
-    places = np.arange(factor * (values.size - 1) + 1) / factor
+    spline = make_interp_spline(np.arange(len(values)), values, SPLINE_DEGREE)
+    places = np.arange(factor * (len(values) - 1) + 1) / factor
     # Straight lines between knots weaken a sine by the factor 1 − (ω h)²/12, h = 1/factor. The
     # second derivative restores it.
     return spline(places) - spline.derivative(2)(places) / (12.0 * factor**2)

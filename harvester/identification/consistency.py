@@ -10,25 +10,21 @@ regression explains no more than chance.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
-from itertools import pairwise
+from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from harvester.identification.base_noise import base_noise
 from harvester.identification.proof import noise_floor
-from harvester.identification.reconstruction import frequencies
-from harvester.identification.response import FINE_STEPS, Responses, experiment
 from harvester.identification.sensors import integrals
+from harvester.identification.window_states import without_states
 
 if TYPE_CHECKING:
     from harvester.identification.fitted_model import Fitted
 
 # Number of drawn noise records, and of neighbouring lines over which their spectrum is averaged.
 DRAWS, LINES = 6, 9
-# Largest noise of the base's sensor, as a share of the base's rms: a higher floor is motion up to
-# half the sampling rate.
-MOST_BASE_NOISE = 0.05
 # Residuals are systematic if the regression's F exceeds this. Fourteen sets of three records with
 # right models had up to 4.2, the values' own errors included; sets with wrong sensors, springs or
 # loads had 32 and more in their worst record.
@@ -95,6 +91,7 @@ class _Residuals:
         self.values, self.edges = fitted.values, settled.edges[number]
         self.starts, self.noise = settled.starts[number], settled.noise[number]
         self.inside = slice(self.edges[0], self.edges[-1])
+        self._cuts = self.edges - self.edges[0]
         frozen = fitted.shooting.frozen()
         self.measured = frozen.seen(number, self.edges)
         self.table = frozen.jacobian(settled, number)[0]
@@ -125,26 +122,13 @@ class _Residuals:
         """Simulated residuals of a right model, shape (samples, outputs, draws)."""
         measurement, random = self.experiment.measurement, np.random.default_rng(0)
         rate, base = measurement.sampling_rate, measurement.acceleration
-        shaken = min(noise_floor(base, rate), MOST_BASE_NOISE * float(np.std(base)))
         floors = np.array([noise_floor(each, rate) for each in self.measured.T])
-        undisturbed = self._simulated(base)
-        draws = [
-            self._simulated(base + shaken * random.standard_normal(base.size))
-            - undisturbed
-            + floors * random.standard_normal(self.measured.shape)
-            for _ in range(DRAWS)
-        ]
-        return self._without_starts(np.stack(draws, axis=-1) / self.noise[:, None])
-
-    def _simulated(self, base):
-        """Outputs in the settled windows under another acceleration."""
-        scene, own = self.experiment.scene, self.experiment.measurement
-        # The record's changes are in the scene already.
-        shaken = replace(own, acceleration=base, changes={})
-        made = experiment(scene, shaken, frequencies(own)[1], FINE_STEPS)
-        responses = self.responses
-        other = Responses([made], responses.keys, responses.interpolation, responses.length)
-        return other.states(0, self.values, self.edges, self.starts)[2]
+        shaken = base_noise(base, rate) * random.standard_normal((base.size, DRAWS))
+        drawn = self.responses.moved_by_noise(
+            self.number, shaken, self.values, self.edges, self.starts
+        )
+        drawn += floors[:, None] * random.standard_normal(drawn.shape)
+        return without_states(drawn / self.noise[:, None], self.table[..., :-1], self._cuts)
 
     def _signals(self, output, simulated):
         """Signals that a wrong model would leave in an output's residuals, shape (samples,
@@ -167,18 +151,7 @@ class _Residuals:
         columns = columns / np.maximum(columns.std(axis=0), 1e-300)
         alone = np.zeros((*self.measured.shape, columns.shape[1]))
         alone[:, output] = columns
-        return self._without_starts(alone)[:, output]
-
-    def _without_starts(self, series):
-        """Series of shape (samples, outputs, n) without what the windows' starts explain."""
-        found, states = series.copy(), self.table[..., :-1]
-        for begin, end in pairwise(self.edges - self.edges[0]):
-            effects = states[begin:end].reshape(-1, states.shape[-1])
-            effects = effects[:, np.abs(effects).max(axis=0) > 0.0]
-            own = series[begin:end].reshape(effects.shape[0], -1)
-            explained = effects @ np.linalg.lstsq(effects, own, rcond=1e-10)[0]
-            found[begin:end] = (own - explained).reshape(found[begin:end].shape)
-        return found
+        return without_states(alone, self.table[..., :-1], self._cuts)[:, output]
 
 
 def _regressed(left, signals, spectrum):

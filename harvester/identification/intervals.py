@@ -10,10 +10,12 @@ variance is never below that from sums of Jᵀ r over blocks of the record.
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from itertools import pairwise
 from typing import TYPE_CHECKING
 
 import numpy as np
+
+from harvester.identification.base_noise import covariance_of_scores
+from harvester.identification.window_states import without_states
 
 if TYPE_CHECKING:
     from harvester.identification.shooting import Fit, Shooting
@@ -65,13 +67,15 @@ class Undetermined:
 def covariance(shooting: Shooting, fit: Fit) -> np.ndarray:
     """Covariance of the values, in the scene's units squared, shape (unknowns, unknowns)."""
     p = len(shooting.unknowns)
-    normal, meat, blocks = (np.zeros((p, p)) for _ in range(3))
+    normal, meat, blocks, noise = (np.zeros((p, p)) for _ in range(4))
     for number, edges in enumerate(fit.edges):
         table, _ = shooting.jacobian(fit, number)
-        columns = _without_states(table, edges - edges[0], p)
+        columns = without_states(table[..., :p], table[..., p : p + 3], edges - edges[0])
         normal += np.einsum("noi,noj->ij", columns, columns)
         free = table.shape[0] - 3 * (edges.size - 1) - p
-        meat += _meat(columns, table[..., -1]) * table.shape[0] / max(free, 1)
+        fitted_away = table.shape[0] / max(free, 1)
+        meat += _meat(columns, table[..., -1]) * fitted_away
+        noise += covariance_of_scores(shooting, fit, number, table, columns) * fitted_away
         scores = np.einsum("noi,no->ni", columns, table[..., -1])
         sums = np.array([part.sum(axis=0) for part in np.array_split(scores, BLOCKS)])
         blocks += sums.T @ sums * BLOCKS / (BLOCKS - 1)
@@ -81,7 +85,8 @@ def covariance(shooting: Shooting, fit: Fit) -> np.ndarray:
     normal += SMALLEST_EIGENVALUE * np.diag(sizes)
     meat += SMALLEST_EIGENVALUE * np.diag(sizes)
     inverse = _inverse(normal)
-    found, least = inverse @ meat @ inverse, np.diag(inverse @ blocks @ inverse)
+    found = inverse @ meat @ inverse
+    least = np.maximum(*(np.diag(inverse @ each @ inverse) for each in (blocks, noise)))
     shares = shooting.sizes * np.sqrt(np.maximum(least / np.diag(found), 1.0))
     return found * np.outer(shares, shares)
 
@@ -119,18 +124,6 @@ def moved_by_records(shooting: Shooting, fit: Fit, records: int) -> np.ndarray:
     moves -= moves.mean(axis=0)
     student = t.ppf(0.5 + 0.5 * HELD, records - 1) / HALF_INTERVAL
     return student**2 * (records - 1) / records * moves.T @ moves
-
-
-def _without_states(table, cuts, p):
-    """Columns of the unknowns with what the windows' starts explain taken out."""
-    columns = table[..., :p].copy()
-    for begin, end in pairwise(cuts):
-        states = table[begin:end, :, p : p + 3].reshape(-1, 3)
-        own = columns[begin:end].reshape(-1, p)
-        used = states[:, np.abs(states).max(axis=0) > 0.0]
-        own = own - used @ np.linalg.lstsq(used, own, rcond=1e-10)[0]
-        columns[begin:end] = own.reshape(columns[begin:end].shape)
-    return columns
 
 
 def _meat(columns, residuals):

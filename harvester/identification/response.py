@@ -27,6 +27,7 @@ from harvester.identification.sensors import (
     put_right,
     without_memory,
 )
+from harvester.identification.shooting import side_by_side
 from harvester.identification.unknowns import BASE_FACTOR, with_values
 from harvester.monte_carlo.sampled import states_at_samples
 from harvester.prepared.prepared import prepared
@@ -98,15 +99,18 @@ def experiment(
     rate = measurement.sampling_rate
     # At least two steps between samples, because a smooth path needs points there.
     steps = max(2, math.ceil(per_period * frequency / rate - 1e-9))
-    samples = measurement.acceleration
-    known = np.arange(samples.size)
-    places = np.arange(steps * (samples.size - 1) + 1) / steps
-    paths = {
-        "linear": np.interp(places, known, samples),
-        "smooth": smoothed(samples, steps),
-    }
     changed = scene.replace(measurement.changes)
+    paths = {name: _path(measurement.acceleration, steps, name) for name in INTERPOLATIONS}
     return Experiment(measurement, changed, steps, paths)
+
+
+def _path(samples, steps, interpolation):
+    """Acceleration at the steps, of one record or of several, shape (n, records)."""
+    if interpolation == "smooth":
+        return smoothed(samples, steps)
+    known = np.arange(len(samples))
+    places = np.arange(steps * (len(samples) - 1) + 1) / steps
+    return np.apply_along_axis(lambda each: np.interp(places, known, each), 0, samples)
 
 
 class Responses:
@@ -206,6 +210,49 @@ class Responses:
         spacing = 1.0 / (each.measurement.sampling_rate * each.steps)
         states, ends = states_at_samples(system, eta, spacing, each.steps, edges, starts)
         return states, ends, self._outputs(number, values, system, scales, states, edges)
+
+    def moved_by_noise(
+        self,
+        number: int,
+        noise: np.ndarray,
+        values: np.ndarray,
+        edges: np.ndarray,
+        starts: np.ndarray,
+    ) -> np.ndarray:
+        """What noise of the base's sensor adds to the outputs of one record in time.
+
+        Parameters
+        ----------
+        number : int
+            Of the experiment.
+        noise : ndarray, shape (n, draws)
+        values, edges, starts
+            As of `states`.
+
+        Returns
+        -------
+        ndarray, shape (samples, outputs, draws)
+            Where a solution runs away, 0.
+        """
+        each = self.experiments[number]
+        base = each.measurement.acceleration
+        path = each.acceleration[self.interpolation]
+        own = self.states(number, values, edges, starts)[2]
+
+        def moved(draw):
+            shaken, more = draw
+            other = copy(self)
+            other.experiments = list(self.experiments)
+            other.experiments[number] = replace(
+                each,
+                measurement=replace(each.measurement, acceleration=base + shaken),
+                acceleration={self.interpolation: path + more},
+            )
+            return other.states(number, values, edges, starts)[2] - own
+
+        paths = _path(noise, each.steps, self.interpolation)
+        found = np.stack(side_by_side(moved, zip(noise.T, paths.T, strict=True)), axis=-1)
+        return np.nan_to_num(found, posinf=0.0, neginf=0.0)
 
     def excitation(self, number: int, values: np.ndarray) -> np.ndarray:
         """η at the steps of one experiment, scaled."""

@@ -7,6 +7,7 @@ tried.
 from __future__ import annotations
 
 from collections.abc import Sequence
+from itertools import pairwise
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -183,6 +184,26 @@ def reach_of(x: np.ndarray) -> tuple[float, float]:
     low, high = np.nanquantile(x, [0.01, 0.99])
     more = 0.1 * (high - low)
     return float(low - more), float(high + more)
+
+
+def without_states(series: np.ndarray, states: np.ndarray, cuts: np.ndarray) -> np.ndarray:
+    """Series less what the starts of their windows explain.
+
+    Parameters
+    ----------
+    series : ndarray, shape (samples, outputs, n)
+    states : ndarray, shape (samples, outputs, states)
+        Outputs' derivatives by the start of the window that a sample is in.
+    cuts : ndarray of int, shape (windows + 1,)
+    """
+    found = series.copy()
+    for begin, end in pairwise(cuts):
+        effects = states[begin:end].reshape(-1, states.shape[-1])
+        effects = effects[:, np.abs(effects).max(axis=0) > 0.0]
+        own = series[begin:end].reshape(effects.shape[0], -1)
+        explained = effects @ np.linalg.lstsq(effects, own, rcond=1e-10)[0]
+        found[begin:end] = (own - explained).reshape(found[begin:end].shape)
+    return found
 
 
 def states_of(seen: Motion, places: np.ndarray) -> np.ndarray:

@@ -9,6 +9,7 @@ from scipy.signal import lfilter
 from scipy.stats import norm
 
 from harvester.identification.intervals import HALF_INTERVAL, covariance
+from harvester.identification.response import Experiment
 
 SAMPLES, WINDOWS, UNKNOWNS = 6000, 3, 8
 EDGES = np.linspace(0, SAMPLES, WINDOWS + 1).astype(int)
@@ -22,6 +23,7 @@ def fitted(effects, starts, residuals):
     table = np.concatenate([effects, starts, residuals[..., None]], axis=2)
     shooting = SimpleNamespace(
         unknowns=[None] * effects.shape[2],
+        responses=SimpleNamespace(experiments=[None]),
         sizes=np.ones(effects.shape[2]),
         jacobian=lambda fit, number: (table, None),
     )
@@ -70,3 +72,50 @@ def test_a_constant_is_known_less_well_under_residuals_with_a_memory():
         found = fitted(ones, np.zeros((SAMPLES, 1, 3)), residuals - residuals.mean())
         ratios.append(np.sqrt(found[0, 0] * SAMPLES * (1.0 - memory) / (1.0 + memory)))
     assert np.median(ratios) == pytest.approx(1.0, rel=0.2)
+
+
+RESONANCE = 2.0 * np.pi / 12.0
+POLES = np.poly(np.exp(RESONANCE * np.array([-0.02 + 1j, -0.02 - 1j]))).real
+# Samples of a record of 200 periods.
+RECORD = 2400
+
+
+def resonant(values):
+    """Series through a resonance of twelve samples a period with a damping ratio of 0.02."""
+    return lfilter([0.0, 1.0], POLES, values, axis=0)
+
+
+def test_noise_of_the_base_s_sensor_is_in_the_interval_of_a_value_that_acts_at_the_resonance():
+    """var(Jᵀ r)/(JᵀJ)² with r = H n + e: σ_a² |Hᵀ J|² + σ_v² |J|², Hᵀ being H backwards in time."""
+    ratios = []
+    for seed in range(12):
+        random = np.random.default_rng(seed)
+        moving = np.sin(RESONANCE * np.arange(RECORD)) + random.standard_normal(RECORD)
+        effect = resonant(resonant(moving))
+        sizes = 0.01, 0.03
+        base = np.sin(RESONANCE * np.arange(RECORD)) + sizes[0] * random.standard_normal(RECORD)
+        left = resonant(sizes[0] * random.standard_normal(RECORD))
+        left += sizes[1] * random.standard_normal(RECORD)
+        table = np.zeros((RECORD, 1, 5))
+        table[:, 0, 0], table[:, 0, -1] = effect, left
+        shown = SimpleNamespace(acceleration=base, sampling_rate=1.0)
+        responses = SimpleNamespace(
+            experiments=[Experiment(shown, None, 2, {})],
+            moved_by_noise=lambda number, noise, *fit: resonant(noise)[:, None],
+        )
+        shooting = SimpleNamespace(
+            unknowns=[None],
+            sizes=np.ones(1),
+            responses=responses,
+            jacobian=lambda fit, number, table=table: (table, None),
+        )
+        edges = [np.array([0, RECORD])]
+        fit = SimpleNamespace(edges=edges, values=None, starts=[None], noise=[np.ones(1)])
+        found = covariance(shooting, fit)[0, 0]
+        back = resonant(effect[::-1])
+        exact = (sizes[0] ** 2 * back @ back + sizes[1] ** 2 * effect @ effect) / (
+            effect @ effect
+        ) ** 2
+        ratios.append(np.sqrt(found / exact))
+    assert np.median(ratios) == pytest.approx(1.0, abs=0.15), ratios
+    assert min(ratios) > 0.9, ratios

@@ -182,17 +182,20 @@ def test_a_laser_in_volts_beside_the_shaker_tells_its_own_scale():
 
 
 @pytest.mark.exhaustive
-@pytest.mark.parametrize("seed", [0, 2])
+@pytest.mark.parametrize("seed", [0, 1, 2, 5])
 def test_a_free_corner_of_the_voltage_is_not_biased(seed):
-    """What integrated noise would bias lies within three errors, and all within 3 %."""
+    """Every value lies within three errors, and within 3 % or two errors.
+
+    Before intervals held the noise of the base's sensor, the damping of seed 1 was 4.2 errors off,
+    and the cubic term of seed 5 was 3.4.
+    """
     scene, records, truth, corner = a_set(seed, "voltage highpass", noise=seed % 2 == 1)
     key = "sensor.voltage_highpass"
     found = identify(scene, records, free=["device", key], compare=False)
     known = {name: value for name, (value, _) in numbers(truth).items()} | {key: corner}
     off = {name: abs(value - known[name]) for name, value in found.values.items()}
-    for name in (key, "piezo.coupling", "piezo.capacitance"):
-        assert off[name] < 3.0 * found.standard_errors[name], name
     for name, error in found.standard_errors.items():
+        assert off[name] < 3.0 * error, name
         assert off[name] < max(0.03 * abs(known[name]), 2.0 * error), name
 
 
