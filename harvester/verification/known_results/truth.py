@@ -165,7 +165,10 @@ class Verification:
         for name in dict.fromkeys(row.truth.device for row in self.measured):
             own = [row for row in self.measured if row.truth.device == name]
             reason = next((row.reason for row in own if row.reason), "")
-            found = f"predicted {summary(own)}" if own[0].truth.exact else own[0].verdict
+            # A set that was downloaded is one row.
+            first = own[0]
+            single = f"{first.value:.2%} {first.truth.unit}, {first.verdict}"
+            found = f"predicted {summary(own)}" if len(own) > 1 else single
             lines.append(f"{name}: {reason or found}")
         return lines
 
