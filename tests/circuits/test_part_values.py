@@ -35,7 +35,7 @@ def test_sources_and_values_below_zero(tmp_path):
 @pytest.mark.parametrize("engine", ["circuit", "monte-carlo"])
 def test_a_value_below_zero_is_named_where_the_run_ends_early(tmp_path, pool, engine):
     scene = scene_with(tmp_path, "R1 p n -1k")
-    with pytest.raises(SimulatorAborted, match=r"below 0 .* without an end: r1 \(load\.lib:2\)"):
+    with pytest.raises(SimulatorAborted, match=r"below 0 .* without bound: r1 \(load\.lib:2\)"):
         simulate(scene, method=engine, workers=1, runner=pool)
 
 

@@ -530,9 +530,9 @@ FAULTS = [
     ),
     Fault(
         "identification: starts of windows are taken for known",
-        INTERVALS,
-        "own = own - used @ np.linalg",
-        "own = own - 0.0 * used @ np.linalg",
+        "harvester/identification/window_states.py",
+        "(own - explained)",
+        "(own - 0.0 * explained)",
         OF_INTERVALS,
     ),
     Fault(
