@@ -142,9 +142,13 @@ class _SlowestDecay(_Found):
         try:
             values, vectors = eigs(operator, 1, v0=start.ravel(), ncv=VECTORS, tol=START_TOLERANCE)
         except ArpackNoConvergence as failure:
-            raise AveragingError("the rate of jumps between the wells was not found: simulate") from failure
+            raise AveragingError(
+                "the rate of jumps between the wells was not found: simulate"
+            ) from failure
         if values[0].imag:
-            raise AveragingError("what decays the slowest oscillates")
+            raise AveragingError(
+                "the slowest decay oscillates and gives no rate of jumps between the wells: simulate"
+            )
         return np.real(vectors[:, 0]).reshape(shape), values[0].real
 
 
