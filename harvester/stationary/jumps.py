@@ -147,7 +147,7 @@ class _SlowestDecay(_Found):
             ) from failure
         if values[0].imag:
             raise AveragingError(
-                "the slowest decay oscillates and gives no rate of jumps between the wells: simulate"
+                "the slowest decay oscillates, so it is no rate of jumps between wells: simulate"
             )
         return np.real(vectors[:, 0]).reshape(shape), values[0].real
 
