@@ -34,7 +34,8 @@ class Builder:
         self.nonlinear: set[tuple[str, int]] = set()
         self.initial: list[tuple[int, int, float, float]] = []
         self.inductances: dict[str, float] = {}
-        # (row, column) of the mass, then of the currents that the velocity drives.
+        # (row, column) of the matrix entries that `circuits.kernel.retiming` rescales: the mass,
+        # then the currents that its velocity drives.
         self.retimed: list[tuple[int, int]] = []
 
     def node(self, name: str) -> int:

@@ -64,10 +64,10 @@ def relaxation(ready: Prepared, levels: Mapping[str, float], blocking: bool = Tr
 
 
 def slowest_time(ready: Prepared) -> float:
-    """The longest time (s) in which a load's resistors charge or discharge its stores; 0 without.
+    """The longest time (s) in which a load's resistors charge or discharge its stores; 0 if none.
 
-    What only a diode leads to has none. Of a load with switches, transistors or expressions only
-    what lies across its output counts: they carry charge at rates of their own.
+    A store that only a diode leads to has no such time. In a load with switches, transistors or
+    expressions, which carry charge at rates of their own, only the parts across its output count.
     """
     load = ready.scene.load.circuit
     if any(each.letter in _ACTIVE or each.expression is not None for each in load.elements):

@@ -1,11 +1,11 @@
 """The device with its load, step by step: TR-BDF2, its error, switches and contacts.
 
 TR-BDF2 (Bank et al. 1985, Hosea and Shampine 1996) is of second order, A- and L-stable, and both
-its implicit stages have one matrix. It goes on from the rates of change at the step's beginning;
-where a contact has just changed them, Alexander's SDIRK of the same order and matrix takes the
-step, which asks for none. After a switch one very short step of backward Euler does: what then
-discharges at once through a diode, which lets nothing back, would go on by 1.4 times as much in a
-second stage.
+its implicit stages have one matrix. It needs the rates of change at the step's beginning. Where a
+contact has just changed them, Alexander's SDIRK, of the same order and with the same matrix, takes
+the step, as it needs none. After a switch one very short step of backward Euler is taken: a
+capacitor may then discharge at once through a diode. A second stage would continue this discharge
+by 1.4 times as much, and the diode would not let the excess flow back.
 """
 
 from __future__ import annotations
@@ -302,7 +302,7 @@ def _find_step(device, tables, probes, state, time, longest, remaining, step, no
 
 @merged
 def _enter(state, place, zone):
-    """Put the state into another contact zone; one that flew freely holds its impact speed."""
+    """Change the contact zone of the state; where free flight ends, keep the impact speed."""
     scalars = state.scalars[0]
     scalars.zone = place
     scalars.rates = Rates.UNKNOWN

@@ -237,7 +237,7 @@ def _only(line, before, words):
 
 
 def _count_numbers(words):
-    """How many of these are values, up to the first word that is none."""
+    """How many of these are values, up to the first word that is no value."""
     kept = ("dc", "ac", "am", "sine", *WAVEFORMS)
     found = 0
     for word in words:

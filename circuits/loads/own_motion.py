@@ -55,7 +55,8 @@ class OwnMotion(NamedTuple):
     ----------
     oscillates : bool
     turn : float
-        Shortest time constant of what controls a switch that turns for ever (s); infinite without.
+        Shortest time constant of what controls a switch that turns for ever (s); infinite if
+        no switch does.
     switch : str
         Name of that switch, as "name (file:line)".
     unknown : str

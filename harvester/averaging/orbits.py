@@ -29,9 +29,10 @@ if TYPE_CHECKING:
 
 # A divisor that has vanished is replaced by this.
 SMALLEST = 1e-150
-# The first scan of orbits: spacing of the levels, and nodes of an orbit on either side of the
+# Spacing of the levels in the first scan of orbits, and nodes of an orbit on either side of the
 # stopper.
 SCAN_STEP, SCAN_NODES = 0.25, 24
+# First and last level of this scan in a well.
 WELL_LEVELS = -15.0, 11.5
 # A well's orbits begin where ln g falls by this much from the bottom.
 NEGLIGIBLE = 1e-8

@@ -213,7 +213,7 @@ def driven_square_velocity(system: System, frequency: float) -> float:
 
 @kept
 def contact_time(system: System) -> float:
-    """Duration of the shortest contact at the rms speed of small oscillations (s); inf without."""
+    """Duration of the shortest contact at the rms speed of small oscillations (s); inf if none."""
     speed = math.sqrt(driven_square_velocity(system, angular_frequency(system)))
     if not system.contacts:
         return math.inf

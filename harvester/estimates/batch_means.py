@@ -19,16 +19,18 @@ from harvester.estimates.estimate import Estimate, why_no_error
 if TYPE_CHECKING:
     from harvester.record.moments import Moments
 
-# Fewest batches that give a standard error (good to about 1/√(2·16) = 18 % of itself), and the
-# correlation between neighbours up to which its first-order correction is trusted.
+# Fewest batches that give a standard error. It is then good to about 1/√(2·16) = 18 % of itself.
 FEWEST_BATCHES = 16
+# Up to this correlation between neighbouring batches the first-order correction is trusted.
 LARGEST_CORRELATION = 0.25
+# Least number of batches, and largest number of groups of the histograms, of all realizations.
 TOTAL_BATCHES = 256
 TOTAL_GROUPS = 32
 # Fewest batches of each of many realizations: their halves show whether the mean drifts.
 # Realizations under one path without a period have more: their batches are averaged over them
 # before they are joined.
 FEWEST_TO_DRIFT, FEWEST_ON_ONE_PATH = 4, 64
+# Fewest knots of the noise in a batch.
 KNOTS_PER_BATCH = 8
 # A standard error of at most this share of its ratio is rounding in the sums, and taken for zero.
 ROUNDING_SHARE = 1e-12

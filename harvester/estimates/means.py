@@ -118,7 +118,7 @@ def _mean(series, products, name, dimension, error_of):
     elif dimension == "rate":
         size = independent_events(mean, error)
     elif name == "time_in_well":
-        # 0 or 1 at any time.
+        # At any time it is 0 or 1, and so equal to its square.
         size = independent_samples(mean, mean, error)
     return Estimate(mean, error, size, dimension, why_no_error(mean, error))
 

@@ -16,7 +16,9 @@ if TYPE_CHECKING:
 SMALLEST_PEAK, LARGEST_PEAK = 1e-30, 1e12
 # Limits of a time column, in seconds.
 LARGEST_TIME, SHORTEST_STEP = 1e20, 1e-20
+# Faults of samples that a scene may ask to mend.
 FAULTS = ("nan", "uneven", "clipped")
+# Fewest samples in a record.
 FEWEST_SAMPLES = 64
 # Degree of the spline between the samples of a record with `interpolation = "smooth"`.
 SPLINE_DEGREE = 7
@@ -34,6 +36,7 @@ LARGEST_JITTER = 0.1
 # A clipped crest has this many equal extreme samples, and a clipped record two of them: one
 # flat crest is a coincidence.
 FLAT_SAMPLES, FLAT_CRESTS = 3, 2
+# Order of the Butterworth filters.
 FILTER_ORDER = 4
 # Narrowest band of a filter as a share of the sampling rate. Rounding spoils narrower ones.
 SMALLEST_BAND_SHARE = 1e-6

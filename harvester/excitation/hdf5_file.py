@@ -15,7 +15,7 @@ from harvester.files.libraries import optional_library
 # Filters that HDF5 and h5py have built in (deflate, shuffle, Fletcher's sum, szip, nbit,
 # scale-offset, LZF); for others HDF5 would load a plug-in, which is code.
 FILTERS = {1, 2, 3, 4, 5, 6, 32000}
-# Most objects of a file.
+# Largest number of objects in a file.
 MOST_OBJECTS = 10_000
 UNITS = ("units", "unit", "unit_string", "Units", "Unit")
 # MATLAB writes the class of an array into this attribute, and its own data into these groups.

@@ -118,7 +118,7 @@ SIGNS = str.maketrans({"²": "^2", "⁻": "^-", "¹": "1", "µ": "u", "μ": "u",
 
 
 def unit_named(quantity: str, text: str) -> str | None:
-    """Usual spelling of a quantity's unit, None for a text that is none.
+    """Usual spelling of a quantity's unit, None for a text that is no unit of it.
 
     Examples
     --------

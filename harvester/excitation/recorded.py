@@ -31,15 +31,18 @@ UNITS = (*ACCELERATION, "scaled")
 BAND_SHARE, BAND_MISS = 0.99, 3.0
 # The result has a note if the offset exceeds this share of the rms.
 NOTED_OFFSET = 0.1
+# The mean squares of this many stretches are compared, to find a record that is not stationary.
 STRETCHES = 4
 # The record is cut into LINE_STRETCHES stretches. It counts as one sine at a time, perhaps swept,
 # if in most of them LINE_SHARE of the power lies within LINE_BINS bins of the strongest. Noise
 # behind a filter of Q < 20 has less.
 LINE_STRETCHES, LINE_SHARE, LINE_BINS = 16, 0.9, 3
-# The same holds for up to three sines at once, each with its own bins. A stretch counts as silent
-# if it has less than the given share of the loudest one's power. Knots for each sample of a smooth
-# record: of seven samples a period, straight lines between knots then take 0.1 % of the amplitude.
+# A smooth record gets this many knots for each sample. At seven samples a period, straight lines
+# between these knots lower the amplitude by 0.1 %.
 SMOOTH_KNOTS = 8
+# A record also counts as sines if up to LINES_AT_ONCE of them, each with BINS_PER_LINE bins, hold
+# SHARE_OF_SEVERAL of the power. A stretch counts as silent if it has less than SILENT of the
+# loudest one's power.
 LINES_AT_ONCE, SHARE_OF_SEVERAL, BINS_PER_LINE, SILENT = 3, 0.99, 100, 1e-6
 # Length of a stretch, in samples.
 SHORTEST_STRETCH, LONGEST_STRETCH = 128, 1024

@@ -23,11 +23,13 @@ FITTED_SHARE, COMPARED_SHARE = 0.25, 0.5
 # The fitted band leaves out this share of the variance at each end. A stop band would weigh as much
 # as any other in the logarithm, though the device does not respond to it.
 LEFT_OUT_SHARE = 0.01
+# Fewest frequencies in the fitted band.
 FEWEST_FREQUENCIES = 8
 # If ω τ1 at the lowest frequency exceeds this, the record determines only D/τ1².
 FALLING_CORNER_RATIO = 10.0
 # Deviation in dB from which the record is called far from Ornstein–Uhlenbeck noise.
 FAR_DECIBELS = 1.0
+# The same for the share of the variance that lies apart from the fit, and for the excess kurtosis.
 FAR_SHARE = 0.25
 FAR_KURTOSIS = 1.0
 # The parameters, each with an error, and the other keys in JSON.

@@ -41,7 +41,7 @@ class StampReader:
         self._clock, self._days = 0.0, 0
 
     def seconds(self, text: str) -> float:
-        """Seconds after the first stamp; NaN for a text that is none.
+        """Seconds after the first stamp; NaN for a text that is no time stamp.
 
         Raises
         ------

@@ -30,6 +30,8 @@ if TYPE_CHECKING:
 COVERED_PERIODS, PER_COVERED = 1.5, 8
 # The regression replaces a table of force by a polynomial of this degree.
 TABLE_DEGREE = 5
+# The regression tries these factors of the capacitance and of the motion's size, and gaps of these
+# shares of the greatest displacement.
 ELECTRICAL_FACTORS = np.geomspace(0.2, 5.0, 13)
 SCALE_FACTORS = np.geomspace(0.1, 10.0, 81)
 GAP_SHARES = np.linspace(0.35, 0.95, 13)

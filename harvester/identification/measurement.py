@@ -29,7 +29,7 @@ from harvester.identification.sensors import OUTPUTS, checked_sensors
 COLUMNS = tuple(name for name in QUANTITIES if name not in IMPEDANCES)
 # Suffix of a velocity's unit: measured against the laboratory, not relative to the base.
 ABSOLUTE = ":absolute"
-# Word for a value that a record alone tells.
+# Setting of a key whose value is found in one record, for that record alone.
 FREE = "free"
 # Settings that turn a raw column into its quantity: scale · column + offset.
 LINE_ENDS = ("scale", "offset")
@@ -200,8 +200,8 @@ def read_measurement(
     if "frequency" in columns or "response" in columns:
         if own:
             raise SceneError(
-                f"{where}: {named(own[0])} = free: a frequency response has no value of its own: "
-                "give the value"
+                f"{where}: {named(own[0])} = free: only a record of a motion can free a value for "
+                "itself, and this is a frequency response: give the value"
             )
         return response_of(columns, settings, plain_name(Path(path).name), sensors)
     if "acceleration" not in columns:

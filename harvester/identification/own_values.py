@@ -47,7 +47,7 @@ def check_kept_aside(
     fitted: Sequence[Measurement | MeasuredResponse],
     aside: Sequence[Measurement | MeasuredResponse],
 ) -> None:
-    """Refuse frequency responses kept aside, and values that no record can have of its own.
+    """Refuse frequency responses kept aside, and keys that a record cannot free for itself.
 
     Raises
     ------
@@ -58,7 +58,7 @@ def check_kept_aside(
         for key in getattr(each, "own", ()):
             raise IdentificationError(
                 f"{each.name}: {named(key)} = free: only a record kept aside (--keep-aside) can "
-                "have a value of its own: give the value, or free it for all records (--free)"
+                "free a value for itself: give the value, or free it for all records (--free)"
             )
     for each in aside:
         if isinstance(each, MeasuredResponse):

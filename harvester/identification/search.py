@@ -32,10 +32,12 @@ FIRST, ON_THE_WAY, LAST = 12, 6, 40
 COARSE, FINE = 1e-3, 1e-6
 # Noise that the first fit assumes, as a share of an output's rms.
 FIRST_NOISE = 0.05
+# Most windows of the first fit.
 MOST_FIRST_WINDOWS = 2000
 # A window's start is in doubt if the mean square of its residuals exceeds this multiple of the
 # median.
 DOUBTFUL = 4.0
+# Most rounds in which doubtful windows get new starts.
 MENDINGS = 4
 # A fit is given up if its cost exceeds this multiple of a rival model's cost.
 HOPELESS = 1.25

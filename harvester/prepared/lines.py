@@ -18,8 +18,8 @@ if TYPE_CHECKING:
 SHARE_OF_HALF_WIDTH = 0.005
 # Lines count if their response exceeds this share of the largest response.
 COUNTING_RESPONSE = 0.1
-# A nonlinear spring or a stopper may change the square of the frequency by this share. It is ten
-# times what 14 devices with Q from 12 to 340 showed against steps 32 times shorter.
+# A nonlinear spring or a stopper is assumed to change the square of the frequency by this share.
+# Fourteen devices with Q from 12 to 340 showed a tenth of it against steps 32 times shorter.
 NONLINEAR_SPREAD = 0.05
 
 # If the half width of a resonance is below this share of its frequency, noise is treated like a

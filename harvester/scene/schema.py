@@ -31,7 +31,7 @@ from harvester.device.transducer import TRANSDUCERS
 from harvester.errors import SceneError
 from harvester.files.plain_text import named, nearest, shown
 
-# Most points of a table of force. So many make sense only if it is smoothed.
+# Largest number of points in a force table. With more than `MOST_PIECES` + 1 it must be smoothed.
 MOST_POINTS = 2000
 # Largest seed: numpy draws seeds of 128 bits.
 LARGEST_SEED = 2**128 - 1

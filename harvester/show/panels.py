@@ -151,7 +151,7 @@ def legend_below(figure: Figure, panels: Iterable[Axes]) -> None:
 def _columns(labels, width):
     """Number of a legend's columns that fit into a figure of this width (inches)."""
     for columns in range(min(len(labels), LEGEND_COLUMNS), 1, -1):
-        # As matplotlib fills them, one after the other.
+        # matplotlib fills a legend column by column.
         longest = (max(map(len, part)) for part in np.array_split(labels, columns))
         if sum(MARK + LETTER * letters for letters in longest) <= width:
             return columns

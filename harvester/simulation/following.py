@@ -105,7 +105,7 @@ def follow(
     scene : Scene
         A scene as returned by `forced`.
     engine, step, settings
-        The engine's name, its step, and what else of it is not as usual.
+        The engine's name, its step, and those of its options that differ from the defaults.
     starts : list of [float, float, float]
         X, X' and the transducer's state, scaled.
     periods, kept : int

@@ -244,7 +244,7 @@ def engine_of(method: str | Method, **options: Any) -> Engine:
     Raises
     ------
     HarvesterError
-        An unknown name, a closure, or an option that is none.
+        An unknown name, a closure, or an unknown option.
     """
     if isinstance(method, Engine):
         return method.beside_options(options, DEFAULTS)

@@ -274,7 +274,7 @@ def _refine(grids, respect, known=None):
 def _found(task):
     """Where the density is, and that density on a coarse grid.
 
-    A well that hardly any motion leaves stands for all, as half or whole of the motion.
+    If hardly any motion leaves the wells, the grid covers one of them, which represents all.
     """
     device = task.device
     lone = lone_well(device)

@@ -22,8 +22,8 @@ MOST_SOUGHT = 400
 # If a direction leaves more than this share of the residual, the coarser grid's solution is no
 # longer used as its start.
 POOR_DIRECTION_REST = 0.9
-# Number type of the directions that are kept, and its size in bytes. The change of each is kept in
-# the same precision, so that rounding does no harm.
+# Number type of the directions that are kept, and its size in bytes. What the equation makes of a
+# direction is kept in the same precision, so that rounding does no harm.
 KEPT, BYTES = np.float32, 4
 # If less than this share of a direction is new, the iteration has nothing left to find.
 SMALLEST_NEW_PART = 1e-6

@@ -94,7 +94,7 @@ class _SlowestDecay(_Found):
         while left > MOST_LEFT * tolerance:
             before, left = left, self._corrected(tolerance, parity)
             if not left < before:
-                raise AveragingError("the slowest decay was not found")
+                raise AveragingError("the rate of jumps between the wells was not found: simulate")
         self.rate = -np.log(abs(self.decayed)) / time
 
     def _corrected(self, tolerance, parity):
@@ -142,9 +142,13 @@ class _SlowestDecay(_Found):
         try:
             values, vectors = eigs(operator, 1, v0=start.ravel(), ncv=VECTORS, tol=START_TOLERANCE)
         except ArpackNoConvergence as failure:
-            raise AveragingError("the slowest decay was not found") from failure
+            raise AveragingError(
+                "the rate of jumps between the wells was not found: simulate"
+            ) from failure
         if values[0].imag:
-            raise AveragingError("what decays the slowest oscillates")
+            raise AveragingError(
+                "the slowest decay oscillates, so it is no rate of jumps between wells: simulate"
+            )
         return np.real(vectors[:, 0]).reshape(shape), values[0].real
 
 

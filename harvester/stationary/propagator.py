@@ -105,26 +105,29 @@ class Propagator:
         return other
 
     def step(self, state: np.ndarray) -> np.ndarray:
-        """The state one step later, before the flow."""
+        """The state one step later: first the flow, then load and noise."""
         return self.pushed(self.flowed(state))
 
     def flowed(self, state: np.ndarray) -> np.ndarray:
-        """The state one step later, load and noise left out."""
+        """The state moved by the flow alone for a step, without load and noise."""
         return shared(state, self._ends)
 
     def pushed(self, state: np.ndarray) -> np.ndarray:
-        """The state once load and noise have moved it for a step, the flow left out."""
+        """The state moved by load and noise alone for a step, without the flow."""
         return self._slow(state, *self._whole)
 
     def repeated(self, state: np.ndarray, steps: int) -> np.ndarray:
-        """The state so many steps later, both half-way between two flows."""
+        """The state so many steps later; it begins and ends half-way between two flows."""
         state = self.before_flow(state)
         for _ in range(steps - 1):
             state = self.step(state)
         return self._slow(self.flowed(state), *self._half)
 
     def before_flow(self, state: np.ndarray) -> np.ndarray:
-        """The state before the flow, from half-way, where a step is symmetric in time."""
+        """The state just before the flow, from one half-way between two flows.
+
+        A step that begins and ends half-way is symmetric in time.
+        """
         return self._slow(state, *self._half)
 
     def _slow(self, state, drift, noise):

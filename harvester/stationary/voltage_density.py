@@ -25,6 +25,7 @@ VALUES = 481
 COUNTED_MASS = 1e-4
 # A normal density is followed up to so many standard deviations.
 NORMAL_TAIL = 5.0
+# Number of normal densities that are summed at a time, to save memory.
 NORMALS_AT_A_TIME = 4000
 # Normal densities are used if they miss the fourth moment by less than this share.
 NORMAL_FOURTH_MOMENT = 0.03
@@ -32,6 +33,7 @@ NORMAL_FOURTH_MOMENT = 0.03
 # the weight ε₁ of the penalty on the first moment, and its growth with each higher moment, which
 # the nodes give less accurately.
 DEGREE, CHARGES, LOOSENESS, LOOSER = 12, 121, 2e-5, 2.0
+# The search for its weights: most steps, largest slope at its end, and most halvings of a step.
 MOST_ITERATIONS, SETTLED, MOST_HALVINGS = 60, 1e-6, 30
 # A step of the search must achieve this share of the decrease that the slope predicts (Armijo).
 SUFFICIENT_DECREASE = 1e-4

@@ -306,7 +306,7 @@ def one_direction(
     Parameters
     ----------
     engine, step, settings
-        The engine's name, its step, and what else of it is not as usual.
+        The engine's name, its step, and those of its options that differ from the defaults.
 
     Returns
     -------

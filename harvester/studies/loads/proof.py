@@ -45,12 +45,13 @@ class Proof:
     highest : bool
         Whether it was chosen as its curve's highest point, and not drawn.
     difference : float
-        (circuit − Monte Carlo)/Monte Carlo of the output power on the same noise; nan without.
+        (circuit − Monte Carlo)/Monte Carlo of the output power on the same noise; nan where it
+        cannot be computed.
     standard_error : float
-        Standard error of the paired difference, widened where realizations are few; nan without a
-        difference.
+        Standard error of the paired difference, widened where realizations are few; nan where there
+        is no difference.
     early_difference, early_standard_error : float
-        The same over the first `PERIODS` periods from rest; nan without.
+        The same over the first `PERIODS` periods from rest; nan where they cannot be computed.
     trouble : str
         The reason why a difference is missing (the settled part's first); "" if none is.
     """
@@ -156,9 +157,10 @@ def _tasks(scene, most, method, version):
 
 
 def _difference(scene, ours, theirs):
-    """(circuit − Monte Carlo)/Monte Carlo on the same noise, its standard error, both nan without.
+    """(difference, standard error, reason, power by Monte Carlo).
 
-    Also the outcome if there is no difference, and the power by Monte Carlo.
+    The difference is (circuit − Monte Carlo)/Monte Carlo on the same noise. Where it or its error
+    cannot be computed it is nan, and `reason` says why; otherwise `reason` is empty.
     """
     powers = []
     for answers in (ours, theirs):

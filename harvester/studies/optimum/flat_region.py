@@ -22,6 +22,7 @@ HALVINGS, REFINEMENTS = 6, 2
 # A place counts as higher if its excess is more than HIGHER standard errors and more than the share
 # SHARE_HIGHER.
 HIGHER, SHARE_HIGHER = 3.0, 1e-3
+# The region is sought around at most this many places, each higher than the one before.
 MOVES = 6
 
 

@@ -132,7 +132,7 @@ class Objective:
         return answer.quantities["peak_strain"].estimate > limit
 
     def error_of_difference(self, answer: Any, other: Any) -> float:
-        """Standard error of the difference of two answers on the same noise; infinite without."""
+        """Standard error of the difference of two answers on the same noise; inf if unknown."""
         if not self.noisy:
             return 0.0
         if not has_deviations(self.quantity):

@@ -254,7 +254,7 @@ def climb(
     key : str
     values : list of float
     engine, step, settings
-        The engine's name, its step, and what else of it is not as usual.
+        The engine's name, its step, and those of its options that differ from the defaults.
     start : list or None
         Displacement, velocity and the transducer's state in the scene's units; None: the scene's.
     periods : int

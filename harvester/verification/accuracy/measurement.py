@@ -45,22 +45,22 @@ from harvester.verification.accuracy.timed import (
 )
 from harvester.verification.quantities import MEANS, STATES
 
-# Errors of paths: the number of paths, and the length of each in periods of small oscillations, or
-# in knots of the noise if a period has many.
+# Number of paths from which the errors of paths are measured.
 PATHS = 4
+# Length of a path in periods of small oscillations, and its greatest length in knots of the noise.
 PERIODS = 12
 MOST_KNOTS = 1000
-# Brief runs of methods that are too slow for the scene's own run: the number of realizations, and
-# the knots of each.
+# A method that is too slow for the scene's own run gets a brief one, with this many realizations
+# and this many knots of the noise in each.
 BRIEF_REALIZATIONS = 8
 BRIEF_KNOTS = 4000
 # `thorough` multiplies the numbers of paths and of realizations by this.
 THOROUGH = 8
-# Runs of a given time: the realizations of Monte Carlo in one task (a single one is too short for
-# the clock), the most in all, and a number of realizations that allows the best number of copies
-# side by side.
+# Monte Carlo is timed by tasks of this many realizations: a single one is too short for the clock.
 REALIZATIONS_TOGETHER = 16
+# Most realizations of a timed run.
 MOST_REALIZATIONS = 4096
+# The circuit runs as many copies side by side as are fastest in a run of this many realizations.
 LONG_RUN = 1000
 # The reference runs for this multiple of a method's time.
 REFERENCE_SHARE = 5.0

@@ -19,8 +19,10 @@ from harvester.scene.units import length_scale
 
 # Realizations of Monte Carlo's run. Few realizations are long enough for the slowest time scale.
 REALIZATIONS = 4
-# Steps of all realizations together, and the slow times for which each settles.
+# All realizations of a run together take about this many steps.
 STEP_BUDGET = 12_000_000
+# A realization settles for this many times the slowest time scale, but at most for this share of
+# the time that the steps allow.
 SETTLED_TIMES = 5.0
 LARGEST_SETTLED_SHARE = 0.2
 # Stoppers for a scene without: gap in units of the wells' distance, stiffness K, restitution e.

@@ -25,10 +25,11 @@ from harvester.verification.paths import ignore, recorded, states_at_knots
 from harvester.verification.quantities import STATES
 from harvester.verification.stability.replay import can_replay, replayed
 
-# The circuit's steps along all paths together, away from contacts; the largest and the smallest
-# number of paths; and the length of each, in periods, if the knots of the noise are close.
+# The circuit takes this many steps along all paths together, if no contact shortens them.
 PATH_STEPS = 20_000
+# Largest and smallest number of paths.
 MOST_PATHS, FEWEST_PATHS = 8, 2
+# Shortest and longest path, in periods of small oscillations.
 FEWEST_PERIODS = 3.0
 MOST_PERIODS = 30.0
 # A mass takes so many steps from rest to a typical state.
@@ -36,9 +37,9 @@ SETTLING_STEPS = 200_000
 # The step is divided by this for the second comparison, which distinguishes a wrong model from a
 # long step.
 FINER = 2
-# A second fine path begins displaced by this share of the rms velocity. Paths are compared while
-# the difference grows by less than the second number.
+# A second fine path begins with a velocity that differs by this share of the rms velocity.
 DISPLACED = 1e-4
+# Paths are compared while the two fine ones are at most this many times as far apart as at first.
 LARGEST_GROWTH = 5.0
 # The order of the step is relied on if the paths at the step and at half of it differ by at most
 # this share of the rms.
@@ -46,11 +47,13 @@ LARGEST_STEP_ERROR = 0.05
 # Deviations are taken of X and V. X' changes its sign in a contact, so that close paths may differ
 # much at a knot.
 SMOOTH = (0, 2)
-# Smallest deviation of the limit that counts; the same where contacts shorten the steps, since a
-# step that grazes a contact spoils the order of the extrapolation; and the share of the step's
-# error that extrapolation leaves.
+# An engine's paths are extrapolated to a step of 0. If they then deviate from the fine paths by
+# less than this share of the rms, the deviation does not count.
 LEAST_DEVIATION = 3e-3
+# The same limit where contacts shorten the steps: a step that grazes a contact spoils the order on
+# which the extrapolation relies.
 LEAST_OF_STIFF_CONTACTS = 1e-2
+# Extrapolation may leave this share of the step's error.
 LEFT_OF_STEP_ERROR = 0.25
 
 

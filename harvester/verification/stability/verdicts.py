@@ -212,7 +212,7 @@ def _of_means(method, scene, given):
     """
     simulated, solved = given.get("monte-carlo"), given.get(SOLVER)
     if isinstance(prepared(scene).system.transducer, ShakenPiezo):
-        # The stationary solution leaves the charge out that the base moves.
+        # The stationary solution omits the charge that the base's motion moves.
         solved = None
     if method not in ("monte-carlo", SOLVER) or not simulated or not simulated.settled:
         return []
