@@ -175,7 +175,16 @@ def identify(
             base, scene.run.seed, lambda share: follow(_later(share), "posterior")
         )
     where = visited(base)
-    unseen = kept_aside(base, aside, where, left, scene.run.seed) if where else []
+    unseen = []
+    if where:
+        unseen = kept_aside(
+            base,
+            aside,
+            where,
+            left,
+            scene.run.seed,
+            lambda share: follow(_later(share), "records kept aside"),
+        )
     white = whiteness(base.stretches[0], 0, typical_period(base.shooting.responses))
     return Identification(
         scene=base.scene,

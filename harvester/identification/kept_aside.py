@@ -10,8 +10,9 @@ tilt of its base, is found in its windows for each of the likely values.
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from itertools import pairwise
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -24,6 +25,7 @@ from harvester.identification.own_values import own_values
 from harvester.identification.proof import blocks_of, predicted, sensor_noise
 from harvester.identification.reconstruction import frequencies
 from harvester.identification.response import FINE_STEPS, Responses, experiment
+from harvester.identification.search import HOPELESS
 from harvester.identification.sensors import OUTPUT_UNITS
 from harvester.identification.shooting import Fit, Shooting
 from harvester.identification.visited import band
@@ -84,7 +86,7 @@ class Kept:
         Estimates for the first output. They are predicted from one start alone, with the values'
         error and that which runs and residuals of the fitted records show.
     own : dict of str to Estimate
-        Values that were found in this record, with the error that the others bring.
+        Values that were found in this record, with its residuals' error and that of the others.
     """
 
     name: str
@@ -125,7 +127,8 @@ class Kept:
                 (self.predicted_orbit, self.predicted_rms, self.predicted_power),
             )
         )
-        values = ", ".join(f"{key} = {_text(each, '')}" for key, each in self.own.items())
+        found = self.own.items() if self.follows else ()
+        values = ", ".join(f"{key} = {_text(each, '')}" for key, each in found)
         return (
             f"{self.name}, kept aside: {said}, {outcome}; measured {measured}; predicted "
             f"{expected} (that orbit by {self.agreement:.0%} of the likely values)"
@@ -139,6 +142,7 @@ def kept_aside(
     visited: Visited,
     misfits: Sequence[Misfit],
     seed: int,
+    report: Callable[[float], None] = lambda share: None,
 ) -> list[Kept]:
     """A fit's predictions of records that were not fitted.
 
@@ -152,6 +156,8 @@ def kept_aside(
         Misfits of the fitted records.
     seed : int
         Seed of the values that are drawn.
+    report : callable, optional
+        Called with the share of the records that are done.
     """
     if not measurements:
         return []
@@ -159,7 +165,11 @@ def kept_aside(
     values = _likely(fitted, seed, model_error)
     worst = max((each.systematic for each in misfits if not each.is_noise), default=0.0)
     most = max(FOLLOWS * worst, FOLLOWS_SHARE)
-    return [_of_record(fitted, each, visited, values, model_error, most) for each in measurements]
+    found = []
+    for number, each in enumerate(measurements):
+        report(number / len(measurements))
+        found.append(_of_record(fitted, each, visited, values, model_error, most))
+    return found
 
 
 def _likely(fitted, seed, model_error):
@@ -239,10 +249,8 @@ def _model_error(fitted, misfits):
 def _of_record(fitted, measurement, visited, values, model_error, most):
     """Compare one record kept aside with its prediction; `most` may be left of it in windows."""
     shooting, noise = _shooting(fitted, measurement)
-    whole = [(0, measurement.acceleration.size)]
-    values, own, reach = _with_own(fitted, measurement, visited, values, noise)
-    begun = Fit(values[0], [], [], [noise])
-    (stretch,), settled = predicted(shooting, begun, whole, reach)
+    values, own, errors, reach = _with_own(fitted, measurement, visited, values, noise)
+    stretch, settled = _settled(shooting, values[0], noise, reach)
     responses, edges, starts = shooting.responses, settled.edges[0], settled.starts[0]
     system, _ = responses.known_device(0, values[0])
     saddles = np.array(timescales.saddles(system))
@@ -265,7 +273,8 @@ def _of_record(fitted, measurement, visited, values, model_error, most):
         why = "likely values lead to different orbits"
     left = math.sqrt(max(stretch.nrmse() ** 2 - sensor_noise(stretch) ** 2, 0.0))
     if left > most:
-        why = f"{left:.0%} of it is left even in windows: another tilt, load or sensor"
+        cause = "with the value found in it" if measurement.own else "another tilt, load or sensor"
+        why = f"{left:.0%} of it is left even in windows: {cause}"
     return Kept(
         name=measurement.name,
         claimed=not why,
@@ -291,7 +300,9 @@ def _of_record(fitted, measurement, visited, values, model_error, most):
             model_error,
         ),
         own={
-            key: _with_error(Estimate(own[0][n], 0.0, 1.0, "1"), [each[n] for each in own], 0.0)
+            key: _with_error(
+                Estimate(own[0][n], float(errors[n]), 1.0, "1"), [each[n] for each in own], 0.0
+            )
             for n, key in enumerate(measurement.own)
         },
     )
@@ -303,16 +314,37 @@ def _with_own(fitted, measurement, visited, values, noise):
     # A record may lie in the other well: starts are tried on both sides.
     most = (1.0 + BEYOND) * float(np.abs(ends).max())
     if not measurement.own:
-        return values, [], (-most, most)
+        return values, [], np.array([]), (-most, most)
     low, high = float(ends.min()), float(ends.max())
     there = (low - BEYOND * (high - low), high + BEYOND * (high - low))
-    own, reach = own_values(fitted, measurement, values, (-most, most), there, noise)
+    own, errors, reach = own_values(fitted, measurement, values, (-most, most), there, noise)
     # A key that the fit has too is the record's own here.
     taken = np.flatnonzero([key in measurement.own for key in fitted.keys])
     values = [
         np.append(np.delete(each, taken), more) for each, more in zip(values, own, strict=True)
     ]
-    return values, own, reach
+    return values, own, errors, reach
+
+
+def _settled(shooting, values, noise, reach):
+    """The record followed in windows: those of one well, if they fit about as well as any.
+
+    A sine in one well looks nearly alike in the other, so windows placed anywhere may lie in both.
+    """
+    whole = [(0, shooting.responses.experiments[0].samples)]
+    begun = Fit(values, [], [], [noise])
+
+    def found(ends):
+        (stretch,), settled = predicted(shooting, begun, whole, ends)
+        return stretch, settled, float(np.mean((stretch.residuals / noise) ** 2))
+
+    system, _ = shooting.responses.known_device(0, values)
+    saddles = [each for each in timescales.saddles(system) if reach[0] < each < reach[1]]
+    anywhere = found(reach)
+    wells = [found(ends) for ends in pairwise([reach[0], *sorted(saddles), reach[1]])]
+    best = min(wells, key=lambda each: each[-1]) if saddles else anywhere
+    stretch, settled, _ = best if best[-1] <= HOPELESS * anywhere[-1] else anywhere
+    return stretch, settled
 
 
 def _shooting(fitted, measurement):

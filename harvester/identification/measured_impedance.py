@@ -56,8 +56,10 @@ class MeasuredImpedance(MeasuredResponse):
 
     @property
     def outputs(self) -> dict[str, np.ndarray]:
-        """Outputs that are compared with the model, ln |Z| and phase: errors of both are
-        relative errors of Z."""
+        """Outputs that are compared with the model: logarithm of the magnitude, and phase.
+
+        Errors of both are relative errors of the impedance.
+        """
         return impedance_outputs(self.response)
 
     @property

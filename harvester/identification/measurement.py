@@ -44,7 +44,7 @@ class Measurement:
     ----------
     acceleration : ndarray, shape (n,)
         Acceleration of the base (m/s²); in a scaled scene η itself, the force per mass on the
-        masDuration of the record (s).
+        mass.
     sampling_rate : float
         Hz.
     voltage, displacement, velocity : ndarray of shape (n,), or None
@@ -80,6 +80,8 @@ class Measurement:
     own: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
+        if isinstance(self.own, str):
+            object.__setattr__(self, "own", (self.own,))
         for quantity in ("acceleration", *OUTPUTS):
             values = getattr(self, quantity)
             if values is not None:

@@ -15,6 +15,7 @@ import numpy as np
 
 from harvester.errors import IdentificationError
 from harvester.files.plain_text import named, nearest
+from harvester.identification.intervals import covariance
 from harvester.identification.measured_response import MeasuredResponse
 from harvester.identification.reconstruction import frequencies
 from harvester.identification.response import COARSE_STEPS, Responses, experiment
@@ -53,7 +54,12 @@ def check_kept_aside(
     ------
     IdentificationError
     """
-    known = [key for key in numbers(scene) if not key.startswith("excitation.")]
+    known = [key for key in numbers(scene) if not key.startswith(("excitation.", "load.", "run."))]
+    if aside and all(isinstance(each, MeasuredResponse) for each in fitted):
+        raise IdentificationError(
+            f"--keep-aside {aside[0].name}: a fit to frequency responses alone predicts no record: "
+            "give a record to fit to, too (--record)"
+        )
     for each in fitted:
         for key in getattr(each, "own", ()):
             raise IdentificationError(
@@ -81,7 +87,7 @@ def own_values(
     reach: tuple[float, float],
     visited: tuple[float, float],
     noise: np.ndarray,
-) -> tuple[list[np.ndarray], tuple[float, float]]:
+) -> tuple[list[np.ndarray], np.ndarray, tuple[float, float]]:
     """Values of one record's own keys for each of the likely values of all others, and its motion.
 
     Parameters
@@ -100,6 +106,8 @@ def own_values(
     Returns
     -------
     list of ndarray, shape (own keys,)
+    ndarray, shape (own keys,)
+        Standard errors that the record's own residuals give the first of them.
     (float, float)
         Scaled displacements of the record's motion.
 
@@ -126,7 +134,8 @@ def own_values(
         near = _problem(fitted, measurement, values).minimized(begun, ON_THE_WAY, COARSE)
         found.append(near.values)
     states, _, _ = problem.responses.states(0, fit.values, fit.edges[0], fit.starts[0])
-    return found, reach_of(states[:, 0])
+    errors = np.sqrt(np.maximum(np.diag(covariance(problem, fit)), 0.0))
+    return found, errors, reach_of(states[:, 0])
 
 
 def _problem(fitted, measurement, values):

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 
 from harvester.identification.candidates import SURE, Candidate, proposed, rivals
 from harvester.identification.consistency import Misfit, worst
+from harvester.identification.intervals import HALF_INTERVAL
 from harvester.identification.proof import Whiteness, sensor_noise
 from harvester.show.numbers import share_with_error
 
@@ -140,12 +141,21 @@ def _fault(base, whiteness, misfits, kept, shape):
     if others:
         return (
             f": {others[0].left:.0%} of the record {others[0].name}, kept aside, is left even in "
-            "windows: another tilt, load or sensor; what is unknown of a record alone is freed "
-            "behind its file, such as oscillator.restoring_force[0]=free"
+            f"windows: {_cause(others[0])}"
         )
     if base.adequate or (whiteness.white and base.stretches[0].long):
         return None
     return ""
+
+
+def _cause(kept):
+    """Why a record kept aside may not be followed, in words."""
+    if kept.own:
+        return f"also with {', '.join(kept.own)} found in it, something else is another"
+    return (
+        "another tilt, load or sensor; what is unknown of a record alone is freed behind its file, "
+        "such as oscillator.restoring_force[0]=free"
+    )
 
 
 def _freed(best, base):
@@ -172,9 +182,14 @@ def _claims(kept):
     if not claimed:
         return f"; of the records kept aside ({len(kept)}) it claims none"
     held = sum(each.holds for each in claimed)
+    widths = [
+        HALF_INTERVAL * (each.predicted_rms.standard_error or 0.0) / each.predicted_rms.estimate
+        for each in claimed
+    ]
+    low, high = (f"{100.0 * each:.2g}" for each in (min(widths), max(widths)))
     return (
         f"; it claims {len(claimed)} of {len(kept)} records kept aside, and {held} of those lie "
-        "within their intervals"
+        f"within their intervals, of ± {low if low == high else f'{low} to {high}'} % of the rms"
     )
 
 

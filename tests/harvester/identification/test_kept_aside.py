@@ -2,13 +2,13 @@
 
 import numpy as np
 import pytest
-from measured_records import RATE, linear_device, linear_record
+from measured_records import RATE, linear_device, linear_record, scene_of, states
 
 from harvester.errors import IdentificationError, SceneError
 from harvester.identification.identify import identify
 from harvester.identification.kept_aside import _fitted_runs, _likely, _model_error
 from harvester.identification.measured_response import MeasuredResponse
-from harvester.identification.measurement import read_measurement
+from harvester.identification.measurement import Measurement, read_measurement
 
 DAMPING, ORIGIN = "oscillator.damping", "oscillator.restoring_force[0]"
 
@@ -86,3 +86,38 @@ def test_only_a_record_kept_aside_has_values_of_its_own(tmp_path):
     assert read_measurement(file, {ORIGIN: "0.1"}).own == ()
     with pytest.raises(SceneError, match=r"sensor\.voltage_offset = 'free': must be a number"):
         read_measurement(file, {"sensor.voltage_offset": "free"})
+
+
+def test_a_load_is_given_and_responses_alone_predict_no_record():
+    truth, one = linear_device(0.03), linear_record(0.03, 1, 4.0, samples=400)
+    loaded = linear_record(0.03, 2, 4.0, samples=400, own=("load.resistance",))
+    with pytest.raises(IdentificationError, match=r"load\.resistance = free: no number"):
+        identify(truth, one, keep_aside=loaded)
+    places = np.linspace(5.0, 20.0, 30)
+    response = MeasuredResponse(places, 1.0 / (1.0 + 1j * places), name="sweep.csv")
+    with pytest.raises(IdentificationError, match="responses alone predicts no record"):
+        identify(truth, response, keep_aside=one)
+
+
+@pytest.mark.exhaustive
+def test_a_record_in_the_other_well_is_predicted_there():
+    """A cubic device; sines within one well, solved by scipy."""
+    force = [0.0, -33.94, 0.0, 33.94 / 0.0165**2]
+    piezo = {"piezo": {"coupling": 2.6e-6, "capacitance": 1.4e-7}}
+    truth = scene_of(0.02, 0.025, force, piezo, 1e6)
+    rate, samples = 64.0, 2000
+    times = np.arange(samples) / rate
+
+    def sine(frequency, amplitude, side):
+        base = amplitude * np.sin(2.0 * np.pi * frequency * times)
+        voltage = states(truth, base, rate, (side * 0.0165, 0.0, 0.0))[2]
+        noise = 0.004 * np.std(voltage) * np.random.default_rng(1).standard_normal(samples)
+        return Measurement(base, rate, voltage=voltage + noise, name=f"{frequency}_{side}.csv")
+
+    fitted = [sine(9.1, 1.7, -1.0), sine(6.3, 1.4, -1.0)]
+    found = identify(truth, fitted, keep_aside=sine(9.1, 1.2, 1.0), compare=False)
+    [kept] = found.kept_aside
+    assert kept.measured_orbit == kept.predicted_orbit == "in the well on the right"
+    assert kept.follows
+    assert kept.holds
+    assert kept.name not in found.verdict.sentence
