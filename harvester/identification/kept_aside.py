@@ -249,7 +249,7 @@ def _model_error(fitted, misfits):
 def _of_record(fitted, measurement, visited, values, model_error, most):
     """Compare one record kept aside with its prediction; `most` may be left of it in windows."""
     shooting, noise = _shooting(fitted, measurement)
-    values, own, errors, reach = _with_own(fitted, measurement, visited, values, noise)
+    values, own, errors, reach = _with_own(fitted, measurement, visited, values, noise, most)
     stretch, settled = _settled(shooting, values[0], noise, reach)
     responses, edges, starts = shooting.responses, settled.edges[0], settled.starts[0]
     system, _ = responses.known_device(0, values[0])
@@ -308,16 +308,18 @@ def _of_record(fitted, measurement, visited, values, model_error, most):
     )
 
 
-def _with_own(fitted, measurement, visited, values, noise):
+def _with_own(fitted, measurement, visited, values, noise, most):
     """Likely values with those of the record's own, the latter alone, and where the mass may be."""
     ends = np.array(visited.displacement) / fitted.shooting.responses.length
     # A record may lie in the other well: starts are tried on both sides.
-    most = (1.0 + BEYOND) * float(np.abs(ends).max())
+    farthest = (1.0 + BEYOND) * float(np.abs(ends).max())
     if not measurement.own:
-        return values, [], np.array([]), (-most, most)
+        return values, [], np.array([]), (-farthest, farthest)
     low, high = float(ends.min()), float(ends.max())
     there = (low - BEYOND * (high - low), high + BEYOND * (high - low))
-    own, errors, reach = own_values(fitted, measurement, values, (-most, most), there, noise)
+    own, errors, reach = own_values(
+        fitted, measurement, values, (-farthest, farthest), there, noise, most
+    )
     # A key that the fit has too is the record's own here.
     taken = np.flatnonzero([key in measurement.own for key in fitted.keys])
     values = [

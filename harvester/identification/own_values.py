@@ -7,6 +7,7 @@ several values, since a constant force has one well or the other in its favour.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import replace
 from typing import TYPE_CHECKING
@@ -87,6 +88,7 @@ def own_values(
     reach: tuple[float, float],
     visited: tuple[float, float],
     noise: np.ndarray,
+    enough: float,
 ) -> tuple[list[np.ndarray], np.ndarray, tuple[float, float]]:
     """Values of one record's own keys for each of the likely values of all others, and its motion.
 
@@ -102,6 +104,9 @@ def own_values(
         records were: of mirrored motions that fit about as well, the one there is taken.
     noise : ndarray, shape (outputs,)
         By which residuals are divided.
+    enough : float
+        A motion within what was visited that leaves no more of the first output, as a share of its
+        standard deviation, is taken without a look elsewhere.
 
     Returns
     -------
@@ -118,11 +123,12 @@ def own_values(
     """
     problem = _problem(fitted, measurement, likely[0])
     fit = _best(problem, visited, noise)
-    other = _best(problem, reach, noise)
-    if other is not None and (
-        fit is None or _cost(problem, fit, noise) > HOPELESS * _cost(problem, other, noise)
-    ):
-        fit = other
+    if fit is None or _left(problem, fit) > enough:
+        other = _best(problem, reach, noise)
+        if other is not None and (
+            fit is None or _cost(problem, fit, noise) > HOPELESS * _cost(problem, other, noise)
+        ):
+            fit = other
     if fit is None:
         raise IdentificationError(
             f"{measurement.name}: no value of {', '.join(measurement.own)} follows the record: "
@@ -183,3 +189,13 @@ def _cost(shooting, fit, noise):
     # A fit that was followed is weighted by its own residuals.
     same = Fit(fit.values, fit.edges, fit.starts, [noise])
     return shooting.cost(same) + sum(each.size for each in fit.starts)
+
+
+def _left(shooting, fit):
+    """What a fit leaves of the first output, as a share of its standard deviation."""
+    ones = np.ones_like(fit.noise[0])
+    residuals, _ = shooting.residuals(0, fit.values, fit.edges[0], fit.starts[0], ones)
+    if residuals is None:
+        return math.inf
+    seen = shooting.seen(0, fit.edges[0])[:, 0]
+    return float(np.sqrt(np.mean(residuals[:, 0] ** 2)) / np.std(seen))
