@@ -11,10 +11,10 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from harvester.errors import HarvesterError, SceneError
-from harvester.identification.fitted_model import NOTED, Fitted
+from harvester.identification.fitted_model import MISSED_SHARE, MOST_NOISE, NOTED, Fitted
 from harvester.identification.fitting import fitted
 from harvester.identification.measured_response import MeasuredResponse
-from harvester.identification.proof import blocks_of
+from harvester.identification.proof import blocks_of, sensor_noise
 from harvester.identification.sensor_candidates import promising, turned
 
 if TYPE_CHECKING:
@@ -121,13 +121,26 @@ def _of_sensors(base, measurements, sizes, start):
         with contextlib.suppress(HarvesterError):
             other = fitted(base.scene, measurements, [*base.keys, *trial.keys], sizes, warm=base)
             found.append(Candidate(trial.name, other, *_compared(base, other)))
-    if any(each.is_better and each.fitted.adequate for each in found):
+    if any(each.is_better and _explains_all(each.fitted) for each in found):
         return found
     for trial in turned(measurements):
         with contextlib.suppress(HarvesterError):
             other = fitted(start, trial.measurements, base.keys, sizes)
             found.append(Candidate(trial.name, other, *_compared(base, other)))
     return found
+
+
+def _explains_all(fitted):
+    """Whether little is left of every output beyond its noise.
+
+    A velocity of the room that is taken for a relative one leaves half of itself, while the voltage
+    may fit.
+    """
+    return all(
+        stretch.nrmse(n) ** 2 - min(sensor_noise(stretch, n), MOST_NOISE) ** 2 <= MISSED_SHARE**2
+        for stretch in fitted.stretches
+        for n in range(len(stretch.outputs))
+    )
 
 
 def _compared(base, other):
