@@ -32,7 +32,7 @@ from harvester.identification.search import (
     opened,
     searched,
 )
-from harvester.identification.shooting import Fit, Shooting
+from harvester.identification.shooting import Fit
 from harvester.identification.steady_fit import fitted_responses
 from harvester.identification.unknowns import unknowns
 from harvester.prepared.prepared import prepared
@@ -185,9 +185,7 @@ def _warmed(coarse, fine, free, warm):
     leaves only noise, else in short windows."""
     known = dict(zip(warm.keys, warm.values, strict=True))
     free = [each.begun(known.get(each.key, each.start)) for each in free]
-    shooting = Shooting(fine, free, [])
-    shooting.state_sizes = warm.shooting.state_sizes
-    shooting.states_there = warm.shooting.states_there
+    shooting = warm.shooting.beside(fine, free)
     values = np.array([each.start for each in free])
     rival, fit = warm.fit.cost, warm.fit
     if warm.leaves_noise:

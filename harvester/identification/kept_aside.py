@@ -27,7 +27,7 @@ from harvester.identification.reconstruction import frequencies
 from harvester.identification.response import FINE_STEPS, Responses, experiment
 from harvester.identification.search import HOPELESS
 from harvester.identification.sensors import OUTPUT_UNITS
-from harvester.identification.shooting import Fit, Shooting
+from harvester.identification.shooting import Fit
 from harvester.identification.visited import band
 from harvester.show.numbers import with_error
 
@@ -342,9 +342,10 @@ def _settled(shooting, values, noise, reach):
 
     system, _ = shooting.responses.known_device(0, values)
     saddles = [each for each in timescales.saddles(system) if reach[0] < each < reach[1]]
-    anywhere = found(reach)
-    wells = [found(ends) for ends in pairwise([reach[0], *sorted(saddles), reach[1]])]
-    best = min(wells, key=lambda each: each[-1]) if saddles else anywhere
+    best = anywhere = found(reach)
+    if saddles:
+        wells = [found(ends) for ends in pairwise([reach[0], *sorted(saddles), reach[1]])]
+        best = min(wells, key=lambda each: each[-1])
     stretch, settled, _ = best if best[-1] <= HOPELESS * anywhere[-1] else anywhere
     return stretch, settled
 
@@ -355,9 +356,7 @@ def _shooting(fitted, measurement):
     made = experiment(fitted.scene, measurement, frequencies(measurement)[1], FINE_STEPS)
     keys = [*(key for key in own.keys if key not in measurement.own), *measurement.own]
     responses = Responses([made], keys, own.interpolation, own.length)
-    shooting = Shooting(responses, [], [])
-    shooting.state_sizes = fitted.shooting.state_sizes[:1]
-    shooting.states_there = fitted.shooting.states_there[:1]
+    shooting = fitted.shooting.beside(responses, [], records=1)
     known = {
         name: level
         for each, levels in zip(own.experiments, fitted.fit.noise, strict=True)

@@ -27,7 +27,7 @@ from harvester.identification.search import (
     followed,
     short_windows,
 )
-from harvester.identification.shooting import Fit, Shooting
+from harvester.identification.shooting import Fit
 from harvester.identification.sizes import fitted_sizes
 from harvester.identification.unknowns import unknowns, with_values
 from harvester.identification.window_states import placed, reach_of
@@ -159,10 +159,7 @@ def _problem(fitted, measurement, values):
     responses = Responses([made], list(seen.own), own.interpolation, own.length)
     known = [each.measurement for each in own.experiments]
     free = unknowns(made.scene, seen.own, fitted_sizes(fitted, known))
-    shooting = Shooting(responses, free, [])
-    shooting.state_sizes = fitted.shooting.state_sizes[:1]
-    shooting.states_there = fitted.shooting.states_there[:1]
-    return shooting
+    return fitted.shooting.beside(responses, free, records=1)
 
 
 def _best(shooting, reach, noise):

@@ -16,7 +16,6 @@ import numpy as np
 
 from harvester.identification.proof import blocks_of
 from harvester.identification.sensors import HIGHPASSES
-from harvester.identification.shooting import Shooting
 from harvester.identification.unknowns import unknowns
 
 if TYPE_CHECKING:
@@ -75,9 +74,7 @@ def promising(
     known = dict(zip(base.keys, base.values, strict=True))
     free = [each.begun(known[each.key]) for each in unknowns(base.scene, base.keys, sizes)]
     responses = base.shooting.responses.with_keys([*base.keys, *keys])
-    shooting = Shooting(responses, [*free, *added], [])
-    shooting.state_sizes = base.shooting.state_sizes
-    shooting.states_there = base.shooting.states_there
+    shooting = base.shooting.beside(responses, [*free, *added])
     values = np.array([*base.values, *(each.start for each in added)])
     fit = replace(base.fit, values=values)
     if not shooting.linearized(fit):

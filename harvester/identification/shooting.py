@@ -96,8 +96,23 @@ class Shooting:
 
     def frozen(self) -> Shooting:
         """The problem with the windows' starts as its only unknowns."""
-        other = Shooting(self.responses, [], [])
-        other.state_sizes, other.states_there = self.state_sizes, self.states_there
+        return self.beside(self.responses, [])
+
+    def beside(
+        self, responses: Responses, unknowns: Sequence[Unknown], records: int | None = None
+    ) -> Shooting:
+        """Another problem, whose states have the sizes of this one's.
+
+        Parameters
+        ----------
+        responses : Responses
+        unknowns : sequence of Unknown
+        records : int, optional
+            Number of experiments whose sizes are taken, from the first; all by default.
+        """
+        other = Shooting(responses, unknowns, [])
+        other.state_sizes = self.state_sizes[:records]
+        other.states_there = self.states_there[:records]
         return other
 
     def residuals(

@@ -16,7 +16,6 @@ from harvester.identification import intervals
 from harvester.identification.candidates import SURE, richer
 from harvester.identification.fitted_model import NOTED, Fitted
 from harvester.identification.intervals import HALF_INTERVAL
-from harvester.identification.shooting import Shooting
 from harvester.identification.unknowns import unknowns
 
 # Once the next power is free too, a spring's value counts as uncertain if half of its 95 % interval
@@ -124,7 +123,4 @@ def _with_power(base, scene, keys, sizes):
     free += [replace(each, size=sizes[each.key]) for each in unknowns(scene, added, sizes)]
     responses = own.with_keys(keys)
     responses.experiments = experiments
-    shooting = Shooting(responses, free, [])
-    shooting.state_sizes = base.shooting.state_sizes
-    shooting.states_there = base.shooting.states_there
-    return shooting
+    return base.shooting.beside(responses, free)

@@ -10,6 +10,8 @@ from harvester.identification.kept_aside import _fitted_runs, _likely, _model_er
 from harvester.identification.measured_response import MeasuredResponse
 from harvester.identification.measurement import Measurement, read_measurement
 
+FREQUENCIES = np.linspace(5.0, 20.0, 30)
+RESPONSE = MeasuredResponse(FREQUENCIES, 1.0 / (1.0 + 1j * FREQUENCIES), name="sweep.csv")
 DAMPING, ORIGIN = "oscillator.damping", "oscillator.restoring_force[0]"
 
 
@@ -75,10 +77,8 @@ def test_only_a_record_kept_aside_has_values_of_its_own(tmp_path):
     wrong = linear_record(0.03, 1, 4.0, samples=400, own=("oscillator.dampin",))
     with pytest.raises(IdentificationError, match=r"did you mean oscillator\.damping"):
         identify(truth, one, keep_aside=wrong)
-    places = np.linspace(5.0, 20.0, 30)
-    response = MeasuredResponse(places, 1.0 / (1.0 + 1j * places), name="sweep.csv")
     with pytest.raises(IdentificationError, match="no record of a motion"):
-        identify(truth, one, keep_aside=response)
+        identify(truth, one, keep_aside=RESPONSE)
     table = np.column_stack([np.arange(400) / RATE, one.acceleration, one.voltage])
     file = tmp_path / "tilted.csv"
     np.savetxt(file, table, delimiter=",", header="time [s],acceleration [m/s^2],voltage [V]")
@@ -93,10 +93,8 @@ def test_a_load_is_given_and_responses_alone_predict_no_record():
     loaded = linear_record(0.03, 2, 4.0, samples=400, own=("load.resistance",))
     with pytest.raises(IdentificationError, match=r"load\.resistance = free: no number"):
         identify(truth, one, keep_aside=loaded)
-    places = np.linspace(5.0, 20.0, 30)
-    response = MeasuredResponse(places, 1.0 / (1.0 + 1j * places), name="sweep.csv")
     with pytest.raises(IdentificationError, match="responses alone predicts no record"):
-        identify(truth, response, keep_aside=one)
+        identify(truth, RESPONSE, keep_aside=one)
 
 
 @pytest.mark.exhaustive
