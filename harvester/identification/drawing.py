@@ -125,6 +125,8 @@ def _draw_densities(axes, stretch, label):
         share, _ = np.histogram(values[:, 0], bins, density=True)
         axes.stairs(share, bins, color=colour, lw=width)
     axes.set(xlabel=label, ylabel="probability density")
+    # Volts have long labels: more than seven would touch.
+    axes.locator_params(axis="x", nbins=6)
 
 
 def _draw_correlation(axes, found):

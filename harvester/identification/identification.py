@@ -304,8 +304,9 @@ class Identification:
     def figure(self) -> Figure:
         """Measured and predicted: waveforms, spectra, densities, and the residuals' correlation."""
         from harvester.identification.drawing import draw
+        from harvester.show import figures
 
-        return draw(self)
+        return figures.drawn(draw, self)
 
     def scene_text(self, candidate: Candidate | None = None) -> str:
         """The scene as a TOML file with intervals in comments; that of another model on demand."""
