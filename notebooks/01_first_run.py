@@ -15,8 +15,8 @@
 #
 # *For newcomers: one scene by every method, in Python.*
 #
-# A scene says what is simulated. Here it is the source paper's bistable harvester with two
-# stoppers, shaken by coloured noise. The same scene goes through a circuit (ngspice), a Monte
+# A scene says what is simulated. Here it is the bistable harvester of Li, Liu and Li (2023) with
+# two stoppers, shaken by coloured noise. The same scene goes through a circuit (ngspice), a Monte
 # Carlo reference on the same noise, and stochastic averaging.
 
 # %%

@@ -11,9 +11,9 @@
 # ---
 
 # %% [markdown]
-# # The source paper: do its figures come out again, and do its statements hold?
+# # The paper of Li, Liu and Li (2023): do its figures come out again, and do its statements hold?
 #
-# *For whoever compares this program with the source paper.*
+# *For whoever compares this program with that paper.*
 #
 # The paper derives its curves by stochastic averaging and compares them with its own Monte Carlo.
 # Here the same equations go through the closures, Monte Carlo and the circuit. Everything is data:

@@ -142,8 +142,8 @@ def _check(s):
     for reason, holds in refusals.items():
         if holds:
             raise AveragingError(
-                f"{reason}: averaging over orbits holds for the source paper's symmetric device "
-                "only; use the closure fokker_planck, or simulate"
+                f"{reason}: averaging over orbits holds for the symmetric device of Li, Liu "
+                "and Li (2023) only; use the closure fokker_planck, or simulate"
             )
     linear, cubic = stiffnesses(s)
     if linear <= 0.0 and cubic <= 0.0 and not any(law.stiffness > 0.0 for law in laws):

@@ -52,7 +52,9 @@ class Used(NamedTuple):
 SOURCES = (
     Source(
         "the model, its scaling and the closures' equations",
-        "Stochastic analysis of vibro-impact bistable energy harvester system under colored noise",
+        "M. Li, D. Liu and J. Li, Stochastic analysis of vibro-impact bistable energy harvester "
+        "system under colored noise, Nonlinear Dyn. 111, 17007-17020 (2023), "
+        "doi:10.1007/s11071-023-08773-4",
         lambda used: True,
     ),
     Source(
