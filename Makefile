@@ -2,14 +2,17 @@
 # and takes eight minutes, `make test-fast` the quickest of them and two, `make test-all` all there are.
 # `make fast` tests the compiled device, or says why it is off. `make faults` tells whether tests see
 # faults that are put into copies.
-# `make docs` writes the site to build/docs. Each sets up first what is missing; see .ci/setup for how, and for its options.
+# `make docs` writes the site to build/docs. Each sets up first what is missing: `make run` what
+# running needs, the others the tests' tools too. See .ci/setup for its options.
 
 BIN := .venv/bin
-STAMP := .venv/.complete
+# What running needs, and what everything else needs.
+RUNS := .venv/.complete
+STAMP := .venv/.complete-test
 
 .PHONY: run test test-fast test-all faults compare fast lint types docs setup clean
 
-run: $(STAMP)
+run: $(RUNS)
 	$(BIN)/harvester validate paper --output results
 
 # Tests run side by side, one process a core; whoever has none left takes from the other.
@@ -51,8 +54,11 @@ docs: $(STAMP)
 
 setup: $(STAMP)
 
-$(STAMP): pyproject.toml .ci/setup
+$(RUNS): pyproject.toml .ci/setup
 	@sh .ci/setup
+
+$(STAMP): pyproject.toml .ci/setup
+	@sh .ci/setup test
 
 # Results stay: they may have taken hours.
 clean:
