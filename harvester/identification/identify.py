@@ -63,8 +63,8 @@ def identify(
         `harvester.read_measurement`; several may be given.
     impedance : MeasuredImpedance, file or (file, settings), optional
         Impedance of the piezo, its base clamped, from an impedance analyser: CSV of magnitude and
-        phase or of resistance and reactance, or .s1p (needs scikit-rf: pip install
-        'harvester[analyser]'), with the settings frequency=COLUMN:UNIT, impedance=COLUMN:UNIT,
+        phase or of resistance and reactance, or .s1p (needs scikit-rf: the extra
+        `analyser`), with the settings frequency=COLUMN:UNIT, impedance=COLUMN:UNIT,
         phase=COLUMN:UNIT, …; alone it tells stiffness, damping, coupling and capacitance for the
         scene's mass, beside records the mass too.
     free : sequence of str
@@ -81,8 +81,8 @@ def identify(
         linear, drag, stoppers; sensors and richer springs, where more than the sensors' noise is
         left); --alone fits the scene's only.
     posterior : bool
-        Sample the posterior of the values too, by the scene's seed (needs emcee: pip install
-        'harvester[posterior]').
+        Sample the posterior of the values too, by the scene's seed (needs emcee: the extra
+        `posterior`).
 
     Other Parameters
     ----------------

@@ -10,6 +10,7 @@ from collections.abc import Callable, Iterator
 from concurrent.futures import Executor
 
 from harvester.errors import HarvesterError
+from harvester.files.libraries import optional_library
 from harvester.running.folder import held
 from harvester.running.runner import Runner
 from harvester.signatures import Processes, RunnerOptions, Seconds, check_options
@@ -86,11 +87,8 @@ def _pool(workers, executor, scheduler):
 
 def _dask(address):
     """A client of a Dask scheduler."""
+    distributed = optional_library("distributed", "--scheduler", "cluster")
     try:
-        from distributed import Client
-    except ImportError:
-        raise HarvesterError("--scheduler needs Dask: pip install 'harvester[cluster]'") from None
-    try:
-        return Client(address, timeout="10s")
+        return distributed.Client(address, timeout="10s")
     except (OSError, ValueError) as error:
         raise HarvesterError(f"--scheduler {address}: {error}") from None

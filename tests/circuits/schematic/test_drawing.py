@@ -95,4 +95,4 @@ def test_without_schemdraw_it_says_what_to_install():
     )
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True)
     assert done.returncode == 2
-    assert "pip install 'harvester[schematic]'" in done.stderr
+    assert "pip install 'vibration-harvester[schematic]'" in done.stderr

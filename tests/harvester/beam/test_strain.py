@@ -206,7 +206,7 @@ def test_peaks_have_the_errors_of_their_realizations():
 def test_refusals(monkeypatch):
     scene = Scene.load("bimorph")
     monkeypatch.setitem(sys.modules, "rainflow", None)
-    with pytest.raises(MissingLibrary, match=r"pip install 'harvester\[fatigue\]'"):
+    with pytest.raises(MissingLibrary, match=r"pip install 'vibration-harvester\[fatigue\]'"):
         _watched(scene.replace({**LINE, "run.settle": 0.0}), HISTORY)
     with pytest.raises(SceneError, match=r"give beam.fatigue_cycles, "):
         scene.replace({"beam.fatigue_strain": 1e-4})

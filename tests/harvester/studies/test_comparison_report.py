@@ -74,7 +74,7 @@ def test_without_schemdraw_the_page_says_so(comparison, monkeypatch):
     monkeypatch.setitem(sys.modules, "schemdraw", None)
     page = Page(report(comparison))
     assert len(page.references) == 3
-    assert "pip install 'harvester[schematic]'" in "".join(page.words)
+    assert "pip install 'vibration-harvester[schematic]'" in "".join(page.words)
 
 
 def test_a_place_that_cannot_be_written_is_refused_before_the_run(capsys):

@@ -104,7 +104,9 @@ def test_a_row_without_its_program_is_skipped_in_one_line(monkeypatch):
     assert row.verdict == NOT_HERE
     told = Verification([row], 0.0, "2026-01-01")
     assert told.failed == []
-    assert told.sentences()[1].endswith("VACASK is not here: pip install 'harvester[fast]'")
+    assert told.sentences()[1].endswith(
+        "VACASK is not installed: pip install 'vibration-harvester[fast]'"
+    )
 
 
 def test_a_value_hardly_known_agrees_with_anything_and_does_not_hold():
