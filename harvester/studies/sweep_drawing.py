@@ -62,8 +62,9 @@ def _panel(sweep, name, along, other):
     ]
     found = [each.estimates[name] for each in rows.ravel() if name in each.estimates]
     unit = unit_of(sweep.scene, found[0].dimension) if found else ""
-    factor, unit = 100.0, "%"
-    if not is_share(name):
+    if is_share(name):
+        factor, unit = 100.0, "%"
+    else:
         factor, unit = prefixed(max((abs(each.estimate) for each in found), default=0.0), unit)
     series = [_series(sweep, name, x, rows[:, k], k, factor) for k in range(len(sweep.methods))]
     label = f"{name.replace('_', ' ')} [{unit or '1'}]"
