@@ -147,8 +147,14 @@ def _opened(outer, card, rest):
     if names[0] in outer.inner:
         refuse(card, f".subckt {names[0][:40]} is there twice")
     check_nodes(card, names[1:])
-    if len({*names[1:]}) < len(names[1:]) or {"0", "gnd"} & {*names[1:]}:
-        refuse(card, f"the pins {listed(names[1:])} must differ, and none is 0")
+    if ground := {"0", "gnd"} & {*names[1:]}:
+        refuse(
+            card,
+            f"the pin {ground.pop()} is SPICE's ground, the same node in every circuit: rename it "
+            "here and in the body, for instance to n",
+        )
+    if len({*names[1:]}) < len(names[1:]):
+        refuse(card, f"the pins {listed(names[1:])} must differ")
     parameters = vetting.vet_parameters(card, " ".join(word for word in words if "=" in word))
     inner = Subcircuit(card, names[0], tuple(names[1:]), parameters, outer=outer)
     outer.inner[names[0]] = inner

@@ -12,7 +12,7 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from harvester.device.keys import SI, Key, not_negative, positive
+from harvester.device.keys import SI, Key, names_replace, not_negative, positive
 from harvester.errors import SceneError
 
 VACUUM_PERMEABILITY = 1.25663706212e-6
@@ -20,6 +20,7 @@ VACUUM_PERMEABILITY = 1.25663706212e-6
 POINTS = 513
 
 
+@names_replace
 @dataclass(frozen=True)
 class Magnets:
     """Dipoles along the beam: one at its tip, one or two on the frame ahead of it, in SI.

@@ -13,7 +13,7 @@ from typing import Any, ClassVar, NamedTuple
 
 from harvester.beam.materials import ACTIVE, PASSIVE, VACUUM_PERMITTIVITY, clamped
 from harvester.beam.modes import Piece, Tip, clamp_compliance, modes, rest
-from harvester.device.keys import SI, Key, not_negative, positive
+from harvester.device.keys import SI, Key, names_replace, not_negative, positive
 from harvester.errors import SceneError
 
 # Thickness over length that is refused, and that gets a note: shear is no longer small. A fifth
@@ -34,6 +34,7 @@ def _length(**more: Any) -> Key:
     return positive(units=(SI,), **more)
 
 
+@names_replace
 @dataclass(frozen=True)
 class Beam:
     """A cantilever of a substrate with one or two piezoelectric layers and a tip mass, in SI.

@@ -10,7 +10,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import ClassVar, NamedTuple
 
-from harvester.device.keys import SI, not_negative, positive
+from harvester.device.keys import SI, names_replace, not_negative, positive
 from harvester.device.linear_transducer import LinearTransducer, Rates, Unshaken
 from harvester.device.terminals import (
     GROUND,
@@ -135,6 +135,7 @@ def coil(
     return Coil(constant**2 / (mass * inductance), load, resistance / inductance)
 
 
+@names_replace
 @dataclass(frozen=True)
 class CoilTable(TransducerTable):
     """An electromagnetic transducer, SI: N/A, Ω, H."""

@@ -4,18 +4,33 @@ from __future__ import annotations
 
 import math
 from collections.abc import Collection
-from dataclasses import dataclass
-from typing import Any
+from dataclasses import FrozenInstanceError, dataclass
+from typing import Any, TypeVar
 
 from harvester.errors import SceneError
 from harvester.files.numbers import NotANumber, number
 from harvester.files.plain_text import nearest, shown
+
+Table = TypeVar("Table")
 
 SCALED, SI = "scaled", "SI"
 BOTH = (SCALED, SI)
 NAMED_VALUES = "named values"
 # Products of a few numbers beyond these limits overflow or vanish.
 SMALLEST, LARGEST = 1e-30, 1e30
+
+
+def names_replace(table: type[Table]) -> type[Table]:
+    """Let the refusal of an assignment to a frozen table name `Scene.replace`."""
+
+    def refuse(self: object, name: str, value: object) -> None:
+        raise FrozenInstanceError(
+            f"cannot assign to {name}: a scene is frozen; its copy with another value is "
+            f'scene.replace({{"TABLE.{name}": {value!r}}})'
+        )
+
+    table.__setattr__ = refuse  # type: ignore[method-assign]
+    return table
 
 
 @dataclass(frozen=True)

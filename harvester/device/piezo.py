@@ -10,7 +10,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Any, ClassVar, NamedTuple
 
-from harvester.device.keys import SCALED, SI, Key, not_negative, positive
+from harvester.device.keys import SCALED, SI, Key, names_replace, not_negative, positive
 from harvester.device.linear_transducer import LinearTransducer, Rates
 from harvester.device.terminals import GROUND, Element, Network, Setting, TransducerTable
 from harvester.device.values import Values
@@ -92,6 +92,7 @@ def piezo(
     return ShakenPiezo(*rates, float(base_share)) if base_share else Piezo(*rates)
 
 
+@names_replace
 @dataclass(frozen=True)
 class PiezoTable(TransducerTable):
     """A piezoelectric transducer.

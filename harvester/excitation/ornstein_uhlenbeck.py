@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, ClassVar
 
 import numpy as np
 
-from harvester.device.keys import positive
+from harvester.device.keys import names_replace, positive
 from harvester.errors import SceneError
 from harvester.excitation.base import Excitation, ExcitationPath
 from harvester.excitation.normals import NormalSequence
@@ -23,6 +23,7 @@ if TYPE_CHECKING:
 KNOTS_PER_CORRELATION_TIME = 8
 
 
+@names_replace
 @dataclass(frozen=True)
 class OrnsteinUhlenbeck(Excitation):
     """Ornstein–Uhlenbeck base acceleration, Eq. 6.

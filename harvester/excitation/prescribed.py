@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any, ClassVar
 
 import numpy as np
 
-from harvester.device.keys import positive
+from harvester.device.keys import names_replace, positive
 from harvester.excitation.base import Excitation, ExcitationPath
 from harvester.excitation.sine import WITHOUT_CHANCE
 
@@ -19,6 +19,7 @@ if TYPE_CHECKING:
 KNOTS_PER_CYCLE = 200
 
 
+@names_replace
 @dataclass(frozen=True)
 class PrescribedDisplacement(Excitation):
     """X = amplitude · sin(2π frequency t), whatever the load does; `amplitude` in m in SI.

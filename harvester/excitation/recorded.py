@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple
 
 import numpy as np
 
-from harvester.device.keys import Key, not_negative, positive
+from harvester.device.keys import Key, names_replace, not_negative, positive
 from harvester.errors import SceneError
 from harvester.excitation import conditioning
 from harvester.excitation.base import Excitation, ExcitationPath, kernel_loss
@@ -48,6 +48,7 @@ LINES_AT_ONCE, SHARE_OF_SEVERAL, BINS_PER_LINE, SILENT = 3, 0.99, 100, 1e-6
 SHORTEST_STRETCH, LONGEST_STRETCH = 128, 1024
 
 
+@names_replace
 @dataclass(frozen=True)
 class RecordedMotion(Excitation):
     """Base acceleration from a file (docs/excitations.md lists its kinds), linear between samples.

@@ -4,7 +4,10 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+from harvester.device.keys import names_replace
 
+
+@names_replace
 @dataclass(frozen=True)
 class Run:
     """Length of each realization and what is discarded before it (s); seed; how many.

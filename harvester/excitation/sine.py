@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any, ClassVar
 
 import numpy as np
 
-from harvester.device.keys import Key, not_negative, positive
+from harvester.device.keys import Key, names_replace, not_negative, positive
 from harvester.errors import SceneError
 from harvester.excitation.base import Excitation, ExcitationPath
 
@@ -46,6 +46,7 @@ class Harmonic(Excitation):
         )
 
 
+@names_replace
 @dataclass(frozen=True)
 class Sine(Harmonic):
     """η = amplitude · sin(2π frequency t + phase).
@@ -102,6 +103,7 @@ class Sine(Harmonic):
         return (WITHOUT_CHANCE,)
 
 
+@names_replace
 @dataclass(frozen=True)
 class SteppedSine(Harmonic):
     """One frequency after another without a jump in phase, for frequency responses.

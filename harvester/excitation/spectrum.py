@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, ClassVar
 
 import numpy as np
 
-from harvester.device.keys import Key, positive
+from harvester.device.keys import Key, names_replace, positive
 from harvester.errors import SceneError
 from harvester.excitation.base import Excitation, ExcitationPath
 from harvester.excitation.quantities import ACCELERATION
@@ -40,6 +40,7 @@ NOTED_EXCESS, EXCESS_FREQUENCIES = 0.01, 2001
 PERIODS_PER_BURST = 20.0
 
 
+@names_replace
 @dataclass(frozen=True)
 class Spectrum(Excitation):
     """Stationary vibration of a given one-sided density, straight between breakpoints on log axes.

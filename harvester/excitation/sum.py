@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any, ClassVar
 
 import numpy as np
 
-from harvester.device.keys import Key, positive
+from harvester.device.keys import Key, names_replace, positive
 from harvester.errors import SceneError
 from harvester.excitation.base import Excitation, ExcitationPath
 from harvester.excitation.motion_file import most_samples
@@ -37,6 +37,7 @@ def common_period(periods: Sequence[float]) -> float | None:
     return first * upper / math.gcd(*(ratio.denominator for ratio in ratios))
 
 
+@names_replace
 @dataclass(frozen=True)
 class Sum(Excitation):
     """Several excitations at once, each with random numbers of its own.

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any, ClassVar
 
 import numpy as np
 
-from harvester.device.keys import not_negative, positive
+from harvester.device.keys import names_replace, not_negative, positive
 from harvester.errors import SceneError
 from harvester.excitation.base import ExcitationPath
 from harvester.excitation.sine import FEWEST_KNOTS_PER_PERIOD, KNOTS_PER_PERIOD, Harmonic
@@ -20,6 +20,7 @@ if TYPE_CHECKING:
 LINES = 24
 
 
+@names_replace
 @dataclass(frozen=True)
 class SweptSine(Harmonic):
     """η = amplitude · sin(φ), φ' = 2π f, f from `frequency` to `end_frequency` and back, again.

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, ClassVar
 
 import numpy as np
 
-from harvester.device.keys import positive
+from harvester.device.keys import names_replace, positive
 from harvester.errors import SceneError
 from harvester.excitation.base import Excitation, ExcitationPath, kernel_loss
 from harvester.excitation.normals import NormalSequence
@@ -19,6 +19,7 @@ if TYPE_CHECKING:
     from harvester.excitation.run import Run
 
 
+@names_replace
 @dataclass(frozen=True)
 class White(Excitation):
     """White base acceleration of two-sided density D/π, up to the knots' own band.

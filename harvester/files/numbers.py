@@ -6,7 +6,9 @@ import re
 
 POWERS = {"": 0, "k": 3, "meg": 6, "m": -3, "u": -6, "µ": -6, "μ": -6, "n": -9, "p": -12}
 _LISTED = "k, meg, m, u, n, p"
-_NUMBER = re.compile(r"([+-]?(?:\d+\.?\d*|\.\d+))(?:[eE]([+-]?\d{1,3}))?([a-zA-Zµμ]*)", re.ASCII)
+_NUMBER = re.compile(
+    r"([+-]?(?:\d+\.?\d*|\.\d+))(?:[eE]([+-]?\d{1,3}))?(?: ?([a-zA-Zµμ]*))", re.ASCII
+)
 
 
 class NotANumber(ValueError):
@@ -34,6 +36,14 @@ def number(text: str) -> float:
             f"M is a million to people and a thousandth to SPICE: write {digits}meg or {digits}m"
         )
     power = POWERS.get(suffix if suffix in POWERS else suffix.lower())
+    if suffix == "g":
+        from scipy.constants import g
+
+        value = float(f"{digits}e{exponent or 0}")
+        raise NotANumber(
+            f"write {value * g:g} (m/s²) for {value:g} g of acceleration, "
+            f"{value / 1e3:g} (kg) for {value:g} grams"
+        )
     if power is None:
         raise NotANumber(f"no suffix {suffix}: there are {_LISTED}")
     # Converted as text, so that 200k equals 200e3 to the last digit.

@@ -15,6 +15,7 @@ from typing import Any, Protocol, overload
 from harvester.beam.magnets import Magnets
 from harvester.beam.table import Beam
 from harvester.device import timescales
+from harvester.device.keys import names_replace
 from harvester.device.terminals import TransducerTable
 from harvester.device.transducer import TRANSDUCERS
 from harvester.errors import SceneError
@@ -38,6 +39,7 @@ RARE_KEYS = (
 )  # fmt: skip
 
 
+@names_replace
 @dataclass(frozen=True)
 class Oscillator:
     """Mass, spring and damper.
@@ -91,6 +93,7 @@ class Oscillator:
         return (0.0, self.linear_stiffness, 0.0, self.cubic_stiffness)
 
 
+@names_replace
 @dataclass(frozen=True)
 class Stopper:
     """A Hertz-damp stopper at a distance from x = 0, on one side or on both (Eq. 5).
@@ -107,6 +110,7 @@ class Stopper:
     law: str = "hertz-damp"
 
 
+@names_replace
 @dataclass(frozen=True)
 class Start:
     """The state in which every realization starts, at rest in the wells in turn without it.
@@ -119,6 +123,7 @@ class Start:
     voltage: float = 0.0
 
 
+@names_replace
 @dataclass(frozen=True)
 class Load:
     """The load of the transducer: the built-in resistor, or a netlist.
@@ -203,6 +208,7 @@ class ReaderOrTable:
         vars(scene)["load"] = load
 
 
+@names_replace
 @dataclass(frozen=True)
 class Scene:
     """One device, its load, its excitation and its run: the input of every engine.

@@ -162,7 +162,7 @@ def check_tables(
     known = [*TOP, *every_table]
     for name, value in tables.items():
         if name not in known:
-            raise SceneError(f"{origin}: unknown key {named(name)}{nearest(name, known)}")
+            raise SceneError(f"{origin}: unknown key {named(name)}{_instead(name, known)}")
         if name in SEVERAL and isinstance(value, (list, tuple)):
             _check_several(name, value, origin)
         elif (name in every_table) != isinstance(value, dict):
@@ -317,7 +317,9 @@ def check_table(
     for name, value in values.items():
         if name not in keys:
             fitting = [key for key, spec in keys.items() if units in spec.units]
-            raise SceneError(f"{origin}: unknown key {prefix}{named(name)}{nearest(name, fitting)}")
+            raise SceneError(
+                f"{origin}: unknown key {prefix}{named(name)}{_instead(name, fitting)}"
+            )
         spec = keys[name]
         if units not in spec.units:
             raise SceneError(
@@ -344,6 +346,11 @@ def check_table(
     return checked
 
 
+def _instead(name, known):
+    """The nearest key, or all keys where none is near."""
+    return nearest(name, known) or f"; there are {', '.join(known)}"
+
+
 def _check_load(load, units, origin):
     """Either the built-in resistor with its value, or a netlist."""
     if "netlist" in load:
@@ -356,7 +363,10 @@ def _check_load(load, units, origin):
         return
     for name in NETLIST_KEYS[1:]:
         if name in load:
-            raise SceneError(f"{origin}: load.{name} needs load.netlist")
+            raise SceneError(
+                f"{origin}: load.{name} needs load.netlist (a load study's --load takes "
+                "--sweep load.parameters.NAME=VALUE)"
+            )
     needed = "resistance" if units == SI else "decay_rate"
     if needed not in load:
         allowed = OTHER_KEYS["load"][needed].allowed()

@@ -235,3 +235,11 @@ def test_a_load_is_told_apart_by_its_text_and_values():
     digests.append(read_load(find_netlist("doubler")).sha256)
     assert len({*digests}) == 4
     assert digests[0] == read_load(find_netlist("bridge")).sha256
+
+
+@pytest.mark.parametrize("ground", ["0", "gnd", "GND"])
+def test_a_pin_that_is_spices_ground_is_refused_with_what_to_do(tmp_path, ground):
+    path = tmp_path / "load.lib"
+    path.write_text(f".subckt shunt p {ground}\nR1 p {ground} 1k\n.ends\n")
+    with pytest.raises(NetlistError, match=r"SPICE's ground, .*: rename it here and in the body"):
+        read_load(path)

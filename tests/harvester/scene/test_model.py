@@ -1,4 +1,5 @@
 import math
+from dataclasses import FrozenInstanceError
 
 import pytest
 from truths import flat, well
@@ -51,6 +52,9 @@ def test_the_length_scale_is_the_wells_distance_where_none_is_given():
     [
         ("oscilator.damping=1", ["oscilator", "oscillator"]),
         ("oscillator.dampng=1", ["oscillator.dampng", "damping"]),
+        ("oscillator.Q=20", ["oscillator.Q; there are damping, quadratic_damping"]),
+        ("excitation.intensity=0.5g", ["4.90332 (m/s²) for 0.5 g of acceleration"]),
+        ("excitation.intensity=-20 g", ["-196.133 (m/s²)", "-0.02 (kg)"]),
         ("oscillator.damping=-1", ["oscillator.damping", "≥ 0"]),
         ("oscillator.damping=true", ["oscillator.damping", "number"]),
         ("oscillator.damping=soft", ["oscillator.damping", "'soft'"]),
@@ -89,6 +93,13 @@ def test_motions_without_bound_or_stationary_state_are_refused():
         Scene.load("duffing", ["oscillator.cubic_stiffness=0"])
     with pytest.raises(SceneError, match="stationary"):
         Scene.load("linear", ["oscillator.damping=0", "piezo.coupling=0"])
+
+
+def test_the_refusal_of_an_assignment_names_replace():
+    scene = Scene.load("paper", ["stoppers.side=left"])
+    for table in (scene.oscillator, scene.excitation, scene.stoppers[0], scene.run, scene):
+        with pytest.raises(FrozenInstanceError, match=r'scene\.replace\(\{"TABLE\.mass": 3'):
+            table.mass = 3
 
 
 def test_unknown_scene_and_broken_file_are_refused(tmp_path):
