@@ -26,6 +26,16 @@ HEAD = """\
 # docs/scenes.md lists every key with its unit. Quickest look: `harvester average` and this file.
 
 """
+OWN_HEAD = """\
+# A scene of your own: your answers, and elsewhere the values of the built-in scene `{scene}`.
+# An unknown key or a value that no device has is refused in one line. docs/scenes.md lists every
+# key with its unit. Quickest look: `harvester average` and this file.
+
+"""
+# A value with its comment: the unit after one space, and a remark after more.
+COMMENTED = re.compile(
+    r"^(?P<value>[^#\n]*?\S) *#(?: (?P<unit>[^\s,]+)(?=$|,|  ))?[^\n]*$", re.MULTILINE
+)
 
 
 class Question(NamedTuple):
@@ -158,7 +168,7 @@ def _changed(text, name):
     """The text with the values that were given for those asked for."""
     from harvester.scene.model import Scene
 
-    scene = Scene.load(name)
+    scene, answered = Scene.load(name), False
     for question in QUESTIONS:
         keys = _fitting(question.keys, scene)
         lines = filter(None, (_line_of(text, key) for key in keys))
@@ -167,11 +177,21 @@ def _changed(text, name):
             continue
         key, value, scene = _accepted(scene, question, keys, line)
         if key is not None:
-            comment = re.sub(r"\s{2,}", ", ", line["comment"] or "")
-            old = f"{line['key']} = {line['value']} in `{name}`"
-            said = f"{key} = {json.dumps(value)}  # {f'{comment}; ' if comment else ''}{old}"
-            text = text[: line.start("key")] + said + text[line.end() :]
-    return text
+            # The comment holds the key's unit, so another key does without.
+            end = line.end("value") if key == line["key"] else line.end()
+            text = f"{text[: line.start('key')]}{key} = {json.dumps(value)}{text[end:]}"
+            answered = True
+    return _with_units_only(text, name) if answered else text
+
+
+def _with_units_only(text, name):
+    """The text without what the comments of the built-in scene say of its own device."""
+    body = re.sub(r"^#.*\n+", "", text, flags=re.MULTILINE)
+
+    def unit_only(line):
+        return line["value"] + (f"  # {line['unit']}" if line["unit"] else "")
+
+    return OWN_HEAD.format(scene=name) + COMMENTED.sub(unit_only, body)
 
 
 def _fitting(keys, scene):
@@ -185,10 +205,10 @@ def _is_bistable(scene):
 
 
 def _line_of(text, key):
-    """Match of the line of "table.key", with `key`, `value` and `comment`."""
+    """Match of the line of "table.key", with `key` and `value`."""
     table, _, name = key.partition(".")
     above = rf"^\[{table}\]\n(?:(?!\[).*\n)*?"
-    line = rf"(?P<key>{name}) *= *(?P<value>\S+)[^\S\n]*(?:# *(?P<comment>.*))?$"
+    line = rf"(?P<key>{name}) *= *(?P<value>\S+)[^\n]*$"
     return re.search(above + line, text, re.MULTILINE)
 
 
