@@ -158,11 +158,15 @@ def ranges_of(texts: list[str], option: str) -> dict[str, tuple[float, float] | 
 
 
 def window_of(text: str, option: str) -> tuple[float, float]:
-    """Two times in seconds from START:END."""
+    """Two times in seconds from START:END, or from "all" those of the whole run."""
+    if text == "all":
+        return 0.0, math.inf
     try:
         start, stop = map(float, text.split(":"))
     except ValueError:
-        raise HarvesterError(f"{option} {named(text)}: write it as START:END, in s") from None
+        raise HarvesterError(
+            f"{option} {named(text)}: write it as START:END, in s, or all"
+        ) from None
     return start, stop
 
 
@@ -264,7 +268,7 @@ Ranges = Annotated[
     str | Mapping[str, tuple | None],
     Kind("TABLE.KEY[=LOW:HIGH]", read=ranges_of, again=True),
 ]
-Window = Annotated[tuple[float, float], Kind("START:END", read=window_of)]
+Window = Annotated[tuple[float, float] | str, Kind("START:END|all", read=window_of)]
 Nodes = Annotated[Sequence[str], Kind("NAME", option="node", again=True)]
 Loads = Annotated[Sequence[str], Kind("NAME|PATH", option="load", again=True)]
 Overrides = Annotated[Sequence[str], Kind("TABLE.KEY=VALUE", option="set", again=True)]

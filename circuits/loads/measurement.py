@@ -25,6 +25,8 @@ if TYPE_CHECKING:
 
 # Letters of elements whose current is an unknown of the circuit.
 _WITH_CURRENT = "vehl"
+# Letters of diodes, switches and transistors, which part the two sides of a rectifier.
+_RECTIFYING = "dswqmj"
 
 
 class _Rows(NamedTuple):
@@ -128,8 +130,30 @@ def _level(name, pins):
     return ("v", pins.get(name, name), GROUND)
 
 
-def with_probes(load: LoadCircuit, names: Iterable[str]) -> LoadCircuit:
-    """The load with these nodes, and currents "i(name)", among what is kept of a run.
+class Probe(NamedTuple):
+    """A voltage between two nodes of a load, or a current.
+
+    Attributes
+    ----------
+    column : its name in a waveform.
+    name : a node, or "i(name)".
+    reference : the node that the voltage is measured against; "" for a current.
+    """
+
+    column: str
+    name: str
+    reference: str
+
+    def value(self, values: Mapping[str, np.ndarray]) -> np.ndarray:
+        """The voltage or current from the values of nodes and currents."""
+        return values[self.name] - values[self.reference] if self.reference else values[self.name]
+
+
+def probes_of(load: LoadCircuit, names: Iterable[str]) -> tuple[Probe, ...]:
+    """Read "a", "v(a)", "v(a,b)" and "i(name)".
+
+    A node of the direct-current side is measured against that side's reference, any other one
+    against the pin n.
 
     Raises
     ------
@@ -138,14 +162,39 @@ def with_probes(load: LoadCircuit, names: Iterable[str]) -> LoadCircuit:
     """
     known = {*load.pins, *(node for part in load.elements for node in part.nodes)} - {GROUND}
     known |= {f"i({part.name})" for part in load.elements if _has_current(part)}
-    plain = tuple(dict.fromkeys(re.sub(r"^v\((.*)\)$", r"\1", name.lower()) for name in names))
-    for name in plain:
-        if name not in known:
-            raise NetlistError(
-                f"{load.file or load.name}: no node or current {named(name)}"
-                f"{nearest(name, known)}; there are {', '.join(sorted(known))}"
-            )
-    return replace(load, probes=plain)
+    # The reference itself has a voltage against n only.
+    direct = _direct_current_side(load) - {*load.pins[3:]}
+    probes = {}
+    for text in names:
+        column = re.sub(r"\s", "", text.lower())
+        voltage = re.fullmatch(r"v\(([^,]*)(?:,([^,]*))?\)", column)
+        name, reference = voltage.groups() if voltage else (column, None)
+        if not reference:
+            column, reference = name, load.pins[3] if name in direct else load.pins[1]
+        for node in (name, reference):
+            if node not in known:
+                raise NetlistError(
+                    f"{load.file or load.name}: no node or current {named(node)}"
+                    f"{nearest(node, known)}; there are {', '.join(sorted(known))}"
+                )
+        probes[column] = Probe(column, name, "" if name.startswith("i(") else reference)
+    return tuple(probes.values())
+
+
+def _direct_current_side(load):
+    """Nodes joined to the output by elements that do not rectify, other than by p and n."""
+    if not load.has_output:
+        return set()
+    side = {*load.pins[2:]}
+    joined = [{*part.nodes[:2]} for part in load.elements if part.letter not in _RECTIFYING]
+    while reached := {*()}.union(*(e for e in joined if e & side)) - {*load.pins[:2]} - side:
+        side |= reached
+    return side
+
+
+def with_probes(load: LoadCircuit, names: Iterable[str]) -> LoadCircuit:
+    """The load with these nodes, and currents "i(name)", among what is kept of a run."""
+    return replace(load, probes=tuple(dict.fromkeys(names)))
 
 
 def evaluated(

@@ -30,6 +30,7 @@ from harvester.record.stroboscope import Stroboscope, strobe_times
 from harvester.simulation.methods import Engine
 
 if TYPE_CHECKING:
+    from circuits.loads.measurement import Probe
     from harvester.scene.model import Scene
 
 REPORT_SECONDS = 0.25
@@ -80,13 +81,13 @@ class Stretch(NamedTuple):
     ----------
     start, stop : s from the run's beginning.
     most : points.
-    nodes : names of nodes and of currents "i(name)" of the load's netlist.
+    probes : voltages and currents of the load's netlist.
     """
 
     start: float
     stop: float
     most: float = math.inf
-    nodes: tuple[str, ...] = ()
+    probes: tuple[Probe, ...] = ()
 
 
 class Waveform:
@@ -200,8 +201,8 @@ def run(
     # Only a netlist has an output side and stores.
     outputs: list[Any] | None = None
     load = scene.load.circuit
-    nodes = stretch.nodes if stretch else ()
-    if load and (load.has_output or load.recorded or nodes):
+    probes = stretch.probes if stretch else ()
+    if load and (load.has_output or load.recorded or probes):
         outputs = [OutputMoments.beside(each, load.recorded, load.has_output) for each in moments]
         for each, its_output in zip(moments, outputs, strict=True):
             each.output = its_output
@@ -230,7 +231,7 @@ def run(
     clock, processor = time.perf_counter(), time.process_time()
     starts = [start_state(ready, index) for index in indices]
     observers = with_range_watch(ready, observers)
-    outcome = engine.run_realizations(_probed(ready, nodes), paths, starts, observers, outputs)
+    outcome = engine.run_realizations(_probed(ready, probes), paths, starts, observers, outputs)
     for each, seen in zip(moments, outputs or (), strict=False):
         if each.output:
             each.output.conductance, each.output.capacitance = seen.conductance, seen.capacitance
@@ -244,7 +245,7 @@ def run(
             moments=each,
             waveform=waveform.record() if waveform else None,
             joint=joint,
-            electrical=_electrical(waveform, scene, nodes),
+            electrical=_electrical(waveform, scene, probes),
             seconds=seconds / len(moments),
             started=started,
             ended=started + elapsed,
@@ -255,24 +256,29 @@ def run(
     ]
 
 
-def _probed(ready, nodes):
-    """The scene made ready with a load that hands these nodes out as well."""
-    if not nodes:
+def _probed(ready, probes):
+    """The scene made ready with a load that hands the nodes of these probes out as well."""
+    if not probes:
         return ready
     from circuits.loads.measurement import with_probes
 
     scene = ready.scene
-    circuit = with_probes(scene.load.circuit, nodes)
+    circuit = with_probes(scene.load.circuit, _watched(probes))
     return prepared(replace(scene, load=replace(scene.load, circuit=circuit)))
 
 
-def _electrical(waveform, scene, nodes):
+def _watched(probes):
+    return dict.fromkeys(name for probe in probes for name in probe[1:] if name)
+
+
+def _electrical(waveform, scene, probes):
     """See `Realization.electrical`."""
     rows = waveform.outputs() if waveform else np.empty((0, 0))
     if not rows.size:
         return {}
     own = {"output_voltage": rows[0]} if scene.load.circuit.has_output else {}
-    return own | dict(zip(nodes, rows[1:], strict=True))
+    values = dict(zip(_watched(probes), rows[1:], strict=True))
+    return own | {probe.column: probe.value(values) for probe in probes}
 
 
 def empty_moments(ready: Prepared) -> Moments:

@@ -79,11 +79,14 @@ def simulate(
     stroboscope : bool
         Keep the state at the beginning of every period of the excitation, of its lowest line or,
         under noise, of the device's own, as `Result.stroboscope` and a figure.
-    window : (float, float) or None
+    window : (float, float), "all" or None
         Stretch of the first realization that `Result.waveform` and --waveform hold: START:END in s
-        from the run's beginning (default: 50 periods of the device's motion after settling).
+        from the run's beginning, or all (default: 50 periods of the device's motion after
+        settling).
     nodes : sequence of str
-        Nodes of the load's netlist, and currents i(NAME), that they hold too; several may be given.
+        Voltages and currents of the load's netlist that they hold too: a node NAME or v(NAME), on
+        the DC side against ref, else against n; v(A,B) of two nodes; a current i(NAME). Several may
+        be given.
 
     Other Parameters
     ----------------

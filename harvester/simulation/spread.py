@@ -6,7 +6,7 @@ import contextlib
 import math
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import Executor
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from harvester.arguments import listed
 from harvester.device import timescales
@@ -20,6 +20,9 @@ from harvester.simulation import side_by_side
 from harvester.simulation.methods import Circuit, Engine, MonteCarlo
 from harvester.simulation.realization import Realization, Stretch, run
 from harvester.workers.pools import Workers, processes
+
+if TYPE_CHECKING:
+    from circuits.loads.measurement import Probe
 
 # If no window is asked for, the waveform has so many periods of small oscillations and at most so
 # many points. A load that switches fast may reach the number of points first.
@@ -87,7 +90,7 @@ def calls_of(
     ]
 
 
-def stretch_of(scene: Scene, window: Sequence[float] | None, nodes: Sequence[str]) -> Stretch:
+def stretch_of(scene: Scene, window: Sequence[float] | str | None, nodes: Sequence[str]) -> Stretch:
     """The part of the first realization that is kept as the result's waveform.
 
     Raises
@@ -95,24 +98,27 @@ def stretch_of(scene: Scene, window: Sequence[float] | None, nodes: Sequence[str
     HarvesterError
         A window without a length; a node that the load does not have.
     """
-    nodes = listed(nodes, "nodes", 'nodes=["vc", "i(l1)"]')
+    nodes = listed(nodes, "nodes", 'nodes=["vc", "v(a,b)", "i(l1)"]')
     if nodes and scene.load.is_resistor:
         raise LoadError(f"{scene.name}: --node {named(nodes[0])}: the load is a resistor alone")
+    probes: tuple[Probe, ...] = ()
     if nodes:
-        from circuits.loads.measurement import with_probes
+        from circuits.loads.measurement import probes_of
 
-        nodes = with_probes(scene.load.circuit, nodes).probes
+        probes = probes_of(scene.load.circuit, nodes)
+    if window == "all":
+        window = (0.0, math.inf)
     if window is not None:
         start, stop = listed(window, "window", "(5.0, 6.0)")
         if not 0.0 <= start < stop:
             raise HarvesterError(f"--window {start:g}:{stop:g}: must be 0 ≤ START < END, in s")
-        return Stretch(start, stop, nodes=nodes)
+        return Stretch(start, stop, probes=probes)
     ready = prepared(scene)
     start, stop = scene.run.settle, stop_time(ready)
     rate = timescales.angular_frequency(ready.system)
     if rate > 0.0:
         stop = min(stop, start + SHOWN_PERIODS * 2.0 * math.pi / rate)
-    return Stretch(start, stop, MOST_POINTS, nodes)
+    return Stretch(start, stop, MOST_POINTS, probes)
 
 
 def outcomes(

@@ -86,7 +86,56 @@ def test_files_and_tables(tmp_path):
         wave["volt"]
 
 
+# A bridge whose DC side holds a filter; the diodes part it from the piezo's terminals.
+FILTERED = """
+.subckt filtered p n out ref
+D1 p dc d
+D2 n dc d
+D3 ref p d
+D4 ref n d
+Rfilter dc out 1k
+Cfilter dc ref 10n
+Rload out ref 1meg
+.model d D(is=1n)
+.ends
+"""
+
+
+@pytest.mark.slow
+def test_voltages_of_the_dc_side_are_against_its_reference(tmp_path):
+    """Ohm's law and Kirchhoff's: a node against ref, two nodes, the reference against n."""
+    file = tmp_path / "filtered.lib"
+    file.write_text(FILTERED)
+    settings = ["run.realizations=1", "run.duration=2", "run.settle=1"]
+    scene = Scene.load("device", [f'load.netlist="{file}"', *settings])
+    nodes = ["dc", "v(out)", "V(dc, out)", "p", "v(ref)", "v(dc,n)"]
+    wave = simulate(scene, method="monte-carlo", nodes=nodes, window="all").waveform
+    assert wave.time[0] == pytest.approx(0.0, abs=1e-3)
+    assert wave.time[-1] == pytest.approx(3.0, abs=1e-3)
+    size = wave["output_voltage"].max()
+    assert size > 0.1
+    close = {"atol": 1e-9 * size}
+    np.testing.assert_allclose(wave["out"], wave["output_voltage"], **close)
+    np.testing.assert_allclose(wave["p"], wave.voltage, **close)
+    np.testing.assert_allclose(wave["dc"], wave["out"] * (1.0 + 1e3 / 1e6), **close)
+    np.testing.assert_allclose(wave["v(dc,out)"], wave["dc"] - wave["out"], **close)
+    np.testing.assert_allclose(wave["v(dc,n)"], wave["dc"] + wave["ref"], **close)
+
+
+def test_a_long_window_is_drawn_as_its_envelope():
+    scene = Scene.load("linear", ["run.realizations=1"])
+    wave = simulate(scene, method="monte-carlo", window="all").waveform
+    assert wave.time.size > 10_000
+    axes = wave.figure().axes[0]
+    low, high = (line.get_ydata() for line in axes.lines)
+    assert len(low) == len(high) <= 150
+    assert low.min() == wave.displacement.min()
+    assert high.max() == wave.displacement.max()
+
+
 def test_refusals(divided):
+    with pytest.raises(NetlistError, match="no node or current q"):
+        simulate(divided, nodes=["v(p,q)"])
     with pytest.raises(NetlistError, match="did you mean mid"):
         simulate(divided, nodes=["midd"])
     with pytest.raises(LoadError, match="resistor alone"):
