@@ -10,7 +10,7 @@ BIN := .venv/bin
 RUNS := .venv/.complete
 STAMP := .venv/.complete-test
 
-.PHONY: run test test-fast test-all faults compare fast lint types docs setup clean
+.PHONY: run test test-fast test-all faults compare drawn fast lint types docs setup clean
 
 run: $(RUNS)
 	$(BIN)/harvester validate paper --output results
@@ -47,6 +47,12 @@ types: $(STAMP)
 # Both checkouts answer the same short cases; ONLY=text takes those whose name holds it.
 compare: $(STAMP)
 	PYTHONPATH=$(CURDIR):$(CURDIR)/tests $(BIN)/python -m maintenance.compare $(BASE) --only "$(ONLY)"
+
+# COUNT random cases of every command against independent truths (44 unless given); ONLY=17,23
+# repeats cases of this SEED, ONLY=words takes those with these words, such as basins,bistable.
+drawn: $(STAMP)
+	OPENBLAS_NUM_THREADS=1 PYTHONPATH=tests $(BIN)/python -m maintenance.drawn --seed $(SEED) \
+		--count $(or $(COUNT),44) --only "$(ONLY)"
 
 # Notebooks are executed where their code is new: after a change of the package, `make clean` first.
 docs: $(STAMP)
