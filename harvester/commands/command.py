@@ -183,16 +183,16 @@ class Study(Command):
     def _computed(self, scene, values, json):
         """Compute the result; if the run fails, its partial result is written as JSON."""
         try:
-            result = self._call(scene, values)
+            return self._call(scene, values)
         except SimulationError as error:
             if json and error.partial is not None:
                 write_result(json, None, "", error.partial)
             raise
-        return result
 
     def _deliver(self, result, name, folder, json, output, report, waveform):
         """Show the result, and write the files that were asked for."""
-        show(result, self.title(result) if callable(self.title) else self.title, json)
+        title = self.title(result) if callable(self.title) else self.title
+        show(result, title, json)
         try:
             if not self.files:
                 write_result(json, output, name, result)
@@ -200,14 +200,15 @@ class Study(Command):
                 result.save(folder)
                 say(f"written to {output}: {', '.join(self.files)}")
         finally:
-            if waveform:
+            if waveform and result.waveform is None:
+                say(f"{waveform}: not written, as the first realization failed")
+            elif waveform:
                 result.waveform.save(waveform)
                 say(f"written: {waveform}, {result.waveform.said()}")
             if report:
                 from harvester.commands.report import page_of
                 from harvester.files.writing import write_text
 
-                title = self.title(result) if callable(self.title) else self.title
                 write_text(report, page_of(result, title))
                 say(f"written: {report}")
 

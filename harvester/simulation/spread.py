@@ -146,14 +146,15 @@ def outcomes(
         found.update(zip(call["indices"], outcome, strict=True))
     if most > 1:
         again = [k for k, outcome in found.items() if isinstance(outcome, SimulationError)]
-        single = [{**calls[0], "indices": [k], "stretch": None} for k in again]
+        # The first realization has the waveform, whether it ran with others or alone.
+        stretches = {0: calls[0]["stretch"]}
+        single = [{**calls[0], "indices": [k], "stretch": stretches.get(k)} for k in again]
         alone = pool.map(run, single, time_limit, None, keep_going)
         for index, outcome in zip(again, alone, strict=True):
             found[index] = outcome if isinstance(outcome, SimulationError) else outcome[0]
     in_order = [found[index] for index in sorted(found)]
-    failed = [outcome for outcome in in_order if isinstance(outcome, SimulationError)]
-    if len(failed) == len(in_order):
-        raise failed[0]
+    if all(isinstance(outcome, SimulationError) for outcome in in_order):
+        raise in_order[0]
     return in_order
 
 

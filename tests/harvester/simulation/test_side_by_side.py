@@ -5,12 +5,14 @@ import math
 import numpy as np
 import pytest
 
+from harvester.command_line import main
 from harvester.errors import HarvesterError, SimulatorCrashed
 from harvester.prepared.prepared import prepared
 from harvester.results.paired import paired_difference
 from harvester.scene.model import Scene
 from harvester.simulation.side_by_side import copies, share_steps, together
 from harvester.simulation.simulate import simulate
+from harvester.workers.pools import WorkerPool
 
 MEANS = ("mean_square_voltage", "mean_square_velocity", "mean_input_power", "mean_loss_power")
 
@@ -98,6 +100,34 @@ def test_what_failed_together_is_tried_one_by_one(pool):
     expected = [m.integrals for k, m in enumerate(alone.moments) if k != 2]
     for found, wanted in zip(result.moments, expected, strict=True):
         np.testing.assert_array_equal(found.integrals, wanted)
+
+
+@pytest.mark.parametrize("crashes", ["together", "alone too"])
+def test_the_first_realization_has_the_waveform_alone_too(pool, tmp_path, crashes, capsys):
+    scene = ["run.realizations=4", "run.duration=20", "run.settle=0"]
+    whole = simulate(Scene.load("paper", scene), method="circuit", copies=1, runner=pool).waveform
+    several = WorkerPool.map
+
+    def failed(pool, function, calls, *arguments):
+        outcomes = several(pool, function, calls, *arguments)
+        for place, call in enumerate(calls):
+            if call["indices"] == [0, 1] or (call["indices"] == [0] and crashes == "alone too"):
+                outcomes[place] = SimulatorCrashed("gone")
+        return outcomes
+
+    words = ["simulate", "paper", "--copies", "2", "--keep-going"]
+    words += ["--waveform", str(tmp_path / "first.csv")]
+    words += [word for each in scene for word in ("--set", each)]
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(WorkerPool, "map", failed)
+        patch.setattr(WorkerPool, "__enter__", lambda unused: pool)
+        code = main(words)
+    assert code == (0 if crashes == "together" else 1)
+    if crashes == "alone too":
+        assert "first.csv: not written, as the first realization failed" in capsys.readouterr().err
+        return
+    table = np.genfromtxt(tmp_path / "first.csv", delimiter=",", comments="#", names=True)
+    np.testing.assert_allclose(table[table.dtype.names[1]], whole.displacement, rtol=1e-5)
 
 
 @pytest.mark.parametrize("bad", [0, -1, 1.5])
