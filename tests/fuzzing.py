@@ -6,15 +6,17 @@
 import contextlib
 import os
 import signal
-import time
 
+import effort
 import hypothesis
 
 from harvester.errors import HarvesterError
 
 LONGEST_MESSAGE = 2000
-# Processor time: other processes do not count.
-SECONDS = 1.0
+# The largest of the records takes 1.6 million.
+MOST_CALLS = 5_000_000
+# A block that has not ended after so many seconds hangs, however busy the machine is.
+FOREVER = 300.0
 
 
 def budget(examples):
@@ -31,12 +33,12 @@ def budget(examples):
 
 @contextlib.contextmanager
 def ends_well():
-    """The block ends within a second, by itself or with a named error of one printable line."""
+    """The block ends within `MOST_CALLS` calls, by itself or with a named error of one line."""
     previous = signal.signal(signal.SIGALRM, _too_long)
-    signal.setitimer(signal.ITIMER_REAL, 10.0)
-    start = time.process_time()
+    signal.setitimer(signal.ITIMER_REAL, FOREVER)
     try:
-        yield
+        with effort.at_most(MOST_CALLS):
+            yield
     except HarvesterError as error:
         message = str(error)
         assert message.isprintable(), message
@@ -44,8 +46,7 @@ def ends_well():
     finally:
         signal.setitimer(signal.ITIMER_REAL, 0.0)
         signal.signal(signal.SIGALRM, previous)
-    assert time.process_time() - start < SECONDS
 
 
 def _too_long(number, frame):
-    raise TimeoutError("no end within 10 s")
+    raise TimeoutError(f"no end within {FOREVER:g} s")

@@ -23,6 +23,7 @@ def say(report, text):
 def wait(report, seconds):
     report("waiting")
     time.sleep(seconds)
+    report("waited")
 
 
 def die(report, status):

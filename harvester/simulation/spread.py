@@ -147,8 +147,7 @@ def outcomes(
     if most > 1:
         again = [k for k, outcome in found.items() if isinstance(outcome, SimulationError)]
         # The first realization has the waveform, whether it ran with others or alone.
-        stretches = {0: calls[0]["stretch"]}
-        single = [{**calls[0], "indices": [k], "stretch": stretches.get(k)} for k in again]
+        single = [{**calls[0], "indices": [k]} | ({"stretch": None} if k else {}) for k in again]
         alone = pool.map(run, single, time_limit, None, keep_going)
         for index, outcome in zip(again, alone, strict=True):
             found[index] = outcome if isinstance(outcome, SimulationError) else outcome[0]

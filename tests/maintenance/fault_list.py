@@ -63,6 +63,10 @@ TURNS = (
     "::test_a_switch_turns_beyond_its_hysteresis_and_when_its_control_passes_it",
 )
 OF_STORE = "harvester/running/test_store.py"
+OF_ORBITS = "harvester/studies/orbits/test_orbits.py"
+OF_SPECTRUM = "harvester/excitation/test_spectrum.py"
+WELL_BALANCE = "harvester/estimates/well_balance.py"
+OF_WELL_BALANCE = ("harvester/estimates/test_well_balance.py",)
 KEY = (f"{OF_STORE}::test_the_key_follows_all_that_decides_the_numbers",)
 NO_ANSWER = (f"{OF_STORE}::test_what_is_no_answer_is_named_and_written_again",)
 LINEAR = ("harvester/stationary/test_fokker_planck.py::test_linear_device",)
@@ -471,6 +475,41 @@ FAULTS = [
         "final = is_final(answer)",
         "final = is_final(answer) or True",
         (f"{OF_STORE}::test_what_another_run_may_end_otherwise_is_not_kept",),
+    ),
+    Fault(
+        "error bars: an exponent's is a quarter",
+        "harvester/estimates/attractors.py",
+        "return Divergence(float(exponent), float(error))",
+        "return Divergence(float(exponent), float(error) / 4.0)",
+        (f"{OF_ORBITS}::test_the_error_of_an_exponent_is_how_far_it_lies_off",),
+    ),
+    Fault(
+        "error bars: that of the largest strain falls with the number of realizations",
+        "harvester/estimates/strain.py",
+        "float(highest.std(ddof=1)) / math.sqrt(count) * wider",
+        "float(highest.std(ddof=1)) / count * wider",
+        ("harvester/beam/test_strain.py::test_peaks_have_the_errors_of_their_realizations",),
+    ),
+    Fault(
+        "error bars: that of a density of several wells falls with the number of groups",
+        WELL_BALANCE,
+        "return parts.std(axis=0, ddof=1) / math.sqrt(count - len(slopes))",
+        "return parts.std(axis=0, ddof=1) / (count - len(slopes))",
+        OF_WELL_BALANCE,
+    ),
+    Fault(
+        "error bars: that within the wells falls with the number of groups",
+        WELL_BALANCE,
+        "own = within.std(axis=0, ddof=1) / math.sqrt(count)",
+        "own = within.std(axis=0, ddof=1) / count",
+        OF_WELL_BALANCE,
+    ),
+    Fault(
+        "noise: a spectrum is raised by half of what straight lines take",
+        "harvester/excitation/shaped.py",
+        "/ np.sinc(frequencies * spacing) ** 2",
+        "/ np.sinc(frequencies * spacing)",
+        (f"{OF_SPECTRUM}::test_a_flat_density_is_flat_between_knots_that_are_far_apart",),
     ),
     Fault(
         "stationary solver: the noise forgets nothing within a step",

@@ -1,14 +1,16 @@
 """Netlists that stand for more than they hold are refused before anything grows."""
 
 import os
-import time
 
+import effort
 import pytest
 
 from circuits.loads.subcircuits import read_load
 from circuits.ltspice import translate
 from harvester.errors import NetlistError
 
+# Each of these takes at most 2.5 million. Every pair of 15,000 characters makes 225 million.
+MOST_CALLS = 5_000_000
 LOAD = ".subckt load p n\nR1 p n 1k\n{}\n.ends\n"
 
 
@@ -78,15 +80,12 @@ TOO_MUCH = {
 
 @pytest.mark.slow
 @pytest.mark.parametrize("case", TOO_MUCH)
-def test_what_grows_beyond_a_load_is_refused_at_once_with_its_line(tmp_path, case):
+def test_what_grows_beyond_a_load_is_refused_with_its_line_before_it_grows(tmp_path, case):
     text, message = TOO_MUCH[case]
     path = tmp_path / "hostile.lib"
     path.write_text(text)
-    began = time.monotonic()
-    with pytest.raises(NetlistError) as refusal:
+    with effort.at_most(MOST_CALLS), pytest.raises(NetlistError) as refusal:
         read_load(path, "load")
-    # A fraction of a second; the limit is for a busy machine.
-    assert time.monotonic() - began < 30.0
     assert message in str(refusal.value)
     assert str(refusal.value).startswith(str(path) if "file" in case else "hostile.lib:")
     assert "\n" not in str(refusal.value)

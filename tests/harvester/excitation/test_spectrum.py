@@ -6,6 +6,7 @@ import math
 import numpy as np
 import pytest
 from scipy.integrate import quad
+from scipy.signal import welch
 
 from harvester.errors import SceneError
 from harvester.excitation import realization_seed
@@ -69,6 +70,23 @@ def test_the_path_has_the_density_asked_for():
         wanted = np.mean(np.exp(np.interp(np.log(frequencies[band]), *logarithms)))
         assert abs(10.0 * math.log10(power[band].mean() / wanted)) < 0.3, low
     assert power[1:].sum() * frequencies[1] == pytest.approx(mean_square(POINTS), rel=1e-3)
+
+
+@pytest.mark.parametrize("per_period", [4.0, 8.0])
+def test_a_flat_density_is_flat_between_knots_that_are_far_apart(per_period):
+    """Welch's density of a path, with what straight lines take, in thirds of 20 to 200 Hz.
+
+    At four knots a period of the highest frequency the lines take 34 % of its density.
+    """
+    spacing = 1.0 / (200.0 * per_period)
+    path = ShapedPath(((20.0, 1.0), (200.0, 1.0)), spacing, realization_seed(1, 0))
+    f, density = welch(path.read(2**20), 1.0 / spacing, nperseg=2048)
+    density *= np.sinc(f * spacing) ** 4
+    for low, high in ((30.0, 80.0), (80.0, 140.0), (140.0, 190.0)):
+        band = (f > low) & (f < high)
+        # Three standard errors of noise that lasts so long, one false alarm of 370.
+        chance = 3.0 / math.sqrt((high - low) * 2**20 * spacing)
+        assert density[band].mean() == pytest.approx(1.0, abs=chance + 0.01)
 
 
 @pytest.mark.parametrize("kurtosis", [3.0, 6.0])

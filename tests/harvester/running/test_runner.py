@@ -8,7 +8,7 @@ import worker_calls
 from toy_study import study
 
 from harvester.errors import AveragingError, FolderInUse, HarvesterError, SimulatorCrashed
-from harvester.running import Task, Wanted, open_runner
+from harvester.running import Runner, Task, Wanted, open_runner
 from harvester.running.progress import Progress
 from harvester.scene.model import Scene
 from harvester.workers.pools import WorkerPool
@@ -75,8 +75,10 @@ def test_a_damaged_answer_is_named_and_computed_again(tmp_path, pool):
 
 
 @pytest.mark.slow
-def test_the_time_budget_leaves_out_what_has_not_begun(tmp_path, pool):
-    found, runner = study(tmp_path, seconds=0.05, time_budget=0.15, executor=pool)
+def test_once_the_time_is_spent_what_has_not_begun_is_left_out(tmp_path, pool, monkeypatch):
+    with monkeypatch.context() as patch:
+        patch.setattr(Runner, "_is_time_spent", lambda runner: runner.computed >= 2)
+        found, runner = study(tmp_path, seconds=0.05, executor=pool)
     assert None in found
     assert runner.out_of_time
     assert runner.computed > 0

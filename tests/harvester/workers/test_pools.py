@@ -1,6 +1,6 @@
-import time
 from concurrent.futures import Future
 
+import effort
 import pytest
 import worker_calls
 
@@ -37,12 +37,10 @@ def test_a_pool_can_be_used_after_a_call_that_failed(pool):
     assert pool.map(worker_calls.say, [{"text": "a"}]) == ["A"]
 
 
-@pytest.mark.slow
-def test_the_outcomes_of_many_calls_are_gathered_in_a_time_that_grows_as_their_number():
-    """60,000 would take minutes if each outcome asked all that are left."""
-    futures = [Future() for _ in range(60_000)]
+def test_the_outcomes_of_many_calls_are_gathered_with_work_that_grows_as_their_number():
+    """No outcome asks all that are left: of 2000 that would be millions of calls."""
+    futures = [Future() for _ in range(2000)]
     for future in futures:
         future.set_result(1)
-    started = time.monotonic()
-    assert sum(gather(futures)) == len(futures)
-    assert time.monotonic() - started < 60.0
+    with effort.at_most(40 * len(futures)):
+        assert sum(gather(futures)) == len(futures)

@@ -81,10 +81,18 @@ def test_a_run_for_the_means_holds_its_evidence(diagram):
         assert set(row.bias) == set(MEANS)
         assert row.seconds_per_unit > 0.0
         assert row.note == ""
-    circuit, runge_kutta = diagram.rows[0], diagram.rows[6]
-    assert circuit.seconds_per_unit > 5.0 * runge_kutta.seconds_per_unit
     # The finest Runge–Kutta row is the reference itself.
     assert [diagram.rows[8].bias[name].estimate for name in MEANS] == [0.0, 0.0, 0.0]
+
+
+def test_the_cost_of_a_method_is_that_of_its_own_tasks(diagram):
+    moments = diagram.rows[0].run.moments
+    answers = [{"moments": moments, "seconds": seconds} for seconds in (3.0, 2.0)]
+    run = timed.Timed(diagram.scene, answers)
+    row = measurement.MethodRow(FEW[0], run)
+    # Two realizations of 55 s in each task, 50 s of them measured.
+    assert row.seconds_per_unit == pytest.approx(5.0 / 220.0, rel=1e-3)
+    assert run.cost == pytest.approx(2.0 / 100.0, rel=1e-3)
 
 
 def test_table_sentences_and_json_tell_the_same(diagram):
