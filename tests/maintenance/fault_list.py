@@ -63,6 +63,7 @@ TURNS = (
     "::test_a_switch_turns_beyond_its_hysteresis_and_when_its_control_passes_it",
 )
 OF_STORE = "harvester/running/test_store.py"
+OF_DENSITIES = ("harvester/estimates/test_densities.py",)
 OF_ORBITS = "harvester/studies/orbits/test_orbits.py"
 OF_SPECTRUM = "harvester/excitation/test_spectrum.py"
 WELL_BALANCE = "harvester/estimates/well_balance.py"
@@ -503,6 +504,48 @@ FAULTS = [
         "own = within.std(axis=0, ddof=1) / math.sqrt(count)",
         "own = within.std(axis=0, ddof=1) / count",
         OF_WELL_BALANCE,
+    ),
+    Fault(
+        "error bars: that of a share falls with the number of starts",
+        "harvester/results/orbit.py",
+        "return math.sqrt(share * (1.0 - share) / count)",
+        "return math.sqrt(share * (1.0 - share)) / count",
+        ("harvester/studies/orbits/test_errors.py",),
+    ),
+    Fault(
+        "error bars: a residence time's is half of its stays'",
+        "harvester/studies/orbits/residence.py",
+        "float((off**2).sum())) / count",
+        "float((off**2).sum())) / (2.0 * count)",
+        ("harvester/studies/orbits/test_errors.py",),
+    ),
+    Fault(
+        "error bars: a density's falls with the number of groups",
+        "harvester/estimates/densities.py",
+        "each.std(axis=0, ddof=1) / math.sqrt(len(groups))",
+        "each.std(axis=0, ddof=1) / len(groups)",
+        OF_DENSITIES,
+    ),
+    Fault(
+        "error bars: a joint density's falls with the number of groups",
+        "harvester/estimates/joint_density.py",
+        "each.std(axis=0, ddof=1) / math.sqrt(len(counts))",
+        "each.std(axis=0, ddof=1) / len(counts)",
+        OF_DENSITIES,
+    ),
+    Fault(
+        "spectrum: a kurtosis has the scatter of means that leave one out",
+        "harvester/studies/spectrum.py",
+        "np.std(parts) * math.sqrt(count - 1)",
+        "np.std(parts)",
+        ("harvester/studies/test_spectrum.py::test_errors_and_p_values_of_gaussian_noise_hold",),
+    ),
+    Fault(
+        "noise: a swept sine is raised by half of what straight lines take",
+        "harvester/excitation/swept_sine.py",
+        "np.sinc(frequency * self.spacing) ** 2",
+        "np.sinc(frequency * self.spacing)",
+        ("harvester/excitation/test_swept_sine.py",),
     ),
     Fault(
         "noise: a spectrum is raised by half of what straight lines take",

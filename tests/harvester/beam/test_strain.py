@@ -135,6 +135,7 @@ def test_life_under_narrow_band_noise():
     assert rate.estimate == pytest.approx(expected, abs=3.0 * rate.standard_error)
     assert rate.standard_error < 0.1 * expected
     assert life.estimate == pytest.approx(1.0 / rate.estimate)
+    assert life.standard_error == pytest.approx(rate.standard_error / rate.estimate**2)
     # Peaks of some 1,400 cycles with a memory of 1/(2 ζ) each lie at 3 to 5 σ.
     assert 3.0 * sigma < result["peak_strain"].estimate < 5.0 * sigma
     assert result["peak_strain"].standard_error is not None

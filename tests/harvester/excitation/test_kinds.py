@@ -1,3 +1,4 @@
+import math
 from concurrent.futures import ThreadPoolExecutor
 
 import numpy as np
@@ -8,6 +9,7 @@ from truths import flat
 from harvester.averaging.of_scene import average
 from harvester.errors import AveragingError, HarvesterError, SceneError
 from harvester.excitation import KINDS, White, realization_seed
+from harvester.excitation.base import kernel_loss
 from harvester.prepared.paths import noise_path
 from harvester.prepared.prepared import prepared
 from harvester.prepared.steps import knot_spacing
@@ -87,6 +89,11 @@ def test_white_noise_has_its_density_at_low_frequency():
     sums = np.array([noise.path(0.05, 1.0, seed).read(200).sum() for seed in seeds])
     squares = (0.05 * sums) ** 2 / (200 * 0.05)
     assert abs(squares.mean() - 2 * 0.02) < 3 * squares.std() / np.sqrt(squares.size)
+
+
+def test_the_share_that_lines_take_is_that_of_a_triangle():
+    """With two knots a period the power gain is (2/π)⁴."""
+    assert kernel_loss(1.0, math.pi) == pytest.approx(1.0 - (2.0 / math.pi) ** 4, rel=1e-12)
 
 
 def test_the_sine_has_its_amplitude_between_the_knots_too():

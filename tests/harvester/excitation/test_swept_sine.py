@@ -23,6 +23,16 @@ def test_the_way_up_is_the_logarithmic_chirp_and_the_way_back_its_mirror():
     assert np.abs(np.diff(samples)).max() < 2.0 * 2.0 * np.pi * 40.0 * spacing * 1.001
 
 
+def test_straight_lines_between_far_knots_keep_the_amplitude():
+    """At eight knots a period lines through a sine's own values would have 0.95 of it."""
+    spacing = 1.0 / 320.0
+    sweep = SweptSine(amplitude=2.0, frequency=40.0, end_frequency=40.5, octaves_per_minute=0.01)
+    knots = sweep.path(spacing, 1.0, None).read(321)
+    times = np.arange(0.0, 1.0, spacing / 64.0)
+    lines = np.interp(times, np.arange(321) * spacing, knots)
+    assert 2.0 * np.mean(lines * np.sin(80.0 * np.pi * times)) == pytest.approx(2.0, rel=1e-3)
+
+
 def test_blocks_of_any_size_give_the_same_bytes():
     whole = SWEEP.path(1e-3, 2.0, None).read(50_000)
     path = SWEEP.path(1e-3, 2.0, None)

@@ -1,0 +1,35 @@
+"""Errors of shares of starts and of residence times, from values that are drawn."""
+
+import math
+
+import numpy as np
+import pytest
+
+from harvester.results.orbit import share_error
+from harvester.scene.model import Scene
+from harvester.studies.orbits.residence import stays_of
+
+
+@pytest.mark.parametrize(("part", "count"), [(30, 100), (500, 1000)])
+def test_the_error_of_a_share_is_that_of_as_many_starts(part, count):
+    share = part / count
+    exact = math.sqrt(share * (1.0 - share) / count)
+    assert share_error(part, count) == pytest.approx(exact, rel=0.01)
+
+
+def test_a_share_of_all_starts_is_not_certain():
+    assert share_error(100, 100) == pytest.approx(math.sqrt(0.5) / 100.0, rel=0.02)
+
+
+def test_the_error_of_a_residence_time_is_how_far_it_lies_off():
+    """Stays that end at random: 400 runs of some 80 stays.
+
+    The mean square of deviations over errors is 1; it is known to 7 %.
+    """
+    scene, draws, mean = Scene.load("duffing"), np.random.default_rng(1), 5.0
+    off = []
+    for _ in range(400):
+        times = draws.uniform(4.0, 6.0, (8, 5, 2))
+        (stay,) = stays_of(scene, None, times, draws.poisson(times / mean).astype(float))
+        off.append((stay.time - mean) / stay.standard_error)
+    assert np.mean(np.square(off)) == pytest.approx(1.0, rel=0.25)
