@@ -5,11 +5,13 @@ behind a resistor is integrated by the classical Runge–Kutta method at a step 
 It is driven by sines, by the samples of a record, or by Gaussian noise drawn from its density.
 """
 
+import itertools
 import math
 from typing import NamedTuple
 
 import numpy as np
 from numba import njit
+from scipy.integrate import quad
 
 # Steps over the shortest period of device and sines; a Hertzian contact lasts a thirtieth of one.
 STEPS, STEPS_IN_CONTACT = 300, 1500
@@ -22,8 +24,6 @@ PATHS = 32
 AVERAGED = 960
 # Starts beside the given one. Where they end on other motions, any of these is right.
 BESIDE = (0.0, 1e-5, -1e-5, 1e-4)
-# Frequencies of ∫ |H|² G df: half of them crowd about the resonance.
-GRID = 40_000
 NO_WELLS = np.zeros((0, 3))
 
 
@@ -49,10 +49,14 @@ class Device(NamedTuple):
 
 
 class Motion(NamedTuple):
-    """What shakes a device: sines, the density of Gaussian noise, or samples of a record."""
+    """What shakes a device: sines, the density of Gaussian noise, or samples of a record.
+
+    Between its corners (Hz) each density is smooth.
+    """
 
     sines: tuple = ()
     densities: tuple = ()
+    corners: tuple = ()
     record: np.ndarray | None = None
     spacing: float = 0.0
 
@@ -87,19 +91,26 @@ def motion_of(tables):
         return Motion(
             tuple(sine for part in parts for sine in part.sines),
             tuple(density for part in parts for density in part.densities),
+            tuple(corners for part in parts for corners in part.corners),
         )
     if kind == "sine":
         return Motion(((tables["amplitude"], tables["frequency"], tables.get("phase", 0.0)),))
     if kind == "ornstein-uhlenbeck":
         intensity, memory = tables["intensity"], tables["correlation_time"]
         return Motion(
-            densities=(lambda f: 4.0 * intensity / (1.0 + (2.0 * math.pi * f * memory) ** 2),)
+            densities=(lambda f: 4.0 * intensity / (1.0 + (2.0 * math.pi * f * memory) ** 2),),
+            corners=(np.concatenate([[0.0], np.geomspace(1e-2, 1e5, 22)]),),
         )
     if kind == "spectrum":
         points = np.array(tables["breakpoints"])
-        return Motion(densities=(lambda f: lines_of(points, f),))
+        return specified(points)
     samples = np.loadtxt(tables["file"], delimiter=",", skiprows=1)
     return Motion(record=samples[:, 1] - samples[:, 1].mean(), spacing=samples[1, 0])
+
+
+def specified(points):
+    """Noise of a density by breakpoints."""
+    return Motion(densities=(lambda f: lines_of(points, f),), corners=(points[:, 0],))
 
 
 def lines_of(points, f):
@@ -137,22 +148,23 @@ def linear_power(device, motion):
     for amplitude, frequency, phase in motion.sines:
         phasors[frequency] = phasors.get(frequency, 0.0) + amplitude * np.exp(1j * phase)
     power = sum(0.5 * abs(p) ** 2 * power_gain(device, f) for f, p in phasors.items())
+    error = 0.0
+    for density, corners in zip(motion.densities, motion.corners, strict=True):
+        cuts = np.unique(np.concatenate([corners, _crowded(device, *corners)]))
+        for low, high in itertools.pairwise(cuts):
+            part, off = quad(
+                lambda f, g=density: power_gain(device, f) * g(f), low, high, epsrel=1e-9
+            )
+            power, error = power + part, error + off
+    return float(power), float(error)
+
+
+def _crowded(device, low, *high):
+    """Frequencies that lie closest about the resonance, between those of a density."""
     own = math.sqrt(device.spring[1] / device.mass) / (2.0 * math.pi)
     width = device.damping / device.mass / (2.0 * math.pi)
-    grid = np.unique(
-        np.concatenate(
-            [np.geomspace(own / 300.0, own * 300.0, GRID // 2),
-             own + width * np.sinh(np.linspace(-8.0, 8.0, GRID // 2))]
-        )
-    )  # fmt: skip
-    grid = grid[grid > 0.0]
-    error = 0.0
-    for density in motion.densities:
-        integrand = power_gain(device, grid) * density(grid)
-        part = np.trapezoid(integrand, grid)
-        error += abs(part - np.trapezoid(integrand[::2], grid[::2]))
-        power += part
-    return float(power), float(error)
+    cuts = own + width * np.sinh(np.linspace(-8.0, 8.0, 33))
+    return cuts[(cuts > low) & (cuts < high[-1])]
 
 
 # --- integration -------------------------------------------------------------------------------

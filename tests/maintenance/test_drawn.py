@@ -72,7 +72,7 @@ def test_integration_and_phasors_agree(device):
 def test_integration_under_noise_agrees_with_its_density():
     # False alarm of one of 370 seeds.
     points = np.array([[0.5 * OWN, 0.5], [OWN, 1.0], [3.0 * OWN, 0.2]])
-    motion = truth.Motion(densities=(lambda f: truth.lines_of(points, f),))
+    motion = truth.specified(points)
     rest, draws = [(0.0, 0.0, 0.0)], np.random.default_rng(1)
     (power, error), *_ = truth.under_noise(
         DEVICE, motion, rest, OWN, 3.0 * OWN, 40.0 / OWN, 300.0 / OWN, draws
