@@ -152,8 +152,9 @@ def outcomes(
         for index, outcome in zip(again, alone, strict=True):
             found[index] = outcome if isinstance(outcome, SimulationError) else outcome[0]
     in_order = [found[index] for index in sorted(found)]
-    if all(isinstance(outcome, SimulationError) for outcome in in_order):
-        raise in_order[0]
+    failed = [outcome for outcome in in_order if isinstance(outcome, SimulationError)]
+    if len(failed) == len(in_order):
+        raise failed[0]
     return in_order
 
 
@@ -165,12 +166,10 @@ class Follower:
         count = distinct_realizations(prepared(scene))
         self._total = (scene.run.settle + scene.run.duration) * count
         self._reached: dict[int, float] = {}
-        self._sum = 0.0
         self._progress = progress
 
     def __call__(self, index: int, moments: list) -> None:
         """Update the progress from one call's latest moments."""
-        reached = sum(each.time_reached for each in moments)
-        self._sum += reached - self._reached.get(index, 0.0)
-        self._reached[index] = reached
-        self._progress(min(max(self._sum / self._total, 0.0), 1.0), self._method)
+        self._reached[index] = sum(each.time_reached for each in moments)
+        share = sum(self._reached.values()) / self._total
+        self._progress(min(max(share, 0.0), 1.0), self._method)

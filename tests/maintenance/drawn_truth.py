@@ -99,7 +99,7 @@ def motion_of(tables):
         intensity, memory = tables["intensity"], tables["correlation_time"]
         return Motion(
             densities=(lambda f: 4.0 * intensity / (1.0 + (2.0 * math.pi * f * memory) ** 2),),
-            corners=(np.concatenate([[0.0], np.geomspace(1e-2, 1e5, 22)]),),
+            corners=(np.concatenate([[0.0], np.geomspace(1e-2, 1e9, 34)]),),
         )
     if kind == "spectrum":
         points = np.array(tables["breakpoints"])
