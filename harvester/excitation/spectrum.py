@@ -14,11 +14,11 @@ from harvester.errors import SceneError
 from harvester.excitation.base import Excitation, ExcitationPath
 from harvester.excitation.quantities import ACCELERATION
 from harvester.excitation.shaped import (
-    MOST_TAPS,
     ShapedPath,
     density_between,
     filter_length,
     mean_square,
+    path_density,
 )
 
 if TYPE_CHECKING:
@@ -36,6 +36,9 @@ KNOTS_PER_PERIOD, FEWEST_KNOTS_PER_PERIOD = 12.0, 4.0
 # A note is given if the rms of the knots exceeds that of the path between them by this share. The
 # second number is the points of the integral.
 NOTED_EXCESS, EXCESS_FREQUENCIES = 0.01, 2001
+# The filter's blur is noted from this share of the mean square, or of the density at the device's
+# frequency.
+NOTED_BLUR = 0.01
 # Bursts last so many periods of the lowest frequency, unless `burst_time` says.
 PERIODS_PER_BURST = 20.0
 
@@ -154,9 +157,8 @@ class Spectrum(Excitation):
         return intensity, intensity / mean_square(self.points)
 
     def path(self, spacing: float, length: float, seed: SeedSequence) -> ExcitationPath:
-        points = tuple((frequency, density / length**2) for frequency, density in self.points)
         burst = self.burst_time or PERIODS_PER_BURST / self.band[0]
-        return ShapedPath(points, spacing, seed, self.kurtosis, burst)
+        return ShapedPath(self.points, spacing, seed, self.kurtosis, burst, 1.0 / length)
 
     def _excess(self, spacing):
         """Share by which the rms of the knots exceeds that of the straight lines between them."""
@@ -164,6 +166,21 @@ class Spectrum(Excitation):
         density = self.density(frequencies)
         raised = density / np.sinc(frequencies * spacing) ** 4
         return math.sqrt(float(raised.sum() / density.sum())) - 1.0
+
+    def _blurred(self, spacing, frequency):
+        """What the filter's finite length changes of the density, where that is noticeable."""
+        places, density = path_density(self.points, spacing)
+        lost = 1.0 - float(density.sum()) * places[1] / mean_square(self.points)
+        near = places[np.argmin(np.abs(places - frequency))] if frequency < math.inf else 0.0
+        wanted = float(self.density(np.array([near]))[0])
+        off = float(density[places == near][0]) / wanted - 1.0 if wanted else 0.0
+        if max(lost, abs(off)) < NOTED_BLUR:
+            return []
+        return [
+            f"the filter that makes the path resolves {4.0 * places[1]:.2g} Hz: of the mean "
+            f"square {lost:.1%} is lost at edges and peaks"
+            + (f"; at the device's {frequency:.4g} Hz the density is {off:+.1%} off" if off else "")
+        ]
 
     def notes(self, spacing: float, angular_frequency: float, run: Run) -> tuple[str, ...]:
         low, high = self.band
@@ -186,11 +203,7 @@ class Spectrum(Excitation):
                 f"the spectrum does not excite the device: it lies between {low:g} and {high:g} "
                 f"Hz, and the device moves at {frequency:.3g} Hz"
             )
-        if filter_length(np.array(self.corners), spacing) == MOST_TAPS:
-            lines.append(
-                f"the filter that makes the path resolves {2.0 / (MOST_TAPS * spacing):.2g} Hz: "
-                "what is narrower is blurred"
-            )
+        lines += self._blurred(spacing, frequency)
         if self.kurtosis > 3.0:
             burst = self.burst_time or PERIODS_PER_BURST / low
             lines.append(
