@@ -174,12 +174,10 @@ def correlation_time(ready: Prepared, moments: Sequence[Moments]) -> float:
     centre = timescales.angular_frequency(ready.system) / (2.0 * math.pi)
     width = rate / (2.0 * math.pi)
     # Even steps of the resonance's phase, and even ones between the breakpoints of the density.
-    angle = np.linspace(-0.5 * math.pi, 0.5 * math.pi, POINTS)[1:-1]
-    f = centre + 0.5 * width * np.tan(angle)
-    if corners := excitation.corners:
-        places = np.linspace(0.0, len(corners) - 1.0, POINTS)
-        f = np.append(f, np.interp(places, np.arange(len(corners)), sorted(corners)))
-    f = np.unique(f[f > 0.0])
+    f = centre + 0.5 * width * np.tan(np.linspace(-0.5, 0.5, POINTS)[1:-1] * math.pi)
+    corners = sorted(excitation.corners) or [centre]
+    places = np.linspace(0.0, len(corners) - 1.0, POINTS)
+    f = np.unique(np.append(f[f > 0.0], np.interp(places, np.arange(len(corners)), corners)))
     density = excitation.density(f)
     if density is None or not density.any():
         return 1.0 / rate

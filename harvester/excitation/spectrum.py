@@ -36,9 +36,8 @@ KNOTS_PER_PERIOD, FEWEST_KNOTS_PER_PERIOD = 12.0, 4.0
 # A note is given if the rms of the knots exceeds that of the path between them by this share. The
 # second number is the points of the integral.
 NOTED_EXCESS, EXCESS_FREQUENCIES = 0.01, 2001
-# The filter's blur is noted from this share of the mean square, or of the density at the device's
-# frequency.
-NOTED_BLUR = 0.01
+# A note reports what the filter's blur takes from this share of the mean square on.
+NOTED_LOSS = 0.01
 # Bursts last so many periods of the lowest frequency, unless `burst_time` says.
 PERIODS_PER_BURST = 20.0
 
@@ -167,21 +166,6 @@ class Spectrum(Excitation):
         raised = density / np.sinc(frequencies * spacing) ** 4
         return math.sqrt(float(raised.sum() / density.sum())) - 1.0
 
-    def _blurred(self, spacing, frequency):
-        """What the filter's finite length changes of the density, where that is noticeable."""
-        places, density = path_density(self.points, spacing)
-        lost = 1.0 - float(density.sum()) * places[1] / mean_square(self.points)
-        near = places[np.argmin(np.abs(places - frequency))] if frequency < math.inf else 0.0
-        wanted = float(self.density(np.array([near]))[0])
-        off = float(density[places == near][0]) / wanted - 1.0 if wanted else 0.0
-        if max(lost, abs(off)) < NOTED_BLUR:
-            return []
-        return [
-            f"the filter that makes the path resolves {4.0 * places[1]:.2g} Hz: of the mean "
-            f"square {lost:.1%} is lost at edges and peaks"
-            + (f"; at the device's {frequency:.4g} Hz the density is {off:+.1%} off" if off else "")
-        ]
-
     def notes(self, spacing: float, angular_frequency: float, run: Run) -> tuple[str, ...]:
         low, high = self.band
         unit = "" if self.unit == "scaled" else " m/s²"
@@ -203,7 +187,13 @@ class Spectrum(Excitation):
                 f"the spectrum does not excite the device: it lies between {low:g} and {high:g} "
                 f"Hz, and the device moves at {frequency:.3g} Hz"
             )
-        lines += self._blurred(spacing, frequency)
+        places, density = path_density(self.points, spacing)
+        lost = 1.0 - float(density.sum()) * places[1] / mean_square(self.points)
+        if lost > NOTED_LOSS:
+            lines.append(
+                f"the filter that makes the path resolves {4.0 * places[1]:.2g} Hz: of the mean "
+                f"square {lost:.1%} is lost at edges and peaks"
+            )
         if self.kurtosis > 3.0:
             burst = self.burst_time or PERIODS_PER_BURST / low
             lines.append(
