@@ -23,6 +23,13 @@ if TYPE_CHECKING:
 FEWEST_BATCHES = 16
 # Up to this correlation between neighbouring batches the first-order correction is trusted.
 LARGEST_CORRELATION = 0.25
+# A standard error of fewer effective batches covers too little: at seven, which ten correlation
+# times give, a mean of squares lies within 1.96 standard errors in 94 % of runs.
+FEWEST_EFFECTIVE = 7.0
+# Standard errors are raised by this over the effective batches: few batches know their scatter
+# badly, and a mean of squares that is too low comes with too low a scatter. Means of squares of
+# Gaussian noise are then covered in 93 to 96 % from ten correlation times on, 88 to 92 % without.
+RAISED = 2.5
 # Least number of batches, and largest number of groups of the histograms, of all realizations.
 TOTAL_BATCHES = 256
 TOTAL_GROUPS = 32
@@ -55,7 +62,9 @@ def batch_counts(realizations: int, knots: float, one_path: bool = False) -> tup
     return batches, min(-(-TOTAL_GROUPS // realizations), batches)
 
 
-def standard_error(series: np.ndarray, least_correlation: float = 0.0) -> float | None:
+def standard_error(
+    series: np.ndarray, least_correlation: float = 0.0, memory: float = 0.0
+) -> float | None:
     """Standard error of the mean of correlated batch means.
 
     Parameters
@@ -64,11 +73,15 @@ def standard_error(series: np.ndarray, least_correlation: float = 0.0) -> float 
         Equal batches in time; rows are independent of each other.
     least_correlation : float
         Between neighbours: a negative one down to this makes the error smaller.
+    memory : float
+        Least correlation time in batches: ∫ of the autocorrelation from 0 on. Short runs do not
+        show their own.
 
     Returns
     -------
     float or None
-        None when fewer than `FEWEST_BATCHES` batches are left before they are uncorrelated.
+        None when fewer than `FEWEST_BATCHES` batches are left before they are uncorrelated, or when
+        they count as fewer than `FEWEST_EFFECTIVE`.
     """
     series = np.asarray(series, dtype=float)
     mean = series.mean()
@@ -78,11 +91,34 @@ def standard_error(series: np.ndarray, least_correlation: float = 0.0) -> float 
         if total == 0.0:
             return 0.0
         neighbours = float(np.sum(deviations[:, 1:] * deviations[:, :-1])) / total
-        if neighbours <= LARGEST_CORRELATION:
-            variance = total / (series.size * (series.size - 1))
-            return math.sqrt(variance * (1.0 + 2.0 * max(neighbours, least_correlation)))
-        series = _joined(series)
+        factor, expected = _implied(memory, series.shape[1])
+        most = max(LARGEST_CORRELATION, expected + 1.0 / math.sqrt(series.size))
+        if (memory <= 1.0 or series.shape[1] == 1) and neighbours <= most:
+            factor = max(factor, 1.0 + 2.0 * max(neighbours, least_correlation))
+            effective = series.size / factor
+            if effective < FEWEST_EFFECTIVE:
+                return None
+            error = math.sqrt(total / series.size / (effective - 1.0))
+            return error * (1.0 + RAISED / effective)
+        series, memory = _joined(series), 0.5 * memory
     return None
+
+
+def _implied(memory, batches):
+    """Variance of the mean over that of independent batches, and correlation of neighbours.
+
+    Of an exponential autocorrelation with this time, in batches.
+    """
+    if memory <= 0.0 or batches == 1:
+        return 1.0, 0.0
+
+    def variance(length):
+        return (length + math.expm1(-length)) / length**2
+
+    batch = 1.0 / memory
+    neighbours = 0.5 * math.expm1(-batch) ** 2 / (batch + math.expm1(-batch))
+    share = (batches - 1.0) / batches
+    return batches * variance(batches * batch) / variance(batch), share * neighbours
 
 
 def error_without_chance(series: np.ndarray, drawn: bool = False) -> float | None:

@@ -11,6 +11,7 @@ import numpy as np
 from harvester.device import timescales
 from harvester.device.cores import jump_rates
 from harvester.estimates.batch_means import (
+    FEWEST_EFFECTIVE,
     complete_batches,
     independent_events,
     independent_samples,
@@ -117,6 +118,8 @@ def _mean(series, products, name, dimension, error_of):
         size = independent_samples(mean, products[name, name], error)
     elif dimension == "rate":
         size = independent_events(mean, error)
+        if size is not None and size < FEWEST_EFFECTIVE:
+            error = size = None
     elif name == "time_in_well":
         # At any time it is 0 or 1, and so equal to its square.
         size = independent_samples(mean, mean, error)

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from harvester.device import timescales
 from harvester.errors import SceneError
 from harvester.estimates.balance import energy_balance_residual
 from harvester.estimates.batch_means import (
@@ -28,9 +29,11 @@ from harvester.estimates.passivity import (
     source_notes,
 )
 from harvester.estimates.settling import Shortfall, shortfalls, slow_exchange, withheld
+from harvester.estimates.store_settling import store_states
 from harvester.estimates.strain import estimate_strain, strain_notes
 from harvester.estimates.units import unit_of
 from harvester.estimates.well_balance import weighted, well_balance
+from harvester.record.moments import QUANTITIES
 
 if TYPE_CHECKING:
     from harvester.estimates.estimate import Estimate
@@ -38,6 +41,10 @@ if TYPE_CHECKING:
     from harvester.prepared.prepared import Prepared
     from harvester.record.moments import Moments
     from harvester.scene.model import Scene
+
+# Where the device's energy goes, and the points of the integrals over frequency.
+LOSSES = ("load_power", "loss_power", "transducer_loss")
+POINTS = 2001
 
 
 @dataclass(frozen=True)
@@ -103,8 +110,13 @@ def run_estimates(
         )
     balance = well_balance(scene, system, moments)
     balanced = weighted(moments, balance)
-    error = balance.error if balance else error_of(scene)
-    whole = estimate_all(balanced, system, error) | estimate_output(balanced, error)
+    memory = correlation_time(ready, moments)
+    batch = moments[0].batch_length
+    error = balance.error if balance else error_of(scene, memory / batch)
+    # A source that matches the load discharges a store twice as fast as the load alone.
+    slow = memory + 0.5 * max((s.memory for s in store_states(ready, moments)), default=0.0)
+    error_of_output = balance.error if balance else error_of(scene, slow / batch)
+    whole = estimate_all(balanced, system, error) | estimate_output(balanced, error_of_output)
     whole |= estimate_strain(balanced, scene.excitation, error)
     whole = {name: with_steps(scene, each, step_error) for name, each in whole.items()}
     found = shortfalls(ready, moments, whole, balance)
@@ -135,15 +147,63 @@ def _without_value(load, moments):
     )
 
 
-def error_of(scene: Scene) -> Callable:
+def correlation_time(ready: Prepared, moments: Sequence[Moments]) -> float:
+    """Least correlation time of a run's mean squares (s), by damping and the excitation's band.
+
+    A mean square of Gaussian motion with the density S(f) has the variance ∫S² df/T of its mean,
+    relative to (∫S df)²: that of an exponential autocorrelation with the time
+    ∫S² df/(2 (∫S df)²). S is the excitation's density through a resonance with the rate at which
+    the run lost its energy.
+
+    Parameters
+    ----------
+    ready : Prepared
+    moments : sequence of Moments
+
+    Returns
+    -------
+    float
+        0 where the rate is not positive.
+    """
+    sums = sum(each.integrals.sum(axis=0) for each in moments)
+    lost = sum(sums[QUANTITIES.index(name)] for name in LOSSES)
+    square = sums[QUANTITIES.index("square_velocity")]
+    if not lost > 0.0 or not square > 0.0:
+        return 0.0
+    excitation, rate = ready.scene.excitation, lost / square
+    centre = timescales.angular_frequency(ready.system) / (2.0 * math.pi)
+    width = rate / (2.0 * math.pi)
+    # Even steps of the resonance's phase, and even ones between the breakpoints of the density.
+    f = centre + 0.5 * width * np.tan(np.linspace(-0.5, 0.5, POINTS)[1:-1] * math.pi)
+    corners = sorted(excitation.corners) or [centre]
+    places = np.linspace(0.0, len(corners) - 1.0, POINTS)
+    f = np.unique(np.append(f[f > 0.0], np.interp(places, np.arange(len(corners)), corners)))
+    density = excitation.density(f)
+    if density is None or not density.any():
+        return 1.0 / rate
+    response = f**2 / ((centre**2 - f**2) ** 2 + (width * f) ** 2) * density
+    time = 0.5 * float(np.trapezoid(response**2, f) / np.trapezoid(response, f) ** 2)
+    # The product of a sine and noise forgets with the amplitude, half as fast as the energy.
+    return 2.0 * time if excitation.lines else time
+
+
+def error_of(scene: Scene, memory: float = 0.0) -> Callable:
     """The function that gives a mean's standard error from batches, chosen by excitation and
     starts.
+
+    Parameters
+    ----------
+    scene : Scene
+    memory : float
+        Least correlation time in batches, see `correlation_time`.
     """
     excitation = scene.excitation
     drawn = excitation.random or scene.run.starts is not None
     if excitation.period is not None:
         return partial(error_without_chance, drawn=drawn)
-    in_time = standard_error_of_drift if excitation.drifts else standard_error
+    in_time = (
+        standard_error_of_drift if excitation.drifts else partial(standard_error, memory=memory)
+    )
     if excitation.random:
         return in_time
 

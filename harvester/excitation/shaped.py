@@ -15,8 +15,9 @@ from harvester.excitation.normals import NormalSequence
 if TYPE_CHECKING:
     from numpy.random.bit_generator import SeedSequence
 
-# The filter lasts this many periods of the lowest frequency: the first sixth octave of a density
-# that begins there abruptly is then 0.15 dB low, 0.3 dB at 64 periods.
+# The filter lasts this many periods of the lowest frequency, and of the band's width. The first
+# sixth octave of a density that begins there abruptly is then 0.15 dB low, 0.3 dB at 64 periods. A
+# band between two abrupt edges loses 0.5 % of its mean square there.
 PERIODS_OF_LOWEST = 128.0
 # It resolves the narrowest gap between two breakpoints so many times.
 WIDTHS_OF_GAP = 8.0
@@ -25,7 +26,7 @@ MOST_TAPS = 2**20
 
 
 def filter_length(frequencies: np.ndarray, spacing: float) -> int:
-    """Values of the filter, a power of 2: it resolves the lowest frequency and each gap.
+    """Values of the filter, a power of 2: it resolves the lowest frequency, the band and each gap.
 
     Parameters
     ----------
@@ -35,7 +36,8 @@ def filter_length(frequencies: np.ndarray, spacing: float) -> int:
         Time between knots (s).
     """
     gaps = np.diff(frequencies)
-    seconds = max(PERIODS_OF_LOWEST / frequencies[0], WIDTHS_OF_GAP / gaps[gaps > 0.0].min())
+    lowest = min(frequencies[0], frequencies[-1] - frequencies[0])
+    seconds = max(PERIODS_OF_LOWEST / lowest, WIDTHS_OF_GAP / gaps[gaps > 0.0].min())
     return int(min(2 ** math.ceil(math.log2(seconds / spacing)), MOST_TAPS))
 
 
@@ -70,21 +72,36 @@ def mean_square(points: tuple) -> float:
 def _filter(points, spacing):
     """Spectrum of the filter over a block of twice its length, and the length.
 
-    The path is linear between knots, so the filter is raised by 1/sinc²(f spacing); its sum of
-    squares is set so that what lies between knots has the mean square asked for.
+    The path is linear between knots, so the filter is raised by 1/sinc²(f spacing). White noise of
+    variance 1 has the one-sided density 2 spacing.
     """
     taps = filter_length(np.array([f for f, _ in points]), spacing)
     frequencies = np.fft.rfftfreq(4 * taps, spacing)
     gain = np.sqrt(density_between(points, frequencies)) / np.sinc(frequencies * spacing) ** 2
     values = np.roll(np.fft.irfft(gain), taps // 2)[:taps] * np.hanning(taps + 1)[:taps]
-    spectrum = np.fft.rfft(values, 2 * taps)
-    between = np.sinc(np.fft.rfftfreq(2 * taps, spacing) * spacing) ** 4
-    power = np.abs(spectrum) ** 2 * between
-    # Each frequency but the first and the last stands for two.
-    square = (2.0 * power.sum() - power[0] - power[-1]) / (2 * taps)
-    spectrum *= math.sqrt(mean_square(points) / square)
+    spectrum = np.fft.rfft(values, 2 * taps) / math.sqrt(2.0 * spacing)
     spectrum.flags.writeable = False
     return spectrum, taps
+
+
+def path_density(points: tuple, spacing: float) -> tuple[np.ndarray, np.ndarray]:
+    """Frequencies (Hz) of the filter and the density of its path, linear between knots.
+
+    Parameters
+    ----------
+    points : tuple of (float, float)
+        Frequency (Hz) and density of each breakpoint.
+    spacing : float
+        Time between knots (s).
+
+    Returns
+    -------
+    ndarray, ndarray
+        The density is that of the breakpoints, blurred by the filter's finite length.
+    """
+    spectrum, taps = _filter(points, spacing)
+    frequencies = np.fft.rfftfreq(2 * taps, spacing)
+    return frequencies, 2.0 * spacing * np.abs(spectrum) ** 2 * np.sinc(frequencies * spacing) ** 4
 
 
 class ShapedPath(ExcitationPath):
@@ -93,7 +110,7 @@ class ShapedPath(ExcitationPath):
     Parameters
     ----------
     points : tuple of (float, float)
-        Frequency (Hz) and one-sided density of η of each breakpoint.
+        Frequency (Hz) and one-sided density of each breakpoint.
     spacing : float
         Time between knots (s).
     seed : numpy.random.SeedSequence
@@ -101,6 +118,8 @@ class ShapedPath(ExcitationPath):
         3 for a Gaussian path; above, see `Bursts`.
     burst_time : float
         `time` of `Bursts` (s).
+    factor : float
+        Samples are those of the density times this.
     """
 
     def __init__(
@@ -110,12 +129,13 @@ class ShapedPath(ExcitationPath):
         seed: SeedSequence,
         kurtosis: float = 3.0,
         burst_time: float = math.inf,
+        factor: float = 1.0,
     ) -> None:
         self.spacing = spacing
         self._spectrum, self._taps = _filter(points, spacing)
         own = np.random.SeedSequence(seed.entropy, spawn_key=(*seed.spawn_key, 0))
         other = np.random.SeedSequence(seed.entropy, spawn_key=(*seed.spawn_key, 1))
-        self._white = NormalSequence(own, 1.0)
+        self._white = NormalSequence(own, factor)
         self._input = np.zeros(2 * self._taps)
         self._white.write(self._input[self._taps :])
         self._block, self._used = np.empty(0), 0

@@ -14,11 +14,11 @@ from harvester.errors import SceneError
 from harvester.excitation.base import Excitation, ExcitationPath
 from harvester.excitation.quantities import ACCELERATION
 from harvester.excitation.shaped import (
-    MOST_TAPS,
     ShapedPath,
     density_between,
     filter_length,
     mean_square,
+    path_density,
 )
 
 if TYPE_CHECKING:
@@ -36,6 +36,8 @@ KNOTS_PER_PERIOD, FEWEST_KNOTS_PER_PERIOD = 12.0, 4.0
 # A note is given if the rms of the knots exceeds that of the path between them by this share. The
 # second number is the points of the integral.
 NOTED_EXCESS, EXCESS_FREQUENCIES = 0.01, 2001
+# A note reports what the filter's blur takes from this share of the mean square on.
+NOTED_LOSS = 0.01
 # Bursts last so many periods of the lowest frequency, unless `burst_time` says.
 PERIODS_PER_BURST = 20.0
 
@@ -154,9 +156,8 @@ class Spectrum(Excitation):
         return intensity, intensity / mean_square(self.points)
 
     def path(self, spacing: float, length: float, seed: SeedSequence) -> ExcitationPath:
-        points = tuple((frequency, density / length**2) for frequency, density in self.points)
         burst = self.burst_time or PERIODS_PER_BURST / self.band[0]
-        return ShapedPath(points, spacing, seed, self.kurtosis, burst)
+        return ShapedPath(self.points, spacing, seed, self.kurtosis, burst, 1.0 / length)
 
     def _excess(self, spacing):
         """Share by which the rms of the knots exceeds that of the straight lines between them."""
@@ -186,10 +187,12 @@ class Spectrum(Excitation):
                 f"the spectrum does not excite the device: it lies between {low:g} and {high:g} "
                 f"Hz, and the device moves at {frequency:.3g} Hz"
             )
-        if filter_length(np.array(self.corners), spacing) == MOST_TAPS:
+        places, density = path_density(self.points, spacing)
+        lost = 1.0 - float(density.sum()) * places[1] / mean_square(self.points)
+        if lost > NOTED_LOSS:
             lines.append(
-                f"the filter that makes the path resolves {2.0 / (MOST_TAPS * spacing):.2g} Hz: "
-                "what is narrower is blurred"
+                f"the filter that makes the path resolves {4.0 * places[1]:.2g} Hz: of the mean "
+                f"square {lost:.1%} is lost at edges and peaks"
             )
         if self.kurtosis > 3.0:
             burst = self.burst_time or PERIODS_PER_BURST / low

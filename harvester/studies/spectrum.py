@@ -13,6 +13,7 @@ import numpy as np
 from harvester.arguments import usual_arithmetic
 from harvester.calling import scene_of
 from harvester.errors import HarvesterError
+from harvester.excitation.spectrum import Spectrum
 from harvester.files import plain_text
 from harvester.files.serialising import plain
 from harvester.signatures import File, Seconds
@@ -26,14 +27,24 @@ if TYPE_CHECKING:
 # segments than the most are not taken by default, and blocks hold so many samples at least: an hour
 # at 8 kHz takes no more memory than a minute.
 SEGMENTS, MOST_IN_SEGMENT, BLOCK = 64, 2**18, 2**16
+# Most in a segment for the specification, and places of a density that is known.
+MOST_IN_PROFILE, PLACES = 2**20, 2**15
 # Number of stretches: the trend of their mean squares shows a drift, their scatter gives the errors
 # of the moments.
 STRETCHES = 32
 # Hann's window passes as much noise as this many bins.
 HANN_BINS = 1.5
-# Bands of an octave in which a specification is averaged, and the share of the greatest density
-# below which it ends.
-BANDS_PER_OCTAVE, FAINTEST = 12.0, 1e-4
+# A specification ends where the density falls below this share of its greatest.
+FAINTEST = 1e-4
+# Quality factor of a device whose power a specification keeps, and with it that of wider ones.
+# Steps per width of its resonance, and the least of all.
+QUALITY, STEPS_PER_WIDTH, LEAST_STEPS = 100.0, 4.0, 64
+# The resolution must go so many times into that width: at twice, a record's power by the lines was
+# up to 10 % from that by its own periodogram, at four times up to 5 %.
+BINS_OF_WIDTH = 4.0
+# Corrections of the densities after each further breakpoint, the difference of power (log) at which
+# no other is needed, and the one from which it is noted.
+CORRECTIONS, ALIKE, NOTED_DEPARTURE = 20, 0.02, 0.05
 CONFIDENCE = 0.95
 
 
@@ -71,9 +82,7 @@ def analysis_of(
     def blocks(size: int) -> Iterator[np.ndarray]:
         return (values[first : first + size] for first in range(0, values.size, size))
 
-    return _analysed(
-        name, blocks, values.size, interval, resolution, breakpoints, of_device, units, knots=False
-    )
+    return _analysed(name, blocks, values.size, interval, resolution, breakpoints, of_device, units)
 
 
 def _built_in(source):
@@ -98,14 +107,49 @@ def _of_scene(scene, duration, resolution, breakpoints):
             yield ready.excitation_unit * path.read(min(size, count - first))
 
     name = scene.name
+    profiled = _specified(scene.excitation)
     return _analysed(
-        name, blocks, count, spacing, resolution, breakpoints, scene, scene.units, knots=True
+        name, blocks, count, spacing, resolution, breakpoints, scene, scene.units, True, profiled
     )
 
 
-def _analysed(name, blocks, count, interval, resolution, breakpoints, scene, units, knots):
-    """The analysis of values that come in blocks, an hour of them in flat memory."""
+def _analysed(
+    name, blocks, count, interval, resolution, breakpoints, scene, units, knots=False, profiled=None
+):
+    """The analysis of values that come in blocks, an hour of them in flat memory.
+
+    `profiled` has what the specification is made from, if that is known without the values.
+    """
     size = _segment(count, interval, resolution, name)
+    frequencies, density, moments, segments = _welch(blocks, count, interval, size, knots)
+    if not profiled:
+        # Long segments: a device takes the mean over the width of its resonance, so that scatter of
+        # each value matters less than resolution.
+        longer = size if resolution else 2 * int(0.5 * min(count / 4.0, MOST_IN_PROFILE))
+        fine, values, *_ = _welch(blocks, count, interval, longer, knots)
+        # Hann's windows weigh both ends of the record less than the middle: its power is kept.
+        values *= density.sum() * frequencies[0] / (values.sum() * fine[0])
+        profiled = fine, values, HANN_BINS / (longer * interval)
+    fine, values, bandwidth = profiled
+    points, departure = profile(fine, values, breakpoints, bandwidth)
+    return SpectrumAnalysis(
+        name=name,
+        scene=scene,
+        units=units,
+        frequencies=frequencies,
+        density=density,
+        resolution=HANN_BINS / (size * interval),
+        segments=segments,
+        duration=count * interval,
+        moments=moments,
+        profile=points,
+        departure=departure,
+        resolved_from=BINS_OF_WIDTH * QUALITY * bandwidth,
+    )
+
+
+def _welch(blocks, count, interval, size, knots):
+    """Frequencies (Hz) and density, powers of the values in each stretch, number of segments."""
     with usual_arithmetic():
         density, moments, segments = _sums(blocks, count, interval, size)
     frequencies = np.fft.rfftfreq(size, interval)
@@ -113,18 +157,15 @@ def _analysed(name, blocks, count, interval, resolution, breakpoints, scene, uni
         # The engines' excitation is linear between the knots, which lowers the density by this
         # factor.
         density = density * np.sinc(frequencies * interval) ** 4
-    return SpectrumAnalysis(
-        name=name,
-        scene=scene,
-        units=units,
-        frequencies=frequencies[1:],
-        density=density[1:],
-        resolution=HANN_BINS / (size * interval),
-        segments=segments,
-        duration=count * interval,
-        moments=moments,
-        profile=profile(frequencies[1:], density[1:], breakpoints),
-    )
+    return frequencies[1:], density[1:], moments, segments
+
+
+def _specified(excitation):
+    """Frequencies, density and bandwidth of a scene's own spectrum; None for another excitation."""
+    if not isinstance(excitation, Spectrum):
+        return None
+    frequencies = np.unique([*np.geomspace(*excitation.band, PLACES), *excitation.corners])
+    return frequencies, excitation.density(frequencies), 0.0
 
 
 def _segment(count, interval, resolution, name):
@@ -170,46 +211,77 @@ def _sums(blocks, count, interval, size):
     return total / segments, powers[: count // stretch] / stretch, segments
 
 
-def profile(frequencies: np.ndarray, density: np.ndarray, breakpoints: int) -> np.ndarray:
+def profile(
+    frequencies: np.ndarray, density: np.ndarray, breakpoints: int, resolution: float = 0.0
+) -> tuple[np.ndarray, tuple[float, float]]:
     """Breakpoints of straight lines on log–log axes, with the mean square of the density.
 
-    Averages in twelfths of an octave are followed: each next breakpoint stands where the lines so
-    far are farthest from them in dB.
+    At each frequency the power of a device of quality factor 100 by the density is compared with
+    that by the lines. Each next breakpoint is placed where they differ most, against the scatter
+    that a record of finite length leaves. The densities of all are corrected by the ratios there.
 
     Parameters
     ----------
     frequencies, density : ndarray, shape (n,)
     breakpoints : int
         Largest number of breakpoints.
+    resolution : float
+        Bandwidth of the density (Hz).
 
     Returns
     -------
     ndarray, shape (m, 2)
         Frequency (Hz) and density.
+    tuple of float
+        Frequency (Hz) of the device whose power differs most, and the share.
     """
+    from scipy.integrate import cumulative_trapezoid
+
     from harvester.excitation.shaped import mean_square
 
     loud = np.flatnonzero(density > FAINTEST * density.max())
-    kept = slice(loud[0], loud[-1] + 1)
-    f, g = frequencies[kept], np.maximum(density[kept], FAINTEST * density.max())
-    band = np.floor(BANDS_PER_OCTAVE * np.log2(f / f[0]) + 1e-9).astype(int)
-    counts = np.bincount(band)
-    used = counts > 0
-    x = np.log(np.bincount(band, f)[used] / counts[used])
-    y = np.log(np.bincount(band, g)[used] / counts[used])
-    x[0], x[-1] = math.log(f[0]), math.log(f[-1])
-    if x.size < 2 or x[-1] <= x[0]:
+    f, g = (each[loud[0] : loud[-1] + 1] for each in (frequencies, density))
+    # Hann's window spreads a line over seven bins with this share of its greatest density.
+    if f[-1] - f[0] <= 5.0 * resolution:
         raise HarvesterError("the density has one line only: a sine is no spectrum")
-    chosen = [0, x.size - 1]
-    while len(chosen) < min(breakpoints, x.size):
-        away = np.abs(y - np.interp(x, x[chosen], y[chosen]))
-        if away.max() < 1e-9:
+    steps = math.ceil(math.log(f[-1] / f[0]) * STEPS_PER_WIDTH * QUALITY)
+    x = np.linspace(math.log(f[0]), math.log(f[-1]), max(steps, LEAST_STEPS))
+    at, square = np.exp(x), cumulative_trapezoid(g, f, initial=0.0)
+    half = 0.5 * np.maximum(at * (x[1] - x[0]), 2.0 * resolution)
+    low, high = np.maximum(at - half, f[0]), np.minimum(at + half, f[-1])
+    wanted = (np.interp(high, f, square) - np.interp(low, f, square)) / (high - low)
+    wanted = np.maximum(wanted, FAINTEST**2 * wanted.max())
+    # A resonance of width πf/2Q averages over 6/resolution seconds, four segments.
+    scatter = np.hypot(ALIKE, np.sqrt(QUALITY * resolution / (3.0 * math.pi * at)))
+
+    powers = _powers(x, wanted)
+    chosen, y = np.array([0, x.size - 1]), np.log(wanted[[0, -1]])
+    while True:
+        for _ in range(CORRECTIONS):
+            away = np.log(_powers(x, np.exp(np.interp(x, x[chosen], y))) / powers)
+            y = y - 0.5 * away[chosen]
+        away[chosen] = 0.0
+        if chosen.size == breakpoints or np.abs(away).max() < ALIKE:
             break
-        chosen = sorted({*chosen, int(away.argmax())})
-    points = np.exp(np.column_stack([x[chosen], y[chosen]]))
-    square = float(g.sum() * (frequencies[1] - frequencies[0]))
-    points[:, 1] *= square / mean_square(tuple(map(tuple, points)))
-    return points
+        worst = int((np.abs(away) / scatter).argmax())
+        place = int(np.searchsorted(chosen, worst))
+        y = np.insert(y, place, np.interp(x[worst], x[chosen], y) - away[worst])
+        chosen = np.insert(chosen, place, worst)
+    points = np.exp(np.column_stack([x[chosen], y]))
+    points[:, 1] *= square[-1] / mean_square(tuple(map(tuple, points)))
+    lines = np.exp(np.interp(x, x[chosen], np.log(points[:, 1])))
+    shares = _powers(x, lines) / powers - 1.0
+    place = int(np.abs(shares).argmax())
+    return points, (float(at[place]), float(shares[place]))
+
+
+def _powers(x, density):
+    """Mean-square velocity of a device of Q = 100 at each frequency exp(x), but for a factor."""
+    from scipy.signal import fftconvolve
+
+    ratio = np.exp((x[1] - x[0]) * np.arange(1 - x.size, x.size))
+    response = ratio**2 / ((1.0 - ratio**2) ** 2 + (ratio / QUALITY) ** 2)
+    return fftconvolve(density * np.exp(x), response[::-1], mode="valid")
 
 
 @dataclass(frozen=True)
@@ -235,6 +307,11 @@ class SpectrumAnalysis:
         Mean of each power, 1 to 4, in stretches of equal length.
     profile : ndarray, shape (m, 2)
         Breakpoints: frequency (Hz) and density.
+    departure : tuple of float
+        Frequency (Hz) of the device of Q = 100 whose power departs most by the breakpoints, and the
+        share.
+    resolved_from : float
+        Lowest frequency at which the profile resolves a device of Q = 100 (Hz).
     """
 
     name: str
@@ -247,6 +324,8 @@ class SpectrumAnalysis:
     duration: float
     moments: np.ndarray = field(repr=False)
     profile: np.ndarray = field(repr=False)
+    departure: tuple[float, float] = field(repr=False)
+    resolved_from: float = field(repr=False)
 
     @property
     def unit(self) -> str:
@@ -353,12 +432,20 @@ class SpectrumAnalysis:
     def sentences(self) -> list[str]:
         """How it was found, and what departs from stationary Gaussian noise."""
         low, high = (10.0 * math.log10(each) for each in self.confidence_band)
+        frequency, share = self.departure
         lines = [
             f"Welch, {self.segments} half overlapping segments by Hann's window of "
             f"{self.duration:g} s: resolution {self.resolution:.3g} Hz, {CONFIDENCE:.0%} band "
             f"{low:+.2f} to {high:+.2f} dB at each frequency",
-            f"specification: {len(self.profile)} breakpoints with the same rms",
+            f"specification: {len(self.profile)} breakpoints with the same rms; a device's power "
+            f"at Q = {QUALITY:g} changes most at {frequency:.4g} Hz, by {share:+.1%}"
+            + (": take more --breakpoints" if abs(share) > NOTED_DEPARTURE else ""),
         ]
+        if self.resolved_from > self.profile[0, 0]:
+            lines.append(
+                f"below {self.resolved_from:.3g} Hz {self.duration:g} s are too short to resolve a "
+                f"device of Q = {QUALITY:g}: take a longer record, or --duration of a scene"
+            )
         kurtosis, error = self.kurtosis()
         if abs(kurtosis - 3.0) > 3.0 * error:
             lines.append(

@@ -73,8 +73,9 @@ def _refusal(ready, well):
     if added > MOST_TRANSDUCER * system.damper.damping or stiffer > MOST_TRANSDUCER * omega**2:
         return "the transducer takes energy and stiffens the wells"
     barrier = timescales.barrier(system, well) * system.damper.damping / system.noise.intensity
-    if barrier < FEWEST_TEMPERATURES:
-        return f"the barrier is {barrier:.2g} temperatures and not {FEWEST_TEMPERATURES:g} or more"
+    # Rounded as printed: an intensity of few digits makes 2.9999994 of three.
+    if round(barrier, 2) < FEWEST_TEMPERATURES:
+        return f"the barrier is {barrier:.2f} temperatures and not {FEWEST_TEMPERATURES:g} or more"
     colour = (omega * system.noise.correlation_time) ** 2
     if colour * barrier > MOST_COLOUR:
         return "the noise is coloured"

@@ -11,10 +11,13 @@ import numpy as np
 
 from harvester.device import timescales
 from harvester.errors import HarvesterError
+from harvester.estimates.batch_means import RAISED
+from harvester.excitation.base import kernel_loss
 from harvester.files.plain_text import json_text
 from harvester.files.serialising import plain
 from harvester.files.tables import xarray_or_say
 from harvester.prepared.prepared import prepared
+from harvester.prepared.steps import knot_spacing
 from harvester.results.result import unit_of
 from harvester.running.task import Task, Wanted
 from harvester.scene.model import Scene
@@ -31,6 +34,9 @@ if TYPE_CHECKING:
 
 # Fewest stays that give an error bar; with sixteen the mean has a relative error of a quarter.
 FEWEST_STAYS = 16
+# Longer times by the knots of white noise are noted from this share on. They were 1.9 ± 0.2 %
+# longer where the lacking density times the barrier is 1.2 %.
+NOTED_BY_KNOTS = 2e-3
 # Number of realizations in one task, and how often their number is doubled to reach the precision.
 TOGETHER, MOST_DOUBLINGS = 8, 6
 
@@ -57,6 +63,9 @@ class Stay:
         Kramers' time (s), where the formula holds.
     reason : str
         Why it does not.
+    longer_by_knots : float
+        Share by which the band of white noise's knots lengthens the time: the density that it
+        lacks at the well's frequency times the barrier in temperatures. It is up to twice that.
     outcome : str
         "complete", or what ended the run.
     """
@@ -69,6 +78,7 @@ class Stay:
     watched: float
     kramers: float | None
     reason: str
+    longer_by_knots: float = 0.0
     outcome: str = "complete"
 
 
@@ -133,6 +143,13 @@ class Residence:
             lines.append(
                 f"{len(few)} of {len(self.stays)} have no error bar, on fewer than {FEWEST_STAYS} "
                 "stays: raise run.duration or run.realizations, or ask for a --precision"
+            )
+        longer = max(each.longer_by_knots for each in self.stays)
+        if longer > NOTED_BY_KNOTS:
+            lines.append(
+                "white noise ends with the band of its knots: times are about "
+                f"{longer:.1%} to {2.0 * longer:.1%} longer than without that limit; halve "
+                f"excitation.knot_spacing = {knot_spacing(prepared(self.scene)):.3g} to lower this"
             )
         wrong = dict.fromkeys(each.outcome for each in self.stays if each.outcome != "complete")
         return lines + list(wrong)
@@ -267,10 +284,23 @@ def stays_of(scene: Scene, value: float | None, times: np.ndarray, exits: np.nda
             off = spent - time * left
             blocks = int(np.count_nonzero(spent > 0.0))
             error = math.sqrt(blocks / max(blocks - 1.0, 1.0) * float((off**2).sum())) / count
+            error *= 1.0 + RAISED / count
         formula, reason = kramers_time(ready, well)
         place = well * ready.scales.displacement
-        found.append(Stay(value, place, time, error, int(count), watched, formula, reason))
+        longer = _longer_by_knots(ready, well)
+        found.append(Stay(value, place, time, error, int(count), watched, formula, reason, longer))
     return found
+
+
+def _longer_by_knots(ready, well):
+    """See `Stay.longer_by_knots`; 0 for noise that is not white."""
+    system = ready.system
+    omega = timescales.well_frequency(system, well)
+    loss = timescales.loss_rate(system, omega)
+    if ready.scene.excitation.kind != "white" or not loss > 0.0:
+        return 0.0
+    temperatures = timescales.barrier(system, well) * loss / system.noise.intensity
+    return kernel_loss(knot_spacing(ready), omega) * temperatures
 
 
 def require_wells(scene: Scene) -> None:

@@ -5,6 +5,7 @@ import pytest
 from scipy.signal import lfilter
 from truths import flat, records_of
 
+from harvester import average
 from harvester.estimates.balance import energy_balance_residual
 from harvester.estimates.batch_means import (
     complete_batches,
@@ -15,12 +16,14 @@ from harvester.estimates.batch_means import (
 from harvester.estimates.densities import densities
 from harvester.estimates.estimate import TOO_SHORT, Estimate
 from harvester.estimates.means import estimate_all
+from harvester.estimates.of_run import correlation_time, run_estimates
 from harvester.prepared.prepared import prepared
 from harvester.record.moments import Moments
 from harvester.record.record import Record
 from harvester.results.paired import deviations, paired_difference
 from harvester.scene.model import Scene
-from harvester.simulation.realization import empty_moments
+from harvester.simulation.methods import MonteCarlo
+from harvester.simulation.realization import empty_moments, run
 from harvester.simulation.simulate import simulate
 
 
@@ -78,6 +81,96 @@ def test_three_error_bars_cover_the_truth_as_often_as_they_should():
         series = autoregressive(seed, 0.9, 1, 12_800).reshape(1, 256, 50).mean(axis=2)
         outside += abs(series.mean()) > 3 * standard_error(series)
     assert outside <= 8
+
+
+def energies(seed, rows, times, batches):
+    """Batch means of |z|² over that many correlation times, z complex with memory exp(−t/2)."""
+    steps = 16 * batches
+    memory = np.exp(-0.5 * times / steps)
+    real, imaginary = np.split(autoregressive(seed, memory, 2 * rows, steps), 2)
+    return (0.5 * (real**2 + imaginary**2)).reshape(rows, batches, 16).mean(axis=2)
+
+
+@pytest.mark.parametrize(("rows", "times"), [(1, 22.0), (2, 12.0), (2, 30.0), (4, 50.0)])
+def test_short_runs_are_covered_where_their_correlation_time_is_known(rows, times):
+    """Of 400 seeds 95 % are inside: fewer than 91 or more than 98 % have a false-alarm rate of
+    0.1 %. From their own correlations alone half of the shortest have an error, and some 70 % of
+    these are inside."""
+    batches = -(-256 // rows)
+    inside = []
+    for seed in range(400):
+        series = energies(seed, rows, times, batches)
+        error = standard_error(series, memory=batches / times)
+        if error is not None:
+            inside.append(abs(series.mean() - 1.0) < 1.96 * error)
+    assert len(inside) > 0.9 * 400
+    assert 0.91 < np.mean(inside) < 0.98
+
+
+def test_below_ten_correlation_times_there_is_no_error():
+    """Ten of mean squares, which are twenty of exp(−t) on both sides of its middle."""
+    for seed in range(20):
+        assert standard_error(energies(seed, 1, 12.0, 256), memory=256 / 12.0) is None
+
+
+def linear_device(excitation, duration, realizations, **more):
+    tables = {
+        "units": "SI",
+        "oscillator": {"mass": 0.01, "frequency": 40.0, "quality_factor": 40.0},
+        "piezo": {"coupling": 1e-3, "capacitance": 50e-9},
+        "load": {"resistance": 80e3},
+        "excitation": excitation,
+        "run": {"duration": duration, "settle": 2.0, "seed": 1, "realizations": realizations},
+    }
+    return Scene.from_tables(tables | more)
+
+
+WHITE = {"kind": "white", "intensity": 0.25}
+FLAT = {"kind": "spectrum", "unit": "(m/s^2)^2/Hz", "breakpoints": [[40.4, 1.0], [40.7, 1.0]]}
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("excitation", "expected"),
+    # The rate of loss is that of the damper, 2π 40/40, over 1 − 38.7 %, the efficiency. A band
+    # narrower than the resonance forgets in 1/(2 · 0.3 Hz).
+    [(WHITE, (1.0 - 0.387) / (2.0 * np.pi)), (FLAT, 1.0 / 0.6)],
+)
+def test_the_correlation_time_is_that_of_damping_and_band(excitation, expected):
+    scene = linear_device(excitation, 3.0, 2)
+    time = correlation_time(prepared(scene), moments_by_monte_carlo(scene, 2))
+    assert time == pytest.approx(expected, rel=0.03)
+
+
+def moments_by_monte_carlo(scene, count):
+    found = run(scene, MonteCarlo(), list(range(count)), None, lambda _: None)
+    return [each.moments for each in found]
+
+
+@pytest.mark.exhaustive
+@pytest.mark.parametrize(
+    ("excitation", "duration", "realizations"),
+    [
+        (WHITE, 1.1, 2),
+        (WHITE, 3.0, 2),
+        (WHITE, 20.0, 2),
+        (FLAT | {"breakpoints": [[38.0, 0.001], [39.5, 1.0], [40.5, 1.0], [42.0, 0.001]]}, 10.0, 4),
+    ],
+)
+def test_the_power_of_short_runs_is_covered(excitation, duration, realizations):
+    """The exact power of the linear device, of 200 seeds; 95 ± 1.5 % is the chance of them."""
+    scene = linear_device(excitation, duration, realizations)
+    moments = moments_by_monte_carlo(scene, 200 * realizations)
+    exact = average(scene, method="spectral").quantities["mean_power"].estimate
+    power, inside = prepared(scene).scales.of("power"), []
+    for first in range(0, len(moments), realizations):
+        group = moments[first : first + realizations]
+        found = run_estimates(prepared(scene), group).scaled["mean_power"]
+        if found.standard_error is not None:
+            off = found.estimate - exact / power
+            inside.append(abs(off) < 1.96 * found.standard_error)
+    assert len(inside) > 180
+    assert 0.90 < np.mean(inside) < 0.985
 
 
 def test_a_run_too_short_has_no_error_bar_but_its_estimate():
@@ -267,7 +360,9 @@ def test_deviations_have_the_estimate_s_own_error_and_no_mean(pool, name):
     series = deviations(result.moments, name)
     estimate = result.scaled_quantities[name]
     assert series.mean() == pytest.approx(0.0, abs=1e-12 * estimate.estimate)
-    assert standard_error(series) == pytest.approx(estimate.standard_error, rel=1e-9)
+    memory = correlation_time(prepared(scene), result.moments) / result.moments[0].batch_length
+    error = standard_error(series, memory=memory)
+    assert error == pytest.approx(estimate.standard_error, rel=1e-9)
 
 
 def test_a_ratio_that_never_varies_has_no_error():

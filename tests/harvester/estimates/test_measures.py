@@ -79,7 +79,8 @@ def test_what_never_happens_has_no_certain_error_bar():
 def test_few_events_are_known_no_better_than_independent_ones():
     found = estimate_output([measured(period=16.0)])["up_starts_per_hour"]
     assert found.estimate == pytest.approx(4.0 * 3600.0 / LENGTH, rel=1e-3)
-    assert found.standard_error == pytest.approx(2.0 * 3600.0 / LENGTH, rel=1e-3)
+    # √4 of four, or that of the batches where it is larger.
+    assert 0.999 < found.standard_error / (2.0 * 3600.0 / LENGTH) < 1.05
 
 
 def test_the_first_time_has_the_spread_of_the_realizations():

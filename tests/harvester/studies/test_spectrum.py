@@ -9,6 +9,8 @@ import pytest
 import harvester
 from harvester.command_line import main
 from harvester.errors import HarvesterError
+from harvester.prepared.paths import noise_path
+from harvester.prepared.prepared import prepared
 from harvester.scene.model import Scene
 from harvester.studies.spectrum import SpectrumAnalysis
 
@@ -99,6 +101,84 @@ def test_a_record_becomes_a_specification(folder, tmp_path, capsys):
     white = scene.to_tables() | {"excitation": {"kind": "white", "intensity": 0.5 / RATE}}
     exact = harvester.average(Scene.from_tables(white), method="spectral").quantities["mean_power"]
     assert power == pytest.approx(exact.estimate, rel=0.2)
+
+
+PEAK = [[38.0, 0.001], [39.5, 1.0], [40.5, 1.0], [42.0, 0.001]]
+PLATEAU = [[5.0, 0.01], [39.5, 0.01], [40.0, 1.0], [41.0, 1.0], [41.5, 0.01], [300.0, 0.01]]
+
+
+def shaken(breakpoints, frequency=40.0, quality=40.0, **run):
+    spectrum = {"kind": "spectrum", "unit": "(m/s^2)^2/Hz", "breakpoints": breakpoints}
+    return Scene.from_tables(
+        {
+            "units": "SI",
+            "oscillator": {"mass": 0.01, "frequency": frequency, "quality_factor": quality},
+            # A coupling this weak leaves the quality factor to the damper.
+            "piezo": {"coupling": 1e-5, "capacitance": 50e-9},
+            "load": {"resistance": 80e3},
+            "excitation": spectrum,
+            "run": {"duration": 60.0, "settle": 5.0, "seed": 1, **run},
+        }
+    )
+
+
+def power(breakpoints, frequency, quality):
+    scene = shaken(breakpoints, frequency, quality)
+    return harvester.average(scene, method="spectral").quantities["mean_power"].estimate
+
+
+@pytest.mark.parametrize("points", [PEAK, PLATEAU])
+def test_a_specification_keeps_the_power_of_a_device(points):
+    """Of a scene's own spectrum, at any frequency in it and Q up to 100, within 5 %, exactly."""
+    found = harvester.spectrum(shaken(points), breakpoints=20)
+    assert abs(found.departure[1]) < 0.05
+    assert not any("take more" in line for line in found.sentences())
+    for frequency in (38.5, 39.4, 40.0, 40.6, 41.5):
+        for quality in (10.0, 40.0, 100.0):
+            kept = power(found.profile.tolist(), frequency, quality)
+            assert kept == pytest.approx(power(points, frequency, quality), rel=0.05)
+
+
+def test_too_few_breakpoints_are_told_with_the_device_that_loses_most():
+    found = harvester.spectrum(shaken(PEAK), breakpoints=4)
+    frequency, share = found.departure
+    kept = power(found.profile.tolist(), frequency, 100.0)
+    assert kept / power(PEAK, frequency, 100.0) - 1.0 == pytest.approx(share, abs=0.02)
+    (line,) = [line for line in found.sentences() if "take more" in line]
+    assert f"Q = 100 changes most at {frequency:.4g} Hz, by {share:+.1%}" in line
+
+
+def test_a_sine_is_no_spectrum(tmp_path):
+    np.save(tmp_path / "sine.npy", np.sin(2.0 * np.pi * 40.3 / RATE * np.arange(ROWS)))
+    with pytest.raises(HarvesterError, match="a sine is no spectrum"):
+        harvester.spectrum(tmp_path / "sine.npy", unit="m/s^2", sampling_rate=RATE)
+
+
+@pytest.mark.slow
+def test_a_record_s_specification_keeps_the_power_that_the_record_gives(tmp_path):
+    """Within 5 % of ∫ |H|² over the record's own periodogram: nothing is by chance but the path."""
+    ready = prepared(shaken(PEAK))
+    path = noise_path(ready, 0)
+    values = ready.excitation_unit * path.read(int(120.0 / path.spacing))
+    np.save(tmp_path / "peak.npy", values)
+    found = harvester.spectrum(
+        tmp_path / "peak.npy", unit="m/s^2", sampling_rate=1.0 / path.spacing, breakpoints=20
+    )
+    # Segments of 30 s resolve 1.5/30 Hz, a quarter of the width of Q = 100 at 20 Hz.
+    assert found.resolved_from == pytest.approx(20.0, rel=0.01)
+    density = 2.0 * path.spacing / values.size * np.abs(np.fft.rfft(values)) ** 2
+    f = np.fft.rfftfreq(values.size, path.spacing)
+    fine = np.geomspace(found.profile[0, 0], found.profile[-1, 0], 20_001)
+    lines = np.exp(np.interp(np.log(fine), *np.log(found.profile).T))
+    for centre in (39.0, 40.0, 40.5, 41.0):
+        for quality in (20.0, 100.0):
+
+            def response(f, centre=centre, quality=quality):
+                return f**2 / ((centre**2 - f**2) ** 2 + (centre * f / quality) ** 2)
+
+            recorded = float((response(f) * density).sum()) * f[1]
+            specified = np.trapezoid(response(fine) * lines, fine)
+            assert specified == pytest.approx(recorded, rel=0.05)
 
 
 def test_of_a_scene_and_what_is_refused(folder):

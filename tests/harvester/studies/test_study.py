@@ -215,7 +215,8 @@ def test_a_load_that_fails_is_the_outcome_of_its_point(linear, tmp_path, pool):
     broken, whole = study.evaluations
     assert math.isnan(broken.power)
     assert broken.outcome.split(":")[0] in ("SolutionDiverged", "SimulatorAborted")
-    assert whole.outcome == "complete"
+    # It is too short for an error bar, which the outcome adds.
+    assert whole.outcome.split(";")[0] == "complete"
     assert whole.power > 0.0
     again = load_study(short, loads=[str(tmp_path / "two.lib")], sweeps=sweeps, **options)
     assert (again.computed, again.reused) == (0, 2)

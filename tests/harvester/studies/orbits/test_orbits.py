@@ -16,6 +16,7 @@ from harvester.scene.model import Scene
 from harvester.studies.orbits.basins import orbit_sentences
 from harvester.studies.orbits.following import Orbit
 from harvester.studies.orbits.kramers import kramers_time
+from harvester.studies.orbits.residence import Residence, stays_of
 
 pytestmark = pytest.mark.usefixtures("shared_workers")
 
@@ -286,6 +287,38 @@ def test_kramers_at_strong_damping():
     assert reason == ""
     # Losing 9 temperatures of energy a round, a few in a thousand turn back over the saddle.
     assert time == pytest.approx(expected, rel=0.02)
+
+
+def three_temperatures(intensity, **excitation):
+    """A barrier of 1 over 2 D: √8 rad/s in each well."""
+    return Scene.from_tables(
+        {
+            "units": "scaled",
+            "oscillator": {"damping": 0.5, "restoring_force": [0.0, -4.0, 0.0, 4.0]},
+            "piezo": {"coupling": 0.01},
+            "load": {"decay_rate": 1.0},
+            "excitation": {"kind": "white", "intensity": intensity, **excitation},
+            "run": {"duration": 2000.0, "settle": 50.0, "seed": 1, "realizations": 64},
+        }
+    )
+
+
+def test_a_barrier_of_three_temperatures_but_for_rounding_has_kramers_time():
+    # D = 1/6 in seven digits: 2.9999994 temperatures.
+    assert kramers_time(prepared(three_temperatures(0.1666667)), 1.0)[1] == ""
+    reason = kramers_time(prepared(three_temperatures(0.1672)), 1.0)[1]
+    assert reason == "the barrier is 2.99 temperatures and not 3 or more"
+
+
+def test_what_the_knots_of_white_noise_lengthen_is_noted():
+    """1 − sinc⁴(ω h/2) = ω²h²/6 of the density times three temperatures; not at close knots."""
+    times, exits = np.full((4, 4, 2), 100.0), np.full((4, 4, 2), 2.0)
+    for spacing, noted in ((0.0555, True), (0.01, False)):
+        scene = three_temperatures(1.0 / 6.0, knot_spacing=spacing)
+        found = stays_of(scene, None, times, exits)
+        assert found[0].longer_by_knots == pytest.approx(3.0 * 8.0 * spacing**2 / 6.0, rel=0.01)
+        lines = Residence(scene, None, found, "monte-carlo", "", 0.0).sentences()
+        assert any("about 1.2% to 2.5% longer" in line for line in lines) == noted
 
 
 @pytest.mark.exhaustive
