@@ -326,4 +326,5 @@ def _measured(ready, spacing):
     periods = math.floor(run.duration / period + 1e-9)
     batches = min(batches, periods)
     start = stop_time(ready) - periods // batches * batches * period
-    return max(start, run.settle), batches, min(groups, batches)
+    # The point that begins the first period counts whichever way its time is rounded.
+    return max(start, run.settle) - 1e-9 * spacing, batches, min(groups, batches)
