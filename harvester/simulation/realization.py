@@ -215,7 +215,8 @@ def _refined(scene, engine, others):
     ready = prepared(scene)
     spacing, count = knot_spacing(ready), steps_per_knot(ready, engine.step, engine.name)
     halvings = 2 if engine.step == "default" else int(count == 1)
-    started, clock, found = time.time(), time.process_time(), []
+    started, clock = time.time(), time.process_time()
+    found: list[Realization] = []
     for steps in sorted({max(count // 2, 1), *(count * 2**k for k in range(halvings + 1))}):
         before, step = found, spacing / steps
         try:
