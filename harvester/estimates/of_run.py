@@ -47,6 +47,15 @@ LOSSES = ("load_power", "loss_power", "transducer_loss")
 POINTS = 2001
 
 
+# A change of a transient's energies by longer steps is noted from this share on: three times what
+# a resolved one may have.
+NOTED_CHANGE = 0.03
+SENSITIVE = (
+    "the motion is sensitive to the steps: the phase at which an event meets it rests on all steps "
+    "before; choose --step finest or a shorter one, best with --method monte-carlo"
+)
+
+
 @dataclass(frozen=True)
 class RunEstimates:
     """Scaled estimates of a run, and what to know before citing one.
@@ -57,6 +66,8 @@ class RunEstimates:
         All estimates, each with its error bar.
     shortfalls : list of Shortfall
         The relaxations for which the run was too short.
+    step_error : float
+        Share of a power that the steps may cost.
     residual : float
         Residual of the energy balance, as a share of the energy put in.
     notes : tuple of str
@@ -71,6 +82,7 @@ class RunEstimates:
 
     whole: dict[str, Estimate]
     shortfalls: list[Shortfall]
+    step_error: float
     residual: float
     notes: tuple[str, ...]
     moments: list[Moments] = field(repr=False)
@@ -108,6 +120,7 @@ def run_estimates(
             f"{scene.name}: run.duration = {scene.run.duration:g}: no whole step lies in it; "
             "raise it to some periods of the motion"
         )
+    step_error = max(step_error, *(each.step_error for each in moments))
     balance = well_balance(scene, system, moments)
     balanced = weighted(moments, balance)
     memory = correlation_time(ready, moments)
@@ -120,6 +133,7 @@ def run_estimates(
     whole |= estimate_strain(balanced, scene.excitation, error)
     whole = {name: with_steps(scene, each, step_error) for name, each in whole.items()}
     found = shortfalls(ready, moments, whole, balance)
+    sensitive = scene.excitation.transient(scene.run) and step_error >= NOTED_CHANGE
     notes = (
         *source_notes(scene.load.circuit),
         *_loose_nodes(scene.load.circuit),
@@ -130,9 +144,10 @@ def run_estimates(
         *strain_notes(scene, moments),
         *(each.note for each in found),
         *slow_exchange(scene, balance),
+        *(SENSITIVE,) * sensitive,
     )
     residual = energy_balance_residual(moments, system)
-    return RunEstimates(whole, found, residual, notes, balanced, error, balance)
+    return RunEstimates(whole, found, step_error, residual, notes, balanced, error, balance)
 
 
 def _without_value(load, moments):
@@ -206,10 +221,11 @@ def error_of(scene: Scene, memory: float = 0.0) -> Callable:
     )
     if excitation.random:
         return in_time
+    transient = excitation.transient(scene.run)
 
     def error(series: np.ndarray) -> float | None:
         # All starts meet the same stretch of the excitation.
-        common = in_time(series.mean(axis=0, keepdims=True))
+        common = 0.0 if transient else in_time(series.mean(axis=0, keepdims=True))
         chance = error_of_starts(series) if drawn else 0.0
         return None if common is None else math.hypot(common, chance)
 
@@ -217,8 +233,10 @@ def error_of(scene: Scene, memory: float = 0.0) -> Callable:
 
 
 def with_steps(scene: Scene, estimate: Estimate, step_error: float) -> Estimate:
-    """For a periodic excitation, add the step error to the error bar and drop the sample size."""
-    if scene.excitation.period is None or scene.excitation.random:
+    """For a periodic excitation or a transient, add the step error and drop the sample size."""
+    excitation = scene.excitation
+    lasting = excitation.period is None and not excitation.transient(scene.run)
+    if lasting or excitation.random:
         return estimate
     error = estimate.standard_error
     if error is not None:

@@ -108,6 +108,10 @@ class Excitation(ABC):
         """Whether its strength changes along the run, as in one record of an event."""
         return False
 
+    def transient(self, run: Run) -> bool:
+        """Whether a run meets a few events alone, which are no sample of a stationary signal."""
+        return False
+
     @property
     def kept_samples(self) -> int:
         """Number of samples that a path keeps in memory for the whole run."""

@@ -44,6 +44,10 @@ SMOOTH_KNOTS = 8
 # SHARE_OF_SEVERAL of the power. A stretch counts as silent if it has less than SILENT of the
 # loudest one's power.
 LINES_AT_ONCE, SHARE_OF_SEVERAL, BINS_PER_LINE, SILENT = 3, 0.99, 100, 1e-6
+# A run is a transient if, of EVENT_STRETCHES stretches, fewer than MOST_EVENTS equally strong ones
+# would hold the energy of its acceleration. Gaussian noise of any band has at least 128, and a
+# record whose mean square rises threefold 150.
+EVENT_STRETCHES, MOST_EVENTS = 256, 32.0
 # Length of a stretch, in samples.
 SHORTEST_STRETCH, LONGEST_STRETCH = 128, 1024
 
@@ -182,6 +186,10 @@ class RecordedMotion(Excitation):
     def drifts(self) -> bool:
         return self.repetition == "none"
 
+    def transient(self, run: Run) -> bool:
+        count = math.ceil((run.settle + run.duration) / self.interval)
+        return self.drifts and _events(self, count) < MOST_EVENTS
+
     def check(self, units: str, run: Run, origin: str) -> None:
         if (self.unit == "scaled") != (units == "scaled"):
             known = '"scaled"' if units == "scaled" else ", ".join(ACCELERATION)
@@ -252,6 +260,12 @@ class RecordedMotion(Excitation):
                 f"the record is used {times:.1f} times over: error bars show how well this "
                 f"record's own mean is known (best over whole repeats of {length:g} s), not what "
                 "another record gives"
+            )
+        elif self.transient(run):
+            lines.append(
+                "a few events hold the record's energy: it is a transient and no sample of a "
+                "stationary signal; means times run.duration are the energies of this record, and "
+                "error bars are those of the steps, from a second run with longer steps"
             )
         else:
             lines.append(
@@ -514,6 +528,15 @@ def _lines(record):
         if np.median(density.sum(axis=1)) < (1.0 - share) * np.median(whole):
             return tuple(found)
     return ()
+
+
+@lru_cache(maxsize=4)
+def _events(record, count):
+    """Number of equally strong stretches that would hold the energy of the first `count` knots."""
+    parts = np.array_split(record.samples[: count + 1], EVENT_STRETCHES)
+    energies = np.array([float(np.sum(part**2)) for part in parts])
+    squares = float(np.sum(energies**2))
+    return float(energies.sum()) ** 2 / squares if squares > 0.0 else math.inf
 
 
 @lru_cache(maxsize=4)

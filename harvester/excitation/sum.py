@@ -98,6 +98,10 @@ class Sum(Excitation):
     def drifts(self) -> bool:
         return any(part.drifts for part in self.parts)
 
+    def transient(self, run: Run) -> bool:
+        """Whether nothing is by chance and a part is a transient."""
+        return not self.random and any(part.transient(run) for part in self.parts)
+
     def check(self, units: str, run: Run, origin: str) -> None:
         for place, part in enumerate(self._on_common_knots()):
             if part.prescribes_displacement:

@@ -32,13 +32,13 @@ if TYPE_CHECKING:
 # The number of points allowed if none are kept. No run reaches it.
 MOST_POINTS = 2**62
 # Offsets of the rows of eight numbers in a block. The first rows are the state at the beginning of
-# a step, with the number of the zone, its ends and the contacts' force. Realizations that are
-# stepped apart also have the excitation and its slope, the time since the knot, the step, and the
-# number of zones by which the mass moves at the step's end.
-STATE_ROWS = 13
+# a step, with the number of the zone, its ends, the contacts' force and the length of the step
+# before. Realizations that are stepped apart also have the excitation and its slope, the time since
+# the knot, the step, and the number of zones by which the mass moves at the step's end.
+STATE_ROWS = 14
 (
-    DISPLACEMENT, VELOCITY, TRANSDUCER, HELD_SPEED, ZONE, LOW, HIGH, REACTION, NOISE, SLOPE, PHASE,
-    LENGTH, ENTERS,
+    DISPLACEMENT, VELOCITY, TRANSDUCER, HELD_SPEED, ZONE, LOW, HIGH, REACTION, PREVIOUS, NOISE,
+    SLOPE, PHASE, LENGTH, ENTERS,
 ) = range(0, STATE_ROWS * TOGETHER, TOGETHER)  # fmt: skip
 MOTION_ROWS = 3  # X, X' and the transducer's state
 # The rows after those belong to the end of the step: the motion, the contacts' force and damping
@@ -92,7 +92,7 @@ class Room(NamedTuple):
             zone = sum(x > edge if edge > 0.0 else x >= edge for edge in edges[1:-1])
             held, ends = system.speed_held(s, x, v), edges[zone : zone + 2]
             reaction = system.contact_force(s, x, v, held, *ends)
-            state[: NOISE // TOGETHER] = x, v, transducer, held, zone, *ends, reaction
+            state[: PREVIOUS // TOGETHER] = x, v, transducer, held, zone, *ends, reaction
         return cls(
             states=states.reshape(blocks, -1),
             apart=np.zeros((blocks, ROWS * TOGETHER)),
@@ -166,7 +166,7 @@ def advance(
         while waiting > 0 and fullest < full:
             _try(scheme, s, waiting, lanes, room.apart)
             waiting, fullest = _go_on(
-                s, edges, knots, begin, end, steps_per_contact, waiting, batch, room, tally
+                s, edges, knots, begin, end, step, steps_per_contact, waiting, batch, room, tally
             )
         if waiting > 0:
             break
@@ -257,6 +257,7 @@ def _gather(s, start, end, steps_per_contact, room):
             cells[row + i] = states[row + k]
         cells[PHASE + i], cells[LENGTH + i], cells[ENTERS + i] = start, end - start, 0.0
         if states[LOW + k] < 0.0 < states[HIGH + k]:
+            cells[PREVIOUS + i] = end - start
             _land(cells, i, states[END + DISPLACEMENT + k], states[END + VELOCITY + k])
         else:
             _resolve(s, end, steps_per_contact, cells, i)
@@ -265,7 +266,7 @@ def _gather(s, start, end, steps_per_contact, room):
 
 
 @merged
-def _go_on(s, edges, knots, begin, end, steps_per_contact, count, batch, room, tally):
+def _go_on(s, edges, knots, begin, end, step, steps_per_contact, count, batch, room, tally):
     """Accept the steps tried in `_try`, but shorten those that leave their zone, to be tried again.
 
     Returns how many realizations are not at the end of the grid's step yet, and the largest number
@@ -277,11 +278,16 @@ def _go_on(s, edges, knots, begin, end, steps_per_contact, count, batch, room, t
         if cells[LEAVES + i] != 0.0 and cells[ENTERS + i] == 0.0:
             _land(cells, i, cells[END + DISPLACEMENT + i], cells[END + VELOCITY + i])
         else:
-            _take(s, edges, end, cells, i)
             realization = room.which[place]
             block, k = realization // TOGETHER, realization % TOGETHER
+            rows = tally.rows[block]
+            _correct(s, cells, i, cells[LENGTH + i], batch >= 0, rows, k)
+            _take(s, edges, end, cells, i)
             if cells[PHASE + i] > end - 1e-9 * knots[2]:
                 states = room.states[block]
+                if cells[LOW + i] < 0.0 < cells[HIGH + i]:
+                    cells[NOISE + i] = states[EXCITED + k]
+                    _correct(s, cells, i, step, batch >= 0, rows, k)
                 for row in range(0, NOISE, TOGETHER):
                     states[row + k] = cells[row + i]
                 for row in range(END, END + MOTION_ROWS * TOGETHER, TOGETHER):
@@ -289,7 +295,7 @@ def _go_on(s, edges, knots, begin, end, steps_per_contact, count, batch, room, t
                 states[CONTACT_DAMPING + k] = cells[CONTACT_DAMPING + i]
                 continue
             cells[NOISE + i], _ = _excitation(knots, block, k, cells[PHASE + i])
-            time, rows = begin + cells[PHASE + i], tally.rows[block]
+            time = begin + cells[PHASE + i]
             _point(s, cells, i, DISPLACEMENT, NOISE, time, batch >= 0, tally, rows, k)
             several.follow(tally, block, k, k + 1, batch)
             fullest = max(fullest, _keep(room, rows, realization))
@@ -349,6 +355,18 @@ def _resolve(s, end, steps_per_contact, cells, i):
 
 
 @merged
+def _powers(s, v, state, noise, contact_damping):
+    """Voltage, load power, input power, loss and the transducer's own loss in one state."""
+    damping = system.damping_rate(s.damper, v) + contact_damping
+    current = system.load_current(s.transducer, v, state)
+    own = system.own_loss(s.transducer, v, state, current)
+    put_in = noise * system.base_speed(s.transducer, v, state, current)
+    voltage = system.terminal_voltage(s.transducer, v, state)
+    load = system.load_power(s.transducer, v, state)
+    return voltage, load, put_in, damping * v * v + own, own
+
+
+@merged
 def _point(s, cells, i, motion, excited, time, measured, tally, rows, k):
     """Add a point to a realization's sums.
 
@@ -357,16 +375,39 @@ def _point(s, cells, i, motion, excited, time, measured, tally, rows, k):
     """
     x, v = cells[motion + DISPLACEMENT + i], cells[motion + VELOCITY + i]
     state, noise = cells[motion + TRANSDUCER + i], cells[excited + i]
-    damping = system.damping_rate(s.damper, v) + cells[CONTACT_DAMPING + i]
-    current = system.load_current(s.transducer, v, state)
-    own = system.own_loss(s.transducer, v, state, current)
-    put_in = noise * system.base_speed(s.transducer, v, state, current)
-    several.add_point(
-        rows, k, measured, tally.low, tally.high, time, x, v,
-        system.terminal_voltage(s.transducer, v, state),
-        system.load_power(s.transducer, v, state), put_in, damping * v * v + own, own,
-        system.kept_state(s.transducer, state, noise),
-    )  # fmt: skip
+    values = _powers(s, v, state, noise, cells[CONTACT_DAMPING + i])
+    kept = system.kept_state(s.transducer, state, noise)
+    several.add_point(rows, k, measured, tally.low, tally.high, time, x, v, *values, kept)
+
+
+@merged
+def _correct(s, cells, i, length, measured, rows, k):
+    """Correct the trapezoids' sums where the next step has another length than the last one.
+
+    The trapezoids of equal steps h miss h²/12 times the change of the integrand's slope (Euler and
+    Maclaurin). In steady motion this sums to 0, except where the length changes: at contacts. The
+    slope is a central difference, exact for powers, which are quadratic in the state. What the
+    contact itself dissipates begins and ends with slope 0.
+    """
+    before = cells[PREVIOUS + i]
+    cells[PREVIOUS + i] = length
+    if length == before or not measured:
+        return
+    x, v, state = cells[DISPLACEMENT + i], cells[VELOCITY + i], cells[TRANSDUCER + i]
+    noise, slope = cells[NOISE + i], cells[SLOPE + i]
+    acceleration = system.push(s, x, v, state, noise) - cells[REACTION + i]
+    rate = system.state_rate(s.transducer, v + system.base_rate(s.transducer, slope), state)
+    longer = max(length, before)
+    for ahead in (-longer, longer):
+        x1, v1 = x + ahead * v, v + ahead * acceleration
+        voltage, load, put_in, loss, own = _powers(
+            s, v1, state + ahead * rate, noise + ahead * slope, 0.0
+        )
+        weight = (length * length - before * before) / (24.0 * ahead)
+        sums = (voltage * voltage, x1 * x1, v1 * v1, load, put_in, loss)
+        for row in range(len(sums)):
+            rows[several.SQUARE_VOLTAGES + row * TOGETHER + k] += weight * sums[row]
+        rows[several.OWN_LOSSES + k] += weight * own
 
 
 @merged

@@ -81,6 +81,10 @@ class Moments:
         Between wells, where there are several.
     strain : StrainMoments or None
         Strain at the clamp, for a scene with a drawing; `StrainWatch` adds to it.
+    step : float or None
+        Longest step (s), where the run chose it; None: the engine's.
+    step_error : float
+        Relative change of the energies from a run with steps twice as long, where one was made.
     """
 
     start: float
@@ -98,6 +102,8 @@ class Moments:
     output: OutputMoments | None = None
     jumps: Jumps | None = None
     strain: StrainMoments | None = None
+    step: float | None = None
+    step_error: float = 0.0
 
     @property
     def has_output(self) -> bool:

@@ -62,7 +62,7 @@ def result_of(
     joint = joint_density_of(joints, is_symmetric(scene, parameters)) if joints else None
     kept = [each.stroboscope for each in realizations if each.stroboscope is not None]
     samples = np.array(kept) if kept else None
-    if found.shortfalls:
+    if found.shortfalls or scene.excitation.transient(scene.run):
         shapes = {name: replace(shape, standard_error=None) for name, shape in shapes.items()}
     if found.shortfalls or slow_exchange(scene, found.balance):
         # Samples of the joint density have no weights, so that their shares of the wells follow the
@@ -79,8 +79,9 @@ def result_of(
         engine_seconds=sum(realization.seconds for realization in realizations),
         simulated_time=sum(m.time_reached for m in moments),
         steps=sum(m.points for m in moments),
-        step=knot_spacing(ready) / steps_per_knot(ready, engine.step, engine.name),
-        step_error=None if engine.chooses_steps else cost,
+        step=moments[0].step
+        or knot_spacing(ready) / steps_per_knot(ready, engine.step, engine.name),
+        step_error=None if engine.chooses_steps else found.step_error,
         realizations=len(moments),
         engine_version=realizations[0].engine_version,
         netlist_sha256=realizations[0].netlist_sha256,

@@ -6,20 +6,22 @@ import math
 import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from itertools import zip_longest
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
 from harvester.device import timescales
+from harvester.errors import SimulationError
 from harvester.estimates.batch_means import KNOTS_PER_SAMPLE, batch_counts
 from harvester.excitation.sum import common_period
 from harvester.prepared.paths import noise_path, start_state
 from harvester.prepared.prepared import Prepared, prepared
-from harvester.prepared.steps import knot_spacing, stop_time
+from harvester.prepared.steps import knot_spacing, steps_per_knot, stop_time
 from harvester.record.joint import JointHistogram
 from harvester.record.joint import prepare as prepare_joint
 from harvester.record.jumps import Jumps
-from harvester.record.moments import Moments
+from harvester.record.moments import QUANTITIES, Moments
 from harvester.record.moments import prepare as prepare_moments
 from harvester.record.output_side import OutputMoments
 from harvester.record.range_watch import with_range_watch
@@ -34,6 +36,9 @@ if TYPE_CHECKING:
     from harvester.scene.model import Scene
 
 REPORT_SECONDS = 0.25
+# A transient is resolved if its energies, in so many parts of the run, change by less than this
+# share when its steps are halved.
+PARTS, RESOLVED = 16, 0.01
 
 
 @dataclass
@@ -195,6 +200,52 @@ def run(
     -------
     list of Realization
     """
+    others = (indices, window, report, joint_density, stretch, stroboscope)
+    if engine.chooses_steps or not scene.excitation.transient(scene.run):
+        return _run(scene, engine, *others)
+    return _refined(scene, engine, others)
+
+
+def _refined(scene, engine, others):
+    """Realizations of a transient, with the change that steps half as long make to their energies.
+
+    The phase at which an event meets the motion rests on all steps before it. Default steps become
+    up to four times as short until they change less than `RESOLVED`.
+    """
+    ready = prepared(scene)
+    spacing, count = knot_spacing(ready), steps_per_knot(ready, engine.step, engine.name)
+    halvings = 2 if engine.step == "default" else int(count == 1)
+    started, clock = time.time(), time.process_time()
+    found: list[Realization] = []
+    for steps in sorted({max(count // 2, 1), *(count * 2**k for k in range(halvings + 1))}):
+        before, step = found, spacing / steps
+        try:
+            found = _run(scene, replace(engine, step=step), *others)
+        except SimulationError:
+            # Steps longer than those asked for may be too long.
+            if steps >= count:
+                raise
+            continue
+        moments = [each.moments for each in found]
+        for now, earlier in zip_longest(moments, before):
+            now.step, now.step_error = step, _change(now, earlier.moments) if earlier else 1.0
+        if max(each.step_error for each in moments) < RESOLVED:
+            break
+    seconds = (time.process_time() - clock) / len(found)
+    return [replace(each, started=started, seconds=seconds) for each in found]
+
+
+def _change(moments, earlier):
+    """Largest relative change of the energies and squares in the parts of a run."""
+    rows = slice(1, QUANTITIES.index("loss_power") + 1)
+    change = moments.integrals[:, rows] - earlier.integrals[:, rows]
+    total = np.abs(moments.integrals[:, rows].sum(axis=0))
+    changes = sum(np.abs(part.sum(axis=0)) for part in np.array_split(change, PARTS))
+    return float(np.max(changes[total > 0.0] / total[total > 0.0], initial=0.0))
+
+
+def _run(scene, engine, indices, window, report, joint_density, stretch, stroboscope):
+    """Simulate realizations once; see `run`."""
     ready = prepared(scene)
     paths = [noise_path(ready, index) for index in indices]
     moments = [empty_moments(ready) for _ in indices]
@@ -326,4 +377,5 @@ def _measured(ready, spacing):
     periods = math.floor(run.duration / period + 1e-9)
     batches = min(batches, periods)
     start = stop_time(ready) - periods // batches * batches * period
-    return max(start, run.settle), batches, min(groups, batches)
+    # The point that begins the first period counts whichever way its time is rounded.
+    return max(start, run.settle) - 1e-9 * spacing, batches, min(groups, batches)

@@ -157,7 +157,7 @@ def _evaluate(scene, method, good, ended, cost=0.0):
         outcome = f"ended after {len(moments)} realizations: {told(ended)}"
     series = power_series(found.moments, scales.power)
     power = Estimate(float(series.mean()), found.error(series), None, "power")
-    power = with_steps(scene, power, cost)
+    power = with_steps(scene, power, found.step_error)
     estimates = in_units(found.whole, scales)
     estimates[POWER] = power
     return Evaluation(

@@ -36,7 +36,8 @@ def test_moments_are_those_of_the_records(name, settle):
             each.add(record_of(columns, points, k))
     for one, other in zip(own, of_records, strict=True):
         assert one.points == other.points >= KNOTS
-        assert_same(one, other)
+        # Means across contacts are corrected by a slope that a record does not hold.
+        assert_same(one, other, 0.01 if name == "paper" else 1e-12)
         assert (one.jumps is None) == (name == "linear")
         if one.jumps is not None:
             assert_same(one.jumps, other.jumps)
@@ -72,12 +73,13 @@ def run(scene, moments, keep):
     return integrate(system, paths, starts, stop_time(ready), moments=moments, keep=keep)
 
 
-def assert_same(one, other):
-    """Numbers to the rounding of their sums."""
+def assert_same(one, other, largest=1e-12):
+    """Numbers to the rounding of their sums, integrals to this share of their greatest."""
     for each in fields(one):
         found, truth = getattr(other, each.name), getattr(one, each.name)
         if isinstance(found, np.ndarray | float | int):
-            scale = np.max(np.abs(truth), initial=0.0, where=np.isfinite(truth))
-            np.testing.assert_allclose(
-                found, truth, rtol=1e-11, atol=1e-12 * scale, err_msg=each.name
-            )
+            scale = np.max(np.abs(truth), axis=0, initial=0.0, where=np.isfinite(truth))
+            share = largest if each.name == "integrals" else 1e-12
+            rounding = 1e-11 * np.abs(truth) + 1e-12 * np.max(scale)
+            unequal = np.abs(found - truth) > np.maximum(rounding, share * scale)
+            assert not np.any(unequal & np.isfinite(truth)), each.name
