@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -59,6 +60,8 @@ class MeasuredFile:
     file : str
         Name of the file: for messages, and its ending selects the reader.
     content : bytes
+    expected : sequence of str
+        Quantity of each column of a table of points; empty: any, as the headings say.
 
     Attributes
     ----------
@@ -74,14 +77,16 @@ class MeasuredFile:
         It is no record.
     """
 
-    def __init__(self, file: str, content: bytes) -> None:
+    def __init__(self, file: str, content: bytes, expected: Sequence[str] = ()) -> None:
         self.where = named(file)
         with refused_as_record(self.where):
             self.table: Table = read_table(file, content)
         names = self.table.names or [""] * self.table.width
         apart = self.table.units or [""] * self.table.width
+        kinds = expected if len(expected) == len(names) else [""] * len(names)
         self.headings = [
-            _with_unit(heading(name), unit) for name, unit in zip(names, apart, strict=True)
+            _with_unit(heading(name, kind), unit)
+            for name, unit, kind in zip(names, apart, kinds, strict=True)
         ]
 
     def take(self, places: list[int]) -> list[np.ndarray]:

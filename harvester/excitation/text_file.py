@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import csv
 import io
+import itertools
 import re
 from array import array
 from collections import Counter, deque
@@ -143,6 +144,11 @@ class TextTable(Table):
             np.array(column, complex) if isinstance(column, list) else np.frombuffer(column)
             for column in columns
         ]
+
+    def line_of(self, row: int) -> int:
+        """Number of the line, from 1, that holds a row."""
+        rows = (n for n, _, comment in self._lines() if n >= self._first and not comment)
+        return next(itertools.islice(rows, row, None)) + 1
 
     def _reader(self, place):
         if self._form.kinds[place] == STAMP:

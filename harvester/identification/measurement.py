@@ -19,14 +19,14 @@ from harvester.excitation.conditioning import (
     marker_remark,
 )
 from harvester.excitation.motion_file import read_record
-from harvester.excitation.quantities import IMPEDANCES, QUANTITIES, factor_of, unit_named
+from harvester.excitation.quantities import IMPEDANCES, POINTS, QUANTITIES, factor_of, unit_named
 from harvester.files.plain_text import name as plain_name
 from harvester.files.plain_text import named, nearest, shown
 from harvester.identification.measured_response import MeasuredResponse, response_of
 from harvester.identification.sensors import OUTPUTS, checked_sensors
 
 # Quantities that a record's columns can hold.
-COLUMNS = tuple(name for name in QUANTITIES if name not in IMPEDANCES)
+COLUMNS = tuple(name for name in QUANTITIES if name not in (*IMPEDANCES, *POINTS))
 # Suffix of a velocity's unit: measured against the laboratory, not relative to the base.
 ABSOLUTE = ":absolute"
 # Setting of a key whose value is found in one record, for that record alone.
