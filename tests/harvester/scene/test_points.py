@@ -64,8 +64,12 @@ def test_a_heading_that_contradicts_the_scene_is_refused(tmp_path, header, unit,
 
 @pytest.mark.parametrize(
     ("header", "factors"),
-    [("x [mm],F [mN]", (1e3, 1e3)), ("x_um;F_uN", (1e6, 1e6)), ("x in mm,F (lbf)", (1e3, 1 / 4.4482216152605))],
-)  # fmt: skip
+    [
+        ("x [mm],F [mN]", (1e3, 1e3)),
+        ("x_um;F_uN", (1e6, 1e6)),
+        ("x in mm,F (lbf)", (1e3, 1 / 4.4482216152605)),
+    ],
+)
 def test_a_force_table_is_read_in_the_units_of_its_heading(tmp_path, header, factors):
     file = written(tmp_path, header, SPRING, factors, ";" if ";" in header else ",")
     scene = Scene.load("device").replace({"oscillator.force_table": file})
@@ -77,8 +81,8 @@ def test_a_force_table_is_read_in_the_units_of_its_heading(tmp_path, header, fac
 
 @pytest.mark.parametrize("header", ["F [N],x [m]", "force,displacement", "x [parsec],F [N]"])
 def test_a_force_table_with_a_wrong_heading_is_refused(tmp_path, header):
+    file = written(tmp_path, header, SPRING, (1.0, 1.0))
     with pytest.raises(SceneError, match=r"unknown unit|wrong order"):
-        file = written(tmp_path, header, SPRING, (1.0, 1.0))
         Scene.load("device").replace({"oscillator.force_table": file})
 
 
