@@ -13,13 +13,12 @@ from harvester.errors import SceneError
 from harvester.excitation.columns import MeasuredFile
 from harvester.excitation.conditioning import (
     FEWEST_SAMPLES,
-    LARGEST_JITTER,
-    SHORTEST_STEP,
     flat_crests,
     marker_remark,
 )
 from harvester.excitation.motion_file import read_record
 from harvester.excitation.quantities import IMPEDANCES, POINTS, QUANTITIES, factor_of, unit_named
+from harvester.excitation.time_base import TimeBase, time_base
 from harvester.files.plain_text import name as plain_name
 from harvester.files.plain_text import named, nearest, shown
 from harvester.identification.measured_response import MeasuredResponse, response_of
@@ -211,11 +210,13 @@ def read_measurement(
             f"{where}: no column of the base's acceleration: write acceleration [m/s^2] in its "
             "header, or acceleration=COLUMN:UNIT behind the file"
         )
+    base = _base(columns.pop("time", None), rate, where)
+    columns = {name: base.resampled(values) for name, values in columns.items()}
     return Measurement(
-        sampling_rate=_rate(columns.pop("time", None), rate, where),
+        sampling_rate=1.0 / base.spacing,
         changes=settings,
         name=plain_name(Path(path).name),
-        remarks=remarks,
+        remarks=remarks + base.remarks,
         sensors=sensors,
         velocity_is_absolute=absolute,
         velocity_in_volts=unit_of.get("velocity") in QUANTITIES["voltage"],
@@ -327,23 +328,19 @@ def _unit(measured, quantity, place, given, units, is_scaled):
     return unit
 
 
-def _rate(times, rate, where):
-    """Sampling rate (Hz) from the time column, else as given or as the file says."""
-    if times is None:
-        if rate is None:
-            raise SceneError(
-                f"{where}: neither a time column nor a sampling rate: name the column time [s], "
-                "or write sampling_rate=HZ behind the file"
-            )
-        return rate
-    steps = np.diff(times)
-    if not (np.isfinite(times).all() and steps.size and steps.min() > SHORTEST_STEP):
-        raise SceneError(f"{where}: the time column does not rise from sample to sample")
-    spacing = (times[-1] - times[0]) / steps.size
-    jitter = float(np.abs(times - times[0] - np.arange(times.size) * spacing).max()) / spacing
-    if jitter > LARGEST_JITTER:
+def _base(times, rate, where):
+    """The time base by the time column, else by the rate as given or as the file says."""
+    if times is None and rate is None:
         raise SceneError(
-            f"{where}: unevenly sampled: the time column leaves an even grid by {jitter:.2g} "
-            f"spacings of {spacing:.6g} s: resample the record, or cut it at its gaps"
+            f"{where}: neither a time column nor a sampling rate: name the column time [s], "
+            "or write sampling_rate=HZ behind the file"
         )
-    return float(1.0 / spacing)
+    if times is None:
+        return TimeBase(1.0 / rate)
+    base = time_base(times, None, where, "correct it, or cut the record there")
+    if base is None:
+        raise SceneError(
+            f"{where}: unevenly sampled: samples are missing between the times, or were not taken "
+            "at one rate: resample the record, or cut it at its gaps"
+        )
+    return base
