@@ -286,8 +286,8 @@ class MeasuredFile:
         if low > rate * factor or high < rate / factor:
             raise SceneError(
                 f"{self.where}: {key} = {rate:g}: {self.label(place)} says "
-                f"{steps.size / span:.6g} Hz: leave sampling_rate out, or say in which unit the "
-                "column is"
+                f"{steps.size / span:.6g} Hz: leave sampling_rate out, say in which unit the "
+                "column is, or name it by time_column to read the rate from it"
             )
 
 
@@ -339,11 +339,14 @@ def motion_columns(
                 f"{measured.where}: excitation.time_unit = {shown(time_unit)}: no column of times "
                 "is read: name it by excitation.time_column"
             )
-        _refuse_other_rate(measured, rate)
+        _refuse_other_rate(measured, rate, sampling_rate is not None)
         (values,) = measured.take([place])
         return Columns(values, None, rate, unit, remarks)
     values, times = measured.take([place, time_place])
     known = measured.agreed_unit("time", time_place, "excitation.time_unit", time_unit)
+    if time_column is not None and sampling_rate is None and known != SAMPLES:
+        # The column that the scene names goes before the file's own rate.
+        rate = None
     cure = "give excitation.sampling_rate (Hz)"
     times = measured.seconds(times, time_place, known or "s", rate, cure)
     if rate is not None:
@@ -406,14 +409,22 @@ def _motion_place(measured, wanted, time_place):
     return others[0]
 
 
-def _refuse_other_rate(measured, rate):
-    """Refuse a given sampling rate that differs from the one column with a unit of time."""
-    found = [place for place in measured.times() if measured.headings[place].unit]
+def _refuse_other_rate(measured, rate, given):
+    """Refuse a sampling rate, of the scene or the file, that differs from the one time column."""
+    found = measured.times()
     if len(found) != 1:
         return
-    unit = unit_named("time", measured.headings[found[0]].unit)
-    if unit is None or unit == SAMPLES:
-        return
     (times,) = measured.take(found)
-    seconds = measured.seconds(times, found[0], unit, rate, "")
-    measured.compare_rates(seconds, rate, found[0], key="excitation.sampling_rate")
+    written = measured.headings[found[0]].unit
+    own = unit_named("time", written)
+    key = "excitation.sampling_rate" if given else "the file's sampling rate"
+    refusals = []
+    # A column without a unit may be in any, also in samples.
+    for unit in QUANTITIES["time"] if not written else [own] if own else []:
+        seconds = measured.seconds(times, found[0], unit, rate, "")
+        try:
+            return measured.compare_rates(seconds, rate, found[0], key=key)
+        except SceneError as refusal:
+            refusals.append(refusal)
+    if refusals:
+        raise refusals[0]

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import io
 import math
+import re
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -132,13 +133,23 @@ def read_impedance(
 def _touchstone(content, where):
     """Frequency (Hz) and Z (Ω) of a Touchstone file of one port."""
     skrf = optional_library("skrf", "a Touchstone file", "analyser")
+    text, scale = content.decode("utf-8", errors="replace"), 1.0
+    option = re.search(r"^[ \t]*#[^!\n]*", text, re.MULTILINE)
+    words = option[0].upper().split() if option else []
     try:
         with broken_file("Touchstone file of one port", "export it as .csv"):
-            stream = io.StringIO(content.decode("utf-8", errors="replace"))
+            if option and "Y" in words and "[version]" not in text.lower():
+                # Version 1 divides Y by the conductance of the reference; scikit-rf 2.2 multiplies
+                # by it. With a reference of 1 ohm both agree.
+                place = words.index("R") if "R" in words else len(words)
+                scale = float([*words, "R", "50"][place + 1])
+                line = " ".join([*words[:place], *words[place + 2 :], "R", "1"])
+                text = f"{text[: option.start()]}{line}\n{text[option.end() :]}"
+            stream = io.StringIO(text)
             stream.name = "impedance.s1p"
             network = skrf.Network()
             network.read_touchstone(stream)
-            impedance = network.z[:, 0, 0]
+            impedance = scale * network.z[:, 0, 0]
             frequency = np.asarray(network.f, dtype=float)
     except ValueError as error:
         raise SceneError(f"{where}: {named(' '.join(str(error).split()))}") from None
