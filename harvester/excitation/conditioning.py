@@ -134,7 +134,7 @@ def far_outside(values: np.ndarray) -> np.ndarray:
     ordered = np.sort(deviation[finite])
     first = int(SHARE_OF_REST * ordered.size)
     below, above = ordered[first:-1], ordered[first + 1 :]
-    jumps = np.flatnonzero((below > 0.0) & (above > FAR_RATIO * below))
+    jumps = np.flatnonzero((below > 0.0) & (above / FAR_RATIO > below))
     if not jumps.size:
         return far
     rest = below[jumps[0]]

@@ -13,6 +13,7 @@ from harvester.errors import SceneError
 from harvester.excitation.columns import MeasuredFile
 from harvester.excitation.conditioning import (
     FEWEST_SAMPLES,
+    LARGEST_PEAK,
     flat_crests,
     marker_remark,
 )
@@ -138,6 +139,11 @@ def _check_column(values, quantity, shape, where):
         raise SceneError(
             f"{where}: {quantity}: {lost.size} of {values.size} samples are without a number (the "
             f"first is sample {lost[0]}): cut the record there"
+        )
+    if np.abs(values).max() > LARGEST_PEAK:
+        raise SceneError(
+            f"{where}: {quantity}: the largest sample is {np.abs(values).max():g}, and must be at "
+            f"most {LARGEST_PEAK:g}: check the column and its unit"
         )
     if np.ptp(values) == 0.0:
         if quantity == "acceleration":

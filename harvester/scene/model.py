@@ -373,6 +373,8 @@ class Scene:
         SceneError
             A value is not usable, a file is missing or holds something else than then.
         """
+        if not isinstance(content, dict):
+            raise SceneError(f"{shown(content)}: no scene: give what Scene.to_dict returned")
         tables = {key: value for key, value in content.items() if key not in ("name", "sha256")}
         if isinstance(tables.get("excitation"), dict):
             tables["excitation"] = _without_computed(tables["excitation"])
