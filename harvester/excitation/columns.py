@@ -145,6 +145,38 @@ class MeasuredFile:
             )
         return self._real(key, wanted)
 
+    def chosen(
+        self, quantity: str, text: str | None, found: Sequence[int]
+    ) -> tuple[int | None, str | None]:
+        """Index of a quantity's column, and the unit that is given for it.
+
+        Parameters
+        ----------
+        quantity : str
+        text : str or None
+            COLUMN:UNIT or COLUMN; None: the only one of those found, if there is any.
+        found : sequence of int
+
+        Raises
+        ------
+        SceneError
+            There is no such column, or several were found.
+        """
+        names = self.table.names
+        if text is not None:
+            column, colon, unit = text.rpartition(":")
+            if not colon or text in names:
+                column, unit = text, None
+            number = column not in names and column.isdigit()
+            return self.place(quantity, int(column) if number else column), unit
+        if len(found) > 1:
+            listed = ", ".join(named(names[place]) for place in found)
+            raise SceneError(
+                f"{self.where}: several columns may be the {quantity} ({listed}): name one by "
+                f"{quantity}=COLUMN:UNIT behind the file"
+            )
+        return found[0] if found else None, None
+
     def _real(self, key, place):
         """Index of a column; refused if it holds complex numbers and is no response or
         impedance."""

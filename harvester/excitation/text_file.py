@@ -146,13 +146,15 @@ class TextTable(Table):
 
     def line_of(self, row: int) -> int:
         """Number of the line, from 1, that holds a row."""
-        rows = (n for n, _, comment in self._lines() if n >= self._first and not comment)
-        return next(itertools.islice(rows, row, None)) + 1
+        return next(itertools.islice(self._row_lines(), row, None))[0] + 1
+
+    def _row_lines(self):
+        return ((n, line) for n, line, mark in self._lines() if n >= self._first and not mark)
 
     def _rows(self) -> Iterator[list[str]]:
         """The fields of each row."""
-        rows = (line for n, line, comment in self._lines() if n >= self._first and not comment)
-        return (_fields(line, self._form.separator) for line in itertools.islice(rows, self.rows))
+        lines = itertools.islice(self._row_lines(), self.rows)
+        return (_fields(line, self._form.separator) for _, line in lines)
 
     def _marks(self, places):
         """(decimal mark, thousands separator) of each column that has commas or looks grouped."""
@@ -325,15 +327,8 @@ def _float(text, decimal):
 
 def _looks_grouped(texts):
     """Whether a column of points may have them between thousands: 1.286 beside 742."""
-    dotted = whole = False
-    for text in texts:
-        if "." in text:
-            dotted = True
-            if shape(text) != ".?":
-                return False
-        else:
-            whole = whole or shape(text) == "mid"
-    return dotted and whole
+    seen = itertools.takewhile(lambda each: each != ".d", map(shape, texts))
+    return {".?", "mid"} <= {*seen}
 
 
 def _names_and_units(above, form):

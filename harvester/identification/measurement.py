@@ -257,9 +257,9 @@ def _number(where, key, value):
 
 def _columns(measured, given, lines, units, rate):
     """Columns of each quantity in SI, or in the scene's scaled units, remarks, and the units."""
-    places, unit_of = _places(measured, given), {}
-    for quantity, place in places.items():
-        unit = _column_and_unit(given.get(quantity, ""), measured.table.names)[1]
+    chosen, unit_of = _chosen(measured, given), {}
+    places = {quantity: place for quantity, (place, _) in chosen.items()}
+    for quantity, (place, unit) in chosen.items():
         scaled_by = any(f"{quantity}_{end}" in lines for end in LINE_ENDS)
         unit_of[quantity] = _unit(measured, quantity, place, unit, units, scaled_by)
     values = dict(zip(places, measured.take(list(places.values())), strict=True))
@@ -280,33 +280,15 @@ def _columns(measured, given, lines, units, rate):
     return values, remarks, unit_of
 
 
-def _places(measured, given):
-    """Column index of each quantity: as given, else by the headings, the plainest title first."""
-    places: dict[str, int] = {}
+def _chosen(measured, given):
+    """(index, given unit) of each quantity's column: the plainest title goes first."""
+    chosen = {}
     for quantity in COLUMNS:
-        if quantity in given:
-            continue
         found = measured.times() if quantity == "time" else measured.of(quantity)
         plain = [place for place in found if measured.headings[place].title.lower() == quantity]
-        if quantity == "time" or plain or len(found) < 2:
-            places |= {quantity: (plain or found)[0]} if found else {}
-            continue
-        names = ", ".join(named(measured.table.names[place]) for place in found)
-        raise SceneError(
-            f"{measured.where}: several columns may be the {quantity} ({names}): name one by "
-            f"{quantity}=COLUMN:UNIT behind the file"
-        )
-    for quantity, text in given.items():
-        column = _column_and_unit(text, measured.table.names)[0]
-        number = column not in measured.table.names and column.isdigit()
-        places[quantity] = measured.place(quantity, int(column) if number else column)
-    return places
-
-
-def _column_and_unit(text, names):
-    """A setting's column and unit: what follows the last colon, unless that is in the name."""
-    column, colon, unit = text.rpartition(":")
-    return (column, unit) if colon and text not in names else (text, None)
+        found = (plain or found)[:1] if plain or quantity == "time" else found
+        chosen[quantity] = measured.chosen(quantity, given.get(quantity), found)
+    return {quantity: pair for quantity, pair in chosen.items() if pair[0] is not None}
 
 
 def _unit(measured, quantity, place, given, units, is_scaled):

@@ -19,18 +19,9 @@ LARGEST_FILE = 1_000_000
 INLINE = re.compile(r"(?<=[\d \t])#.*")
 NUMBER = re.compile(r"[-+\d.,eE\s]+")
 # By the key: kind of file, what a line holds, and the quantities of its two columns.
-TABLES = {
-    "force_table": (
-        "table of force",
-        "a displacement and a force",
-        ("displacement", "force"),
-    ),
-    "breakpoints": (
-        "spectrum",
-        "a frequency (Hz) and a density",
-        ("frequency", "density"),
-    ),
-}
+FORCE = "table of force", "a displacement and a force", ("displacement", "force")
+DENSITY = "spectrum", "a frequency (Hz) and a density", ("frequency", "density")
+TABLES = {"force_table": FORCE, "breakpoints": DENSITY}
 
 
 def with_points(tables: dict[str, Any], origin: str) -> dict[str, Any]:
