@@ -307,18 +307,10 @@ class MeasuredFile:
         ------
         SceneError
         """
-        steps = np.diff(times[np.isfinite(times)])
-        rising = steps[steps > 0.0]
-        span = float(steps.sum())
-        if not rising.size or not np.isfinite(span):
-            return
-        # Time stamps in whole seconds give the time of many samples only to within a second.
-        unsure = float(rising.min()) if rising.size < steps.size else 0.0
-        low, high = (steps.size / max(span + part, 1e-300) for part in (unsure, -unsure))
-        if low > rate * factor or high < rate / factor:
+        if own := _other_rate(times, rate, factor):
             raise SceneError(
                 f"{self.where}: {key} = {rate:g}: {self.label(place)} says "
-                f"{steps.size / span:.6g} Hz: leave sampling_rate out, say in which unit the "
+                f"{own:.6g} Hz: leave sampling_rate out, say in which unit the "
                 "column is, or name it by time_column to read the rate from it"
             )
 
@@ -448,15 +440,22 @@ def _refuse_other_rate(measured, rate, given):
         return
     (times,) = measured.take(found)
     written = measured.headings[found[0]].unit
-    own = unit_named("time", written)
     key = "excitation.sampling_rate" if given else "the file's sampling rate"
-    refusals = []
     # A column without a unit may be in any, also in samples.
-    for unit in QUANTITIES["time"] if not written else [own] if own else []:
-        seconds = measured.seconds(times, found[0], unit, rate, "")
-        try:
-            return measured.compare_rates(seconds, rate, found[0], key=key)
-        except SceneError as refusal:
-            refusals.append(refusal)
-    if refusals:
-        raise refusals[0]
+    units = [unit_named("time", written)] if written else [*QUANTITIES["time"]]
+    seconds = [measured.seconds(times, found[0], unit, rate, "") for unit in units if unit]
+    if seconds and all(_other_rate(each, rate, RATE_TOLERANCE) for each in seconds):
+        measured.compare_rates(seconds[0], rate, found[0], key=key)
+
+
+def _other_rate(times, rate, factor):
+    """The rate (Hz) of times where it differs from a rate by more than a factor, else None."""
+    steps = np.diff(times[np.isfinite(times)])
+    rising = steps[steps > 0.0]
+    span = float(steps.sum())
+    if not rising.size or not np.isfinite(span):
+        return None
+    # Time stamps in whole seconds give the time of many samples only to within a second.
+    unsure = float(rising.min()) if rising.size < steps.size else 0.0
+    low, high = (steps.size / max(span + part, 1e-300) for part in (unsure, -unsure))
+    return steps.size / span if low > rate * factor or high < rate / factor else None

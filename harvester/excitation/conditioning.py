@@ -363,11 +363,9 @@ def _even(values, times, rate, mend, file, most):
         )
     remark = _bridged(times, steps, usual, file)
     if "uneven" not in mend:
-        mean = (times[-1] - times[0]) / steps.size
-        jitter = np.ptp(times - np.arange(times.size) * mean) / mean
         raise SceneError(
-            f"{file}: the time column leaves an even grid by {jitter:.2g} spacings of "
-            f'{mean:.6g} s; mend = ["uneven"] interpolates'
+            f"{file}: the time column leaves an even grid: its steps differ by "
+            f'{np.ptp(steps) / usual:.2g} spacings of {usual:.6g} s; mend = ["uneven"] interpolates'
         )
     if rate is None:
         # Where only whole samples are missing, the others keep their values.

@@ -433,7 +433,7 @@ def _result_of(kind, content, folder):
     for name in ("simulated_time", "wall_seconds", "engine_seconds", "step"):
         _check_size(values[name], name)
     if math.isnan(values["simulated_time"]) or values["error_kind"] not in ERROR_KINDS:
-        raise NotAValue(f"simulated_time is no number, or error_kind none of {ERROR_KINDS}")
+        raise NotAValue("simulated_time or error_kind is none")
     scene = Scene.from_dict(content["scene"], folder)
     own = vars(scale(scene)[1])
     if not all(math.isclose(own[k], each, rel_tol=1e-9) for k, each in content["scales"].items()):

@@ -11,7 +11,7 @@ from harvester.errors import SceneError
 from harvester.excitation.columns import MeasuredFile
 from harvester.excitation.profiles import with_profile
 from harvester.excitation.quantities import QUANTITIES, factor_of, quantity_of
-from harvester.files.plain_text import named
+from harvester.files.plain_text import named, shown
 from harvester.files.reading import read_input
 
 LARGEST_FILE = 1_000_000
@@ -49,7 +49,10 @@ def _read(table, key, scaled, where):
     table = with_profile(dict(table), where)
     if isinstance(table.get(key), str):
         try:
-            table |= _points(table[key], key, table.get("unit"), scaled)
+            unit = table.get("unit")
+            if not isinstance(unit, str | None):
+                raise SceneError(f"unit = {shown(unit)}: must be a text")
+            table |= _points(table[key], key, unit, scaled)
         except SceneError as fault:
             raise SceneError(f"{where}.{key}: {fault}") from None
     if isinstance(table.get("parts"), list):
@@ -65,9 +68,10 @@ def _points(file, key, unit, scaled):
     kind, pair, quantities = TABLES[key]
     text = read_input(file, kind, LARGEST_FILE).decode("utf-8-sig", "replace")
     # Trailing commas make columns of no numbers.
-    lines = [INLINE.sub("", line).rstrip(" \t,;") for line in text.splitlines()]
+    lines = [INLINE.sub("", line.strip()).rstrip(" \t,;") for line in text.splitlines()]
+    few = f"lines with {pair}: must be at least 2 for a {kind}"
     if not any(lines):
-        raise SceneError(f"{named(file)}: 0 lines with {pair}: must be at least 2 for a {kind}")
+        raise SceneError(f"{named(file)}: 0 {few}")
     measured = MeasuredFile(file, "\n".join([*lines, ""]).encode(), quantities)
     table = measured.table
     titles = [quantity_of(each.title, "") for each in measured.headings]
@@ -77,23 +81,17 @@ def _points(file, key, unit, scaled):
         raise SceneError(f"{named(file)}, line {line}: must be {pair}")
     columns = table.take([0, 1])
     if table.rows < 2:
-        raise SceneError(
-            f"{named(file)}: {table.rows} lines with {pair}: must be at least 2 for a {kind}"
-        )
+        raise SceneError(f"{named(file)}: {table.rows} {few}")
     found = {}
     for place, quantity in enumerate(quantities):
         where = f"{named(file)}: {measured.label(place)}"
         if written := measured.headings[place].unit:
-            cure = "correct the heading (an amplitude density is squared first)"
-            factor_of(quantity, written, where, cure)
+            factor_of(quantity, written, where, "correct it (square an amplitude density first)")
         given = unit if quantity == "density" and unit != "scaled" else None
         said = measured.agreed_unit(quantity, place, "unit", given) if written else ""
         factor = QUANTITIES[quantity][said] if said else 1.0
         if scaled and (factor != 1.0 or (said and quantity == "density")):
-            raise SceneError(
-                f'{where}: the scene has units = "scaled": take one '
-                'with units = "SI", or scaled values'
-            )
+            raise SceneError(f'{where}: the scene has units = "scaled": take SI, or scaled values')
         if quantity == "density" and said:
             # The scene keeps the densities in one of the units that it knows.
             found["unit"] = unit or ("g^2/Hz" if "g^2" in said else "(m/s^2)^2/Hz")
