@@ -25,7 +25,7 @@ from harvester.files.plain_text import named, nearest, shown
 SHOWN_NAMES = 12
 # The mean rate of a time column and the given rate may differ by the first factor. If the scene
 # names the column, the second applies: uneven samples may then be brought to another rate.
-RATE_TOLERANCE, RATE_FACTOR = 1.05, 5.0
+RATE_TOLERANCE, RATE_FACTOR = 1.01, 5.0
 
 
 class Columns(NamedTuple):

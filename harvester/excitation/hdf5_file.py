@@ -96,7 +96,7 @@ def _joined(values):
 def _decoded(values, attributes):
     """Values that a data set's attributes scale, with NaN for those that they call missing."""
     scale, offset = (attributes.get(name) for name in ("scale_factor", "add_offset"))
-    gaps = [np.ravel(attributes[name]) for name in FILL_VALUES if name in attributes]
+    gaps = [np.ravel(attributes[n]).astype(float) for n in FILL_VALUES if n in attributes]
     if scale is None and offset is None and not gaps:
         return values
     missing = np.isin(values, np.concatenate(gaps)) if gaps else False
