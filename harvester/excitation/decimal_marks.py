@@ -32,11 +32,13 @@ def shape(text: str) -> str:
     for group, decimal in MARKS:
         if GROUPED[group].fullmatch(text):
             return f"{group}+" if decimal in text or text.count(group) > 1 else f"{group}?"
-    for mark in ",.":
-        if mark in text:
-            return f"{mark}d"
     digits = text.lstrip("+-")
-    return {True: "mid", False: "long"}[len(digits) == 3] if len(digits) > 2 else ""
+    for mark in ",.":
+        if mark in text and digits[0] in "0123456789,.":
+            return f"{mark}d"
+    if len(digits) < 3 or not digits.isdecimal():
+        return ""
+    return "mid" if len(digits) == 3 else "long"
 
 
 def marks_of(rows: Iterable[Sequence[str]], width: int) -> Iterator[tuple[str, str]]:

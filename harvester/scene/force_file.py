@@ -66,7 +66,9 @@ def _read(table, key, scaled, where):
 def _points(file, key, unit, scaled):
     """The points of a file in SI units, and `unit` where a heading says that of densities."""
     kind, pair, quantities = TABLES[key]
-    text = read_input(file, kind, LARGEST_FILE).decode("utf-8-sig", "replace")
+    content = read_input(file, kind, LARGEST_FILE)
+    text = content.decode("utf-8-sig", "replace")
+    text = content.decode("latin-1") if "\ufffd" in text else text
     # Trailing commas make columns of no numbers.
     lines = [INLINE.sub("", line.strip()).rstrip(" \t,;") for line in text.splitlines()]
     few = f"lines with {pair}: must be at least 2 for a {kind}"
@@ -86,7 +88,8 @@ def _points(file, key, unit, scaled):
     for place, quantity in enumerate(quantities):
         where = f"{named(file)}: {measured.label(place)}"
         if written := measured.headings[place].unit:
-            factor_of(quantity, written, where, "correct it (square an amplitude density first)")
+            square = " (square an amplitude density first)" if quantity == "density" else ""
+            factor_of(quantity, written, where, f"correct it{square}")
         given = unit if quantity == "density" and unit != "scaled" else None
         said = measured.agreed_unit(quantity, place, "unit", given) if written else ""
         factor = QUANTITIES[quantity][said] if said else 1.0

@@ -85,6 +85,8 @@ def test_two_readings_are_refused_with_both(tmp_path, time, form):
         ([["1,286", "1286"], ["0,5", "0,6"]], (",", "")),
         ([["9,812", "0,5e-3"]], (",", "")),
         ([["742", "12"]], (".", "")),
+        ([["1.702", "nan"]], (".", "")),
+        ([["1,702", "nan"], ["0,5", "err"]], (",", "")),
     ],
 )
 def test_marks_are_those_that_all_values_have(columns, expected):

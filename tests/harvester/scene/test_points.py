@@ -86,6 +86,12 @@ def test_a_force_table_with_a_wrong_heading_is_refused(tmp_path, header):
         Scene.load("device").replace({"oscillator.force_table": file})
 
 
+def test_a_heading_in_latin_1_is_read(tmp_path):
+    rows = [f"{1e-3 * f};{g}" for f, g in DENSITY]
+    (tmp_path / "p.csv").write_bytes("\n".join(["f [kHz];G [m²/s³]", *rows]).encode("latin-1"))
+    np.testing.assert_allclose(spectrum(str(tmp_path / "p.csv")).points, DENSITY)
+
+
 def test_a_refusal_quotes_nothing_of_the_file(tmp_path):
     (tmp_path / "secret").write_text("root:x:0:0:secret\n1,2\nsecret 5 6 7\n")
     with pytest.raises(SceneError) as caught:
