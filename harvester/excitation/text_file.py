@@ -159,8 +159,9 @@ class TextTable(Table):
     def _marks(self, places):
         """(decimal mark, thousands separator) of each column that has commas or looks grouped."""
         numbers = [k for k, kind in enumerate(self._form.kinds) if kind == NUMBER]
+        asked = {*places} & {*numbers} if b"." in self._content else ()
         if not self._commas and not any(
-            _looks_grouped(fields[k] for fields in self._rows()) for k in {*places} & {*numbers}
+            _looks_grouped(fields[k] for fields in self._rows()) for k in asked
         ):
             return {}
         rows = ([fields[k] for k in numbers] for fields in self._rows())
