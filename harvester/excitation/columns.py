@@ -165,10 +165,10 @@ class MeasuredFile:
         names = self.table.names
         if text is not None:
             column, colon, unit = text.rpartition(":")
-            if not colon or text in names:
-                column, unit = text, None
+            bare = not colon or text in names
+            column = text if bare else column
             number = column not in names and column.isdigit()
-            return self.place(quantity, int(column) if number else column), unit
+            return self.place(quantity, int(column) if number else column), None if bare else unit
         if len(found) > 1:
             listed = ", ".join(named(names[place]) for place in found)
             raise SceneError(
