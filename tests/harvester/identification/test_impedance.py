@@ -334,7 +334,7 @@ def test_what_an_impedance_alone_does_not_take(tmp_path, monkeypatch):
     with pytest.raises(SceneError, match="not a whole Touchstone file"):
         read_impedance(tmp_path / "z.s1p")
     monkeypatch.setitem(sys.modules, "skrf", None)
-    with pytest.raises(HarvesterError, match=r"pip install 'harvester\[analyser\]'"):
+    with pytest.raises(HarvesterError, match=r"pip install 'vibration-harvester\[analyser\]'"):
         read_impedance(tmp_path / "z.s1p")
 
 
