@@ -94,6 +94,10 @@ def checked_options(options: dict[str, Any]) -> dict[str, Any]:
             f"executor = {shown(executor)}: has no method submit; give a "
             "concurrent.futures.Executor"
         )
+    runner = options.get("runner")
+    runs = hasattr(runner, "answer") or hasattr(getattr(runner, "pool", runner), "map")
+    if runner is not None and not runs:
+        raise HarvesterError(f"runner = {shown(runner)}: give a WorkerPool or a Runner")
     if progress is None:
         return options
     if not callable(progress):

@@ -61,6 +61,9 @@ def _run(arguments):
     if len(arguments) > MOST_ARGUMENTS:
         complain(f"{len(arguments)} arguments, and {MOST_ARGUMENTS} are the most")
         return 2
+    if sys.flags.optimize > 1:
+        complain("python -OO leaves out the texts that the options are read from: use python -O")
+        return 2
     if not arguments:
         print(WELCOME)
         return 0

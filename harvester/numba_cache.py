@@ -16,7 +16,7 @@ from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
 
-from harvester.files.surroundings import PACKAGE, who_else_writes
+from harvester.files.surroundings import PACKAGE, other_writers, who_else_writes
 
 # The cache holds code for types of these packages only. Code for a part of another package is
 # compiled anew in each process, since other processes may lack that package.
@@ -38,12 +38,13 @@ def keep_environment_usable() -> None:
 
 
 def plain_file(path: str) -> bytes | None:
-    """The bytes of a file; None where there is none, or something that is no file."""
+    """The bytes of a file that only this user or the program's owner may change; else None."""
     try:
         # O_NONBLOCK: a pipe under this name does not block.
         descriptor = os.open(path, os.O_RDONLY | os.O_NONBLOCK)
         with open(descriptor, "rb") as file:
-            if stat.S_ISREG(os.fstat(descriptor).st_mode):
+            about = os.fstat(descriptor)
+            if stat.S_ISREG(about.st_mode) and not other_writers(about):
                 return file.read()
     except FileNotFoundError:
         return None
@@ -80,7 +81,8 @@ def _say_damage(path: str) -> None:
     if not _said:
         _said.append(path)
         print(
-            f"harvester: {path}: compiled code that is damaged; it is compiled anew",
+            f"harvester: {path}: compiled code that is damaged, or that others may write; it is "
+            "compiled anew",
             file=sys.stderr,
         )
 

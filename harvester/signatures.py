@@ -228,6 +228,10 @@ def _positive(value: Any) -> bool:
     return isinstance(value, numbers.Real) and float(value) > 0.0
 
 
+def _one_value(value: Any) -> bool:
+    return isinstance(value, (str, numbers.Real)) or getattr(value, "ndim", None) == 0
+
+
 def _counts(value: Any) -> bool:
     return isinstance(value, numbers.Integral) and int(value) >= 1
 
@@ -238,7 +242,9 @@ def _share(value: Any) -> bool:
 
 # A name at the command line; in Python also an object.
 MethodOrName = Annotated[str | Method, Kind("NAME")]
-Step = Annotated[str | float, Kind("STEP")]
+Step = Annotated[
+    str | float, Kind("STEP", "default, fine, finest or a number of seconds > 0", _one_value)
+]
 Seed = Annotated[int, Kind("SEED")]
 Seconds = Annotated[float, Kind("SECONDS", "a number of seconds > 0", _positive)]
 Hertz = Annotated[float, Kind("HERTZ", "a number of hertz > 0", _positive)]
@@ -270,6 +276,7 @@ Ranges = Annotated[
 ]
 Window = Annotated[tuple[float, float] | str, Kind("START:END|all", read=window_of)]
 Nodes = Annotated[Sequence[str], Kind("NAME", option="node", again=True)]
+Faults = Annotated[Sequence[str], Kind("FAULT", again=True)]
 Loads = Annotated[Sequence[str], Kind("NAME|PATH", option="load", again=True)]
 Overrides = Annotated[Sequence[str], Kind("TABLE.KEY=VALUE", option="set", again=True)]
 

@@ -25,7 +25,7 @@ from circuits.loads.measures import vet_measures
 from circuits.loads.numbers import number
 from circuits.loads.own_motion import OwnMotion, own_motion
 from circuits.loads.part_values import negative_parts, reading_notes, sources_of
-from circuits.loads.reader import read_cards
+from circuits.loads.reader import Card, read_cards
 from circuits.loads.stores import Store, levels_of, stores_of
 from circuits.loads.tree import parse, written
 from circuits.loads.vetting import (
@@ -83,6 +83,8 @@ class LoadCircuit:
         Name of the file that its sub-circuit stands in.
     ambiguity : str
         A note on expressions that another SPICE reads otherwise; empty if there are none.
+    source : (Path, tuple of circuits.loads.reader.Card)
+        Its file and the cards that were read there, includes in: what `read_load` takes again.
     """
 
     text: str
@@ -99,6 +101,7 @@ class LoadCircuit:
     file: str = field(default="", compare=False)
     elements: tuple[Element, ...] = field(default=(), compare=False, repr=False)
     ambiguity: str = field(default="", compare=False)
+    source: Any = field(default=None, compare=False, repr=False)
 
     @cached_property
     def is_plain(self) -> bool:
@@ -235,7 +238,10 @@ def find_netlist(netlist: str, folders: Sequence[str | Path] = (".",)) -> Path:
 
 
 def read_load(
-    path: Path, subcircuit: str | None = None, parameters: dict[str, Any] | None = None
+    path: Path,
+    subcircuit: str | None = None,
+    parameters: dict[str, Any] | None = None,
+    cards: Sequence[Card] | None = None,
 ) -> LoadCircuit:
     """Read, vet and prepare a load.
 
@@ -247,6 +253,8 @@ def read_load(
         Which of the file's; None: the one called as the file, or the only one with these pins.
     parameters : dict of str to (float or str), optional
         Values for the sub-circuit's parameters and for the file's `.param`; "100k" means 1e5.
+    cards : sequence of Card, optional
+        What was read of the file before: it is not read again.
 
     Returns
     -------
@@ -258,7 +266,7 @@ def read_load(
         One line with file, line and fault.
     """
     path = Path(path)
-    cards = [vetting.tidy(card) for card in read_cards(path)]
+    cards = [vetting.tidy(card) for card in read_cards(path)] if cards is None else [*cards]
     root = parse(cards, path.name)
     top = _chosen(root, path, subcircuit)
     values = _override(root, top, parameters or {}, path)
@@ -288,6 +296,7 @@ def read_load(
         file=top.card.where.rpartition(":")[0],
         elements=parts,
         ambiguity="" if root.dialect else ambiguity(cards),
+        source=(path, tuple(cards)),
     )
     check_load(load)
     return load

@@ -169,6 +169,8 @@ def _quadrature(matrix, corners, nodes):
 def _means(system, covariance):
     """The means that `Averages` holds, from the covariance."""
     part, velocity = system.transducer, covariance[1, 1]
+    if not velocity > 0.0:
+        raise AveragingError("spectral: the excitation is 0, and so is the motion: raise it")
     displaced = -float(system.spring.force(0.0)) / float(system.spring.slope(0.0))
     power = _quadratic(part.load_power, covariance)
     loss = system.damper.damping * velocity

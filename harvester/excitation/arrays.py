@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable, Mapping
 
 import numpy as np
@@ -83,15 +84,16 @@ def rate_of(numbers: Mapping[str, float]) -> float | None:
     Parameters
     ----------
     numbers : mapping of str to float
-        Single numbers by their names, without the names of groups or structures.
+        Single numbers by their names, also behind those of groups or structures.
 
     Raises
     ------
     Unreadable
         Two of them say different rates.
     """
-    rates = {name: value for name, value in numbers.items() if name.lower() in RATES}
-    intervals = {name: value for name, value in numbers.items() if name.lower() in INTERVALS}
+    last = {name: re.split(r"[./]", name)[-1].lower() for name in numbers}
+    rates = {name: value for name, value in numbers.items() if last[name] in RATES}
+    intervals = {name: value for name, value in numbers.items() if last[name] in INTERVALS}
     rates |= {name: 1.0 / value for name, value in intervals.items() if value > 0.0}
     found = {name: float(rate) for name, rate in rates.items() if 0.0 < rate < np.inf}
     if found and max(found.values()) > min(found.values()) * (1.0 + 1e-6):

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -24,7 +25,7 @@ from harvester.files.plain_text import named, nearest, shown
 SHOWN_NAMES = 12
 # The mean rate of a time column and the given rate may differ by the first factor. If the scene
 # names the column, the second applies: uneven samples may then be brought to another rate.
-RATE_TOLERANCE, RATE_FACTOR = 1.05, 5.0
+RATE_TOLERANCE, RATE_FACTOR = 1.01, 5.0
 
 
 class Columns(NamedTuple):
@@ -59,6 +60,8 @@ class MeasuredFile:
     file : str
         Name of the file: for messages, and its ending selects the reader.
     content : bytes
+    expected : sequence of str
+        Quantity of each column of a table of points; empty: any, as the headings say.
 
     Attributes
     ----------
@@ -74,14 +77,16 @@ class MeasuredFile:
         It is no record.
     """
 
-    def __init__(self, file: str, content: bytes) -> None:
+    def __init__(self, file: str, content: bytes, expected: Sequence[str] = ()) -> None:
         self.where = named(file)
         with refused_as_record(self.where):
             self.table: Table = read_table(file, content)
         names = self.table.names or [""] * self.table.width
         apart = self.table.units or [""] * self.table.width
+        kinds = expected if len(expected) == len(names) else [""] * len(names)
         self.headings = [
-            _with_unit(heading(name), unit) for name, unit in zip(names, apart, strict=True)
+            _with_unit(heading(name, kind), unit)
+            for name, unit, kind in zip(names, apart, kinds, strict=True)
         ]
 
     def take(self, places: list[int]) -> list[np.ndarray]:
@@ -139,6 +144,38 @@ class MeasuredFile:
                 f"0 … {self.table.width - 1}"
             )
         return self._real(key, wanted)
+
+    def chosen(
+        self, quantity: str, text: str | None, found: Sequence[int]
+    ) -> tuple[int | None, str | None]:
+        """Index of a quantity's column, and the unit that is given for it.
+
+        Parameters
+        ----------
+        quantity : str
+        text : str or None
+            COLUMN:UNIT or COLUMN; None: the only one of those found, if there is any.
+        found : sequence of int
+
+        Raises
+        ------
+        SceneError
+            There is no such column, or several were found.
+        """
+        names = self.table.names
+        if text is not None:
+            column, colon, unit = text.rpartition(":")
+            bare = not colon or text in names
+            column = text if bare else column
+            number = column not in names and column.isdigit()
+            return self.place(quantity, int(column) if number else column), None if bare else unit
+        if len(found) > 1:
+            listed = ", ".join(named(names[place]) for place in found)
+            raise SceneError(
+                f"{self.where}: several columns may be the {quantity} ({listed}): name one by "
+                f"{quantity}=COLUMN:UNIT behind the file"
+            )
+        return found[0] if found else None, None
 
     def _real(self, key, place):
         """Index of a column; refused if it holds complex numbers and is no response or
@@ -270,19 +307,11 @@ class MeasuredFile:
         ------
         SceneError
         """
-        steps = np.diff(times[np.isfinite(times)])
-        rising = steps[steps > 0.0]
-        span = float(steps.sum())
-        if not rising.size or not np.isfinite(span):
-            return
-        # Time stamps in whole seconds give the time of many samples only to within a second.
-        unsure = float(rising.min()) if rising.size < steps.size else 0.0
-        low, high = (steps.size / max(span + part, 1e-300) for part in (unsure, -unsure))
-        if low > rate * factor or high < rate / factor:
+        if own := _other_rate(times, rate, factor):
             raise SceneError(
                 f"{self.where}: {key} = {rate:g}: {self.label(place)} says "
-                f"{steps.size / span:.6g} Hz: leave sampling_rate out, or say in which unit the "
-                "column is"
+                f"{own:.6g} Hz: leave sampling_rate out, say in which unit the "
+                "column is, or name it by time_column to read the rate from it"
             )
 
 
@@ -334,11 +363,14 @@ def motion_columns(
                 f"{measured.where}: excitation.time_unit = {shown(time_unit)}: no column of times "
                 "is read: name it by excitation.time_column"
             )
-        _refuse_other_rate(measured, rate)
+        _refuse_other_rate(measured, rate, sampling_rate is not None)
         (values,) = measured.take([place])
         return Columns(values, None, rate, unit, remarks)
     values, times = measured.take([place, time_place])
     known = measured.agreed_unit("time", time_place, "excitation.time_unit", time_unit)
+    if time_column is not None and sampling_rate is None and known != SAMPLES:
+        # The column that the scene names goes before the file's own rate.
+        rate = None
     cure = "give excitation.sampling_rate (Hz)"
     times = measured.seconds(times, time_place, known or "s", rate, cure)
     if rate is not None:
@@ -401,14 +433,29 @@ def _motion_place(measured, wanted, time_place):
     return others[0]
 
 
-def _refuse_other_rate(measured, rate):
-    """Refuse a given sampling rate that differs from the one column with a unit of time."""
-    found = [place for place in measured.times() if measured.headings[place].unit]
+def _refuse_other_rate(measured, rate, given):
+    """Refuse a sampling rate, of the scene or the file, that differs from the one time column."""
+    found = measured.times()
     if len(found) != 1:
         return
-    unit = unit_named("time", measured.headings[found[0]].unit)
-    if unit is None or unit == SAMPLES:
-        return
     (times,) = measured.take(found)
-    seconds = measured.seconds(times, found[0], unit, rate, "")
-    measured.compare_rates(seconds, rate, found[0], key="excitation.sampling_rate")
+    written = measured.headings[found[0]].unit
+    key = "excitation.sampling_rate" if given else "the file's sampling rate"
+    # A column without a unit may be in any, also in samples.
+    units = [unit_named("time", written)] if written else [*QUANTITIES["time"]]
+    seconds = [measured.seconds(times, found[0], unit, rate, "") for unit in units if unit]
+    if seconds and all(_other_rate(each, rate, RATE_TOLERANCE) for each in seconds):
+        measured.compare_rates(seconds[0], rate, found[0], key=key)
+
+
+def _other_rate(times, rate, factor):
+    """The rate (Hz) of times where it differs from a rate by more than a factor, else None."""
+    steps = np.diff(times[np.isfinite(times)])
+    rising = steps[steps > 0.0]
+    span = float(steps.sum())
+    if not rising.size or not np.isfinite(span):
+        return None
+    # Time stamps in whole seconds give the time of many samples only to within a second.
+    unsure = float(rising.min()) if rising.size < steps.size else 0.0
+    low, high = (steps.size / max(span + part, 1e-300) for part in (unsure, -unsure))
+    return steps.size / span if low > rate * factor or high < rate / factor else None

@@ -17,6 +17,7 @@ from harvester.files.libraries import optional_library
 FILTERS = {1, 2, 3, 4, 5, 6, 32000}
 # Largest number of objects in a file.
 MOST_OBJECTS = 10_000
+FILL_VALUES = ("_FillValue", "missing_value")
 UNITS = ("units", "unit", "unit_string", "Units", "Unit")
 # MATLAB writes the class of an array into this attribute, and its own data into these groups.
 MATLAB_CLASS, MATLAB_GROUPS = "MATLAB_class", ("#refs#", "#subsystem#")
@@ -28,7 +29,8 @@ class Hdf5Table(ArraysTable):
     """Samples by columns; names are the data sets' paths, `path.field` for a compound one.
 
     A unit is the data set's attribute `units`; a sampling rate is an attribute or a data set of one
-    number named `fs`, `dt` or the like.
+    number named `fs`, `dt` or the like. Packed numbers and gaps are those of the CF conventions
+    (`scale_factor`, `add_offset`, `_FillValue`, `missing_value`).
 
     Parameters
     ----------
@@ -61,17 +63,24 @@ class Hdf5Table(ArraysTable):
                     continue
                 name = f"{path}.{field}" if field else path
                 shapes[name], places[name] = dataset.shape, (dataset, field)
-                units[name] = _text_attribute(dataset, UNITS)
+                # "seconds since 2026-03-01" are seconds.
+                units[name] = _text_attribute(dataset, UNITS).partition(" since ")[0]
                 if dataset.size == 1 and kind.kind in REAL_KINDS:
                     value = dataset[field][()] if field else dataset[()]
-                    numbers[path.rpartition("/")[2]] = float(np.ravel(value)[0])
-            numbers |= _number_attributes(dataset)
+                    numbers[path] = float(np.ravel(value)[0])
+        longest = max((max(shape, default=1) for shape in shapes.values()), default=0)
+        for name, (dataset, _) in places.items():
+            if longest in shapes[name]:
+                numbers |= _number_attributes(dataset, f"{name}/")
         numbers |= _number_attributes(file)
         self.rate = rate_of(numbers)
 
         def load(names: list[str]) -> dict[str, np.ndarray]:
             pairs = {name: places[name] for name in names}
-            return {k: _joined(each[f] if f else each[()]) for k, (each, f) in pairs.items()}
+            return {
+                name: _decoded(_joined(each[field] if field else each[()]), each.attrs)
+                for name, (each, field) in pairs.items()
+            }
 
         filled = {name: shape for name, shape in shapes.items() if 0 not in shape}
         super().__init__(filled, load, units)
@@ -82,6 +91,17 @@ def _joined(values):
     if values.dtype.names != MATLAB_COMPLEX:
         return values
     return values["real"] + 1j * values["imag"]
+
+
+def _decoded(values, attributes):
+    """Values that a data set's attributes scale, with NaN for those that they call missing."""
+    scale, offset = (attributes.get(name) for name in ("scale_factor", "add_offset"))
+    gaps = [np.ravel(attributes[n]).astype(float) for n in FILL_VALUES if n in attributes]
+    if scale is None and offset is None and not gaps:
+        return values
+    missing = np.isin(values, np.concatenate(gaps)) if gaps else False
+    factor = 1.0 if scale is None else float(np.ravel(scale)[0])
+    return np.where(missing, np.nan, values * factor + float(np.ravel(offset or 0.0)[0]))
 
 
 def _datasets(h5py: Any, file: Any) -> Iterator[tuple[str, Any]]:
@@ -140,11 +160,11 @@ def _text_attribute(dataset, names):
     return ""
 
 
-def _number_attributes(holder):
-    """Attributes that hold a single number."""
+def _number_attributes(holder, path=""):
+    """Attributes that hold a single number, by their names behind a path."""
     found = {name: np.asarray(holder.attrs[name]) for name in holder.attrs}
     return {
-        name: float(value.ravel()[0])
+        f"{path}{name}": float(value.ravel()[0])
         for name, value in found.items()
         if value.size == 1 and value.dtype.kind in REAL_KINDS
     }

@@ -65,7 +65,7 @@ class MatTable(ArraysTable):
             for name, value in _load(content, single).items()
             if value.dtype.kind in REAL_KINDS
         } | {
-            name.rpartition(".")[2]: float(value)
+            name: float(value)
             for name, value in fields.items()
             if value.ndim == 0 and value.dtype.kind in REAL_KINDS
         }

@@ -38,6 +38,14 @@ QUANTITIES: dict[str, dict[str, float]] = {
     "frequency": {"Hz": 1.0, "kHz": 1e3, "rad/s": 0.5 / math.pi},
     "phase": {"rad": 1.0, "deg": math.pi / 180.0},
 }
+# Quantities of tables of points, which no record has.
+POINTS: dict[str, dict[str, float]] = {
+    "force": {"N": 1.0, "mN": 1e-3, "uN": 1e-6, "kN": 1e3, "lbf": 4.4482216152605},
+    "density": {
+        f"({unit})^2/Hz" if "/" in unit else f"{unit}^2/Hz": factor**2
+        for unit, factor in ACCELERATION.items()
+    },
+}
 RESPONSE = {
     f"{volts}/{bracketed}": volt / factor
     for volts, volt in QUANTITIES["voltage"].items()
@@ -48,6 +56,7 @@ QUANTITIES |= dict.fromkeys(("amplitude", "real", "imaginary", "response"), RESP
 # Quantities that an impedance analyser measures.
 IMPEDANCES = ("impedance", "resistance", "reactance")
 QUANTITIES |= {name: {"ohm": 1.0, "kohm": 1e3, "Mohm": 1e6} for name in IMPEDANCES}
+QUANTITIES |= POINTS
 # Quantities that a column of complex numbers may hold.
 COMPLEX_QUANTITIES = ("response", "impedance")
 
@@ -78,6 +87,12 @@ WORDS: dict[str, dict[str, tuple[str, ...]]] = {
     },
     "displacement": {"m": ("meter", "meters", "metre", "metres"), "um": ("micron", "microns")},
     "phase": {"deg": ("degree", "degrees", "°"), "rad": ("radian", "radians")},
+    "force": {"N": ("newton", "newtons"), "lbf": ("lb", "lbs")},
+    "density": {
+        "(m/s^2)^2/Hz": ("(m/s2)^2/hz", "m^2/s^4/hz", "m2/s4/hz", "m^2/s^3", "m^2s^-3", "m2/s3"),
+        "g^2/Hz": ("g2/hz", "g**2/hz", "gn^2/hz", "grms^2/hz", "g^2hz^-1"),
+        "mg^2/Hz": ("mg2/hz", "mgn^2/hz"),
+    },
 }
 OHM_WORDS = {"ohm": ("ohms", "ω"), "kohm": ("kohms", "kω"), "Mohm": ("megohm", "megohms", "mω")}
 WORDS |= {name: OHM_WORDS for name in IMPEDANCES}
@@ -114,7 +129,9 @@ def _spellings(quantity: str) -> dict[str, str]:
 
 
 SPELLINGS = {quantity: _spellings(quantity) for quantity in QUANTITIES}
-SIGNS = str.maketrans({"²": "^2", "⁻": "^-", "¹": "1", "µ": "u", "μ": "u", "·": "", "⋅": ""})
+SIGNS = str.maketrans(
+    {"²": "^2", "³": "^3", "⁴": "^4", "⁻": "^-", "¹": "1", "µ": "u", "μ": "u", "·": "", "⋅": ""}
+)
 
 
 def unit_named(quantity: str, text: str) -> str | None:
@@ -194,6 +211,10 @@ TITLES = {
     "frequency": re.compile(r"freq(uency)?|f"),
     "amplitude": re.compile(r"(voltage )?amplitude"),
     "phase": re.compile(r"(voltage |impedance |z )?phase( angle)?( z)?"),
+    "force": re.compile(r"(restoring |spring )?force"),
+    "density": re.compile(
+        r"(acceleration )?(psd|asd|((power |acceleration )?spectral )?density)( level)?"
+    ),
     "real": re.compile(r"re(al)?( part)?"),
     "imaginary": re.compile(r"im(ag(inary)?)?( part)?"),
     "response": re.compile(r"(frequency )?response( function)?|frf|transfer function"),
@@ -222,11 +243,18 @@ LABEL = re.compile(
     r"(ch|chan|channel|sensor|node|station)[ ._#-]*\w*|base|table|ground|shaker|mass|tip",
     re.IGNORECASE,
 )
+LEVEL = re.compile(r"(?i)db\b.*|.*(√|sqrt|rt|/)\W*hz\W*(\^?(0\.5|1/2))?")
 SEPARATOR = re.compile(r"\s+in\s+|[\s_,:/-]+")
 
 
-def heading(text: str) -> Heading:
+def heading(text: str, expected: str = "") -> Heading:
     """Title, unit and quantity of a column's name.
+
+    Parameters
+    ----------
+    text : str
+    expected : str
+        Quantity that the column must hold if its title names none; empty: any.
 
     Examples
     --------
@@ -234,27 +262,30 @@ def heading(text: str) -> Heading:
     Heading(title='Acceleration', unit='m/s²', quantity='acceleration')
     >>> heading("t_ms")
     Heading(title='t', unit='ms', quantity='time')
+    >>> heading("F_mN", "force")
+    Heading(title='F', unit='mN', quantity='force')
     """
     text = text.strip()
     for bracket in BRACKETS:
         match = bracket.fullmatch(text)
         if match and not LABEL.fullmatch(match[2].strip()):
             title, unit = match[1].strip(), match[2].strip()
-            return Heading(title, unit, quantity_of(title, unit))
+            return Heading(title, unit, expected or quantity_of(title, unit))
     quantity = quantity_of(text, "")
-    if quantity:
+    if quantity and not expected:
         return Heading(text, SAMPLES if unit_named("time", text) == SAMPLES else "", quantity)
     for mark in SEPARATOR.finditer(text):
         title, unit = text[: mark.start()], text[mark.end() :]
-        quantity = quantity_of(title, unit)
-        if quantity and unit_named(quantity, unit):
+        quantity = expected or quantity_of(title, unit)
+        # A word of spectral levels that is no known unit is one to be refused.
+        if quantity and (unit_named(quantity, unit) or (expected and LEVEL.fullmatch(unit))):
             return Heading(title, unit, quantity)
-    for quantity in ("time", "acceleration"):
+    for quantity in (expected,) if expected else ("time", "acceleration"):
         # A column may be named by its unit alone: "ms", "samples", "m/s^2".
         unit_alone = unit_named(quantity, text)
         if unit_alone and unit_alone not in ("min", "h"):
             return Heading(text, text, quantity)
-    return Heading(text, "", "")
+    return Heading(text, "", expected)
 
 
 def quantity_of(title: str, unit: str) -> str:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import csv
 import io
+import itertools
 import re
 from array import array
 from collections import Counter, deque
@@ -13,6 +14,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from harvester.excitation.decimal_marks import marks_of, plain, shape, ungrouped
 from harvester.excitation.quantities import heading, is_unit
 from harvester.excitation.table import Table
 from harvester.excitation.time_stamps import StampReader, is_stamp
@@ -102,6 +104,10 @@ class TextTable(Table):
         self._content = content
         last_lines = self._last_lines()
         self._form = _form_of(last_lines)
+        # Whether a field may hold a comma: each column's values then show what it means.
+        self._commas = b"," in content and (self._form.separator != "," or b'"' in content)
+        if self._commas:
+            self._form = self._form._replace(decimal=",")
         kinds = self._form.kinds
         self.width = len(kinds)
         self.texts = [place for place, kind in enumerate(kinds) if kind == TEXT]
@@ -124,19 +130,13 @@ class TextTable(Table):
 
         Time stamps are seconds after the first; a column of numbers such as 1-2i is complex128.
         """
+        marks = self._marks(places)
         columns: list[Any] = [[] if place in self.complexes else array("d") for place in places]
         readers = [
-            (column.append, place, self._reader(place))
+            (column.append, place, self._reader(place, marks))
             for column, place in zip(columns, places, strict=True)
         ]
-        left = self.rows
-        for number, line, comment in self._lines():
-            if number < self._first or comment:
-                continue
-            if left == 0:
-                break
-            left -= 1
-            fields = _fields(line, self._form.separator)
+        for fields in self._rows():
             for append, place, read in readers:
                 append(read(fields[place]))
         return [
@@ -144,13 +144,36 @@ class TextTable(Table):
             for column in columns
         ]
 
-    def _reader(self, place):
+    def line_of(self, row: int) -> int:
+        """Number of the line, from 1, that holds a row."""
+        return next(itertools.islice(self._row_lines(), row, None))[0] + 1
+
+    def _row_lines(self):
+        return ((n, line) for n, line, mark in self._lines() if n >= self._first and not mark)
+
+    def _rows(self) -> Iterator[list[str]]:
+        """The fields of each row."""
+        lines = itertools.islice(self._row_lines(), self.rows)
+        return (_fields(line, self._form.separator) for _, line in lines)
+
+    def _marks(self, places):
+        """(decimal mark, thousands separator) of each column that has commas or looks grouped."""
+        numbers = [k for k, kind in enumerate(self._form.kinds) if kind == NUMBER]
+        asked = {*places} & {*numbers} if b"." in self._content else ()
+        if not self._commas and not any(
+            _looks_grouped(fields[k] for fields in self._rows()) for k in asked
+        ):
+            return {}
+        rows = ([fields[k] for k in numbers] for fields in self._rows())
+        return dict(zip(numbers, marks_of(rows, len(numbers)), strict=True))
+
+    def _reader(self, place, marks):
         if self._form.kinds[place] == STAMP:
             return StampReader().seconds
-        decimal = self._form.decimal
         if self._form.kinds[place] == COMPLEX:
-            return lambda text: _complex(text, decimal)
-        return lambda text: _float(text, decimal)
+            return lambda text: _complex(text, self._form.decimal)
+        decimal, group = marks.get(place, (self._form.decimal, ""))
+        return lambda text: _float(plain(text, decimal, group) if group else text, decimal)
 
     def _lines(self) -> Iterator[tuple[int, str, bool]]:
         """(number from 0, text, whether it is a comment) of each line that is not blank."""
@@ -299,7 +322,14 @@ def _float(text, decimal):
             return nan
         return float(text) if decimal == "." else float(text.replace(",", "."))
     except ValueError:
-        return nan
+        bare = ungrouped(text)
+        return nan if bare == text else float(bare)
+
+
+def _looks_grouped(texts):
+    """Whether a column of points may have them between thousands: 1.286 beside 742."""
+    seen = itertools.takewhile(lambda each: each != ".d", map(shape, texts))
+    return {".?", "mid"} <= {*seen}
 
 
 def _names_and_units(above, form):

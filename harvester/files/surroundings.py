@@ -50,14 +50,22 @@ def who_else_writes(path: str | Path) -> str:
             about = os.stat(place)
         except FileNotFoundError:
             continue
-        if about.st_uid not in {0, os.geteuid(), PACKAGE.stat().st_uid}:
-            return f"{place} belongs to another user"
+        foreign = other_writers(about)
+        if "belongs" in foreign:
+            return f"{place} {foreign}"
         # In a folder with the sticky bit everyone may add files, but only the owner may replace
         # them.
         if place != path and about.st_mode & stat.S_ISVTX:
             continue
-        # A group with the owner's number is the owner's own.
-        shared = stat.S_IWGRP if about.st_gid != about.st_uid else 0
-        if about.st_mode & (shared | stat.S_IWOTH):
-            return f"{place} can be written by others"
+        if foreign:
+            return f"{place} {foreign}"
     return ""
+
+
+def other_writers(about: os.stat_result) -> str:
+    """Why another user may change a file with this status; empty where nobody may."""
+    if about.st_uid not in {0, os.geteuid(), PACKAGE.stat().st_uid}:
+        return "belongs to another user"
+    # A group with the owner's number is the owner's own.
+    shared = stat.S_IWGRP if about.st_gid != about.st_uid else 0
+    return "can be written by others" if about.st_mode & (shared | stat.S_IWOTH) else ""

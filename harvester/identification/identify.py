@@ -119,6 +119,9 @@ def identify(
     clock = time.perf_counter()
     # Records determine the lumped values, not the drawing's dimensions: the drawing is left out.
     scene = scene.without_drawing()
+    # Nor do they determine a frequency and a damping ratio in place of stiffness and damping.
+    lumped = {f"oscillator.{k}": getattr(scene.oscillator, k) for k in scene.oscillator.computed}
+    scene = scene.replace(lumped)
     follow = progress or (lambda share, text: None)
     measurements = _measurements(scene, records)
     analysed, begun = None, scene

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import io
 import math
+import re
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -132,13 +133,23 @@ def read_impedance(
 def _touchstone(content, where):
     """Frequency (Hz) and Z (Ω) of a Touchstone file of one port."""
     skrf = optional_library("skrf", "a Touchstone file", "analyser")
+    text, scale = content.decode("utf-8", errors="replace"), 1.0
+    option = re.search(r"^[ \t]*#[^!\n]*", text, re.MULTILINE)
+    words = option[0].upper().split() if option else []
     try:
         with broken_file("Touchstone file of one port", "export it as .csv"):
-            stream = io.StringIO(content.decode("utf-8", errors="replace"))
+            if option and "Y" in words and "[version]" not in text.lower():
+                # Version 1 divides Y by the conductance of the reference; scikit-rf 2.2 multiplies
+                # by it. With a reference of 1 ohm both agree.
+                place = words.index("R") if "R" in words else len(words)
+                scale = float([*words, "R", "50"][place + 1])
+                line = " ".join([*words[:place], *words[place + 2 :], "R", "1"])
+                text = f"{text[: option.start()]}{line}\n{text[option.end() :]}"
+            stream = io.StringIO(text)
             stream.name = "impedance.s1p"
             network = skrf.Network()
             network.read_touchstone(stream)
-            impedance = network.z[:, 0, 0]
+            impedance = scale * network.z[:, 0, 0]
             frequency = np.asarray(network.f, dtype=float)
     except ValueError as error:
         raise SceneError(f"{where}: {named(' '.join(str(error).split()))}") from None
@@ -149,14 +160,14 @@ def _touchstone(content, where):
 
 def _columns(measured, given):
     """Frequency (Hz) and Z (Ω) by the columns that a file has."""
-    places = {name: _place(measured, name, given.get(name)) for name in SETTINGS}
-    there = {name for name, place in places.items() if place is not None}
+    chosen = {name: _chosen(measured, name, given.get(name)) for name in SETTINGS}
+    there = {name for name, (place, _) in chosen.items() if place is not None}
     if "frequency" not in there:
         raise SceneError(
             f"{measured.where}: no column of frequencies: write frequency [Hz] in its header, or "
             f"frequency=COLUMN:UNIT behind the file; the file has {measured.listed()}"
         )
-    is_complex = places["impedance"] in measured.table.complexes
+    is_complex = chosen["impedance"][0] in measured.table.complexes
     polar = {"impedance"} if is_complex else {"impedance", "phase"}
     parts = {"resistance", "reactance"}
     # Columns that the user named come before those found by their headings.
@@ -168,8 +179,7 @@ def _columns(measured, given):
             f"{measured.listed()}"
         )
     found = {
-        name: _values(measured, name, places[name], given.get(name))
-        for name in ("frequency", *sorted(wanted))
+        name: _values(measured, name, *chosen[name]) for name in ("frequency", *sorted(wanted))
     }
     if wanted is parts:
         return found["frequency"], found["resistance"] + 1j * found["reactance"]
@@ -177,35 +187,19 @@ def _columns(measured, given):
     return found["frequency"], found["impedance"] * turned
 
 
-def _place(measured, quantity, text):
-    """Index of a quantity's column: as given, else the only one whose heading names it."""
-    if text is not None:
-        column = text.rpartition(":")[0] if _has_unit(measured, text) else text
-        number = column not in measured.table.names and column.isdigit()
-        return measured.place(quantity, int(column) if number else column)
+def _chosen(measured, quantity, text):
+    """Index of a quantity's column, and the unit that is given for it."""
     found = measured.of(quantity)
-    if quantity in OTHER_NAMES.values():
-        other = next(name for name, usual in OTHER_NAMES.items() if usual == quantity)
-        found = found or measured.of(other)
+    other = [name for name, usual in OTHER_NAMES.items() if usual == quantity and not found]
+    found = found or [place for name in other for place in measured.of(name)]
     if quantity == "phase" and not found:
         titles = [each.title.lower().replace("_", " ") for each in measured.headings]
         found = [place for place, title in enumerate(titles) if title in PHASE_TITLES]
-    if len(found) > 1:
-        names = ", ".join(measured.label(place) for place in found)
-        raise SceneError(
-            f"{measured.where}: several columns may be the {quantity} ({names}): name one by "
-            f"{quantity}=COLUMN:UNIT behind the file"
-        )
-    return found[0] if found else None
+    return measured.chosen(quantity, text, found)
 
 
-def _has_unit(measured, text):
-    return ":" in text and text not in measured.table.names
-
-
-def _values(measured, quantity, place, text):
+def _values(measured, quantity, place, given):
     """The values of a column, converted to SI units."""
-    given = text.rpartition(":")[2] if text is not None and _has_unit(measured, text) else None
     unit = measured.agreed_unit(quantity, place, f"{quantity}=COLUMN:UNIT", given)
     (values,) = measured.take([place])
     if not np.isfinite(values).all():

@@ -13,20 +13,20 @@ from harvester.errors import SceneError
 from harvester.excitation.columns import MeasuredFile
 from harvester.excitation.conditioning import (
     FEWEST_SAMPLES,
-    LARGEST_JITTER,
-    SHORTEST_STEP,
+    LARGEST_PEAK,
     flat_crests,
     marker_remark,
 )
 from harvester.excitation.motion_file import read_record
-from harvester.excitation.quantities import IMPEDANCES, QUANTITIES, factor_of, unit_named
+from harvester.excitation.quantities import IMPEDANCES, POINTS, QUANTITIES, factor_of, unit_named
+from harvester.excitation.time_base import TimeBase, time_base
 from harvester.files.plain_text import name as plain_name
 from harvester.files.plain_text import named, nearest, shown
 from harvester.identification.measured_response import MeasuredResponse, response_of
 from harvester.identification.sensors import OUTPUTS, checked_sensors
 
 # Quantities that a record's columns can hold.
-COLUMNS = tuple(name for name in QUANTITIES if name not in IMPEDANCES)
+COLUMNS = tuple(name for name in QUANTITIES if name not in (*IMPEDANCES, *POINTS))
 # Suffix of a velocity's unit: measured against the laboratory, not relative to the base.
 ABSOLUTE = ":absolute"
 # Setting of a key whose value is found in one record, for that record alone.
@@ -140,6 +140,11 @@ def _check_column(values, quantity, shape, where):
             f"{where}: {quantity}: {lost.size} of {values.size} samples are without a number (the "
             f"first is sample {lost[0]}): cut the record there"
         )
+    if np.abs(values).max() > LARGEST_PEAK:
+        raise SceneError(
+            f"{where}: {quantity}: the largest sample is {np.abs(values).max():g}, and must be at "
+            f"most {LARGEST_PEAK:g}: check the column and its unit"
+        )
     if np.ptp(values) == 0.0:
         if quantity == "acceleration":
             return
@@ -211,11 +216,13 @@ def read_measurement(
             f"{where}: no column of the base's acceleration: write acceleration [m/s^2] in its "
             "header, or acceleration=COLUMN:UNIT behind the file"
         )
+    base = _base(columns.pop("time", None), rate, where)
+    columns = {name: base.resampled(values) for name, values in columns.items()}
     return Measurement(
-        sampling_rate=_rate(columns.pop("time", None), rate, where),
+        sampling_rate=1.0 / base.spacing,
         changes=settings,
         name=plain_name(Path(path).name),
-        remarks=remarks,
+        remarks=remarks + base.remarks,
         sensors=sensors,
         velocity_is_absolute=absolute,
         velocity_in_volts=unit_of.get("velocity") in QUANTITIES["voltage"],
@@ -250,9 +257,9 @@ def _number(where, key, value):
 
 def _columns(measured, given, lines, units, rate):
     """Columns of each quantity in SI, or in the scene's scaled units, remarks, and the units."""
-    places, unit_of = _places(measured, given), {}
-    for quantity, place in places.items():
-        unit = _column_and_unit(given.get(quantity, ""), measured.table.names)[1]
+    chosen, unit_of = _chosen(measured, given), {}
+    places = {quantity: place for quantity, (place, _) in chosen.items()}
+    for quantity, (place, unit) in chosen.items():
         scaled_by = any(f"{quantity}_{end}" in lines for end in LINE_ENDS)
         unit_of[quantity] = _unit(measured, quantity, place, unit, units, scaled_by)
     values = dict(zip(places, measured.take(list(places.values())), strict=True))
@@ -273,33 +280,15 @@ def _columns(measured, given, lines, units, rate):
     return values, remarks, unit_of
 
 
-def _places(measured, given):
-    """Column index of each quantity: as given, else by the headings, the plainest title first."""
-    places: dict[str, int] = {}
+def _chosen(measured, given):
+    """(index, given unit) of each quantity's column: the plainest title goes first."""
+    chosen = {}
     for quantity in COLUMNS:
-        if quantity in given:
-            continue
         found = measured.times() if quantity == "time" else measured.of(quantity)
         plain = [place for place in found if measured.headings[place].title.lower() == quantity]
-        if quantity == "time" or plain or len(found) < 2:
-            places |= {quantity: (plain or found)[0]} if found else {}
-            continue
-        names = ", ".join(named(measured.table.names[place]) for place in found)
-        raise SceneError(
-            f"{measured.where}: several columns may be the {quantity} ({names}): name one by "
-            f"{quantity}=COLUMN:UNIT behind the file"
-        )
-    for quantity, text in given.items():
-        column = _column_and_unit(text, measured.table.names)[0]
-        number = column not in measured.table.names and column.isdigit()
-        places[quantity] = measured.place(quantity, int(column) if number else column)
-    return places
-
-
-def _column_and_unit(text, names):
-    """A setting's column and unit: what follows the last colon, unless that is in the name."""
-    column, colon, unit = text.rpartition(":")
-    return (column, unit) if colon and text not in names else (text, None)
+        found = (plain or found)[:1] if plain or quantity == "time" else found
+        chosen[quantity] = measured.chosen(quantity, given.get(quantity), found)
+    return {quantity: pair for quantity, pair in chosen.items() if pair[0] is not None}
 
 
 def _unit(measured, quantity, place, given, units, is_scaled):
@@ -327,23 +316,19 @@ def _unit(measured, quantity, place, given, units, is_scaled):
     return unit
 
 
-def _rate(times, rate, where):
-    """Sampling rate (Hz) from the time column, else as given or as the file says."""
-    if times is None:
-        if rate is None:
-            raise SceneError(
-                f"{where}: neither a time column nor a sampling rate: name the column time [s], "
-                "or write sampling_rate=HZ behind the file"
-            )
-        return rate
-    steps = np.diff(times)
-    if not (np.isfinite(times).all() and steps.size and steps.min() > SHORTEST_STEP):
-        raise SceneError(f"{where}: the time column does not rise from sample to sample")
-    spacing = (times[-1] - times[0]) / steps.size
-    jitter = float(np.abs(times - times[0] - np.arange(times.size) * spacing).max()) / spacing
-    if jitter > LARGEST_JITTER:
+def _base(times, rate, where):
+    """The time base by the time column, else by the rate as given or as the file says."""
+    if times is None and rate is None:
         raise SceneError(
-            f"{where}: unevenly sampled: the time column leaves an even grid by {jitter:.2g} "
-            f"spacings of {spacing:.6g} s: resample the record, or cut it at its gaps"
+            f"{where}: neither a time column nor a sampling rate: name the column time [s], "
+            "or write sampling_rate=HZ behind the file"
         )
-    return float(1.0 / spacing)
+    if times is None:
+        return TimeBase(1.0 / rate)
+    base = time_base(times, None, where, "correct it, or cut the record there")
+    if base is None:
+        raise SceneError(
+            f"{where}: unevenly sampled: samples are missing between the times, or were not taken "
+            "at one rate: resample the record, or cut it at its gaps"
+        )
+    return base

@@ -22,7 +22,7 @@ from harvester.results.orbit import Attractor
 from harvester.results.waveform import Waveform
 from harvester.scene.described import device_line
 from harvester.scene.model import Scene
-from harvester.scene.units import Scales
+from harvester.scene.units import Scales, scale
 from harvester.show.numbers import count, is_share, prefixed, quantity, with_error
 from harvester.show.symbols import definitions
 
@@ -32,6 +32,7 @@ if TYPE_CHECKING:
     from xarray import Dataset
 
 # Keys of a result in JSON, in this order. The fit of the spectrum and the scene follow them.
+ERROR_KINDS = ("statistical", "numerical")
 _IN_JSON = (
     "engine",
     "engine_version",
@@ -426,15 +427,35 @@ def _result_of(kind, content, folder):
             raise NotAValue(f"scales.{name} is missing")
         if not 0.0 < value < math.inf:
             raise NotAValue(f"scales.{name} = {shown(value)}: must be a number > 0")
-    if not values["simulated_time"] >= 0.0:
-        raise NotAValue("simulated_time: must be a number ≥ 0")
+    for name, each in values["scaled_quantities"].items():
+        for key in ("standard_error", "effective_sample_size"):
+            _check_size(getattr(each, key), f"scaled_quantities.{name}.{key}")
+    for name in ("simulated_time", "wall_seconds", "engine_seconds", "step"):
+        _check_size(values[name], name)
+    if math.isnan(values["simulated_time"]) or values["error_kind"] not in ERROR_KINDS:
+        raise NotAValue("simulated_time or error_kind is none")
+    scene = Scene.from_dict(content["scene"], folder)
+    own = vars(scale(scene)[1])
+    if not all(math.isclose(own[k], each, rel_tol=1e-9) for k, each in content["scales"].items()):
+        raise NotAValue(f"scales: the scene's are {own}")
     fit = content.get("spectrum_fit")
-    return kind(
+    made = kind(
         **values,
-        scene=Scene.from_dict(content["scene"], folder),
+        scene=scene,
         step_error=read(float | None, content.get("step_error"), "step_error"),
         spectrum_fit=SpectrumFit.from_dict(fit) if fit else None,
     )
+    again = made.to_dict()
+    for name in _IN_JSON:
+        if name in content and content[name] != again[name]:
+            raise NotAValue(f"{name} is not what the other values say, or not finite")
+    return made
+
+
+def _check_size(value, where):
+    """Check a size: NaN and None stand for one that is not known."""
+    if value is not None and value < 0.0:
+        raise NotAValue(f"{where} = {shown(value)}: must be a number ≥ 0")
 
 
 def _check_dimension(dimension, where):

@@ -2,17 +2,26 @@
 
 from __future__ import annotations
 
-import math
 import re
 from typing import Any
 
+import numpy as np
+
 from harvester.errors import SceneError
+from harvester.excitation.columns import MeasuredFile
 from harvester.excitation.profiles import with_profile
+from harvester.excitation.quantities import QUANTITIES, factor_of, quantity_of
 from harvester.files.plain_text import named, shown
 from harvester.files.reading import read_input
 
 LARGEST_FILE = 1_000_000
-SEPARATORS = re.compile(r"\s*[,;\t]\s*|\s+")
+# A comment behind numbers.
+INLINE = re.compile(r"(?<=[\d \t])#.*")
+NUMBER = re.compile(r"[-+\d.,eE\s]+")
+# By the key: kind of file, what a line holds, and the quantities of its two columns.
+FORCE = "table of force", "a displacement and a force", ("displacement", "force")
+DENSITY = "spectrum", "a frequency (Hz) and a density", ("frequency", "density")
+TABLES = {"force_table": FORCE, "breakpoints": DENSITY}
 
 
 def with_points(tables: dict[str, Any], origin: str) -> dict[str, Any]:
@@ -24,58 +33,81 @@ def with_points(tables: dict[str, Any], origin: str) -> dict[str, Any]:
     Raises
     ------
     SceneError
-        The file cannot be read, or a line of it holds no two numbers.
+        The file cannot be read, a line of it holds no two numbers, or its heading contradicts the
+        scene.
     """
     tables = dict(tables)
-    for table, key, what in (
-        ("oscillator", "force_table", ("table of force", "a displacement and a force")),
-        ("excitation", "breakpoints", ("spectrum", "a frequency (Hz) and a density")),
-    ):
+    for table, key in (("oscillator", "force_table"), ("excitation", "breakpoints")):
         if isinstance(tables.get(table), dict):
-            tables[table] = _read(tables[table], key, what, f"{origin}: {table}")
+            scaled = tables.get("units") == "scaled"
+            tables[table] = _read(tables[table], key, scaled, f"{origin}: {table}")
     return tables
 
 
-def _read(table, key, what, where):
+def _read(table, key, scaled, where):
     """A table, and its `parts`, in which a file's name is replaced by the points of the file."""
     table = with_profile(dict(table), where)
     if isinstance(table.get(key), str):
         try:
-            table[key] = _points(table[key], *what)
+            unit = table.get("unit")
+            if not isinstance(unit, str | None):
+                raise SceneError(f"unit = {shown(unit)}: must be a text")
+            table |= _points(table[key], key, unit, scaled)
         except SceneError as fault:
             raise SceneError(f"{where}.{key}: {fault}") from None
     if isinstance(table.get("parts"), list):
         table["parts"] = [
-            _read(part, key, what, f"{where}.parts[{place}]") if isinstance(part, dict) else part
-            for place, part in enumerate(table["parts"])
+            _read(part, key, scaled, f"{where}.parts[{k}]") if isinstance(part, dict) else part
+            for k, part in enumerate(table["parts"])
         ]
     return table
 
 
-def _points(file, kind, pair):
-    """Pairs of numbers, one a line; a heading before them and comments are passed over."""
-    text = read_input(file, kind, LARGEST_FILE).decode("utf-8-sig", "replace")
-    points: list[list[float]] = []
-    headings = 0
-    for number, line in enumerate(text.splitlines(), start=1):
-        content = line.partition("#")[0].strip(" \t,;")
-        if not content:
-            continue
-        fields = SEPARATORS.split(content)
-        try:
-            values = [float(field) for field in fields]
-        except ValueError:
-            values = []
-        if len(values) == 2 and all(map(math.isfinite, values)):
-            points.append(values)
-        elif not points and not values and headings == 0:
-            headings = 1
-        else:
-            raise SceneError(
-                f"{named(file)}, line {number}: {shown(line)}: must be {pair}, such as 0.001, 0.25"
-            )
-    if len(points) < 2:
-        raise SceneError(
-            f"{named(file)}: {len(points)} lines with {pair}: must be at least 2 for a {kind}"
-        )
-    return points
+def _points(file, key, unit, scaled):
+    """The points of a file in SI units, and `unit` where a heading says that of densities."""
+    kind, pair, quantities = TABLES[key]
+    content = read_input(file, kind, LARGEST_FILE)
+    text = content.decode("utf-8-sig", "replace")
+    text = content.decode("latin-1") if "\ufffd" in text else text
+    # Trailing commas make columns of no numbers.
+    lines = [INLINE.sub("", line.strip()).rstrip(" \t,;") for line in text.splitlines()]
+    few = f"lines with {pair}: must be at least 2 for a {kind}"
+    if not any(lines):
+        raise SceneError(f"{named(file)}: 0 {few}")
+    measured = MeasuredFile(file, "\n".join([*lines, ""]).encode(), quantities)
+    table = measured.table
+    titles = [quantity_of(each.title, "") for each in measured.headings]
+    if titles == [*reversed(quantities)]:
+        raise SceneError(f"{named(file)}: its columns stand in the wrong order: must be {pair}")
+    if line := _wrong_line(table):
+        raise SceneError(f"{named(file)}, line {line}: must be {pair}")
+    columns = table.take([0, 1])
+    if table.rows < 2:
+        raise SceneError(f"{named(file)}: {table.rows} {few}")
+    found = {}
+    for place, quantity in enumerate(quantities):
+        where = f"{named(file)}: {measured.label(place)}"
+        if written := measured.headings[place].unit:
+            square = " (square an amplitude density first)" if quantity == "density" else ""
+            factor_of(quantity, written, where, f"correct it{square}")
+        given = unit if quantity == "density" and unit != "scaled" else None
+        said = measured.agreed_unit(quantity, place, "unit", given) if written else ""
+        factor = QUANTITIES[quantity][said] if said else 1.0
+        if scaled and (factor != 1.0 or (said and quantity == "density")):
+            raise SceneError(f'{where}: the scene has units = "scaled": take SI, or scaled values')
+        if quantity == "density" and said:
+            # The scene keeps the densities in one of the units that it knows.
+            found["unit"] = unit or ("g^2/Hz" if "g^2" in said else "(m/s^2)^2/Hz")
+            factor /= QUANTITIES[quantity][found["unit"]]
+        columns[place] = factor * columns[place]
+    return {key: np.column_stack(columns).tolist(), **found}
+
+
+def _wrong_line(table):
+    """Number of a line without two numbers; 0 if there is none."""
+    if table.width != 2:
+        return table.line_of(0)
+    if any(map(NUMBER.fullmatch, table.names)):
+        return table.line_of(0) - 1
+    bad = np.flatnonzero(~np.isfinite(table.take([0, 1])).all(axis=0))
+    return table.line_of(bad[0]) if bad.size else bool(table.remarks) and table.line_of(table.rows)

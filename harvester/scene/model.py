@@ -20,6 +20,7 @@ from harvester.device.terminals import TransducerTable
 from harvester.device.transducer import TRANSDUCERS
 from harvester.errors import SceneError
 from harvester.excitation import KINDS, Excitation, build
+from harvester.excitation.recorded import RecordedMotion
 from harvester.excitation.run import Run
 from harvester.files import plain_text
 from harvester.files.plain_text import named, shown
@@ -250,18 +251,21 @@ class Scene:
         name: object = "scene",
         origin: str = "scene",
         folder: str | tuple[str, ...] | None = None,
+        changed: Scene | None = None,
     ) -> Scene:
         """Build a scene from nested dictionaries of the TOML file's form, checked.
 
         A load's netlist is looked for in `folder`, then in the current one, and read here: the
-        scene holds its content.
+        scene holds its content. The netlist of a scene that is `changed` is not read again, and
+        its records must be as they were.
         """
         tables = {"run": {}, **with_points(plain_tables(tables, origin), origin)}
         tables = with_drawing(tables, origin)
         checked = check_tables(tables, origin, {"excitation": KINDS})
         if "netlist" in checked["load"]:
             folder = _folders(folder)
-            checked["load"]["circuit"] = _read_netlist(checked["load"], folder)
+            before = changed.load if changed else None
+            checked["load"]["circuit"] = _read_netlist(checked["load"], folder, before)
             if "parameters" in checked["load"]:
                 checked["load"]["parameters"] = NamedValues(checked["load"]["parameters"])
         if "damping" not in checked["oscillator"]:
@@ -277,6 +281,10 @@ class Scene:
         if "stoppers" in parts and isinstance(parts["stoppers"], Stopper):
             parts["stoppers"] = (parts["stoppers"],)
         scene = cls(name=plain_text.name(name), folder=folder, **top, **parts)
+        known = _records(changed.excitation) if changed else {}
+        for file, digest in _records(scene.excitation).items():
+            if known.get(file, digest) != digest:
+                raise SceneError(f"{named(file)}: the record has changed since the scene was read")
         scene.excitation.check(scene.units, scene.run, origin)
         if scene.run.starts is not None and scene.excitation.random:
             raise SceneError(
@@ -316,7 +324,7 @@ class Scene:
                     put(new, f"{table}.{name}", value, "replace")
             else:
                 put(new, table, values, "replace")
-        return self.from_tables(new, name=self.name, origin=self.name, folder=self.folder)
+        return self.from_tables(new, self.name, self.name, self.folder, changed=self)
 
     def to_tables(self) -> dict[str, Any]:
         """Nested dictionaries of the TOML file's form, without what is left out."""
@@ -365,6 +373,8 @@ class Scene:
         SceneError
             A value is not usable, a file is missing or holds something else than then.
         """
+        if not isinstance(content, dict):
+            raise SceneError(f"{shown(content)}: no scene: give what Scene.to_dict returned")
         tables = {key: value for key, value in content.items() if key not in ("name", "sha256")}
         if isinstance(tables.get("excitation"), dict):
             tables["excitation"] = _without_computed(tables["excitation"])
@@ -468,11 +478,18 @@ def _folders(folder):
     return tuple(dict.fromkeys((folder or here, here)))
 
 
-def _read_netlist(load, folders):
+def _read_netlist(load, folders, before):
     from circuits.loads.subcircuits import find_netlist, read_load
 
-    file = find_netlist(load["netlist"], folders)
-    return read_load(file, load.get("subcircuit"), load.get("parameters"))
+    kept = before is not None and before.netlist == load["netlist"]
+    file, cards = before.circuit.source if kept else (find_netlist(load["netlist"], folders), None)
+    return read_load(file, load.get("subcircuit"), load.get("parameters"), cards)
+
+
+def _records(excitation):
+    """Digests of an excitation's records by their files."""
+    parts = (excitation, *getattr(excitation, "parts", ()))
+    return {part.file: part.sha256 for part in parts if isinstance(part, RecordedMotion)}
 
 
 def _plain(part, kept):

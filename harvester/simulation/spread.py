@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 from harvester.arguments import listed
 from harvester.device import timescales
 from harvester.errors import HarvesterError, LoadError, SimulationError
-from harvester.files.plain_text import named
+from harvester.files.plain_text import named, shown
 from harvester.prepared.paths import distinct_realizations
 from harvester.prepared.prepared import prepared
 from harvester.prepared.steps import stop_time
@@ -109,7 +109,10 @@ def stretch_of(scene: Scene, window: Sequence[float] | str | None, nodes: Sequen
     if window == "all":
         window = (0.0, math.inf)
     if window is not None:
-        start, stop = listed(window, "window", "(5.0, 6.0)")
+        try:
+            start, stop = map(float, listed(window, "window", "(5.0, 6.0)"))
+        except (TypeError, ValueError):
+            raise HarvesterError(f"window = {shown(window)}: must be two times in s") from None
         if not 0.0 <= start < stop:
             raise HarvesterError(f"--window {start:g}:{stop:g}: must be 0 ≤ START < END, in s")
         return Stretch(start, stop, probes=probes)

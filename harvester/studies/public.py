@@ -19,6 +19,7 @@ from harvester.errors import AveragingError, HarvesterError, LoadError
 from harvester.method import Method
 from harvester.signatures import (
     Distributions,
+    Faults,
     File,
     Grid,
     Grids,
@@ -260,6 +261,7 @@ def spectrum(
     resolution: float | None = None,
     duration: Seconds | None = None,
     breakpoints: int = 20,
+    mend: Faults = (),
 ) -> SpectrumAnalysis:
     """Density of a scene's excitation or of a record, its moments, and a specification of it.
 
@@ -282,6 +284,8 @@ def spectrum(
     breakpoints : int
         Largest number of breakpoints in the specification: a scene with kind = "spectrum" takes its
         file.
+    mend : sequence of str
+        For a record: faults to mend, as in a scene: nan, uneven, clipped.
 
     Returns
     -------
@@ -294,7 +298,7 @@ def spectrum(
     from harvester.studies.spectrum import analysis_of
 
     return analysis_of(
-        source, device, column, unit, sampling_rate, resolution, duration, breakpoints
+        source, device, column, unit, sampling_rate, resolution, duration, breakpoints, mend
     )
 
 

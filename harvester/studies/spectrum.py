@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -57,9 +57,11 @@ def analysis_of(
     resolution: float | None,
     duration: Seconds | None,
     breakpoints: int,
+    mend: Sequence[str],
 ) -> SpectrumAnalysis:
     """The analysis that `harvester.spectrum` returns."""
     from harvester.excitation.recorded import RecordedMotion, one_pass
+    from harvester.scene.schema import check_table
 
     if breakpoints < 2:
         raise HarvesterError(f"breakpoints {breakpoints}: must be at least 2")
@@ -72,7 +74,11 @@ def analysis_of(
     if duration is not None:
         raise HarvesterError("duration: is for a scene; a record is taken whole")
     place: Any = int(column) if column is not None and column.isdigit() else column
-    record = RecordedMotion(str(source), unit=unit, column=place, sampling_rate=sampling_rate)
+    keys = {"unit": unit, "column": place, "sampling_rate": sampling_rate, "mend": list(mend)}
+    keys = {"file": str(source)} | {k: value for k, value in keys.items() if value is not None}
+    record = RecordedMotion(
+        **check_table("excitation", keys, RecordedMotion.KEYS, "SI", plain_text.named(str(source)))
+    )
     values, interval, _ = one_pass(record)
     values = values - values.mean()
     units = "scaled" if record.unit == "scaled" else "SI"
@@ -239,6 +245,8 @@ def profile(
 
     from harvester.excitation.shaped import mean_square
 
+    if not density.max() > 0.0:
+        raise HarvesterError("the density is 0: nothing acts on the device")
     loud = np.flatnonzero(density > FAINTEST * density.max())
     f, g = (each[loud[0] : loud[-1] + 1] for each in (frequencies, density))
     # Hann's window spreads a line over seven bins with this share of its greatest density.

@@ -113,3 +113,25 @@ def test_the_arithmetic_of_a_caller_is_not_ours():
     with np.errstate(all="raise"):
         assert takes_scene(underflows)(SCENE) == 0.0
         assert harvester.average(SCENE, method="consistent")["mean_power"].estimate > 0.0
+
+
+@pytest.mark.parametrize(
+    ("options", "words"),
+    [
+        ({"window": (0.0, 1.0, 2.0)}, "window = .*must be two times"),
+        ({"window": ("a", "b")}, "window = .*must be two times"),
+        ({"step": np.array([0.1, 0.2])}, "--step .*must be default, fine, finest or"),
+        ({"step": [0.1]}, "--step"),
+        ({"runner": object()}, "runner = .*give a WorkerPool or a Runner"),
+        ({"runner": 5}, "runner = 5"),
+    ],
+)
+def test_values_of_another_form_are_refused_by_name(options, words):
+    with pytest.raises(harvester.HarvesterError, match=words):
+        harvester.simulate(SCENE, method="monte-carlo", workers=1, **options)
+
+
+@pytest.mark.parametrize("content", [None, 5, []])
+def test_what_is_no_scene_is_refused(content):
+    with pytest.raises(harvester.SceneError, match=r"no scene: give what Scene\.to_dict returned"):
+        harvester.Scene.from_dict(content)

@@ -35,3 +35,12 @@ def test_an_interrupt_while_libraries_are_imported_is_one_line(module):
     assert shown.returncode == 130
     assert shown.stderr == "harvester: interrupted; nothing was written\n"
     assert shown.stdout == ""
+
+
+@pytest.mark.slow
+def test_python_without_docstrings_is_refused_in_one_line():
+    call = [sys.executable, "-OO", "-m", "harvester", "average", "linear"]
+    ended = subprocess.run(call, capture_output=True, text=True, check=False)
+    assert ended.returncode == 2
+    assert "use python -O" in ended.stderr
+    assert ended.stderr.count("\n") == 1

@@ -128,3 +128,17 @@ def test_a_number_of_threads_that_numba_would_end_at_is_taken_out(monkeypatch, t
     monkeypatch.setenv("NUMBA_NUM_THREADS", threads)
     numba_cache.keep_environment_usable()
     assert os.environ.get("NUMBA_NUM_THREADS") == left
+
+
+@pytest.mark.parametrize("mode", [0o666, 0o602])
+def test_a_file_that_others_may_write_is_not_read(tmp_path, monkeypatch, mode):
+    named = []
+    monkeypatch.setattr(numba_cache, "on_damage", named.append)
+    own = key(1.0)
+    index(tmp_path).save(own, "own code")
+    for file in tmp_path.iterdir():
+        file.chmod(mode)
+    assert index(tmp_path).load(own) is None
+    assert len(named) == 1
+    index(tmp_path).save(own, "own code")
+    assert index(tmp_path).load(own) == "own code"

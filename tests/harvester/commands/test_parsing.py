@@ -27,8 +27,8 @@ OPTIONS = {
     f"{RUN} {SCENE}",
     "residence": "--json --method --output --over --precision --report --step --values "
     f"{RUN} {SCENE}",
-    "spectrum": "FILE --breakpoints --column --device --duration --json --output --report "
-    "--resolution --sampling-rate --unit",
+    "spectrum": "FILE --breakpoints --column --device --duration --json --mend --output "
+    "--report --resolution --sampling-rate --unit",
     "beam": f"--json --output --report {SCENE}",
     "load": "FILE --nodes --output --remove",
     "average": f"--fit --json --jump-rates --method --output --report --tolerance {SCENE}",

@@ -4,7 +4,7 @@ import sys
 
 import numpy as np
 import pytest
-from measured_records import band_noise, scene_of, states
+from measured_records import band_noise, linear_device, linear_record, scene_of, states
 
 from harvester.command_line import main
 from harvester.errors import HarvesterError, IdentificationError, SceneError
@@ -16,6 +16,7 @@ from harvester.identification.measured_response import MeasuredResponse
 from harvester.identification.measurement import Measurement
 from harvester.identification.report import report
 from harvester.identification.scene_file import scene_text
+from harvester.scene.model import Scene
 from harvester.scene.numbers import numbers
 
 MASS, STIFFNESS, COUPLING, CAPACITANCE = 14.04e-3, 1157.9, 2.327e-3, 41.26e-9
@@ -333,5 +334,49 @@ def test_what_an_impedance_alone_does_not_take(tmp_path, monkeypatch):
     with pytest.raises(SceneError, match="not a whole Touchstone file"):
         read_impedance(tmp_path / "z.s1p")
     monkeypatch.setitem(sys.modules, "skrf", None)
-    with pytest.raises(HarvesterError, match=r"pip install 'harvester\[analyser\]'"):
+    with pytest.raises(HarvesterError, match=r"pip install 'vibration-harvester\[analyser\]'"):
         read_impedance(tmp_path / "z.s1p")
+
+
+@pytest.mark.parametrize("version", [1, 2])
+@pytest.mark.parametrize("reference", [None, 75])
+@pytest.mark.parametrize("parameter", ["Z", "Y", "S"])
+def test_touchstone_of_every_parameter_and_reference_is_read(
+    tmp_path, version, reference, parameter
+):
+    pytest.importorskip("skrf")
+    true, known = impedance(), reference or 50.0
+    unit = known if version == 1 else 1.0
+    values = {
+        "Z": true / unit,
+        "Y": unit / true,
+        "S": (true - known) / (true + known),
+    }[parameter]
+    lines = [f"# hz {parameter} ri" + (f" r {reference} ! analyser" if reference else "")]
+    if version == 2:
+        lines = ["[Version] 2.0", *lines, "[Number of Ports] 1"]
+        lines += [f"[Number of Frequencies] {true.size}", "[Network Data]"]
+    table = zip(FREQUENCY, values.real, values.imag, strict=True)
+    lines += ["{:.17g} {:.17g} {:.17g}".format(*x) for x in table]
+    (tmp_path / "z.s1p").write_text("\n".join(lines + ["[End]"] * (version == 2)))
+    read = read_impedance(tmp_path / "z.s1p")
+    np.testing.assert_allclose(read.response, true, rtol=1e-8)
+
+
+@pytest.mark.slow
+def test_a_scene_may_give_frequency_and_damping_ratio():
+    tables = scene(force=(0.0, 900.0)).to_tables()
+    tables["oscillator"] = {"mass": MASS, "frequency": 41.0, "quality_factor": 25.0}
+    start = Scene.from_tables(tables, name="by frequency")
+    values = noisy(np.random.default_rng(4), impedance(loss=0.0))
+    found = identify(start, [], impedance=MeasuredImpedance(FREQUENCY, values)).scene
+    assert found.oscillator.linear_stiffness == pytest.approx(STIFFNESS, rel=5e-3)
+    assert found.oscillator.damping == pytest.approx(DAMPING, rel=0.03)
+    assert found.transducer.coupling == pytest.approx(COUPLING, rel=0.02)
+    # A record in time too.
+    device, record = linear_device(0.03), linear_record(0.03, 1, 4.0)
+    tables = device.to_tables()
+    tables["oscillator"] = {"mass": 0.01, "frequency": 12.5, "damping_ratio": 0.03}
+    found = identify(Scene.from_tables(tables, name="a"), record, compare=False).scene.oscillator
+    assert found.linear_stiffness == pytest.approx(device.oscillator.coefficients[1], rel=5e-3)
+    assert found.damping == pytest.approx(0.03, rel=0.03)

@@ -2,6 +2,7 @@
 
 import pickle
 
+import numpy as np
 import pytest
 from truths import flat
 
@@ -107,3 +108,29 @@ def test_the_command_line_refuses_a_netlist_that_is_a_program(tmp_path, capsys):
     assert message.count("\n") == 1
     assert ".control" in message
     assert not (tmp_path / "owned").exists()
+
+
+def test_a_scene_keeps_the_text_of_its_netlist(tmp_path):
+    text = ".subckt mine p n r=1k\n.include part.inc\n.ends\n"
+    (tmp_path / "mine.lib").write_text(text)
+    (tmp_path / "part.inc").write_text("R1 p n {r}\n")
+    load = {"netlist": str(tmp_path / "mine.lib"), "parameters": {"r": "2k"}}
+    scene = Scene.load("device").replace(load=load)
+    (tmp_path / "part.inc").write_text("R1 p n {2*r}\n")
+    (tmp_path / "mine.lib").unlink()
+    assert scene.replace({"run.seed": 7}).load.circuit.resistance == 2e3
+    assert scene.replace({"load.parameters.r": 3e3}).load.circuit.resistance == 3e3
+    assert pickle.loads(pickle.dumps(scene)).replace({"run.seed": 8}).load.circuit.resistance == 2e3
+    with pytest.raises(NetlistError, match="no such file"):
+        Scene.from_dict(scene.to_dict())
+
+
+def test_a_record_that_has_changed_is_refused_by_replace(tmp_path):
+    times = np.arange(400) / 100.0
+    np.save(tmp_path / "a.npy", np.sin(9.0 * times))
+    record = {"kind": "record", "file": str(tmp_path / "a.npy"), "unit": "m/s^2"}
+    table = {**record, "sampling_rate": 100.0}
+    scene = Scene.load("device").replace({"excitation": table, "run": {"duration": 1.0}})
+    np.save(tmp_path / "a.npy", np.sin(8.0 * times))
+    with pytest.raises(SceneError, match="record has changed since the scene was read"):
+        scene.replace({"run.seed": 7})

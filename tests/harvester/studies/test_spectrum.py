@@ -225,3 +225,32 @@ def test_an_hour_has_the_density_of_a_drawn_profile(seed):
         worst = max(worst, abs(10.0 * math.log10(found.density[inside].mean() / exact)))
     print(f"seed {seed}: worst {worst:.3f} dB, rms {found.rms:.4g}")
     assert worst < 0.5
+
+
+@pytest.mark.parametrize(
+    ("options", "words"),
+    [
+        ({"unit": "furlong"}, "excitation.unit = 'furlong': must be one of"),
+        ({"sampling_rate": -5.0}, "excitation.sampling_rate = -5.0: must be a number > 0"),
+        ({"mend": ["uneven times"]}, "excitation.mend"),
+    ],
+)
+def test_options_of_a_record_are_checked_as_in_a_scene(folder, options, words):
+    given = {"unit": "m/s^2", "sampling_rate": RATE, **options}
+    with pytest.raises(HarvesterError, match=words):
+        harvester.spectrum(folder / "white.npy", **given)
+
+
+def test_a_spectrum_takes_the_mends_of_a_scene(tmp_path):
+    values = np.sin(0.7 * np.arange(4000))
+    values[100:103] = np.nan
+    np.save(tmp_path / "gap.npy", values)
+    with pytest.raises(HarvesterError, match=r'mend = \["nan"\]'):
+        analysed(tmp_path, "gap.npy")
+    assert analysed(tmp_path, "gap.npy", mend=["nan"]).rms == pytest.approx(0.5**0.5, rel=0.01)
+
+
+def test_nothing_has_no_spectrum():
+    sine = {"kind": "sine", "amplitude": 0.0, "frequency": 8.0}
+    with pytest.raises(HarvesterError, match="the density is 0"):
+        harvester.spectrum(Scene.load("device").replace({"excitation": sine}))

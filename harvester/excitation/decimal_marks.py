@@ -1,0 +1,114 @@
+"""Decimal marks and thousands separators of a text file's columns, by all values of each column.
+
+"1,702" is 1.702 or 1702. A column's other values decide (0,5 has a decimal comma; 1,234,567 and
+742 beside 1,702 have a thousands separator), else the other columns; else the file is refused.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterable, Iterator, Sequence
+from itertools import chain
+
+MARKS = (",", "."), (".", ",")
+GROUPED = {
+    group: re.compile(rf"[+-]?[1-9]\d{{0,2}}(\{group}\d{{3}})+(\{decimal}\d*)?")
+    for group, decimal in MARKS
+}
+# Thousands separators that are no decimal mark.
+APART = re.compile(r"[+-]?\d{1,3}(?:['’\u00a0\u202f]\d{3})+(?:[.,]\d*)?")
+
+
+def shape(text: str) -> str:
+    """What a number shows of its column's marks.
+
+    Returns
+    -------
+    str
+        The mark and "+" where it separates thousands, "?" where it may, "d" where it is a decimal
+        mark; "mid" and "long" of whole numbers of three and of more digits without a mark.
+    """
+    text = text.strip()
+    for group, decimal in MARKS:
+        if GROUPED[group].fullmatch(text):
+            return f"{group}+" if decimal in text or text.count(group) > 1 else f"{group}?"
+    digits = text.lstrip("+-")
+    for mark in ",.":
+        if mark in text and digits[0] in "0123456789,.":
+            return f"{mark}d"
+    if len(digits) < 3 or not digits.isdecimal():
+        return ""
+    return "mid" if len(digits) == 3 else "long"
+
+
+def marks_of(rows: Iterable[Sequence[str]], width: int) -> Iterator[tuple[str, str]]:
+    """(decimal mark, thousands separator or "") of each column of numbers.
+
+    Parameters
+    ----------
+    rows : iterable of sequence of str
+        The fields of each line in those columns.
+    width : int
+        Number of those columns.
+
+    Raises
+    ------
+    ValueError
+        A column has two readings, or contradicts itself or another.
+    """
+    shapes: list[dict[str, str]] = [{} for _ in range(width)]
+    for fields in rows:
+        for seen, text in zip(shapes, fields, strict=True):
+            # A column of decimals learns nothing from another.
+            if not (",d" in seen and "." not in text) and not (".d" in seen and "," not in text):
+                seen.setdefault(shape(text), text)
+    for place, own in enumerate(shapes):
+        others = set(chain(*shapes[:place], *shapes[place + 1 :]))
+        yield _marks(own, others)
+
+
+def _marks(own, others):
+    for group, decimal in MARKS:
+        mixed = {f"{group}?", "mid"} <= own.keys() and "long" not in own
+        if f"{group}+" in own or (mixed and f"{group}d" not in own):
+            if f"{group}d" in own or f"{group}d" in others:
+                _refuse(own.get(f"{group}+") or own[f"{group}?"], group)
+            return decimal, group
+    for decimal, group in MARKS:
+        if f"{decimal}d" in own:
+            return decimal, ""
+        if f"{decimal}?" not in own:
+            continue
+        # All values have three digits behind the mark: the other columns decide.
+        if f"{group}d" in others and f"{decimal}d" not in others:
+            return group, decimal
+        # A point alone is a decimal point, unless another column is as unsure of its comma.
+        unsure = decimal == "," or ",?" in others
+        if unsure and f"{decimal}d" not in others:
+            _refuse(own[f"{decimal}?"], decimal)
+        return decimal, ""
+    return ".", ""
+
+
+def _refuse(text, mark):
+    text = text.strip()
+    raise ValueError(
+        f"{text} has two readings in it, {text.replace(mark, '')} and "
+        f"{text.replace(mark, '.')}: save it without thousands separators "
+        "and with decimal points"
+    )
+
+
+def plain(text: str, decimal: str, group: str) -> str:
+    """A number as Python writes it."""
+    return text.replace(group, "").replace(decimal, ".") if group else text.replace(decimal, ".")
+
+
+def ungrouped(text: str) -> str:
+    """A text that is certainly a number with thousands separators, without them; others as is."""
+    if APART.fullmatch(text.strip()):
+        return re.sub("['’\u00a0\u202f]", "", text).replace(",", ".")
+    for group, decimal in MARKS:
+        if shape(text) == f"{group}+":
+            return plain(text, decimal, group)
+    return text
