@@ -9,7 +9,7 @@ import numpy as np
 from harvester.beam.magnets import Magnets, polynomial_fit, spring_points
 from harvester.beam.materials import ACTIVE, PASSIVE
 from harvester.beam.modes import shape
-from harvester.beam.strain import clamp_strain
+from harvester.beam.strain import strain_of_layers, strain_of_substrate
 from harvester.beam.table import Beam, frequencies, lumped, notes, pieces_of, tip_of
 
 if TYPE_CHECKING:
@@ -21,7 +21,8 @@ SUBSTRATE, LAYER, TIP, LINE = "0.6", "#d98c3f", "0.25", "#3b6ea5"
 def rows(beam: Beam) -> list[tuple[str, str, float, str]]:
     """(name, equation, value, unit) of every lumped value; numbers are those of docs/beams.md."""
     made = lumped(beam)
-    several, strain = frequencies(beam), clamp_strain(beam)
+    several, strain = frequencies(beam), strain_of_layers(beam)
+    substrate = strain_of_substrate(beam)
     found = [
         ("mass M", "1/φ(L)² (B4)", made.mass, "kg"),
         ("stiffness K", "ω² M (B4)", made.stiffness, "N/m"),
@@ -37,9 +38,12 @@ def rows(beam: Beam) -> list[tuple[str, str, float, str]]:
         ("open-circuit frequency", "of one mode alone", made.one_mode_open_frequency, "Hz"),
         ("second frequency", "(B3)", several[1], "Hz"),
         ("third frequency", "(B3)", several[2], "Hz"),
-        ("strain at the clamp per displacement", "(B9)", strain.per_displacement, "1/m"),
+        ("strain of the layers per displacement", "(B9)", strain.per_displacement, "1/m"),
+        ("from the clamp to this place", "", strain.place, "m"),
         ("strain of the modes left out per volt", "(B9)", strain.per_volt, "1/V"),
         ("strain of the modes left out per acceleration", "(B9)", strain.per_acceleration, "s²/m"),
+        ("strain of the substrate per displacement", "(B9)", substrate.per_displacement, "1/m"),
+        ("from the clamp to this place", "", substrate.place, "m"),
     ]
     if beam.measured_frequency is not None:
         found.append(
@@ -59,6 +63,8 @@ def remarks(beam: Beam, magnets: Magnets | None = None) -> list[str]:
     found = notes(beam)
     for name, known in ((beam.material, PASSIVE), (beam.piezo, ACTIVE)):
         found.append(f"{name}: {known[name].source}")
+    limit, named = beam.limit
+    found.append(f"greatest strain of the layers: {limit:.3g}, {named}")
     if magnets is not None:
         made = lumped(beam)
         coefficients, error = polynomial_fit(magnets, made.stiffness, made.tip_slope)
