@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 from harvester.averaging import DEFAULT_CLOSURE
 from harvester.averaging.method import Stationary
+from harvester.beam.magnets import magnet_notes
 from harvester.calling import takes_scene
 from harvester.errors import AveragingError, HarvesterError
 from harvester.method import Method
@@ -129,7 +130,11 @@ def average(
         netlist_sha256=None,
         densities=densities,
         joint_density=joint,
-        notes=(*(spectrum_fit.notes() if fit else ()), *_left_out(parameters, method)),
+        notes=(
+            *(spectrum_fit.notes() if fit else ()),
+            *_left_out(parameters, method),
+            *magnet_notes(scene.magnets),
+        ),
         spectrum_fit=spectrum_fit,
     )
 

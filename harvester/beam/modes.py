@@ -120,7 +120,7 @@ def rest(pieces: Sequence[Piece], tip: Tip) -> Rest:
     """
     capacitance = charge = 0.0
     moment, shear = tip.mass * tip.offset, tip.mass
-    moments = []
+    moments: list[tuple[float, float]] = []
     for piece in reversed(pieces):
         length, flux = piece.length, piece.moment_per_volt / piece.rigidity
         capacitance += piece.moment_per_volt * flux * length

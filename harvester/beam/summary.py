@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from harvester.beam.magnets import Magnets, polynomial_fit, spring_points
+from harvester.beam.magnets import Magnets, magnet_notes, polynomial_fit, spring_points
 from harvester.beam.materials import ACTIVE, PASSIVE
 from harvester.beam.modes import shape
 from harvester.beam.strain import strain_of_layers, strain_of_substrate
@@ -39,11 +39,11 @@ def rows(beam: Beam) -> list[tuple[str, str, float, str]]:
         ("second frequency", "(B3)", several[1], "Hz"),
         ("third frequency", "(B3)", several[2], "Hz"),
         ("strain of the layers per displacement", "(B9)", strain.per_displacement, "1/m"),
-        ("from the clamp to this place", "", strain.place, "m"),
+        ("from the clamp to this strain", "(B9)", strain.place, "m"),
         ("strain of the modes left out per volt", "(B9)", strain.per_volt, "1/V"),
         ("strain of the modes left out per acceleration", "(B9)", strain.per_acceleration, "s²/m"),
         ("strain of the substrate per displacement", "(B9)", substrate.per_displacement, "1/m"),
-        ("from the clamp to this place", "", substrate.place, "m"),
+        ("from the clamp to the substrate's strain", "(B9)", substrate.place, "m"),
     ]
     if beam.measured_frequency is not None:
         found.append(
@@ -66,8 +66,8 @@ def remarks(beam: Beam, magnets: Magnets | None = None) -> list[str]:
     limit, named = beam.limit
     found.append(f"greatest strain of the layers: {limit:.3g}, {named}")
     if magnets is not None:
-        made = lumped(beam)
-        coefficients, error = polynomial_fit(magnets, made.stiffness, made.tip_slope)
+        found += magnet_notes(magnets)
+        coefficients, error = polynomial_fit(magnets, beam)
         listed = ", ".join(f"{each:.5g}" for each in coefficients)
         found.append(
             f"as a polynomial of the seventh degree within ±{magnets.reach:g} m: "
@@ -91,7 +91,7 @@ def draw(beam: Beam, magnets: Magnets | None = None) -> Figure:
         xlabel="from the clamp [mm]", ylabel="φ/φ(L)", title=f"mode at {frequency:.4g} Hz"
     )
     if magnets is not None:
-        x, force = np.array(spring_points(magnets, made.stiffness, made.tip_slope)).T
+        x, force = np.array(spring_points(magnets, beam)).T
         panels[2].plot(1e3 * x, force, color=LINE)
         panels[2].axhline(0.0, color="0.7", linewidth=0.8)
         panels[2].set(xlabel="displacement of the tip [mm]", ylabel="force [N]", title="spring")
