@@ -215,7 +215,8 @@ class Optimum:
         own: Any = self.own
         low, high = self.interval
         span = f"{quantity(low, self.unit)} … {quantity(high, self.unit)}"
-        interval = f", interval {span}" if math.isfinite(low) else ""
+        noisy = is_noisy(self.scene, method_of(self.method))
+        interval = f", interval {span}" if noisy and math.isfinite(low) else ""
         return [
             f"{self.quantity.replace('_', ' ')} there: {with_error(self.value, self.unit)}"
             f"{interval}; of the scene itself {with_error(own, self.unit)}",
@@ -272,11 +273,15 @@ class Optimum:
     def _on_runs(self):
         """Sentence: the runs of an optimum over several parameters."""
         noisy = is_noisy(self.scene, method_of(self.method))
-        own_noise = "; value on noise of its own" if noisy else ""
+        told = "no noise: the place to the method's own precision"
+        if noisy:
+            told = (
+                "value on noise of its own; interval: two standard errors; seed "
+                f"{self.scene.run.seed}"
+            )
         return (
             f"{self.method}: {self.evaluations} evaluations, {len(self.searched)} of them proposed"
-            f"{own_noise}; interval: two standard errors; seed {self.scene.run.seed}, "
-            f"{self.seconds:.1f} s"
+            f"; {told}, {self.seconds:.1f} s"
         )
 
     def figure(self) -> Figure:
