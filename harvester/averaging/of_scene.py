@@ -9,7 +9,6 @@ from typing import TYPE_CHECKING, Any
 
 from harvester.averaging import DEFAULT_CLOSURE
 from harvester.averaging.method import Stationary
-from harvester.beam.magnets import magnet_notes
 from harvester.calling import takes_scene
 from harvester.errors import AveragingError, HarvesterError
 from harvester.method import Method
@@ -78,6 +77,7 @@ def average(
     LoadError
         The load is no resistor.
     """
+    from harvester.beam.magnets import magnet_notes
     from harvester.device import timescales
     from harvester.estimates.estimate import Density, root
     from harvester.estimates.joint_density import JointDensity

@@ -21,6 +21,8 @@ from harvester.device.keys import SI, Key, names_replace, not_negative, positive
 from harvester.errors import SceneError
 
 VACUUM_PERMEABILITY = 1.25663706212e-6
+# Sizes that parts have, and the unit that is often given in place of the key's.
+LENGTH = (1e-6, 1.0, 1e-3, "mm")
 # What gives a magnet's moment; a scene holds one of each magnet.
 GIVEN = "moment", "volume", "size"
 # Points of the table of force. A smooth table has at most 32 pieces, whatever the number of points.
@@ -66,18 +68,20 @@ class Magnets:
     spacing: float = 0.0
 
     KEYS: ClassVar[dict] = {
-        "distance": positive(units=(SI,), required=True),
-        "reach": positive(units=(SI,), required=True),
+        **dict.fromkeys(("distance", "reach"), positive(units=(SI,), required=True, likely=LENGTH)),
         "arrangement": Key(kind=str, words=("repelling", "attracting"), units=(SI,)),
+        **dict.fromkeys(("tip_moment", "frame_moment"), positive(units=(SI,))),
+        "remanence": positive(units=(SI,), likely=(0.05, 2.0, 1e-3, "mT")),
         **dict.fromkeys(
-            ("tip_moment", "frame_moment", "remanence", "tip_volume", "frame_volume"),
-            positive(units=(SI,)),
+            ("tip_volume", "frame_volume"),
+            positive(units=(SI,), likely=(1e-15, 1e-2, 1e-9, "mm³")),
         ),
         **dict.fromkeys(
-            ("tip_size", "frame_size"), Key(each=positive(), count=(2, 3), units=(SI,))
+            ("tip_size", "frame_size"),
+            Key(each=positive(likely=LENGTH), count=(2, 3), units=(SI,)),
         ),
-        "offset": Key(units=(SI,)),
-        "spacing": not_negative(units=(SI,)),
+        "offset": Key(units=(SI,), likely=LENGTH),
+        "spacing": not_negative(units=(SI,), likely=LENGTH),
     }
 
     def volume(self, place: str) -> float | None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -61,6 +62,13 @@ def remarks(beam: Beam, magnets: Magnets | None = None) -> list[str]:
     """Lines on the theory's limits here, sources of material data, and the magnets as a
     polynomial."""
     found = notes(beam)
+    if beam.tip_material and beam.tip_offset == 0.0:
+        flush = replace(beam, tip_offset=-(beam.tip_length or 0.0) / 2.0, measured_frequency=None)
+        found.append(
+            "tip_offset = 0: the block's middle lies over the beam's end; flush with the end, by "
+            f"tip_offset = {flush.tip_offset:g}, the beam has {lumped(flush).short_frequency:.4g} "
+            "Hz with a rigid clamp"
+        )
     for name, known in ((beam.material, PASSIVE), (beam.piezo, ACTIVE)):
         found.append(f"{name}: {known[name].source}")
     limit, named = beam.limit

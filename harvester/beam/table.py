@@ -26,12 +26,22 @@ WIDE = 0.5
 SHORTEST_PATCH, SHORT_PATCH = 2.0, 10.0
 # A layer that is sold in one thickness may differ from it by this share: its tolerances.
 PACKAGE = 0.1
+# Measured values this far from the drawing are slips: a measured frequency may be at
+# least this share of a rigid clamp's, and a measured capacitance at most this multiple of the
+# drawing's, or that share of it.
+SOFTEST_CLAMP, OTHER_PERMITTIVITY = 0.5, 3.0
+GRAVITY = 9.81
+# Sizes that parts have, and the unit that is often given in place of the key's.
+LONG, THIN = (1e-7, 3.0, 1e-3, "mm"), (1e-9, 0.1, 1e-3, "mm")
+MODULUS, DENSITY = (1e6, 2e12, 1e9, "GPa"), (10.0, 3e4, 1e3, "g/cm³")
+PERMITTIVITY = (1.0, 1e5, 1.0 / VACUUM_PERMITTIVITY, "F/m")
+STRAIN = (1e-7, 0.3, 1e-6, "ppm")
 # Keys of Basquin's line: N = cycles (strain/ε)^exponent cycles of the amplitude ε end the life.
 FATIGUE = ("fatigue_strain", "fatigue_cycles", "fatigue_exponent")
 
 
-def _length(**more: Any) -> Key:
-    return positive(units=(SI,), **more)
+def _size(likely: Any = None, **more: Any) -> Key:
+    return positive(units=(SI,), likely=likely, **more)
 
 
 @names_replace
@@ -80,24 +90,29 @@ class Beam:
     fatigue_exponent: float | None = None
 
     KEYS: ClassVar[dict] = {
-        **dict.fromkeys(("length", "width", "thickness", "piezo_thickness"),
-                        _length(required=True)),
+        **dict.fromkeys(("length", "width"), _size(LONG, required=True)),
+        **dict.fromkeys(("thickness", "piezo_thickness"), _size(THIN, required=True)),
         "material": Key(kind=str, words=PASSIVE, units=(SI,)),
         "piezo": Key(kind=str, words=ACTIVE, units=(SI,)),
-        **dict.fromkeys(
-            ("modulus", "density", "piezo_modulus", "piezo_density", "piezo_permittivity",
-             "piezo_free_permittivity", "piezo_length", "electrode_spacing", "tip_length",
-             "tip_height", "tip_width", "quality_factor", "measured_frequency",
-             "measured_capacitance", "strain_limit", *FATIGUE), _length(),
-        ),
-        "piezo_d31": Key(units=(SI,)),
-        **dict.fromkeys(("piezo_start", "tip_mass", "tip_inertia"), not_negative(units=(SI,))),
-        "tip_offset": Key(units=(SI,)),
+        **dict.fromkeys(("modulus", "piezo_modulus"), _size(MODULUS)),
+        **dict.fromkeys(("density", "piezo_density"), _size(DENSITY)),
+        **dict.fromkeys(("piezo_permittivity", "piezo_free_permittivity"), _size(PERMITTIVITY)),
+        **dict.fromkeys(("piezo_length", "tip_length", "tip_height", "tip_width"), _size(LONG)),
+        "electrode_spacing": _size(THIN),
+        "measured_frequency": _size((1e-2, 1e7, 1e3, "kHz")),
+        "measured_capacitance": _size((1e-15, 1e-3, 1e-9, "nF")),
+        **dict.fromkeys(("strain_limit", "fatigue_strain"), _size(STRAIN)),
+        **dict.fromkeys(("quality_factor", "fatigue_cycles", "fatigue_exponent"), _size()),
+        "piezo_d31": Key(units=(SI,), likely=(1e-14, 1e-8, 1e-12, "pm/V")),
+        "piezo_start": not_negative(units=(SI,), likely=LONG),
+        "tip_mass": not_negative(units=(SI,), likely=(1e-15, 30.0, 1e-3, "g")),
+        "tip_inertia": not_negative(units=(SI,), likely=(1e-30, 1.0, 1e-9, "g mm²")),
+        "tip_offset": Key(units=(SI,), likely=LONG),
         "layers": Key(kind=int, low=1, high=2, units=(SI,)),
         "connection": Key(kind=str, words=("series", "parallel"), units=(SI,)),
         "tip_material": Key(kind=str, words=PASSIVE, units=(SI,)),
         "damping_ratio": not_negative(units=(SI,)),
-    }  # fmt: skip
+    }
 
     @property
     def ratio(self) -> float:
@@ -318,6 +333,12 @@ def lumped(beam: Beam, origin: str = "beam") -> Lumped:
     first = modes(pieces, tip, 1, compliance)[0]
     every = rest(pieces, tip)
     omega, mass = first.angular_frequency, 1.0 / first.tip**2
+    if GRAVITY / omega**2 > beam.length:
+        raise SceneError(
+            f"{origin}: beam: {omega / (2.0 * math.pi):.3g} Hz, at which the tip sags by "
+            f"{GRAVITY / omega**2:.3g} m under its weight, more than the beam's length: check the "
+            "units of sizes (m), masses (kg) and moduli (Pa)"
+        )
     own = (first.coupling / omega) ** 2
     capacitance, (begin, end) = layer_capacitance(beam), beam.patch
     stretch = section(beam, True).axial_capacitance * (end - begin)
@@ -330,6 +351,12 @@ def lumped(beam: Beam, origin: str = "beam") -> Lumped:
                 f"{origin}: beam.measured_capacitance = {beam.measured_capacitance:.4g}: must be "
                 f"greater than the {strained:.4g} F that the free beam's strain alone adds at low "
                 "frequency"
+            )
+        if not 1.0 / OTHER_PERMITTIVITY <= factor <= OTHER_PERMITTIVITY:
+            raise SceneError(
+                f"{origin}: beam.measured_capacitance = {beam.measured_capacitance:g}: must be of "
+                f"the order of the drawing's {capacitance + strained:.3g} F: check the unit (F), "
+                "piezo_thickness and connection"
             )
     return Lumped(
         mass=mass,
@@ -364,6 +391,12 @@ def _calibrated_clamp(beam, pieces, tip, origin):
             f"{origin}: beam.measured_frequency = {beam.measured_frequency:g}: must be at most the "
             f"{rigid / (2.0 * math.pi):.4g} Hz of a rigid clamp, as a clamp only softens: "
             "check thickness, modulus and tip mass"
+        )
+    if wanted < SOFTEST_CLAMP * rigid:
+        raise SceneError(
+            f"{origin}: beam.measured_frequency = {beam.measured_frequency:g}: must be at least "
+            f"{SOFTEST_CLAMP:g} of the {rigid / (2.0 * math.pi):.4g} Hz of a rigid clamp: below, "
+            "the clamp would give way more than the beam: check the unit (Hz) and the drawing"
         )
     return clamp_compliance(pieces, tip, wanted)
 
@@ -445,5 +478,10 @@ def _check(beam, origin):
         return
     if not {"tip_length", "tip_height"} <= {*given}:
         raise SceneError(f"{origin}: beam.tip_material needs beam.tip_length and beam.tip_height")
+    if (beam.tip_length or 0.0) > beam.length:
+        raise SceneError(
+            f"{origin}: beam.tip_length = {beam.tip_length:g}: a block longer than the beam's "
+            f"{beam.length:g} m: check the unit (m), or give tip_mass, tip_inertia and tip_offset"
+        )
     if beam.tip_mass or beam.tip_inertia:
         raise SceneError(f"{origin}: beam.tip_mass and beam.tip_material say the same thing twice")

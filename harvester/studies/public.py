@@ -577,8 +577,8 @@ def optimum(
         also mean_output_power and the like; over several parameters any (default: the power, at
         the output where the load has one).
     method : str, Method or None
-        monte-carlo, circuit or a closure (default: monte-carlo, or circuit where the load needs it).
-        A method without noise finds the place to its own precision.
+        monte-carlo, circuit or a closure (default: monte-carlo, or circuit where the load needs
+        it). A method without noise finds the place to its own precision.
     closure : str or None
         Closure to compare the simulation with, over one parameter (default: the most accurate).
     evaluations : int or None
