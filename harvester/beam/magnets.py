@@ -22,9 +22,8 @@ from harvester.errors import SceneError
 
 VACUUM_PERMEABILITY = 1.25663706212e-6
 # Sizes that parts have, and the unit that is often given in place of the key's.
-LENGTH = (1e-6, 1.0, 1e-3, "mm")
-# What gives a magnet's moment; a scene holds one of each magnet.
-GIVEN = "moment", "volume", "size"
+LENGTH, VOLUME = (1e-6, 1.0, 1e-3, "mm"), (1e-15, 1e-2, 1e-9, "mm³")
+SIZE = Key(each=positive(likely=LENGTH), count=(2, 3), units=(SI,))
 # Points of the table of force. A smooth table has at most 32 pieces, whatever the number of points.
 POINTS = 513
 # Points of quadrature along a face's radius, refined until the force changes by less than this
@@ -72,24 +71,11 @@ class Magnets:
         "arrangement": Key(kind=str, words=("repelling", "attracting"), units=(SI,)),
         **dict.fromkeys(("tip_moment", "frame_moment"), positive(units=(SI,))),
         "remanence": positive(units=(SI,), likely=(0.05, 2.0, 1e-3, "mT")),
-        **dict.fromkeys(
-            ("tip_volume", "frame_volume"),
-            positive(units=(SI,), likely=(1e-15, 1e-2, 1e-9, "mm³")),
-        ),
-        **dict.fromkeys(
-            ("tip_size", "frame_size"),
-            Key(each=positive(likely=LENGTH), count=(2, 3), units=(SI,)),
-        ),
+        **dict.fromkeys(("tip_volume", "frame_volume"), positive(units=(SI,), likely=VOLUME)),
+        **dict.fromkeys(("tip_size", "frame_size"), SIZE),
         "offset": Key(units=(SI,), likely=LENGTH),
         "spacing": not_negative(units=(SI,), likely=LENGTH),
     }
-
-    def volume(self, place: str) -> float | None:
-        """The volume of "tip" or "frame" (m³); None where the moment alone is given."""
-        size: Any = getattr(self, f"{place}_size")
-        if size is None:
-            return getattr(self, f"{place}_volume")
-        return math.prod(size) if len(size) == 3 else math.pi / 4.0 * size[0] ** 2 * size[1]
 
     def moment(self, place: str, origin: str = "magnets") -> float:
         """The dipole of "tip" or "frame" (A m²).
@@ -99,18 +85,21 @@ class Magnets:
         SceneError
             It is not given, or twice.
         """
-        names = [f"{place}_{name}" for name in GIVEN]
-        given = [name for name in names if getattr(self, name) is not None]
-        if len(given) != 1:
+        names = [f"{place}_{name}" for name in ("moment", "volume", "size")]
+        moment, volume, size = (getattr(self, name) for name in names)
+        if (moment, volume, size).count(None) != 2:
             raise SceneError(
                 f"{origin}: magnets: give either {names[0]}, or {names[2]} or {names[1]} with "
                 "remanence"
             )
-        if given == names[:1]:
-            return getattr(self, names[0])
+        if moment is not None:
+            return moment
         if self.remanence is None:
-            raise SceneError(f"{origin}: magnets.{given[0]} needs magnets.remanence")
-        volume: Any = self.volume(place)
+            given = names[1] if size is None else names[2]
+            raise SceneError(f"{origin}: magnets.{given} needs magnets.remanence")
+        if size is not None:
+            disc = math.pi / 4.0 * size[0] if len(size) == 2 else 1.0
+            volume = disc * math.prod(size)
         return self.remanence * volume / VACUUM_PERMEABILITY
 
     @property
@@ -129,11 +118,9 @@ def magnet_notes(magnets: Magnets | None) -> tuple[str, ...]:
     """A note on dipoles that are too near to each other."""
     if magnets is None or magnets.sized:
         return ()
-    volumes = [
-        magnets.volume(place) or magnets.moment(place) * VACUUM_PERMEABILITY / GREATEST_REMANENCE
-        for place in ("tip", "frame")
-    ]
-    widths = magnets.distance / max(volumes) ** (1.0 / 3.0)
+    moment = max(magnets.moment("tip"), magnets.moment("frame"))
+    volume = moment * VACUUM_PERMEABILITY / (magnets.remanence or GREATEST_REMANENCE)
+    widths = magnets.distance / volume ** (1.0 / 3.0)
     if widths > NEAR:
         return ()
     return (

@@ -7,7 +7,7 @@ from collections.abc import Mapping
 from itertools import pairwise
 from typing import Any
 
-from harvester.beam.magnets import GIVEN, Magnets
+from harvester.beam.magnets import Magnets
 from harvester.beam.table import Beam
 from harvester.device.contact import LAWS, SIDES
 from harvester.device.force_table import (
@@ -109,11 +109,6 @@ REPLACED_KEYS = {
     "load.netlist": RESISTOR_KEYS,
     "load.resistance": NETLIST_KEYS,
     "load.decay_rate": NETLIST_KEYS,
-    **{
-        f"magnets.{place}_{name}": tuple(f"{place}_{each}" for each in GIVEN if each != name)
-        for place in ("tip", "frame")
-        for name in GIVEN
-    },
     "beam.damping_ratio": ("quality_factor",),
     "beam.quality_factor": ("damping_ratio",),
     "oscillator.restoring_force": (*SHORT_KEYS, *TABLE_KEYS),

@@ -3,9 +3,7 @@
 from __future__ import annotations
 
 import math
-import warnings
 from dataclasses import dataclass
-from operator import attrgetter
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -22,19 +20,6 @@ from harvester.studies.optimum.flat_region import FLAT_SHARE
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
-
-# Former attributes, and where each is now.
-_FORMER = {
-    "axis": "parameters[0].axis",
-    "ranges": "parameters",
-    "closure": "averaging.closure",
-    "averaged_place": "averaging.place",
-    "averaged_value": "averaging.value",
-    "averaged_reason": "averaging.reason",
-    "averaged_there": "averaging.value_at_simulated_place",
-    "fitted": "searched",
-    "wall_seconds": "seconds",
-}
 
 
 @dataclass(frozen=True)
@@ -101,19 +86,6 @@ class Optimum:
     other_starts: tuple[float, ...] = ()
     evaluations: int = 0
     seconds: float = 0.0
-
-    def __getattr__(self, name: str) -> Any:
-        if name not in _FORMER:
-            raise AttributeError(f"{type(self).__name__!r} object has no attribute {name!r}")
-        now = _FORMER[name]
-        warnings.warn(f"Optimum.{name} is now {now}", DeprecationWarning, stacklevel=2)
-        if name == "fitted":
-            return [
-                (place[self.parameters[0].axis.key], estimate) for place, estimate in self.searched
-            ]
-        if name == "axis":
-            return self.parameters[0].axis
-        return attrgetter(now)(self)
 
     @property
     def keys(self) -> list[str]:

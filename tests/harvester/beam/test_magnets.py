@@ -176,7 +176,8 @@ def test_close_discs_leave_the_beam_monostable():
     assert float(spring.slope(0.0)) - made.stiffness == pytest.approx(-177.5, rel=2e-3)
     assert len(spring.roots()) == 1
     assert not magnet_notes(scene.magnets)
-    dipoles = scene.replace({"magnets.tip_volume": 2.36e-7, "magnets.frame_volume": 2.36e-7})
+    volumes = {"tip_size": None, "frame_size": None, "tip_volume": 2.36e-7, "frame_volume": 2.36e-7}
+    dipoles = scene.replace(magnets=volumes)
     assert len(restoring_spring(dipoles.oscillator).roots()) == 3
     (note,) = magnet_notes(dipoles.magnets)
     assert "dipoles 1.8 of a magnet's widths apart" in note
