@@ -77,6 +77,7 @@ def average(
     LoadError
         The load is no resistor.
     """
+    from harvester.beam.magnets import magnet_notes
     from harvester.device import timescales
     from harvester.estimates.estimate import Density, root
     from harvester.estimates.joint_density import JointDensity
@@ -129,7 +130,11 @@ def average(
         netlist_sha256=None,
         densities=densities,
         joint_density=joint,
-        notes=(*(spectrum_fit.notes() if fit else ()), *_left_out(parameters, method)),
+        notes=(
+            *(spectrum_fit.notes() if fit else ()),
+            *_left_out(parameters, method),
+            *magnet_notes(scene.magnets),
+        ),
         spectrum_fit=spectrum_fit,
     )
 

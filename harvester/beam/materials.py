@@ -16,6 +16,13 @@ _PROCEEDINGS = "Erturk and Inman, Proc. IMechE I 225, 485 (2011), table 2"
 _APC = (
     "APC International, Physical and Piezoelectric Properties of APC Materials (rev. 3, 2017), p. 1"
 )
+# The greatest tension (Pa) that ceramics bear in vibration, 4000 psi for PZT-5A and PZT-5H.
+_DYNAMIC_STRENGTH = 27.6e6
+_STRENGTH = (
+    "Berlincourt, Krueger and Near, Properties of Piezoelectricity Ceramics, TP-226 (Morgan "
+    "Electro Ceramics): rated dynamic tensile strength of PZT-5A and PZT-5H, 27.6 MPa"
+)
+_FILM = "Measurement Specialties, Piezo Film Sensors Technical Manual, p. 3, table 1"
 _MFC = (
     "Smart Material, MFC Engineering Properties (smart-material.com/MFC-product-propertiesV2.html)"
 )
@@ -39,6 +46,7 @@ class Piezoceramic(NamedTuple):
     d31 : m/V; of layers with the field along the beam d33 in its place.
     permittivity : over that of vacuum, at constant strain along the beam.
     source : where the values stand.
+    strain_limit, limit_source : greatest strain that it bears in vibration, and where that stands.
     thickness : of a layer sold in one thickness, for whose whole package the values hold (m).
     """
 
@@ -47,6 +55,8 @@ class Piezoceramic(NamedTuple):
     d31: float
     permittivity: float
     source: str
+    strain_limit: float
+    limit_source: str
     thickness: float | None = None
 
 
@@ -57,7 +67,10 @@ def clamped(free: float, d31: float, modulus: float) -> float:
 
 def _ceramic(modulus, density, d31, free, source):
     """A ceramic of its data sheet's modulus and free permittivity."""
-    return Piezoceramic(modulus, density, d31, clamped(free, d31, modulus), source)
+    permittivity = clamped(free, d31, modulus)
+    return Piezoceramic(
+        modulus, density, d31, permittivity, source, _DYNAMIC_STRENGTH / modulus, _STRENGTH
+    )
 
 
 def _macro_fibre(strain_per_volt, farad_per_area, thickness, source):
@@ -65,7 +78,10 @@ def _macro_fibre(strain_per_volt, farad_per_area, thickness, source):
     modulus, density = 30.336e9, 5440.0
     d31 = -strain_per_volt * thickness
     free = farad_per_area * thickness / VACUUM_PERMITTIVITY
-    return Piezoceramic(modulus, density, d31, clamped(free, d31, modulus), source, thickness)
+    return Piezoceramic(
+        modulus, density, d31, clamped(free, d31, modulus), source, 6e-4,
+        f"{_MFC}: recommended tensile strain for energy harvesting", thickness,
+    )  # fmt: skip
 
 
 PASSIVE = {
@@ -111,14 +127,15 @@ ACTIVE = {
     "APC 855": _ceramic(59e9, 7600.0, -276e-12, 3300.0, _APC),
     "PSI-5A4E": Piezoceramic(66e9, 7800.0, -190e-12, 1500.0, f"{_PAPER}; modulus, d31 and density "
         "as in Piezo Systems, Piezoceramic Materials and Properties, p. 1 (permittivity there: "
-        "1800 free, 1531 at constant strain)"),
+        "1800 free, 1531 at constant strain)", _DYNAMIC_STRENGTH / 66e9, _STRENGTH),
     "PSI-5H4E": Piezoceramic(
         60.6e9, 7500.0, -16.6 / 60.6e9, 25.55e-9 / VACUUM_PERMITTIVITY, f"{_PROCEEDINGS}, which "
         "are those of PZT-5H; the maker's own sheet, Piezo Systems, Piezoceramic Materials and "
-        "Properties, p. 1, has 62 GPa, 7800 kg/m³, −320 pm/V, 3800 free"),
-    "PVDF": _ceramic(3e9, 1780.0, 23e-12, 12.5, "Measurement Specialties, Piezo Film Sensors "
-        "Technical Manual, p. 3, table 1: modulus 2 to 4 GPa, permittivity 12 to 13, the middles "
-        "here"),
+        "Properties, p. 1, has 62 GPa, 7800 kg/m³, −320 pm/V, 3800 free",
+        _DYNAMIC_STRENGTH / 60.6e9, _STRENGTH),
+    "PVDF": _ceramic(3e9, 1780.0, 23e-12, 12.5, f"{_FILM}: modulus 2 to 4 GPa, permittivity 12 to "
+        "13, the middles here")._replace(
+            strain_limit=0.015, limit_source=f"{_FILM}: yield strength 45 to 55 MPa, over 3 GPa"),
     "MFC-P2": _macro_fibre(1.1e-6, 7.8e-5, 0.3e-3, f"{_MFC}: modulus, 1.1 ppm/V, 7.8 nF/cm²; "
         "Smart Material, FAQ: 5.44 g/cm³, 0.16 g/cm² and so 0.3 mm. Assumed here: fibres and "
         "epoxy as one uniform layer"),

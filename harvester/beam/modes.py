@@ -47,7 +47,7 @@ class Mode(NamedTuple):
     tip, tip_slope : φ(L), φ'(L).
     forcing : γ = ∫ m φ + M_t φ(L) + M_t o φ'(L).
     coupling : χ = ∫ ϑ φ'' (N m/V by the mode's slope).
-    root_curvature : φ''(0).
+    curvatures : φ'' at the beginning and the end of each piece.
     """
 
     angular_frequency: float
@@ -55,18 +55,19 @@ class Mode(NamedTuple):
     tip_slope: float
     forcing: float
     coupling: float
-    root_curvature: float
+    curvatures: tuple[tuple[float, float], ...]
 
 
 class Rest(NamedTuple):
     """Static sums over all modes: Σ χr²/ωr² (F) and Σ χr γr/ωr² (C s²/m).
 
-    `root_moment` is the bending moment at the clamp for a unit acceleration (N s²).
+    `moments` are the bending moments of a unit acceleration (N s²) at the beginning and the end of
+    each piece.
     """
 
     capacitance: float
     charge: float
-    root_moment: float
+    moments: tuple[tuple[float, float], ...]
 
 
 def modes(
@@ -119,14 +120,16 @@ def rest(pieces: Sequence[Piece], tip: Tip) -> Rest:
     """
     capacitance = charge = 0.0
     moment, shear = tip.mass * tip.offset, tip.mass
+    moments: list[tuple[float, float]] = []
     for piece in reversed(pieces):
         length, flux = piece.length, piece.moment_per_volt / piece.rigidity
         capacitance += piece.moment_per_volt * flux * length
         area = moment * length + shear * length**2 / 2.0 + piece.mass * length**3 / 6.0
         charge += flux * area
-        moment += shear * length + piece.mass * length**2 / 2.0
+        end, moment = moment, moment + shear * length + piece.mass * length**2 / 2.0
+        moments.insert(0, (moment, end))
         shear += piece.mass * length
-    return Rest(capacitance, charge, moment)
+    return Rest(capacitance, charge, tuple(moments))
 
 
 def shape(
@@ -212,7 +215,7 @@ def _mode(value, pieces, tip, root_compliance):
     """The mode that belongs to a root λ, normalized to unit modal mass."""
     nodes, weights = np.polynomial.legendre.leggauss(GAUSS_POINTS)
     kinetic = forcing = coupling = 0.0
-    state = np.zeros(4)
+    state, curvatures = np.zeros(4), []
     for piece, begin, wave in _walk(value, pieces, tip, root_compliance):
         half = piece.length / 2.0
         inside = [_transfer(half * (1.0 + x), piece.rigidity, wave) @ begin for x in nodes]
@@ -221,6 +224,7 @@ def _mode(value, pieces, tip, root_compliance):
         forcing += piece.mass * half * float(weights @ w)
         state = _transfer(piece.length, piece.rigidity, wave) @ begin
         coupling += piece.moment_per_volt * (state[1] - begin[1])
+        curvatures.append(np.array([begin[2], state[2]]) / piece.rigidity)
     end, slope = float(state[0]), float(state[1])
     first = tip.mass * tip.offset
     kinetic += tip.mass * end**2 + 2.0 * first * end * slope + tip.inertia * slope**2
@@ -232,5 +236,5 @@ def _mode(value, pieces, tip, root_compliance):
         tip_slope=unit * slope,
         forcing=unit * forcing,
         coupling=unit * float(coupling),
-        root_curvature=unit / pieces[0].rigidity,
+        curvatures=tuple((unit * float(begin), unit * float(end)) for begin, end in curvatures),
     )

@@ -1,8 +1,9 @@
-"""Strain and stress of the outer fibre at the clamp, of the displacement and the voltage.
+"""Strain and stress of the layers and the substrate, of the displacement and the voltage.
 
 The first mode's curvature follows the displacement. The modes left out are taken as static: under
 a voltage the beam bends as a short piece, EI w'' = −ϑ V, and under an acceleration of the base by
-its bending moment; what the first mode has of both is taken off.
+its bending moment; what the first mode has of both is taken off. A layer on one side also stretches
+the beam.
 """
 
 from __future__ import annotations
@@ -10,21 +11,23 @@ from __future__ import annotations
 from typing import NamedTuple
 
 from harvester.beam.modes import rest
-from harvester.beam.table import Beam, lumped, pieces_of, section, tip_of
+from harvester.beam.table import Beam, lumped, pieces_of, section, spans, tip_of
 
 
-class ClampStrain(NamedTuple):
-    """Coefficients of the strain (1) and the stress (Pa) at the clamp.
+class FibreStrain(NamedTuple):
+    """Coefficients of the strain (1) and the stress (Pa) of a fibre.
 
     Attributes
     ----------
+    place : from the clamp (m).
     per_displacement : strain for each metre of the tip (1/m).
     per_volt : strain of the modes left out for each volt (1/V).
     per_acceleration : the same for each m/s² of the base (s²/m).
     modulus : stress for each strain, electrodes short-circuited (Pa).
-    stress_per_volt : what the field adds to the stress (Pa/V); 0 where no layer is at the clamp.
+    stress_per_volt : what a layer's field adds to the stress (Pa/V).
     """
 
+    place: float
     per_displacement: float
     per_volt: float
     per_acceleration: float
@@ -32,22 +35,47 @@ class ClampStrain(NamedTuple):
     stress_per_volt: float
 
 
-def clamp_strain(beam: Beam) -> ClampStrain:
-    """Strain and stress of the layer's outer fibre at the clamp, else the substrate's."""
+def strain_of_layers(beam: Beam) -> FibreStrain:
+    """Strain of the active layers' outer fibre, where the first mode strains it most."""
+    height = beam.thickness / 2.0 + beam.piezo_thickness
+    return _most_strained(beam, (height,), beam.active[0], _stress_per_volt(beam), (True,))
+
+
+def strain_of_substrate(beam: Beam) -> FibreStrain:
+    """Strain of the substrate's surface, where the first mode strains it most."""
+    half = beam.thickness / 2.0
+    return _most_strained(beam, (half, -half), beam.substrate[0], 0.0, (True, False))
+
+
+def _most_strained(beam, heights, modulus, stress_per_volt, covers):
+    """The fibre of most strain, at `heights` above the substrate's middle.
+
+    The first mode's moment falls steadily along a piece, so that only the ends of pieces count.
+    """
     made, pieces = lumped(beam), pieces_of(beam)
-    covered = beam.piezo_start == 0.0
-    outer, root = section(beam, covered).outer, pieces[0]
-    every = rest(pieces, tip_of(beam))
-    curvature = made.surface_strain / outer
-    mode_per_volt = curvature * made.coupling / made.stiffness
-    mode_per_acceleration = curvature * made.base_factor * made.mass / made.stiffness
-    return ClampStrain(
-        per_displacement=made.surface_strain,
-        per_volt=-outer * (root.moment_per_volt / root.rigidity - mode_per_volt),
-        per_acceleration=-outer * (every.root_moment / root.rigidity - mode_per_acceleration),
-        modulus=beam.active[0] if covered else beam.substrate[0],
-        stress_per_volt=_stress_per_volt(beam) if covered else 0.0,
-    )
+    moments, fibres = rest(pieces, tip_of(beam)).moments, []
+    for n, (low, top, covered) in enumerate(spans(beam)):
+        if covered not in covers:
+            continue
+        cut, piece = section(beam, covered), pieces[n]
+        for place, curvature, moment in zip(
+            (low, top), made.curvatures[n], moments[n], strict=True
+        ):
+            by_volt = piece.moment_per_volt / piece.rigidity
+            by_volt -= curvature * made.coupling / made.stiffness
+            by_base = curvature * made.base_factor * made.mass / made.stiffness
+            fibres += [
+                FibreStrain(
+                    place=place,
+                    per_displacement=(height - cut.axis) * curvature,
+                    per_volt=-(height - cut.axis) * by_volt - cut.stretch_per_volt,
+                    per_acceleration=-(height - cut.axis) * (moment / piece.rigidity - by_base),
+                    modulus=modulus,
+                    stress_per_volt=stress_per_volt,
+                )
+                for height in heights
+            ]
+    return max(fibres, key=lambda fibre: abs(fibre.per_displacement))
 
 
 def _stress_per_volt(beam):

@@ -2,14 +2,15 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from harvester.beam.magnets import Magnets, polynomial_fit, spring_points
+from harvester.beam.magnets import Magnets, magnet_notes, polynomial_fit, spring_points
 from harvester.beam.materials import ACTIVE, PASSIVE
 from harvester.beam.modes import shape
-from harvester.beam.strain import clamp_strain
+from harvester.beam.strain import strain_of_layers, strain_of_substrate
 from harvester.beam.table import Beam, frequencies, lumped, notes, pieces_of, tip_of
 
 if TYPE_CHECKING:
@@ -21,7 +22,8 @@ SUBSTRATE, LAYER, TIP, LINE = "0.6", "#d98c3f", "0.25", "#3b6ea5"
 def rows(beam: Beam) -> list[tuple[str, str, float, str]]:
     """(name, equation, value, unit) of every lumped value; numbers are those of docs/beams.md."""
     made = lumped(beam)
-    several, strain = frequencies(beam), clamp_strain(beam)
+    several, strain = frequencies(beam), strain_of_layers(beam)
+    substrate = strain_of_substrate(beam)
     found = [
         ("mass M", "1/φ(L)² (B4)", made.mass, "kg"),
         ("stiffness K", "ω² M (B4)", made.stiffness, "N/m"),
@@ -37,9 +39,12 @@ def rows(beam: Beam) -> list[tuple[str, str, float, str]]:
         ("open-circuit frequency", "of one mode alone", made.one_mode_open_frequency, "Hz"),
         ("second frequency", "(B3)", several[1], "Hz"),
         ("third frequency", "(B3)", several[2], "Hz"),
-        ("strain at the clamp per displacement", "(B9)", strain.per_displacement, "1/m"),
+        ("strain of the layers per displacement", "(B9)", strain.per_displacement, "1/m"),
+        ("from the clamp to this strain", "(B9)", strain.place, "m"),
         ("strain of the modes left out per volt", "(B9)", strain.per_volt, "1/V"),
         ("strain of the modes left out per acceleration", "(B9)", strain.per_acceleration, "s²/m"),
+        ("strain of the substrate per displacement", "(B9)", substrate.per_displacement, "1/m"),
+        ("from the clamp to the substrate's strain", "(B9)", substrate.place, "m"),
     ]
     if beam.measured_frequency is not None:
         found.append(
@@ -57,11 +62,20 @@ def remarks(beam: Beam, magnets: Magnets | None = None) -> list[str]:
     """Lines on the theory's limits here, sources of material data, and the magnets as a
     polynomial."""
     found = notes(beam)
+    if beam.tip_material and beam.tip_offset == 0.0:
+        flush = replace(beam, tip_offset=-(beam.tip_length or 0.0) / 2.0, measured_frequency=None)
+        found.append(
+            "tip_offset = 0: the block's middle lies over the beam's end; flush with the end, by "
+            f"tip_offset = {flush.tip_offset:g}, the beam has {lumped(flush).short_frequency:.4g} "
+            "Hz with a rigid clamp"
+        )
     for name, known in ((beam.material, PASSIVE), (beam.piezo, ACTIVE)):
         found.append(f"{name}: {known[name].source}")
+    limit, named = beam.limit
+    found.append(f"greatest strain of the layers: {limit:.3g}, {named}")
     if magnets is not None:
-        made = lumped(beam)
-        coefficients, error = polynomial_fit(magnets, made.stiffness, made.tip_slope)
+        found += magnet_notes(magnets)
+        coefficients, error = polynomial_fit(magnets, beam)
         listed = ", ".join(f"{each:.5g}" for each in coefficients)
         found.append(
             f"as a polynomial of the seventh degree within ±{magnets.reach:g} m: "
@@ -85,7 +99,7 @@ def draw(beam: Beam, magnets: Magnets | None = None) -> Figure:
         xlabel="from the clamp [mm]", ylabel="φ/φ(L)", title=f"mode at {frequency:.4g} Hz"
     )
     if magnets is not None:
-        x, force = np.array(spring_points(magnets, made.stiffness, made.tip_slope)).T
+        x, force = np.array(spring_points(magnets, beam)).T
         panels[2].plot(1e3 * x, force, color=LINE)
         panels[2].axhline(0.0, color="0.7", linewidth=0.8)
         panels[2].set(xlabel="displacement of the tip [mm]", ylabel="force [N]", title="spring")

@@ -26,12 +26,22 @@ WIDE = 0.5
 SHORTEST_PATCH, SHORT_PATCH = 2.0, 10.0
 # A layer that is sold in one thickness may differ from it by this share: its tolerances.
 PACKAGE = 0.1
+# Measured values this far from the drawing are slips: a measured frequency may be at
+# least this share of a rigid clamp's, and a measured capacitance at most this multiple of the
+# drawing's, or that share of it.
+SOFTEST_CLAMP, OTHER_PERMITTIVITY = 0.5, 3.0
+GRAVITY = 9.81
+# Sizes that parts have, and the unit that is often given in place of the key's.
+LONG, THIN = (1e-7, 3.0, 1e-3, "mm"), (1e-9, 0.1, 1e-3, "mm")
+MODULUS, DENSITY = (1e6, 2e12, 1e9, "GPa"), (10.0, 3e4, 1e3, "g/cm³")
+PERMITTIVITY = (1.0, 1e5, 1.0 / VACUUM_PERMITTIVITY, "F/m")
+STRAIN = (1e-7, 0.3, 1e-6, "ppm")
 # Keys of Basquin's line: N = cycles (strain/ε)^exponent cycles of the amplitude ε end the life.
 FATIGUE = ("fatigue_strain", "fatigue_cycles", "fatigue_exponent")
 
 
-def _length(**more: Any) -> Key:
-    return positive(units=(SI,), **more)
+def _size(likely: Any = None, **more: Any) -> Key:
+    return positive(units=(SI,), likely=likely, **more)
 
 
 @names_replace
@@ -42,7 +52,7 @@ class Beam:
     `piezo_start` and `piezo_length` place a patch that is shorter than the beam. The tip's body is
     `tip_mass` with `tip_inertia` about its own centre, or a block of `tip_material`;
     `tip_offset` is how far its centre lies beyond the beam's end. `strain_limit` is the greatest
-    strain at the clamp that the layers bear; see `FATIGUE` for their life.
+    strain that the layers bear, else their material's; see `FATIGUE` for their life.
     """
 
     length: float
@@ -80,24 +90,29 @@ class Beam:
     fatigue_exponent: float | None = None
 
     KEYS: ClassVar[dict] = {
-        **dict.fromkeys(("length", "width", "thickness", "piezo_thickness"),
-                        _length(required=True)),
+        **dict.fromkeys(("length", "width"), _size(LONG, required=True)),
+        **dict.fromkeys(("thickness", "piezo_thickness"), _size(THIN, required=True)),
         "material": Key(kind=str, words=PASSIVE, units=(SI,)),
         "piezo": Key(kind=str, words=ACTIVE, units=(SI,)),
-        **dict.fromkeys(
-            ("modulus", "density", "piezo_modulus", "piezo_density", "piezo_permittivity",
-             "piezo_free_permittivity", "piezo_length", "electrode_spacing", "tip_length",
-             "tip_height", "tip_width", "quality_factor", "measured_frequency",
-             "measured_capacitance", "strain_limit", *FATIGUE), _length(),
-        ),
-        "piezo_d31": Key(units=(SI,)),
-        **dict.fromkeys(("piezo_start", "tip_mass", "tip_inertia"), not_negative(units=(SI,))),
-        "tip_offset": Key(units=(SI,)),
+        **dict.fromkeys(("modulus", "piezo_modulus"), _size(MODULUS)),
+        **dict.fromkeys(("density", "piezo_density"), _size(DENSITY)),
+        **dict.fromkeys(("piezo_permittivity", "piezo_free_permittivity"), _size(PERMITTIVITY)),
+        **dict.fromkeys(("piezo_length", "tip_length", "tip_height", "tip_width"), _size(LONG)),
+        "electrode_spacing": _size(THIN),
+        "measured_frequency": _size((1e-2, 1e7, 1e3, "kHz")),
+        "measured_capacitance": _size((1e-15, 1e-3, 1e-9, "nF")),
+        **dict.fromkeys(("strain_limit", "fatigue_strain"), _size(STRAIN)),
+        **dict.fromkeys(("quality_factor", "fatigue_cycles", "fatigue_exponent"), _size()),
+        "piezo_d31": Key(units=(SI,), likely=(1e-14, 1e-8, 1e-12, "pm/V")),
+        "piezo_start": not_negative(units=(SI,), likely=LONG),
+        "tip_mass": not_negative(units=(SI,), likely=(1e-15, 30.0, 1e-3, "g")),
+        "tip_inertia": not_negative(units=(SI,), likely=(1e-30, 1.0, 1e-9, "g mm²")),
+        "tip_offset": Key(units=(SI,), likely=LONG),
         "layers": Key(kind=int, low=1, high=2, units=(SI,)),
         "connection": Key(kind=str, words=("series", "parallel"), units=(SI,)),
         "tip_material": Key(kind=str, words=PASSIVE, units=(SI,)),
         "damping_ratio": not_negative(units=(SI,)),
-    }  # fmt: skip
+    }
 
     @property
     def ratio(self) -> float:
@@ -105,6 +120,14 @@ class Beam:
         if self.quality_factor is not None:
             return 0.5 / self.quality_factor
         return self.damping_ratio or 0.0
+
+    @property
+    def limit(self) -> tuple[float, str]:
+        """Greatest strain of the layers, and where it stands."""
+        named = ACTIVE[self.piezo]
+        if self.strain_limit is None:
+            return named.strain_limit, f"the limit of {self.piezo} ({named.limit_source})"
+        return self.strain_limit, "beam.strain_limit"
 
     @property
     def fatigue_line(self) -> tuple[float, float, float] | None:
@@ -153,12 +176,12 @@ class Lumped(NamedTuple):
     mass, stiffness, damping : M = 1/φ(L)², K = ω² M, C = 2 ζ ω M.
     base_factor : μ = φ(L) γ.
     coupling : θ = χ/φ(L).
-    material_capacitance : Cp of the layers at constant strain.
+    material_capacitance : Cp of the layers, free to stretch the beam and kept from bending it.
     rest_capacitance, rest_charge : what the modes left out add statically, Σ χr²/ωr² and
         Σ χr γr/ωr² over r > 1: a capacitance, and a charge per acceleration of the base.
     damping_ratio : ζ
     tip_slope : φ'(L)/φ(L), the tip's rotation for a displacement (1/m).
-    surface_strain : (distance of the outer fibre) φ''(0)/φ(L), at the clamp (1/m).
+    curvatures : φ''/φ(L) at the beginning and the end of each piece (1/m²).
     clamp_compliance : rotation of the clamp by a moment (rad/(N m)).
     permittivity_factor : by which a measured capacitance changes the layer's permittivity.
     """
@@ -173,7 +196,7 @@ class Lumped(NamedTuple):
     rest_charge: float
     damping_ratio: float
     tip_slope: float
-    surface_strain: float
+    curvatures: tuple[tuple[float, float], ...]
     clamp_compliance: float
     permittivity_factor: float
 
@@ -205,15 +228,24 @@ class Lumped(NamedTuple):
 
 
 class Section(NamedTuple):
-    """A cross-section: EI (N m²), kg/m, N m/V, and the outer fibre's distance (m).
+    """A cross-section about its neutral axis.
 
-    The outer fibre is that of the active layer, without one that of the substrate.
+    Attributes
+    ----------
+    rigidity, mass : EI (N m²), and mass per length (kg/m).
+    moment_per_volt : N m/V, of all layers.
+    stretch_per_volt : strain of the neutral axis (1/V): a layer on one side also stretches the
+        beam, and the parts of two layers cancel.
+    axial_capacitance : charge of this stretch for each volt and metre (F/m).
+    axis : its height above the substrate's middle (m).
     """
 
     rigidity: float
     mass: float
     moment_per_volt: float
-    outer: float
+    stretch_per_volt: float
+    axial_capacitance: float
+    axis: float
 
 
 def section(beam: Beam, covered: bool) -> Section:
@@ -230,29 +262,31 @@ def section(beam: Beam, covered: bool) -> Section:
     axis = sum(e * (top**2 - low**2) / 2.0 for low, top, e, _ in stack) / stretch
     rigidity = sum(e * ((top - axis) ** 3 - (low - axis) ** 3) / 3.0 for low, top, e, _ in stack)
     mass = sum(rho * (top - low) for low, top, _, rho in stack)
-    moment = _moment_per_volt(beam, axis) if covered else 0.0
-    outer = half + height - axis if covered else half
-    return Section(beam.width * rigidity, beam.width * mass, moment, outer)
-
-
-def _moment_per_volt(beam, axis):
-    """ϑ (N m/V) of all layers: e31 b times arm for each; the field is V/h_p, or V/spacing."""
-    active, _, d31, _ = beam.active
-    arm = beam.thickness / 2.0 + beam.piezo_thickness / 2.0 - axis
-    field = 1.0 if beam.electrode_spacing is None else beam.piezo_thickness / beam.electrode_spacing
+    force = _force_per_volt(beam) if covered else 0.0
     number = 2.0 if beam.layers == 2 and beam.connection == "parallel" else 1.0
-    return abs(d31) * active * beam.width * arm * field * number
+    moment = force * (half + height / 2.0 - axis) * number
+    strain = force / (beam.width * stretch) if beam.layers == 1 else 0.0
+    sizes = beam.width * rigidity, beam.width * mass
+    return Section(*sizes, moment, strain, force * strain, axis)
+
+
+def _force_per_volt(beam):
+    """Axial force of a layer, e31 b (N/V); the field is V/h_p, or V/spacing."""
+    active, _, d31, _ = beam.active
+    field = 1.0 if beam.electrode_spacing is None else beam.piezo_thickness / beam.electrode_spacing
+    return abs(d31) * active * beam.width * field
+
+
+def spans(beam: Beam) -> list[tuple[float, float, bool]]:
+    """Beginning and end of each uniform piece (m), and whether the layers cover it."""
+    begin, end = beam.patch
+    every = ((0.0, begin, False), (begin, end, True), (end, beam.length, False))
+    return [each for each in every if each[1] - each[0] > 1e-9 * beam.length]
 
 
 def pieces_of(beam: Beam) -> list[Piece]:
     """The pieces from the clamp to the tip: bare, covered, bare."""
-    begin, end = beam.patch
-    found = []
-    for low, top, covered in ((0.0, begin, False), (begin, end, True), (end, beam.length, False)):
-        if top - low > 1e-9 * beam.length:
-            made = section(beam, covered)
-            found.append(Piece(top - low, made.rigidity, made.mass, made.moment_per_volt))
-    return found
+    return [Piece(top - low, *section(beam, covered)[:3]) for low, top, covered in spans(beam)]
 
 
 def tip_of(beam: Beam) -> Tip:
@@ -299,16 +333,30 @@ def lumped(beam: Beam, origin: str = "beam") -> Lumped:
     first = modes(pieces, tip, 1, compliance)[0]
     every = rest(pieces, tip)
     omega, mass = first.angular_frequency, 1.0 / first.tip**2
+    if GRAVITY / omega**2 > beam.length:
+        raise SceneError(
+            f"{origin}: beam: {omega / (2.0 * math.pi):.3g} Hz, at which the tip sags by "
+            f"{GRAVITY / omega**2:.3g} m under its weight, more than the beam's length: check the "
+            "units of sizes (m), masses (kg) and moduli (Pa)"
+        )
     own = (first.coupling / omega) ** 2
-    capacitance = layer_capacitance(beam)
+    capacitance, (begin, end) = layer_capacitance(beam), beam.patch
+    stretch = section(beam, True).axial_capacitance * (end - begin)
     factor = 1.0
     if beam.measured_capacitance is not None:
-        factor = (beam.measured_capacitance - every.capacitance) / capacitance
+        strained = every.capacitance + stretch
+        factor = (beam.measured_capacitance - strained) / capacitance
         if factor <= 0.0:
             raise SceneError(
                 f"{origin}: beam.measured_capacitance = {beam.measured_capacitance:.4g}: must be "
-                f"greater than the {every.capacitance:.4g} F that the free beam's bending alone "
-                "adds at low frequency"
+                f"greater than the {strained:.4g} F that the free beam's strain alone adds at low "
+                "frequency"
+            )
+        if not 1.0 / OTHER_PERMITTIVITY <= factor <= OTHER_PERMITTIVITY:
+            raise SceneError(
+                f"{origin}: beam.measured_capacitance = {beam.measured_capacitance:g}: must be of "
+                f"the order of the drawing's {capacitance + strained:.3g} F: check the unit (F), "
+                "piezo_thickness and connection"
             )
     return Lumped(
         mass=mass,
@@ -316,13 +364,12 @@ def lumped(beam: Beam, origin: str = "beam") -> Lumped:
         damping=2.0 * beam.ratio * omega * mass,
         base_factor=first.tip * first.forcing,
         coupling=first.coupling / first.tip,
-        material_capacitance=capacitance * factor,
+        material_capacitance=capacitance * factor + stretch,
         rest_capacitance=every.capacitance - own,
         rest_charge=every.charge - first.coupling * first.forcing / omega**2,
         damping_ratio=beam.ratio,
         tip_slope=first.tip_slope / first.tip,
-        surface_strain=section(beam, beam.piezo_start == 0.0).outer
-        * first.root_curvature / first.tip,
+        curvatures=tuple((a / first.tip, b / first.tip) for a, b in first.curvatures),
         clamp_compliance=compliance,
         permittivity_factor=factor,
     )  # fmt: skip
@@ -344,6 +391,12 @@ def _calibrated_clamp(beam, pieces, tip, origin):
             f"{origin}: beam.measured_frequency = {beam.measured_frequency:g}: must be at most the "
             f"{rigid / (2.0 * math.pi):.4g} Hz of a rigid clamp, as a clamp only softens: "
             "check thickness, modulus and tip mass"
+        )
+    if wanted < SOFTEST_CLAMP * rigid:
+        raise SceneError(
+            f"{origin}: beam.measured_frequency = {beam.measured_frequency:g}: must be at least "
+            f"{SOFTEST_CLAMP:g} of the {rigid / (2.0 * math.pi):.4g} Hz of a rigid clamp: below, "
+            "the clamp would give way more than the beam: check the unit (Hz) and the drawing"
         )
     return clamp_compliance(pieces, tip, wanted)
 
@@ -425,5 +478,10 @@ def _check(beam, origin):
         return
     if not {"tip_length", "tip_height"} <= {*given}:
         raise SceneError(f"{origin}: beam.tip_material needs beam.tip_length and beam.tip_height")
+    if (beam.tip_length or 0.0) > beam.length:
+        raise SceneError(
+            f"{origin}: beam.tip_length = {beam.tip_length:g}: a block longer than the beam's "
+            f"{beam.length:g} m: check the unit (m), or give tip_mass, tip_inertia and tip_offset"
+        )
     if beam.tip_mass or beam.tip_inertia:
         raise SceneError(f"{origin}: beam.tip_mass and beam.tip_material say the same thing twice")

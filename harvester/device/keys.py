@@ -40,7 +40,8 @@ class Key:
 
     `kind` is float, int, str, (str, int), `NAMED_VALUES` for a table of numbers or texts, or dict
     for a table with a `kind` of its own. With `each`, a list of `count` (fewest, most) values of
-    that kind.
+    that kind. `likely` is the range of sizes that a part can have, with the unit that is often
+    given in place of the key's: its factor and name.
     """
 
     kind: Any = float
@@ -52,6 +53,7 @@ class Key:
     required: bool = False
     each: Key | None = None
     count: tuple = (0, 0)
+    likely: tuple[float, float, float, str] | None = None
 
     def allowed(self) -> str:
         """The accepted values, in words."""
@@ -146,7 +148,16 @@ def check_value(where: str, value: Any, spec: Key, origin: str) -> Any:
             f"{origin}: {where} = {shown(value)}: must be {spec.allowed()}, and of a size that "
             f"can be computed with: {SMALLEST:g} to {LARGEST:g}"
         )
+    if spec.likely and value and not spec.likely[0] <= abs(value) <= spec.likely[1]:
+        raise SceneError(f"{origin}: {where} = {shown(value)}: {_slip(value, *spec.likely)}")
     return spec.kind(value)
+
+
+def _slip(value, least, most, factor, unit):
+    """What a value beyond its likely range was probably meant to be."""
+    meant = value * factor
+    reading = f"; {value:g} {unit} is {meant:g}" if least <= abs(meant) <= most else ""
+    return f"no part has such a size: {least:g} to {most:g}{reading}"
 
 
 def is_word(value: object, words: Collection[str]) -> bool:

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from harvester.beam.magnets import magnet_notes
 from harvester.device import timescales
 from harvester.errors import SceneError
 from harvester.estimates.balance import energy_balance_residual
@@ -142,6 +143,7 @@ def run_estimates(
         *efficiency_notes(whole, scales.of("power"), unit_of(scene, "power")),
         *faint_output_notes(whole),
         *strain_notes(scene, moments),
+        *magnet_notes(scene.magnets),
         *(each.note for each in found),
         *slow_exchange(scene, balance),
         *(SENSITIVE,) * sensitive,

@@ -1,4 +1,4 @@
-"""Strain and stress at a beam's clamp, and the life of its layers, with error bars."""
+"""Strain and stress of a beam's layers, and the life of its layers, with error bars."""
 
 from __future__ import annotations
 
@@ -94,17 +94,17 @@ def _life(rate):
 
 
 def strain_notes(scene: Scene, moments: Sequence[Moments]) -> tuple[str, ...]:
-    """A note where the strain goes beyond the limit of the scene's beam."""
-    limit = scene.beam.strain_limit if scene.beam else None
-    if limit is None:
+    """A note where the layers' strain goes beyond the limit of the scene or of their material."""
+    if scene.beam is None:
         return ()
+    limit, named = scene.beam.limit
     strains: list[Any] = [each.strain for each in moments]
     highest = [float(each.peaks[:, STRAIN].max()) for each in strains]
     beyond = sum(each > limit for each in highest)
     if not beyond:
         return ()
     return (
-        f"the strain at the clamp exceeds beam.strain_limit = {limit:g} in {beyond} of "
+        f"the strain of the layers exceeds {limit:.3g}, {named}, in {beyond} of "
         f"{len(highest)} realizations, by up to {100.0 * (max(highest) / limit - 1.0):.3g} % "
         f"(stress up to {max(each.peaks[:, STRESS].max() for each in strains) * 1e-6:.4g} MPa)",
     )

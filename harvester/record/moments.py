@@ -80,7 +80,7 @@ class Moments:
     jumps : Jumps or None
         Between wells, where there are several.
     strain : StrainMoments or None
-        Strain at the clamp, for a scene with a drawing; `StrainWatch` adds to it.
+        Strain of the layers, for a scene with a drawing; `StrainWatch` adds to it.
     step : float or None
         Longest step (s), where the run chose it; None: the engine's.
     step_error : float

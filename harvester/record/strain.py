@@ -1,4 +1,4 @@
-"""Streaming strain and stress at a beam's clamp: squares, peaks, and the damage of its cycles."""
+"""Streaming strain and stress of a beam's layers: squares, peaks, and the damage of its cycles."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from harvester.beam.strain import clamp_strain
+from harvester.beam.strain import strain_of_layers
 from harvester.compilation import compiled
 from harvester.files.libraries import optional_library
 
@@ -50,7 +50,7 @@ class StrainMoments:
         """Nothing kept yet; None of a scene without a drawing."""
         if ready.scene.beam is None:
             return None
-        made, scales = clamp_strain(ready.scene.beam), ready.scales
+        made, scales = strain_of_layers(ready.scene.beam), ready.scales
         strain = np.array([made.per_displacement, made.per_volt])
         stress = made.modulus * strain + [0.0, made.stress_per_volt]
         rows = np.array([strain, stress]) * [scales.displacement, scales.voltage]

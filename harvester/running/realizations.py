@@ -286,7 +286,7 @@ def _jumps_fit(jumps, template):
 
 
 def _strain_fits(strain, template, beam):
-    """Whether stored strain at a beam's clamp fits the template, with finite values ≥ 0."""
+    """Whether stored strain of a beam's layers fits the template, with finite values ≥ 0."""
     if strain is None or template is None:
         return strain is template
     arrays = [(strain.squares, template.squares), (strain.peaks, template.peaks)]

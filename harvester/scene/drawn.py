@@ -34,14 +34,15 @@ def with_drawing(tables: dict[str, Any], origin: str) -> dict[str, Any]:
         return tables
     if tables.get("units") != SI:
         raise SceneError(f'{origin}: [beam] is a drawing in metres and needs units = "SI"')
-    values = lumped(Beam(**_checked("beam", tables, origin)), origin)
+    beam = Beam(**_checked("beam", tables, origin))
+    values = lumped(beam, origin)
     given = {name: _beside(name, tables, origin) for name in DRAWN}
     oscillator: dict[str, Any] = {
         "mass": values.mass, "damping": values.damping, "base_factor": values.base_factor,
     }  # fmt: skip
     if "magnets" in tables:
         magnets = Magnets(**_checked("magnets", tables, origin))
-        points = spring_points(magnets, values.stiffness, values.tip_slope, origin)
+        points = spring_points(magnets, beam, origin)
         oscillator |= {"force_table": points, "force_interpolation": "smooth"}
     else:
         oscillator["linear_stiffness"] = values.stiffness

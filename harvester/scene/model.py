@@ -15,7 +15,7 @@ from typing import Any, Protocol, overload
 from harvester.beam.magnets import Magnets
 from harvester.beam.table import Beam
 from harvester.device import timescales
-from harvester.device.keys import names_replace
+from harvester.device.keys import SI, names_replace
 from harvester.device.terminals import TransducerTable
 from harvester.device.transducer import TRANSDUCERS
 from harvester.errors import SceneError
@@ -34,6 +34,8 @@ from harvester.scene.toml import plain_tables
 from harvester.scene.units import rest_stiffness, scale
 
 # A scene is written without these keys if they have their default values.
+# Loads whose own values are for scaled scenes, with those that an SI scene has to give.
+SCALED_LOADS = {"bridge_ideal": ("resistance", "storage", "conductance")}
 RARE_KEYS = (
     "base_charge", "base_factor", "force_interpolation", "quadratic_damping", "side", "exponent",
     "law",
@@ -266,6 +268,7 @@ class Scene:
             folder = _folders(folder)
             before = changed.load if changed else None
             checked["load"]["circuit"] = _read_netlist(checked["load"], folder, before)
+            _check_scaled_load(checked, origin)
             if "parameters" in checked["load"]:
                 checked["load"]["parameters"] = NamedValues(checked["load"]["parameters"])
         if "damping" not in checked["oscillator"]:
@@ -490,6 +493,17 @@ def _records(excitation):
     """Digests of an excitation's records by their files."""
     parts = (excitation, *getattr(excitation, "parts", ()))
     return {part.file: part.sha256 for part in parts if isinstance(part, RecordedMotion)}
+
+
+def _check_scaled_load(checked, origin):
+    """Refuse an SI scene whose load has values for scaled ones."""
+    load = checked["load"]
+    needed = {*SCALED_LOADS.get(load["netlist"], ())} - {*load.get("parameters", ())}
+    if checked["units"] == SI and needed:
+        raise SceneError(
+            f"{origin}: load.netlist = {load['netlist']!r}: its own values are for scaled scenes: "
+            f"give {', '.join(sorted(needed))} in load.parameters, or take another load"
+        )
 
 
 def _plain(part, kept):

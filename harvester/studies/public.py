@@ -581,13 +581,13 @@ def optimum(
         also mean_output_power and the like; over several parameters any (default: the power, at
         the output where the load has one).
     method : str, Method or None
-        monte-carlo or circuit, over several parameters also a closure (default: monte-carlo, or
-        circuit where the load needs it).
+        monte-carlo, circuit or a closure (default: monte-carlo, or circuit where the load needs
+        it). A method without noise finds the place to its own precision.
     closure : str or None
         Closure to compare the simulation with, over one parameter (default: the most accurate).
     evaluations : int or None
-        Places proposed, over several parameters (default: 60 for each). Those of the climb, some
-        tens, come on top.
+        Places proposed, over several parameters (default: 60 for each), or of the grid of one
+        parameter by a closure (17). Those of the climb, some tens, come on top.
     precision : float or None
         Relative standard error of the value at the optimum of several parameters (default: the
         scene's own run).

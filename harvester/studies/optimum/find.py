@@ -13,7 +13,7 @@ from harvester.estimates.output_side import RATIOS
 from harvester.method import Method
 from harvester.running import RunnerOptions, open_runner
 from harvester.scene.model import Scene
-from harvester.simulation.methods import Engine, engine_of
+from harvester.simulation.methods import Engine
 from harvester.studies.answers import checked_method
 from harvester.studies.optimum.axis import Axis
 from harvester.studies.optimum.line import MAXIMISED, along
@@ -34,22 +34,21 @@ def largest(
     """Where a mean is largest over one parameter or several: see `harvester.optimum`."""
     clock = time.perf_counter()
     limited = scene.beam is not None and scene.beam.strain_limit is not None
+    chosen = checked_method(scene, method)
     # A maximum on a limit is no peak that a curve is fitted to: it is searched for as over several.
-    is_one = len(over) == 1 and not limited
+    # So is one of a closure, which has no noise.
+    is_one = len(over) == 1 and not limited and isinstance(chosen, Engine)
     for name, value in {"evaluations": evaluations, "precision": precision}.items():
         if value is not None and is_one:
             raise HarvesterError(f"--{name}: is for several parameters, a second --over")
     if closure is not None and not is_one:
-        raise HarvesterError("--closure: is for one parameter; over several use --method")
+        raise HarvesterError("--closure: is for one parameter by an engine; else use --method")
     follow = running.pop("progress", None) or (lambda share, words: None)
     beside = check_name("closure", closure or DEFAULT_CLOSURE, CLOSURES)
     if is_one:
-        # Averaging is compared with a simulation.
-        method = engine_of(method or checked_method(scene, None))
         load = scene.load.circuit
         outputs = RATIOS if load and load.has_output else ()
         check_name("quantity", maximise, (*MAXIMISED, *outputs))
-    chosen = checked_method(scene, method)
     if limited and not isinstance(chosen, Engine):
         raise HarvesterError(
             f"{scene.name}: beam.strain_limit: {chosen.name} gives no peak strain; take --method "

@@ -17,8 +17,8 @@ from harvester.studies.optimum.objective import Objective
 # A place belongs to the flat region if it loses at most this share, within so many standard errors.
 FLAT_SHARE, FLAT_SIGMAS = 0.01, 2.0
 # The first step outwards is the distance to the end of the range, halved HALVINGS times. The edge
-# is then located by REFINEMENTS further halvings.
-HALVINGS, REFINEMENTS = 6, 2
+# is then located by REFINEMENTS further halvings, by more for a method WITHOUT_NOISE.
+HALVINGS, REFINEMENTS, WITHOUT_NOISE = 6, 2, 8
 # A place counts as higher if its excess is more than HIGHER standard errors and more than the share
 # SHARE_HIGHER.
 HIGHER, SHARE_HIGHER = 3.0, 1e-3
@@ -73,7 +73,7 @@ def _look_around(objective, place, answer, stage):
     """The rays from a place with what is flat on each, and (place, answer) of a higher one."""
     rays = [_Ray(axis, way, place) for axis in range(len(place)) for way in (-1.0, 1.0)]
     best = None
-    for turn in range(1 + REFINEMENTS):
+    for turn in range(1 + (REFINEMENTS if objective.noisy else WITHOUT_NOISE)):
         wanted = [(ray, each) for ray in rays for each in ray.wanted(turn)]
         answers = objective.answers([ray.at(each) for ray, each in wanted], stage, moments=True)
         for (ray, reach), found in zip(wanted, answers, strict=True):

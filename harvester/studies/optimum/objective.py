@@ -125,7 +125,7 @@ class Objective:
         return math.nan if self.is_overstrained(answer) else value_of(answer, self.quantity)
 
     def is_overstrained(self, answer: Any) -> bool:
-        """Whether the mean peak of the strain at the clamp is above the scene's limit."""
+        """Whether the mean peak of the layers' strain is above the scene's limit."""
         limit = self.scene.beam.strain_limit if self.scene.beam else None
         if limit is None or not is_complete(answer):
             return False

@@ -3,9 +3,7 @@
 from __future__ import annotations
 
 import math
-import warnings
 from dataclasses import dataclass
-from operator import attrgetter
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -22,19 +20,6 @@ from harvester.studies.optimum.flat_region import FLAT_SHARE
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
-
-# Former attributes, and where each is now.
-_FORMER = {
-    "axis": "parameters[0].axis",
-    "ranges": "parameters",
-    "closure": "averaging.closure",
-    "averaged_place": "averaging.place",
-    "averaged_value": "averaging.value",
-    "averaged_reason": "averaging.reason",
-    "averaged_there": "averaging.value_at_simulated_place",
-    "fitted": "searched",
-    "wall_seconds": "seconds",
-}
 
 
 @dataclass(frozen=True)
@@ -101,19 +86,6 @@ class Optimum:
     other_starts: tuple[float, ...] = ()
     evaluations: int = 0
     seconds: float = 0.0
-
-    def __getattr__(self, name: str) -> Any:
-        if name not in _FORMER:
-            raise AttributeError(f"{type(self).__name__!r} object has no attribute {name!r}")
-        now = _FORMER[name]
-        warnings.warn(f"Optimum.{name} is now {now}", DeprecationWarning, stacklevel=2)
-        if name == "fitted":
-            return [
-                (place[self.parameters[0].axis.key], estimate) for place, estimate in self.searched
-            ]
-        if name == "axis":
-            return self.parameters[0].axis
-        return attrgetter(now)(self)
 
     @property
     def keys(self) -> list[str]:
@@ -215,7 +187,8 @@ class Optimum:
         own: Any = self.own
         low, high = self.interval
         span = f"{quantity(low, self.unit)} … {quantity(high, self.unit)}"
-        interval = f", interval {span}" if math.isfinite(low) else ""
+        noisy = is_noisy(self.scene, method_of(self.method))
+        interval = f", interval {span}" if noisy and math.isfinite(low) else ""
         return [
             f"{self.quantity.replace('_', ' ')} there: {with_error(self.value, self.unit)}"
             f"{interval}; of the scene itself {with_error(own, self.unit)}",
@@ -272,11 +245,15 @@ class Optimum:
     def _on_runs(self):
         """Sentence: the runs of an optimum over several parameters."""
         noisy = is_noisy(self.scene, method_of(self.method))
-        own_noise = "; value on noise of its own" if noisy else ""
+        told = "no noise: the place to the method's own precision"
+        if noisy:
+            told = (
+                "value on noise of its own; interval: two standard errors; seed "
+                f"{self.scene.run.seed}"
+            )
         return (
             f"{self.method}: {self.evaluations} evaluations, {len(self.searched)} of them proposed"
-            f"{own_noise}; interval: two standard errors; seed {self.scene.run.seed}, "
-            f"{self.seconds:.1f} s"
+            f"; {told}, {self.seconds:.1f} s"
         )
 
     def figure(self) -> Figure:

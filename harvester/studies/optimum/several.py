@@ -4,6 +4,9 @@ Proposals of a library for noisy functions are evaluated on common noise; the hi
 on fresh noise, as the highest of many is partly luck; from the best of them the search climbs along
 the axes, which also shows how flat the maximum is; its value comes from a last run on noise that
 nothing was chosen by.
+
+Methods without noise go on from the highest proposal by COBYQA (T. M. Ragonneau, PhD thesis, Hong
+Kong Polytechnic University, 2022), to their own precision.
 """
 
 from __future__ import annotations
@@ -12,6 +15,7 @@ import math
 from collections.abc import Callable, Sequence
 
 import numpy as np
+from scipy.optimize import minimize
 
 from harvester.errors import HarvesterError, OptimumError
 from harvester.estimates.estimate import Estimate
@@ -21,19 +25,22 @@ from harvester.method import Method
 from harvester.running import Request, Runner
 from harvester.scene.model import Scene
 from harvester.simulation.methods import Engine
-from harvester.studies.answers import check_quantity, first_answer
+from harvester.studies.answers import check_quantity, first_answer, is_noisy
 from harvester.studies.optimum.axis import Axis
 from harvester.studies.optimum.flat_region import climb, ranges
 from harvester.studies.optimum.objective import Objective
 from harvester.studies.optimum.proposals import BATCH, Proposals
 from harvester.studies.optimum.result import Optimum
 
-# Default number of proposals for each parameter.
-EVALUATIONS_EACH = 60
+# Default number of proposals for each parameter, and of places of a grid in their stead.
+EVALUATIONS_EACH, GRID = 60, 17
 FEWEST_EVALUATIONS, MOST_EVALUATIONS = 16, 100_000
 MOST_PARAMETERS = 8
 # So many places are run again on fresh noise.
 CONFIRMED = 5
+# Radius of trust of a method without noise, as a share of the ranges, at first and at the end: a
+# maximum is flat to 1e-9 within the last.
+RADIUS, LAST_RADIUS = 0.05, 1e-5
 # The climb takes about so many evaluations for each parameter. The progress bar uses this.
 CLIMB_EACH = 30
 # Noise streams, by number: for the search, for the chosen places, and for the final value.
@@ -58,7 +65,8 @@ def over_several(
     ------
     HarvesterError, OptimumError, OutOfTime, MissingLibrary
     """
-    count = EVALUATIONS_EACH * len(axes) if evaluations is None else evaluations
+    usual = GRID if _by_grid(axes, is_noisy(scene, method)) else EVALUATIONS_EACH * len(axes)
+    count = usual if evaluations is None else evaluations
     if not FEWEST_EVALUATIONS <= count <= MOST_EVALUATIONS:
         raise HarvesterError(
             f"--evaluations {count}: must be a whole number, {FEWEST_EVALUATIONS} to "
@@ -74,10 +82,13 @@ def over_several(
     objective = Objective(scene, axes, quantity, method, runner, told)
     own = first_answer(runner, Request(scene, method))
     check_quantity(quantity, own)
-    proposals = Proposals(len(objective.axes), scene.run.seed, _own_place(scene, objective.axes))
-    searched = _search(objective, proposals, count)
+    searched = _search(objective, count)
     place = _chosen(objective, searched)
-    place, answer, sides = climb(objective, place, AGAIN if objective.noisy else SEARCH)
+    stage = AGAIN if objective.noisy else SEARCH
+    start = place if objective.noisy else _refined(objective, place)
+    place, answer, sides = climb(objective, start, stage)
+    if place != start and not objective.noisy:
+        place, answer, sides = climb(objective, _refined(objective, place), stage)
     if objective.noisy:
         asked = {"precision": precision, "quantities": (quantity,)}
         (answer,) = objective.answers([place], VALUE, **asked)
@@ -109,13 +120,26 @@ def _own_place(scene, axes):
     return [axis.coordinate(value) for axis, value in tables]
 
 
-def _search(objective, proposals, count):
-    """Places proposed and their values."""
+def _by_grid(axes, noisy):
+    """Whether a grid takes the place of proposals: one parameter, without noise."""
+    return len(axes) == 1 and not noisy
+
+
+def _search(objective, count):
+    """Places proposed and their values; of one parameter without noise a grid."""
     searched: list[tuple] = []
+    axes, proposals = objective.axes, None
+    grid = [(float(each),) for each in np.linspace(0.0, 1.0, count)]
+    if not _by_grid(axes, objective.noisy):
+        proposals = Proposals(
+            len(axes), objective.scene.run.seed, _own_place(objective.scene, axes)
+        )
     while len(searched) < count:
-        places = proposals.ask(min(BATCH, count - len(searched)))
+        done, size = len(searched), min(BATCH, count - len(searched))
+        places = proposals.ask(size) if proposals else grid[done : done + size]
         values = [objective.value(answer) for answer in objective.answers(places)]
-        proposals.tell([finite(value) for value in values])
+        if proposals:
+            proposals.tell([finite(value) for value in values])
         searched += zip(places, values, strict=True)
     if all(math.isnan(value) for _, value in searched):
         raise OptimumError(f"all runs failed, at each of {len(searched)} places")
@@ -133,6 +157,21 @@ def _chosen(objective, searched):
     if all(math.isnan(value) for value in values):
         raise OptimumError("the second runs failed at all of the highest places")
     return places[int(np.nanargmax(values))]
+
+
+def _refined(objective, place):
+    """The maximum near a place, to the precision of a method without noise."""
+
+    def loss(coordinates):
+        (answer,) = objective.answers([tuple(map(float, coordinates))])
+        value = objective.value(answer)
+        return math.inf if math.isnan(value) else -value / scale
+
+    (answer,) = objective.answers([place])
+    scale = abs(objective.value(answer)) or 1.0
+    radii = {"initial_tr_radius": RADIUS, "final_tr_radius": LAST_RADIUS}
+    found = minimize(loss, place, method="COBYQA", bounds=[(0.0, 1.0)] * len(place), options=radii)
+    return tuple(map(float, found.x))
 
 
 def _other_starts(objective, place, answer):

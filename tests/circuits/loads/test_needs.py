@@ -3,7 +3,8 @@
 import pytest
 
 from circuits.loads.subcircuits import find_netlist, read_load
-from harvester.errors import NetlistError
+from harvester.errors import NetlistError, SceneError
+from harvester.scene.model import Scene
 
 # Two calls of one part, the second's values worked out from the load's own.
 OWN = """* a load of one's own
@@ -86,6 +87,7 @@ def test_other_comments_stay_comments(tmp_path, comment):
         ("bridge_buck", {"falling": 3}, "buck_converters.lib"),
         ("bridge", {"diode": 7}, "diodes.lib"),
         ("bridge_ideal", {"drop": 0}, "bridge_ideal.lib"),
+        ("bridge_ideal", {"resistance": "100k"}, "bridge_ideal.lib"),
         ("sece", {"residual": 0}, "sece.lib"),
         ("sshi_series", {"quality": -5}, "sshi_series.lib"),
     ],
@@ -93,3 +95,15 @@ def test_other_comments_stay_comments(tmp_path, comment):
 def test_loads_of_the_library_say_what_they_are_made_for(load, values, where):
     with pytest.raises(NetlistError, match=rf"^{where}:\d+: \w+ needs .* = "):
         read_load(find_netlist(load), parameters=values)
+
+
+def test_values_for_scaled_scenes_are_refused_in_si():
+    """Its leakage is 100 kΩ a diode where the conductance is left at 1e4 S."""
+    with pytest.raises(SceneError, match="give conductance, resistance, storage"):
+        Scene.load("cantilever").replace({"load.netlist": "bridge_ideal"})
+    values = {"resistance": "100k", "storage": "10u", "conductance": 10}
+    scene = Scene.load("cantilever").replace(
+        load={"netlist": "bridge_ideal", "kind": None, "resistance": None, "parameters": values}
+    )
+    assert scene.load.circuit.name == "bridge_ideal"
+    assert Scene.load("paper").replace({"load.netlist": "bridge_ideal"}).load.circuit

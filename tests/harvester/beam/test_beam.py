@@ -1,11 +1,14 @@
 """Beams from their drawings against published values, finite elements and sums of modes."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from beam_voltages import discrete, of_lumped_values, sum_of_modes
 from finite_elements_of_beams import modes_of
 
 from harvester.beam.modes import modes, rest
+from harvester.beam.summary import remarks
 from harvester.beam.table import Beam, frequencies, lumped, pieces_of, section, tip_of
 from harvester.errors import SceneError
 from harvester.scene.model import Scene
@@ -102,6 +105,21 @@ def test_section_of_a_unimorph_by_integration():
     assert made.moment_per_volt == pytest.approx(moment, rel=1e-5)
 
 
+@pytest.mark.parametrize(
+    ("material", "capacitance", "coupling"),
+    [("brass", 29.462e-9, 0.03480), ("aluminium", 29.607e-9, 0.02995)],
+)
+def test_a_unimorph_also_stretches(material, capacitance, coupling):
+    """Free capacitance and (f_open/f_short)² − 1 by 2-D finite elements in plane stress."""
+    made = lumped(Beam(40e-3, 10e-3, 0.2e-3, 0.2e-3, material=material, layers=1))
+    free = made.capacitance + made.coupling**2 / made.stiffness
+    assert free == pytest.approx(capacitance, rel=3e-3)
+    # Without the stretch 7.6 % more; shear and the clamp's section are in the elements alone.
+    assert (made.open_frequency / made.short_frequency) ** 2 - 1.0 == pytest.approx(
+        coupling, rel=0.03
+    )
+
+
 def test_a_measured_frequency_softens_the_clamp():
     beam = Beam(**LOADED, measured_frequency=44.0)
     found = lumped(beam)
@@ -117,6 +135,20 @@ def test_a_measured_capacitance_is_that_of_the_free_beam():
     assert whole == pytest.approx(50e-9, rel=1e-9)
 
 
+STEEL_BLOCK = {
+    "beam.tip_mass": 0.0, "beam.tip_material": "steel", "beam.tip_length": 8e-3,
+    "beam.tip_height": 4e-3,
+}  # fmt: skip
+
+
+def test_a_report_says_where_a_block_stands():
+    beam = Scene.load("bimorph").replace(STEEL_BLOCK).beam
+    (line,) = (each for each in remarks(beam) if "tip_offset" in each)
+    flush = replace(beam, tip_offset=-4e-3)
+    assert f"tip_offset = -0.004, the beam has {lumped(flush).short_frequency:.4g} Hz" in line
+    assert not any("tip_offset" in each for each in remarks(flush))
+
+
 @pytest.mark.parametrize(
     ("changes", "message"),
     [
@@ -126,6 +158,16 @@ def test_a_measured_capacitance_is_that_of_the_free_beam():
         ({"oscillator.mass": 0.01}, r"oscillator.mass is what \[beam\] gives"),
         ({"beam.material": "bras"}, "did you mean brass"),
         ({"beam.tip_length": 0.01}, "needs beam.tip_material"),
+        ({"beam.length": 40}, r"beam.length = 40: .*; 40 mm is 0.04$"),
+        ({"beam.modulus": 105}, r"105 GPa is 1.05e\+11$"),
+        ({"beam.thickness": 0.14}, "0.14 mm is 0.00014$"),
+        ({"beam.piezo_d31": -190}, "-190 pm/V is -1.9e-10$"),
+        ({"beam.piezo_permittivity": 13.3e-9}, "1.33e-08 F/m is 1502"),
+        ({"beam.measured_capacitance": 29.5}, "29.5 nF is 2.95e-08$"),
+        ({"beam.measured_capacitance": 2.95e-7}, "of the order of the drawing's 4.76e-08 F"),
+        ({"beam.measured_frequency": 12}, "at least 0.5 of the 45.7 Hz of a rigid clamp"),
+        ({"beam.tip_mass": 12.0}, "sags by 0.102 m under its weight"),
+        ({**STEEL_BLOCK, "beam.tip_length": 0.06}, "a block longer than the beam's 0.0508 m"),
         ({"beam": None, "magnets.distance": 0.01}, r"need the table \[beam\]"),
         ({"units": "scaled"}, 'needs units = "SI"'),
         ({"beam": 3}, "must be a table"),

@@ -1,12 +1,22 @@
 """Magnets at a beam's tip against vectors of dipoles and integrals of their own."""
 
+import itertools
+
 import numpy as np
 import pytest
 from scipy.integrate import quad
 from scipy.optimize import brentq
+from scipy.special import j1
 
-from harvester.beam.magnets import Magnets, magnetic_force, polynomial_fit
-from harvester.beam.table import lumped
+from harvester.beam.magnets import (
+    VACUUM_PERMEABILITY,
+    Magnets,
+    magnet_notes,
+    magnetic_force,
+    polynomial_fit,
+    spring_points,
+)
+from harvester.beam.table import Beam, lumped
 from harvester.errors import SceneError
 from harvester.scene.model import Scene
 from harvester.scene.units import restoring_spring
@@ -14,6 +24,11 @@ from harvester.scene.units import restoring_spring
 BISTABLE = {"distance": 8e-3, "reach": 6e-3, "tip_moment": 0.2, "frame_moment": 0.2}
 ATTRACTING = {**BISTABLE, "arrangement": "attracting", "spacing": 9e-3}
 SLOPE = 29.18
+VAN = {
+    "length": 60e-3, "width": 15e-3, "thickness": 0.25e-3, "piezo_thickness": 0.2e-3,
+    "material": "stainless steel", "piezo": "PZT-5H", "piezo_length": 30e-3,
+    "connection": "parallel", "tip_material": "steel", "tip_length": 8e-3, "tip_height": 8e-3,
+}  # fmt: skip
 
 
 def _field(moment, r):
@@ -66,6 +81,10 @@ def test_a_volume_is_a_moment():
     keys = {"remanence": 1.2, "tip_volume": 2e-7, "frame_volume": 2e-7}
     magnets = Magnets(distance=0.01, reach=0.005, **keys)
     assert magnets.moment("tip") == pytest.approx(1.2 * 2e-7 / (4e-7 * np.pi), rel=1e-6)
+    disc = Magnets(distance=0.01, reach=0.005, remanence=1.2, frame_size=(4e-3, 2e-3))
+    assert disc.moment("frame") == pytest.approx(1.2 * 8e-9 * np.pi / (4e-7 * np.pi), rel=1e-6)
+    with pytest.raises(SceneError, match="give either tip_moment"):
+        Magnets(distance=0.01, reach=0.005, tip_moment=0.1, **keys).moment("tip")
 
 
 def test_wells_barrier_and_frequency_of_a_bistable_beam():
@@ -98,12 +117,102 @@ def _exact(magnets, slope, x):
     return energy.imag / 1e-30
 
 
+SIZES = {"remanence": 1.3, "tip_size": (10e-3, 3e-3), "frame_size": (10e-3, 3e-3)}
+
+
+@pytest.mark.parametrize(("distance", "tip"), [(8e-3, (10e-3, 3e-3)), (5e-3, (6e-3, 2e-3))])
+def test_force_of_parallel_discs(distance, tip):
+    """Without rotation: ∫ J1(ka) J1(kb) J0(ky) exp(−kh)/k² dk of each pair of end faces."""
+    magnets = Magnets(distance=distance, reach=6e-3, **{**SIZES, "tip_size": tip})
+    (a, b), charge = (tip[0] / 2.0, 5e-3), 1.3 / VACUUM_PERMEABILITY
+    k = np.linspace(1e-3, 30.0 / (distance - 3e-3), 20_001)
+    for x in (1e-4, 3e-3, 6e-3):
+        total = 0.0
+        for one, other in itertools.product((1.0, -1.0), repeat=2):
+            gap = distance + 1.5e-3 * other - tip[1] / 2.0 * one
+            values = j1(k * a) * j1(k * b) * j1(k * x) * np.exp(-k * gap) / k
+            total += one * other * np.trapezoid(values, k)
+        expected = VACUUM_PERMEABILITY * charge**2 * np.pi * a * b * total
+        found = magnetic_force(magnets, 0.0, x)
+        assert found == pytest.approx(expected, rel=1e-4)
+
+
+# dU/dx (N) at 0.1, 3 and 6 mm by magpylib 6.3.0, getFT with 3000 cells, a tip of 35.2 rad/m.
+@pytest.mark.parametrize(
+    ("distance", "expected"),
+    [
+        (8e-3, (-0.0453303, -1.195162, -1.614861)),
+        (11e-3, (-0.01775038, -0.483525, -0.706676)),
+        (20e-3, (-0.002100316, -0.0595710, -0.1001747)),
+    ],
+)
+def test_force_and_torque_of_turned_discs(distance, expected):
+    magnets = Magnets(distance=distance, reach=6e-3, **SIZES)
+    found = magnetic_force(magnets, 35.19188200771001, [1e-4, 3e-3, 6e-3])
+    assert found == pytest.approx(expected, rel=1e-4)
+
+
+@pytest.mark.parametrize("keys", [{}, {"arrangement": "attracting", "spacing": 30e-3}])
+def test_blocks_far_away_are_dipoles(keys):
+    """A cube has no quadrupole: its dipole's force holds to the fourth power of size over r."""
+    cube, dipole = (
+        Magnets(distance=30e-3, reach=3e-3, remanence=1.2, **keys, **more)
+        for more in (
+            {"tip_size": (3e-3,) * 3, "frame_size": (3e-3,) * 3},
+            {"tip_volume": 27e-9, "frame_volume": 27e-9},
+        )
+    )
+    found = [magnetic_force(each, SLOPE, [1e-3, -2e-3], 6e-3) for each in (cube, dipole)]
+    assert found[0] == pytest.approx(found[1], rel=1e-3)
+
+
+def test_close_discs_leave_the_beam_monostable():
+    """11 mm between discs of 10 × 3 mm: −178 N/m of 197 N/m, where dipoles have −539 N/m."""
+    sizes = {**SIZES, "distance": 11e-3, "reach": 8e-3}
+    scene = Scene.load("bimorph").replace({"beam": VAN}, magnets=sizes)
+    spring = restoring_spring(scene.oscillator)
+    made = lumped(scene.beam)
+    assert made.stiffness == pytest.approx(196.86, rel=1e-3)
+    assert float(spring.slope(0.0)) - made.stiffness == pytest.approx(-177.5, rel=2e-3)
+    assert len(spring.roots()) == 1
+    assert not magnet_notes(scene.magnets)
+    volumes = {"tip_size": None, "frame_size": None, "tip_volume": 2.36e-7, "frame_volume": 2.36e-7}
+    dipoles = scene.replace(magnets=volumes)
+    assert len(restoring_spring(dipoles.oscillator).roots()) == 3
+    (note,) = magnet_notes(dipoles.magnets)
+    assert "dipoles 1.8 of a magnet's widths apart" in note
+
+
+@pytest.mark.parametrize("place", [-4e-3, 0.0, 10e-3])
+def test_a_magnet_lies_in_the_tips_body(place):
+    """Energy of dipoles whose own is `place` beyond the beam's end, at x + place sin(turn)."""
+    beam = Beam(**{**VAN, "tip_offset": place})
+    magnets, slope = Magnets(**BISTABLE), lumped(beam).tip_slope
+
+    def energy(x):
+        turn = slope * x
+        away = np.array([place * np.cos(turn) - place - 8e-3, x + place * np.sin(turn)])
+        tip = 0.2 * np.array([np.cos(turn), np.sin(turn)])
+        return 0.5 * lumped(beam).stiffness * x**2 - tip @ _field(np.array([-0.2, 0.0]), away)
+
+    points = np.array(spring_points(magnets, beam))[::64]
+    slopes = [(energy(x + 1e-6) - energy(x - 1e-6)) / 2e-6 for x in points[:, 0]]
+    assert points[:, 1] == pytest.approx(slopes, rel=1e-5, abs=1e-6)
+    own = Magnets(**BISTABLE, offset=0.0)
+    same = np.array(spring_points(own, beam))[::64, 1] == pytest.approx(points[:, 1], rel=1e-9)
+    assert same == (place == 0.0)
+
+
 def test_a_polynomial_has_its_error():
-    coefficients, error = polynomial_fit(Magnets(**BISTABLE), 1157.9, SLOPE)
+    coefficients, error = polynomial_fit(Magnets(**BISTABLE), Scene.load("bimorph").beam)
     assert len(coefficients) == 8
     x = np.linspace(-6e-3, 6e-3, 101)
-    exact = 1157.9 * x + magnetic_force(Magnets(**BISTABLE), SLOPE, x)
+    made = lumped(Scene.load("bimorph").beam)
+    exact = made.stiffness * x + magnetic_force(Magnets(**BISTABLE), made.tip_slope, x)
     assert np.abs(np.polynomial.Polynomial(coefficients)(x) - exact).max() <= error * 1.001
+
+
+CLOSE = {**SIZES, "tip_moment": None, "frame_moment": None}
 
 
 @pytest.mark.parametrize(
@@ -112,6 +221,12 @@ def test_a_polynomial_has_its_error():
         ({"reach": 0.05}, "would turn by"),
         ({"spacing": 0.01}, "belongs to attracting"),
         ({"tip_moment": None}, "give either tip_moment"),
+        ({"tip_moment": None, "tip_size": [5e-3, 3e-3], "remanence": 1.2}, "both tip_size and"),
+        ({"distance": 11}, "11 mm is 0.011$"),
+        ({**CLOSE, "remanence": 1300}, "1300 mT is 1.3$"),
+        ({**CLOSE, "tip_size": [10, 3]}, r"tip_size\[0\] = 10: .*10 mm is 0.01$"),
+        ({**CLOSE, "distance": 2.9e-3}, "magnets overlap"),
+        ({**CLOSE, "distance": 3.5e-3}, "come too close"),
         ({"tip_moment": None, "tip_volume": 1e-7}, "needs magnets.remanence"),
     ],
 )

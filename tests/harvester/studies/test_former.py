@@ -1,18 +1,11 @@
 """Names of the release before still work, and say what to write instead."""
 
 import importlib
-from dataclasses import replace
 
 import pytest
 
 import harvester
 from harvester import studies
-from harvester.estimates.estimate import Estimate
-from harvester.studies.optimum.axis import Axis, Parameter
-from harvester.studies.optimum.result import Averaging, Optimum
-
-PARAMETER = Parameter(Axis("load.decay_rate", 0.1, 2.0), 1.0, 0.1)
-VALUE = Estimate(2.0, 0.1, None, "power")
 
 
 def test_a_report_is_the_study_itself():
@@ -52,26 +45,3 @@ def test_optimum_takes_several_parameters():
         pytest.raises(harvester.HarvesterError, match=r"did you mean load\.decay_rate"),
     ):
         harvester.optimum_of_several("linear", {"load.decay_rat": None, "load.decay_rate": None})
-
-
-@pytest.mark.parametrize(
-    ("former", "value"),
-    [
-        ("ranges", [PARAMETER]),
-        ("axis", PARAMETER.axis),
-        ("averaged_place", 1.1),
-        ("fitted", [(0.5, VALUE)]),
-        ("wall_seconds", 3.0),
-    ],
-)
-def test_an_optimum_has_what_it_had(former, value):
-    averaging = Averaging("paper", 1.1, 2.1, "", 2.0)
-    scene = harvester.Scene.load("linear")
-    place = {"load.decay_rate": 0.5}
-    found = Optimum(
-        scene, "mean_power", "W", "circuit", [PARAMETER], VALUE, [(place, VALUE)], averaging
-    )
-    with pytest.warns(DeprecationWarning, match=f"Optimum.{former} is now"):
-        assert getattr(replace(found, seconds=3.0), former) == value
-    with pytest.raises(AttributeError, match="nonsense"):
-        found.nonsense  # noqa: B018

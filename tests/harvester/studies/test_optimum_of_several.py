@@ -6,6 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from scipy.optimize import minimize
 from toy_runner import ToyRunner
 
 from harvester.command_line import main
@@ -193,6 +194,56 @@ def test_the_command_goes_on_after_its_time(tmp_path, capsys):
     assert "within 1% of the maximum" in capsys.readouterr().out
     content = json.loads((tmp_path / "linear-optimum.json").read_text())
     assert content["parameters"]["load.decay_rate"]["range"] == [0.5, 10.0]
+
+
+LINEAR = {
+    "units": "SI",
+    "oscillator": {"mass": 8e-3, "damping_ratio": 0.02, "linear_stiffness": 505.0},
+    "piezo": {"coupling": 1.2e-3, "capacitance": 40e-9},
+    "load": {"resistance": 100e3},
+    "excitation": {"kind": "sine", "amplitude": 2.0, "frequency": 41.0},
+    "run": {"duration": 10.0, "settle": 2.0},
+}
+
+
+def _power_of_a_sine(resistance, frequency):
+    """|V|²/2R of the linear device, in closed form."""
+    rate = 2j * math.pi * frequency
+    damping = 0.04 * math.sqrt(505.0 * 8e-3)
+    compliance = 1.0 / (505.0 + rate * damping + rate**2 * 8e-3)
+    admittance = 1.0 / resistance + rate * (40e-9 + 1.2e-3**2 * compliance)
+    voltage = rate * 1.2e-3 * compliance * 8e-3 * 2.0 / admittance
+    return abs(voltage) ** 2 / 2.0 / resistance
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    "keys", [("load.resistance", "excitation.frequency"), ("load.resistance",)]
+)
+def test_a_method_without_noise_is_optimised_to_its_precision(keys):
+    ranges = {"load.resistance": (1e4, 1e6), "excitation.frequency": (35.0, 48.0)}
+    found = optimum(
+        Scene.from_tables(LINEAR), {key: ranges[key] for key in keys}, maximise="mean_power",
+        method="spectral", evaluations=16, workers=1,
+    )  # fmt: skip
+
+    def loss(values):
+        return -1e4 * _power_of_a_sine(math.exp(values[0]), *[*values[1:], 41.0][:1])
+
+    best = minimize(
+        loss,
+        [11.0, 41.0][: len(keys)],
+        method="Nelder-Mead",
+        options={"xatol": 1e-7, "fatol": 1e-12},
+    )
+    places = [math.exp(best.x[0]), *best.x[1:]]
+    assert [each.place for each in found.parameters] == pytest.approx(places, rel=1e-3)
+    assert found.value.estimate == pytest.approx(-best.fun * 1e-4, rel=1e-7)
+    # The flat region ends where 1 % is lost, the others held.
+    first = found.parameters[0]
+    for edge in (first.flat_low, first.flat_high):
+        assert loss([math.log(edge), *best.x[1:]]) / best.fun == pytest.approx(0.99, abs=2e-4)
+    assert "interval" not in " ".join(found.sentences())
 
 
 @pytest.mark.slow
