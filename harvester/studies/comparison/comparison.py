@@ -7,7 +7,7 @@ from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
-from harvester.estimates.estimate import Estimate
+from harvester.estimates.estimate import NOT_SHARP, SHARP_SHARE, Estimate
 from harvester.files.serialising import plain
 from harvester.results.headline import headline
 from harvester.results.result import Result, with_roots
@@ -220,8 +220,18 @@ class Comparison:
             return Verdict(f"There is no error bar to judge by: {reasons}.", False)
         short = len(apart) - len(known)
         tail = f"; {short} of {len(apart)} quantities have no error bar" if short else ""
+        dull = [name for name in known if not self._is_sharp(name)]
+        if dull:
+            tail += f"; {len(dull)} of {len(apart)} are not checked: {NOT_SHARP}"
         if not self.agree:
             return Verdict(f"Circuit and Monte Carlo disagree: {self._greatest()}{tail}.", False)
+        if len(dull) == len(known):
+            remedy = "raise run.duration or run.realizations"
+            return Verdict(
+                "Circuit and Monte Carlo do not check each other: every difference is "
+                f"{NOT_SHARP}; {remedy}.",
+                None,
+            )
         if self.significant or self.paired_apart:
             within = f"Circuit and Monte Carlo agree within {AGREEING_SHARE:.0%}"
             small = "significant, but negligible against that limit: the steps may cause as much"
@@ -230,6 +240,15 @@ class Comparison:
         worst = max(0.1, *known.values())
         agreed = f"Circuit and Monte Carlo agree within {worst:.1f} standard errors"
         return Verdict(f"{agreed} of every quantity{tail}.", True)
+
+    def _is_sharp(self, name):
+        """Whether the engines' difference, paired or not, is known to `SHARP_SHARE` or better."""
+        paired = self.paired.get(name)
+        if paired and paired.standard_error is not None:
+            return paired.standard_error <= SHARP_SHARE
+        circuit, reference = (each.scaled_quantities[name] for each in self._engines())
+        errors = circuit.standard_error or 0.0, reference.standard_error or 0.0
+        return math.hypot(*errors) <= SHARP_SHARE * abs(reference.estimate)
 
     def _greatest(self):
         """Text: the largest significant difference, between means or on common noise."""

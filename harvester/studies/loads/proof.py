@@ -15,7 +15,7 @@ from scipy.special import ndtr, stdtrit
 
 from harvester.errors import HarvesterError
 from harvester.estimates.batch_means import ratio_of_sums
-from harvester.estimates.estimate import why_no_error
+from harvester.estimates.estimate import SHARP_SHARE, why_no_error
 from harvester.running.realizations import Realizations, periods_of
 from harvester.running.request import good_ones, told
 from harvester.running.task import Wanted
@@ -65,9 +65,10 @@ class Proof:
     trouble: str = ""
 
     @property
-    def judges(self) -> bool:
-        """Whether there is a difference with an error bar."""
-        return not math.isnan(self.standard_error) or not math.isnan(self.early_standard_error)
+    def checks(self) -> bool:
+        """Whether nothing failed and a difference is known to `SHARP_SHARE` or better."""
+        errors = (self.standard_error, self.early_standard_error)
+        return not self.trouble and any(error <= SHARP_SHARE for error in errors)
 
     @property
     def disagrees(self) -> bool:

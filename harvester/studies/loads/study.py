@@ -14,7 +14,7 @@ import numpy as np
 
 from harvester.arguments import check_name
 from harvester.errors import LoadError
-from harvester.estimates.estimate import Estimate
+from harvester.estimates.estimate import NOT_SHARP, Estimate
 from harvester.files.serialising import fields_of, plain
 from harvester.files.tables import Tabular, write_netcdf
 from harvester.files.writing import in_folder
@@ -260,12 +260,14 @@ class Study(Tabular):
         proofs = self.proofs
         if not proofs:
             return []
-        judged = [each for each in proofs if each.judges]
-        apart = sum(each.disagrees for each in judged)
-        verdict = f"DISAGREES at {apart} of them" if apart else "agrees at all of them"
+        checked = sum(proof.checks or proof.disagrees for proof in proofs)
+        apart = sum(proof.disagrees for proof in proofs)
+        verdicts = [f"DISAGREES at {apart}"] * (apart > 0)
+        verdicts += [f"agrees at {checked - apart}"] * (checked > apart)
+        verdicts += [f"not checked at {len(proofs) - checked}"] * (len(proofs) > checked)
         head = (
-            f"the circuit as judge, on the same noise at {len(judged)} places (the optima, others "
-            f"at random), {verdict if judged else 'says nothing'}:"
+            f"cross-check with the circuit on the same noise at {len(proofs)} places (the optima, "
+            f"others at random): {', '.join(verdicts)}"
         )
         return [head, *(f"  {self._proof(each)}" for each in proofs)]
 
@@ -281,10 +283,10 @@ class Study(Tabular):
             "settled": (proof.difference, proof.standard_error),
         }
         told = [f"{_apart(*of)} {part}" for part, of in parts.items() if not math.isnan(of[1])]
-        if not told:
-            return f"{where}: {proof.trouble}"
-        words = [*told, proof.trouble] if proof.trouble else told
-        return f"{where}: circuit over Monte Carlo, paired, {', '.join(words)}"
+        words = [f"circuit over Monte Carlo, paired, {', '.join(told)}"] if told else []
+        if not (proof.checks or proof.disagrees):
+            words.append(f"not checked ({proof.trouble or NOT_SHARP})")
+        return f"{where}: {'; '.join(words)}"
 
     def headline(self) -> str:
         """The best load with its power, and where its optimum is."""

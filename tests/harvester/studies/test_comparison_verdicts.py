@@ -109,3 +109,13 @@ def test_agreement_in_the_voltage_alone_is_not_called_agreement():
     assert judged[-1].good is False
     _, judged = texts(result(), {"fokker_planck": result(1.01)})
     assert judged[-1].good
+
+
+def test_engines_whose_difference_is_not_sharp_do_not_check_each_other():
+    said, judged = texts(result(error=0.75), reference=result(error=0.75))
+    assert "do not check each other: every difference is known no better than ± 10%" in said[0]
+    assert judged[0].good is None
+    paired = {"mean_power": Estimate(0.0, 0.02, None, "1")}
+    said, judged = texts(result(error=0.75), reference=result(error=0.75), paired=paired)
+    assert said[0].endswith("; 5 of 6 are not checked: known no better than ± 10%.")
+    assert judged[0].good

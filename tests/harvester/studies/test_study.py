@@ -126,7 +126,7 @@ def test_the_circuit_is_the_judge(linear, pool):
         assert proof.standard_error < 0.01
         assert not proof.disagrees
     assert not study.alarms()
-    assert any("agrees at all of them" in line for line in study.sentences())
+    assert any("agrees at 2" in line for line in study.sentences())
     found = study.to_xarray()["circuit_difference"].values.ravel()
     assert np.isfinite(found).sum() == len(study.proofs)
 
@@ -147,7 +147,7 @@ def test_a_difference_is_named_and_red(study, capsys):
     assert "DISAGREE: resistor at 0.5 (optimum): circuit over Monte Carlo" in line
     assert line.endswith("paired, +5.0 ± 1.0 % (5.0 σ) settled")
     assert "paired, -2.00 ± 0.20 % (10.0 σ) in the first 6 periods, +5 ± 10 % (0.5 σ)" in early
-    assert any("DISAGREES at 2 of them" in line for line in report.sentences())
+    assert any(line.endswith("DISAGREES at 2, agrees at 2") for line in report.sentences())
     show_table(report, "load study", alarms=[line])
     assert line in capsys.readouterr().out
 
@@ -180,7 +180,7 @@ def test_a_part_that_fails_is_told_and_the_other_judges(linear, monkeypatch, fai
         plan.send(answers)
     proof = end.value.value
     assert proof.trouble == trouble
-    assert proof.judges
+    assert proof.checks == (failing is None)
     assert math.isnan(proof.standard_error) == (failing == 1)
     assert math.isnan(proof.early_standard_error) == (failing == 3)
 
@@ -359,3 +359,13 @@ def test_its_files_hold_what_it_found(study, tmp_path):
     powers = [evaluation.power for evaluation in study.evaluations]
     assert found["output_power"].sel(load="resistor").values.tolist() == powers
     assert float(found["optimum"][0]) == study.optima[0][0].place
+
+
+def test_a_cross_check_that_failed_or_is_not_sharp_is_not_checked(study):
+    """0 ± 75 % and an aborted circuit show nothing."""
+    proofs = [Proof(4, True, 0.0, 0.75), Proof(2, False, trouble="the circuit stopped")]
+    assert not any(proof.checks or proof.disagrees for proof in proofs)
+    head, *lines = replace(study, proofs=proofs)._proofs()
+    assert head.endswith("not checked at 2")
+    assert lines[0].endswith("0 ± 75 % (0.0 σ) settled; not checked (known no better than ± 10%)")
+    assert lines[1].endswith("not checked (the circuit stopped)")
