@@ -13,12 +13,15 @@ import numpy as np
 from harvester.errors import SceneError
 from harvester.estimates.balance import energy_balance_residual
 from harvester.estimates.batch_means import (
+    complete_batches,
+    duration_for_error,
     error_of_starts,
     error_without_chance,
     measured_time,
     standard_error,
     standard_error_of_drift,
 )
+from harvester.estimates.estimate import TOO_SHORT
 from harvester.estimates.means import estimate_all
 from harvester.estimates.measures import without_value
 from harvester.estimates.output_side import estimate_output
@@ -31,6 +34,7 @@ from harvester.estimates.settling import Shortfall, shortfalls, slow_exchange, w
 from harvester.estimates.strain import estimate_strain, strain_notes
 from harvester.estimates.units import unit_of
 from harvester.estimates.well_balance import weighted, well_balance
+from harvester.record.moments import QUANTITIES
 
 if TYPE_CHECKING:
     from harvester.estimates.estimate import Estimate
@@ -38,6 +42,9 @@ if TYPE_CHECKING:
     from harvester.prepared.prepared import Prepared
     from harvester.record.moments import Moments
     from harvester.scene.model import Scene
+
+# Fewest periods of a deterministic excitation whose means show how they differ.
+FEWEST_PERIODS = 2
 
 
 @dataclass(frozen=True)
@@ -116,11 +123,26 @@ def run_estimates(
         *efficiency_notes(whole, scales.of("power"), unit_of(scene, "power")),
         *faint_output_notes(whole),
         *strain_notes(scene, moments),
-        *(each.note for each in found),
+        *(each.note for each in found or _lengths(scene, balanced, whole)),
         *slow_exchange(scene, balance),
     )
     residual = energy_balance_residual(moments, system)
     return RunEstimates(whole, found, residual, notes, balanced, error, balance)
+
+
+def _lengths(scene, moments, whole):
+    """A shortfall of error bars, with the duration that would give them; none if all have one."""
+    batches, period = complete_batches(moments), scene.excitation.period
+    if batches is None or whole["mean_square_voltage"].note != TOO_SHORT:
+        return ()
+    series = batches[:, :, QUANTITIES.index("square_voltage")]
+    if not scene.excitation.random:
+        series = series.mean(axis=0, keepdims=True)
+    duration = duration_for_error(series, scene.run.duration)
+    if period and not scene.excitation.random:
+        duration = FEWEST_PERIODS * period
+    advice = f"about run.duration = {duration:.2g} would give error bars"
+    return (Shortfall("too short for an error bar", advice),)
 
 
 def _without_value(load, moments):
