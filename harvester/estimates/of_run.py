@@ -123,26 +123,30 @@ def run_estimates(
         *efficiency_notes(whole, scales.of("power"), unit_of(scene, "power")),
         *faint_output_notes(whole),
         *strain_notes(scene, moments),
-        *(each.note for each in found or _lengths(scene, balanced, whole)),
+        *(each.note for each in found),
         *slow_exchange(scene, balance),
     )
     residual = energy_balance_residual(moments, system)
+    whole = _with_lengths(scene, balanced, whole)
     return RunEstimates(whole, found, residual, notes, balanced, error, balance)
 
 
-def _lengths(scene, moments, whole):
-    """A shortfall of error bars, with the duration that would give them; none if all have one."""
+def _with_lengths(scene, moments, whole):
+    """The estimates; where one has no error bar, its note names the duration that would give it."""
     batches, period = complete_batches(moments), scene.excitation.period
-    if batches is None or whole["mean_square_voltage"].note != TOO_SHORT:
-        return ()
+    if batches is None or all(each.note != TOO_SHORT for each in whole.values()):
+        return whole
     series = batches[:, :, QUANTITIES.index("square_voltage")]
     if not scene.excitation.random:
         series = series.mean(axis=0, keepdims=True)
     duration = duration_for_error(series, scene.run.duration)
     if period and not scene.excitation.random:
         duration = FEWEST_PERIODS * period
-    advice = f"about run.duration = {duration:.2g} would give error bars"
-    return (Shortfall("too short for an error bar", advice),)
+    note = f"too short for an error bar: set run.duration = {duration:.2g} or more"
+    return {
+        name: replace(each, note=note) if each.note == TOO_SHORT else each
+        for name, each in whole.items()
+    }
 
 
 def _without_value(load, moments):
