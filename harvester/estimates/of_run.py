@@ -15,12 +15,15 @@ from harvester.device import timescales
 from harvester.errors import SceneError
 from harvester.estimates.balance import energy_balance_residual
 from harvester.estimates.batch_means import (
+    complete_batches,
+    duration_for_error,
     error_of_starts,
     error_without_chance,
     measured_time,
     standard_error,
     standard_error_of_drift,
 )
+from harvester.estimates.estimate import TOO_SHORT
 from harvester.estimates.means import estimate_all
 from harvester.estimates.measures import without_value
 from harvester.estimates.output_side import estimate_output
@@ -55,6 +58,8 @@ SENSITIVE = (
     "the motion is sensitive to the steps: the phase at which an event meets it rests on all steps "
     "before; choose --step finest or a shorter one, best with --method monte-carlo"
 )
+# Fewest periods of a deterministic excitation whose means show how they differ.
+FEWEST_PERIODS = 2
 
 
 @dataclass(frozen=True)
@@ -149,7 +154,26 @@ def run_estimates(
         *(SENSITIVE,) * sensitive,
     )
     residual = energy_balance_residual(moments, system)
+    whole = _with_lengths(scene, balanced, whole, memory)
     return RunEstimates(whole, found, step_error, residual, notes, balanced, error, balance)
+
+
+def _with_lengths(scene, moments, whole, memory):
+    """The estimates; where one has no error bar, its note names the duration that would give it."""
+    batches, period = complete_batches(moments), scene.excitation.period
+    if batches is None or all(each.note != TOO_SHORT for each in whole.values()):
+        return whole
+    series = batches[:, :, QUANTITIES.index("square_voltage")]
+    if not scene.excitation.random:
+        series = series.mean(axis=0, keepdims=True)
+    duration = duration_for_error(series, scene.run.duration, memory)
+    if period and not scene.excitation.random:
+        duration = FEWEST_PERIODS * period
+    note = f"too short for an error bar: set run.duration = {duration:.2g} or more"
+    return {
+        name: replace(each, note=note) if each.note == TOO_SHORT else each
+        for name, each in whole.items()
+    }
 
 
 def _without_value(load, moments):

@@ -72,6 +72,16 @@ def efficiency_notes(
             "of its own sources or of what it held at the start; its efficiencies are not shares "
             "of the piezo's power",
         )
+    given, stored = (
+        estimates[name].estimate if name in estimates else 0.0
+        for name in ("mean_output_power", "mean_storage_power")
+    )
+    if outside and given < min(0.0, 2.0 * stored):
+        return (
+            f"not between 0 and 1: {', '.join(outside)}: a source in the load feeds "
+            f"{-given * power_scale:.3g} {unit} into its output, as a sink of constant power does "
+            "whose voltage has collapsed: it asks for more than the device delivers; lower it",
+        )
     if outside:
         return (
             f"not between 0 and 1: {', '.join(outside)}: energy stored before the measured time "

@@ -108,7 +108,7 @@ def shortfalls(
         _motion(p, scene.run, estimates),
         _charge(scene, p, moments, estimates),
         _storage(ready, moments, estimates),
-        _jumps(p, moments, estimates),
+        _jumps(scene, p, moments, estimates),
         # Without chance the well is decided by the start, and a longer run has no more jumps.
         _residence(moments, estimates, balance) if scene.excitation.random else None,
     ]
@@ -319,9 +319,13 @@ def _storage(ready, moments, estimates):
     return _few_values(scene, slowest.memory, f"the memory of the store {slowest.name}")
 
 
-def _jumps(p, moments, estimates):
+def _jumps(scene, p, moments, estimates):
     """The shortfall of a run with too few jumps to estimate their contribution to E[V²]."""
     crossings = _crossings(moments)
+    # Without chance a motion that stays in its well goes on staying, and a periodic one between
+    # the wells passes as often in each period.
+    if not scene.excitation.random and (scene.excitation.period or not crossings):
+        return None
     decay = p.transducer.decay_rate()
     if not timescales.bistable(p) or not decay or crossings >= FEW_JUMPS:
         return None

@@ -14,6 +14,7 @@ from harvester.device.keys import Key, names_replace, positive
 from harvester.errors import SceneError
 from harvester.excitation.base import Excitation, ExcitationPath
 from harvester.excitation.motion_file import most_samples
+from harvester.excitation.sine import WITHOUT_CHANCE
 
 if TYPE_CHECKING:
     from numpy.random.bit_generator import SeedSequence
@@ -146,7 +147,9 @@ class Sum(Excitation):
 
     def notes(self, spacing: float, angular_frequency: float, run: Run) -> tuple[str, ...]:
         lines = [part.notes(spacing, angular_frequency, run) for part in self.parts]
-        return tuple(dict.fromkeys(line for part in lines for line in part))
+        # What holds for one sine holds for the sum only if that repeats itself too.
+        lost = WITHOUT_CHANCE if self.random or self.period is None else ""
+        return tuple(dict.fromkeys(line for part in lines for line in part if line != lost))
 
 
 class SumPath(ExcitationPath):

@@ -11,6 +11,9 @@ from harvester.errors import IdentificationError, SceneError
 
 # Fewest frequencies in a response; a third of them is kept aside.
 FEWEST_FREQUENCIES = 12
+# A response is conjugated if it turns by more than this share of all its turning, lines weighted by
+# their squares, towards larger phases: a device's turns the other way, noise either way.
+RISING = 0.5
 
 
 @dataclass(frozen=True)
@@ -83,12 +86,12 @@ class MeasuredResponse:
         )
 
     def check(self) -> None:
-        """Refuse a response with too few frequencies, or without both sides of the resonance.
+        """Refuse a response with too few frequencies, one side of the resonance, or conjugated.
 
         Raises
         ------
         IdentificationError
-            Too few frequencies, or none on one side of the resonance.
+            Too few frequencies, none on one side of the resonance, or a phase that rises.
         """
         if self.frequency.size < FEWEST_FREQUENCIES:
             raise IdentificationError(
@@ -100,6 +103,13 @@ class MeasuredResponse:
                 f"{self.name}: no excitation in the band that matters: the response is greatest at "
                 f"{self.resonance:.4g} Hz, where the record ends: measure on both sides of the "
                 "resonance"
+            )
+        turn = np.imag(np.conj(self.response[:-1]) * self.response[1:])
+        if turn.sum() > RISING * np.abs(turn).sum():
+            raise IdentificationError(
+                f"{self.name}: the phase rises through the resonance at {self.resonance:.4g} Hz, "
+                "and a device's falls: the response is conjugated; reverse the sign of its phase, "
+                "or of its imaginary part"
             )
 
 

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 from harvester.identification.candidates import SURE, Candidate, proposed, rivals
 from harvester.identification.consistency import Misfit, worst
 from harvester.identification.intervals import HALF_INTERVAL
-from harvester.identification.proof import Whiteness, sensor_noise
+from harvester.identification.proof import ResponseStretch, Whiteness, sensor_noise
 from harvester.show.numbers import share_with_error
 
 if TYPE_CHECKING:
@@ -101,11 +101,19 @@ def verdict(
 
 def _nothing(base):
     """A sentence that says that the records hold no motion to judge by."""
+    stretch = base.stretches[0]
+    cause = (
+        f"and what was measured is noise (about {base.sensor_noise:.2%} of it); measure with a "
+        "stronger excitation, and check"
+    )
+    if isinstance(stretch, ResponseStretch) and stretch.smooth:
+        cause = (
+            "and what was measured is smooth and no noise; check the voltage's polarity "
+            "(sensor.voltage_scale=-1 behind the file), the units of the phase, and"
+        )
     return (
-        f"nothing to judge: the model explains {base.stretches[0].quantity} no better than chance "
-        f"({base.nrmse:.2%} NRMSE on the data kept aside), and what was measured is noise (about "
-        f"{base.sensor_noise:.2%} of it); measure with a stronger excitation, and check that the "
-        "columns belong together"
+        f"nothing to judge: the model explains {stretch.quantity} no better than chance "
+        f"({base.nrmse:.2%} NRMSE on the data kept aside), {cause} that the columns belong together"
     )
 
 

@@ -18,9 +18,10 @@ def start_state(ready: Prepared, index: int) -> tuple[float, float, float]:
     """(X, X', transducer's state) in which a realization starts, scaled.
 
     At rest in the wells in turn, beginning on the right, unless the scene says where; drawn over
-    the energy range where `run.starts` asks for it.
+    the energy range where `run.starts` asks for it, the first at rest if its orbit is followed.
     """
-    if ready.scene.run.starts is not None:
+    run = ready.scene.run
+    if run.starts is not None and (index or run.orbit != "rest"):
         return drawn_start(ready, index)
     length, wells = ready.scales.displacement, timescales.wells(ready.system)
     displacement, velocity, state = wells[index % len(wells)], 0.0, 0.0

@@ -24,6 +24,7 @@ from harvester.scene.model import Scene
 from harvester.scene.units import Scales
 from harvester.simulation import side_by_side
 from harvester.simulation.methods import Circuit, Engine, engine_of
+from harvester.simulation.orbits import last_samples, several_starts, with_orbit
 from harvester.simulation.realization import empty_moments, run
 
 # Realizations in one task if they run side by side or fast.
@@ -56,11 +57,19 @@ def realizations(
     -------
     dict
         `moments`, a list with one of each, without histograms unless `density`; `waveform` of the
-        first, shape (len(Record._fields), WAVEFORM_POINTS), scaled, or None; `seconds` of one core.
+        first, shape (len(Record._fields), WAVEFORM_POINTS), scaled, or None; `stroboscope`, the
+        last samples of each where starts may reach several motions, or None; `seconds` of one core.
     """
     clock = time.process_time()
     window = _window(scene) if waveform else None
-    found = run(scene, engine_of(method, step=step, **settings or {}), indices, window, report)
+    found = run(
+        scene,
+        engine_of(method, step=step, **settings or {}),
+        indices,
+        window,
+        report,
+        stroboscope=several_starts(scene),
+    )
     moments = [each.moments for each in found]
     if not density:
         # Histograms are by far the largest part of an answer.
@@ -68,6 +77,7 @@ def realizations(
     return {
         "moments": moments,
         "waveform": _even(found[0].waveform) if waveform else None,
+        "stroboscope": last_samples(found),
         "seconds": time.process_time() - clock,
     }
 
@@ -132,6 +142,7 @@ class Realizations:
     ) -> "Realizations":
         """The realizations of a scene. Several form a task if that costs less."""
         size = min(_together(scene, method), scene.run.realizations)
+        scene = with_orbit(scene)
         many = scene.replace({"run.realizations": min(scene.run.realizations, MANY_REALIZATIONS)})
         return cls(many, method, size, version, density, waveform)
 
@@ -156,6 +167,8 @@ class Realizations:
             return "its waveform has another shape"
         if waveform and not np.isfinite(found["waveform"]).all():
             return "its waveform is none"
+        if several_starts(self.scene) and len(found["stroboscope"]) != len(indices):
+            return "its stroboscopic samples are of another number of realizations"
         load = self.scene.load.circuit
         rows = load.recorded if load and (load.has_output or load.recorded) else None
         fit = all(_fits(m, self._template, rows, self.density) for m in moments)

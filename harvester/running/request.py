@@ -16,11 +16,13 @@ from harvester.files.serialising import plain
 from harvester.prepared.paths import distinct_realizations
 from harvester.prepared.prepared import prepared
 from harvester.prepared.steps import knot_spacing, step_error
+from harvester.results.orbit import Attractor
 from harvester.running.realizations import MANY_REALIZATIONS, Realizations, averaging
 from harvester.running.task import Wanted
 from harvester.scene.model import Scene
 from harvester.scene.units import Scales
 from harvester.simulation.methods import method_of
+from harvester.simulation.orbits import followed
 from harvester.simulation.outcome import (
     LARGEST_RESIDUAL,
     NOTED_RESIDUAL,
@@ -137,6 +139,10 @@ class Answer:
         Whether a single further jump between the wells would change E[V²] by more than the
         precision; the error bar does not include jumps that no realization made.
     notes : tuple of str
+    on_orbits : tuple of str
+        Those of the notes that say which orbit was followed.
+    orbits : tuple of Attractor
+        The orbits that starts reached without noise, the followed one first.
     density : Density or None
         Density of the displacement.
     moments : tuple of harvester.record.moments.Moments
@@ -153,6 +159,8 @@ class Answer:
     energy_balance_residual: float | None = None
     misses_jumps: bool = False
     notes: tuple[str, ...] = ()
+    on_orbits: tuple[str, ...] = ()
+    orbits: tuple[Attractor, ...] = field(default=(), repr=False)
     density: Density | None = field(default=None, repr=False)
     moments: tuple = field(default=(), repr=False)
 
@@ -353,11 +361,10 @@ def _simulated(request, version, density):
 
 def _answer(request, good, ended):
     """The answer from some tasks' answers, and the relative error that decides."""
-    moments = [each for part in good for each in part["moments"]]
-    scene = replace(request.scene, run=replace(request.scene.run, realizations=len(moments)))
+    cost = step_error(prepared(request.scene), request.method.step, request.method.name)
+    scene, moments, orbits, on_orbits = followed(request.scene, good, cost)
     ready = prepared(scene)
     parameters = ready.system
-    cost = step_error(ready, request.method.step, request.method.name)
     found = run_estimates(ready, moments, cost)
     if not abs(found.residual) <= LARGEST_RESIDUAL:
         return not_balanced(found.residual), 0.0
@@ -368,7 +375,8 @@ def _answer(request, good, ended):
         shape = densities(found.moments, even, found.balance).get("displacement")
     if found.shortfalls and shape:
         shape = replace(shape, standard_error=None)
-    notes = [*notes_on_excitation(scene), *found.notes, *residual_notes(found.residual)]
+    notes = [*notes_on_excitation(scene), *on_orbits, *found.notes]
+    notes += residual_notes(found.residual)
     if request.precision and note_on_steps(request.precision, cost):
         notes.append(note_on_steps(request.precision, cost))
     if request.precision and reached > aim_beside_steps(request.precision, cost):
@@ -387,6 +395,8 @@ def _answer(request, good, ended):
         energy_balance_residual=found.residual,
         misses_jumps=bool(request.precision and unseen > request.precision),
         notes=tuple(notes),
+        on_orbits=on_orbits,
+        orbits=orbits,
         density=shape,
         moments=tuple(moments) if request.moments else (),
     )

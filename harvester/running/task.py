@@ -22,7 +22,7 @@ from harvester.scene.model import Scene
 from harvester.version import __version__
 
 # Version of the stored answers. Raising it makes all older ones invalid.
-FORMAT = 4
+FORMAT = 5
 # A failure of these kinds would repeat in every task, so that it ends the study.
 OF_THE_MACHINE = (EngineNotFound, CompiledDeviceUnavailable, MissingLibrary)
 

@@ -294,10 +294,15 @@ class Scene:
                 f"{origin}: run.starts = {scene.run.starts}: starts are for an excitation without "
                 "chance, a sine or one pass of a record; under noise set run.realizations"
             )
-        if scene.run.starts is not None and scene.start is not None:
+        if scene.run.orbit in ("best", "weighted") and scene.run.starts is None:
+            raise SceneError(
+                f'{origin}: run.orbit = "{scene.run.orbit}" needs drawn starts: set '
+                "run.starts = 16 or more"
+            )
+        if scene.run.starts and scene.start and scene.run.orbit != "rest":
             raise SceneError(
                 f"{origin}: run.starts = {scene.run.starts} draws where each realization begins: "
-                "leave out the table [start], or run.starts"
+                'leave out the table [start], or run.starts, or set run.orbit = "rest"'
             )
         _check_range(scene, origin)
         _check_sampling(scene, origin)

@@ -86,6 +86,7 @@ OTHER_KEYS: dict[str, Any] = {
         "seed": Key(kind=int, low=0, high=LARGEST_SEED),
         "realizations": Key(kind=int, low=1, high=1_000_000),
         "starts": Key(kind=int, low=1, high=1_000_000),
+        "orbit": Key(kind=str, words=("rest", "best", "weighted")),
     },
 }
 

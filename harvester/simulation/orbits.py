@@ -1,20 +1,26 @@
-"""The steady motions of a deterministic device, from the several starts of one run."""
+"""The steady motions of a deterministic device, from the several starts of one run.
+
+`attractors` reports all of them, for `simulate`. A study prints one number a place: `followed`
+takes the quantities of one orbit from the same groups of starts, and names the others.
+"""
 
 from __future__ import annotations
 
+import math
 from dataclasses import replace
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
 from harvester.errors import SimulationError
-from harvester.estimates.attractors import groups_of, groups_that_meet
+from harvester.estimates.attractors import Group, groups_of, groups_that_meet
 from harvester.estimates.of_run import run_estimates
+from harvester.estimates.units import unit_of
 from harvester.prepared.paths import distinct_realizations, start_state
 from harvester.prepared.prepared import prepared
 from harvester.prepared.steps import step_error
 from harvester.record.stroboscope import STATE
-from harvester.results.orbit import Attractor, orbit_name, share_error
+from harvester.results.orbit import UNTOLD, Attractor, orbit_name, share_error
 from harvester.simulation.following import (
     PARTING_PERIODS,
     calls_of,
@@ -25,6 +31,9 @@ from harvester.simulation.following import (
 )
 
 if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from harvester.record.moments import Moments
     from harvester.scene.model import Scene
     from harvester.simulation.methods import Engine
     from harvester.simulation.realization import Realization
@@ -33,8 +42,12 @@ if TYPE_CHECKING:
 # Motions without a period, those of most starts, whose exponent is looked for: what still settles
 # may make one of each start.
 MOST_EXPONENTS = 4
-# Samples at the end of a run by which motions are distinguished, and the fewest that suffice.
+# Samples at the end of a run by which motions are distinguished, and the fewest that show a period:
+# of fewer, starts are on one motion if they meet.
 SAMPLES, FEWEST_SAMPLES = 64, 6
+# Orbits whose powers differ by less than this share are told as one, such as mirror images.
+SAME_POWER = 1e-3
+ORBITS = {"rest": "from rest", "best": "with the most power"}
 
 
 def several_starts(scene: Scene) -> bool:
@@ -66,30 +79,142 @@ def attractors(
         Wall-clock limit of one of these (s).
     """
     ready = prepared(scene)
-    moments = [each.moments for each in realizations.values()]
-    last = np.array([each.stroboscope for each in realizations.values()])[:, -SAMPLES:, :STATE]
-    last = last[:, ~np.isnan(last).any(axis=(0, 2))]
-    if last.shape[1] < FEWEST_SAMPLES:
-        return ()
+    samples = np.array([each.stroboscope for each in realizations.values()])
     cost = step_error(ready, engine.step, engine.name)
-    size, speed = ready.scales.of("displacement"), ready.scales.of("velocity")
-    units = np.array([size, speed])
-    if not scene.excitation.period:
-        groups = groups_that_meet(last)
-        return tuple(
-            _attractor(scene, number, group, moments, cost, units)
-            for number, group in enumerate(groups)
-        )
+    groups = _groups(scene, [each.moments for each in realizations.values()], samples, cost)
+    if not scene.excitation.period or not scene.run.starts:
+        return tuple(motion for _, motion in groups)
     # Neighbours cost as much as some fifty starts: they are for runs that ask for motions.
-    groups, found, left = groups_of(last), [], MOST_EXPONENTS if scene.run.starts else 0
+    found, left, last = [], MOST_EXPONENTS, _last(samples)
     starts = np.array([start_state(ready, number) for number in realizations])
-    for number, group in enumerate(groups):
-        each = _attractor(scene, number, group, moments, cost, units)
-        if group.period is None and left:
+    for group, each in groups:
+        if each.kind == UNTOLD and left:
             exponent = _exponent(scene, engine, last, starts, group.members, pool, time_limit)
             each, left = replace(each, lyapunov=exponent), left - 1
         found.append(each)
     return tuple(found)
+
+
+class Followed(NamedTuple):
+    """What a study takes from the starts of a run.
+
+    Attributes
+    ----------
+    scene : Scene
+        The scene of the realizations that are left.
+    moments : list of Moments
+        Moments of the starts on the followed orbit; all under noise.
+    orbits : tuple of Attractor
+        All orbits that starts reached, the followed one first; empty for a single start.
+    notes : tuple of str
+    """
+
+    scene: Scene
+    moments: list[Moments]
+    orbits: tuple[Attractor, ...]
+    notes: tuple[str, ...]
+
+
+def with_orbit(scene: Scene) -> Scene:
+    """The scene with the orbit that a study follows: from rest, where it names none."""
+    if scene.excitation.random or scene.run.orbit:
+        return scene
+    return replace(scene, run=replace(scene.run, orbit="rest"))
+
+
+def last_samples(realizations: Sequence[Realization]) -> np.ndarray | None:
+    """The samples that `followed` needs, shape (realizations, samples, STATE), or None."""
+    kept = [each.stroboscope for each in realizations if each.stroboscope is not None]
+    return np.array(kept)[:, -SAMPLES:, :STATE] if kept else None
+
+
+def followed(scene: Scene, good: Sequence[dict], cost: float) -> Followed:
+    """The orbit that `run.orbit` names among those that starts reached.
+
+    Parameters
+    ----------
+    scene : Scene
+        Of a study: see `with_orbit`.
+    good : sequence of dict
+        Answers of `harvester.running.realizations.realizations`.
+    cost : float
+        Share of a mean power that the steps may cost.
+    """
+    scene = with_orbit(scene)
+    moments = [each for part in good for each in part["moments"]]
+    whole = replace(scene, run=replace(scene.run, realizations=len(moments)))
+    samples = [part["stroboscope"] for part in good]
+    if len(moments) == 1 or any(each is None for each in samples):
+        return Followed(whole, moments, (), note_on_one_start(scene))
+    groups = _groups(scene, moments, np.concatenate(samples), cost)
+    if scene.run.orbit == "best":
+        groups.sort(key=lambda pair: -_power(pair[1]))
+    elif scene.run.orbit == "rest":
+        groups.sort(key=lambda pair: pair[0].members[0])
+    orbits = tuple(motion for _, motion in groups)
+    notes = (on_orbits(scene, orbits),)
+    if scene.run.orbit == "weighted":
+        return Followed(whole, moments, orbits, notes)
+    members = groups[0][0].members
+    return Followed(_alone(scene, len(members)), [moments[k] for k in members], orbits, notes)
+
+
+def note_on_one_start(scene: Scene) -> tuple[str, ...]:
+    """A note that other starts may reach other motions; empty under noise or if it is linear."""
+    system = prepared(scene).system
+    linear = system.spring.straight and not system.contacts and scene.load.is_resistor
+    if scene.excitation.random or scene.excitation.prescribes_displacement or linear:
+        return ()
+    return (
+        "one start: a driven device that is not linear may have other motions with other "
+        "powers: set run.starts = 100, or use harvester basins",
+    )
+
+
+def on_orbits(scene: Scene, orbits: Sequence[Attractor]) -> str:
+    """Which orbit the quantities are of, and the power and share of the others."""
+    told = [each.sentence(unit_of(scene, "power")) for each in orbits]
+    if scene.run.orbit == "weighted":
+        return f"means over all starts: {', '.join(told)}"
+    from_start = scene.start is not None and scene.run.orbit == "rest"
+    words = "from [start]" if from_start else ORBITS[str(scene.run.orbit)]
+    head, first = f"the orbit {words} is followed", orbits[0]
+    if len(orbits) == 1:
+        return f"{head}: all starts reach it"
+    if all(math.isclose(_power(each), _power(first), rel_tol=SAME_POWER) for each in orbits):
+        return f"{head}: other starts reach orbits of the same power"
+    share = f"{first.kind}, {first.share:.1%} of the starts"
+    return f"{head} ({share}): others reach {', '.join(told[1:])}"
+
+
+def _power(motion):
+    quantities = motion.quantities
+    return quantities.get("mean_output_power", quantities["mean_power"]).estimate
+
+
+def _last(samples):
+    """The last samples that all starts reached."""
+    last = samples[:, -SAMPLES:, :STATE]
+    return last[:, ~np.isnan(last).any(axis=(0, 2))]
+
+
+def _groups(scene, moments, samples, cost):
+    """Groups of starts by their motions, each with its Attractor, the largest first."""
+    last = _last(samples)
+    periodic = bool(scene.excitation.period) and last.shape[1] >= FEWEST_SAMPLES
+    if not last.shape[1]:
+        groups = [Group(None, np.array([k]), each) for k, each in enumerate(last)]
+    else:
+        groups = groups_of(last) if periodic else groups_that_meet(last)
+    return [
+        (group, _attractor(scene, number, group, moments, cost, periodic))
+        for number, group in enumerate(groups)
+    ]
+
+
+def _alone(scene, count):
+    """The scene of a run of some starts alone."""
+    return replace(scene, run=replace(scene.run, realizations=count, starts=None))
 
 
 def _exponent(scene, engine, samples, starts, members, pool, time_limit):
@@ -104,18 +229,17 @@ def _exponent(scene, engine, samples, starts, members, pool, time_limit):
     return exponent_of(finer, np.concatenate(found), scale)
 
 
-def _attractor(scene, number, group, moments, cost, units):
+def _attractor(scene, number, group, moments, cost, periodic):
     """One motion with its own means: those of a run of its starts alone."""
-    own = [moments[k] for k in group.members]
-    alone = replace(scene, run=replace(scene.run, realizations=len(own), starts=None))
-    scaled, scales = run_estimates(prepared(alone), own, cost).scaled, prepared(scene).scales
+    own, scales = [moments[k] for k in group.members], prepared(scene).scales
+    scaled = run_estimates(prepared(_alone(scene, len(own))), own, cost).scaled
     return Attractor(
         name=orbit_name(number),
         period=group.period,
-        periodic_drive=scene.excitation.period is not None,
+        periodic_drive=periodic,
         starts=len(own),
         share=len(own) / len(moments),
         share_error=share_error(len(own), len(moments)) if scene.run.starts else None,
         quantities={name: each.times(scales.of(each.dimension)) for name, each in scaled.items()},
-        points=group.points[:, :2] * units,
+        points=group.points[:, :2] * [scales.of("displacement"), scales.of("velocity")],
     )

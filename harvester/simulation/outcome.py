@@ -25,6 +25,7 @@ from harvester.results.residual_cause import suspected_cause
 from harvester.results.result import Result
 from harvester.results.waveform import waveform_of
 from harvester.scene.model import Scene
+from harvester.simulation.orbits import note_on_one_start
 from harvester.simulation.realization import Realization
 
 if TYPE_CHECKING:
@@ -159,16 +160,7 @@ def _notes_on_starts(scene, motions):
     count, given = distinct_realizations(prepared(scene)), scene.run.realizations
     repeated = _notes_on_repetition(count, given)
     if count == 1:
-        system = prepared(scene).system
-        if scene.excitation.prescribes_displacement:
-            return repeated
-        if system.spring.straight and not system.contacts and scene.load.is_resistor:
-            return repeated
-        return (
-            *repeated,
-            "one start: a driven device that is not linear may have other motions with other "
-            "powers: set run.starts = 100, or use harvester basins",
-        )
+        return (*repeated, *note_on_one_start(scene))
     unit = unit_of(scene, "power")
     lines = (*repeated, *(each.sentence(unit) for each in motions))
     if any(each.kind == UNTOLD for each in motions):

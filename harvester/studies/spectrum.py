@@ -400,6 +400,18 @@ class SpectrumAnalysis:
         variance = (mean - 1.0) * (mean - 2.0) / (all_ - 1.0)
         return runs, float(2.0 * norm.sf(abs(runs - mean) / math.sqrt(variance)))
 
+    @property
+    def drifts(self) -> bool:
+        """Whether few runs show a drift, larger than a steady sine's stretches differ by.
+
+        Over a stretch of T the mean square of a sine is off by up to 1/(2 π f T), by its phase.
+        """
+        runs, probability = self.runs_test()
+        squares, centre = self.moments[:, 1], self.frequencies @ self.density / self.density.sum()
+        differ = len(squares) / (2.0 * math.pi * centre * self.duration)
+        few = 2 * runs < len(squares) and probability < 1.0 - CONFIDENCE
+        return bool(few and squares.std() > differ * squares.mean())
+
     def device_band(self) -> tuple[float, float, float] | None:
         """Frequency and half-power width of the device (Hz), and the share of the power in it."""
         from harvester.device import timescales
@@ -459,7 +471,7 @@ class SpectrumAnalysis:
             lines.append(
                 f"not Gaussian: its kurtosis is {(kurtosis - 3.0) / error:+.1f} errors off 3"
             )
-        if self.runs_test()[1] < 1.0 - CONFIDENCE:
+        if self.drifts:
             lines.append(
                 "not stationary: its strength drifts, so that one density does not describe it"
             )

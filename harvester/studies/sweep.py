@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
 
@@ -16,6 +16,7 @@ from harvester.files.plain_text import json_text
 from harvester.files.serialising import plain
 from harvester.files.tables import Tabular, xarray_or_say
 from harvester.method import Method
+from harvester.results.orbit import Attractor
 from harvester.running.request import COMPLETE, OUT_OF_TIME, told
 from harvester.scene.model import Scene
 from harvester.show.numbers import number, with_error
@@ -40,12 +41,15 @@ class Cell:
     estimates : dict of str to Estimate
         Estimates in the scene's units.
     realizations : int
+    orbits : tuple of Attractor
+        The orbits that starts reached without noise, the followed one first.
     """
 
     method: str
     outcome: str
     estimates: dict[str, Estimate] = field(default_factory=dict)
     realizations: int = 0
+    orbits: tuple[Attractor, ...] = field(default=(), repr=False)
 
 
 @dataclass(frozen=True)
@@ -138,13 +142,14 @@ class Sweep(Tabular):
         """How it came about, and what to know before citing a number."""
         run = self.scene.run
         ended = ["the time budget was spent: the same call goes on"] if self.out_of_time else []
-        notes = dict.fromkeys(
-            note for _, cell in self.places() for note in outcome_and_notes(cell)[1]
+        notes = placed_notes(
+            (", ".join(map(in_words, place)), outcome_and_notes(cell)[1])
+            for place, cell in self.places()
         )
         said = f"realizations of {run.duration:g} s after {run.settle:g} s, seed {run.seed}"
         return [
             *self.notes,
-            *notes,
+            *(f"at {where}: {note}" if where else note for note, where in notes),
             *ended,
             f"{', '.join(self.methods)}: {said}, the same noise everywhere; {self.seconds:.1f} s",
         ]
@@ -188,6 +193,7 @@ class Sweep(Tabular):
                             name: each.to_dict(unit_of(self.scene, each.dimension))
                             for name, each in cell.estimates.items()
                         },
+                        **orbits_of(self.scene, cell.orbits),
                     }
                     for place, cell in self.places()
                 ],
@@ -199,6 +205,26 @@ class Sweep(Tabular):
 
 
 _NOTHING = Estimate(math.nan, None, None, "1")
+
+
+def orbits_of(scene: Scene, orbits: Sequence[Attractor]) -> dict[str, list]:
+    """The JSON's entry for the orbits that starts reached; none where there is one start."""
+    found = [each.to_dict(lambda dimension: unit_of(scene, dimension)) for each in orbits]
+    return {"orbits": found} if found else {}
+
+
+def placed_notes(noted: Iterable[tuple[str, Sequence[str]]]) -> list[tuple[str, str]]:
+    """(note, its places) of the notes at some places; "" for a note that all of them have."""
+    places: dict[str, None] = {}
+    notes: dict[str, dict[str, None]] = {}
+    for place, lines in noted:
+        places[place] = None
+        for line in lines:
+            notes.setdefault(line, {})[place] = None
+    return [
+        (note, "" if len(found) == len(places) else "; ".join(found))
+        for note, found in notes.items()
+    ]
 
 
 def outcome_and_notes(cell: Cell | Evaluation) -> tuple[str, list[str]]:
@@ -230,7 +256,7 @@ def _cell(method, answer):
     outcome = answer.outcome
     if outcome == COMPLETE:
         outcome = "; ".join([COMPLETE, *answer.notes])
-    return Cell(method, outcome, answer.in_units(), answer.realizations)
+    return Cell(method, outcome, answer.in_units(), answer.realizations, answer.orbits)
 
 
 def check_quantities(quantities: Sequence[str], cells: np.ndarray) -> None:

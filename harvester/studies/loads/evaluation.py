@@ -36,6 +36,7 @@ from harvester.running.request import (
 from harvester.running.task import Wanted
 from harvester.scene.model import Scene
 from harvester.simulation.methods import Engine
+from harvester.simulation.orbits import followed
 from harvester.simulation.outcome import LARGEST_RESIDUAL
 from harvester.studies.sweep import Cell
 
@@ -138,8 +139,7 @@ def _evaluate(scene, method, good, ended, cost=0.0):
     cost : float
         Share of a power that the steps may cost; see `harvester.prepared.steps.step_error`.
     """
-    ready = prepared(scene)
-    scales = ready.scales
+    scales = prepared(scene).scales
     if not good:
         words = told(ended) if isinstance(ended, HarvesterError) else f"nothing was run: {ended}"
         return Evaluation(method, words)
@@ -148,11 +148,11 @@ def _evaluate(scene, method, good, ended, cost=0.0):
         mean = estimates["mean_power"]
         error = _or_nan(mean.standard_error)
         return Evaluation(method, COMPLETE, {**estimates, POWER: mean}, power_error=error)
-    moments = [each for part in good for each in part["moments"]]
-    found = run_estimates(ready, moments, cost)
+    scene, moments, orbits, on_orbits = followed(scene, good, cost)
+    found = run_estimates(prepared(scene), moments, cost)
     if not abs(found.residual) <= LARGEST_RESIDUAL:
         return Evaluation(method, told(not_balanced(found.residual)))
-    outcome = "; ".join([COMPLETE, *found.notes, *residual_notes(found.residual)])
+    outcome = "; ".join([COMPLETE, *on_orbits, *found.notes, *residual_notes(found.residual)])
     if isinstance(ended, HarvesterError):
         outcome = f"ended after {len(moments)} realizations: {told(ended)}"
     series = power_series(found.moments, scales.power)
@@ -166,15 +166,21 @@ def _evaluate(scene, method, good, ended, cost=0.0):
         estimates=withheld(estimates, found.shortfalls),
         series=series,
         realizations=len(moments),
+        orbits=orbits,
         power_error=_or_nan(power.standard_error),
         waveform=_waveform_in_units(good[0]["waveform"], scales),
     )
 
 
 def series_of(scene: Scene, good: Sequence[dict]) -> np.ndarray | None:
-    """Output power of a point's tasks batch by batch, in the scene's units, or None."""
-    moments = [each for part in good for each in part["moments"]]
-    return power_series(moments, prepared(scene).scales.power) if moments else None
+    """Output power of a point's tasks batch by batch, in the scene's units, or None.
+
+    Of several realizations without noise it is the mean over those on the followed orbit.
+    """
+    if not good:
+        return None
+    series = power_series(followed(scene, good, 0.0).moments, prepared(scene).scales.power)
+    return series if scene.excitation.random else series.mean(axis=0, keepdims=True)
 
 
 def power_series(moments: Sequence[Moments], unit: float) -> np.ndarray:

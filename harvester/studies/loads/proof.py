@@ -14,8 +14,11 @@ import numpy as np
 from scipy.special import ndtr, stdtrit
 
 from harvester.errors import HarvesterError
-from harvester.estimates.batch_means import ratio_of_sums
+from harvester.estimates.batch_means import ratio_of_sums, standard_error
 from harvester.estimates.estimate import SHARP_SHARE, why_no_error
+from harvester.estimates.of_run import error_of
+from harvester.prepared.prepared import prepared
+from harvester.prepared.steps import step_error
 from harvester.running.realizations import Realizations, periods_of
 from harvester.running.request import good_ones, told
 from harvester.running.task import Wanted
@@ -126,16 +129,17 @@ def proving(
     first, judge : (Engine, str)
         Monte Carlo and the circuit, each with its version, see `Runner.version`.
     """
-    settled, early = [], []
+    settled, early, costs = [], [], []
     for method, version in (first, judge):
+        costs.append(step_error(prepared(scene), method.step, method.name))
         settled.append(_tasks(scene, PROOF_REALIZATIONS, method, version))
         early.append(_tasks(early_part(scene), EARLY_REALIZATIONS, method, version))
     parts = [*settled, *early]
     answers = iter((yield Wanted([task for tasks in parts for task in tasks])))
     found = [[next(answers) for _ in tasks] for tasks in parts]
-    difference, standard_error, trouble, power = _difference(scene, *found[:2])
+    difference, standard_error, trouble, power = _difference(scene, costs, *found[:2])
     proof = Proof(place, highest, difference, standard_error, trouble=trouble)
-    difference, standard_error, trouble, early_power = _difference(scene, *found[2:])
+    difference, standard_error, trouble, early_power = _difference(scene, costs, *found[2:])
     if early_power < LEAST_EARLY_SHARE * power:
         return proof
     return replace(
@@ -157,11 +161,12 @@ def _tasks(scene, most, method, version):
     return cut.tasks(0, min(most, scene.run.realizations), scene.run.realizations)
 
 
-def _difference(scene, ours, theirs):
+def _difference(scene, costs, ours, theirs):
     """(difference, standard error, reason, power by Monte Carlo).
 
     The difference is (circuit − Monte Carlo)/Monte Carlo on the same noise. Where it or its error
-    cannot be computed it is nan, and `reason` says why; otherwise `reason` is empty.
+    cannot be computed it is nan, and `reason` says why; otherwise `reason` is empty. Without noise
+    what the steps of both may cost is part of the error.
     """
     powers = []
     for answers in (ours, theirs):
@@ -175,11 +180,14 @@ def _difference(scene, ours, theirs):
     shared = min(len(ours), len(theirs))
     if not ours[:shared].any():
         return math.nan, math.nan, "no power by Monte Carlo", 0.0
-    ratio, error = ratio_of_sums(theirs[:shared], ours[:shared])
+    drawn = scene.excitation.random
+    in_time = standard_error if drawn else error_of(scene)
+    ratio, error = ratio_of_sums(theirs[:shared], ours[:shared], in_time)
     if error is None:
         reason = why_no_error(ratio, error).partition(":")[0]
         return ratio - 1.0, math.nan, reason, float(ours.mean())
-    return ratio - 1.0, _of_few(shared) * error, "", float(ours.mean())
+    error = _of_few(shared) * error if drawn else math.hypot(error, *costs)
+    return ratio - 1.0, error, "", float(ours.mean())
 
 
 def _of_few(realizations):

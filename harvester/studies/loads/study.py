@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import itertools
 import math
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
@@ -34,7 +34,13 @@ from harvester.studies.loads.curves import Difference, optimum_of, rank
 from harvester.studies.loads.evaluation import MOST_REALIZATIONS, Evaluation
 from harvester.studies.loads.proof import Proof, places_to_prove, proving
 from harvester.studies.public import JUDGED, LOAD_STUDY_FILES
-from harvester.studies.sweep import Sweep, columns, outcome_and_notes
+from harvester.studies.sweep import (
+    Sweep,
+    columns,
+    orbits_of,
+    outcome_and_notes,
+    placed_notes,
+)
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -363,6 +369,7 @@ class Study(Tabular):
                         "outcome": each.outcome,
                         "realizations": each.realizations,
                         "quantities": each.estimates,
+                        **orbits_of(self.scene, each.orbits),
                     }
                     for k, each in enumerate(self.evaluations)
                 ],
@@ -410,22 +417,22 @@ class Study(Tabular):
         for each in differences:
             if order.index(each.worse) == order.index(each.better) + 1:
                 distance = each.estimate / each.standard_error if each.standard_error else math.nan
-                sure = f", {distance:.1f} standard errors" if math.isfinite(distance) else ""
+                told = self.scene.excitation.random and math.isfinite(distance)
+                sure = f", {distance:.1f} standard errors" if told else ""
                 apart = share_with_error(each)
                 yield f"  {each.better} over {each.worse}: {apart} (paired){sure}"
 
     def _failures(self):
         """Failures of points, and notes on the others, each printed once."""
-        points: dict[tuple[str, str], list[str]] = {}
+        points: dict[str, list[tuple[str, Sequence[str]]]] = {}
         for point, evaluation in zip(self.grid.points, self.evaluations, strict=True):
             outcome, notes = outcome_and_notes(evaluation)
-            for each in notes if outcome == COMPLETE else [outcome]:
-                place = ", ".join(number(value) for value in point.place)
-                points.setdefault((point.load, each), []).append(place)
-        every = len(self.grid.points) // len(self.grid.loads)
-        for (load, each), places in points.items():
-            where = "" if len(places) == every else f" at {'; '.join(places)}"
-            yield f"{load}{where}: {each}"
+            place = ", ".join(number(value) for value in point.place)
+            lines = notes if outcome == COMPLETE else [outcome]
+            points.setdefault(point.load, []).append((place, lines))
+        for load, noted in points.items():
+            for each, where in placed_notes(noted):
+                yield f"{load}{' at ' * bool(where)}{where}: {each}"
 
 
 def chosen(method: str | Method, step: str | float) -> tuple[Method, Engine | None]:

@@ -37,9 +37,11 @@ def series_in_units(answer: Any, quantity: str) -> np.ndarray:
     Returns
     -------
     ndarray, shape (realizations, batches)
+        Without noise one row, the mean over the starts on the followed orbit.
     """
     factor = prepared(answer.scene).scales.of(answer.quantities[quantity].dimension)
-    return factor * deviations(answer.moments, quantity)
+    series = factor * deviations(answer.moments, quantity)
+    return series if answer.scene.excitation.random else series.mean(axis=0, keepdims=True)
 
 
 class Objective:
@@ -111,11 +113,6 @@ class Objective:
         for k, answer in zip(requests, self._answers(requests.values()), strict=True):
             found[k] = answer
         return found
-
-    def answers_with(self, place: Sequence[float], changes: Sequence[dict]) -> list:
-        """Answers at one place, each with other changes of the scene; see `answers`."""
-        scene = self.scene_at(place)
-        return self._answers([Request(scene.replace(each), self.method) for each in changes])
 
     def _answers(self, requests):
         return answers_in_time(self._runner, requests, on_answer=self._count)

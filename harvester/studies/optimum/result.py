@@ -6,17 +6,18 @@ import math
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
-import numpy as np
-
 from harvester.estimates.estimate import Estimate
 from harvester.files.serialising import fields_of, plain
+from harvester.results.orbit import Attractor
 from harvester.scene.model import Scene
 from harvester.show.numbers import NOT_KNOWN, quantity, with_error
 from harvester.show.symbols import definitions, key_words
 from harvester.simulation.methods import method_of
+from harvester.simulation.orbits import on_orbits, with_orbit
 from harvester.studies.answers import is_noisy, missing_from
 from harvester.studies.optimum.axis import INTERVAL, NARROW, Parameter
 from harvester.studies.optimum.flat_region import FLAT_SHARE
+from harvester.studies.sweep import orbits_of
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -66,8 +67,8 @@ class Optimum:
         Over one parameter.
     own : Estimate or None
         The value of the scene itself, over several parameters.
-    other_starts : tuple of float
-        Values at the place from other initial states, for a deterministic excitation.
+    orbits : tuple of Attractor
+        The orbits that drawn starts reach at the place without noise, the followed one first.
     evaluations : int
         Runs in all, over several parameters.
     seconds : float
@@ -83,7 +84,7 @@ class Optimum:
     searched: list[tuple[dict[str, float], Estimate]]
     averaging: Averaging | None = None
     own: Estimate | None = None
-    other_starts: tuple[float, ...] = ()
+    orbits: tuple[Attractor, ...] = ()
     evaluations: int = 0
     seconds: float = 0.0
 
@@ -151,7 +152,7 @@ class Optimum:
     def sentences(self) -> list[str]:
         """Sentences on the intervals of place and value, and on the runs."""
         if self.averaging is None:
-            return [*self._on_value(), *self._on_ranges(), *self._on_starts(), self._on_runs()]
+            return [*self._on_value(), *self._on_ranges(), *self._on_orbits(), self._on_runs()]
         (one,) = self.parameters
         key = one.axis.key
         span = self._span(key, *(self.searched[end][0][key] for end in (0, -1)))
@@ -161,6 +162,7 @@ class Optimum:
             f"{self.method}: cubic through {len(self.searched)} places in {span} on common noise, "
             f"seed {self.scene.run.seed}; interval: two standard errors",
             *missing_from(self.quantity, self.value),
+            *self._on_orbits(),
             f"{self.seconds:.1f} s",
         ]
 
@@ -225,21 +227,15 @@ class Optimum:
             )
         return lines
 
-    def _on_starts(self):
-        """Whether what was found depends on the state that a device starts in."""
-        if not self.other_starts:
+    def _on_orbits(self):
+        """Sentences: the orbit that the search followed, and the others at the place."""
+        if not self.orbits:
             return []
-        values = np.array(self.other_starts)
-        off = np.abs(values - self.value.estimate)
-        others = values[off > FLAT_SHARE * abs(self.value.estimate)]
-        states = f"{values.size} other states"
-        if not others.size:
-            return [f"started there from each of {states} it reaches the same value: one attractor"]
+        scene, count = with_orbit(self.scene), sum(each.starts for each in self.orbits)
         return [
-            f"several attractors: started there from {values.size - others.size} of {states} it "
-            f"reaches the same value, from the others {quantity(others.min(), self.unit)} … "
-            f"{quantity(others.max(), self.unit)}; the search starts every run as the scene does: "
-            "other values of [start] may find another branch"
+            f"of {count} drawn starts there: {on_orbits(scene, self.orbits)}",
+            'run.orbit = "best" or "weighted", with run.starts = 16 or more, optimises the orbit '
+            "with the most power, or the mean over starts",
         ]
 
     def _on_runs(self):
@@ -267,7 +263,11 @@ class Optimum:
         """Plain values for JSON; over one parameter averaging and simulation side by side."""
         content = {"scene": self.scene, "maximised": self.quantity}
         told = self._side_by_side(self.averaging) if self.averaging else self._over_several()
-        last = {"seed": self.scene.run.seed, "wall_seconds": self.seconds}
+        last = {
+            **orbits_of(self.scene, self.orbits),
+            "seed": self.scene.run.seed,
+            "wall_seconds": self.seconds,
+        }
         return plain({**content, **told, **last})
 
     def _side_by_side(self, averaging):
@@ -309,8 +309,7 @@ class Optimum:
             "flat_within": FLAT_SHARE,
             "value": {**self.value.to_dict(), "interval": self.interval},
             "scene_itself": self.own,
-            "other_starts": self.other_starts,
             "searched": [{**place, "value": each.estimate} for place, each in self.searched],
             "evaluations": self.evaluations,
-            "notes": self._on_starts(),
+            "notes": self._on_orbits(),
         }

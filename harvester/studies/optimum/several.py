@@ -24,7 +24,6 @@ from harvester.files.writing import finite
 from harvester.method import Method
 from harvester.running import Request, Runner
 from harvester.scene.model import Scene
-from harvester.simulation.methods import Engine
 from harvester.studies.answers import check_quantity, first_answer, is_noisy
 from harvester.studies.optimum.axis import Axis
 from harvester.studies.optimum.flat_region import climb, ranges
@@ -45,8 +44,6 @@ RADIUS, LAST_RADIUS = 0.05, 1e-5
 CLIMB_EACH = 30
 # Noise streams, by number: for the search, for the chosen places, and for the final value.
 SEARCH, AGAIN, VALUE = 0, 1, 2
-# Number of other initial states that are tried at the maximum under a deterministic excitation.
-STARTS = 8
 
 
 def over_several(
@@ -103,7 +100,6 @@ def over_several(
         parameters=ranges(objective.axes, place, sides),
         value=answer.in_units()[quantity],
         own=own.in_units()[quantity],
-        other_starts=_other_starts(objective, place, answer),
         searched=[
             (objective.values_at(each), Estimate(value, None, None, dimension))
             for each, value in searched
@@ -172,23 +168,3 @@ def _refined(objective, place):
     radii = {"initial_tr_radius": RADIUS, "final_tr_radius": LAST_RADIUS}
     found = minimize(loss, place, method="COBYQA", bounds=[(0.0, 1.0)] * len(place), options=radii)
     return tuple(map(float, found.x))
-
-
-def _other_starts(objective, place, answer):
-    """Values from other initial states, drawn over 1.5 times the range of the motion at the
-    maximum."""
-    if objective.noisy or not isinstance(objective.method, Engine):
-        return ()
-    scene = objective.scene
-    if scene.excitation.prescribes_displacement or scene.run.starts is not None:
-        return ()
-    means = answer.in_units()
-    reach = [
-        1.5 * math.sqrt(2.0 * means[name].estimate)
-        for name in ("mean_square_displacement", "mean_square_velocity")
-    ]
-    words = np.random.SeedSequence(objective.scene.run.seed, spawn_key=(VALUE, 1))
-    states = np.random.default_rng(words).uniform(-1.0, 1.0, size=(STARTS, 2)) * reach
-    changes = [{"start.displacement": float(x), "start.velocity": float(v)} for x, v in states]
-    values = [objective.value(each) for each in objective.answers_with(place, changes)]
-    return tuple(value for value in values if not math.isnan(value))

@@ -74,6 +74,8 @@ class Sensitivity:
     out_of_time : bool
     seconds : float
         Wall-clock, of this call.
+    notes : tuple of str
+        Which orbit was followed, without noise.
     """
 
     scene: Scene
@@ -92,6 +94,7 @@ class Sensitivity:
     failures: tuple
     out_of_time: bool
     seconds: float = 0.0
+    notes: tuple = ()
 
     @property
     def devices(self) -> int:
@@ -145,7 +148,7 @@ class Sensitivity:
             f"{'replicates' if replicates > 1 else 'run'}, seed {self.scene.run.seed}; intervals: "
             f"95 %, rows resampled; {self.seconds:.1f} s"
         )
-        return [*lines, *self.failures]
+        return [*lines, *self.notes, *self.failures]
 
     def _spread(self, each):
         """Text: a quantity's interval."""
@@ -201,7 +204,7 @@ class Sensitivity:
                 "rows_asked": self.rows_asked,
                 "replicates": len(self.values),
                 "outcome": "out of time" if self.out_of_time else "complete",
-                "notes": [*self._on_noise(), *self.failures],
+                "notes": [*self._on_noise(), *self.notes, *self.failures],
                 "seconds": self.seconds,
             }
         )
@@ -295,6 +298,7 @@ def study_of(
         shares=shares[kept],
         values=values,
         rows_asked=shape[0],
+        notes=nominal.on_orbits,
         failures=_told(kept, failures, runner.out_of_time),
         out_of_time=runner.out_of_time,
     )

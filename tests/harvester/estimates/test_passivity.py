@@ -38,3 +38,12 @@ def test_an_excess_that_may_be_the_steps_own_says_so():
     assert "or the step too long" in note
     (note,) = notes(mean_power=1.0, mean_converter_loss=-4e-4, converter_efficiency=1.0004)
     assert note.startswith("the load gives 0.0004 of its power more than it takes: this is")
+
+
+def test_a_source_that_feeds_the_output_is_no_stored_energy():
+    """A sink of constant power that has collapsed, and a store that is emptied."""
+    outside = {"mean_power": 1.0, "mean_converter_loss": 4.0, "end_to_end_efficiency": -3.0}
+    (note,) = notes(**outside, mean_output_power=-3.0, mean_storage_power=-1e-6)
+    assert "a source in the load feeds 6 W into its output" in note
+    (note,) = notes(**outside, mean_output_power=-3.0, mean_storage_power=-2.9)
+    assert "energy stored before the measured time" in note

@@ -6,7 +6,11 @@ import numpy as np
 import pytest
 
 from harvester import Scene, simulate
-from harvester.estimates.batch_means import error_without_chance
+from harvester.estimates.batch_means import (
+    duration_for_error,
+    error_without_chance,
+    standard_error,
+)
 from harvester.estimates.of_run import error_of, run_estimates
 from harvester.prepared.paths import distinct_realizations
 from harvester.prepared.prepared import prepared
@@ -176,3 +180,45 @@ def test_means_are_over_whole_periods_of_the_loads_sources_too(tmp_path, name):
     batches = len(moments.integrals)
     assert batches * moments.batch_length == pytest.approx(measured, rel=1e-9)
     assert moments.start + measured == pytest.approx(1.5, rel=1e-9)
+
+
+@pytest.mark.parametrize("batches", [2, 3, 5])
+def test_few_periods_of_a_chaotic_motion_have_an_honest_error(batches):
+    """Independent normal means: at least 95 % within 1.96 errors, of which 4000 draws show 0.3 %.
+
+    The change between the halves, which holds a transient, makes the error larger still.
+    """
+    series = np.random.default_rng(3).standard_normal((4000, 1, batches))
+    inside = [abs(each.mean()) < 1.96 * error_without_chance(each) for each in series]
+    assert np.mean(inside) > 0.945
+
+
+@pytest.mark.parametrize("memory", [3.0, 8.0])
+def test_a_run_of_the_duration_named_has_an_error_bar(memory):
+    """Batches of a sequence that forgets within some of them."""
+    random, held = np.random.default_rng(4), math.exp(-1.0 / memory)
+
+    def batches(count):
+        steps = random.standard_normal(count)
+        for k in range(1, count):
+            steps[k] += held * steps[k - 1]
+        return steps[None]
+
+    short = [series for series in map(batches, [64] * 100) if standard_error(series) is None]
+    assert len(short) > 10
+    wanted = [round(duration_for_error(series, 64.0, 0.0)) for series in short]
+    assert min(wanted) > 64
+    assert np.mean([standard_error(batches(count)) is not None for count in wanted]) > 0.8
+
+
+def test_a_default_run_without_an_error_bar_names_the_duration_for_one():
+    """Two sines whose common period of 25 s fits once into the run."""
+    lines = [{"kind": "sine", "amplitude": 5.0, "frequency": each} for each in (14.04, 17.08)]
+    changes = {"excitation": {"kind": "sum", "parts": lines}, "run.realizations": 1}
+    scene = Scene.load("device").replace({**changes, "run.duration": 30.0})
+    found = simulate(scene, method="monte-carlo")
+    power = found["mean_power"]
+    assert power.standard_error is None
+    assert power.note == "too short for an error bar: set run.duration = 50 or more"
+    longer = simulate(scene.replace({"run.duration": 50.0}), method="monte-carlo")["mean_power"]
+    assert longer.standard_error < 0.01 * longer.estimate

@@ -203,3 +203,19 @@ def test_a_new_kind_is_one_class_and_one_entry(monkeypatch):
     assert noise_path(prepared(both), 0).read(3).size == 3
     with pytest.raises(SceneError, match="did you mean height"):
         with_excitation("paper", {"kind": "steps", "heigth": 0.3})
+
+
+@pytest.mark.parametrize(
+    ("parts", "told"),
+    [
+        ([SINE, SINE], True),
+        ([SINE, {**SINE, "frequency": 0.7}], True),
+        ([SINE, {**SINE, "frequency": 0.35 * 2.0**0.5}], False),
+        ([SINE, WHITE], False),
+        ([OU, SINE], False),
+    ],
+)
+def test_only_a_periodic_sum_without_noise_is_told_as_one(parts, told):
+    scene = with_excitation("linear", {"kind": "sum", "parts": parts})
+    notes = scene.excitation.notes(0.05, 1.0, scene.run)
+    assert any("periodic and deterministic" in each for each in notes) is told

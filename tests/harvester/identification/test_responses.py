@@ -1,6 +1,7 @@
 """Identification from measured frequency responses, against closed forms written out here."""
 
 import sys
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -11,7 +12,9 @@ from harvester.identification import posterior as sampling
 from harvester.identification.identify import identify
 from harvester.identification.measured_response import MeasuredResponse
 from harvester.identification.measurement import read_measurement
+from harvester.identification.proof import ResponseStretch
 from harvester.identification.report import report
+from harvester.identification.verdict import _nothing
 from harvester.scene.numbers import numbers
 
 MASS, DAMPING, RESISTANCE = 0.01, 0.05, 3e5
@@ -169,3 +172,30 @@ def test_responses_that_tell_nothing_are_refused():
             identify(scene, made)
     with pytest.raises(SceneError, match="rise from line to line"):
         MeasuredResponse(FREQUENCY[::-1], seen)
+
+
+@pytest.mark.parametrize("turned", [1.0, -1.0, 1j])
+def test_a_conjugated_response_is_told_by_its_rising_phase(turned):
+    """Whatever the polarity or a constant phase of the sensor; a phase of noise is not refused."""
+    rng = np.random.default_rng(8)
+    seen = turned * response(rng, 0.05)
+    MeasuredResponse(FREQUENCY, seen).check()
+    with pytest.raises(IdentificationError, match=r"the response is conjugated; reverse the sign"):
+        MeasuredResponse(FREQUENCY, seen.conj()).check()
+    phases = np.exp(2j * np.pi * rng.random(FREQUENCY.size))
+    MeasuredResponse(FREQUENCY, np.abs(seen) * phases).check()
+    MeasuredResponse(FREQUENCY, np.abs(seen)).check()
+
+
+def test_an_unexplained_response_is_noise_only_if_it_is_rough():
+    """A model that predicts nothing, of an inverted response and of one with phases by chance."""
+    seen = -response(np.random.default_rng(9))
+    rough = seen * np.exp(2j * np.pi * np.random.default_rng(10).random(FREQUENCY.size))
+    for values, words in ((seen, "smooth and no noise; check the voltage's"), (rough, "noise")):
+        parts = np.column_stack([values.real, values.imag])
+        stretch = ResponseStretch(
+            name="sweep.csv", outputs=("real part", "imaginary part"), rate=3.0, measured=parts,
+            windowed=0.0 * parts, free=0.0 * parts, windows=1, resistance=None, frequency=FREQUENCY,
+        )  # fmt: skip
+        base = SimpleNamespace(stretches=[stretch], nrmse=1.0, sensor_noise=1.0)
+        assert f"what was measured is {words}" in _nothing(base)

@@ -76,6 +76,17 @@ def test_drift_and_bursts_are_told(folder):
     assert any("not Gaussian" in line for line in found.sentences())
 
 
+@pytest.mark.parametrize("frequency", [46.0, 46.39, 2.39, 7.3])
+def test_a_steady_sine_does_not_drift_and_a_growing_one_does(tmp_path, frequency):
+    """Whether its stretches alternate (46 Hz) or beat slowly with them."""
+    time = np.arange(10_000) / RATE
+    sine = 2.0 * np.sin(2.0 * np.pi * frequency * time)
+    np.save(tmp_path / "sine.npy", sine)
+    np.save(tmp_path / "growing.npy", sine * np.linspace(0.8, 1.2, time.size))
+    said = [analysed(tmp_path, f"{name}.npy").sentences() for name in ("sine", "growing")]
+    assert ["not stationary" in "".join(lines) for lines in said] == [False, True]
+
+
 def test_a_record_becomes_a_specification(folder, tmp_path, capsys):
     """The scene that takes it has the record's rms; its device's power is that of white noise."""
     command = ["spectrum", str(folder / "white.npy"), "--unit", "m/s^2", "--sampling-rate", "500"]
