@@ -28,6 +28,10 @@ STILL_SETTLING = 3e-3
 # samples: of 1681 starts of the scene `device` under a sine one reached its orbit too late for
 # `REPEATS`.
 STAYS = 6
+# A start has converged if the rest of its transient is below the first share of its greatest
+# samples, or if these change by less than the second, the round-off of a period. The change is
+# taken over this stretch of the samples and over the stretch before.
+CONVERGED, ROUNDING, STRETCH = 1e-6, 1e-9, 0.375
 # For a path with noise: the longest period that is tested, in forcing periods, and the correlation
 # above which it repeats.
 LONGEST_IN_NOISE, CORRELATED = 6, 0.95
@@ -93,6 +97,43 @@ def repetition(samples: np.ndarray, scale: np.ndarray | None = None) -> np.ndarr
                 found[open_[nearly]] = shorter
                 repeats &= ~nearly
     return found
+
+
+def transients(samples: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Each start's period, and how far it still is from the cycle that it comes to.
+
+    Changes over equal stretches of whole cycles shrink by a factor r: Σ rᵏ of the last one remain.
+
+    Parameters
+    ----------
+    samples : ndarray, shape (starts, samples, 3)
+
+    Returns
+    -------
+    (ndarray of int, ndarray, ndarray), shapes (starts,)
+        The periods as `repetition` has them; the change over the last stretch, and what remains,
+        as shares of the start's greatest samples: infinite where nothing repeats or the changes do
+        not decay.
+    """
+    inside = np.isfinite(samples).all(axis=(1, 2))
+    samples = np.where(inside[:, None, None], samples, 0.0)
+    own = np.abs(samples).max(axis=1, keepdims=True)
+    scaled = samples / np.where(own > 1e-12 * own.max(axis=2, keepdims=True), own, 1.0)
+    periods = np.where(inside, repetition(scaled, np.ones(samples.shape[2])), 0)
+    changes, remains = np.full((2, len(samples)), np.inf)
+    for period in np.unique(periods[periods > 0]):
+        here, stretch = periods == period, stretch_of(period, samples.shape[1])
+        if stretch:
+            moved = np.abs(scaled[here, stretch:] - scaled[here, :-stretch]).max(axis=2)
+            now, before = moved[:, stretch:].max(axis=1), moved[:, :-stretch].max(axis=1)
+            left = np.where(now < before, now * now / np.maximum(before - now, 1e-300), np.inf)
+            changes[here], remains[here] = now, np.where(now <= ROUNDING, now, left)
+    return periods, changes, remains
+
+
+def stretch_of(period: int, count: int) -> int:
+    """Samples in the stretches of whole cycles that `transients` compares; 0: too few samples."""
+    return int(STRETCH * (count - 1)) // period * period
 
 
 def repeats_in_noise(path: np.ndarray, period: float) -> bool:

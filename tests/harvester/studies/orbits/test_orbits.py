@@ -9,12 +9,20 @@ from scipy.integrate import solve_ivp
 
 import harvester
 from harvester.errors import HarvesterError
-from harvester.estimates.attractors import divergence, groups_of, repeats_in_noise, repetition
+from harvester.estimates.attractors import (
+    CONVERGED,
+    divergence,
+    groups_of,
+    repeats_in_noise,
+    repetition,
+    transients,
+)
 from harvester.prepared.prepared import prepared
 from harvester.prepared.starts import drawn_start, energy_range
 from harvester.scene.model import Scene
+from harvester.simulation.following import follow, forced
 from harvester.studies.orbits.basins import orbit_sentences
-from harvester.studies.orbits.following import Orbit
+from harvester.studies.orbits.following import QUANTITIES, Orbit, means_of
 from harvester.studies.orbits.kramers import kramers_time
 
 pytestmark = pytest.mark.usefixtures("shared_workers")
@@ -236,12 +244,141 @@ def test_a_start_that_still_settles_is_on_the_cycle_that_it_comes_to():
 
 
 def test_what_is_not_settled_is_no_steady_motion():
-    orbit = Orbit("A", 1, None, 3, 0.75, 0.1, 2.0, 1.0, 1.0, np.zeros((1, 2)))
-    first, best, *_ = orbit_sentences(
-        [orbit, replace(orbit, name="B", period=None)], {"power": "W"}.get
+    errors = dict.fromkeys(QUANTITIES, 1e-3)
+    orbit = Orbit("A", "period 1", 1, None, 3, 0.75, 0.1, 2.0, 1.0, 1.0, errors, np.zeros((1, 2)))
+    other = replace(orbit, name="not settled", kind="not settled", period=None, mean_power=math.nan)
+    first, best, _, last = orbit_sentences([orbit, other], {"power": "W"}.get)
+    assert first == "1 steady motion: period 1"
+    assert best.startswith("most power on orbit A, 2.0000 ± 0.0010 W")
+    assert last.startswith("3 starts: not settled, ")
+
+
+def test_a_transient_tells_where_it_ends():
+    k, rates = np.arange(65), np.array([0.0, 0.02, 0.2])
+    samples = np.ones((3, 65, 3)) + 1e-3 * np.exp(-rates[:, None] * k)[:, :, None]
+    samples[0] += 1e-5 * k[:, None]
+    periods, _, remains = transients(samples)
+    assert periods.tolist() == [1, 1, 1]
+    # A steady drift has no end; a decay has what its last stretch of 24 samples leaves.
+    assert remains[0] > 1.0
+    assert remains[1] == pytest.approx(1e-3 * math.exp(-0.02 * 48), rel=0.01)
+    assert remains[2] < CONVERGED
+
+
+BISTABLE = {
+    "oscillator.damping": 0.3, "oscillator.linear_stiffness": -9.0, "load.decay_rate": 0.9,
+    "oscillator.cubic_stiffness": 25.0, "piezo.coupling": 1.1, "excitation.phase": 0.0,
+}  # fmt: skip
+
+
+def bistable(frequency, amplitude):
+    """A scaled device with an energy barrier of 0.81."""
+    changes = {**BISTABLE, "excitation.frequency": frequency, "excitation.amplitude": amplitude}
+    return duffing(0.3, 1.0, 1.0).replace(changes)
+
+
+@pytest.mark.slow
+def test_powers_hold_no_transient():
+    """Late arrivals raised the wells' powers by some percent, each by another."""
+    scene = bistable(0.4, 1.6)
+    found = harvester.basins(scene, points=6, workers=1)
+    period = scene.excitation.period
+
+    def rates(t, y):
+        x, v, voltage = y[:3]
+        force = 1.6 * math.sin(2.0 * math.pi * t / period) + 9.0 * x - 25.0 * x**3
+        return [v, force - 0.3 * v - 1.1 * voltage, v - 0.9 * voltage, 0.99 * voltage**2]
+
+    assert len(found.orbits) == 3
+    for orbit in found.orbits:
+        start, ends = [*orbit.points[0], 0.0, 0.0], [80.0 * period, 90.0 * period]
+        path = solve_ivp(rates, (0.0, ends[1]), start, "DOP853", ends, rtol=1e-10, atol=1e-12).y
+        assert path[:2, 1] == pytest.approx(orbit.points[0], abs=1e-5)
+        power = (path[3, 1] - path[3, 0]) / (10.0 * period)
+        assert orbit.mean_power == pytest.approx(power, rel=1e-6)
+        assert orbit.errors["mean_power"] < 1e-6 * power
+    assert found.orbits[1].mean_power == pytest.approx(found.orbits[2].mean_power, rel=1e-8)
+
+
+@pytest.mark.slow
+def test_mirror_orbits_and_no_orbit_of_a_start_that_settles():
+    """Two orbits of period 5: a third and one "not settled" were starts on the way to them."""
+    found = harvester.basins(bistable(0.5, 1.0), points=16, workers=1)
+    assert [each.kind for each in found.orbits] == 2 * ["period 1"] + 2 * ["period 5"]
+    powers = np.array([each.mean_power for each in found.orbits]).reshape(2, 2)
+    assert powers[:, 0] == pytest.approx(powers[:, 1], rel=1e-7)
+
+
+def escaping(amplitude):
+    """x'' + 0.1 x' + x − x² within ±1.5: beyond 1 it runs away."""
+    tables = duffing(0.1, amplitude, 0.85).to_tables()
+    spring = {"restoring_force": [0.0, 1.0, -1.0], "restoring_force_range": [-1.5, 1.5]}
+    tables["oscillator"] = {"damping": 0.1, **spring}
+    return Scene.from_tables(tables)
+
+
+def test_a_start_that_leaves_the_range_escapes():
+    line = np.linspace(-0.9, 1.2, 6)
+    found = harvester.basins(
+        escaping(0.02), displacement=line, velocity=[-0.3, 0.0, 0.3], periods=120, workers=1
     )
-    assert first == "1 steady motion: period 1; and 1 not settled"
-    assert best.startswith("most power on orbit A, 2 W")
+    x, v = (each.ravel() for each in np.meshgrid(line, [-0.3, 0.0, 0.3]))
+
+    def rates(t, y):
+        force = 0.02 * math.cos(0.85 * t)
+        return [y[1], force - 0.1 * y[1] - y[0] + y[0] ** 2]
+
+    def outside(t, y):
+        return abs(y[0]) - 1.5
+
+    outside.terminal = True
+    left = [
+        solve_ivp(rates, (0.0, 400.0), each, rtol=1e-8, events=outside).status == 1
+        for each in zip(x, v, strict=True)
+    ]
+    assert 0 < sum(left) < len(left)
+    names = [found.orbits[k].name for k in found.orbit.ravel()]
+    assert [name == "escapes" for name in names] == left
+    assert "—" in found.table()[1][-1]
+    assert found.to_dict()["orbits"][-1]["mean_power"] is None
+    assert any("escapes, the mass leaves" in line for line in found.sentences())
+
+
+def test_a_bifurcation_goes_on_beside_an_escape():
+    found = harvester.bifurcation(
+        escaping(0.02), over="excitation.amplitude", values=[0.02, 0.04, 0.4], periods=60, workers=1
+    )
+    assert [each.motion for each in found.branches] == 2 * [["period 1", "period 1", "escapes"]]
+    assert np.isnan(found.branches[0].mean_power).tolist() == [False, False, True]
+    assert not found.failures
+
+
+def test_down_begins_where_up_ended():
+    """A range that ends between the folds of a hardening spring: down keeps to the branch of up."""
+    scene = duffing(0.1, 0.1, 1.0).replace(
+        {"oscillator.linear_stiffness": 1.0, "oscillator.cubic_stiffness": 1.0}
+    )
+    up, down = harvester.bifurcation(
+        scene, over="excitation.frequency", values=np.linspace(0.15, 0.19, 5), periods=40, workers=1
+    ).branches
+    # From rest it comes to the lower branch there, with an rms displacement of 0.18.
+    assert up.rms_displacement[-1] > 0.5
+    assert down.rms_displacement == pytest.approx(up.rms_displacement, rel=1e-4)
+
+
+@pytest.mark.slow
+def test_error_bars_of_chaotic_values_hold_the_mean():
+    """64 periods of each of 60 chaotic paths: 95 % intervals hold the mean of all; 88 % or fewer
+    would be chance once in 100 times."""
+    scene = forced(duffing(0.15, 0.3, 1.0), "a test")
+    starts = np.c_[np.random.default_rng(3).uniform(-1.0, 1.0, (60, 2)), np.zeros(60)].tolist()
+    samples = follow(scene, "monte-carlo", "default", starts, 164, 64, lambda *_: None)
+    samples = samples[transients(samples[:, :, :3])[0] == 0]
+    assert len(samples) > 50
+    period = scene.excitation.period
+    means, errors = np.array([means_of(each[None], period, 0.0) for each in samples]).swapaxes(0, 1)
+    apart = np.abs(means - means_of(samples, period, 0.0)[0])[:, 2]
+    assert np.mean(apart < 1.96 * errors[:, 2]) > 0.88
 
 
 def test_exponent_of_a_growth_that_is_known():
