@@ -14,6 +14,9 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from harvester.estimates.batch_means import standard_error
+from harvester.record.stroboscope import STATE
+
 # Longest period that is tested, in forcing periods, and how many repetitions of it the samples must
 # cover.
 LONGEST_PERIOD, SEEN = 24, 2.0
@@ -32,6 +35,12 @@ STAYS = 6
 # samples, or if these change by less than the second, the round-off of a period. The change is
 # taken over this stretch of the samples and over the stretch before.
 CONVERGED, ROUNDING, STRETCH = 1e-6, 1e-9, 0.375
+# A cycle counts if less than this share of its size is left of the transient, a tenth of the
+# distance at which cycles differ. Its error bars hold the rest.
+NEARLY_CONVERGED = 1e-3
+# What `means_of` gives, by dimension. A divisor that is 0 is replaced by the smallest number.
+QUANTITIES = {"mean_power": "power", "rms_voltage": "voltage", "rms_displacement": "displacement"}
+SMALLEST = 1e-150
 # For a path with noise: the longest period that is tested, in forcing periods, and the correlation
 # above which it repeats.
 LONGEST_IN_NOISE, CORRELATED = 6, 0.95
@@ -126,7 +135,7 @@ def transients(samples: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]
         if stretch:
             moved = np.abs(scaled[here, stretch:] - scaled[here, :-stretch]).max(axis=2)
             now, before = moved[:, stretch:].max(axis=1), moved[:, :-stretch].max(axis=1)
-            left = np.where(now < before, now * now / np.maximum(before - now, 1e-300), np.inf)
+            left = np.where(now < before, now * now / np.maximum(before - now, SMALLEST), np.inf)
             changes[here], remains[here] = now, np.where(now <= ROUNDING, now, left)
     return periods, changes, remains
 
@@ -134,6 +143,40 @@ def transients(samples: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]
 def stretch_of(period: int, count: int) -> int:
     """Samples in the stretches of whole cycles that `transients` compares; 0: too few samples."""
     return int(STRETCH * (count - 1)) // period * period
+
+
+def means_of(samples: np.ndarray, seconds: float, steps: float) -> np.ndarray:
+    """`QUANTITIES` of one motion, and their errors; shape (2, 3), in the units of the samples.
+
+    Parameters
+    ----------
+    samples : ndarray, shape (starts, samples, columns)
+        One start of a periodic motion, or all starts of one without a period.
+    seconds : float
+        Period of the excitation.
+    steps : float
+        Share of a mean that the steps may cost.
+
+    Notes
+    -----
+    Of a periodic motion the means are over its last whole cycles, and the errors hold what remains
+    of the transient. Else both are those of all samples; NaN where these are too few for an error.
+    """
+    rates = np.diff(samples[:, :, STATE:], axis=1) / seconds
+    (period, *_), (change, *_), (remains, *_) = transients(samples[:, :, :STATE])
+    if len(samples) == 1 and np.isfinite(remains):
+        stretch = stretch_of(period, samples.shape[1])
+        last, before = rates[0, -stretch:], rates[0, -2 * stretch : -stretch]
+        means = last.mean(axis=0)
+        errors = np.abs(means - before.mean(axis=0)) * remains / max(change, SMALLEST)
+    else:
+        means = rates.mean(axis=(0, 1))
+        found = [standard_error(rates[:, :, k]) for k in range(means.size)]
+        errors = np.array([math.nan if each is None else each for each in found])
+    errors = np.hypot(errors, steps * means)
+    roots = np.sqrt(means[1:])
+    errors[1:] /= 2.0 * np.maximum(roots, SMALLEST)
+    return np.array([[means[0], *roots], errors])
 
 
 def repeats_in_noise(path: np.ndarray, period: float) -> bool:

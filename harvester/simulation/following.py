@@ -9,13 +9,13 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from harvester.errors import HarvesterError, SolutionDiverged, SpringRangeLeft
+from harvester.errors import HarvesterError, SimulationError
 from harvester.estimates.attractors import Divergence, divergence, sizes_of
 from harvester.excitation.base import ExcitationPath
 from harvester.prepared.paths import noise_path
 from harvester.prepared.prepared import prepared
 from harvester.prepared.steps import knot_spacing
-from harvester.record.range_watch import with_range_watch
+from harvester.record.range_watch import leaves_range, with_range_watch
 from harvester.record.stroboscope import STATE, Stroboscope
 from harvester.simulation.methods import Engine, engine_of
 
@@ -132,8 +132,8 @@ def follow(
         observers = with_range_watch(ready, [[each] for each in watching])
         try:
             chosen.run_realizations(ready, paths, [tuple(each) for each in some], observers)
-        except (SpringRangeLeft, SolutionDiverged):
-            if math.isinf(np.ptp(ready.system.spring.range)):
+        except SimulationError as error:
+            if not leaves_range(ready, error):
                 raise
             if len(some) == 1:
                 return [np.full_like(watching[0].samples, np.inf)]

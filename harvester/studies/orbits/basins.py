@@ -11,6 +11,7 @@ import numpy as np
 
 from harvester.arguments import listed
 from harvester.errors import HarvesterError
+from harvester.estimates.attractors import QUANTITIES
 from harvester.files.plain_text import json_text
 from harvester.files.serialising import plain
 from harvester.files.tables import xarray_or_say
@@ -21,7 +22,7 @@ from harvester.results.result import unit_of
 from harvester.scene.model import Scene
 from harvester.show.numbers import quantity, value_and_error
 from harvester.show.panels import entitle
-from harvester.studies.orbits.following import QUANTITIES, Orbit
+from harvester.studies.orbits.following import Orbit
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure

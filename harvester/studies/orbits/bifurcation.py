@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from harvester.errors import HarvesterError, SimulationError
+from harvester.estimates.attractors import QUANTITIES, means_of
 from harvester.estimates.estimate import Estimate
 from harvester.files.plain_text import json_text
 from harvester.files.serialising import plain
@@ -33,9 +34,7 @@ from harvester.show.panels import Panel, Series, draw_panels
 from harvester.show.symbols import key_label
 from harvester.simulation.following import follow, forced
 from harvester.studies.orbits.following import (
-    QUANTITIES,
     SAMPLES,
-    means_of,
     motion_of,
     periods_of,
 )

@@ -12,13 +12,14 @@ import numpy as np
 from harvester.errors import HarvesterError
 from harvester.estimates.attractors import (
     CONVERGED,
+    NEARLY_CONVERGED,
+    QUANTITIES,
     Divergence,
     groups_of,
+    means_of,
     repetition,
-    stretch_of,
     transients,
 )
-from harvester.estimates.batch_means import standard_error
 from harvester.estimates.estimate import Estimate
 from harvester.prepared.prepared import prepared
 from harvester.prepared.steps import step_error
@@ -58,12 +59,6 @@ SAMPLES = 64
 # transient. So many of its starts are followed this much longer again, and all of them if one finds
 # a period. The best start of each cycle then goes on, at most ROUNDS times, until it converges.
 LONGER, WITNESSES, ROUNDS = 3, 16, 3
-# A cycle counts if less than this share of its size is left of the transient, a tenth of the
-# distance at which cycles differ. Its error bars hold the rest.
-NEARLY_CONVERGED = 1e-3
-# A divisor that is 0 is replaced by this.
-SMALLEST = 1e-150
-QUANTITIES = {"mean_power": "power", "rms_voltage": "voltage", "rms_displacement": "displacement"}
 
 
 @dataclass(frozen=True)
@@ -315,40 +310,6 @@ def motion_of(scene: Scene, samples: np.ndarray) -> tuple[int, str]:
         return int(period), f"period {period}"
     unsettled = _unsettled(scene)
     return 0, unsettled if period or unsettled == CHARGING else "no period"
-
-
-def means_of(samples: np.ndarray, seconds: float, steps: float) -> np.ndarray:
-    """`QUANTITIES` of one motion, and their errors; shape (2, 3), in the units of the samples.
-
-    Parameters
-    ----------
-    samples : ndarray, shape (starts, samples, columns)
-        One start of a periodic motion, or all starts of one without a period.
-    seconds : float
-        Period of the excitation.
-    steps : float
-        Share of a mean that the steps may cost.
-
-    Notes
-    -----
-    Of a periodic motion the means are over its last whole cycles, and the errors hold what remains
-    of the transient. Else both are those of all samples; NaN where these are too few for an error.
-    """
-    rates = np.diff(samples[:, :, STATE:], axis=1) / seconds
-    (period, *_), (change, *_), (remains, *_) = transients(samples[:, :, :STATE])
-    if len(samples) == 1 and np.isfinite(remains):
-        stretch = stretch_of(period, samples.shape[1])
-        last, before = rates[0, -stretch:], rates[0, -2 * stretch : -stretch]
-        means = last.mean(axis=0)
-        errors = np.abs(means - before.mean(axis=0)) * remains / max(change, SMALLEST)
-    else:
-        means = rates.mean(axis=(0, 1))
-        found = [standard_error(rates[:, :, k]) for k in range(means.size)]
-        errors = np.array([math.nan if each is None else each for each in found])
-    errors = np.hypot(errors, steps * means)
-    roots = np.sqrt(means[1:])
-    errors[1:] /= 2.0 * np.maximum(roots, SMALLEST)
-    return np.array([[means[0], *roots], errors])
 
 
 def _orbit(scene, number, motion, count, steps):

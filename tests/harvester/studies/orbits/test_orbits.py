@@ -11,8 +11,10 @@ import harvester
 from harvester.errors import HarvesterError
 from harvester.estimates.attractors import (
     CONVERGED,
+    QUANTITIES,
     divergence,
     groups_of,
+    means_of,
     repeats_in_noise,
     repetition,
     transients,
@@ -22,7 +24,7 @@ from harvester.prepared.starts import drawn_start, energy_range
 from harvester.scene.model import Scene
 from harvester.simulation.following import follow, forced
 from harvester.studies.orbits.basins import orbit_sentences
-from harvester.studies.orbits.following import QUANTITIES, Orbit, means_of
+from harvester.studies.orbits.following import Orbit
 from harvester.studies.orbits.kramers import kramers_time
 
 pytestmark = pytest.mark.usefixtures("shared_workers")
@@ -342,6 +344,33 @@ def test_a_start_that_leaves_the_range_escapes():
     assert "—" in found.table()[1][-1]
     assert found.to_dict()["orbits"][-1]["mean_power"] is None
     assert any("escapes, the mass leaves" in line for line in found.sentences())
+
+
+@pytest.mark.slow
+def test_orbits_of_a_run_hold_no_transient_and_whole_cycles():
+    """140 periods are no whole number of the cycles of five; basins has them converged."""
+    run = {"run.starts": 24, "run.settle": 100.0, "run.duration": 200.0}
+    scene = bistable(0.7, 2.2)
+    found = harvester.simulate(scene.replace(run), method="monte-carlo", workers=1).attractors
+    expected = harvester.basins(scene, points=6, workers=1).orbits
+    kinds = ["period 1", "period 5", "period 4", "period 4"]
+    assert [each.kind for each in found] == [*kinds, "not settled"]
+    powers = {each.kind: each.mean_power for each in expected}
+    for orbit in found[:4]:
+        power = orbit.quantities["mean_power"]
+        assert abs(power.estimate - powers[orbit.kind]) < 3.0 * power.standard_error
+        assert power.standard_error < 1e-4 * power.estimate
+    assert found[-1].quantities == {}
+
+
+def test_starts_of_simulate_escape():
+    run = {"run.starts": 8, "run.settle": 250.0, "run.duration": 100.0, "piezo.coupling": 1e-3}
+    found = harvester.simulate(escaping(0.06).replace(run), method="monte-carlo", workers=1)
+    assert [each.name for each in found.attractors] == ["A", "escapes"]
+    assert sum(each.starts for each in found.attractors) == 8
+    assert sum(each.share for each in found.attractors) == pytest.approx(1.0)
+    assert not found.failures
+    assert any(line.startswith("escapes: ") for line in found.sentences())
 
 
 def test_a_bifurcation_goes_on_beside_an_escape():
