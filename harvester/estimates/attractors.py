@@ -108,14 +108,17 @@ def repetition(samples: np.ndarray, scale: np.ndarray | None = None) -> np.ndarr
     return found
 
 
-def transients(samples: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+def transients(samples: np.ndarray, memory: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Each start's period, and how far it still is from the cycle that it comes to.
 
     Changes over equal stretches of whole cycles shrink by a factor r: Σ rᵏ of the last one remain.
+    A slow store may hide behind a fast decay, so that its whole memory counts.
 
     Parameters
     ----------
     samples : ndarray, shape (starts, samples, 3)
+    memory : float
+        The slowest relaxation time, in forcing periods.
 
     Returns
     -------
@@ -136,6 +139,7 @@ def transients(samples: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]
             moved = np.abs(scaled[here, stretch:] - scaled[here, :-stretch]).max(axis=2)
             now, before = moved[:, stretch:].max(axis=1), moved[:, :-stretch].max(axis=1)
             left = np.where(now < before, now * now / np.maximum(before - now, SMALLEST), np.inf)
+            left = np.maximum(left, now * memory / stretch)
             changes[here], remains[here] = now, np.where(now <= ROUNDING, now, left)
     return periods, changes, remains
 
@@ -145,7 +149,7 @@ def stretch_of(period: int, count: int) -> int:
     return int(STRETCH * (count - 1)) // period * period
 
 
-def means_of(samples: np.ndarray, seconds: float, steps: float) -> np.ndarray:
+def means_of(samples: np.ndarray, seconds: float, steps: float, memory: float) -> np.ndarray:
     """`QUANTITIES` of one motion, and their errors; shape (2, 3), in the units of the samples.
 
     Parameters
@@ -156,6 +160,8 @@ def means_of(samples: np.ndarray, seconds: float, steps: float) -> np.ndarray:
         Period of the excitation.
     steps : float
         Share of a mean that the steps may cost.
+    memory : float
+        As in `transients`.
 
     Notes
     -----
@@ -163,7 +169,7 @@ def means_of(samples: np.ndarray, seconds: float, steps: float) -> np.ndarray:
     of the transient. Else both are those of all samples; NaN where these are too few for an error.
     """
     rates = np.diff(samples[:, :, STATE:], axis=1) / seconds
-    (period, *_), (change, *_), (remains, *_) = transients(samples[:, :, :STATE])
+    (period, *_), (change, *_), (remains, *_) = transients(samples[:, :, :STATE], memory)
     if len(samples) == 1 and np.isfinite(remains):
         stretch = stretch_of(period, samples.shape[1])
         last, before = rates[0, -stretch:], rates[0, -2 * stretch : -stretch]

@@ -158,8 +158,7 @@ def integrate(
     spacing, edges = paths[0].spacing, _edges(s)
     used = scheme_of(s, scheme, spacing / steps_per_knot)
     knots = math.ceil(stop / spacing - 1e-9)
-    # Fewer than a block of realizations are computed as one block.
-    most = (SEGMENTS_KEPT if keep else SEGMENTS) // max(len(paths), TOGETHER)
+    most = (SEGMENTS_KEPT if keep else SEGMENTS) // len(paths)
     first_knots = [float(path.read(1)[0]) for path in paths]
     begun = [
         (x, v, system.begun_state(s, state, eta))

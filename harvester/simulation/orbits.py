@@ -22,6 +22,7 @@ from harvester.estimates.of_run import run_estimates
 from harvester.prepared.paths import distinct_realizations, start_state
 from harvester.prepared.prepared import prepared
 from harvester.prepared.steps import step_error
+from harvester.prepared.transient import memory_of
 from harvester.record.stroboscope import STATE
 from harvester.results.orbit import ESCAPES, NOT_SETTLED, Attractor, orbit_name, share_error
 from harvester.simulation.following import (
@@ -103,7 +104,7 @@ def attractors(
     for group in groups_of(states):
         exponent, cycle, own = None, {}, group.members
         if group.period is not None:
-            remains = transients(states[own])[2]
+            remains = transients(states[own], memory_of(ready))[2]
             if not remains.min() <= NEARLY_CONVERGED:
                 continue
             cycle = _on_cycle(scene, last[own[[np.argmin(remains)]]], cost)
@@ -127,7 +128,7 @@ def attractors(
 def _on_cycle(scene, samples, cost):
     """Estimates over whole cycles of a start that has converged, by its stroboscopic samples."""
     estimates = {}
-    pairs = means_of(samples, scene.excitation.period, cost).T
+    pairs = means_of(samples, scene.excitation.period, cost, memory_of(prepared(scene))).T
     for (name, dimension), pair in zip(QUANTITIES.items(), pairs, strict=True):
         value, error = map(float, pair)
         estimates[name] = Estimate(value, error, None, dimension)

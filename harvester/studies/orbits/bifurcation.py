@@ -22,6 +22,7 @@ from harvester.files.tables import xarray_or_say
 from harvester.prepared.paths import start_state
 from harvester.prepared.prepared import prepared
 from harvester.prepared.steps import step_error
+from harvester.prepared.transient import memory_of
 from harvester.record.stroboscope import STATE
 from harvester.results.orbit import REASONS, UNSTEADY
 from harvester.results.result import unit_of
@@ -360,8 +361,9 @@ def _branch(scenes, engine, direction, samples):
         period, motion = motion_of(scene, samples[k])
         motions.append(motion)
         if motion not in UNSTEADY:
-            steps = step_error(prepared(scene), engine.step, engine.name)
-            values[k] = means_of(samples[k : k + 1], float(scene.excitation.period), steps)
+            ready, seconds = prepared(scene), float(scene.excitation.period)
+            steps, memory = step_error(ready, engine.step, engine.name), memory_of(ready)
+            values[k] = means_of(samples[k : k + 1], seconds, steps, memory)
             periods[k] = period
     means, errors = values.transpose(1, 2, 0)
     section = np.where(np.isfinite(samples), samples, np.nan)[:, 1:, :2]

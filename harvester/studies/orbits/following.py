@@ -23,6 +23,7 @@ from harvester.estimates.attractors import (
 from harvester.estimates.estimate import Estimate
 from harvester.prepared.prepared import prepared
 from harvester.prepared.steps import step_error
+from harvester.prepared.transient import memory_of, transient_time
 from harvester.record.stroboscope import COLUMNS, STATE
 from harvester.results.orbit import (
     CHARGING,
@@ -42,7 +43,6 @@ from harvester.simulation.following import (
     neighbours,
 )
 from harvester.simulation.methods import Engine
-from harvester.studies.transient import transient_time
 
 if TYPE_CHECKING:
     from harvester.scene.model import Scene
@@ -270,26 +270,28 @@ def _cycles(scene, engine, version, starts, samples, groups, periods):
     the same cycle are one motion.
     """
     members = [each.members for each in groups if each.period]
-    best = np.array([each[np.argmin(_remains(samples[each]))] for each in members], dtype=int)
+    best = np.array(
+        [each[np.argmin(_remains(scene, samples[each]))] for each in members], dtype=int
+    )
     first = _first_periods(scene, periods)
     plan = _Onwards(scene, engine, version, starts[best], samples[best], first)
     for k in range(1, ROUNDS) if periods is None else ():
-        again = np.flatnonzero(_remains(plan.samples) > CONVERGED)
+        again = np.flatnonzero(_remains(scene, plan.samples) > CONVERGED)
         yield from plan.follow(again, LONGER**k, LONGER ** (k + 1))
-    remains, found = _remains(plan.samples), []
+    remains, found = _remains(scene, plan.samples), []
     (settled,) = np.nonzero(remains <= NEARLY_CONVERGED)
     for group in groups_of(plan.samples[settled][:, :, :STATE]) if settled.size else []:
         same = settled[group.members]
         own = plan.samples[same[[np.argmin(remains[same])]]]
-        period = int(transients(own[:, :, :STATE])[0][0])
+        period = motion_of(scene, own[0])[0]
         together = np.concatenate([members[k] for k in same])
         found.append((together, own, own[0, -period:], None))
     return found
 
 
-def _remains(samples):
+def _remains(scene, samples):
     """What remains of each start's transient, see `transients`."""
-    return transients(samples[:, :, :STATE])[2]
+    return transients(samples[:, :, :STATE], memory_of(prepared(scene)))[2]
 
 
 def _unsettled(scene):
@@ -305,7 +307,8 @@ def motion_of(scene: Scene, samples: np.ndarray) -> tuple[int, str]:
         return 0, ESCAPES
     if np.isnan(samples).any():
         return 0, NOT_SETTLED
-    (period,), _, (remains,) = transients(samples[None, :, :STATE])
+    memory = memory_of(prepared(scene))
+    (period,), _, (remains,) = transients(samples[None, :, :STATE], memory)
     if period and remains <= NEARLY_CONVERGED:
         return int(period), f"period {period}"
     unsettled = _unsettled(scene)
@@ -317,7 +320,8 @@ def _orbit(scene, number, motion, count, steps):
     (members, samples, points, exponent), scales = motion, prepared(scene).scales
     period = None if exponent else len(points)
     units = np.array([scales.of(each) for each in QUANTITIES.values()])
-    values, errors = units * means_of(samples, float(scene.excitation.period), steps)
+    memory = memory_of(prepared(scene))
+    values, errors = units * means_of(samples, float(scene.excitation.period), steps, memory)
     return Orbit(
         orbit_name(number),
         f"period {period}" if period else "chaotic",

@@ -23,6 +23,7 @@ from harvester.prepared.prepared import prepared
 from harvester.prepared.starts import drawn_start, energy_range
 from harvester.scene.model import Scene
 from harvester.simulation.following import follow, forced
+from harvester.studies import frequency_response
 from harvester.studies.orbits.basins import orbit_sentences
 from harvester.studies.orbits.following import Orbit
 from harvester.studies.orbits.kramers import kramers_time
@@ -259,12 +260,14 @@ def test_a_transient_tells_where_it_ends():
     k, rates = np.arange(65), np.array([0.0, 0.02, 0.2])
     samples = np.ones((3, 65, 3)) + 1e-3 * np.exp(-rates[:, None] * k)[:, :, None]
     samples[0] += 1e-5 * k[:, None]
-    periods, _, remains = transients(samples)
+    periods, _, remains = transients(samples, 0.0)
     assert periods.tolist() == [1, 1, 1]
     # A steady drift has no end; a decay has what its last stretch of 24 samples leaves.
     assert remains[0] > 1.0
     assert remains[1] == pytest.approx(1e-3 * math.exp(-0.02 * 48), rel=0.01)
     assert remains[2] < CONVERGED
+    # Of a store with a memory of 1e6 periods all that is still to come counts.
+    assert transients(samples, 1e6)[2][2] > 1e-3
 
 
 BISTABLE = {
@@ -405,12 +408,52 @@ def test_error_bars_of_chaotic_values_hold_the_mean():
     scene = forced(duffing(0.15, 0.3, 1.0), "a test")
     starts = np.c_[np.random.default_rng(3).uniform(-1.0, 1.0, (60, 2)), np.zeros(60)].tolist()
     samples = follow(scene, "monte-carlo", "default", starts, 164, 64, lambda *_: None)
-    samples = samples[transients(samples[:, :, :3])[0] == 0]
+    samples = samples[transients(samples[:, :, :3], 0.0)[0] == 0]
     assert len(samples) > 50
     period = scene.excitation.period
-    means, errors = np.array([means_of(each[None], period, 0.0) for each in samples]).swapaxes(0, 1)
-    apart = np.abs(means - means_of(samples, period, 0.0)[0])[:, 2]
+    means, errors = np.array([means_of(each[None], period, 0.0, 0.0) for each in samples]).swapaxes(
+        0, 1
+    )
+    apart = np.abs(means - means_of(samples, period, 0.0, 0.0)[0])[:, 2]
     assert np.mean(apart < 1.96 * errors[:, 2]) > 0.88
+
+
+@pytest.fixture
+def slow_store(tmp_path):
+    """A bridge on 100 mF and 200 kΩ: five hours, and 480 µW at first instead of 1.39 mW."""
+    path = tmp_path / "slow.lib"
+    path.write_text(
+        "* bridge\n.subckt slow p n out ref\n.model dx d(is=4.352n n=1.906 rs=0.6458 cjo=0.7p)\n"
+        "D1 p out dx\nD2 ref p dx\nD3 n out dx\nD4 ref n dx\nCstray ref n 10p\n"
+        "Cout out ref 100m\nRload out ref 200k\n.ends\n"
+    )
+    oscillator = {"mass": 14.04e-3, "frequency": 45.7, "damping_ratio": 0.027}
+    return Scene.from_tables(
+        {
+            "units": "SI",
+            "oscillator": {**oscillator, "base_factor": 1.0854},
+            "piezo": {"coupling": 2.327e-3, "capacitance": 41.26e-9},
+            "load": {"netlist": str(path)},
+            "excitation": {"kind": "sine", "amplitude": 4.0, "frequency": 46.0},
+            "run": {"duration": 2.0},
+        }
+    )
+
+
+def test_a_store_that_still_charges_has_no_power(slow_store, monkeypatch):
+    found = harvester.basins(slow_store, displacement=[0.0], velocity=[0.0], periods=100, workers=1)
+    assert [each.kind for each in found.orbits] == ["still charging"]
+    assert math.isnan(found.orbits[0].mean_power)
+    over = harvester.bifurcation(
+        slow_store, over="excitation.amplitude", values=[3.0, 4.0], periods=80, workers=1
+    )
+    assert over.branches[1].motion == 2 * ["still charging"]
+    assert np.isnan(over.branches[1].mean_power).all()
+    monkeypatch.setattr(frequency_response, "MOST_PERIODS", 50)
+    response = harvester.frequency_response(slow_store, [45.0, 46.0], workers=1)
+    assert np.isnan(response.sweeps[0].mean_power).all()
+    assert (response.sweeps[0].residual > 1.0).all()
+    assert any("still charging at 2 frequencies" in line for line in response.sentences())
 
 
 def test_exponent_of_a_growth_that_is_known():
