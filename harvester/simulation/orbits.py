@@ -19,10 +19,10 @@ from harvester.estimates.attractors import (
 )
 from harvester.estimates.estimate import Estimate
 from harvester.estimates.of_run import run_estimates
+from harvester.estimates.transient import memory_of
 from harvester.prepared.paths import distinct_realizations, start_state
 from harvester.prepared.prepared import prepared
 from harvester.prepared.steps import step_error
-from harvester.prepared.transient import memory_of
 from harvester.record.stroboscope import STATE
 from harvester.results.orbit import ESCAPES, NOT_SETTLED, Attractor, orbit_name, share_error
 from harvester.simulation.following import (

@@ -19,6 +19,7 @@ from circuits.loads.kinds import OUTPUT
 from harvester.arguments import listed
 from harvester.device import timescales
 from harvester.errors import HarvesterError
+from harvester.estimates.transient import transient_time
 from harvester.estimates.units import SI_UNITS
 from harvester.excitation.sine import KNOTS_PER_PERIOD, Sine, SteppedSine
 from harvester.files.plain_text import json_text
@@ -28,7 +29,6 @@ from harvester.former_names import handed_on
 from harvester.prepared.paths import start_state
 from harvester.prepared.prepared import prepared
 from harvester.prepared.steps import knot_spacing
-from harvester.prepared.transient import transient_time
 from harvester.record.range_watch import with_range_watch
 from harvester.results.orbit import CHARGING, REASONS
 from harvester.scene.model import Scene

@@ -16,13 +16,13 @@ import numpy as np
 from harvester.errors import HarvesterError, SimulationError
 from harvester.estimates.attractors import QUANTITIES, means_of
 from harvester.estimates.estimate import Estimate
+from harvester.estimates.transient import memory_of
 from harvester.files.plain_text import json_text
 from harvester.files.serialising import plain
 from harvester.files.tables import xarray_or_say
 from harvester.prepared.paths import start_state
 from harvester.prepared.prepared import prepared
 from harvester.prepared.steps import step_error
-from harvester.prepared.transient import memory_of
 from harvester.record.stroboscope import STATE
 from harvester.results.orbit import REASONS, UNSTEADY
 from harvester.results.result import unit_of

@@ -21,9 +21,9 @@ from harvester.estimates.attractors import (
     transients,
 )
 from harvester.estimates.estimate import Estimate
+from harvester.estimates.transient import memory_of, transient_time
 from harvester.prepared.prepared import prepared
 from harvester.prepared.steps import step_error
-from harvester.prepared.transient import memory_of, transient_time
 from harvester.record.stroboscope import COLUMNS, STATE
 from harvester.results.orbit import (
     CHARGING,
