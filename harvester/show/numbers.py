@@ -32,8 +32,6 @@ class Estimated(Protocol):
 
 def with_error(estimate: Estimated, unit: str = "") -> str:
     """ "682 ± 12 µW", or the bare value and that it has no error bar."""
-    if not math.isfinite(estimate.estimate):
-        return NOT_KNOWN
     factor, unit = prefixed(estimate.estimate, unit)
     error = estimate.standard_error
     text = value_and_error(factor * estimate.estimate, None if error is None else factor * error)
