@@ -250,16 +250,24 @@ def orbits_of(
             if exponent is not None and exponent.chaotic and unsettled != CHARGING:
                 found.append((group.members, samples[group.members], group.points, exponent))
     found.sort(key=lambda each: (-each[0].size, each[0].min()))
-    which = np.full(len(starts), -1)
-    for number, (members, *_) in enumerate(found):
-        which[members] = number
+    which, orbits, ready = np.full(len(starts), -1), [], prepared(scene)
     followed, escaped = ~np.isnan(samples).any(axis=(1, 2)), np.isinf(samples).any(axis=(1, 2))
-    count, steps = int(followed.sum()), step_error(prepared(scene), engine.step, engine.name)
-    orbits = [_orbit(scene, k, each, count, steps) for k, each in enumerate(found)]
+    count, steps = int(followed.sum()), step_error(ready, engine.step, engine.name)
+    seconds, memory = float(scene.excitation.period or 1.0), memory_of(ready)
+    units = np.array([ready.scales.of(each) for each in QUANTITIES.values()])
+    size = np.array([ready.scales.of("displacement"), ready.scales.of("velocity")])
+    for number, (members, own, points, exponent) in enumerate(found):
+        which[members] = number
+        period = None if exponent else len(points)
+        kind = f"period {period}" if period else "chaotic"
+        values = means_of(own, seconds, steps, memory) * units
+        section = points[:, :2] * size
+        name = orbit_name(number)
+        orbits.append(_orbit(name, kind, members.size, count, values, section, period, exponent))
     for kind, here in ((unsettled, followed & ~escaped & (which < 0)), (ESCAPES, escaped)):
         if here.any():
             which[here] = len(orbits)
-            orbits.append(_no_orbit(kind, int(here.sum()), count))
+            orbits.append(_orbit(kind, kind, int(here.sum()), count))
     return orbits, which
 
 
@@ -315,32 +323,12 @@ def motion_of(scene: Scene, samples: np.ndarray) -> tuple[int, str]:
     return 0, unsettled if period or unsettled == CHARGING else "no period"
 
 
-def _orbit(scene, number, motion, count, steps):
-    """An orbit in the scene's units, from the samples that decide its means."""
-    (members, samples, points, exponent), scales = motion, prepared(scene).scales
-    period = None if exponent else len(points)
-    units = np.array([scales.of(each) for each in QUANTITIES.values()])
-    memory = memory_of(prepared(scene))
-    values, errors = units * means_of(samples, float(scene.excitation.period), steps, memory)
+def _orbit(name, kind, starts, count, values=None, points=None, period=None, exponent=None):
+    """An outcome of some starts; without values one that is no steady motion."""
+    values = np.full((2, len(QUANTITIES)), math.nan) if values is None else values
+    means, errors = (dict(zip(QUANTITIES, map(float, each), strict=True)) for each in values)
+    points = np.empty((0, 2)) if points is None else points
+    share = starts / count, share_error(starts, count)
     return Orbit(
-        orbit_name(number),
-        f"period {period}" if period else "chaotic",
-        period,
-        exponent,
-        members.size,
-        members.size / count,
-        share_error(members.size, count),
-        **dict(zip(QUANTITIES, map(float, values), strict=True)),
-        errors=dict(zip(QUANTITIES, map(float, errors), strict=True)),
-        points=points[:, :2] * np.array([scales.of("displacement"), scales.of("velocity")]),
+        name, kind, period, exponent, starts, *share, **means, errors=errors, points=points
     )
-
-
-def _no_orbit(kind, starts, count):
-    """The outcome of starts that reach no steady motion."""
-    none, share = math.nan, share_error(starts, count)
-    errors = dict.fromkeys(QUANTITIES, none)
-    return Orbit(
-        kind, kind, None, None, starts, starts / count, share, none, none, none, errors,
-        np.empty((0, 2)),
-    )  # fmt: skip

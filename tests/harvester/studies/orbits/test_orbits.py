@@ -322,6 +322,7 @@ def escaping(amplitude):
     return Scene.from_tables(tables)
 
 
+@pytest.mark.slow
 def test_a_start_that_leaves_the_range_escapes():
     line = np.linspace(-0.9, 1.2, 6)
     found = harvester.basins(
@@ -366,6 +367,7 @@ def test_orbits_of_a_run_hold_no_transient_and_whole_cycles():
     assert found[-1].quantities == {}
 
 
+@pytest.mark.slow
 def test_starts_of_simulate_escape():
     run = {"run.starts": 8, "run.settle": 250.0, "run.duration": 100.0, "piezo.coupling": 1e-3}
     found = harvester.simulate(escaping(0.06).replace(run), method="monte-carlo", workers=1)
@@ -440,6 +442,7 @@ def slow_store(tmp_path):
     )
 
 
+@pytest.mark.slow
 def test_a_store_that_still_charges_has_no_power(slow_store, monkeypatch):
     found = harvester.basins(slow_store, displacement=[0.0], velocity=[0.0], periods=100, workers=1)
     assert [each.kind for each in found.orbits] == ["still charging"]
