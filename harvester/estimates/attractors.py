@@ -14,6 +14,9 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from harvester.estimates.batch_means import standard_error
+from harvester.record.stroboscope import STATE
+
 # Longest period that is tested, in forcing periods, and how many repetitions of it the samples must
 # cover.
 LONGEST_PERIOD, SEEN = 24, 2.0
@@ -28,6 +31,16 @@ STILL_SETTLING = 3e-3
 # samples: of 1681 starts of the scene `device` under a sine one reached its orbit too late for
 # `REPEATS`.
 STAYS = 6
+# A start has converged if the rest of its transient is below the first share of its greatest
+# samples, or if these change by less than the second, the round-off of a period. The change is
+# taken over this stretch of the samples and over the stretch before.
+CONVERGED, ROUNDING, STRETCH = 1e-6, 1e-9, 0.375
+# A cycle counts if less than this share of its size is left of the transient, a tenth of the
+# distance at which cycles differ. Its error bars hold the rest.
+NEARLY_CONVERGED = 1e-3
+# What `means_of` gives, by dimension. A divisor that is 0 is replaced by the smallest number.
+QUANTITIES = {"mean_power": "power", "rms_voltage": "voltage", "rms_displacement": "displacement"}
+SMALLEST = 1e-150
 # For a path with noise: the longest period that is tested, in forcing periods, and the correlation
 # above which it repeats.
 LONGEST_IN_NOISE, CORRELATED = 6, 0.95
@@ -93,6 +106,83 @@ def repetition(samples: np.ndarray, scale: np.ndarray | None = None) -> np.ndarr
                 found[open_[nearly]] = shorter
                 repeats &= ~nearly
     return found
+
+
+def transients(samples: np.ndarray, memory: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Each start's period, and how far it still is from the cycle that it comes to.
+
+    Changes over equal stretches of whole cycles shrink by a factor r: Σ rᵏ of the last one remain.
+    A slow store may hide behind a fast decay, so that its whole memory counts.
+
+    Parameters
+    ----------
+    samples : ndarray, shape (starts, samples, 3)
+    memory : float
+        The slowest relaxation time, in forcing periods.
+
+    Returns
+    -------
+    (ndarray of int, ndarray, ndarray), shapes (starts,)
+        The periods as `repetition` has them; the change over the last stretch, and what remains,
+        as shares of the start's greatest samples: infinite where nothing repeats or the changes do
+        not decay.
+    """
+    inside = np.isfinite(samples).all(axis=(1, 2))
+    samples = np.where(inside[:, None, None], samples, 0.0)
+    own = np.abs(samples).max(axis=1, keepdims=True)
+    scaled = samples / np.where(own > 1e-12 * own.max(axis=2, keepdims=True), own, 1.0)
+    periods = np.where(inside, repetition(scaled, np.ones(samples.shape[2])), 0)
+    changes, remains = np.full((2, len(samples)), np.inf)
+    for period in np.unique(periods[periods > 0]):
+        here, stretch = periods == period, stretch_of(period, samples.shape[1])
+        if stretch:
+            moved = np.abs(scaled[here, stretch:] - scaled[here, :-stretch]).max(axis=2)
+            now, before = moved[:, stretch:].max(axis=1), moved[:, :-stretch].max(axis=1)
+            left = np.where(now < before, now * now / np.maximum(before - now, SMALLEST), np.inf)
+            left = np.maximum(left, now * memory / stretch)
+            changes[here], remains[here] = now, np.where(now <= ROUNDING, now, left)
+    return periods, changes, remains
+
+
+def stretch_of(period: int, count: int) -> int:
+    """Samples in the stretches of whole cycles that `transients` compares; 0: too few samples."""
+    return int(STRETCH * (count - 1)) // period * period
+
+
+def means_of(samples: np.ndarray, seconds: float, steps: float, memory: float) -> np.ndarray:
+    """`QUANTITIES` of one motion, and their errors; shape (2, 3), in the units of the samples.
+
+    Parameters
+    ----------
+    samples : ndarray, shape (starts, samples, columns)
+        One start of a periodic motion, or all starts of one without a period.
+    seconds : float
+        Period of the excitation.
+    steps : float
+        Share of a mean that the steps may cost.
+    memory : float
+        As in `transients`.
+
+    Notes
+    -----
+    Of a periodic motion the means are over its last whole cycles, and the errors hold what remains
+    of the transient. Else both are those of all samples; NaN where these are too few for an error.
+    """
+    rates = np.diff(samples[:, :, STATE:], axis=1) / seconds
+    (period, *_), (change, *_), (remains, *_) = transients(samples[:, :, :STATE], memory)
+    if len(samples) == 1 and np.isfinite(remains):
+        stretch = stretch_of(period, samples.shape[1])
+        last, before = rates[0, -stretch:], rates[0, -2 * stretch : -stretch]
+        means = last.mean(axis=0)
+        errors = np.abs(means - before.mean(axis=0)) * remains / max(change, SMALLEST)
+    else:
+        means = rates.mean(axis=(0, 1))
+        found = [standard_error(rates[:, :, k]) for k in range(means.size)]
+        errors = np.array([math.nan if each is None else each for each in found])
+    errors = np.hypot(errors, steps * means)
+    roots = np.sqrt(means[1:])
+    errors[1:] /= 2.0 * np.maximum(roots, SMALLEST)
+    return np.array([[means[0], *roots], errors])
 
 
 def repeats_in_noise(path: np.ndarray, period: float) -> bool:

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from harvester.errors import SpringRangeLeft
+from harvester.errors import SolutionDiverged, SpringRangeLeft
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -53,6 +53,13 @@ class RangeWatch:
                 f"t = {record.time[first]:.6g} s, x = {x:.6g}{self._unit}: the spring is not known "
                 "there; widen the range by a force that holds farther out, or drive it less"
             )
+
+
+def leaves_range(ready: Prepared, error: Exception) -> bool:
+    """Whether a run ended because its mass left the range; beyond it a spring may diverge."""
+    if isinstance(error, SolutionDiverged):
+        return math.isfinite(np.ptp(ready.system.spring.range))
+    return isinstance(error, SpringRangeLeft)
 
 
 def with_range_watch(

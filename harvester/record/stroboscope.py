@@ -43,8 +43,10 @@ class Stroboscope:
     """
 
     def __init__(self, first: float, period: float, count: int) -> None:
-        # Earlier by 5e-10 periods, since rounding may put a record's last time before its end.
-        self.times = (first + period * np.arange(count)) * (1.0 - 5e-10)
+        # All earlier by the same, since rounding may put a record's last time before its end: a
+        # shift that grew with time would look like a transient.
+        times = first + period * np.arange(count)
+        self.times = times - 5e-10 * times[-1:]
         self.samples = np.full((count, len(COLUMNS)), np.nan)
         self._next = 0
         self._last: np.ndarray | None = None

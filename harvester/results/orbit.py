@@ -12,10 +12,19 @@ import numpy as np
 from harvester.estimates.attractors import Divergence
 from harvester.estimates.estimate import Estimate
 from harvester.files.serialising import plain
-from harvester.show.numbers import quantity
+from harvester.show.numbers import with_error
 
 # Kinds of motions without a period: if the exponent is not above 0, and if there is none.
 NOT_SETTLED, UNTOLD = "not settled", "no period: chaotic or not settled"
+# What starts do that reach no steady motion: the last two of a load's store and of the mass.
+UNSTEADY = NOT_SETTLED, CHARGING, ESCAPES = NOT_SETTLED, "still charging", "escapes"
+REASONS = {
+    NOT_SETTLED: "no period repeats to the end and neighbouring paths do not diverge; follow "
+    "longer (--periods, or run.settle)",
+    CHARGING: "a store of the load is slower than a start is followed; begin near its steady "
+    "voltage by ic=",
+    ESCAPES: "the mass leaves oscillator.restoring_force_range, where the spring is not known",
+}
 
 
 @dataclass(frozen=True)
@@ -25,7 +34,7 @@ class Attractor:
     Attributes
     ----------
     name : str
-        A, B, … in the order of their shares.
+        A, B, … in the order of their shares, or one of `UNSTEADY`.
     period : int or None
         Period of the motion in periods of the excitation; None if it does not repeat itself.
     periodic_drive : bool
@@ -37,7 +46,9 @@ class Attractor:
     share_error : float or None
         Standard error of the share, if starts are drawn at random.
     quantities : dict of str to Estimate
-        Means of its starts alone.
+        Of a periodic motion power, voltage and displacement over whole cycles of the start that
+        converged best, and the others of its starts that had settled before the measurement; else
+        means of its starts alone. Empty for what is no steady motion.
     points : ndarray, shape (n, 2)
         Displacement and velocity at the beginnings of the excitation's periods.
     lyapunov : Divergence or None
@@ -58,6 +69,8 @@ class Attractor:
     @property
     def kind(self) -> str:
         """The kind of motion, in words."""
+        if self.name in UNSTEADY:
+            return self.name
         if self.period is not None:
             return f"period {self.period}"
         if not self.periodic_drive:
@@ -76,14 +89,12 @@ class Attractor:
     def sentence(self, power_unit: str) -> str:
         """A sentence with the orbit's kind, share of starts and power."""
         error = "" if self.share_error is None else f" ± {self.share_error:.1%}"
-        power = self.quantities["mean_power"].estimate if "mean_power" in self.quantities else None
-        gives = "" if power is None else f", mean power {quantity(power, power_unit)}"
+        power = self.quantities.get("mean_power")
+        gives = "" if power is None else f", mean power {with_error(power, power_unit)}"
         plural = "s" if self.starts > 1 else ""
         parts = "" if self.lyapunov is None else f", largest Lyapunov exponent {self.lyapunov} 1/s"
-        return (
-            f"orbit {self.name} ({self.kind}): {self.starts} start{plural}, "
-            f"{self.share:.1%}{error}{gives}{parts}"
-        )
+        label = self.name if self.name in UNSTEADY else f"orbit {self.name} ({self.kind})"
+        return f"{label}: {self.starts} start{plural}, {self.share:.1%}{error}{gives}{parts}"
 
 
 def wandering_kind(exponent: Divergence | None) -> str:

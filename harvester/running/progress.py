@@ -43,20 +43,21 @@ class Progress:
         self._seconds[label] += seconds
         self._spent += seconds
         self._count[label] += 1
-        self._say()
+        self.say()
 
     def end(self, plan: object) -> None:
         """Note that a plan has ended."""
         self._ahead.pop(plan, None)
         self._ended += 1
-        self._say()
+        self.say()
 
-    def _say(self):
+    def say(self) -> None:
+        """Report how far the tasks are, also while none has ended yet."""
         left = sum(count * self._mean(label) for label, count in self._waiting.items())
         left += sum(count * self._mean(label) for label, count in self._ahead.values())
         if self._spent > 0.0:
             self._share = max(self._share, self._spent / (self._spent + left))
-        elif not left:
+        elif not left and not self._waiting.total():
             self._share = 1.0
         self._report(self._share, f"{self._ended} of {self._plans}")
 

@@ -270,6 +270,7 @@ class _Following:
         try:
             future = self._done.get(timeout=LOOK_AROUND if self._futures else 0.0)
         except queue.Empty:
+            self._progress.say()
             return
         task = self._futures.pop(future)
         outcome, seconds = _outcome(future)

@@ -9,13 +9,13 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from harvester.errors import HarvesterError
+from harvester.errors import HarvesterError, SimulationError
 from harvester.estimates.attractors import Divergence, divergence, sizes_of
 from harvester.excitation.base import ExcitationPath
 from harvester.prepared.paths import noise_path
 from harvester.prepared.prepared import prepared
 from harvester.prepared.steps import knot_spacing
-from harvester.record.range_watch import with_range_watch
+from harvester.record.range_watch import leaves_range, with_range_watch
 from harvester.record.stroboscope import STATE, Stroboscope
 from harvester.simulation.methods import Engine, engine_of
 
@@ -114,7 +114,8 @@ def follow(
     Returns
     -------
     ndarray, shape (starts, kept + 1, columns)
-        With the columns of `harvester.record.stroboscope`.
+        With the columns of `harvester.record.stroboscope`; infinite where a start leaves the
+        range of the spring.
     """
     period = float(scene.excitation.period)  # type: ignore[arg-type]
     lasting = _lasting(scene, periods * period)
@@ -122,21 +123,31 @@ def follow(
     chosen = engine_of(engine, step=step, **settings or {})
     spacing = knot_spacing(ready)
     samples = noise_path(ready, 0).read(round(periods * period / spacing) + 2)
-    watching = [Stroboscope((periods - kept) * period, period, kept + 1) for _ in starts]
     chosen.prepare(ready)
+
+    def sampled(some):
+        """The samples of some starts; infinite where one leaves the spring's range."""
+        watching = [Stroboscope((periods - kept) * period, period, kept + 1) for _ in some]
+        paths = [Replayed(samples, spacing) for _ in some]
+        observers = with_range_watch(ready, [[each] for each in watching])
+        try:
+            chosen.run_realizations(ready, paths, [tuple(each) for each in some], observers)
+        except SimulationError as error:
+            if not leaves_range(ready, error):
+                raise
+            if len(some) == 1:
+                return [np.full_like(watching[0].samples, np.inf)]
+            # Starts run side by side end together: the halves show which of them left.
+            half = len(some) // 2
+            return sampled(some[:half]) + sampled(some[half:])
+        report([])
+        return [each.samples for each in watching]
+
     # The engine "circuit" runs one start at a time: side by side all starts would share their time
     # steps.
     together = 1 if engine == "circuit" else len(starts)
-    for first in range(0, len(starts), together):
-        some = slice(first, first + together)
-        chosen.run_realizations(
-            ready,
-            [Replayed(samples, spacing) for _ in starts[some]],
-            [tuple(each) for each in starts[some]],
-            with_range_watch(ready, [[each] for each in watching[some]]),
-        )
-        report([])
-    return np.array([each.samples for each in watching])
+    some = [starts[first : first + together] for first in range(0, len(starts), together)]
+    return np.array([each for part in some for each in sampled(part)])
 
 
 def _together(scene: Scene, engine: str) -> int:

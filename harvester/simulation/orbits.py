@@ -13,14 +13,24 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 
 from harvester.errors import SimulationError
-from harvester.estimates.attractors import Group, groups_of, groups_that_meet
+from harvester.estimates.attractors import (
+    NEARLY_CONVERGED,
+    QUANTITIES,
+    Group,
+    groups_of,
+    groups_that_meet,
+    means_of,
+    transients,
+)
+from harvester.estimates.estimate import Estimate
 from harvester.estimates.of_run import run_estimates
+from harvester.estimates.transient import memory_of
 from harvester.estimates.units import unit_of
 from harvester.prepared.paths import distinct_realizations, start_state
 from harvester.prepared.prepared import prepared
 from harvester.prepared.steps import step_error
 from harvester.record.stroboscope import STATE
-from harvester.results.orbit import UNTOLD, Attractor, orbit_name, share_error
+from harvester.results.orbit import ESCAPES, NOT_SETTLED, Attractor, orbit_name, share_error
 from harvester.simulation.following import (
     PARTING_PERIODS,
     calls_of,
@@ -42,6 +52,8 @@ if TYPE_CHECKING:
 # Motions without a period, those of most starts, whose exponent is looked for: what still settles
 # may make one of each start.
 MOST_EXPONENTS = 4
+# A start is in the means of its motion if its first cycle is off its last by at most this share.
+SETTLED = 1e-5
 # Samples at the end of a run by which motions are distinguished, and the fewest that show a period:
 # of fewer, starts are on one motion if they meet.
 SAMPLES, FEWEST_SAMPLES = 64, 6
@@ -62,10 +74,13 @@ def attractors(
     scene: Scene,
     engine: Engine,
     realizations: dict[int, Realization],
+    escaped: int,
     pool: Workers,
     time_limit: float,
 ) -> tuple[Attractor, ...]:
     """The motions on which a run's starts settled, the one with the most starts first.
+
+    Behind them is what the other starts do.
 
     Parameters
     ----------
@@ -73,26 +88,69 @@ def attractors(
     engine : Engine
     realizations : dict of int to Realization
         Realizations by their numbers, with stroboscopic samples.
+    escaped : int
+        Number of further starts: those that left the range of the spring.
     pool : Workers
         Follow neighbours on motions without a period.
     time_limit : float
         Wall-clock limit of one of these (s).
     """
     ready = prepared(scene)
+    moments = [each.moments for each in realizations.values()]
     samples = np.array([each.stroboscope for each in realizations.values()])
-    cost = step_error(ready, engine.step, engine.name)
-    groups = _groups(scene, [each.moments for each in realizations.values()], samples, cost)
-    if not scene.excitation.period or not scene.run.starts:
-        return tuple(motion for _, motion in groups)
-    # Neighbours cost as much as some fifty starts: they are for runs that ask for motions.
-    found, left, last = [], MOST_EXPONENTS, _last(samples)
     starts = np.array([start_state(ready, number) for number in realizations])
-    for group, each in groups:
-        if each.kind == UNTOLD and left:
-            exponent = _exponent(scene, engine, last, starts, group.members, pool, time_limit)
-            each, left = replace(each, lyapunov=exponent), left - 1
-        found.append(each)
+    # Neighbours cost as much as some fifty starts: they are for runs that ask for motions.
+    left = MOST_EXPONENTS if scene.run.starts else 0
+
+    def exponent(states, members):
+        nonlocal left
+        left -= 1
+        if left < 0:
+            return None
+        return _exponent(scene, engine, states, starts, members, pool, time_limit)
+
+    cost, count = step_error(ready, engine.step, engine.name), len(moments) + escaped
+    found = [motion for *_, motion in _motions(scene, moments, samples, cost, count, exponent)]
+    unsettled = len(moments) - sum(each.starts for each in found)
+    for name, number in ((NOT_SETTLED, unsettled), (ESCAPES, escaped)):
+        if number:
+            nothing = Group(None, np.zeros(number), np.empty((0, STATE)))
+            found.append(_attractor(scene, name, nothing, [], cost, count))
     return tuple(found)
+
+
+def _motions(scene, moments, samples, cost, count, exponent=None):
+    """Motions of the starts, the most common first: (members, members in the means, Attractor).
+
+    With `exponent`, a function of samples and members, motions that have not settled are left out.
+    """
+    samples = samples[:, ~np.isnan(samples).any(axis=(0, 2))]
+    last, states = samples[:, -SAMPLES:], samples[:, -SAMPLES:, :STATE]
+    periodic = bool(scene.excitation.period) and last.shape[1] >= FEWEST_SAMPLES
+    if not last.shape[1]:
+        groups = [Group(None, np.array([k]), each) for k, each in enumerate(states)]
+    else:
+        groups = groups_of(states) if periodic else groups_that_meet(states)
+    found: list[tuple] = []
+    for group in groups:
+        cycle, own, divergence = {}, group.members, None
+        if group.period is not None:
+            remains = transients(states[own], memory_of(prepared(scene)))[2]
+            if remains.min() <= NEARLY_CONVERGED:
+                cycle = _on_cycle(scene, last[own[[np.argmin(remains)]]], cost)
+                own = own[_settled(samples[own, :, :STATE], group.period)]
+            elif exponent:
+                continue
+        elif exponent and periodic:
+            divergence = exponent(states, own)
+            if divergence is not None and not divergence.chaotic:
+                continue
+        if not (exponent or own.size):
+            own = group.members
+        name, means = orbit_name(len(found)), [moments[k] for k in own]
+        motion = _attractor(scene, name, group, means, cost, count, periodic, cycle, divergence)
+        found.append((group.members, own, motion))
+    return found
 
 
 class Followed(NamedTuple):
@@ -123,9 +181,9 @@ def with_orbit(scene: Scene) -> Scene:
 
 
 def last_samples(realizations: Sequence[Realization]) -> np.ndarray | None:
-    """The samples that `followed` needs, shape (realizations, samples, STATE), or None."""
+    """The samples that `followed` needs, shape (realizations, samples, columns), or None."""
     kept = [each.stroboscope for each in realizations if each.stroboscope is not None]
-    return np.array(kept)[:, -SAMPLES:, :STATE] if kept else None
+    return np.array(kept)[:, -SAMPLES:] if kept else None
 
 
 def followed(scene: Scene, good: Sequence[dict], cost: float) -> Followed:
@@ -146,16 +204,16 @@ def followed(scene: Scene, good: Sequence[dict], cost: float) -> Followed:
     samples = [part["stroboscope"] for part in good]
     if len(moments) == 1 or any(each is None for each in samples):
         return Followed(whole, moments, (), note_on_one_start(scene))
-    groups = _groups(scene, moments, np.concatenate(samples), cost)
+    motions = _motions(scene, moments, np.concatenate(samples), cost, len(moments))
     if scene.run.orbit == "best":
-        groups.sort(key=lambda pair: -_power(pair[1]))
+        motions.sort(key=lambda found: -_power(found[-1]))
     elif scene.run.orbit == "rest":
-        groups.sort(key=lambda pair: pair[0].members[0])
-    orbits = tuple(motion for _, motion in groups)
+        motions.sort(key=lambda found: found[0][0])
+    orbits = tuple(motion for *_, motion in motions)
     notes = (on_orbits(scene, orbits),)
     if scene.run.orbit == "weighted":
         return Followed(whole, moments, orbits, notes)
-    members = groups[0][0].members
+    _, members, _ = motions[0]
     return Followed(_alone(scene, len(members)), [moments[k] for k in members], orbits, notes)
 
 
@@ -192,24 +250,24 @@ def _power(motion):
     return quantities.get("mean_output_power", quantities["mean_power"]).estimate
 
 
-def _last(samples):
-    """The last samples that all starts reached."""
-    last = samples[:, -SAMPLES:, :STATE]
-    return last[:, ~np.isnan(last).any(axis=(0, 2))]
+def _on_cycle(scene, samples, cost):
+    """Estimates over whole cycles of a start that has converged, by its stroboscopic samples."""
+    estimates = {}
+    pairs = means_of(samples, scene.excitation.period, cost, memory_of(prepared(scene))).T
+    for (name, dimension), pair in zip(QUANTITIES.items(), pairs, strict=True):
+        value, error = map(float, pair)
+        estimates[name] = Estimate(value, error, None, dimension)
+        if name.startswith("rms_"):
+            square = Estimate(value**2, 2.0 * value * error, None, f"{dimension}^2")
+            estimates[f"mean_square_{dimension}"] = square
+    return estimates
 
 
-def _groups(scene, moments, samples, cost):
-    """Groups of starts by their motions, each with its Attractor, the largest first."""
-    last = _last(samples)
-    periodic = bool(scene.excitation.period) and last.shape[1] >= FEWEST_SAMPLES
-    if not last.shape[1]:
-        groups = [Group(None, np.array([k]), each) for k, each in enumerate(last)]
-    else:
-        groups = groups_of(last) if periodic else groups_that_meet(last)
-    return [
-        (group, _attractor(scene, number, group, moments, cost, periodic))
-        for number, group in enumerate(groups)
-    ]
+def _settled(samples, period):
+    """Whether starts are on their cycle from their first sample on."""
+    back = (samples.shape[1] - period) // period * period
+    moved = np.abs(samples[:, :period] - samples[:, back : back + period])
+    return (moved <= SETTLED * np.abs(samples).max(axis=1, keepdims=True)).all(axis=(1, 2))
 
 
 def _alone(scene, count):
@@ -229,17 +287,24 @@ def _exponent(scene, engine, samples, starts, members, pool, time_limit):
     return exponent_of(finer, np.concatenate(found), scale)
 
 
-def _attractor(scene, number, group, moments, cost, periodic):
-    """One motion with its own means: those of a run of its starts alone."""
-    own, scales = [moments[k] for k in group.members], prepared(scene).scales
-    scaled = run_estimates(prepared(_alone(scene, len(own))), own, cost).scaled
+def _attractor(scene, name, group, moments, cost, count, periodic=False, cycle=None, exponent=None):
+    """One motion with its own means: those of a run of some of its starts, and of its cycle."""
+    scaled = {}
+    if moments:
+        scaled = run_estimates(prepared(_alone(scene, len(moments))), moments, cost).scaled
+    scales, starts = prepared(scene).scales, group.members.size
+    units = np.array([scales.of("displacement"), scales.of("velocity")])
     return Attractor(
-        name=orbit_name(number),
+        name=name,
         period=group.period,
         periodic_drive=periodic,
-        starts=len(own),
-        share=len(own) / len(moments),
-        share_error=share_error(len(own), len(moments)) if scene.run.starts else None,
-        quantities={name: each.times(scales.of(each.dimension)) for name, each in scaled.items()},
-        points=group.points[:, :2] * [scales.of("displacement"), scales.of("velocity")],
+        starts=starts,
+        share=starts / count,
+        share_error=share_error(starts, count) if scene.run.starts else None,
+        quantities={
+            key: each.times(scales.of(each.dimension))
+            for key, each in (scaled | (cycle or {})).items()
+        },
+        points=group.points[:, :2] * units,
+        lyapunov=exponent,
     )

@@ -128,6 +128,8 @@ def simulate(
     }  # fmt: skip
     if isinstance(method, Stationary):
         return _averaged(scene, method.beside_options(given, DEFAULTS))
+    from harvester.prepared.prepared import prepared
+    from harvester.record.range_watch import leaves_range
     from harvester.simulation import outcome, spread
     from harvester.simulation.orbits import attractors, several_starts
 
@@ -139,18 +141,24 @@ def simulate(
         with spread.running(runner, executor, scene.run.realizations, workers) as pool:
             # A run without noise may have several motions, distinguished by the samples of their
             # starts.
-            strobe = stroboscope or several_starts(scene)
+            several, ready = several_starts(scene), prepared(scene)
+            strobe = stroboscope or several
             together = spread.copies_that_pay(scene, engine, pool)
             calls = spread.calls_of(scene, engine, together, stretch, joint_density, strobe)
-            outcomes = spread.outcomes(pool, calls, time_limit, follow, keep_going)
+            outcomes = spread.outcomes(pool, calls, time_limit, follow, keep_going or several)
+            failures = {k: o for k, o in enumerate(outcomes) if isinstance(o, SimulationError)}
+            # To leave the range of the spring is an outcome of a start, not a failure.
+            lost = {k: o for k, o in failures.items() if several and leaves_range(ready, o)}
+            failures = {k: o for k, o in failures.items() if k not in lost}
+            if failures and not keep_going:
+                raise next(iter(failures.values()))
             good = {k: o for k, o in enumerate(outcomes) if not isinstance(o, SimulationError)}
             motions: tuple[Attractor, ...] = ()
-            if several_starts(scene):
-                motions = attractors(scene, engine, good, pool, time_limit)
+            if several:
+                motions = attractors(scene, engine, good, len(lost), pool, time_limit)
     except SimulationError as error:
         error.partial = outcome.partial_result(scene, engine, error)
         raise
-    failures = {k: o for k, o in enumerate(outcomes) if isinstance(o, SimulationError)}
     found = outcome.result_of(scene, engine, [*good.values()], failures, motions=motions)
     return outcome.checked(found if stroboscope else replace(found, stroboscope=None))
 

@@ -19,6 +19,7 @@ from circuits.loads.kinds import OUTPUT
 from harvester.arguments import listed
 from harvester.device import timescales
 from harvester.errors import HarvesterError
+from harvester.estimates.transient import transient_time
 from harvester.estimates.units import SI_UNITS
 from harvester.excitation.sine import KNOTS_PER_PERIOD, Sine, SteppedSine
 from harvester.files.plain_text import json_text
@@ -29,6 +30,7 @@ from harvester.prepared.paths import start_state
 from harvester.prepared.prepared import prepared
 from harvester.prepared.steps import knot_spacing
 from harvester.record.range_watch import with_range_watch
+from harvester.results.orbit import CHARGING, REASONS
 from harvester.scene.model import Scene
 from harvester.scene.units import Scales
 from harvester.show.numbers import quantity
@@ -37,7 +39,6 @@ from harvester.show.panels import Panel, Series, draw_panels, is_wide
 from harvester.simulation.methods import engine_of
 from harvester.simulation.realization import Waveform
 from harvester.simulation.simulate import check_name
-from harvester.studies.transient import transient_time
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -45,12 +46,17 @@ if TYPE_CHECKING:
 
 # The measurement at a frequency begins when the transient has fallen to this share.
 SETTLED_SHARE = 1e-4
+# Longest transient of a load's store that is waited for at a frequency, in periods of the lowest
+# one. A slower store may still charge.
+MOST_PERIODS = 20_000
 # Most knots of the sine at one frequency. No run with more would end.
 MOST_KNOTS = 1e10
 # So many periods of the lowest frequency are measured. The change from their first half to their
 # second is the residual.
 MEASURED_PERIODS = 16
 NOTED_RESIDUAL = 0.01
+# Its place among the quantities of a direction.
+RESIDUAL = 3
 # Quantities and their dimensions.
 QUANTITIES = {
     "displacement_amplitude": "displacement",
@@ -83,7 +89,9 @@ class Sweep:
     peak_voltage, peak_power : the greatest |V| and power into the load.
     mean_output_voltage, mean_output_power : at the load's output; nan without one.
     residual : share by which the mean-square voltage changes from the first half of the measured
-        periods to the second: a transient that is left, or a motion without period.
+        periods to the second: a transient that is left, or a motion without period. With a store
+        slower than `MOST_PERIODS` the share that is missing; above `NOTED_RESIDUAL` the store
+        still charges, and the other quantities are nan.
     """
 
     direction: str
@@ -197,17 +205,26 @@ class FrequencyResponse:
         """Sentences on the findings, one line each."""
         lines = [
             f"{self.engine}: {self.engine_version}; {self.dwell:.4g} s at each frequency, "
-            f"the transient down to {SETTLED_SHARE:g}; {self.seconds:.2f} s"
+            f"the transient down to {SETTLED_SHARE:g} within {MOST_PERIODS} periods; "
+            f"{self.seconds:.2f} s"
         ]
         for sweep in self.sweeps:
             name = self.power
-            best = int(np.argmax(getattr(sweep, name)))
+            charging = np.count_nonzero(np.isnan(sweep.mean_power))
+            if charging:
+                lines.append(
+                    f"sweep {sweep.direction}: {CHARGING} at {charging} frequencies, which have no "
+                    f"power: {REASONS[CHARGING]}"
+                )
+            if charging == sweep.mean_power.size:
+                continue
+            best = int(np.nanargmax(getattr(sweep, name)))
             lines.append(
                 f"sweep {sweep.direction}: most {name.removeprefix('mean_').replace('_', ' ')}, "
                 f"{quantity(self.values(name, sweep)[best], self.unit('power'))}, at "
                 f"{self.frequencies[best]:.4g} Hz"
             )
-            unsettled = int(np.count_nonzero(~(sweep.residual <= NOTED_RESIDUAL)))
+            unsettled = int(np.count_nonzero(~(sweep.residual <= NOTED_RESIDUAL))) - charging
             if unsettled:
                 lines.append(
                     f"sweep {sweep.direction}: at {unsettled} frequencies the motion is not "
@@ -217,7 +234,11 @@ class FrequencyResponse:
 
     def headline(self) -> str:
         """The most power, and where it is."""
-        peaks = [(float(np.nanmax(self.values(self.power, s))), s) for s in self.sweeps]
+        if np.isnan([sweep.mean_power for sweep in self.sweeps]).all():
+            return f"{CHARGING}: {REASONS[CHARGING]}"
+        peaks = [
+            (float(np.nanmax(self.values(self.power, s), initial=0.0)), s) for s in self.sweeps
+        ]
         power, sweep = max(peaks, key=lambda each: each[0])
         place = self.frequencies[int(np.nanargmax(getattr(sweep, self.power)))]
         words = self.power.removeprefix("mean_").replace("_", " ")
@@ -338,7 +359,13 @@ def one_direction(
         at_output = (math.nan, math.nan)
         if output:
             at_output = _output_means(record.time, window.outputs(), *ends, output.conductance)
-        rows.append((*_means(record, base, *ends), *at_output))
+        row = np.array([*_means(record, base, *ends), *at_output])
+        if excitation.dwell < transient_time(ready, SETTLED_SHARE):
+            # What is missing at the end of a time t is τ/t times the change within it.
+            residual = row[RESIDUAL] * transient_time(ready, math.exp(-1.0)) / (0.5 * ends[1])
+            row[:] = row if residual <= NOTED_RESIDUAL else math.nan
+            row[RESIDUAL] = residual
+        rows.append(tuple(row.tolist()))
     return rows, outcome["engine_version"], seconds
 
 
@@ -397,7 +424,8 @@ def stepped(scene: Scene, frequencies: np.ndarray) -> Scene:
     ready = prepared(scene)
     motion = 2.0 * math.pi / timescales.fastest_angular_frequency(ready.system) / KNOTS_PER_PERIOD
     spacing = min(Sine(1.0, frequencies.max()).spacing(motion), motion)
-    dwell = transient_time(ready, SETTLED_SHARE) + MEASURED_PERIODS / frequencies.min()
+    dwell = transient_time(ready, SETTLED_SHARE, MOST_PERIODS / frequencies.min())
+    dwell += MEASURED_PERIODS / frequencies.min()
     if not dwell < MOST_KNOTS * spacing:
         raise HarvesterError(
             f"frequencies {frequencies.min():g} … {frequencies.max():g} Hz: {dwell:.3g} s at each, "

@@ -11,12 +11,13 @@ import numpy as np
 
 from harvester.arguments import listed
 from harvester.errors import HarvesterError
+from harvester.estimates.attractors import QUANTITIES
 from harvester.files.plain_text import json_text
 from harvester.files.serialising import plain
 from harvester.files.tables import xarray_or_say
 from harvester.prepared.prepared import prepared
 from harvester.prepared.starts import energy_range
-from harvester.results.orbit import NOT_SETTLED
+from harvester.results.orbit import REASONS
 from harvester.results.result import unit_of
 from harvester.scene.model import Scene
 from harvester.show.numbers import quantity, value_and_error
@@ -156,9 +157,7 @@ def orbit_table(orbits: Sequence[Orbit], unit: Any) -> tuple[list[str], list[lis
             each.name,
             each.kind,
             f"{value_and_error(100.0 * each.share, 100.0 * each.share_error)} %",
-            quantity(each.mean_power, unit("power")),
-            quantity(each.rms_voltage, unit("voltage")),
-            quantity(each.rms_displacement, unit("displacement")),
+            *(each.text(name, unit(dimension)) for name, dimension in QUANTITIES.items()),
             "—" if each.lyapunov is None else str(each.lyapunov),
         ]
         for each in orbits
@@ -169,34 +168,35 @@ def orbit_sentences(orbits: Sequence[Orbit], unit: Any) -> list[str]:
     """How many motions there are, and which gives the most power how likely."""
     if not orbits:
         return []
-    kinds = Counter(each.kind for each in orbits)
-    unsettled = kinds.pop(NOT_SETTLED, 0)
+    steady = [each for each in orbits if each.steady]
+    kinds = Counter(each.kind for each in steady)
     named = ", ".join(f"{count} of {kind}" if count > 1 else kind for kind, count in kinds.items())
-    steady = len(orbits) - unsettled
-    lines = [f"{steady} steady motion{'' if steady == 1 else 's'}{': ' if named else ''}{named}"]
-    if unsettled:
-        lines[0] += f"; and {unsettled} not settled"
-    best = max(orbits, key=lambda each: each.mean_power)
-    if not best.mean_power > 0.0:
-        return lines
-    lines.append(
-        f"most power on orbit {best.name}, {quantity(best.mean_power, unit('power'))}: "
-        f"{best.share:.1%} ± {best.share_error:.1%} of the starts reach it"
-    )
-    least = min(orbits, key=lambda each: each.mean_power)
-    if 0.0 < least.mean_power < (1.0 - ALIKE_POWER) * best.mean_power:
-        lines[-1] += f"; {best.mean_power / least.mean_power:.3g} times that of orbit {least.name}"
-    if any(each.kind == NOT_SETTLED for each in orbits):
+    plural = "" if len(steady) == 1 else "s"
+    lines = [f"{len(steady)} steady motion{plural}{': ' if named else ''}{named}"]
+    if steady:
+        best = max(steady, key=lambda each: each.mean_power)
+        least = min(steady, key=lambda each: each.mean_power)
         lines.append(
-            '"not settled" means: no period repeats, and neighbouring paths do not diverge: follow '
-            "it longer with --periods"
+            f"most power on orbit {best.name}, {best.text('mean_power', unit('power'))}: "
+            f"{best.share:.1%} ± {best.share_error:.1%} of the starts reach it"
         )
+        if 0.0 < least.mean_power < (1.0 - ALIKE_POWER) * best.mean_power:
+            times = best.mean_power / least.mean_power
+            lines[-1] += f"; {times:.3g} times that of orbit {least.name}"
+        lines.append(
+            "a motion with a period is averaged over whole cycles once it has converged: its "
+            "errors are what remains of the transient and what the steps may cost"
+        )
+    for each in orbits:
+        if not each.steady:
+            plural = "" if each.starts == 1 else "s"
+            lines.append(f"{each.starts} start{plural}: {each.kind}, {REASONS[each.kind]}")
     return lines
 
 
 def orbit_dict(orbit: Orbit) -> dict[str, Any]:
     """An orbit as plain values."""
-    return {"kind": orbit.kind, **{name: plain(value) for name, value in vars(orbit).items()}}
+    return {name: plain(value) for name, value in vars(orbit).items()}
 
 
 def axes_of_starts(
@@ -253,7 +253,7 @@ def _draw(basins):
     low_x, high_x = axes.get_xlim()
     low_y, high_y = axes.get_ylim()
     for number, orbit in enumerate(basins.orbits[:MOST_NAMED]):
-        power = quantity(orbit.mean_power, basins.unit("power"), 3)
+        power = quantity(orbit.mean_power, basins.unit("power"), 3) if orbit.steady else ""
         label = f"{orbit.name}, {orbit.kind}: {orbit.share:.1%}, {power}"
         size = 6.0 if orbit.period else 1.5
         axes.plot(

@@ -7,29 +7,38 @@ there is one.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Generator
+from collections.abc import Callable, Generator, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from harvester.errors import HarvesterError, SimulationError
-from harvester.estimates.attractors import repetition
+from harvester.estimates.attractors import QUANTITIES, means_of
+from harvester.estimates.estimate import Estimate
+from harvester.estimates.transient import memory_of
 from harvester.files.plain_text import json_text
 from harvester.files.serialising import plain
 from harvester.files.tables import xarray_or_say
 from harvester.prepared.paths import start_state
 from harvester.prepared.prepared import prepared
+from harvester.prepared.steps import step_error
 from harvester.record.stroboscope import STATE
+from harvester.results.orbit import REASONS, UNSTEADY
 from harvester.results.result import unit_of
 from harvester.running.task import Task, Wanted
 from harvester.scene.model import Scene
-from harvester.show.numbers import prefixed, quantity
+from harvester.show import numbers
+from harvester.show.numbers import prefixed, quantity, value_and_error, with_error
 from harvester.show.palette import CIRCUIT, MONTE_CARLO
 from harvester.show.panels import Panel, Series, draw_panels
 from harvester.show.symbols import key_label
 from harvester.simulation.following import follow, forced
-from harvester.studies.orbits.following import SAMPLES, periods_of
+from harvester.studies.orbits.following import (
+    SAMPLES,
+    motion_of,
+    periods_of,
+)
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -48,7 +57,6 @@ MOST_VALUES_SHOWN = 25
 # Tables of a scene that do not affect the section, so their keys cannot be varied.
 UNUSED_TABLES = ("run", "start")
 COLOURS = {"up": CIRCUIT, "down": MONTE_CARLO}
-QUANTITIES = {"mean_power": "power", "rms_voltage": "voltage", "rms_displacement": "displacement"}
 
 
 @dataclass(frozen=True)
@@ -83,16 +91,23 @@ class Branch:
         Section: samples at the beginnings of the last forcing periods; NaN where a run failed.
     period : ndarray of int, shape (n,)
         Period of the motion in forcing periods; 0 if it does not repeat itself.
+    motion : list of str
+        "period 2", "no period", or why there is no steady motion.
     mean_power, rms_voltage, rms_displacement : ndarray, shape (n,)
+        NaN without a steady motion.
+    errors : dict of str to ndarray, shape (n,)
+        Errors of these three, as in `harvester.studies.orbits.following.Orbit`.
     """
 
     direction: str
     displacement: np.ndarray
     velocity: np.ndarray
     period: np.ndarray
+    motion: list[str]
     mean_power: np.ndarray
     rms_voltage: np.ndarray
     rms_displacement: np.ndarray
+    errors: dict[str, np.ndarray]
 
 
 @dataclass(frozen=True)
@@ -136,8 +151,13 @@ class Bifurcation:
         header, rows = self.data()
         ends = {(each.direction, end) for each in self.jumps for end in (each.before, each.after)}
         shown = {*self.values[:: self._every].tolist(), float(self.values[-1])}
-        return header, [
-            [row[0], f"{row[1]:.6g}", row[2], *map(_text, row[3:])]
+        # Each quantity shares its column with its error.
+        return [*header[:3], *header[3:9:2], *header[9:]], [
+            [
+                *(row[0], f"{row[1]:.6g}", row[2]),
+                *map(value_and_error, row[3:9:2], row[4:9:2]),
+                *(numbers.number(each, 5) for each in row[9:]),
+            ]
             for row in rows
             if row[1] in shown or tuple(row[:2]) in ends
         ]
@@ -150,23 +170,21 @@ class Bifurcation:
     def data(self) -> tuple[list[str], list[list[Any]]]:
         """Header and rows of numbers, in the scene's units."""
         header = ["direction", self.key, "motion"]
-        header += [
-            f"{name.replace('_', ' ')} [{self.unit(each)}]" for name, each in QUANTITIES.items()
-        ]
+        for name, dimension in QUANTITIES.items():
+            words, unit = name.replace("_", " "), self.unit(dimension)
+            header += [f"{words} [{unit}]", f"error of the {words} [{unit}]"]
         header += [f"{end} of the section [{self.unit('displacement')}]" for end in ("low", "high")]
         rows = []
         for branch in self.branches:
             for k, value in enumerate(self.values):
                 section = branch.displacement[k]
-                numbers = [getattr(branch, name)[k] for name in QUANTITIES]
+                numbers = [
+                    each for name in QUANTITIES
+                    for each in (getattr(branch, name)[k], branch.errors[name][k])
+                ]  # fmt: skip
                 numbers += [section.min(), section.max()]
                 rows.append(
-                    [
-                        branch.direction,
-                        float(value),
-                        _motion(branch.period[k]),
-                        *map(float, numbers),
-                    ]
+                    [branch.direction, float(value), branch.motion[k], *map(float, numbers)]
                 )
         return header, rows
 
@@ -180,12 +198,18 @@ class Bifurcation:
         for branch in self.branches:
             if np.isfinite(branch.mean_power).any():
                 best = int(np.nanargmax(branch.mean_power))
-                most = quantity(branch.mean_power[best], self.unit("power"))
+                power, error = branch.mean_power[best], branch.errors["mean_power"][best]
+                most = with_error(Estimate(power, error, None, "power"), self.unit("power"))
                 lines.append(
                     f"{branch.direction}: most power, {most}, at {self.key} = "
                     f"{self.values[best]:.6g} "
-                    f"({_motion(branch.period[best])})"
+                    f"({branch.motion[best]})"
                 )
+            for kind, reason in REASONS.items():
+                where = self.values[[each == kind for each in branch.motion]]
+                if where.size:
+                    named = ", ".join(f"{each:.6g}" for each in where)
+                    lines.append(f"{branch.direction}: {kind} at {self.key} = {named}: {reason}")
         power = self.unit("power")
         lines += [
             f"{each.direction}: jump between {self.key} = {each.before:.6g} and {each.after:.6g}, "
@@ -225,14 +249,6 @@ class Bifurcation:
     def to_dict(self) -> dict[str, Any]:
         """Plain values for JSON, in the scene's units."""
         return plain({name: value for name, value in vars(self).items()})
-
-
-def _text(value):
-    return f"{value:.5g}"
-
-
-def _motion(period):
-    return f"period {period}" if period > 0 else "no period"
 
 
 def climb(
@@ -279,7 +295,7 @@ def climb(
         except SimulationError as error:
             failures[str(number)] = str(error)
             samples = np.full((SAMPLES + 1, STATE + 3), np.nan)
-        else:
+        if np.isfinite(samples).all():
             start = (samples[-1, :STATE] * units).tolist()
         power, length = ready.scales.of("power"), ready.scales.of("displacement")
         scales = [*units, power, ready.scales.of("voltage") ** 2, length**2]
@@ -300,68 +316,66 @@ def climbing(
     engine: Engine,
     version: str,
     periods: int,
-    direction: str,
+    directions: Sequence[str],
 ) -> Generator[Wanted, list, Any]:
-    """A plan for `Runner.follow`: one direction, some places in a task; its Branch and failures.
+    """A plan for `Runner.follow`: the directions one after another, some places in a task; the
+    Branch of each and the failures.
 
-    None where the time was spent.
+    Each direction begins where the one before ended. None where the time was spent.
     """
-    ordered = values if direction == "up" else values[::-1]
-    start, rows, failures = None, [], {}
-    for first in range(0, ordered.size, PLACES_TOGETHER):
-        some = ordered[first : first + PLACES_TOGETHER]
-        arguments = {
-            "scene": scene,
-            "key": key,
-            "values": some.tolist(),
-            **engine.as_arguments("engine"),
-            "start": start,
-            "periods": periods,
-        }
-        task = Task(climb, arguments, version, f"{engine.name} {direction}", some.size)
-        (answer,) = yield Wanted([task], (ordered.size - first) / PLACES_TOGETHER)
-        if answer is None or isinstance(answer, HarvesterError):
-            return answer
-        rows.append(answer["rows"])
-        start = answer["end"]
-        for number, why in answer["failures"].items():
-            failures[f"{direction} at {some[int(number)]:g}"] = why
-    samples = np.concatenate(rows)
-    if direction == "down":
-        samples = samples[::-1]
-    return _branch(scene, key, values, direction, samples), failures
+    start, branches, failures = None, [], {}
+    for number, direction in enumerate(directions):
+        ordered, rows = values if direction == "up" else values[::-1], []
+        for first in range(0, ordered.size, PLACES_TOGETHER):
+            some = ordered[first : first + PLACES_TOGETHER]
+            arguments = {
+                "scene": scene,
+                "key": key,
+                "values": some.tolist(),
+                **engine.as_arguments("engine"),
+                "start": start,
+                "periods": periods,
+            }
+            task = Task(climb, arguments, version, engine.name, some.size)
+            ahead = ordered.size * (len(directions) - number) - first
+            (answer,) = yield Wanted([task], ahead / PLACES_TOGETHER)
+            if answer is None or isinstance(answer, HarvesterError):
+                return answer
+            rows.append(answer["rows"])
+            start = answer["end"]
+            for place, why in answer["failures"].items():
+                failures[f"{direction} at {some[int(place)]:g}"] = why
+        samples = np.concatenate(rows)
+        scenes = scenes_over(scene, key, values)
+        samples = samples if direction == "up" else samples[::-1]
+        branches.append(_branch(scenes, engine, direction, samples))
+    return branches, failures
 
 
-def _branch(scene, key, values, direction, samples):
-    found = samples[:, :, :STATE]
-    finite = ~np.isnan(found).any(axis=(1, 2))
-    periods = np.zeros(len(samples), dtype=int)
-    for k in np.flatnonzero(finite):
+def _branch(scenes, engine, direction, samples):
+    """One direction, from samples in the scenes' units."""
+    periods, motions = np.zeros(len(samples), dtype=int), []
+    values = np.full((len(samples), 2, len(QUANTITIES)), np.nan)
+    for k, scene in enumerate(scenes):
         # Each section is compared with its own size: one motion may be a hundredth of another's.
-        periods[k] = int(repetition(found[k : k + 1])[0])
-    whole = np.array([SAMPLES // max(p, 1) * max(p, 1) for p in periods])
-    lasting = np.array(
-        [
-            float(_period_at(scene, key, value)) * count
-            for value, count in zip(values, whole, strict=True)
-        ]
-    )
-    ends = samples[:, -1, STATE:]
-    begins = samples[np.arange(len(samples)), SAMPLES - whole, STATE:]
-    power, voltage, displacement = ((ends - begins) / lasting[:, None]).T
+        period, motion = motion_of(scene, samples[k])
+        motions.append(motion)
+        if motion not in UNSTEADY:
+            ready, seconds = prepared(scene), float(scene.excitation.period)
+            steps, memory = step_error(ready, engine.step, engine.name), memory_of(ready)
+            values[k] = means_of(samples[k : k + 1], seconds, steps, memory)
+            periods[k] = period
+    means, errors = values.transpose(1, 2, 0)
+    section = np.where(np.isfinite(samples), samples, np.nan)[:, 1:, :2]
     return Branch(
         direction,
-        found[:, 1:, 0],
-        found[:, 1:, 1],
+        section[:, :, 0],
+        section[:, :, 1],
         periods,
-        power,
-        np.sqrt(voltage),
-        np.sqrt(displacement),
+        motions,
+        **dict(zip(QUANTITIES, means, strict=True)),
+        errors=dict(zip(QUANTITIES, errors, strict=True)),
     )
-
-
-def _period_at(scene, key, value):
-    return scene.replace({key: value}).excitation.period
 
 
 def jumps_of(values: np.ndarray, branch: Branch) -> list[Jump]:
@@ -374,10 +388,11 @@ def jumps_of(values: np.ndarray, branch: Branch) -> list[Jump]:
     found = []
     for k in np.flatnonzero(change > JUMP_SHARE * size):
         sides = change[max(k - NEARBY, 0) : k], change[k + 1 : k + 1 + NEARBY]
-        nearby = [float(each.max()) for each in sides if each.size]
+        # Next to a value without a steady motion there is no change to compare with.
+        nearby = [float(np.nanmax(each)) for each in sides if np.isfinite(each).any()]
         # Sections without a period differ because they sample different parts of the motion.
         wandering = branch.period[k] == 0 and branch.period[k + 1] == 0
-        if wandering or (nearby and change[k] < JUMP_RATIO * np.nanmin(nearby)):
+        if wandering or (nearby and change[k] < JUMP_RATIO * min(nearby)):
             continue
         ends = (k, k + 1) if branch.direction == "up" else (k + 1, k)
         before, after = (float(values[each]) for each in ends)

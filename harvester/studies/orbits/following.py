@@ -4,17 +4,37 @@ from __future__ import annotations
 
 import math
 from collections.abc import Generator
-from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
 from harvester.errors import HarvesterError
-from harvester.estimates.attractors import Divergence, groups_of, repetition
+from harvester.estimates.attractors import (
+    CONVERGED,
+    NEARLY_CONVERGED,
+    QUANTITIES,
+    Divergence,
+    groups_of,
+    means_of,
+    repetition,
+    transients,
+)
+from harvester.estimates.estimate import Estimate
+from harvester.estimates.transient import memory_of, transient_time
 from harvester.prepared.prepared import prepared
+from harvester.prepared.steps import step_error
 from harvester.record.stroboscope import COLUMNS, STATE
-from harvester.results.orbit import orbit_name, share_error, wandering_kind
+from harvester.results.orbit import (
+    CHARGING,
+    ESCAPES,
+    NOT_SETTLED,
+    UNSTEADY,
+    orbit_name,
+    share_error,
+)
 from harvester.running.task import Task, Wanted
+from harvester.show.numbers import with_error
 from harvester.simulation.following import (
     PARTING_PERIODS,
     calls_of,
@@ -23,7 +43,6 @@ from harvester.simulation.following import (
     neighbours,
 )
 from harvester.simulation.methods import Engine
-from harvester.studies.transient import transient_time
 
 if TYPE_CHECKING:
     from harvester.scene.model import Scene
@@ -37,33 +56,41 @@ MOST_PERIODS_ASKED = 100_000
 # Number of samples at the end of each start, from which its period is determined.
 SAMPLES = 64
 # Starts without a period by then are followed for this many times the periods: chaos may be a
-# transient.
-LONGER = 3
+# transient. So many of its starts are followed this much longer again, and all of them if one finds
+# a period. The best start of each cycle then goes on, at most ROUNDS times, until it converges.
+LONGER, WITNESSES, ROUNDS = 3, 16, 3
 
 
 @dataclass(frozen=True)
 class Orbit:
-    """One steady motion of a driven device, in the scene's units.
+    """One outcome of a driven device's starts, in the scene's units: a steady motion, or none.
 
     Attributes
     ----------
     name : str
-        A, B, … in the order of their shares.
+        A, B, … in the order of their shares; of what is no steady motion its `kind`.
+    kind : str
+        "period 3" or "chaotic", or of what is no steady motion one of `UNSTEADY`.
     period : int or None
         Period of the motion in forcing periods; None if it does not repeat itself.
     lyapunov : Divergence or None
-        For a motion without a period: its largest Lyapunov exponent (1/s).
+        Of a motion without a period: its largest Lyapunov exponent (1/s).
     starts : int
         Number of starts that settled on it.
     share, share_error : float
         Share of all starts, and its standard error as that of a random sample of the plane.
     mean_power, rms_voltage, rms_displacement : float
-        Over the samples of all its starts.
+        Over whole cycles of the start that converged best; of a chaotic motion over the samples of
+        all its starts; NaN without a steady motion.
+    errors : dict of str to float
+        Errors of these three: what is left of the transient, or of a chaotic motion the standard
+        error, and what the steps cost; NaN if the samples are too few.
     points : ndarray, shape (n, 2)
         Stroboscopic section: displacement and velocity at the beginnings of forcing periods.
     """
 
     name: str
+    kind: str
     period: int | None
     lyapunov: Divergence | None
     starts: int
@@ -72,14 +99,17 @@ class Orbit:
     mean_power: float
     rms_voltage: float
     rms_displacement: float
+    errors: dict[str, float]
     points: np.ndarray
 
     @property
-    def kind(self) -> str:
-        """Kind of motion in words: "period 3", "chaotic" or "not settled"."""
-        if self.period is not None:
-            return f"period {self.period}"
-        return wandering_kind(self.lyapunov)
+    def steady(self) -> bool:
+        """Whether it is a motion with a power."""
+        return self.kind not in UNSTEADY
+
+    def text(self, name: str, unit: str) -> str:
+        """One of `QUANTITIES` with its error, for reading."""
+        return with_error(Estimate(getattr(self, name), self.errors[name], None, unit), unit)
 
 
 def periods_of(scene: Scene) -> int:
@@ -111,30 +141,74 @@ def following(
 ) -> Generator[Wanted, list, Any]:
     """A plan for `Runner.follow`: all starts to where they settle.
 
-    `periods` None: as many as the device needs, and `LONGER` times as many for those that have no
-    period by then.
+    `periods` None: as many as the device needs, and `LONGER` times as many and more for those that
+    have no period by then.
 
     Returns
     -------
     ndarray, shape (starts, SAMPLES + 1, columns)
         NaN for starts that time was too short for.
     """
-    first = periods or max(periods_of(scene), SAMPLES + 1)
+    first = _first_periods(scene, periods)
     kept = min(SAMPLES, first - 1)
     samples = yield from _pieces(scene, engine, version, starts, first, kept)
     if periods is not None or np.isnan(samples).any():
         return samples
-    (again,) = np.nonzero(repetition(samples[:, :, :STATE]) == 0)
-    if again.size:
+    plan = _Onwards(scene, engine, version, starts, samples, first)
+    yield from plan.follow(_wandering(samples), 1, LONGER)
+    for group in _groups(samples):
+        if group.period is None:
+            witnesses = group.members[:: math.ceil(group.members.size / WITNESSES)]
+            yield from plan.follow(witnesses, LONGER, LONGER**2)
+            if _wandering(samples[witnesses]).size < witnesses.size:
+                others = np.setdiff1d(group.members, witnesses)
+                yield from plan.follow(others, LONGER, LONGER**2)
+    return samples
+
+
+def _first_periods(scene, periods):
+    return periods or max(periods_of(scene), SAMPLES + 1)
+
+
+def _wandering(samples):
+    """Places of the starts that stay in range and have no period."""
+    inside = np.isfinite(samples).all(axis=(1, 2))
+    states = np.where(inside[:, None, None], samples[:, :, :STATE], 0.0)
+    return np.flatnonzero(inside & (repetition(states) == 0))
+
+
+def _groups(samples):
+    """Groups of the starts that were followed and stay in range."""
+    (inside,) = np.nonzero(np.isfinite(samples).all(axis=(1, 2)))
+    found = groups_of(samples[inside][:, :, :STATE]) if inside.size else []
+    return [replace(each, members=inside[each.members]) for each in found]
+
+
+class _Onwards(NamedTuple):
+    """Starts whose last samples, changed in place, are carried on."""
+
+    scene: Scene
+    engine: Engine
+    version: str
+    starts: np.ndarray
+    samples: np.ndarray
+    periods: int
+
+    def follow(self, places, done, total):
+        """Follow some starts from `done` to `total` times the periods."""
+        if not len(places):
+            return
         # With a resistor the samples hold the whole state, so runs continue from them; a netlist's
         # capacitors and inductors have states of their own, so runs restart.
-        if scene.load.is_resistor:
-            begin, lasting = samples[again, -1, :STATE], (LONGER - 1) * first
+        if self.scene.load.is_resistor:
+            begin, times = self.samples[places, -1, :STATE], total - done
         else:
-            begin, lasting = starts[again], LONGER * first
-        later = yield from _pieces(scene, engine, version, begin, lasting, kept)
-        samples[again] = np.where(np.isnan(later), samples[again], later)
-    return samples
+            begin, times = self.starts[places], total
+        later = yield from _pieces(
+            self.scene, self.engine, self.version, begin, times * self.periods,
+            self.samples.shape[1] - 1,
+        )  # fmt: skip
+        self.samples[places] = np.where(np.isnan(later), self.samples[places], later)
 
 
 def _pieces(scene, engine, version, starts, periods, kept):
@@ -160,46 +234,101 @@ def orbits_of(
     starts: np.ndarray,
     periods: int | None,
 ) -> Generator[Wanted, list, tuple[list[Orbit], np.ndarray]]:
-    """A plan for `Runner.follow`: the orbits that starts settle on, and each start's orbit
-    number (−1: not followed)."""
+    """A plan for `Runner.follow`: the orbits that starts settle on with their powers, behind them
+    what the other starts do, and each start's place in these (−1: not followed)."""
     samples = yield from following(scene, engine, version, starts, periods)
-    which = np.full(len(starts), -1)
-    (done,) = np.nonzero(~np.isnan(samples).any(axis=(1, 2)))
-    found = []
-    for number, group in enumerate(groups_of(samples[done][:, :, :STATE]) if done.size else []):
-        members = done[group.members]
-        which[members] = number
-        exponent = None
+    groups = _groups(samples)
+    found = yield from _cycles(scene, engine, version, starts, samples, groups, periods)
+    unsettled = _unsettled(scene)
+    for group in groups:
         if group.period is None:
-            near, scale = neighbours(scene, samples, starts, members)
+            near, scale = neighbours(scene, samples, starts, group.members)
             parting = yield from _pieces(
                 scene, engine, version, near, PARTING_PERIODS + 1, PARTING_PERIODS
             )
             exponent = exponent_of(scene, parting, scale)
-        found.append(_orbit(scene, number, group, samples[members], exponent, done.size))
-    return found, which
+            if exponent is not None and exponent.chaotic and unsettled != CHARGING:
+                found.append((group.members, samples[group.members], group.points, exponent))
+    found.sort(key=lambda each: (-each[0].size, each[0].min()))
+    which, orbits, ready = np.full(len(starts), -1), [], prepared(scene)
+    followed, escaped = ~np.isnan(samples).any(axis=(1, 2)), np.isinf(samples).any(axis=(1, 2))
+    count, steps = int(followed.sum()), step_error(ready, engine.step, engine.name)
+    seconds, memory = float(scene.excitation.period or 1.0), memory_of(ready)
+    units = np.array([ready.scales.of(each) for each in QUANTITIES.values()])
+    size = np.array([ready.scales.of("displacement"), ready.scales.of("velocity")])
+    for number, (members, own, points, exponent) in enumerate(found):
+        which[members] = number
+        period = None if exponent else len(points)
+        kind = f"period {period}" if period else "chaotic"
+        values = means_of(own, seconds, steps, memory) * units
+        section = points[:, :2] * size
+        name = orbit_name(number)
+        orbits.append(_orbit(name, kind, members.size, count, values, section, period, exponent))
+    for kind, here in ((unsettled, followed & ~escaped & (which < 0)), (ESCAPES, escaped)):
+        if here.any():
+            which[here] = len(orbits)
+            orbits.append(_orbit(kind, kind, int(here.sum()), count))
+    return orbits, which
 
 
-def _orbit(scene, number, group, samples, exponent, count):
-    """An orbit in the scene's units."""
-    scales = prepared(scene).scales
-    size, speed = scales.of("displacement"), scales.of("velocity")
-    # Means are taken over whole periods of the motion.
-    repeated = group.period or 1
-    whole = (samples.shape[1] - 1) // repeated * repeated
-    lasting = whole * float(scene.excitation.period)
-    means = (samples[:, -1, STATE:] - samples[:, -1 - whole, STATE:]).mean(axis=0) / lasting
-    power, square_voltage, square_displacement = map(float, means)
-    share = len(samples) / count
+def _cycles(scene, engine, version, starts, samples, groups, periods):
+    """Periodic motions: the members of each, its best start's samples and its section.
+
+    The best start of each group goes on until it has converged; groups whose best starts come to
+    the same cycle are one motion.
+    """
+    members = [each.members for each in groups if each.period]
+    best = np.array(
+        [each[np.argmin(_remains(scene, samples[each]))] for each in members], dtype=int
+    )
+    first = _first_periods(scene, periods)
+    plan = _Onwards(scene, engine, version, starts[best], samples[best], first)
+    for k in range(1, ROUNDS) if periods is None else ():
+        again = np.flatnonzero(_remains(scene, plan.samples) > CONVERGED)
+        yield from plan.follow(again, LONGER**k, LONGER ** (k + 1))
+    remains, found = _remains(scene, plan.samples), []
+    (settled,) = np.nonzero(remains <= NEARLY_CONVERGED)
+    for group in groups_of(plan.samples[settled][:, :, :STATE]) if settled.size else []:
+        same = settled[group.members]
+        own = plan.samples[same[[np.argmin(remains[same])]]]
+        period = motion_of(scene, own[0])[0]
+        together = np.concatenate([members[k] for k in same])
+        found.append((together, own, own[0, -period:], None))
+    return found
+
+
+def _remains(scene, samples):
+    """What remains of each start's transient, see `transients`."""
+    return transients(samples[:, :, :STATE], memory_of(prepared(scene)))[2]
+
+
+def _unsettled(scene):
+    """Why starts have not converged: a store of the load may be slower than they are followed."""
+    stores = scene.load.circuit and scene.load.circuit.stores
+    wanted = transient_time(prepared(scene), SETTLED_SHARE) / float(scene.excitation.period)
+    return CHARGING if stores and wanted > MOST_PERIODS else NOT_SETTLED
+
+
+def motion_of(scene: Scene, samples: np.ndarray) -> tuple[int, str]:
+    """Period and kind of the motion of one start, from its samples, shape (samples, columns)."""
+    if np.isinf(samples).any():
+        return 0, ESCAPES
+    if np.isnan(samples).any():
+        return 0, NOT_SETTLED
+    memory = memory_of(prepared(scene))
+    (period,), _, (remains,) = transients(samples[None, :, :STATE], memory)
+    if period and remains <= NEARLY_CONVERGED:
+        return int(period), f"period {period}"
+    unsettled = _unsettled(scene)
+    return 0, unsettled if period or unsettled == CHARGING else "no period"
+
+
+def _orbit(name, kind, starts, count, values=None, points=None, period=None, exponent=None):
+    """An outcome of some starts; without values one that is no steady motion."""
+    values = np.full((2, len(QUANTITIES)), math.nan) if values is None else values
+    means, errors = (dict(zip(QUANTITIES, map(float, each), strict=True)) for each in values)
+    points = np.empty((0, 2)) if points is None else points
+    share = starts / count, share_error(starts, count)
     return Orbit(
-        name=orbit_name(number),
-        period=group.period,
-        lyapunov=exponent,
-        starts=len(samples),
-        share=share,
-        share_error=share_error(len(samples), count),
-        mean_power=power * scales.of("power"),
-        rms_voltage=math.sqrt(square_voltage) * scales.of("voltage"),
-        rms_displacement=math.sqrt(square_displacement) * size,
-        points=group.points[:, :2] * np.array([size, speed]),
+        name, kind, period, exponent, starts, *share, **means, errors=errors, points=points
     )

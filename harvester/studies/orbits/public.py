@@ -181,18 +181,14 @@ def bifurcation(
     directions = ("up", "down") if down else ("up",)
     with open_runner(**running) as runner:
         version = runner.version(engine.name)
-        found: list[Any] = runner.follow(
-            [
-                work.climbing(scene, over, rising, engine, version, settling, each)
-                for each in directions
-            ]
+        (found,) = runner.follow(
+            [work.climbing(scene, over, rising, engine, version, settling, directions)]
         )
-    for each in found:
-        if isinstance(each, HarvesterError):
-            raise each
-    if None in found:
+    if isinstance(found, HarvesterError):
+        raise found
+    if found is None:
         raise HarvesterError("the time budget was spent: the same command goes on where it ended")
-    branches = [branch for branch, _ in found]
+    branches, failures = found
     return work.Bifurcation(
         scene=scene,
         key=over,
@@ -202,7 +198,7 @@ def bifurcation(
         method=engine.name,
         engine_version=version or "compiled equations",
         periods=settling,
-        failures={place: why for _, failures in found for place, why in failures.items()},
+        failures=failures,
         seconds=time.perf_counter() - clock,
     )
 

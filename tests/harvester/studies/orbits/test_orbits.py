@@ -9,10 +9,21 @@ from scipy.integrate import solve_ivp
 
 import harvester
 from harvester.errors import HarvesterError
-from harvester.estimates.attractors import divergence, groups_of, repeats_in_noise, repetition
+from harvester.estimates.attractors import (
+    CONVERGED,
+    QUANTITIES,
+    divergence,
+    groups_of,
+    means_of,
+    repeats_in_noise,
+    repetition,
+    transients,
+)
 from harvester.prepared.prepared import prepared
 from harvester.prepared.starts import drawn_start, energy_range
 from harvester.scene.model import Scene
+from harvester.simulation.following import follow, forced
+from harvester.studies import frequency_response
 from harvester.studies.orbits.basins import orbit_sentences
 from harvester.studies.orbits.following import Orbit
 from harvester.studies.orbits.kramers import kramers_time
@@ -237,12 +248,216 @@ def test_a_start_that_still_settles_is_on_the_cycle_that_it_comes_to():
 
 
 def test_what_is_not_settled_is_no_steady_motion():
-    orbit = Orbit("A", 1, None, 3, 0.75, 0.1, 2.0, 1.0, 1.0, np.zeros((1, 2)))
-    first, best, *_ = orbit_sentences(
-        [orbit, replace(orbit, name="B", period=None)], {"power": "W"}.get
+    errors = dict.fromkeys(QUANTITIES, 1e-3)
+    orbit = Orbit("A", "period 1", 1, None, 3, 0.75, 0.1, 2.0, 1.0, 1.0, errors, np.zeros((1, 2)))
+    other = replace(orbit, name="not settled", kind="not settled", period=None, mean_power=math.nan)
+    first, best, _, last = orbit_sentences([orbit, other], {"power": "W"}.get)
+    assert first == "1 steady motion: period 1"
+    assert best.startswith("most power on orbit A, 2.0000 ± 0.0010 W")
+    assert last.startswith("3 starts: not settled, ")
+
+
+def test_a_transient_tells_where_it_ends():
+    k, rates = np.arange(65), np.array([0.0, 0.02, 0.2])
+    samples = np.ones((3, 65, 3)) + 1e-3 * np.exp(-rates[:, None] * k)[:, :, None]
+    samples[0] += 1e-5 * k[:, None]
+    periods, _, remains = transients(samples, 0.0)
+    assert periods.tolist() == [1, 1, 1]
+    # A steady drift has no end; a decay has what its last stretch of 24 samples leaves.
+    assert remains[0] > 1.0
+    assert remains[1] == pytest.approx(1e-3 * math.exp(-0.02 * 48), rel=0.01)
+    assert remains[2] < CONVERGED
+    # Of a store with a memory of 1e6 periods all that is still to come counts.
+    assert transients(samples, 1e6)[2][2] > 1e-3
+
+
+BISTABLE = {
+    "oscillator.damping": 0.3, "oscillator.linear_stiffness": -9.0, "load.decay_rate": 0.9,
+    "oscillator.cubic_stiffness": 25.0, "piezo.coupling": 1.1, "excitation.phase": 0.0,
+}  # fmt: skip
+
+
+def bistable(frequency, amplitude):
+    """A scaled device with an energy barrier of 0.81."""
+    changes = {**BISTABLE, "excitation.frequency": frequency, "excitation.amplitude": amplitude}
+    return duffing(0.3, 1.0, 1.0).replace(changes)
+
+
+@pytest.mark.slow
+def test_powers_hold_no_transient():
+    """Late arrivals raised the wells' powers by some percent, each by another."""
+    scene = bistable(0.4, 1.6)
+    found = harvester.basins(scene, points=6, workers=1)
+    period = scene.excitation.period
+
+    def rates(t, y):
+        x, v, voltage = y[:3]
+        force = 1.6 * math.sin(2.0 * math.pi * t / period) + 9.0 * x - 25.0 * x**3
+        return [v, force - 0.3 * v - 1.1 * voltage, v - 0.9 * voltage, 0.99 * voltage**2]
+
+    assert len(found.orbits) == 3
+    for orbit in found.orbits:
+        start, ends = [*orbit.points[0], 0.0, 0.0], [80.0 * period, 90.0 * period]
+        path = solve_ivp(rates, (0.0, ends[1]), start, "DOP853", ends, rtol=1e-10, atol=1e-12).y
+        assert path[:2, 1] == pytest.approx(orbit.points[0], abs=1e-5)
+        power = (path[3, 1] - path[3, 0]) / (10.0 * period)
+        assert orbit.mean_power == pytest.approx(power, rel=1e-6)
+        assert orbit.errors["mean_power"] < 1e-6 * power
+    assert found.orbits[1].mean_power == pytest.approx(found.orbits[2].mean_power, rel=1e-8)
+
+
+@pytest.mark.slow
+def test_mirror_orbits_and_no_orbit_of_a_start_that_settles():
+    """Two orbits of period 5: a third and one "not settled" were starts on the way to them."""
+    found = harvester.basins(bistable(0.5, 1.0), points=16, workers=1)
+    assert [each.kind for each in found.orbits] == 2 * ["period 1"] + 2 * ["period 5"]
+    powers = np.array([each.mean_power for each in found.orbits]).reshape(2, 2)
+    assert powers[:, 0] == pytest.approx(powers[:, 1], rel=1e-7)
+
+
+def escaping(amplitude):
+    """x'' + 0.1 x' + x − x² within ±1.5: beyond 1 it runs away."""
+    tables = duffing(0.1, amplitude, 0.85).to_tables()
+    spring = {"restoring_force": [0.0, 1.0, -1.0], "restoring_force_range": [-1.5, 1.5]}
+    tables["oscillator"] = {"damping": 0.1, **spring}
+    return Scene.from_tables(tables)
+
+
+@pytest.mark.slow
+def test_a_start_that_leaves_the_range_escapes():
+    line = np.linspace(-0.9, 1.2, 6)
+    found = harvester.basins(
+        escaping(0.02), displacement=line, velocity=[-0.3, 0.0, 0.3], periods=120, workers=1
     )
-    assert first == "1 steady motion: period 1; and 1 not settled"
-    assert best.startswith("most power on orbit A, 2 W")
+    x, v = (each.ravel() for each in np.meshgrid(line, [-0.3, 0.0, 0.3]))
+
+    def rates(t, y):
+        force = 0.02 * math.cos(0.85 * t)
+        return [y[1], force - 0.1 * y[1] - y[0] + y[0] ** 2]
+
+    def outside(t, y):
+        return abs(y[0]) - 1.5
+
+    outside.terminal = True
+    left = [
+        solve_ivp(rates, (0.0, 400.0), each, rtol=1e-8, events=outside).status == 1
+        for each in zip(x, v, strict=True)
+    ]
+    assert 0 < sum(left) < len(left)
+    names = [found.orbits[k].name for k in found.orbit.ravel()]
+    assert [name == "escapes" for name in names] == left
+    assert "—" in found.table()[1][-1]
+    assert found.to_dict()["orbits"][-1]["mean_power"] is None
+    assert any("escapes, the mass leaves" in line for line in found.sentences())
+
+
+@pytest.mark.slow
+def test_orbits_of_a_run_hold_no_transient_and_whole_cycles():
+    """140 periods are no whole number of the cycles of five; basins has them converged."""
+    run = {"run.starts": 24, "run.settle": 100.0, "run.duration": 200.0}
+    scene = bistable(0.7, 2.2)
+    found = harvester.simulate(scene.replace(run), method="monte-carlo", workers=1).attractors
+    expected = harvester.basins(scene, points=6, workers=1).orbits
+    kinds = ["period 1", "period 5", "period 4", "period 4"]
+    assert [each.kind for each in found] == [*kinds, "not settled"]
+    powers = {each.kind: each.mean_power for each in expected}
+    for orbit in found[:4]:
+        power = orbit.quantities["mean_power"]
+        assert abs(power.estimate - powers[orbit.kind]) < 3.0 * power.standard_error
+        assert power.standard_error < 1e-4 * power.estimate
+    assert found[-1].quantities == {}
+
+
+@pytest.mark.slow
+def test_starts_of_simulate_escape():
+    run = {"run.starts": 8, "run.settle": 250.0, "run.duration": 100.0, "piezo.coupling": 1e-3}
+    found = harvester.simulate(escaping(0.06).replace(run), method="monte-carlo", workers=1)
+    *orbits, escapes = found.attractors
+    assert escapes.name == escapes.kind == "escapes"
+    assert orbits
+    assert all(each.quantities["mean_power"].estimate > 0.0 for each in orbits)
+    assert sum(each.starts for each in found.attractors) == 8
+    assert sum(each.share for each in found.attractors) == pytest.approx(1.0)
+    assert not found.failures
+    assert any(line.startswith("escapes: ") for line in found.sentences())
+
+
+def test_a_bifurcation_goes_on_beside_an_escape():
+    found = harvester.bifurcation(
+        escaping(0.02), over="excitation.amplitude", values=[0.02, 0.04, 0.4], periods=60, workers=1
+    )
+    assert [each.motion for each in found.branches] == 2 * [["period 1", "period 1", "escapes"]]
+    assert np.isnan(found.branches[0].mean_power).tolist() == [False, False, True]
+    assert not found.failures
+
+
+def test_down_begins_where_up_ended():
+    """A range that ends between the folds of a hardening spring: down keeps to the branch of up."""
+    scene = duffing(0.1, 0.1, 1.0).replace(
+        {"oscillator.linear_stiffness": 1.0, "oscillator.cubic_stiffness": 1.0}
+    )
+    up, down = harvester.bifurcation(
+        scene, over="excitation.frequency", values=np.linspace(0.15, 0.19, 5), periods=40, workers=1
+    ).branches
+    # From rest it comes to the lower branch there, with an rms displacement of 0.18.
+    assert up.rms_displacement[-1] > 0.5
+    assert down.rms_displacement == pytest.approx(up.rms_displacement, rel=1e-4)
+
+
+@pytest.mark.slow
+def test_error_bars_of_chaotic_values_hold_the_mean():
+    """64 periods of each of 60 chaotic paths: 95 % intervals hold the mean of all; 88 % or fewer
+    would be chance once in 100 times."""
+    scene = forced(duffing(0.15, 0.3, 1.0), "a test")
+    starts = np.c_[np.random.default_rng(3).uniform(-1.0, 1.0, (60, 2)), np.zeros(60)].tolist()
+    samples = follow(scene, "monte-carlo", "default", starts, 164, 64, lambda *_: None)
+    samples = samples[transients(samples[:, :, :3], 0.0)[0] == 0]
+    assert len(samples) > 50
+    period = scene.excitation.period
+    means, errors = np.array([means_of(each[None], period, 0.0, 0.0) for each in samples]).swapaxes(
+        0, 1
+    )
+    apart = np.abs(means - means_of(samples, period, 0.0, 0.0)[0])[:, 2]
+    assert np.mean(apart < 1.96 * errors[:, 2]) > 0.88
+
+
+@pytest.fixture
+def slow_store(tmp_path):
+    """A bridge on 100 mF and 200 kΩ: five hours, and 480 µW at first instead of 1.39 mW."""
+    path = tmp_path / "slow.lib"
+    path.write_text(
+        "* bridge\n.subckt slow p n out ref\n.model dx d(is=4.352n n=1.906 rs=0.6458 cjo=0.7p)\n"
+        "D1 p out dx\nD2 ref p dx\nD3 n out dx\nD4 ref n dx\nCstray ref n 10p\n"
+        "Cout out ref 100m\nRload out ref 200k\n.ends\n"
+    )
+    oscillator = {"mass": 14.04e-3, "frequency": 45.7, "damping_ratio": 0.027}
+    return Scene.from_tables(
+        {
+            "units": "SI",
+            "oscillator": {**oscillator, "base_factor": 1.0854},
+            "piezo": {"coupling": 2.327e-3, "capacitance": 41.26e-9},
+            "load": {"netlist": str(path)},
+            "excitation": {"kind": "sine", "amplitude": 4.0, "frequency": 46.0},
+            "run": {"duration": 2.0},
+        }
+    )
+
+
+@pytest.mark.slow
+def test_a_store_that_still_charges_has_no_power(slow_store, monkeypatch):
+    found = harvester.basins(slow_store, displacement=[0.0], velocity=[0.0], periods=100, workers=1)
+    assert [each.kind for each in found.orbits] == ["still charging"]
+    assert math.isnan(found.orbits[0].mean_power)
+    over = harvester.bifurcation(
+        slow_store, over="excitation.amplitude", values=[3.0, 4.0], periods=80, workers=1
+    )
+    assert over.branches[1].motion == 2 * ["still charging"]
+    assert np.isnan(over.branches[1].mean_power).all()
+    monkeypatch.setattr(frequency_response, "MOST_PERIODS", 50)
+    response = harvester.frequency_response(slow_store, [45.0, 46.0], workers=1)
+    assert np.isnan(response.sweeps[0].mean_power).all()
+    assert (response.sweeps[0].residual > 1.0).all()
+    assert any("still charging at 2 frequencies" in line for line in response.sentences())
 
 
 def test_exponent_of_a_growth_that_is_known():
