@@ -68,6 +68,9 @@ REJECTING_STEPS = 4
 # If the load decays within a knot, Monte Carlo's scheme has order three, not four: steps are
 # halved.
 STEPS_OF_FAST_LOADS = 2
+# Above this `timescales.base_share` a step is no longer than the decay time: two steps for 25 decay
+# times cost 3 % of a power.
+BASE_SHARE = 0.1
 # If the damper acts within a knot, the velocity follows the straight lines of the noise. The mean
 # of its square needs points between the knots; four steps reduce the loss by interpolation sixteen
 # times.
@@ -146,8 +149,10 @@ def steps_per_knot(ready: Prepared, step: str | float = "default", engine: str =
     if error > NOISE_ERROR:
         longest *= (NOISE_ERROR / error) ** (1.0 / order)
     finer = REJECTING_STEPS if engine == "circuit" and load and load.may_jump else 1
-    if engine == "monte-carlo" and system.transducer.decay_rate() * spacing > 1.0:
-        finer *= STEPS_OF_FAST_LOADS
+    decays = system.transducer.decay_rate() * spacing
+    if engine == "monte-carlo" and decays > 1.0:
+        based = timescales.base_share(system, spacing) > BASE_SHARE
+        finer *= max(STEPS_OF_FAST_LOADS, math.ceil(decays) if based else 1)
     if system.damper.damping * spacing > 1.0:
         finer = max(finer, STEPS_OF_SLAVED_VELOCITY)
     return max(1, math.ceil(spacing / longest - 1e-9)) * STEP_LEVELS[step] * finer
