@@ -145,6 +145,8 @@ class Netlist:
         count (J).
     pace : float
         Factor of the motion's clock; the excitation is to be less by it.
+    line : float
+        Angular frequency at which shortened steps are to be exact too (rad/s); 0: none.
     course : circuits.loads.course.Course or None
         Sources and expressions of the load that change with time alone.
     """
@@ -167,6 +169,7 @@ class Netlist:
     watch: Watch = UNWATCHED
     watched_energy: tuple[float, float] = (0.0, 0.0)
     pace: float = 1.0
+    line: float = 0.0
     course: Course | None = None
 
     @property
@@ -184,7 +187,7 @@ def assemble(
     integrator: str = "trapezoidal",
     save: Iterable[str] = (),
     compiled: bool = False,
-    pace: float = 1.0,
+    line: float = 0.0,
     named: bool = False,
 ) -> Netlist:
     """Build the equivalent circuit of a scene with PySpice.
@@ -208,8 +211,8 @@ def assemble(
     compiled : bool
         The mechanics and the piezo are one compiled device each, see
         `circuits.verilog`.
-    pace : float
-        Factor of the motion's clock, see `circuits.elements.pace_of`.
+    line : float
+        Angular frequency at which the motion is to be exact (rad/s); 0: none.
     named : bool
         The load keeps its sub-circuits and the names of its parameters, for people to read; not
         where ngspice would take a name for another.
@@ -223,6 +226,7 @@ def assemble(
     scene, system, scales = ready.scene, ready.system, ready.scales
     rate = timescales.angular_frequency(system)
     length = knot_spacing(ready) / steps_per_knot(ready, step)
+    pace = elements.pace_of(line * length)
     electrical = ready.network
     circuit = Circuit(f"harvester scene {scene.name}")
     starts = [
@@ -231,6 +235,7 @@ def assemble(
     load = scene.load.circuit
     if load:
         check_turn(load, length)
+    slowed = line > 0.0 and load is not None and load.resistance is None
 
     def add_device(place, start):
         if isinstance(scene.excitation, PrescribedDisplacement):
@@ -242,7 +247,7 @@ def assemble(
         parts = verilog.left_out(electrical) if compiled else electrical.elements
         elements.add_transducer(place, parts, rate, scales, start[2], pace)
         if not scene.excitation.prescribes_displacement:
-            elements.add_pace(place, rate, pace, start)
+            elements.add_pace(place, rate, pace, start, slowed)
             elements.add_excitation(place, waveform, electrical)
         if load:
             elements.add_load(place, load, electrical, named and load.is_plain)
@@ -309,6 +314,7 @@ def assemble(
         watch=watch_of(load, pins) if load else UNWATCHED,
         watched_energy=(capacitance, capacitance * (SMALL_VOLTAGE * scales.voltage) ** 2),
         pace=pace,
+        line=line if slowed else 0.0,
         course=Course(load.elements) if load else None,
     )
 

@@ -82,12 +82,20 @@ def pace_of(angle: float) -> float:
     return math.tan(0.5 * angle) / (0.5 * angle) if angle > 0.0 else 1.0
 
 
-def add_pace(circuit: Circuit, rate: float, pace: float, start: tuple[str, ...]) -> None:
-    """Parallel capacitors by which displacement and velocity change faster by a factor `pace`."""
+def add_pace(
+    circuit: Circuit, rate: float, pace: float, start: tuple[str, ...], slowed: bool
+) -> None:
+    """Parallel capacitors by which displacement and velocity change faster by a factor `pace`.
+
+    Where shorter steps than the grid's are `slowed`, a source does so for the displacement; that of
+    the noise does so for the velocity.
+    """
     if pace != 1.0:
         less = number((1.0 / pace - 1.0) / rate)
         circuit.C("displacement_pace", DISPLACEMENT, circuit.gnd, less, ic=start[0])
         circuit.C("velocity_pace", VELOCITY, circuit.gnd, less, ic=start[1])
+    if slowed:
+        circuit.I("clock", circuit.gnd, DISPLACEMENT, "external")
 
 
 def excited_node(network: Network) -> str:

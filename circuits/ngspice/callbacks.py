@@ -14,6 +14,7 @@ import numpy as np
 from llvmlite import ir
 
 from circuits.assembly import FIRST_ORDER_SHARE
+from circuits.elements import pace_of
 from circuits.ngspice import load_steps
 from harvester.compilation import (
     CACHED,
@@ -44,6 +45,8 @@ KNOTS_KEPT_BEHIND = 8
 # Longest name of a source, with ngspice's prefix, from which the number of its copy is read. The
 # names come from `circuits.elements` and are shorter.
 LONGEST_NAME = 64
+# Last letter of the name of the source `elements.add_pace`.
+CLOCK = ord("k")
 # Columns of the buffer, for each copy, in front of the unknowns of the load's measures and of those
 # that are watched. Columns that do not apply are 0.
 COLUMNS = 9
@@ -106,7 +109,12 @@ STATE = np.dtype(
         ("capacitance", np.float64),  # twice the energy over the terminal's voltage squared (F)
         ("least_energy", np.float64),  # twice that which does not count (J)
         ("turn", np.float64),  # see `circuits.loads.load_watch.Watch` (s)
-        ("pace", np.float64),  # of the motion's clock
+        ("pace", np.float64),  # of the motion's clock, for steps of the grid
+        ("line", np.float64),  # at which the motion is to be exact (rad/s); 0: none
+        ("push", np.int64),  # address of float64 (copies,): acceleration at the latest point
+        ("slowed", np.float64),  # at the latest point, see `_slowed`
+        ("owed", np.float64),  # time by which the clock is still fast (s)
+        ("settling", np.float64),  # longest step after the excitation bends; 0: any (s)
         ("refinement", np.float64),  # of the steps against the default ones
         # The load's own motion, see `circuits.loads.course.Plan`. The last ones are addresses.
         ("planned_to", np.float64),  # infinite where it does nothing (s)
@@ -121,6 +129,7 @@ STATE = np.dtype(
     align=True,
 )
 _STATE = numba.from_dtype(STATE)
+_pace_of = compiled(pace_of)
 
 
 @intrinsic
@@ -155,6 +164,39 @@ def _noise(state, copy, time):
     return window[copy, knot] * (1.0 - share) + window[copy, knot + 1] * share
 
 
+@compiled
+def _fast(state, h):
+    """Share by which the motion's clock, made for a step of the grid, is fast in one of h."""
+    if h >= (1.0 - 1e-6) * state.spacing / state.steps_per_knot:
+        return 0.0
+    return 1.0 - _pace_of(state.line * h) / state.pace
+
+
+@compiled
+def _slowed(state, h):
+    """Share by which the clock is slowed at the end of a step of h.
+
+    A step takes the mean of its two ends; what it leaves is owed to the next.
+    """
+    return _fast(state, h) + state.owed * state.steps_per_knot / state.spacing
+
+
+@compiled
+def _slowing(state, copy, h, displaces):
+    """What slows a copy's displacement, or its velocity, at the end of a step of h.
+
+    Both are predicted for a motion at the line. Slowing one alone would pump energy, since steps
+    are short at one phase of the motion.
+    """
+    shape = (state.copies, state.points, state.columns)
+    row = carray(_pointer(state.buffer), shape, np.float64)[copy, (state.count - 1) % state.points]
+    push = carray(_pointer(state.push), state.copies, np.float64)[copy] / state.rate**2
+    speed, ratio = row[VELOCITY], state.line / state.rate
+    c, s = math.cos(state.line * h), math.sin(state.line * h)
+    ahead = speed * c + push / ratio * s if displaces else push * c - speed * ratio * s
+    return -_slowed(state, h) * ahead
+
+
 @cfunc(types.int32(types.voidptr, types.int32, types.int32, types.CPointer(_STATE)), cache=CACHED)
 def send_data(values: Any, count: int, identity: int, user: Any) -> int:
     """`SendData`: copy the saved nodes of an accepted point into the buffer.
@@ -178,6 +220,11 @@ def send_data(values: Any, count: int, identity: int, user: Any) -> int:
                 buffer[copy, row, column] = carray(_pointer(vectors[place]), 2, np.float64)[1]
         if places[copy, NOISE] < 0:
             buffer[copy, row, NOISE] = _noise(state, copy, time)
+    if state.line > 0.0:
+        h = time - times[(row - 1) % state.points]
+        slowed = _slowed(state, h)
+        state.owed += h * (_fast(state, h) - 0.5 * (state.slowed + slowed))
+        state.slowed = slowed
     state.count = row + 1
     state.steps += 1
     if row + 1 == state.points:
@@ -199,18 +246,20 @@ def send_data(values: Any, count: int, identity: int, user: Any) -> int:
     cache=CACHED,
 )
 def get_noise(current: Any, time: float, name: Any, identity: int, user: Any) -> int:
-    """`GetISRCData`: the noise of the copy whose number stands in the source's name."""
+    """`GetISRCData`: noise or clock of the copy whose number stands in the source's name."""
     state = carray(user, 1)[0]
-    copy = 0
-    if state.copies > 1:
-        letters = carray(name, LONGEST_NAME, np.uint8)
-        place = 0
-        while letters[place] != 0 and not 48 <= letters[place] <= 57:
-            place += 1
-        while 48 <= letters[place] <= 57:
+    letters = carray(name, LONGEST_NAME, np.uint8)
+    copy = place = 0
+    while letters[place] != 0:
+        if state.copies > 1 and 48 <= letters[place] <= 57:
             copy = 10 * copy + letters[place] - 48
-            place += 1
-    current[0] = _noise(state, copy, time) / state.pace
+        place += 1
+    displaces = letters[place - 1] == CLOCK
+    current[0] = 0.0 if displaces else _noise(state, copy, time) / state.pace
+    if state.line > 0.0:
+        times = carray(_pointer(state.times), state.points, np.float64)
+        h = time - times[(state.count - 1) % state.points]
+        current[0] += _slowing(state, copy, h, displaces)
     return 0
 
 
@@ -238,15 +287,17 @@ def _device(typingctx, user, address):
 
 
 @inlined
-def _resolved(state, s, row, ahead, step):
+def _resolved(state, s, copy, row, ahead, step):
     """Longest step from an accepted point of one copy that resolves the contacts.
 
     `row` is the point's row of the buffer, `ahead` the noise at the next knot, `step` the grid's.
+    Keeps the acceleration.
     """
     x, v = row[DISPLACEMENT], row[VELOCITY] * state.rate
     electrical = row[TRANSDUCER] * state.state_scale
     noise, change = row[NOISE] * state.rate**2, (ahead - row[NOISE]) * state.rate**2
     acceleration = systems.push(s, x, v, electrical, noise)
+    carray(_pointer(state.push), state.copies, np.float64)[copy] = acceleration
     stiffness = springs.greatest_stiffness(s.spring, x)
     stiffness += systems.transducer_stiffness(s.transducer, stiffness)
     margin = abs(change) + stiffness * abs(v) * step
@@ -291,7 +342,7 @@ def _shortest(state, s, ahead, step):
     row = (state.count - 1) % state.points
     shortest = step
     for copy in range(state.copies):
-        longest = _resolved(state, s, buffer[copy, row], window[copy, ahead], step)
+        longest = _resolved(state, s, copy, buffer[copy, row], window[copy, ahead], step)
         if state.switch_count + state.store_count > 0 and state.steps >= load_steps.POINTS:
             longest = _load_step(state, copy, buffer[copy], step, longest)
         shortest = min(shortest, longest)
@@ -342,6 +393,8 @@ def _set_step(time, delta, before, redo, identity, location, user):
     knot = np.floor(time / state.spacing + 1e-9)
     index = np.floor((time - knot * state.spacing) / step + 1e-6)
     remaining = knot * state.spacing + (index + 1.0) * step - time
+    if state.settling > 0.0 and time - knot * state.spacing < MERGED * step:
+        state.jumped, state.jump_width = knot * state.spacing, state.settling
     remaining, planned = _planned(state, time, remaining, step)
     longest = min(remaining, planned)
     if state.steps > 0:

@@ -9,13 +9,12 @@ from collections.abc import Callable
 from typing import TYPE_CHECKING, Any
 
 from circuits.assembly import assemble, step_options
-from circuits.elements import pace_of
 from circuits.ngspice import compiled_device
 from circuits.ngspice.session import session
 from harvester.errors import CompiledDeviceUnavailable
 from harvester.prepared.lines import line_frequency
 from harvester.prepared.prepared import Prepared, prepared
-from harvester.prepared.steps import knot_spacing, steps_per_contact, steps_per_knot
+from harvester.prepared.steps import steps_per_contact, steps_per_knot
 from harvester.scene.model import Scene
 
 if TYPE_CHECKING:
@@ -89,9 +88,10 @@ def run_realizations(
     else:
         options, by_error = step_options(ready, step, tolerance)
         compiled = _compiled(engine, ready, device)
-        pace = _pace(ready, step) if scheme == "trapezoidal" and tolerance is None else 1.0
+        exact = scheme == "trapezoidal" and tolerance is None
+        line = line_frequency(ready) if exact else 0.0
         netlist = assemble(
-            ready, step, starts, options=options, integrator=scheme, compiled=compiled, pace=pace
+            ready, step, starts, options=options, integrator=scheme, compiled=compiled, line=line
         )
         steps = steps_per_knot(ready, step), steps_per_contact(ready, step)
         refinement = steps[0] / steps_per_knot(ready)
@@ -100,12 +100,6 @@ def run_realizations(
         "engine_version": version(engine),
         "netlist_sha256": netlist.sha256,
     }
-
-
-def _pace(ready, step):
-    """The clock's factor at which steps of the grid are exact for the excitation's line."""
-    length = knot_spacing(ready) / steps_per_knot(ready, step)
-    return pace_of(line_frequency(ready) * length)
 
 
 def device_used(ready: Prepared, device: str, report: Callable) -> str:

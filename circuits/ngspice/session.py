@@ -49,6 +49,12 @@ if TYPE_CHECKING:
 # contact's step.
 LANDING = 1.0 / 32.0
 
+# The voltage of charge that the base moves follows the excitation's slope, which jumps at each
+# sample. The trapezoidal rule rings on where this voltage decays within a step: a power was up to
+# 11 times too high. Where that costs more than RINGING, steps double after each sample from SETTLED
+# of the decay time on.
+RINGING, SETTLED = 0.01, 0.25
+
 _session = None
 
 
@@ -236,7 +242,13 @@ class Session(NgSpiceShared):
         state["state_scale"] = 1.0 / netlist.state_unit
         state["landing"] = LANDING if elements.holding(system) else 1.0
         state["rate"] = netlist.rate
-        state["pace"] = netlist.pace
+        state["pace"], state["line"] = netlist.pace, netlist.line
+        self._push = np.zeros(copies)
+        state["push"] = self._push.ctypes.data
+        state["slowed"] = state["owed"] = 0.0
+        decay = system.transducer.decay_rate()
+        cost = timescales.base_share(system, paths[0].spacing) * 0.5 * decay * netlist.step
+        state["settling"] = SETTLED / decay if cost > RINGING else 0.0
         self._begin_watching(netlist, copies, measured)
         self._begin_planning(netlist)
         self._ngspice_shared.ngSpice_Init_Sync(

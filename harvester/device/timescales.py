@@ -211,6 +211,24 @@ def driven_square_velocity(system: System, frequency: float) -> float:
     return square
 
 
+def base_share(system: System, spacing: float) -> float:
+    """Mean square of the charge's rate of change by the base, over that by the motion.
+
+    The slope of noise that is linear between samples has the mean square 2 D/(τ1² spacing).
+
+    Parameters
+    ----------
+    system : System
+    spacing : float
+        Time between two samples of the excitation (s).
+    """
+    noise = system.noise
+    slope = 2.0 * noise.intensity / (noise.correlation_time**2 * spacing)
+    moved = system.transducer.base_rate(1.0) ** 2 * slope
+    motion = driven_square_velocity(system, angular_frequency(system))
+    return moved / motion if moved > 0.0 else 0.0
+
+
 @kept
 def contact_time(system: System) -> float:
     """Duration of the shortest contact at the rms speed of small oscillations (s); inf if none."""

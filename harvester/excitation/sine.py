@@ -37,6 +37,10 @@ class Harmonic(Excitation):
     def random(self) -> bool:
         return False
 
+    def density(self, frequencies: np.ndarray) -> np.ndarray:
+        """Continuous spectral density: 0, as sines have only its `lines`."""
+        return np.zeros(np.shape(frequencies))
+
     def equivalent_noise(self, relaxation_time: float, longest: float) -> tuple[float, float]:
         # In resonance 2 E[X'²] = (amplitude · relaxation time)². Noise gives the relaxation time
         # times D/(1 + ω²τ1²).
@@ -91,10 +95,6 @@ class Sine(Harmonic):
             return self.knot_spacing
         knots = math.ceil(max(KNOTS_PER_PERIOD, 1.0 / (self.frequency * longest)) - 1e-9)
         return 1.0 / (self.frequency * knots)
-
-    def density(self, frequencies: np.ndarray) -> np.ndarray:
-        """Continuous spectral density: 0, as a sine has only its `lines`."""
-        return np.zeros(np.shape(frequencies))
 
     def path(self, spacing: float, length: float, seed: Any) -> ExcitationPath:
         return SinePath(self.amplitude / length, (self.frequency,), math.inf, spacing, self.phase)

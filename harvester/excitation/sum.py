@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import cmath
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -14,7 +15,7 @@ from harvester.device.keys import Key, names_replace, positive
 from harvester.errors import SceneError
 from harvester.excitation.base import Excitation, ExcitationPath
 from harvester.excitation.motion_file import most_samples
-from harvester.excitation.sine import WITHOUT_CHANCE
+from harvester.excitation.sine import WITHOUT_CHANCE, Sine
 
 if TYPE_CHECKING:
     from numpy.random.bit_generator import SeedSequence
@@ -78,7 +79,23 @@ class Sum(Excitation):
 
     @property
     def lines(self) -> tuple[tuple[float, float], ...]:
-        return tuple(line for part in self.parts for line in part.lines)
+        """Those of the parts; sines of one frequency are one line, the sum of their phasors."""
+        phasors: dict[float, complex] = {}
+        others: list[tuple[float, float]] = []
+        for part in self._leaves():
+            if not isinstance(part, Sine):
+                others += part.lines
+                continue
+            same = [f for f in phasors if abs(f / part.frequency - 1.0) <= SAME_RATIO]
+            frequency = same[0] if same else part.frequency
+            phasor = cmath.rect(part.amplitude, part.phase)
+            phasors[frequency] = phasors.get(frequency, 0.0) + phasor
+        return (*((frequency, abs(phasor)) for frequency, phasor in phasors.items()), *others)
+
+    def _leaves(self):
+        """The parts, and in place of a sum its own."""
+        nested = (part._leaves() if isinstance(part, Sum) else [part] for part in self.parts)
+        return [leaf for leaves in nested for leaf in leaves]
 
     @property
     def period(self) -> float | None:

@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import functools
 import math
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
 
 from harvester.device import timescales
 
@@ -81,14 +83,18 @@ def _responses(ready):
     if scene.excitation.prescribes_displacement:
         return []
     pairs = [(amplitude, 2.0 * math.pi * f) for f, amplitude in scene.excitation.lines if amplitude]
-    return [(amplitude * _mobility(system, omega), omega) for amplitude, omega in pairs]
+    return [(a * omega * float(abs(receptance(system, omega))), omega) for a, omega in pairs]
 
 
-def _mobility(system: System, omega: float) -> float:
-    """Velocity per acceleration at a frequency, the load between short and open (s)."""
+def receptance(system: System, omega: Any) -> Any:
+    """Displacement per acceleration at frequencies (rad/s), the load between short and open (s²).
+
+    Complex; real where nothing damps. Between both resonances it is that of a resonance.
+    """
     low, high = _resonances(system)
-    away = max(low**2 - omega**2, omega**2 - high**2, 0.0)
-    return omega / math.hypot(away, omega * timescales.loss_rate(system, omega), 1e-9 * omega**2)
+    away = np.maximum(low**2 - omega**2, 0.0) - np.maximum(omega**2 - high**2, 0.0)
+    damped = np.hypot(omega * timescales.loss_rate(system, omega), 1e-9 * omega**2)
+    return 1.0 / (away + 1j * damped)
 
 
 def _resonances(system: System) -> tuple[float, float]:

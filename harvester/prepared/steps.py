@@ -15,6 +15,7 @@ from harvester.excitation.ornstein_uhlenbeck import (
     OrnsteinUhlenbeck,
 )
 from harvester.prepared import lines
+from harvester.prepared.passband import misplacement
 from harvester.prepared.prepared import Prepared, prepared
 from harvester.scene.units import longest_spacing
 
@@ -49,6 +50,11 @@ LOAD_ERRORS, SWITCHED_LOAD_ERRORS = 4.0, 16.0
 CONTACT_ERROR = 0.7
 # Steps become finer for a line by at most this factor.
 FINER_NEAR_LINES = 3.0
+# Share of a power that default steps may cost by misplaced frequencies of noise and records. A band
+# at five to ten times the resonance cost the circuit 5 % at the steps of the resonance.
+NOISE_ERROR = 0.005
+# Below this share the error at the resonance itself stands for it.
+NOTED_ERROR = 0.0005
 # A run that needs more than 6 s of processor time for less than a thousandth of its longest step is
 # given up: it would not end.
 PATIENCE, CRAWL = 6.0, 1e-3
@@ -62,6 +68,9 @@ REJECTING_STEPS = 4
 # If the load decays within a knot, Monte Carlo's scheme has order three, not four: steps are
 # halved.
 STEPS_OF_FAST_LOADS = 2
+# Above this `timescales.base_share` a step is no longer than the decay time: two steps for 25 decay
+# times cost 3 % of a power.
+BASE_SHARE = 0.1
 # If the damper acts within a knot, the velocity follows the straight lines of the noise. The mean
 # of its square needs points between the knots; four steps reduce the loss by interpolation sixteen
 # times.
@@ -136,9 +145,14 @@ def steps_per_knot(ready: Prepared, step: str | float = "default", engine: str =
         2.0 * math.pi / timescales.fastest_angular_frequency(system) / STEPS_PER_PERIOD[engine]
     )
     longest = _near_lines(ready, engine, longest)
+    error, order = _noise_error(ready, engine, longest)
+    if error > NOISE_ERROR:
+        longest *= (NOISE_ERROR / error) ** (1.0 / order)
     finer = REJECTING_STEPS if engine == "circuit" and load and load.may_jump else 1
-    if engine == "monte-carlo" and system.transducer.decay_rate() * spacing > 1.0:
-        finer *= STEPS_OF_FAST_LOADS
+    decays = system.transducer.decay_rate() * spacing
+    if engine == "monte-carlo" and decays > 1.0:
+        based = timescales.base_share(system, spacing) > BASE_SHARE
+        finer *= max(STEPS_OF_FAST_LOADS, math.ceil(decays) if based else 1)
     if system.damper.damping * spacing > 1.0:
         finer = max(finer, STEPS_OF_SLAVED_VELOCITY)
     return max(1, math.ceil(spacing / longest - 1e-9)) * STEP_LEVELS[step] * finer
@@ -171,7 +185,18 @@ def step_error(ready: Prepared, step: str | float = "default", engine: str = "ci
     own = (SWITCHED_LOAD_ERRORS if switched else LOAD_ERRORS) * error
     if system.contacts:
         own += CONTACT_ERROR / steps_per_contact(ready, step, engine) ** 2
+    misplaced, _ = _noise_error(ready, engine, length)
+    if misplaced > NOTED_ERROR:
+        own = max(own, misplaced)
     return flank + own
+
+
+def _noise_error(ready, engine, length):
+    """Share of a power that steps of a length cost noise and records, and the error's order."""
+    constant, order, _ = _frequency_error(ready, engine)
+    if ready.scene.excitation.prescribes_displacement:
+        return 0.0, order
+    return constant * misplacement(ready, knot_spacing(ready), order) * length**order, order
 
 
 def _frequency_error(ready, engine):

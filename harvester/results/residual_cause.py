@@ -8,15 +8,17 @@ import numpy as np
 
 from harvester.device import timescales
 from harvester.estimates.balance import stored_change
+from harvester.prepared.passband import misplacement
 from harvester.prepared.prepared import prepared
-from harvester.prepared.steps import steps_per_contact
+from harvester.prepared.steps import knot_spacing, steps_per_contact
 from harvester.record.moments import QUANTITIES
 
 if TYPE_CHECKING:
     from harvester.results.result import Result
 
 # The step is suspected when the residual is at most so many times (ω h)²/12, the error of the
-# trapezoidal rule over one step h of the fastest motion, which has the angular frequency ω.
+# trapezoidal rule over one step h of the fastest motion, which has the angular frequency ω. Under
+# noise far above the resonance that is the motion's mean frequency.
 STEP_ERROR_FACTOR = 10.0
 # A run counts as short when the energy stored in the device changes by at least this share of the
 # energy that flows through it.
@@ -151,7 +153,7 @@ def _step(result, p, totals, stored):
     """Whether the residual is as large as the step's own error may be."""
     if abs(result.energy_balance_residual) > _of_the_step(result):
         return ""
-    steps = 2.0 * np.pi / timescales.fastest_angular_frequency(p) / result.step
+    steps = 2.0 * np.pi / _fastest(result) / result.step
     return (
         f"the step: {result.step:.2g} s is {1.0 / steps:.2g} of the fastest period; choose a "
         "shorter --step"
@@ -160,5 +162,14 @@ def _step(result, p, totals, stored):
 
 def _of_the_step(result):
     """The largest residual that the step explains, see `STEP_ERROR_FACTOR`."""
-    p = prepared(result.scene).system
-    return STEP_ERROR_FACTOR * (timescales.fastest_angular_frequency(p) * result.step) ** 2 / 12.0
+    return STEP_ERROR_FACTOR * (_fastest(result) * result.step) ** 2 / 12.0
+
+
+def _fastest(result):
+    """Angular frequency of the fastest motion, the device's own or that under the excitation."""
+    ready = prepared(result.scene)
+    own = timescales.fastest_angular_frequency(ready.system)
+    if ready.scene.excitation.prescribes_displacement:
+        return own
+    # Far above the resonance E[X²] goes with the fourth power of the frequency.
+    return max(own, 0.5 * misplacement(ready, knot_spacing(ready), 2) ** 0.5)

@@ -36,6 +36,8 @@ if TYPE_CHECKING:
 # note.
 LARGEST_RESIDUAL = 0.1
 NOTED_RESIDUAL = 0.01
+# A note is given if noise between its samples would raise the power by this share.
+NOTED_MISSING = 0.01
 
 
 # The sums of a run that diverged may overflow. Its residual is then NaN, which is refused.
@@ -150,7 +152,17 @@ def notes_on_excitation(scene: Scene) -> tuple[str, ...]:
     """Notes for the result on the excitation that a scene was run with."""
     ready = prepared(scene)
     frequency = timescales.angular_frequency(ready.system)
-    return scene.excitation.notes(knot_spacing(ready), frequency, scene.run)
+    spacing, decay = knot_spacing(ready), ready.system.transducer.decay_rate()
+    notes = scene.excitation.notes(spacing, frequency, scene.run)
+    # Of noise without an end the base moves so much more than of its straight lines.
+    missing = timescales.base_share(ready.system, spacing) * 0.5 * decay * spacing
+    if scene.excitation.endless and missing > NOTED_MISSING:
+        notes += (
+            f"the noise is linear over {spacing:.2g} s, and the load's voltage decays in "
+            f"{1.0 / decay:.2g} s: with the noise in between, the base would raise the power by "
+            f"about {missing:.0%}; shorten excitation.knot_spacing, or use method spectral",
+        )
+    return notes
 
 
 def _notes_on_starts(scene, motions):

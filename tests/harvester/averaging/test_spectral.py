@@ -1,5 +1,6 @@
 """Method "spectral" against quadrature by scipy, closed forms and Lyapunov's equation."""
 
+import cmath
 import itertools
 import math
 
@@ -93,6 +94,19 @@ def test_a_sine_adds_its_own_mean_square():
     found = both.quantities["mean_square_voltage"].estimate
     assert found == pytest.approx(noise + sine, rel=1e-9)
     assert not both.densities
+
+
+@pytest.mark.parametrize("nested", [False, True])
+@pytest.mark.parametrize(("amplitude", "phase"), [(2.0, math.pi), (2.0, 0.0), (1.5, -2.1)])
+def test_sines_of_one_frequency_add_as_phasors(amplitude, phase, nested):
+    """Powers added would give half the mean square in phase, and any where they cancel."""
+    other = {**SINE, "amplitude": amplitude, "phase": phase}
+    part = {"kind": "sum", "parts": [other]} if nested else other
+    found = average(device("piezo", {"kind": "sum", "parts": [SINE, part]}), method="spectral")
+    phasor = 2.0 + cmath.rect(amplitude, phase)
+    exact = 0.5 * abs(phasor * response("piezo", 44.0)[1]) ** 2
+    square = found.quantities["mean_square_voltage"].estimate
+    assert square == pytest.approx(exact, rel=1e-9, abs=1e-20)
 
 
 @pytest.mark.parametrize("time", [0.0, 0.4])
