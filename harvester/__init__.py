@@ -15,10 +15,8 @@ bars; see their help.
 import importlib
 import os
 import sys
-import warnings
 
 import circuits
-from harvester.former_names import install
 from harvester.version import __version__
 
 if getattr(circuits, "PROJECT", None) != "vibration-harvester":
@@ -31,8 +29,6 @@ if getattr(circuits, "PROJECT", None) != "vibration-harvester":
         print(f"harvester: {_FOREIGN}", file=sys.stderr)
         raise SystemExit(2)
     raise ImportError(_FOREIGN)
-
-install()
 
 # Type checkers take this for `typing.TYPE_CHECKING`. A worker process cannot import `typing` yet:
 # see `harvester.workers.isolation`.
@@ -166,21 +162,11 @@ _WHERE = {
     "OutOfTime": "harvester.errors",
 }
 __all__ = ["__version__", *_WHERE]
-# Former names, with their place and what to use instead. They work for one release more.
-_FORMER = {
-    "Report": ("harvester.studies.former", "load_study"),
-    "optimum_of_several": ("harvester.studies.former", "optimum"),
-}
 
 
 def __getattr__(name: str) -> object:
     if name in _WHERE:
         return getattr(importlib.import_module(_WHERE[name]), name)
-    if name in _FORMER:
-        where, instead = _FORMER[name]
-        message = f"harvester.{name} will go: use harvester.{instead}"
-        warnings.warn(message, DeprecationWarning, stacklevel=2)
-        return getattr(importlib.import_module(where), name)
     raise AttributeError(f"module 'harvester' has no attribute {name!r}")
 
 

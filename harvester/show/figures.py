@@ -8,7 +8,6 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from harvester.files.writing import whole_file
-from harvester.former_names import handed_on
 from harvester.show.figure_settings import figure_settings
 
 if TYPE_CHECKING:
@@ -70,19 +69,3 @@ def _print(figure, target, **options):
 
     FigureCanvasAgg(figure)
     figure.savefig(target, **options)
-
-
-# Names that stood here before, with their present place.
-_FORMER = {
-    **dict.fromkeys(
-        ("draw_result", "draw_density", "frame", "axis_label"), "harvester.results.drawing"
-    ),
-    "draw_comparison": "harvester.studies.comparison.drawing",
-    "draw_work_precision": "harvester.verification.accuracy.drawing",
-}
-
-
-def __getattr__(name: str) -> Any:
-    if name not in _FORMER:
-        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
-    return handed_on(__name__, _FORMER[name], name)

@@ -1,7 +1,6 @@
 """Studies: many runs of one scene on common noise, with error bars, that survive a kill."""
 
 import importlib
-import warnings
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
@@ -10,16 +9,10 @@ if TYPE_CHECKING:
 
 # Imported at their first use, so that reading a study's signature needs no numba.
 _WHERE = {"load_study": "harvester.studies.public", "save": "harvester.studies.loads.study"}
-# Former names, and what to use instead. They work for one release more.
-_FORMER = {"Report": "what load_study returns", "to_dataset": "its to_xarray()"}
 __all__ = [*_WHERE]
 
 
 def __getattr__(name: str) -> object:
-    if name in _FORMER:
-        message = f"harvester.studies.{name} will go: use {_FORMER[name]}"
-        warnings.warn(message, DeprecationWarning, stacklevel=2)
-        return getattr(importlib.import_module("harvester.studies.former"), name)
     if name in _WHERE:
         return getattr(importlib.import_module(_WHERE[name]), name)
     raise AttributeError(f"module {__name__!r} has no attribute {name!r}")

@@ -25,7 +25,6 @@ from harvester.excitation.sine import KNOTS_PER_PERIOD, Sine, SteppedSine
 from harvester.files.plain_text import json_text
 from harvester.files.serialising import plain
 from harvester.files.tables import xarray_or_say
-from harvester.former_names import handed_on
 from harvester.prepared.paths import start_state
 from harvester.prepared.prepared import prepared
 from harvester.prepared.steps import knot_spacing
@@ -505,9 +504,3 @@ def _integral_to(times, values, total, edge):
     since = edge - times[place]
     slope = (values[place + 1] - values[place]) / (times[place + 1] - times[place])
     return total[place] + since * (values[place] + 0.5 * since * slope)
-
-
-def __getattr__(name: str) -> object:
-    if name != "frequency_response":
-        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
-    return handed_on(__name__, "harvester.studies.public", name)

@@ -29,13 +29,6 @@ def test_completion_knows_every_name():
     assert dir(harvester) == sorted(harvester.__all__)
 
 
-@pytest.mark.parametrize("name", harvester._FORMER)
-def test_a_former_name_works_and_says_what_took_its_place(name):
-    with pytest.warns(DeprecationWarning, match=f"use harvester.{harvester._FORMER[name][1]}"):
-        assert getattr(harvester, name).__name__ == name
-    assert name not in dir(harvester)
-
-
 def test_no_module_takes_the_place_of_a_name():
     modules = {each.name for each in pkgutil.iter_modules(harvester.__path__)}
     assert modules

@@ -18,7 +18,6 @@ from harvester.estimates.estimate import NOT_SHARP, Estimate
 from harvester.files.serialising import fields_of, plain
 from harvester.files.tables import Tabular, write_netcdf
 from harvester.files.writing import in_folder
-from harvester.former_names import handed_on
 from harvester.method import Method
 from harvester.running import Runner
 from harvester.running.folder import held
@@ -518,9 +517,3 @@ def save(study: Study, folder: str | Path | StudyFolder) -> list[str]:
         for draw, picture in zip(drawing.FIGURES, pictures, strict=True):
             figures.save(draw, study, picture)
     return list(LOAD_STUDY_FILES)
-
-
-def __getattr__(name: str) -> object:
-    if name != "load_study":
-        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
-    return handed_on(__name__, "harvester.studies.public", name)
