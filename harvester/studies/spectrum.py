@@ -128,6 +128,8 @@ def _analysed(
     """
     size = _segment(count, interval, resolution, name)
     frequencies, density, moments, segments = _welch(blocks, count, interval, size, knots)
+    if not density.max() > 0.0:
+        raise HarvesterError(f"{name}: the density is 0: nothing acts on the device")
     if not profiled:
         # Long segments: a device takes the mean over the width of its resonance, so that scatter of
         # each value matters less than resolution.
@@ -237,7 +239,7 @@ def profile(
     Returns
     -------
     ndarray, shape (m, 2)
-        Frequency (Hz) and density.
+        Frequency (Hz) and density; without rows if the density is one line.
     tuple of float
         Frequency (Hz) of the device whose power differs most, and the share.
     """
@@ -245,13 +247,11 @@ def profile(
 
     from harvester.excitation.shaped import mean_square
 
-    if not density.max() > 0.0:
-        raise HarvesterError("the density is 0: nothing acts on the device")
     loud = np.flatnonzero(density > FAINTEST * density.max())
     f, g = (each[loud[0] : loud[-1] + 1] for each in (frequencies, density))
     # Hann's window spreads a line over seven bins with this share of its greatest density.
     if f[-1] - f[0] <= 5.0 * resolution:
-        raise HarvesterError("the density has one line only: a sine is no spectrum")
+        return np.empty((0, 2)), (math.nan, math.nan)
     steps = math.ceil(math.log(f[-1] / f[0]) * STEPS_PER_WIDTH * QUALITY)
     x = np.linspace(math.log(f[0]), math.log(f[-1]), max(steps, LEAST_STEPS))
     at, square = np.exp(x), cumulative_trapezoid(g, f, initial=0.0)
@@ -457,11 +457,15 @@ class SpectrumAnalysis:
             f"Welch, {self.segments} half overlapping segments by Hann's window of "
             f"{self.duration:g} s: resolution {self.resolution:.3g} Hz, {CONFIDENCE:.0%} band "
             f"{low:+.2f} to {high:+.2f} dB at each frequency",
+        ]
+        lines.append(
             f"specification: {len(self.profile)} breakpoints with the same rms; a device's power "
             f"at Q = {QUALITY:g} changes most at {frequency:.4g} Hz, by {share:+.1%}"
-            + (": take more --breakpoints" if abs(share) > NOTED_DEPARTURE else ""),
-        ]
-        if self.resolved_from > self.profile[0, 0]:
+            + (": take more --breakpoints" if abs(share) > NOTED_DEPARTURE else "")
+            if self.profile.size
+            else "no specification: the density is one line; take a sine instead"
+        )
+        if self.profile.size and self.resolved_from > self.profile[0, 0]:
             lines.append(
                 f"below {self.resolved_from:.3g} Hz {self.duration:g} s are too short to resolve a "
                 f"device of Q = {QUALITY:g}: take a longer record, or --duration of a scene"
@@ -481,7 +485,7 @@ class SpectrumAnalysis:
         """The specification as a file that `excitation.breakpoints` takes."""
         lines = [f"# specification of {self.name}", f"frequency [Hz], density [{self.unit}]"]
         lines += [f"{frequency:.6g}, {density:.6g}" for frequency, density in self.profile]
-        return {"-profile.csv": "\n".join(lines) + "\n"}
+        return {"-profile.csv": "\n".join(lines) + "\n"} if self.profile.size else {}
 
     def to_dict(self) -> dict[str, Any]:
         """Plain values for JSON."""
@@ -519,11 +523,11 @@ def _draw(analysis):
     from harvester.show.panels import Panel, Series, draw_panels
 
     loud = analysis.density > FAINTEST * analysis.density.max()
-    x, y = analysis.profile.T
+    y = analysis.density[loud]
     series = [
-        Series(analysis.frequencies[loud], analysis.density[loud], "Welch", "0.7", width=3.0),
-        Series(x, y, "specification", "#0072B2", "-", "o"),
-    ]
+        Series(analysis.frequencies[loud], y, "Welch", "0.7", width=3.0),
+        Series(*analysis.profile.T, "specification", "#0072B2", "-", "o"),
+    ][: 1 + bool(analysis.profile.size)]
     device = analysis.device_band()
     if device:
         series.append(
