@@ -58,7 +58,7 @@ def head(ready: Prepared, parameters: Parameters, start: bool = True) -> list[st
     wells = [number(well) for well in timescales.wells(system)]
     if start and len(wells) > 1:
         lines += [
-            ".op and .ac begin at x = 0, for this device no stable state. To begin in a well, write",
+            ".op and .ac take the rest position at x = 0, stable or not. To take a well, write",
             f".nodeset v(xNAME.displacement)=X with one of X = {', '.join(wells)}.",
         ]
     named = [

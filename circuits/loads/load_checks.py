@@ -20,7 +20,7 @@ if TYPE_CHECKING:
     from circuits.loads.scope import Scope
     from circuits.loads.subcircuits import LoadCircuit
 
-# Largest value of a part. Squares of larger ones, and of their inverses, leave the range of numbers.
+# Largest value of a part. Powers of larger ones leave the range of numbers.
 LARGEST_VALUE = 1e30
 # If coils are fully coupled, some of their currents hold no energy, to within this share.
 ROUNDING = 1e-9
@@ -106,7 +106,9 @@ def _check_sources(parts):
         if each.letter != "v" and not each.voltage:
             continue
         a, z = (GROUND if node == "n" else node for node in each.nodes[:2])
-        asked = each.controls or any(leaf[0] == "i" for leaf in leaves(each.expression or ("time",)))
+        asked = each.controls or any(
+            leaf[0] == "i" for leaf in leaves(each.expression or ("time",))
+        )
         if asked and a != z:
             # Its voltage may depend on the loop's current.
             continue

@@ -57,13 +57,16 @@ I<i> ref out 10n
 """
 PLACES = list(dict.fromkeys(re.findall(r"<([^<>]+)>", LOAD)))
 # Names of nodes and elements, then those that a definition may have.
-_ODD = ["a+b", "a_2b_b", "a_2b+", "a+2b_", "a_5f_2b_b", "1.5", "x.y", "v.a", "5", "1e3", "10k",
-        "a#b", "p#branch", "a-b", "--", "oad", "load", "load_piezo", "load_out", "load_ref",
-        "piezo", "device", "0device", "noise", "velocity", "displacement", "d1", "inside", "xload",
-        "xcopy0", "x1.r1", "n1", "out_", "stray_out", "excited", "pi", "e", "hertz", "exp", "sgn",
-        "i", "v", "temper", "b", "if", "and", "time", "param", "subckt", "gnd_", "_", "__", "_2b_"]  # fmt: skip
-_PLAIN = ["load_piezo", "device", "resistor", "u2", "a_2b_b", "w", "m", "l", "c1", "xload", "tc1", "area",
-          "sin", "pulse", "dc", "ic", "temp", "_", "vt", "sw", "d", "dm", "npn", "value", "vcc"]  # fmt: skip
+ODD = """
+a+b a_2b_b a_2b+ a+2b_ a_5f_2b_b 1.5 x.y v.a 5 1e3 10k a#b p#branch a-b -- oad load load_piezo
+load_out load_ref piezo device 0device noise velocity displacement d1 inside xload xcopy0 x1.r1
+n1 out_ stray_out excited pi e hertz exp sgn i v temper b if and time param subckt gnd_ _ __
+_2b_
+"""
+PLAIN = """
+load_piezo device resistor u2 a_2b_b w m l c1 xload tc1 area sin pulse dc ic temp _ vt sw d dm
+npn value vcc
+"""
 
 
 def text_with(**names):
@@ -78,7 +81,7 @@ def drawn(rng, place):
     definition = place in ("function", "parameter", "inner parameter", "model", "called",
                            "switch model")  # fmt: skip
     if rng.random() < 0.6:
-        return str(rng.choice(_PLAIN if definition else _ODD))
+        return str(rng.choice((PLAIN if definition else ODD).split()))
     letters = string.ascii_lowercase + "_" + ("" if definition else string.digits + "_+-.#")
     return "".join(rng.choice([*letters], size=rng.integers(2, 8)))
 
@@ -128,5 +131,5 @@ def test_many_names(tmp_path):
 
 
 def test_nodes_names_stay_different():
-    names = [*_ODD, "a_2b_2b_", "_5f_", "_5f_5f_", "a__2b_", "a_+", "_+_"]
+    names = [*ODD.split(), "a_2b_2b_", "_5f_", "_5f_5f_", "a__2b_", "a_+", "_+_"]
     assert len({node_name(name) for name in {*names}}) == len({*names})

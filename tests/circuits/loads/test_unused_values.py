@@ -17,8 +17,16 @@ def load(folder, body, head=""):
     return path
 
 
-@pytest.mark.parametrize("said", ["tc=0.01 0.02", "tc=0.01, 0.02", "tc=0.01,0.02", "tc={0.005*2} {0.02}",
-                                  "tc1=0.01 tc2=0.02"])  # fmt: skip
+@pytest.mark.parametrize(
+    "said",
+    [
+        "tc=0.01 0.02",
+        "tc=0.01, 0.02",
+        "tc=0.01,0.02",
+        "tc={0.005*2} {0.02}",
+        "tc1=0.01 tc2=0.02",
+    ],
+)
 @pytest.mark.parametrize("letter", "rcl")
 def test_both_coefficients_of_temperature_count(tmp_path, letter, said):
     parts = f"{letter}1 p n 8 {said} temp=77"
@@ -63,7 +71,7 @@ def test_what_may_depend_on_the_current_of_its_loop_is_no_contradiction(tmp_path
 
 
 def test_facts_in_quotes_are_facts(tmp_path):
-    body = 'C1 p n 1n V=25 mfg="KEMET" pn="C08 K8" type="X5R"\n.model dm d(is=1n mfg="Vishay")\nD1 p n dm'
+    body = 'C1 p n 1n V=25 mfg="KEMET" pn="C08 K8"\n.model dm d(is=1n mfg="Vishay")\nD1 p n dm'
     assert [each.letter for each in read_load(load(tmp_path, body)).elements] == ["c", "d"]
 
 
@@ -80,7 +88,10 @@ def test_exp_of_a_constant_is_exp_and_of_a_source_ngspices():
 def test_a_source_with_a_large_exponent_is_ngspices(tmp_path):
     """A resistor of 80 kΩ whose conductance is written with exp(80)."""
     powers = {}
-    for name, current in {"exp": "v(p,n)*exp(80+0*v(p,n))*1e-30/4.43e9", "plain": "v(p,n)/80k"}.items():
+    for name, current in {
+        "exp": "v(p,n)*exp(80+0*v(p,n))*1e-30/4.43e9",
+        "plain": "v(p,n)/80k",
+    }.items():
         path = load(tmp_path, f"B1 p n i={current}")
         scene = Scene.load("device", [f"load.netlist={path}", "run.duration=0.2", "run.settle=0",
                                       "run.realizations=1"])  # fmt: skip
