@@ -27,6 +27,8 @@ if TYPE_CHECKING:
 
     from harvester.prepared.prepared import Prepared
 
+# Name of the device's sub-circuit: no sub-circuit of a load begins with a digit.
+DEVICE = "0device"
 # Options for steps that are set from outside: a tight tolerance for Newton's iterations, and none
 # for the local error (trtol).
 FIXED_STEP = "reltol=1e-10 vntol=1e-11 trtol=1e9"
@@ -261,12 +263,12 @@ def assemble(
         # Each copy has its own start. With held speeds it also has its own compression of a stopper
         # at the start.
         own = {"start": 0, "held": 3} if elements.holding(system) else {"start": 0}
-        device = SubCircuit("device", "ground", **dict.fromkeys(own, elements.number(0.0)))
+        device = SubCircuit(DEVICE, "ground", **dict.fromkeys(own, elements.number(0.0)))
         add_device(device, ("{start}", *starts[0][1:3], "{held}"))
         circuit.subcircuit(device)
         for copy, start in enumerate(starts):
             values = {name: start[place] for name, place in own.items()}
-            circuit.X(f"copy{copy}", "device", circuit.gnd, **values)
+            circuit.X(f"copy{copy}", DEVICE, circuit.gnd, **values)
         prefixes = tuple(f"xcopy{copy}." for copy in range(len(starts)))
     if compiled:
         verilog.add_model(circuit, system, rate, electrical, scales, pace)

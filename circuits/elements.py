@@ -37,6 +37,8 @@ DISPLACEMENT, VELOCITY, NOISE, HELD = "displacement", "velocity", "noise", "held
 # Nodes of the load's DC side, and ngspice's name of the current through the ammeter before the
 # load.
 OUTPUT, REFERENCE, LOAD_CURRENT = "load_out", "load_ref", f"v{LOAD_AMMETER}#branch"
+# Prefix of the name of a node at a load's pin.
+PIN = ":"
 # Stray capacitance of each output node, as a share of the transducer's.
 STRAY_SHARE = 1e-6
 # Node that follows the held impact speed (`HELD`) one step later.
@@ -290,8 +292,12 @@ def add_resistor(circuit: Circuit, resistance: float, network: Network) -> None:
 
 
 def load_pins(network: Network) -> dict[str, str]:
-    """Names of the nodes at a load's pins, behind the ammeter."""
-    return {"p": behind_ammeter(network), "n": GROUND, "out": OUTPUT, "ref": REFERENCE}
+    """Names of the nodes at a load's pins, behind the ammeter.
+
+    The colon tells them from nodes within the load, whose names hold none.
+    """
+    ends = {"p": behind_ammeter(network), "out": OUTPUT, "ref": REFERENCE}
+    return {"n": GROUND, **{pin: f"{PIN}{node}" for pin, node in ends.items()}}
 
 
 def add_load(circuit: Circuit, load: LoadCircuit, network: Network, named: bool) -> None:

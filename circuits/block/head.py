@@ -27,8 +27,11 @@ def longest_step(ready: Prepared) -> float:
     return min(period / STEPS_PER_PERIOD, contact / STEPS_PER_CONTACT)
 
 
-def head(ready: Prepared, parameters: Parameters) -> list[str]:
-    """Lines of the head without comment marks; the last ones describe one parameter each."""
+def head(ready: Prepared, parameters: Parameters, start: bool = True) -> list[str]:
+    """Lines of the head without comment marks; the last ones describe one parameter each.
+
+    `start`: whether `start_state` is a parameter and an operating point begins at X = 0.
+    """
     system, step = ready.system, longest_step(ready)
     period = 2.0 * math.pi / timescales.fastest_angular_frequency(system)
     speed = parameters.rate * parameters.length
@@ -52,7 +55,17 @@ def head(ready: Prepared, parameters: Parameters) -> list[str]:
             f"{contact / period:.2g} of a period: a simulator with its own longest step passes",
             "over it without a word.",
         ]
-    named = [f"  {name} ({each.unit}): {each.meaning}" for name, each in parameters.given.items()]
+    wells = [number(well) for well in timescales.wells(system)]
+    if start and len(wells) > 1:
+        lines += [
+            ".op and .ac take the rest position at x = 0, stable or not. To take a well, write",
+            f".nodeset v(xNAME.displacement)=X with one of X = {', '.join(wells)}.",
+        ]
+    named = [
+        f"  {name} ({each.unit}): {each.meaning}"
+        for name, each in parameters.given.items()
+        if start or name != "start_state"
+    ]
     return [*lines, "", "Parameters:", *named]
 
 

@@ -64,7 +64,7 @@ def module(name: str, parameters: Parameters) -> str:
     inside += ["terminal"] * metered(network)
     electrical = _electrical(parameters)
     text = _TEXT.format(
-        head="".join(f"// {line}".rstrip() + "\n" for line in head(ready, parameters)),
+        head="".join(f"// {line}".rstrip() + "\n" for line in head(ready, parameters, start=False)),
         name=name,
         pins=", ".join(PINS),
         nodes="".join(f", {node}" for node in inside),

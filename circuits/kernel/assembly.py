@@ -24,7 +24,7 @@ if TYPE_CHECKING:
     from circuits.loads.measurement import Measurement
     from harvester.prepared.prepared import Prepared
 
-# Prefix of the names of the device's nodes. No node of a load can have it.
+# Prefix of the names of the device's nodes and branches. No name of a load holds a colon.
 DEVICE = "device:"
 
 
@@ -50,15 +50,15 @@ def collect(ready: Prepared, whole: bool = True) -> tuple[Builder, Measurement, 
     scales, load, network = ready.scales, ready.scene.load.circuit, ready.network
     b = Builder()
     inside = b.node(DEVICE + network.terminal)
-    outside = b.node(circuit_elements.behind_ammeter(network))
-    ammeter = b.through(LOAD_AMMETER, inside, outside)
+    pins = circuit_elements.load_pins(network)
+    ammeter = b.through(DEVICE + LOAD_AMMETER, inside, b.node(pins["p"]))
     add_load(b, load, network, whole)
     # A load without an output has an output voltage of 0.
-    ends = (circuit_elements.OUTPUT, circuit_elements.REFERENCE)
-    places = [b.node(name) for name in ends] if load.has_output else [inside, inside]
+    ends = [b.node(pins[pin]) for pin in ("out", "ref") if load.has_output]
+    places = ends or [inside, inside]
     row_unit = 1.0 / network.power_unit if network.power_unit > 0.0 else 1.0
-    measurement = measurement_of(load, circuit_elements.load_pins(network))
-    places += [b.unknowns[name] for name in measurement.watched]
+    measurement = measurement_of(load, pins)
+    places += [b.unknowns.get(name, -1) for name in measurement.watched]
     velocity = _add_transducer(b, network, scales, row_unit)
     state = _state(b, network, ammeter)
     b.initial = [each for each in b.initial if each[3] != 0.0]
@@ -145,12 +145,10 @@ def _add_transducer(b, network, scales, row_unit):
     """Elements of the transducer; returns the place of the velocity, the last unknown."""
     nodes = {name: b.node(DEVICE + name) for name in sorted(network.nodes)}
     nodes[GROUND] = -1
-    b.branch(LOAD_AMMETER)
+    b.branch(DEVICE + LOAD_AMMETER)
     for each in network.elements:
-        if each.kind == "inductor":
+        if each.kind in ("inductor", "ammeter", "moving voltage", "base voltage"):
             b.branch(DEVICE + each.name)
-        elif each.kind in ("ammeter", "moving voltage", "base voltage"):
-            b.branch(each.name if each.kind == "ammeter" else DEVICE + each.name)
     velocity = len(b.unknowns)
     for each in network.elements:
         _add_part(b, each, nodes, velocity, scales, row_unit)
@@ -169,7 +167,7 @@ def _add_part(b, each, nodes, velocity, scales, row_unit):
     elif each.kind == "inductor":
         b.inductor(DEVICE + each.name, a, z, each.value, "state" if each.holds_state else 0.0)
     elif each.kind == "ammeter":
-        b.through(each.name, a, z)
+        b.through(DEVICE + each.name, a, z)
     elif each.kind == "moving voltage":
         row = b.through(DEVICE + each.name, a, z)
         b.enter(row, velocity, conductance=each.value)
@@ -185,6 +183,6 @@ def _add_part(b, each, nodes, velocity, scales, row_unit):
         b.enter(velocity, a, conductance=gain)
         b.enter(velocity, z, conductance=-gain)
     elif each.kind == "force of current":
-        b.enter(velocity, b.branch(each.plus), conductance=row_unit * each.value)
+        b.enter(velocity, b.branch(DEVICE + each.plus), conductance=row_unit * each.value)
     else:
         raise ValueError(f"{each.name}: no element of a circuit is a {each.kind!r}")

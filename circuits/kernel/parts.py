@@ -125,7 +125,7 @@ def _diode(b, each):
     anode, cathode = _ends(b, each)
     if row[junction.RESISTANCE] > 0.0 and (row[junction.TRANSIT] or row[junction.CAPACITANCE]):
         # The junction lies behind its series resistance, at a node of its own.
-        inner = b.node(f"{each.name}#inside")
+        inner = b.node(f"{each.name}:inside")
         b.between(anode, inner, conductance=1.0 / row[junction.RESISTANCE])
         row[junction.RESISTANCE] = 0.0
         anode = inner

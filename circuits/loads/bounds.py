@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 
 from circuits.loads.expression import Tree, leaves, rebuilt
-from circuits.loads.functions import LARGEST_EXPONENT, divisor
+from circuits.loads.functions import LARGEST_EXPONENT, LARGEST_EXPONENTIAL, divisor
 
 Pair = tuple[np.ndarray, np.ndarray]
 
@@ -78,8 +78,8 @@ def _falling(function: Callable) -> Callable:
 
 
 def _exponential(x):
-    beyond = np.exp(LARGEST_EXPONENT) * (1.0 + x - LARGEST_EXPONENT)
-    return np.where(x > LARGEST_EXPONENT, beyond, np.exp(np.minimum(x, LARGEST_EXPONENT)))
+    within = np.exp(np.minimum(x, LARGEST_EXPONENT))
+    return np.where(x > LARGEST_EXPONENT, LARGEST_EXPONENTIAL, within)
 
 
 def _size(a):

@@ -9,6 +9,7 @@ from __future__ import annotations
 import functools
 import math
 import re
+import sys
 from collections.abc import Callable, Iterator, Mapping
 from typing import Any
 
@@ -58,6 +59,8 @@ ELSEWHERE = {
     "square": "x*x, or a pulse(…) source for a square wave",
     "delay": "a chain of R and C", "absdelay": "a chain of R and C",
 }  # fmt: skip
+# Largest argument of exp() whose value is finite.
+LARGEST_ARGUMENT = math.log(sys.float_info.max)
 # Deepest nesting of parentheses, and of conditions.
 DEEPEST = 100
 _TOKEN = re.compile(
@@ -493,6 +496,8 @@ def _folded(kind, parts, names):
         raise ExpressionError(f"{kind} has no value: it divides by 0")
     if kind == "%":
         value = math.fmod(*numbers) if numbers[1] else math.nan
+    elif kind == "exp" and names.parameters_only:
+        value = math.exp(numbers[0]) if numbers[0] < LARGEST_ARGUMENT else math.inf
     else:
         value = folded(kind, numbers)
     if not math.isfinite(value):

@@ -73,7 +73,7 @@ class _Line:
 
     def __init__(self, scope: Scope, card: Card, words: list[str]) -> None:
         self.scope, self.card = scope, card
-        self.letter, self.name = words[0][0], scope.path + words[0]
+        self.letter, self.name = words[0][0], scope.element(words[0])
         count = vetting.ELEMENTS[self.letter][0]
         if self.letter in "eg" and not words[3].startswith(tuple(f"{k}=" for k in _EXPRESSIONS)):
             count = 4
@@ -102,7 +102,7 @@ class _Line:
 
     def source(self, name: str) -> str:
         """Full name of a source or coil of the same sub-circuit."""
-        return self.scope.path + name
+        return self.scope.element(name)
 
     def made(self, **what: Any) -> Element:
         """The element that the line describes."""

@@ -11,8 +11,8 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-# An exponential goes on as its tangent beyond this exponent, as a junction does.
-LARGEST_EXPONENT = 60.0
+# ngspice's exp() of a source is LARGEST_EXPONENTIAL beyond this exponent.
+LARGEST_EXPONENT, LARGEST_EXPONENTIAL = 227.9559242, 1e99
 # ngspice adds this to a divisor, so that x/0 is 1e32 x and 0/0 is 0.
 LEAST_DIVISOR = 1e-32
 # The argument of a root may be so far below 0, since Newton's iterations approach 0 from both
@@ -140,9 +140,7 @@ def _elementary(code, a):
     if code == ABSOLUTE:
         return abs(a)
     if code == EXPONENTIAL:
-        if a > LARGEST_EXPONENT:
-            return np.exp(LARGEST_EXPONENT) * (1.0 + a - LARGEST_EXPONENT)
-        return np.exp(a)
+        return np.exp(a) if a <= LARGEST_EXPONENT else LARGEST_EXPONENTIAL
     if code == SINE:
         return np.sin(a)
     if code == COSINE:
@@ -218,7 +216,7 @@ def _slopes_of_two(code, a, b, result):
 
 def _slope_of_one(code, a, result):
     if code == EXPONENTIAL:
-        return np.exp(LARGEST_EXPONENT) if a > LARGEST_EXPONENT else result
+        return result
     if code == LOGARITHM:
         return 1.0 / max(a, 1e-99)
     if code == ROOT:

@@ -6,6 +6,7 @@ import re
 from collections.abc import Iterator, Sequence
 from typing import NamedTuple
 
+from circuits.loads.numbers import number
 from circuits.loads.reader import IGNORED, INCLUDES, statements
 from circuits.loads.subcircuits import OUTPUT_PINS, PIEZO_PINS
 from circuits.loads.topology import CONTROLLED_BY_NODES, GROUND, Part, Topology, read_topology
@@ -204,7 +205,8 @@ def _element(
     text: str, pins: dict[str, str], currents: dict[str, tuple[str, str] | str], said: list[str]
 ) -> Iterator[str]:
     """An element with its nodes renamed, and the parts that stood within it."""
-    within = [(key.lower(), value) for key, value in _WITHIN.findall(text)]
+    # LTspice writes 0 where there is no such part.
+    within = [(key.lower(), value) for key, value in _WITHIN.findall(text) if number(value) != 0.0]
     words = _WITHIN.sub("", text).split()
     name, letter = words[0], words[0][0].lower()
     count = _nodes_of(words)

@@ -20,6 +20,8 @@ if TYPE_CHECKING:
     from circuits.loads.scope import Scope
     from circuits.loads.subcircuits import LoadCircuit
 
+# Largest value of a part. Powers of larger ones leave the range of numbers.
+LARGEST_VALUE = 1e30
 # If coils are fully coupled, some of their currents hold no energy, to within this share.
 ROUNDING = 1e-9
 # Letters of elements whose second pair of nodes controls them and carries no current.
@@ -34,7 +36,8 @@ def check_load(load: LoadCircuit) -> None:
     NetlistError
         One line with file, line and fault.
     """
-    _check_resistances(load.elements)
+    _check_sizes(load.elements)
+    _check_sources(load.elements)
     _check_couplings(load.elements)
     _check_nodes(load.elements, load.pins)
     _check_currents(load.elements)
@@ -78,14 +81,46 @@ def _values(scope, condition):
     return ", ".join(told) or "no parameter in it"
 
 
-def _check_resistances(parts):
+def _check_sizes(parts):
+    """Refuse values whose currents or powers rounding or overflow would hide."""
     for each in parts:
+        for key, value in (("", each.value or 0.0), *each.numbers):
+            if abs(value) > LARGEST_VALUE:
+                said = f"{key}={value:g}" if key else f"{value:g}"
+                raise NetlistError(
+                    f"{each.where}: {each.name}: {said}: no part's value is above {LARGEST_VALUE:g}"
+                    "; leave the part out if it is to have no effect"
+                )
         size = each.size if each.letter == "r" else None
         if size is not None and abs(size) < LEAST_RESISTANCE:
             raise NetlistError(
                 f"{each.where}: {each.name}: {abs(size):g} Ω: below {LEAST_RESISTANCE:g} Ω "
                 "currents are lost to rounding; 1m, a thousandth of an ohm, does the same"
             )
+
+
+def _check_sources(parts):
+    """Refuse a loop of voltage sources: they contradict each other, or leave its current open."""
+    joined: dict[str, set[str]] = {}
+    for each in parts:
+        if each.letter != "v" and not each.voltage:
+            continue
+        a, z = (GROUND if node == "n" else node for node in each.nodes[:2])
+        asked = each.controls or any(
+            leaf[0] == "i" for leaf in leaves(each.expression or ("time",))
+        )
+        if asked and a != z:
+            # Its voltage may depend on the loop's current.
+            continue
+        one, other = (joined.setdefault(node, {node}) for node in (a, z))
+        if one is other:
+            raise NetlistError(
+                f"{each.where}: {each.name}: it closes a loop of voltage sources, whose voltages "
+                "contradict each other or leave their current undetermined: leave it out, or put "
+                "a resistor in series"
+            )
+        one |= other
+        joined.update(dict.fromkeys(other, one))
 
 
 def _check_nodes(parts, pins):
@@ -129,10 +164,16 @@ def _connected(each: Element) -> Iterable[str]:
 def _check_couplings(parts):
     """Refuse coils whose couplings contradict: some currents would hold less than 0 J."""
     couplings = [each for each in parts if each.letter == "k"]
+    many = {each.name: each.many for each in parts if each.letter == "l"}
     names = list(dict.fromkeys(name for each in couplings for name in each.controls))
     energy = np.eye(len(names))
     for each in couplings:
         size = each.value
+        if several := [name for name in each.controls if many[name] != 1.0]:
+            raise NetlistError(
+                f"{each.where}: {each.name}: m= of the coupled coil {several[0]} has no effect on "
+                "its coupling: write one coil with the inductance of all"
+            )
         if abs(size) > 1.0:
             raise NetlistError(
                 f"{each.where}: {each.name}: a coupling of {size:g}; it lies between -1 and 1"

@@ -40,12 +40,14 @@ class Card(NamedTuple):
     where: str
 
 
-def read_cards(path: Path) -> list[Card]:
+def read_cards(path: Path, text: str | None = None) -> list[Card]:
     """Cards of a netlist file and of what it includes, in order.
 
     Parameters
     ----------
     path : Path
+    text : str, optional
+        What the file is to hold; it is then not read.
 
     Returns
     -------
@@ -60,7 +62,7 @@ def read_cards(path: Path) -> list[Card]:
     path = Path(path)
     with _named(path):
         folder = path.resolve().parent
-    return _Reader(folder).cards(path, path, ())
+    return _Reader(folder).cards(path, path, (), text)
 
 
 @contextlib.contextmanager
@@ -90,9 +92,9 @@ class _Reader:
         self._folder = folder
         self._files = self._bytes = self._cards = 0
 
-    def cards(self, path, place, including):
-        """Cards of a file; `place` is where it is included, `including` the files that lead
-        to it."""
+    def cards(self, path, place, including, text=None):
+        """Cards of a file, or of its `text`; `place` is where it is included, `including` the files
+        that lead to it."""
         with _named(place):
             real = path.resolve()
         if real in including:
@@ -100,7 +102,7 @@ class _Reader:
         if len(including) >= DEEPEST_INCLUDE:
             raise NetlistError(f"{place}: includes nest deeper than {DEEPEST_INCLUDE} files")
         cards = []
-        for card in statements(self._text(path, place), path.name):
+        for card in statements(text or self._text(path, place), path.name):
             if len(card.text) > LONGEST_CARD:
                 raise NetlistError(
                     f"{card.where}: a statement of {len(card.text)} characters; at most "

@@ -185,6 +185,12 @@ class Scope:
             return GROUND
         return self.nodes.get(name, f"{self.path}{name}")
 
+    def element(self, name: str) -> str:
+        """The full name of an element, in which only calls, whose names begin with x, end with a
+        dot.
+        """
+        return self.path + (name if name[0] == "x" else name.replace(".", ":"))
+
     def with_full_names(self, tree: Tree) -> Tree:
         """A tree with its nodes and sources by their full names."""
 
@@ -192,7 +198,7 @@ class Scope:
             if here[0] == "v":
                 return ("v", self.node(here[1]), self.node(here[2]))
             if here[0] == "i":
-                return ("i", f"{self.path}{here[1]}")
+                return ("i", self.element(here[1]))
             return (*here[: len(here) - len(parts)], *parts) if parts_of(here) else here
 
         return rebuilt(tree, made)
@@ -208,7 +214,7 @@ class Scope:
         values = {key: self.value(text) for key, text in given.items()}
         nodes = {pin: self.node(node) for pin, node in zip(target.pins, pins, strict=True)}
         parent = next(each for each in self.outwards() if each.circuit is target.outer)
-        inside = Scope(target, values, nodes, f"{self.path}{name}.", parent, self)
+        inside = Scope(target, values, nodes, f"{self.element(name)}.", parent, self)
         for key, text in given.items():
             inside._check_given(key, text, values[key])
         return inside

@@ -30,9 +30,17 @@ FACTS = {"mfg", "type", "iave", "vpk", "vceo", "icrating", "tol", "pwr", "irms",
 VDMOS_FACTS = {"vds", "ron", "qg"}
 # Parameters of LTspice's idealised diode. ngspice would ignore them.
 IDEAL_DIODE = {"ron", "roff", "vfwd", "vrev", "rrev", "ilimit", "revilimit", "epsilon"}
+# For each element's letter the keys that it uses.
+_OF_ALL, _OF_VALUES = {"m", "temp", "dtemp"}, {"tc", "tc1", "tc2", "scale"}
 PART_PARAMETERS = {
-    "m", "ic", "temp", "dtemp", "area", "pj", "w", "ad", "as", "pd", "ps", "nrd", "nrs",
-    "tc", "tc1", "tc2", "tce", "scale", "noisy", "r", "c", "l",
+    "r": _OF_ALL | _OF_VALUES | {"r", "tce", "noisy", "w", "l"},
+    "c": _OF_ALL | _OF_VALUES | {"c", "ic", "w", "l"},
+    "l": _OF_ALL | _OF_VALUES | {"l", "ic"},
+    "d": _OF_ALL | {"ic", "area", "pj", "w", "l"},
+    "q": _OF_ALL | {"ic", "area"},
+    "j": _OF_ALL | {"ic", "area"},
+    "m": _OF_ALL | {"ic", "w", "l", "ad", "as", "pd", "ps", "nrd", "nrs"},
+    "s": set(), "w": set(),
 }  # fmt: skip
 # Parasitic parts of LTspice in series. LTspice writes 0 where there is none.
 SERIES = {"rser", "lser"}
@@ -57,6 +65,11 @@ MOST_SHOWN, LONGEST_SHOWN = 20, 60
 LONGEST_FAULT = 300
 # Matches a pair name=value, whose value may be an expression in braces.
 _PAIR = re.compile(r"([a-z_]\w*)=(\{[^{}]*\}|[^\s{}()=]+)")
+_QUOTED_FACT = re.compile(rf'\s*\b({"|".join(sorted(FACTS))}) ?= ?"[^"]*"')
+# Matches both coefficients of temperature behind one key.
+_TWO_COEFFICIENTS = re.compile(
+    r" tc=(\{[^{}]*\}|[^\s,={}]+)(?: ?, ?| )(\{[^{}]*\}|[-+.\d][^\s=]*)(?= |$)"
+)
 _NODE = re.compile(r"[\w.+\-#/\[\]]+")
 _SOURCE_WORD = re.compile(r"\w+=\{[^{}]*\}|\{[^{}]*\}|[(),]|[^\s(),{}]+|\S")
 
@@ -84,7 +97,11 @@ def refuse(card: Card, fault: str) -> NoReturn:
 
 
 def tidy(card: Card) -> Card:
-    """The card with quotes as braces, no blanks within expressions, and only safe characters."""
+    """The card with quotes as braces, no blanks within expressions, and only safe characters.
+
+    Facts in double quotes, such as `mfg="KEMET"`, are left out.
+    """
+    card = card._replace(text=_QUOTED_FACT.sub("", card.text))
     if _LONG_WORD.search(card.text):
         refuse(card, f"a name or number of more than {LONGEST_WORD} characters")
     text = re.sub(r"'([^']*)'", r"{\1}", card.text)
@@ -126,6 +143,8 @@ def joined(card: Card, expression: str) -> str:
 
 def vet_model(card: Card) -> tuple[str, str, list[tuple[str, str]]]:
     """A .model card as ngspice reads it: (name, text)."""
+    if re.match(r"\.model \S+ ako:", card.text):
+        refuse(card, "ako: write out the parameters of the model that it is made of")
     match = re.fullmatch(r"\.model (\S+) (\w+)\s*(.*)", card.text)
     kind = match.group(2) if match else ""
     if not match or kind not in MODELS:
@@ -173,6 +192,8 @@ def vet_function(card: Card) -> tuple[str, list[str], str]:
     if match.group(1) in SOLUTION:
         refuse(card, f"{match.group(1)} is ngspice's own function; give yours another name")
     arguments = [argument.strip() for argument in match.group(2).split(",") if argument.strip()]
+    if len({*arguments}) < len(arguments):
+        refuse(card, f"the arguments {listed(arguments)} of {match.group(1)[:40]} must differ")
     return match.group(1), arguments, match.group(3)
 
 
@@ -228,7 +249,10 @@ def rewritten(expression: str) -> str:
 
 def vet_element(card: Card, scope: Scope) -> list[str]:
     """An element's card as ngspice reads it: a list of words, name first."""
-    name, *words = re.split(r"\s+", card.text)
+    text = card.text
+    if text[0] in "rcl":
+        text = _TWO_COEFFICIENTS.sub(r" tc1=\1 tc2=\2", text)
+    name, *words = re.split(r"\s+", text)
     if name[0] not in ELEMENTS:
         known = " ".join(sorted(ELEMENTS)).upper()
         refuse(
@@ -278,8 +302,9 @@ def _part_parameter(card, word, scope):
         return []
     if key in PARASITICS:
         refuse(card, f"{key}= is LTspice's alone: write it as an element of its own")
-    if key not in PART_PARAMETERS:
-        refuse(card, f"unknown {word[:40]!r}{nearest(key, PART_PARAMETERS)}")
+    known = PART_PARAMETERS[card.text[0]]
+    if key not in known:
+        refuse(card, f"{card.text[0].upper()} uses no {word[:40]!r}{nearest(key, known)}")
     # `tc` and `tc1` are the same parameter; the last one counts.
     key = "tc1" if key == "tc" else key
     return [f"{key}={check_value(card, value, scope, key)}"]
@@ -302,6 +327,8 @@ def _model(card, rest, scope):
             found = True
             words.append(word)
         elif found and word not in FLAGS:
+            if card.text[0] in "msw":
+                refuse(card, f"{word[:40]!r} behind the model has no effect: leave it out")
             area = "area=" if card.text[0] == "d" else ""
             words.append(area + check_value(card, word, scope))
         else:

@@ -12,16 +12,20 @@ from collections.abc import Iterable
 from circuits.loads.elements import Element
 from circuits.loads.expression import ELSEWHERE_ALONE, FUNCTIONS, Tree
 from circuits.loads.expression import written as expression_written
-from circuits.loads.functions import CONSTANTS, SOLUTION
+from circuits.loads.functions import CONSTANTS, SOLUTION, VARYING
 from circuits.loads.numbers import number
 from circuits.loads.potentials import starts
 
-# Matches characters of a node's name that could be read as an operator.
-_ODD = re.compile(r"[^\w.#]", re.ASCII)
+# Matches characters of a name that could be read as an operator, and an underscore that could be
+# read as the beginning of such a character's code: no two names become one.
+_ODD = re.compile(r"[^\w.#]|_(?=[0-9a-f]{2}(?:_|[^\w.#]))", re.ASCII)
 
 
 def node_name(name: str) -> str:
     """A node of a load as the run's netlist calls it."""
+    if name in VARYING:
+        # Within v() too ngspice reads the quantity.
+        return f"_{ord(name[0]):x}_{name[1:]}"
     return _ODD.sub(lambda odd: f"_{ord(odd.group()):x}_", name)
 
 
@@ -77,8 +81,10 @@ def _model_names(elements):
     names: dict[tuple, str] = {}
     for model in (each.model for each in elements if each.model is not None):
         if model[1:] not in names:
-            name, taken = _ODD.sub("_", model.name), {*names.values()}
-            names[model[1:]] = name if name not in taken else f"{name}_{len(names)}"
+            name = node_name(model.name)
+            while name in names.values():
+                name += "_"
+            names[model[1:]] = name
     return names
 
 

@@ -53,7 +53,7 @@ def vectors(netlist: Netlist) -> Iterator[tuple[str, ...]]:
 def _watched(name, pins):
     """ngspice's name of an unknown that a load's measure is made of."""
     if name in pins:
-        return name
+        return name.removeprefix(elements.PIN)
     if name.startswith("i("):
         own = current_name(name[2:-1])
         return f"{own[0]}.xload.{own}#branch"

@@ -115,8 +115,9 @@ def load(
     """
     from circuits.loads.imported import candidates, imported
     from circuits.loads.own_motion import following_notes
-    from circuits.loads.reader import read_text
+    from circuits.loads.reader import read_cards, read_text
     from circuits.loads.subcircuits import read_load
+    from circuits.loads.vetting import tidy
     from harvester.files.writing import check_writable, is_stream, write_text
 
     check_writable(output)
@@ -124,12 +125,13 @@ def load(
     given = nodes or _asked(candidates(text))
     stem = Path(file if is_stream(output) else output).stem
     made = imported(text, re.sub(r"\W", "_", stem).lower(), _words(given), _words(remove))
+    target = Path(file).with_suffix(".lib") if is_stream(output) else Path(output)
+    cards = [tidy(card) for card in read_cards(target, made.text)]
+    notes = following_notes(read_load(target, cards=cards), RECORD)
     write_text(output, made.text)
-    for line in made.rewritten:
+    for line in (*made.rewritten, *notes):
         say(line)
     if not is_stream(output):
-        for note in following_notes(read_load(Path(output)), RECORD):
-            say(note)
         say(f"written: {output}; now try: harvester simulate device --set load.netlist={output}")
 
 

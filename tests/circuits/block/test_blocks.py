@@ -281,3 +281,17 @@ def test_every_dialect_has_the_same_parameters_and_no_long_line(tmp_path):
             assert text.isascii()
             assert max(map(len, text.splitlines())) <= 132
             assert ("?" in text, "pow(" in text) == (False, False)
+
+
+def test_every_listed_parameter_exists_in_every_format(tmp_path):
+    for name, written in (("subckt", write_subcircuit), ("verilog-a", write_verilog_a)):
+        dialect = ["ngspice"] * (name == "subckt")
+        options = (*dialect, "default", 0, 1e-3, None)
+        files = written(Scene.load("tristable"), tmp_path / name, *options)
+        text = next(file for file in files if file.suffix in (".lib", ".va")).read_text()
+        comments, _, rest = text.partition("Parameters:")
+        listed = re.findall(r"(?m)^(?://|\*)   (\w+) \(", rest)
+        assert len(listed) > 5
+        for each in listed:
+            assert re.search(rf"(?m)^\+ {each}=|parameter real {each} = ", rest), each
+        assert (".nodeset" in comments) == (name == "subckt")

@@ -85,6 +85,6 @@ def test_parameters_have_ngspices_precedence(tmp_path):
     scene = Scene.load("device", [f"load.netlist={path}", "load.parameters.c=7"])
     circuit = build(prepared(scene))
     siemens = dict(zip(map(tuple, circuit.tables.entries), circuit.tables.conductance, strict=True))
-    node = circuit.names.index("load_piezo")
+    node = circuit.names.index(":load_piezo")
     wanted = sum(1e-3 / value for value in (2, 30, 4, 14, 6, 4))
     assert siemens[node, node] == pytest.approx(wanted, rel=1e-12)

@@ -30,7 +30,8 @@ VALUES = ["1", "-1", "0", "4k7", "1e308", "1e-999", "3mil", "3a", "1e", "{r}", "
 SIGNS = [*" =+-*/^(){}[],.;:?!<>&|%#~'\"$@\\\n\t\r\v\f\0é", "\n+ ", "==", "**", "\u2028", "\x1b"]
 WORDS = [
     *CARDS, *NODES, *VALUES, *SIGNS, *(letter + "1" for letter in [*ELEMENTS, "x", "a"]),
-    *sorted(FUNCTIONS), *sorted(NAMES), *sorted(MODELS), *sorted(PART_PARAMETERS),
+    *sorted(FUNCTIONS), *sorted(NAMES), *sorted(MODELS),
+    *sorted(set().union(*PART_PARAMETERS.values())),
     *sorted(WAVEFORMS), "params:", "poly", "value=", "i=", "v=", "f(x)", "load", "s", "d1",
 ]  # fmt: skip
 

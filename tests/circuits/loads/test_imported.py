@@ -104,3 +104,18 @@ def test_the_command_writes_it_or_asks(tmp_path, capsys):
     assert out.read_text().startswith("* r, from")
     assert main(call) == 2
     assert "N001, N002" in capsys.readouterr().err
+
+
+def test_ltspices_own_words_are_taken_and_a_refused_load_is_not_written(tmp_path, capsys):
+    said = 'Irms=0 Rser=0.2 Lser=0 Cpar=0 mfg="KEMET" pn="C08 K8" type="X5R"'
+    text = NET.replace("10u Rser=0.2", f"10u {said}").replace("D(Is=1n)", 'D(Is=1n mfg="A")')
+    source, target = tmp_path / "rectifier.net", tmp_path / "rectifier.lib"
+    command = ["load", str(source), "--nodes", "N001,N002,out,0", "--output", str(target)]
+    source.write_text(text)
+    assert main(command) == 0
+    assert read_load(target).has_output
+    target.unlink()
+    source.write_text(NET.replace("DX D(Is=1n)", "DX ako:DY D(Is=1n)"))
+    assert main(command) == 2
+    assert "ako: write out" in capsys.readouterr().err
+    assert not target.exists()

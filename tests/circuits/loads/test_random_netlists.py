@@ -1,16 +1,14 @@
 """Loads drawn at random, in two spellings: both engines and plain ngspice give one output power."""
 
 import random
-import subprocess
 
 import numpy as np
 import pytest
-from raw_files import program_46
+from raw_files import driven
 
 from circuits.loads.subcircuits import read_load
 from harvester.scene.model import Scene
 from harvester.simulation.simulate import simulate
-from harvester.verification.known_results.simulators import read_raw
 
 # A damped linear device, whose paths do not part, from rest.
 DEVICE = [
@@ -197,22 +195,6 @@ def run(path, method, **options):
 
 def power(result):
     return result.quantity("mean_output_power").estimate
-
-
-def driven(folder, text):
-    """Mean square of the output's voltage in plain ngspice, the pins driven by a sine."""
-    deck = (
-        f"deck\n{text}\nVm pm 0 sin(0 8 25)\nRm pm p 20k\nXload p 0 out ref load\nCo out 0 1e-13\n"
-        "Cr ref 0 1e-13\n.options reltol=1e-5 itl4=100\n.tran 20u 0.2 0 20u uic\n"
-        ".save v(out) v(ref)\n.end\n"
-    )
-    (folder / "deck.cir").write_text(deck)
-    (folder / "deck.raw").unlink(missing_ok=True)
-    command = [program_46(), "-b", "-r", "deck.raw", "deck.cir"]
-    done = subprocess.run(command, cwd=folder, capture_output=True, text=True, timeout=120)
-    assert (folder / "deck.raw").exists(), (done.stdout + done.stderr)[-600:]
-    raw = read_raw(folder / "deck.raw")
-    return np.trapezoid((raw["v(out)"] - raw["v(ref)"]) ** 2, raw["time"]) / raw["time"][-1]
 
 
 # Outputs of nanowatts behind junctions that hardly conduct: at `fine` steps cost either engine 1 to
