@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import _thread
 import argparse
 import re
 import sys
+import threading
 import warnings
 from typing import Any, NoReturn
 
@@ -20,6 +22,8 @@ from harvester.version import __version__
 FORMER_OPTIONS = {"--engine": "--method", "--closure": "--method"}
 # Most words of a call. argparse's time grows with the square of their number.
 MOST_ARGUMENTS = 2000
+# After so many seconds an interrupt that C code lost is repeated.
+LOST_INTERRUPT_SECONDS = 0.1
 WELCOME = """\
 harvester simulates vibration energy harvesters. What to try first:
 
@@ -48,6 +52,7 @@ example: harvester validate paper --output results"""
 def main(arguments: list[str] | None = None) -> int:
     """Run the command line; returns the exit code."""
     arguments = sys.argv[1:] if arguments is None else arguments
+    hook, sys.unraisablehook = sys.unraisablehook, _interrupt_again
     with guarded_streams() as exit_code, warnings.catch_warnings():
         # The check of the result reports overflows in its own words.
         warnings.simplefilter("ignore", RuntimeWarning)
@@ -55,6 +60,23 @@ def main(arguments: list[str] | None = None) -> int:
             return exit_code(_run(arguments))
         except SystemExit as end:
             raise SystemExit(exit_code(end.code)) from None
+        finally:
+            sys.unraisablehook = hook
+
+
+def _interrupt_again(lost):
+    """Interrupt the main thread once more if C code lost the interrupt.
+
+    Python handles a signal in the next Python function. During LLVM's work this is a callback of
+    llvmlite, from which no exception can pass through LLVM.
+    """
+    if not issubclass(lost.exc_type, KeyboardInterrupt):
+        sys.__unraisablehook__(lost)
+        return
+    # An interrupt from here would be lost within this hook.
+    again = threading.Timer(LOST_INTERRUPT_SECONDS, _thread.interrupt_main)
+    again.daemon = True
+    again.start()
 
 
 def _run(arguments):

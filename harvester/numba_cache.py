@@ -90,6 +90,9 @@ def _say_damage(path: str) -> None:
 _said: list[str] = []
 # Called with the path of a damaged file. A worker process passes it on to its caller.
 on_damage: Callable[[str], None] = _say_damage
+# Called with 1 as a compilation begins and with -1 as it ends; nothing happens here. A worker
+# process passes it on to its caller.
+on_compilation: Callable[[int], object] = abs
 
 
 @contextlib.contextmanager

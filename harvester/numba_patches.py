@@ -127,7 +127,11 @@ def wait_for_other_processes() -> None:
         name = f"{self.py_func.__module__}.{self.py_func.__qualname__}{signature}"
         # The process's own lock comes first, so that only one of its threads waits for other
         # processes.
-        with global_compiler_lock, numba_cache.alone(Path(self._cache.cache_path), name):
-            return compile_now(self, signature)
+        numba_cache.on_compilation(1)
+        try:
+            with global_compiler_lock, numba_cache.alone(Path(self._cache.cache_path), name):
+                return compile_now(self, signature)
+        finally:
+            numba_cache.on_compilation(-1)
 
     dispatcher.Dispatcher.compile = compile_once  # type: ignore[method-assign, assignment]

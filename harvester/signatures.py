@@ -287,7 +287,8 @@ class RunnerOptions(TypedDict, total=False):
     Parameters
     ----------
     time_budget : float or None
-        Begin nothing new after so many seconds; the same call goes on.
+        Begin nothing new after so many seconds, and end what runs 5 % longer; the same call
+        goes on.
     workers : int or None
         Processes (default: one a core).
     scheduler : str or None

@@ -7,6 +7,7 @@ from circuits import verilog
 from circuits.assembly import Netlist, assemble
 from circuits.ngspice import compiled_device
 from circuits.ngspice.session import session
+from harvester import numba_cache
 from harvester.errors import SimulatorAborted
 from harvester.prepared.paths import noise_path, start_state
 from harvester.prepared.prepared import prepared
@@ -24,6 +25,16 @@ def wait(report, seconds):
     report("waiting")
     time.sleep(seconds)
     report("waited")
+
+
+def compile_slowly(report, seconds):
+    """A compilation within another one, which takes this long."""
+    numba_cache.on_compilation(1)
+    numba_cache.on_compilation(1)
+    numba_cache.on_compilation(-1)
+    time.sleep(seconds)
+    numba_cache.on_compilation(-1)
+    return "compiled"
 
 
 def die(report, status):

@@ -28,6 +28,10 @@ LN_2 = (6.93147180369123816490e-01, 1.90821492927058770002e-10)
 # Coefficients of the exponential within ln 2/2 of 0. Its relative error is 6e-15.
 SERIES = [1.0 / math.factorial(k) for k in range(12)]
 
+# LLVM's time for machine code grows with the square of a function's length: 209,000 instructions
+# took 64 s at level 1 and 1 s at level 0. The largest load of `netlists` has 14,000.
+MOST_OPTIMIZED = 50_000
+
 
 class Number:
     """A double that the code computes when it runs, or a vector of them ("side by side")."""
@@ -229,10 +233,12 @@ def compile_module(module: Any) -> tuple[Any, dict[str, int]]:
     llvm.initialize_native_asmprinter()
     parsed = llvm.parse_assembly(str(module))
     parsed.verify()
+    blocks = [block for function in module.functions for block in function.blocks]
+    level = 2 if sum(len(block.instructions) for block in blocks) < MOST_OPTIMIZED else 0
     machine = llvm.Target.from_default_triple().create_target_machine(
-        cpu=llvm.get_host_cpu_name(), features=llvm.get_host_cpu_features().flatten(), opt=2
+        cpu=llvm.get_host_cpu_name(), features=llvm.get_host_cpu_features().flatten(), opt=level
     )
-    options = llvm.create_pipeline_tuning_options(speed_level=2)
+    options = llvm.create_pipeline_tuning_options(speed_level=level)
     passes = llvm.create_pass_builder(machine, options)
     passes.getModulePassManager().run(parsed, passes)
     engine = llvm.create_mcjit_compiler(parsed, machine)

@@ -92,21 +92,22 @@ def _pivots(tables, pattern, trials):
     n = len(pattern)
     filled, work = pattern.copy(), trials.copy()
     free_rows, free_columns = np.ones(n, dtype=bool), np.ones(n, dtype=bool)
+    linear_rows, linear_columns = ~tables.nonlinear_rows, ~tables.nonlinear_columns
     rows: list[int] = []
     columns: list[int] = []
     linear = None
+    # Only the columns in which a pivot's row stands change with its elimination.
+    size, changed = np.zeros((n, n)), np.arange(n)
     while len(rows) < n:
-        chosen = None
+        size[:, changed] = _sizes(work[:, :, changed], free_rows)
+        chosen, live = None, filled & free_rows[:, None] & free_columns
         if linear is None:
-            allowed = np.outer(
-                free_rows & ~tables.nonlinear_rows, free_columns & ~tables.nonlinear_columns
-            )
-            chosen = _best(filled, work, allowed, free_rows, free_columns, PIVOT_SHARES[:1])
+            allowed = live & linear_rows[:, None] & linear_columns
+            chosen = _best(live, size, allowed, PIVOT_SHARES[:1])
             if chosen is None:
                 linear = len(rows)
         if chosen is None:
-            allowed = np.outer(free_rows, free_columns)
-            chosen = _best(filled, work, allowed, free_rows, free_columns, PIVOT_SHARES)
+            chosen = _best(live, size, live, PIVOT_SHARES)
         if chosen is None:
             # The matrix is singular in every trial; the elimination reports it.
             chosen = int(np.flatnonzero(free_rows)[0]), int(np.flatnonzero(free_columns)[0])
@@ -115,12 +116,12 @@ def _pivots(tables, pattern, trials):
         free_rows[i] = free_columns[j] = False
         rows.append(i)
         columns.append(j)
-        below = free_rows & filled[:, j]
-        beside = free_columns & filled[i]
-        filled |= np.outer(below, beside)
+        below = np.flatnonzero(free_rows & filled[:, j])
+        changed = np.flatnonzero(free_columns & filled[i])
+        filled[np.ix_(below, changed)] = True
         pivot = work[:, i, j]
-        share = np.where(below, work[:, :, j], 0.0) / np.where(pivot == 0.0, 1.0, pivot)[:, None]
-        work -= share[:, :, None] * np.where(beside, work[:, i, :], 0.0)[:, None, :]
+        share = work[:, below, j] / np.where(pivot == 0.0, 1.0, pivot)[:, None]
+        work[:, below[:, None], changed] -= share[:, :, None] * work[:, i, changed][:, None, :]
     return (
         np.array(rows, dtype=np.int64),
         np.array(columns, dtype=np.int64),
@@ -129,19 +130,21 @@ def _pivots(tables, pattern, trials):
     )
 
 
-def _best(filled, work, allowed, free_rows, free_columns, shares):
-    """The pivot with the least fill-in among those great enough in every trial, or None."""
-    allowed = allowed & filled
-    if not allowed.any():
-        return None
-    active = np.abs(work) * free_rows[None, :, None]
+def _sizes(columns, free_rows):
+    """The least share, over the trials, that each number has of the greatest in its column."""
+    active = np.abs(columns) * free_rows[:, None]
     greatest = active.max(axis=1, keepdims=True)
-    size = (active / np.where(greatest > 0.0, greatest, np.inf)).min(axis=0)
-    live = filled & np.outer(free_rows, free_columns)
-    fill = np.outer(live.sum(axis=1) - 1, live.sum(axis=0) - 1)
+    return (active / np.where(greatest > 0.0, greatest, np.inf)).min(axis=0)
+
+
+def _best(live, size, allowed, shares):
+    """The pivot with the least fill-in among those great enough in every trial, or None."""
+    i, j = np.nonzero(allowed)
+    sizes = size[i, j]
+    cost = (live.sum(axis=1) - 1)[i] * (live.sum(axis=0) - 1)[j] + 1e-3 * (1.0 - sizes)
     for least in shares:
-        good = allowed & (size >= least)
+        good = sizes >= least
         if good.any():
-            cost = np.where(good, fill + 1e-3 * (1.0 - size), np.inf)
-            return tuple(int(k) for k in np.unravel_index(np.argmin(cost), cost.shape))
+            best = np.argmin(np.where(good, cost, np.inf))
+            return int(i[best]), int(j[best])
     return None

@@ -78,10 +78,11 @@ def slowest_time(ready: Prepared) -> float:
         return 0.0
     matrix = relaxation(ready, levels, blocking=False)
     sizes = {each.name: each.size or 0.0 for each in load.elements if each.letter in "cl"}
+    held = np.array([weights(each, levels) for each in load.stores])
     return max(
         time
-        for each in load.stores
-        for time in (0.0, *times_of(matrix, weights(each, levels)))
+        for each, times in zip(load.stores, times_of(matrix, held), strict=True)
+        for time in (0.0, *times)
         if time < LEAKS_SHARE * sizes[each.name] / LEAK
     )
 

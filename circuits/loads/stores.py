@@ -77,8 +77,16 @@ def weights(store: Store, levels: Iterable[str]) -> np.ndarray:
     return np.array([float(name == store.first) - float(name == store.second) for name in levels])
 
 
-def times_of(matrix: np.ndarray, held: np.ndarray) -> np.ndarray:
-    """Relaxation times (s) of the modes that take part in what a store holds, by its weights."""
+def times_of(matrix: np.ndarray, held: np.ndarray) -> list[np.ndarray]:
+    """Relaxation times (s) of the modes that take part in what each store holds.
+
+    Parameters
+    ----------
+    matrix : ndarray, shape (levels, levels)
+        See `circuits.kernel.slow_modes.relaxation`.
+    held : ndarray, shape (stores, levels)
+        Each store's `weights`.
+    """
     times, modes = np.linalg.eig(matrix)
     parts = np.abs(held @ modes) >= TAKES_PART * np.abs(modes).max(axis=0)
-    return np.abs(times[parts])
+    return [np.abs(times[each]) for each in parts]

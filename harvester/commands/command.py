@@ -35,10 +35,13 @@ class Command:
         is imported when the command is called.
     example : str
         A call, behind the program's name.
+    bar : str
+        Content of the progress bar; left out: there is none.
     """
 
     function: Callable | str
     example: str
+    bar: str = ""
 
     @property
     def name(self) -> str:
@@ -59,7 +62,12 @@ class Command:
 
     def run(self, options: Namespace) -> int | None:
         """Carry the command out; returns the exit code, or None for 0."""
-        return self._call(self._scene(options), values_of(options, self.found))
+        from harvester.commands.console import progress
+
+        with progress() if self.bar else contextlib.nullcontext() as follow:
+            if follow:
+                follow(self.bar, None)
+            return self._call(self._scene(options), values_of(options, self.found))
 
     def _scene(self, options: Namespace) -> Scene | None:
         """The scene that the call names, overrides and seed put in; None where there is none."""
@@ -141,7 +149,6 @@ class Study(Command):
     waveform: bool = False
     files: Sequence[str] = ()
     running: Callable[[dict[str, Any]], RunnerOptions] | None = None
-    bar: str = ""
 
     def fill(self, parser: ArgumentParser) -> None:
         """Give the command's parser the options of its function, and where the result goes."""
@@ -224,6 +231,8 @@ class Study(Command):
             if "progress" in known and (self.bar or not self._takes_runner()):
                 follow = opened.enter_context(progress())
                 values["progress"] = follow(label, scene if self.bar == "simulated time" else None)
+            elif not self._takes_runner():
+                opened.enter_context(progress())(label, None)
             if self._takes_runner():
                 running: RunnerOptions = self.running(values) if self.running else {}
                 for name in RunnerOptions.__annotations__.keys() & values.keys() - {"progress"}:

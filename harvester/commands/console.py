@@ -79,43 +79,51 @@ def progress() -> Iterator[Callable]:
 
 
 class _Lines:
-    """Says how long a run still takes: after a few seconds, then each time it has doubled.
+    """Says how far a run is: after a few seconds, then each time its duration has doubled.
 
-    If the reported share falls, a new list of tasks has begun.
-
-    Also that nothing has been reported yet, where the start itself takes that long.
+    A thread does so where nothing is reported meanwhile. If the reported share falls, a new list of
+    tasks has begun.
     """
 
     def __init__(self, label):
-        self._label = label
-        self._began = None
-        self._last = 0.0
-        self._start = threading.Timer(SAY_AFTER_SECONDS, self._say_start)
-        self._start.daemon = True
-        self._start.start()
+        self._label, self._share = label, 0.0
+        self._words = "starting; the first run compiles, a minute or so"
+        # The speed is measured from the first report on, since the start takes a time of its own.
+        self._first = None
+        self._started, self._next = time.monotonic(), SAY_AFTER_SECONDS
+        self._saying, self._closed = threading.Lock(), threading.Event()
+        threading.Thread(target=self._watch, daemon=True).start()
 
     def close(self):
-        """Finish the last line."""
-        self._start.cancel()
+        """Say nothing any more."""
+        self._closed.set()
 
-    def _say_start(self):
-        print(f"{self._label}: starting; the first run compiles, a minute or so", file=sys.stderr)
+    def _watch(self):
+        while not self._closed.wait(self._next - (time.monotonic() - self._started)):
+            self._say()
 
     def __call__(self, share, words=""):
-        self._start.cancel()
-        now = time.monotonic()
-        if self._began is None or share < self._last:
-            # The speed is measured from the first report on, since the start takes a time of its
-            # own.
-            self._began = now, share
-            self._next = SAY_AFTER_SECONDS
-        self._last = share
-        elapsed, done = now - self._began[0], share - self._began[1]
-        if elapsed < self._next or share >= 1.0:
-            return
-        self._next = 2.0 * elapsed
-        left = f"about {_duration(elapsed * (1.0 - share) / done)} more" if done > 0.0 else words
-        print(f"{self._label}: {share:.2%} after {elapsed:.0f} s, {left}", file=sys.stderr)
+        if self._first is None or share < self._share:
+            self._first = time.monotonic(), share
+        self._share, self._words = share, words
+        if share < 1.0:
+            self._say()
+
+    def _say(self):
+        with self._saying:
+            now = time.monotonic()
+            elapsed = now - self._started
+            if elapsed < self._next:
+                return
+            self._next = 2.0 * elapsed
+            began, before = self._first or (now, self._share)
+            left, done = self._words, self._share - before
+            if self._share >= 1.0:
+                left = "evaluating the results"
+            elif done > 0.0:
+                left = f"about {_duration((now - began) * (1.0 - self._share) / done)} more"
+            share = f"{self._share:.2%} " if self._first else ""
+            print(f"{self._label}: {share}after {elapsed:.0f} s, {left}", file=sys.stderr)
 
 
 def _duration(seconds):

@@ -127,7 +127,7 @@ COMMANDS = (
     Command(circuit.schematic, "schematic device --set load.netlist=bridge --output bridge.svg"),
     Command(circuit.load, "load rectifier.net --nodes N001,N002,out,0 --output rectifier.lib"),
     Command(circuit.netlist, "netlist paper --set run.duration=100 --output paper.cir"),
-    Command(circuit.export, "export device --as deck --output block"),
+    Command(circuit.export, "export device --as deck --output block", bar="export"),
     Command(cite, "cite results/paper-validate.json"),
     Command(circuit.engine, "engine --json -"),
     Command(completion, "completion bash"),

@@ -133,12 +133,13 @@ def run_estimates(
     batch = moments[0].batch_length
     error = balance.error if balance else error_of(scene, memory / batch)
     # A source that matches the load discharges a store twice as fast as the load alone.
-    slow = memory + 0.5 * max((s.memory for s in store_states(ready, moments)), default=0.0)
+    stores = store_states(ready, moments)
+    slow = memory + 0.5 * max((each.memory for each in stores), default=0.0)
     error_of_output = balance.error if balance else error_of(scene, slow / batch)
     whole = estimate_all(balanced, system, error) | estimate_output(balanced, error_of_output)
     whole |= estimate_strain(balanced, scene.excitation, error)
     whole = {name: with_steps(scene, each, step_error) for name, each in whole.items()}
-    found = shortfalls(ready, moments, whole, balance)
+    found = shortfalls(ready, moments, whole, balance, stores)
     sensitive = scene.excitation.transient(scene.run) and step_error >= NOTED_CHANGE
     notes = (
         *source_notes(scene.load.circuit),

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import math
 import warnings
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any
 
@@ -17,13 +18,13 @@ import numpy as np
 from harvester.device import timescales
 from harvester.estimates.batch_means import FEWEST_BATCHES, complete_batches, standard_error
 from harvester.estimates.estimate import NO_VALUE, TOO_SHORT
-from harvester.estimates.store_settling import store_states
 from harvester.estimates.well_balance import FEWEST_JUMPS
 from harvester.record.moments import QUANTITIES
 
 if TYPE_CHECKING:
     from harvester.device.system import System
     from harvester.estimates.estimate import Estimate
+    from harvester.estimates.store_settling import StoreState
     from harvester.estimates.well_balance import WellBalance
     from harvester.prepared.prepared import Prepared
     from harvester.record.moments import Moments
@@ -85,6 +86,7 @@ def shortfalls(
     moments: list[Moments],
     estimates: dict[str, Estimate],
     balance: WellBalance | None = None,
+    stores: Sequence[StoreState] = (),
 ) -> list[Shortfall]:
     """All reasons for which a run was too short; empty if there are none.
 
@@ -95,6 +97,8 @@ def shortfalls(
     estimates : dict of str to Estimate
     balance : WellBalance or None
         Balance of the jumps between wells, where they differ.
+    stores : sequence of StoreState
+        The load's stores at the end of the run.
 
     Returns
     -------
@@ -107,7 +111,7 @@ def shortfalls(
     found = [
         _motion(p, scene.run, estimates),
         _charge(scene, p, moments, estimates),
-        _storage(ready, moments, estimates),
+        _storage(scene, stores, estimates),
         _jumps(scene, p, moments, estimates),
         # Without chance the well is decided by the start, and a longer run has no more jumps.
         _residence(moments, estimates, balance) if scene.excitation.random else None,
@@ -292,16 +296,14 @@ def _charge(scene, p, moments, estimates):
     return _slow(scene, 1.0 / decay, "the load's 1/λ", error, QUANTITIES_OF_THE_CHARGE)
 
 
-def _storage(ready, moments, estimates):
+def _storage(scene, stores, estimates):
     """A store of the load that still charges, or that is slow against the run."""
-    scene = ready.scene
     run = scene.run
     measured = "output_voltage" if "output_voltage" in estimates else "mean_power"
     bound = max(_relative_error(estimates.get(measured)), SMALLEST_DRIFT)
-    found = store_states(ready, moments)
-    if not found:
+    if not stores:
         return None
-    worst = max(found, key=lambda each: abs(each.missing) - DRIFT_IN_STANDARD_ERRORS * each.error)
+    worst = max(stores, key=lambda each: abs(each.missing) - DRIFT_IN_STANDARD_ERRORS * each.error)
     if abs(worst.missing) > bound + DRIFT_IN_STANDARD_ERRORS * worst.error:
         return Shortfall(
             f"the store {worst.name} ({worst.where}) still "
@@ -313,7 +315,7 @@ def _storage(ready, moments, estimates):
         )
     if not scene.excitation.random:
         return None
-    slowest = max(found, key=lambda each: each.memory)
+    slowest = max(stores, key=lambda each: each.memory)
     if not slowest.memory > 0.0:
         return None
     return _few_values(scene, slowest.memory, f"the memory of the store {slowest.name}")

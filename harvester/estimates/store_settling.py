@@ -83,14 +83,18 @@ def store_states(ready: Prepared, moments: Sequence[Moments]) -> list[StoreState
     square = batches[:, :, QUANTITIES.index("square_voltage")].sum() / time.sum()
     # Converted to volts, the unit of the levels.
     volts = ready.scales.voltage * math.sqrt(max(float(square), 0.0))
-    levels = _Levels(names, series, time, mean, LEAST_HELD * volts, ready.scene.excitation.random)
-    return [_state(each, levels, matrix) for each in load.stores]
+    levels = _Levels(series, time, mean, LEAST_HELD * volts, ready.scene.excitation.random)
+    held = np.array([weights(each, names) for each in load.stores])
+    times = [None] * len(held) if matrix is None else times_of(matrix, held)
+    return [
+        _state(each, levels, ends, matrix, own)
+        for each, ends, own in zip(load.stores, held, times, strict=True)
+    ]
 
 
 class _Levels(NamedTuple):
-    """Levels of a run: names, sums (realizations, batches, names, …), times, means, least held."""
+    """Levels of a run: sums (realizations, batches, names, …), times, means, least held."""
 
-    names: list[str]
     series: np.ndarray
     time: np.ndarray
     mean: np.ndarray
@@ -106,8 +110,7 @@ def _matrix(ready, levels):
     return matrix if np.isfinite(matrix).all() else None
 
 
-def _state(store, levels, matrix):
-    ends = weights(store, levels.names)
+def _state(store, levels, ends, matrix, times):
     changes = levels.series[..., CHANGE] @ ends
     length = float(levels.time.sum(axis=1).mean())
     rate = changes.sum() / levels.time.sum()
@@ -125,7 +128,7 @@ def _state(store, levels, matrix):
         # A capacitance that changes has no part in the network.
         if by_network and rate and not abs(missing) < abs(by_network):
             missing, time = by_network, by_network / rate
-        memory = float(times_of(matrix, ends).max(initial=0.0))
+        memory = float(times.max(initial=0.0))
     if not math.isfinite(missing):
         # There is no time constant: assume that the store still lacks as much as the run has
         # changed it.

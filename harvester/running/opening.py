@@ -46,7 +46,8 @@ def open_runner(
     scheduler : str or None
         Address of a Dask scheduler, instead of them.
     time_budget : float or None
-        Wall-clock seconds after which nothing is begun.
+        Wall-clock seconds after which nothing is begun; what is running is ended once they are
+        exceeded by a twentieth.
     time_limit : float
         Wall-clock seconds of one realization.
     progress : callable or None

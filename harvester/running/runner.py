@@ -20,6 +20,8 @@ from harvester.workers.pools import LOOK_AROUND, ExecutorPool, WorkerPool, lost
 
 # At most so many damaged answers are named.
 MOST_NAMED = 10
+# Share of the time budget by which tasks that are running may exceed it; then they are ended.
+OVERRUN = 0.05
 
 Plan = Generator[Wanted, list, object]
 
@@ -52,6 +54,7 @@ class Runner:
         self.pool, self.folder, self.time_limit = pool, folder, time_limit
         self.out_of_time = False
         self._store, self._deadline = Store(folder), deadline
+        self._overrun = OVERRUN * (deadline - time.monotonic())
         self._progress = Progress(progress or (lambda share, words: None))
         self._computed: set[str] = set()
         self._reused: set[str] = set()
@@ -165,8 +168,8 @@ class Runner:
         """
         return _Following(self, list(plans), on_end, in_turn).to_the_end()
 
-    def _is_time_spent(self):
-        return time.monotonic() > self._deadline
+    def _is_time_spent(self, overrun=0.0):
+        return time.monotonic() > self._deadline + overrun
 
 
 class _Following:
@@ -192,6 +195,8 @@ class _Following:
             while self._waiting:
                 if self._runner._is_time_spent():
                     self._leave_out()
+                if self._runner._is_time_spent(self._runner._overrun):
+                    self._end_running()
                 self._hand_over()
                 self._collect()
         except BaseException:
@@ -265,14 +270,25 @@ class _Following:
             self._runner.out_of_time = True
             self._settle(task, None, 0.0)
 
+    def _end_running(self):
+        """End the tasks that are running: they get the answer None."""
+        running, self._futures = self._futures, {}
+        if running:
+            self._runner.out_of_time = True
+            self._runner.pool.interrupt()
+        for task in running.values():
+            self._settle(task, None, 0.0)
+
     def _collect(self):
-        """Wait for one task and keep its answer."""
+        """Wait for one task and keep its answer, unless it was ended."""
         try:
             future = self._done.get(timeout=LOOK_AROUND if self._futures else 0.0)
         except queue.Empty:
             self._progress.say()
             return
-        task = self._futures.pop(future)
+        task = self._futures.pop(future, None)
+        if task is None:
+            return
         outcome, seconds = _outcome(future)
         if future.cancelled():
             self._runner.out_of_time = True

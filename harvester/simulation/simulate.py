@@ -72,7 +72,7 @@ def simulate(
     workers : int or None
         Processes (default: one a core).
     time_limit : float
-        Wall-clock limit of one realization.
+        Wall-clock limit of one realization, without compilation.
     keep_going : bool
         Try a realization that crashes or runs out of time once more, and go on without it; the
         result's `failures` name it. Else the first failure ends the run.

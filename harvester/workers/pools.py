@@ -111,8 +111,7 @@ class WorkerPool:
         try:
             return gather(futures)
         except BaseException:
-            self.close()
-            self._open()
+            self.interrupt()
             raise
 
     def submit(
@@ -120,6 +119,11 @@ class WorkerPool:
     ) -> Future:
         """One call as with `keep_going` in `map`; returns its Future."""
         return self._begin(call_twice, function, arguments, time_limit, None)
+
+    def interrupt(self) -> None:
+        """End every process and with it its call; the pool can be used again."""
+        self.close()
+        self._open()
 
     def close(self) -> None:
         """End every process."""
@@ -186,6 +190,9 @@ class ExecutorPool:
     ) -> Future:
         """See `WorkerPool.submit`."""
         return self._begin(function, arguments, time_limit, True)
+
+    def interrupt(self) -> None:
+        """Nothing: calls that an executor has begun end by themselves."""
 
     def _begin(self, *call):
         """Start one call; returns its Future."""

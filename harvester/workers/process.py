@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import math
 import pickle
 import queue
 import signal
@@ -63,7 +64,7 @@ class Worker:
         arguments : dict
             Passed by name, pickled.
         time_limit : float or None
-            Wall-clock seconds after which the process is killed.
+            Wall-clock seconds after which the process is killed; compilation does not count.
         on_progress : callable or None
             Given what the function reports; the latest report is also kept for errors.
 
@@ -75,21 +76,22 @@ class Worker:
             As raised by the function.
         """
         process, answers = self._start()
-        deadline = None if time_limit is None else time.monotonic() + time_limit
-        latest = None
+        deadline = math.inf if time_limit is None else time.monotonic() + time_limit
+        latest, compiling, began, compiled = None, 0, 0.0, 0.0
         try:
             pickle.dump((function, arguments), process.stdin)
             process.stdin.flush()
         except (BrokenPipeError, ValueError):
             raise self._crashed(process, latest) from None
         while True:
-            timeout = None if deadline is None else _waiting_time(deadline)
+            timeout = None if compiling else _waiting_time(deadline + compiled)
             try:
                 kind, content = answers.get(timeout=timeout)
             except queue.Empty:
                 self.kill()
                 raise SimulatorTimeout(
-                    f"the simulator was stopped at its wall-clock limit of {time_limit:g} s; "
+                    f"the simulator was stopped at its wall-clock limit of {time_limit:g} s, "
+                    f"without {compiled:.0f} s of compilation; "
                     "raise it with --time-limit, or shorten run.duration",
                     partial=latest,
                 ) from None
@@ -97,6 +99,11 @@ class Worker:
                 latest = content
                 if on_progress:
                     on_progress(content)
+            elif kind == "compilation":
+                now = time.monotonic()
+                began = began if compiling else now
+                compiling += content
+                compiled += 0.0 if compiling else now - began
             elif kind == "damage":
                 numba_cache.on_damage(content)
             elif kind == "done":

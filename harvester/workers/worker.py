@@ -3,7 +3,8 @@
 Started by `harvester.workers.process` as `harvester.workers.isolation` says. A call is a pickled
 (function, arguments); the function, one of a module, is called with `report` on top, which sends
 progress. Answers are pickled pairs: ("progress", …), ("done", result), ("failed", error),
-("damage", path of compiled code that could not be read), and ("gone", error) from a process that
+("damage", path of compiled code that could not be read), ("compilation", 1 or -1) as one begins or
+ends, and ("gone", error) from a process that
 ends itself.
 """
 
@@ -61,6 +62,7 @@ def main() -> None:
 
     _give_up = send
     numba_cache.on_damage = lambda path: send("damage", path)
+    numba_cache.on_compilation = lambda change: send("compilation", change)
     while True:
         function, arguments = calls.get()
         try:

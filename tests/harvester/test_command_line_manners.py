@@ -1,11 +1,15 @@
+import ctypes
+import functools
 import io
 import re
+import signal
 import subprocess
 import sys
 import time
 
 import pytest
 
+import harvester
 from harvester.command_line import COMMANDS, build_parser, main
 from harvester.commands import console
 from harvester.commands.command import Command
@@ -182,3 +186,21 @@ def test_help_begins_with_the_newcomers_commands_and_ends_with_the_proof(capsys)
     assert {"verify", "claims", "stability", "work-precision"} < {*listed[1]}
     lines = "\n".join((first, between, proof))
     assert all(lines.count(f"\n  {name} ") == 1 for name in COMMAND_NAMES)
+
+
+def test_an_interrupt_that_c_code_loses_ends_the_command(monkeypatch, capsys):
+    """No exception passes through a C library from a callback: Python drops it there."""
+    waited = []
+
+    @functools.wraps(harvester.average)
+    def interrupted(*_, **__):
+        ctypes.CFUNCTYPE(None)(lambda: signal.raise_signal(signal.SIGINT))()
+        waited.append("goes on")
+        for _ in range(300):
+            time.sleep(0.1)
+        waited.append("was not interrupted")
+
+    monkeypatch.setattr(harvester, "average", interrupted)
+    assert main(["average", "linear"]) == 130
+    assert waited == ["goes on"]
+    assert capsys.readouterr().err == "harvester: interrupted; nothing was written\n"

@@ -66,6 +66,7 @@ def along(
     device = _on_common_knots(scene, axis)
     place, value, reason = None, None, f"knows no {quantity.replace('_', ' ')}"
     if quantity in MAXIMISED:
+        follow(0.0, "stationary averages")
         place, value, reason = averaged(device, axis, quantity, closure, runner)
     follow(0.3, "simulation")
     search = Search(device, axis, quantity, method, runner)

@@ -77,6 +77,7 @@ def over_several(
         follow(min(done / expected, 0.99), f"{done} evaluations")
 
     objective = Objective(scene, axes, quantity, method, runner, told)
+    follow(0.0, "the scene itself")
     own = first_answer(runner, Request(scene, method))
     check_quantity(quantity, own)
     searched = _search(objective, count)

@@ -1,11 +1,12 @@
 """The generated code against numpy, on the circuits of the project's own loads and one diode."""
 
+import functools
 from itertools import product
 
 import numpy as np
 import pytest
 
-from circuits.kernel import junction
+from circuits.kernel import code, emitter, junction, linear
 from circuits.kernel.assembly import build
 from circuits.kernel.emitter import call_once
 from circuits.kernel.stage import fresh_state
@@ -35,6 +36,7 @@ C1 out ref 1n
 R2 ref n 1
 .ends
 """.format(diodes="\n".join(f"D{k} p out {('plain', 'broken')[k % 2]} {k}" for k in range(1, 20)))
+CODE = code.Code._fields
 FILES = {"diode": DIODE, "diodes": MANY}
 
 
@@ -193,3 +195,39 @@ def test_newton_ends_on_the_junctions_law(tmp_path):
             v = state.change[a] - state.change[z]
             assert state.iterated[0] == pytest.approx(v, abs=1e-4)
             assert state.new_charges[0] == pytest.approx(law(row, v)[2], rel=1e-3)
+
+
+def test_long_code_is_compiled_without_optimization(tmp_path, monkeypatch):
+    """LLVM's time for optimized machine code grows with the square of its length."""
+    levels, real = [], emitter.llvm.create_pipeline_tuning_options
+    monkeypatch.setattr(
+        emitter.llvm,
+        "create_pipeline_tuning_options",
+        lambda speed_level: levels.append(speed_level) or real(speed_level=speed_level),
+    )
+    monkeypatch.setattr(emitter, "MOST_OPTIMIZED", 1000)
+    monkeypatch.setattr(code, "_compiled", functools.lru_cache()(code._compiled.__wrapped__))
+    test_newton_ends_on_the_junctions_law(tmp_path)
+    assert levels == [0]
+
+
+def test_the_order_of_a_ladder_costs_a_few_columns_for_each_unknown(tmp_path, monkeypatch):
+    count = 100
+    cards = [f"R{k} a{k} a{k + 1} 100\nC{k} a{k + 1} n 1p" for k in range(count)]
+    path = tmp_path / "ladder.lib"
+    text = "\n".join(["* ladder", ".subckt ladder p n", "R p a0 100", *cards, ".ends"])
+    path.write_text(f"{text}\n")
+    touched, real = [], linear._sizes
+    monkeypatch.setattr(
+        linear,
+        "_sizes",
+        lambda columns, rows: touched.append(columns.shape[2]) or real(columns, rows),
+    )
+    monkeypatch.setattr(code, "compile_module", lambda module: (None, dict.fromkeys(CODE, 0)))
+    monkeypatch.setattr(code, "_compiled", code._compiled.__wrapped__)
+    circuit = build(prepared(Scene.load("device", [f"load.netlist={path}"])))
+    unknowns = len(circuit.order.rows)
+    assert unknowns > count
+    # Each number and its fill-in: three for each section.
+    assert len(circuit.order.places) < 4 * unknowns
+    assert sum(touched) < 4 * unknowns

@@ -61,3 +61,19 @@ def test_what_is_missing_follows_from_the_rates(tmp_path):
     # C1 takes 1 V/s · 1 µF and C2 0.5 V/s · 2 µF, both through R1, C2's through R2 as well.
     assert shift["out"] - shift["ref"] == pytest.approx(2.0, rel=1e-3)
     assert shift["s"] - shift["ref"] == pytest.approx(2.0 + 3.0, rel=1e-3)
+
+
+def test_all_stores_share_one_decomposition(tmp_path, monkeypatch):
+    """A ladder of 40 sections: its slowest time from the closed form of a chain with open end."""
+    count, resistance, capacitance = 40, 1e3, 1e-6
+    names = ["out", *(f"a{k}" for k in range(1, count)), "ref"]
+    cards = [f"R{k} {names[k]} {names[k + 1]} {resistance}" for k in range(count - 1)]
+    cards += [f"C{k} {names[k]} ref {capacitance}" for k in range(1, count)]
+    cards.append(f"Rs out ref {1e-3 * resistance}")
+    made = scene(tmp_path, "\n".join(cards))
+    calls, real = [], np.linalg.eig
+    monkeypatch.setattr(np.linalg, "eig", lambda matrix: calls.append(0) or real(matrix))
+    found = slowest_time(prepared(made))
+    assert len(calls) == 1
+    rate = 4.0 * np.sin(0.5 * np.pi / (2 * (count - 1) + 1)) ** 2 / (resistance * capacitance)
+    assert found == pytest.approx(1.0 / rate, rel=1e-3)

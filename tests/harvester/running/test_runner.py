@@ -1,5 +1,7 @@
 import concurrent.futures
+import itertools
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -77,7 +79,7 @@ def test_a_damaged_answer_is_named_and_computed_again(tmp_path, pool):
 @pytest.mark.slow
 def test_once_the_time_is_spent_what_has_not_begun_is_left_out(tmp_path, pool, monkeypatch):
     with monkeypatch.context() as patch:
-        patch.setattr(Runner, "_is_time_spent", lambda runner: runner.computed >= 2)
+        patch.setattr(Runner, "_is_time_spent", lambda runner, *_: runner.computed >= 2)
         found, runner = study(tmp_path, seconds=0.05, executor=pool)
     assert None in found
     assert runner.out_of_time
@@ -85,6 +87,22 @@ def test_once_the_time_is_spent_what_has_not_begun_is_left_out(tmp_path, pool, m
     whole, resumed = study(tmp_path, seconds=0.05, executor=pool)
     assert resumed.reused >= runner.computed
     assert whole == study(seconds=0.05, executor=pool)[0]
+
+
+@pytest.mark.slow
+def test_what_runs_beyond_the_time_budget_is_ended(monkeypatch):
+    """By a clock of whole seconds: a task of a minute within a budget of three."""
+    clock = itertools.count()
+    fake = SimpleNamespace(monotonic=lambda: float(next(clock)))
+    monkeypatch.setattr("harvester.running.runner.time", fake)
+    waits = Task(worker_calls.wait, {"seconds": 60.0})
+    with WorkerPool(workers=1, folders=[TESTS]) as one:
+        process = one._workers[0]
+        runner = Runner(one, deadline=3.0)
+        assert runner.run([waits, said("a")]) == [None, None]
+        assert (runner.computed, runner.out_of_time, process.process_id) == (0, True, None)
+        # The pool and the study go on.
+        assert Runner(one).run([said("a")]) == ["A"]
 
 
 @pytest.mark.slow

@@ -206,6 +206,8 @@ def test_of_a_scene_and_what_is_refused(folder):
     assert centre > 0.0
     with pytest.raises(HarvesterError, match="is for a record"):
         harvester.spectrum("linear", unit="g")
+    with pytest.raises(HarvesterError, match=r"8e\+14 values .* at most 1.25e\+06"):
+        harvester.spectrum("device", duration=1e12)
     with pytest.raises(HarvesterError, match="is for a scene"):
         harvester.spectrum(folder / "white.npy", duration=1.0)
     with pytest.raises(HarvesterError, match="take a longer one"):

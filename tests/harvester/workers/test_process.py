@@ -41,6 +41,13 @@ def test_the_time_limit_ends_a_call_and_keeps_its_last_report(worker):
     assert caught.value.partial == "waiting"
 
 
+@pytest.mark.slow
+def test_compilation_does_not_count_towards_the_time_limit(worker):
+    worker.call(worker_calls.say, {"text": "up"})
+    asked = {"seconds": 2.0}
+    assert worker.call(worker_calls.compile_slowly, asked, time_limit=1.5) == "compiled"
+
+
 @pytest.mark.parametrize("limit", [float("inf"), 1e300])
 def test_a_time_limit_may_be_longer_than_the_system_can_wait(worker, limit):
     assert worker.call(worker_calls.say, {"text": "up"}, time_limit=limit) == "UP"
