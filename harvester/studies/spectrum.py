@@ -534,8 +534,10 @@ def _draw(analysis):
     y = analysis.density[loud]
     series = [
         Series(analysis.frequencies[loud], y, "Welch", "0.7", width=3.0),
-        Series(*analysis.profile.T, "specification", "#0072B2", "-", "o"),
-    ][: 1 + bool(analysis.profile.size)]
+    ]
+    if analysis.profile.size:
+        x, y = analysis.profile.T
+        series.append(Series(x, y, "specification", "#0072B2", "-", "o"))
     device = analysis.device_band()
     if device:
         series.append(
