@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import itertools
+import math
 from collections.abc import Iterable
 from typing import TYPE_CHECKING, NamedTuple
 
@@ -61,6 +63,23 @@ def levels_of(load: LoadCircuit) -> tuple[str, ...]:
                 if leaf[0] == "v":
                     found += leaf[1:]
     return tuple(name for name in dict.fromkeys(found) if name != GROUND)
+
+
+def energy_of(load: LoadCircuit) -> np.ndarray:
+    """What the capacitors and coils of a load store (J), as a quadratic form of its levels.
+
+    Elements whose value is an expression are left out.
+    """
+    held = {each.name: weights(each, load.levels) for each in load.stores}
+    sizes = {each.name: each.size for each in load.elements if each.name in held and each.size}
+    form = np.zeros((len(load.levels), len(load.levels)))
+    for name, size in sizes.items():
+        form += 0.5 * size * np.outer(held[name], held[name])
+    for coupling in load.elements:
+        for a, b in itertools.combinations(coupling.controls if coupling.letter == "k" else (), 2):
+            mutual = coupling.value * math.sqrt(sizes[a] * sizes[b])
+            form += 0.5 * mutual * (np.outer(held[a], held[b]) + np.outer(held[b], held[a]))
+    return form
 
 
 def _holds(each: Element) -> bool:
