@@ -27,7 +27,7 @@ from circuits.loads.own_motion import OwnMotion, own_motion
 from circuits.loads.part_values import negative_parts, reading_notes, sources_of
 from circuits.loads.reader import Card, read_cards
 from circuits.loads.stores import Store, levels_of, stores_of
-from circuits.loads.supplies import supplies_of, unbooked
+from circuits.loads.supplies import coupled, supplies_of, unbooked
 from circuits.loads.tree import parse, written
 from circuits.loads.vetting import (
     check_expression,
@@ -183,6 +183,11 @@ class LoadCircuit:
     def has_output(self) -> bool:
         """Whether it has a DC side."""
         return OUTPUT_PINS[0] in self.pins
+
+    @cached_property
+    def coupled(self) -> frozenset[str]:
+        """Nodes of what can exchange energy with its pins, see `circuits.loads.supplies`."""
+        return coupled(self.elements)
 
     @cached_property
     def supplies(self) -> tuple[Measure, ...]:

@@ -21,7 +21,7 @@ if TYPE_CHECKING:
     from circuits.loads.subcircuits import LoadCircuit
 
 # Nodes that many elements share. Sources do not depend on each other by way of these.
-_COMMON = frozenset({"n", "ref", GROUND})
+COMMON = frozenset({"n", "ref", GROUND})
 _PINS = frozenset({"p", "out"})
 _TRANSISTORS = "qjm"
 
@@ -35,11 +35,10 @@ def supplies_of(load: LoadCircuit) -> tuple[Measure, ...]:
     if not load.has_output:
         return ()
     sources = {each.name: each for each in load.elements if _may_supply(each)}
-    coupled = _coupled(load.elements)
     booked = {
         name: each
         for name, each in sources.items()
-        if {*each.nodes[:2]} - _COMMON <= coupled and _current(each) is not None
+        if _within(each, load.coupled) and _current(each) is not None
     }
     counted = {
         leaf[1]
@@ -99,23 +98,43 @@ def _ends(each: Element) -> tuple[str, ...]:
     return each.nodes if each.letter in _TRANSISTORS else each.nodes[:2]
 
 
-def _coupled(parts: Iterable[Element]) -> set[str]:
-    """Nodes of the elements that can exchange energy with the load's pins.
+def coupled(parts: Sequence[Element]) -> frozenset[str]:
+    """Nodes of the elements that can exchange energy with a load's pins.
 
-    Elements that meet the others in one node alone, as those of a logic signal do, cannot.
+    Elements that meet the others in one node alone, as those of a logic signal do, cannot, unless
+    a converter's sources feed them and others take from them.
     """
-    ends = [{"0" if node == "n" else node for node in _ends(each)} for each in parts]
-    found = set(_PINS)
-    waiting = [each - _COMMON for each in ends if each]
-    while waiting:
-        island, grown = waiting.pop(), True
-        while grown:
-            near = [nodes for nodes in waiting if nodes & island]
-            waiting = [nodes for nodes in waiting if not nodes & island]
-            island, grown = island.union(*near), bool(near)
-        shared = {node for nodes in ends if nodes & island for node in nodes & _COMMON}
+    islands = _islands(parts)
+    sources = {each.name: each for each in parts if _may_supply(each)}
+    groups = _groups(sources, parts)
+    found = {*_PINS}
+    waiting = []
+    for island in islands:
+        shared = {"n" if node == GROUND else node for each in parts if island & {*_ends(each)}
+                  for node in {*_ends(each)} & COMMON}  # fmt: skip
         if island & _PINS or len(shared) > 1:
             found |= island
+        elif sum(bool(island & {*each.nodes[:2]}) for each in sources.values()) > 1:
+            waiting.append(island)
+    for _ in islands:
+        fed = {node for group in groups if any(_within(sources[name], found) for name in group)
+               for name in group for node in sources[name].nodes[:2]}  # fmt: skip
+        found = found.union(*(island for island in waiting if island & fed))
+    return frozenset(found)
+
+
+def _within(source, nodes):
+    return {*source.nodes[:2]} - COMMON <= nodes
+
+
+def _islands(parts):
+    """Sets of nodes joined by elements, apart from the common nodes."""
+    ends = [{*_ends(each)} - COMMON for each in parts]
+    found: list[set[str]] = []
+    for nodes in filter(None, ends):
+        near = [island for island in found if island & nodes]
+        found = [island for island in found if island not in near]
+        found.append(nodes.union(*near))
     return found
 
 
@@ -168,7 +187,7 @@ def _groups(sources: dict[str, Element], parts: Sequence[Element]) -> list[list[
 def _near(nodes: Iterable[str], at: dict, sources: Collection[str]) -> set[str]:
     """Sources that set the voltages of some nodes, directly or through other elements."""
     found: set[str] = set()
-    seen: set[str] = {*_COMMON, "p"}
+    seen: set[str] = {*COMMON, "p"}
     waiting = [*nodes]
     while waiting:
         node = waiting.pop()

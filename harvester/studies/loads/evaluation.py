@@ -51,6 +51,8 @@ WAVEFORM = {
 POWER = "output_power"
 
 
+# An output is fed by its stores if they lose this share of its power, by so many standard errors.
+DRAWN_SHARE, DRAWN_ERRORS = 0.01, 3.0
 # Most realizations of one point if a precision is asked for.
 MOST_REALIZATIONS = 4000
 
@@ -81,6 +83,24 @@ class Evaluation(Cell):
     def power(self) -> float:
         """Output power, nan where there is none."""
         return self.estimates[POWER].estimate if POWER in self.estimates else math.nan
+
+    @property
+    def fed_by_store(self) -> str:
+        """Why the power does not rank: the load's stores discharge; empty where it does."""
+        stored, output = (
+            self.estimates.get(f"mean_{name}_power") for name in ("storage", "output")
+        )
+        if stored is None or output is None:
+            return ""
+        error = stored.standard_error or 0.0
+        if stored.estimate >= -max(DRAWN_ERRORS * error, DRAWN_SHARE * abs(output.estimate)):
+            return ""
+        return "not ranked: its stores discharge into the output; raise run.settle"
+
+    @property
+    def ranked_power(self) -> float:
+        """Output power to rank by; nan where a store delivers a part of it."""
+        return math.nan if self.fed_by_store else self.power
 
     @property
     def relative_error(self) -> float:

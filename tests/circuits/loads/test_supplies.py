@@ -75,6 +75,22 @@ def test_the_stored_energy_is_that_of_capacitors_and_coupled_coils(tmp_path):
     assert values @ energy_of(load) @ values == pytest.approx(expected, rel=1e-12)
 
 
+def test_logic_stores_no_energy_of_the_load_and_a_converter_feeds_its_own_side(tmp_path):
+    logic = (
+        "Bt ref t I=1u*(1-v(t,ref))\nCt t ref 1n\nS1 out x t ref sw\nRx x ref 1k\n"
+        ".model sw sw(vt=2 vh=1)"
+    )
+    load = read_load(written(tmp_path, logic))
+    assert not energy_of(load).any()
+    converter = (
+        "B1 rail ref I=v(s,ref)*i(Vs)/v(rail,ref)\nVs s y 0\nB2 ref s I=1u*v(rail,ref)\n"
+        "Cy y ref 1u\nB3 y ref I=v(out,ref)*i(Vo)\nB4 w ref V=min(1.8,v(y,ref))\nVo w out 0"
+    )
+    load = read_load(written(tmp_path, converter))
+    assert {"y", "s"} <= load.coupled
+    assert [each.name for each in load.supplies] == ["b1_and_b2_and_b3_and_b4"]
+
+
 LOADS = {
     # A supercapacitor of two branches, all of it behind series resistances.
     "supercapacitor": (
