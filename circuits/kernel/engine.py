@@ -125,8 +125,7 @@ def run_realizations(
                 unit = circuit.probes.units[3]
                 values = circuit.measurement.values(record.time, output[1:], unit)
                 levels = circuit.measurement.levels(output[1:])
-                energy = circuit.measurement.energy
-                energy = None if energy is None else unit * energy
+                energy = unit * circuit.measurement.energy
                 outputs[k].add(record.time, output[0], values, levels, energy)
         if outputs is not None:
             unit = circuit.probes.units[3] * scales.voltage**2

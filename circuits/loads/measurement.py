@@ -35,7 +35,7 @@ class _Rows(NamedTuple):
     trees: tuple[Tree, ...] = ()
     watched: tuple[str, ...] = ()
     pins: tuple[str, ...] = ()
-    energy: np.ndarray | None = None
+    energy: np.ndarray = np.zeros((0, 0))
 
 
 class Measurement(_Rows):
@@ -51,7 +51,7 @@ class Measurement(_Rows):
         The unknowns that they are made of: a node's full name, or "i(name)".
     pins : tuple of str
         Watched nodes that are pins of the load.
-    energy : ndarray or None
+    energy : ndarray
         What the load stores (J), as a quadratic form of the first levels.
     """
 
@@ -125,8 +125,7 @@ def measurement_of(load: LoadCircuit, pins: Mapping[str, str]) -> Measurement:
     trees += [_level(name, pins) for name in (*load.levels, *load.probes)]
     watched = tuple(dict.fromkeys(name for tree in trees for name in _unknowns(tree)))
     outside = tuple(name for name in watched if name in pins.values())
-    energy = energy_of(load) if load.levels else None
-    return Measurement(load.recorded, tuple(trees), watched, outside, energy)
+    return Measurement(load.recorded, tuple(trees), watched, outside, energy_of(load))
 
 
 def _level(name, pins):

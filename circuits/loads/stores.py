@@ -81,11 +81,9 @@ def energy_of(load: LoadCircuit) -> np.ndarray:
     for name, size in sizes.items():
         form += 0.5 * size * np.outer(held[name], held[name])
     for coupling in load.elements:
-        coils = (
-            coupling.controls if coupling.letter == "k" and {*coupling.controls} <= {*sizes} else ()
-        )
+        coils = [name for name in coupling.controls if name in sizes]
         for a, b in itertools.combinations(coils, 2):
-            mutual = coupling.value * math.sqrt(sizes[a] * sizes[b])
+            mutual = (coupling.value or 0.0) * math.sqrt(sizes[a] * sizes[b])
             form += 0.5 * mutual * (np.outer(held[a], held[b]) + np.outer(held[b], held[a]))
     return form
 

@@ -27,7 +27,7 @@ from circuits.loads.own_motion import OwnMotion, own_motion
 from circuits.loads.part_values import negative_parts, reading_notes, sources_of
 from circuits.loads.reader import Card, read_cards
 from circuits.loads.stores import Store, levels_of, stores_of
-from circuits.loads.supplies import coupled, supplies_of, unbooked
+from circuits.loads.supplies import coupled, supplies_of
 from circuits.loads.tree import parse, written
 from circuits.loads.vetting import (
     check_expression,
@@ -193,11 +193,6 @@ class LoadCircuit:
     def supplies(self) -> tuple[Measure, ...]:
         """The power that its sources take, see `circuits.loads.supplies`."""
         return supplies_of(self)
-
-    @cached_property
-    def unbooked(self) -> tuple[str, ...]:
-        """Sources whose power is not known."""
-        return unbooked(self)
 
     @property
     def measured(self) -> tuple[tuple[str, str], ...]:

@@ -334,8 +334,7 @@ class Session(NgSpiceShared):
                 values = measurement.values(times[start:], measured, self._netlist.per_power)
                 scaled = volts / self._netlist.voltage_scale
                 levels = measurement.levels(measured)
-                energy = measurement.energy
-                energy = None if energy is None else self._netlist.per_power * energy
+                energy = self._netlist.per_power * measurement.energy
                 self._outputs[place].add(times[start:], scaled, values, levels, energy)
 
     @contextlib.contextmanager

@@ -5,6 +5,8 @@ from __future__ import annotations
 import math
 from typing import TYPE_CHECKING, Any
 
+from circuits.loads.supplies import unbooked
+
 if TYPE_CHECKING:
     from harvester.estimates.estimate import Estimate
 
@@ -141,7 +143,7 @@ def source_notes(load: Any) -> tuple[str, ...]:
     """
     if load is None:
         return ()
-    sources = load.unbooked if load.has_output else load.sources
+    sources = unbooked(load) if load.has_output else load.sources
     kinds = (("sources of its own", sources), ("values below 0", load.negative_parts))
     return tuple(
         f"the load has {kind} ({', '.join(parts[:5])}{' …' if parts[5:] else ''}): what they "

@@ -145,7 +145,7 @@ class _WatchedOutput:
         voltage: np.ndarray,
         values: np.ndarray,
         levels: Sequence[np.ndarray | None],
-        energy: np.ndarray | None,
+        energy: np.ndarray,
     ) -> None:
         """Points with the load's measures, its levels, and behind these its probes."""
         own = len(self._moments.rows) - len(values)

@@ -51,8 +51,9 @@ WAVEFORM = {
 POWER = "output_power"
 
 
-# An output is fed by its stores if they lose this share of its power, by so many standard errors.
-DRAWN_SHARE, DRAWN_ERRORS = 0.01, 3.0
+# An output is fed by its stores if they lose this share of its power, and more than one standard
+# error. A store's changes cancel from batch to batch, so that its error bar is rather too large.
+DRAWN_SHARE = 0.01
 # Most realizations of one point if a precision is asked for.
 MOST_REALIZATIONS = 4000
 
@@ -93,7 +94,7 @@ class Evaluation(Cell):
         if stored is None or output is None:
             return ""
         error = stored.standard_error or 0.0
-        if stored.estimate >= -max(DRAWN_ERRORS * error, DRAWN_SHARE * abs(output.estimate)):
+        if stored.estimate >= -max(error, DRAWN_SHARE * abs(output.estimate)):
             return ""
         return "not ranked: its stores discharge into the output; raise run.settle"
 
