@@ -125,9 +125,7 @@ def supply_notes(estimates: dict[str, Estimate], power_scale: float, unit: str) 
         for name, each in estimates.items()
         if name.startswith(SUPPLIED)
     ]
-    if not supplied:
-        return ()
-    return (
+    return bool(supplied) * (
         f"{', '.join(supplied)}, which does not come from the piezo; output power and efficiencies "
         "exclude it; let the source draw its power from the load, as a converter does",
     )

@@ -88,13 +88,9 @@ class Evaluation(Cell):
     @property
     def fed_by_store(self) -> str:
         """Why the power does not rank: the load's stores discharge; empty where it does."""
-        stored, output = (
-            self.estimates.get(f"mean_{name}_power") for name in ("storage", "output")
-        )
-        if stored is None or output is None:
-            return ""
-        error = stored.standard_error or 0.0
-        if stored.estimate >= -max(error, DRAWN_SHARE * abs(output.estimate)):
+        stored = self.estimates.get("mean_storage_power")
+        least = DRAWN_SHARE * abs(self.power)
+        if stored is None or not -stored.estimate > max(stored.standard_error or 0.0, least):
             return ""
         return "not ranked: its stores discharge into the output; raise run.settle"
 

@@ -200,8 +200,8 @@ class Study(Tabular):
         optimum, place = self.optima[where]
         if place is None:
             first = self.curves[where][0]
-            reason = first.fed_by_store or first.outcome
-            return ["—", "—", "—", "—", "—", str(first.realizations), reason]
+            count = str(first.realizations)
+            return [*["—"] * 5, count, first.fed_by_store or first.outcome]
         best: Any = self.best(where)
         efficiency = best.estimates.get("end_to_end_efficiency") or best.estimates.get(
             "power_conversion_efficiency_of_input"
@@ -213,8 +213,7 @@ class Study(Tabular):
             for k, each in enumerate(self.curves[where])
             if key and each.fed_by_store
         ]
-        if fed:
-            notes.append(f"at {', '.join(fed)} not ranked: stores discharge into the output")
+        notes += [f"at {', '.join(fed)} not ranked: stores discharge into the output"] * bool(fed)
         if self.precision and best.realizations:
             notes.append(self._precision(best))
         inside = math.isfinite(optimum.low)
