@@ -200,8 +200,7 @@ class Study(Tabular):
         optimum, place = self.optima[where]
         if place is None:
             first = self.curves[where][0]
-            count = str(first.realizations)
-            return [*["—"] * 5, count, first.fed_by_store or first.outcome]
+            return [*["—"] * 5, str(first.realizations), first.fed_by_store or first.outcome]
         best: Any = self.best(where)
         efficiency = best.estimates.get("end_to_end_efficiency") or best.estimates.get(
             "power_conversion_efficiency_of_input"
