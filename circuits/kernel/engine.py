@@ -125,7 +125,8 @@ def run_realizations(
                 unit = circuit.probes.units[3]
                 values = circuit.measurement.values(record.time, output[1:], unit)
                 levels = circuit.measurement.levels(output[1:])
-                outputs[k].add(record.time, output[0], values, levels)
+                energy = unit * circuit.measurement.energy
+                outputs[k].add(record.time, output[0], values, levels, energy)
         if outputs is not None:
             unit = circuit.probes.units[3] * scales.voltage**2
             outputs[k].conductance = unit * circuit.conductance

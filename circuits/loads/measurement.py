@@ -12,6 +12,7 @@ import numpy as np
 
 from circuits.loads.expression import CIRCUIT_ONLY, ExpressionError, Tree, leaves, renamed
 from circuits.loads.kinds import LEVEL, STATE
+from circuits.loads.stores import energy_of
 from harvester.device.terminals import GROUND
 from harvester.errors import NetlistError
 from harvester.files.plain_text import named, nearest
@@ -34,6 +35,7 @@ class _Rows(NamedTuple):
     trees: tuple[Tree, ...] = ()
     watched: tuple[str, ...] = ()
     pins: tuple[str, ...] = ()
+    energy: np.ndarray = np.zeros((0, 0))
 
 
 class Measurement(_Rows):
@@ -49,6 +51,8 @@ class Measurement(_Rows):
         The unknowns that they are made of: a node's full name, or "i(name)".
     pins : tuple of str
         Watched nodes that are pins of the load.
+    energy : ndarray
+        What the load stores (J), as a quadratic form of the first levels.
     """
 
     @cached_property
@@ -113,7 +117,7 @@ def measurement_of(load: LoadCircuit, pins: Mapping[str, str]) -> Measurement:
         Full names of the nodes at its pins.
     """
     trees: list[Tree] = []
-    for measure in load.measures:
+    for measure in (*load.measures, *load.supplies):
         held, taken = (tree and renamed(tree, pins) for tree in measure.trees)
         trees.append(held)
         if taken:
@@ -121,7 +125,7 @@ def measurement_of(load: LoadCircuit, pins: Mapping[str, str]) -> Measurement:
     trees += [_level(name, pins) for name in (*load.levels, *load.probes)]
     watched = tuple(dict.fromkeys(name for tree in trees for name in _unknowns(tree)))
     outside = tuple(name for name in watched if name in pins.values())
-    return Measurement(load.recorded, tuple(trees), watched, outside)
+    return Measurement(load.recorded, tuple(trees), watched, outside, energy_of(load))
 
 
 def _level(name, pins):

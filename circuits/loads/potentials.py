@@ -90,7 +90,7 @@ def with_sources(tree: Tree, potentials: Potentials) -> Tree:
 
 def _said(voltage, potentials):
     found = potentials.between(*voltage[1:])
-    if found is None or any(each.wave and not _has_tree(each.wave) for _, each in found):
+    if found is None or any(each.wave and not has_tree(each.wave) for _, each in found):
         return voltage
     tree = None
     for sign, each in found:
@@ -100,7 +100,8 @@ def _said(voltage, potentials):
     return tree or ZERO
 
 
-def _has_tree(wave: Waveform) -> bool:
+def has_tree(wave: Waveform) -> bool:
+    """Whether `wave_tree` gives its expression."""
     return wave.kind != "sffm" and len(wave.numbers) <= 2 * MOST_POINTS
 
 

@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+import itertools
+import math
 from collections.abc import Iterable
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
 from circuits.loads.expression import leaves
+from circuits.loads.supplies import COMMON
 from harvester.device.terminals import GROUND
 
 if TYPE_CHECKING:
@@ -61,6 +64,28 @@ def levels_of(load: LoadCircuit) -> tuple[str, ...]:
                 if leaf[0] == "v":
                     found += leaf[1:]
     return tuple(name for name in dict.fromkeys(found) if name != GROUND)
+
+
+def energy_of(load: LoadCircuit) -> np.ndarray:
+    """What the capacitors and coils of a load store (J), as a quadratic form of its levels.
+
+    Elements whose value is an expression are left out, and those of logic signals.
+    """
+    held = {each.name: weights(each, load.levels) for each in load.stores}
+    sizes = {
+        each.name: each.size
+        for each in load.elements
+        if each.name in held and each.size and {*each.nodes} - COMMON <= load.coupled
+    }
+    form = np.zeros((len(load.levels), len(load.levels)))
+    for name, size in sizes.items():
+        form += 0.5 * size * np.outer(held[name], held[name])
+    for coupling in load.elements:
+        coils = [name for name in coupling.controls if name in sizes]
+        for a, b in itertools.combinations(coils, 2):
+            mutual = (coupling.value or 0.0) * math.sqrt(sizes[a] * sizes[b])
+            form += 0.5 * mutual * (np.outer(held[a], held[b]) + np.outer(held[b], held[a]))
+    return form
 
 
 def _holds(each: Element) -> bool:

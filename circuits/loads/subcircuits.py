@@ -21,12 +21,13 @@ from circuits.loads.kinds import LEVEL, OUTPUT
 from circuits.loads.load_checks import check_load, check_needs, loose_nodes
 from circuits.loads.load_watch import Watch, watch_of
 from circuits.loads.measurement import evaluated
-from circuits.loads.measures import vet_measures
+from circuits.loads.measures import Measure, vet_measures
 from circuits.loads.numbers import number
 from circuits.loads.own_motion import OwnMotion, own_motion
 from circuits.loads.part_values import negative_parts, reading_notes, sources_of
 from circuits.loads.reader import Card, read_cards
 from circuits.loads.stores import Store, levels_of, stores_of
+from circuits.loads.supplies import coupled, supplies_of
 from circuits.loads.tree import parse, written
 from circuits.loads.vetting import (
     check_expression,
@@ -183,10 +184,20 @@ class LoadCircuit:
         """Whether it has a DC side."""
         return OUTPUT_PINS[0] in self.pins
 
+    @cached_property
+    def coupled(self) -> frozenset[str]:
+        """Nodes of what can exchange energy with its pins, see `circuits.loads.supplies`."""
+        return coupled(self.elements)
+
+    @cached_property
+    def supplies(self) -> tuple[Measure, ...]:
+        """The power that its sources take, see `circuits.loads.supplies`."""
+        return supplies_of(self)
+
     @property
     def measured(self) -> tuple[tuple[str, str], ...]:
-        """Kind and name of each value that its measures ask for."""
-        return tuple(row for measure in self.measures for row in measure.rows)
+        """Kind and name of each value that its measures ask for, and of its sources' powers."""
+        return tuple(row for each in (*self.measures, *self.supplies) for row in each.rows)
 
     @property
     def recorded(self) -> tuple[tuple[str, str], ...]:

@@ -334,7 +334,8 @@ class Session(NgSpiceShared):
                 values = measurement.values(times[start:], measured, self._netlist.per_power)
                 scaled = volts / self._netlist.voltage_scale
                 levels = measurement.levels(measured)
-                self._outputs[place].add(times[start:], scaled, values, levels)
+                energy = self._netlist.per_power * measurement.energy
+                self._outputs[place].add(times[start:], scaled, values, levels, energy)
 
     @contextlib.contextmanager
     def _watched(self):

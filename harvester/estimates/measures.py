@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from circuits.loads.kinds import LEVEL, LOSS, OUTPUT, STATE, STORE, TAKEN
+from circuits.loads.kinds import LOSS, OUTPUT, STATE, STORE, TAKEN
 from harvester.estimates.batch_means import (
     FEWEST_BATCHES,
     complete_batches,
@@ -60,7 +60,7 @@ def estimate_measures(
         return {}
     found: dict[str, Estimate] = {}
     for row, (kind, name) in enumerate(output.rows):
-        if kind == LEVEL:
+        if kind not in _QUANTITIES:
             continue
         series = measured_series(moments, row)
         found.update(_QUANTITIES[kind](name, series, batches, moments, row, error_of))

@@ -31,6 +31,7 @@ from harvester.estimates.passivity import (
     efficiency_notes,
     faint_output_notes,
     source_notes,
+    supply_notes,
 )
 from harvester.estimates.settling import Shortfall, shortfalls, slow_exchange, withheld
 from harvester.estimates.store_settling import store_states
@@ -147,6 +148,7 @@ def run_estimates(
         *_without_value(scene.load.circuit, moments),
         *(scene.load.circuit.reading_notes if scene.load.circuit else ()),
         *efficiency_notes(whole, scales.of("power"), unit_of(scene, "power")),
+        *supply_notes(whole, scales.of("power"), unit_of(scene, "power")),
         *faint_output_notes(whole),
         *strain_notes(scene, moments),
         *magnet_notes(scene.magnets),

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from circuits.loads.kinds import OUTPUT
+from circuits.loads.kinds import BATTERY, OUTPUT, SUPPLY
 from harvester.estimates.batch_means import (
     FEWEST_BATCHES,
     complete_batches,
@@ -17,13 +17,23 @@ from harvester.estimates.batch_means import (
     standard_error,
 )
 from harvester.estimates.estimate import NOTHING_PUT_IN, Estimate, why_no_error
-from harvester.estimates.measures import INTEGRAL, SQUARE, estimate_measures, measured_series
+from harvester.estimates.measures import (
+    INTEGRAL,
+    SECONDS_PER_HOUR,
+    SQUARE,
+    estimate_measures,
+    measured_series,
+)
+from harvester.estimates.passivity import SUPPLIED
 from harvester.record.moments import QUANTITIES as PIEZO_QUANTITIES
 from harvester.record.output_side import QUANTITIES
 
 # The output counts as started once its voltage has reached this share of the final mean voltage.
 STARTED_SHARE = 0.9
 ONE_VALUE_NOTE = "one value a realization: no error bar"
+# A source of the load that delivers a smaller share of what is harvested is left in it: the steps
+# may cost as much.
+LEAST_SUPPLY = 1e-3
 # Quantities that are a ratio of two sums over batches, with their dimensions.
 RATIOS = {
     "mean_output_power": "power",
@@ -50,9 +60,10 @@ def estimate_output(
     -------
     dict of str to Estimate
         Scaled units; empty where the load has no output; with those of `estimate_measures`.
-        What is harvested is what goes into the output's resistors, its storage and what the
-        load's file measures as an output: `converter_efficiency` is its share of
-        the power leaving the piezo, `end_to_end_efficiency` that of the mechanical input.
+        What is harvested is what goes into the output's resistors, what the load's file measures
+        as an output, and what its capacitors, coils and batteries store, less what its sources
+        deliver, `supplied_by_NAME` each: `converter_efficiency` is its share of the power leaving
+        the piezo, `end_to_end_efficiency` that of the mechanical input.
     """
     batches = complete_batches(moments)
     if batches is None or not all(m.has_output for m in moments):
@@ -60,7 +71,7 @@ def estimate_output(
     output = _output_series(moments, batches)
     time = batches[:, :, PIEZO_QUANTITIES.index("time")]
     half = 0.5 * moments[0].output.capacitance
-    squares = _squares(moments, output)
+    squares = _squares(moments, output) if not supplied(moments) else {}
     estimates = {
         name: ratio_estimate(
             *output_ratio(moments, name), dimension, NOTHING_PUT_IN, squares.get(name), error_of
@@ -79,6 +90,13 @@ def estimate_output(
         )
         final = [half * m.output.voltage**2 for m in moments]
         estimates["final_stored_energy"] = _single(final, "energy")
+    hourly = SECONDS_PER_HOUR * np.ones_like(time)
+    estimates["stored_energy_per_hour"] = ratio_estimate(
+        hourly * output_ratio(moments, "mean_storage_power")[0], time, "hourly_energy",
+        error_of=error_of,
+    )  # fmt: skip
+    for name, energy in supplied(moments).items():
+        estimates[f"{SUPPLIED}{name}"] = ratio_estimate(energy, time, "power", error_of=error_of)
     return estimates | estimate_measures(moments, error_of)
 
 
@@ -102,20 +120,57 @@ def output_ratio(moments: Sequence[Any], name: str) -> tuple[np.ndarray, np.ndar
     series = {each: batches[:, :, row] for row, each in enumerate(PIEZO_QUANTITIES)}
     load, put_in, time = series["load_power"], series["input_power"], series["time"]
     output = _output_series(moments, batches)
-    used = moments[0].output.conductance * output["square_voltage"]
-    for row, (kind, _) in enumerate(moments[0].output.rows):
-        if kind == OUTPUT:
-            used = used + measured_series(moments, row)[:, :, INTEGRAL]
-    stored = 0.5 * moments[0].output.capacitance * output["change_of_square_voltage"]
-    harvested = used + stored
+    used, stored = _used_and_stored(moments, output)
+    given = sum(supplied(moments).values(), np.zeros_like(time))
+    lost = load + given - used - stored
+    used, harvested = _without(used, given), _without(used + stored, given)
     return {
         "mean_output_power": (used, time),
         "mean_storage_power": (stored, time),
-        "mean_converter_loss": (load - harvested, time),
+        "mean_converter_loss": (lost, time),
         "converter_efficiency": (harvested, load),
         "end_to_end_efficiency": (harvested, put_in),
         "output_voltage": (output["voltage"], time),
     }[name]
+
+
+def supplied(moments: Sequence[Any]) -> dict[str, np.ndarray]:
+    """Energy that sources of the load deliver, batch by batch: (realizations, batches) by name."""
+    batches = complete_batches(moments)
+    if batches is None:
+        return {}
+    used, stored = _used_and_stored(moments, _output_series(moments, batches))
+    least = LEAST_SUPPLY * abs(used.sum() + stored.sum())
+    return {
+        name: -series
+        for kind, name, series in _sources(moments)
+        if kind in (SUPPLY, BATTERY) and -series.sum() > least
+    }
+
+
+def _without(energy, given):
+    """An energy less what sources deliver; 0 where they deliver more, as the rest is lost."""
+    if given.any() and energy.sum() < (1.0 + LEAST_SUPPLY) * given.sum():
+        return np.zeros_like(energy)
+    return energy - given
+
+
+def _sources(moments):
+    for row, (kind, name) in enumerate(moments[0].output.rows):
+        if kind in (OUTPUT, SUPPLY, BATTERY):
+            yield kind, name, measured_series(moments, row)[:, :, INTEGRAL]
+
+
+def _used_and_stored(moments, output):
+    """Energy given to what the load is for, sources' energy included, and energy stored."""
+    used = moments[0].output.conductance * output["square_voltage"]
+    stored = np.stack([m.output.stored[: used.shape[1]] for m in moments])
+    for kind, _, series in _sources(moments):
+        if kind == OUTPUT:
+            used = used + series
+        elif kind == BATTERY and series.sum() > 0.0:
+            stored = stored + series
+    return used, stored
 
 
 def _squares(moments, output):

@@ -5,9 +5,13 @@ from __future__ import annotations
 import math
 from typing import TYPE_CHECKING, Any
 
+from circuits.loads.supplies import unbooked
+
 if TYPE_CHECKING:
     from harvester.estimates.estimate import Estimate
 
+# Beginning of the names of quantities that say what a source of the load delivers.
+SUPPLIED = "supplied_by_"
 # If a load gives out more than it takes, by less than this share of its power, the steps may be the
 # cause.
 SMALL_EXCESS = 0.01
@@ -109,6 +113,24 @@ def faint_output_notes(estimates: dict[str, Estimate]) -> tuple[str, ...]:
     )
 
 
+def supply_notes(estimates: dict[str, Estimate], power_scale: float, unit: str) -> tuple[str, ...]:
+    """A note on what sources of a load deliver to it.
+
+    Parameters
+    ----------
+    estimates, power_scale, unit : as for `efficiency_notes`.
+    """
+    supplied = [
+        f"supplied by {name.removeprefix(SUPPLIED)}: {each.estimate * power_scale:.3g} {unit}"
+        for name, each in estimates.items()
+        if name.startswith(SUPPLIED)
+    ]
+    return bool(supplied) * (
+        f"{', '.join(supplied)}, which does not come from the piezo; output power and efficiencies "
+        "exclude it; let the source draw its power from the load, as a converter does",
+    )
+
+
 def source_notes(load: Any) -> tuple[str, ...]:
     """A note on parts of a load that may deliver energy, which cannot be separated from the
     piezo's.
@@ -119,7 +141,8 @@ def source_notes(load: Any) -> tuple[str, ...]:
     """
     if load is None:
         return ()
-    kinds = (("sources of its own", load.sources), ("values below 0", load.negative_parts))
+    sources = unbooked(load) if load.has_output else load.sources
+    kinds = (("sources of its own", sources), ("values below 0", load.negative_parts))
     return tuple(
         f"the load has {kind} ({', '.join(parts[:5])}{' …' if parts[5:] else ''}): what they "
         "deliver, if anything, counts as the piezo's"

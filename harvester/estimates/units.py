@@ -17,6 +17,7 @@ SI_UNITS = {
     "energy": "J",
     "rate": "1/s",
     "hourly_rate": "1/h",
+    "hourly_energy": "J/h",
     "time": "s",
     "stress": "Pa",
     "1": "1",

@@ -308,6 +308,7 @@ def _weighted(moments, weights):
             output,
             integrals=output.integrals * whole[:, None],
             measured=output.measured * whole[:, None, None],
+            stored=output.stored * whole,
         )
     strain = moments.strain
     if strain is not None:

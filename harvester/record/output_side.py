@@ -14,9 +14,9 @@ if TYPE_CHECKING:
 
     from harvester.record.moments import Moments
 
-# Columns of `OutputMoments.integrals`: time integrals, and a change.
+# Columns of `OutputMoments.integrals`: time integrals.
 QUANTITIES = (
-    "time", "voltage", "square_voltage", "change_of_square_voltage", "fourth_power_of_voltage",
+    "time", "voltage", "square_voltage", "fourth_power_of_voltage",
 )  # fmt: skip
 # Last axis of `OutputMoments.measured`: time integral, change, steps from 0 up and down to it, time
 # integral of the square.
@@ -44,6 +44,8 @@ class OutputMoments:
         Kind and name of each measure of the load, then of each level.
     measured : ndarray, shape (batches, len(rows), len(MEASURED))
         Powers, energies and conditions, scaled; levels in V and A, without rises and falls.
+    stored : ndarray, shape (batches,)
+        Change of the energy in the load's capacitors and coils, scaled.
     first : ndarray, shape (len(rows),)
         When each measure was first above 0, settling included (s); nan: never, or a level.
     latest : ndarray, shape (len(rows),)
@@ -66,6 +68,7 @@ class OutputMoments:
     integrals: np.ndarray
     rows: tuple[tuple[str, str], ...]
     measured: np.ndarray
+    stored: np.ndarray
     first: np.ndarray
     latest: np.ndarray
     passages: np.ndarray = field(default_factory=lambda: np.full(LEVELS.size, np.nan))
@@ -92,6 +95,7 @@ class OutputMoments:
             np.zeros((batches, len(QUANTITIES))),
             rows=rows,
             measured=np.zeros((batches, len(rows), len(MEASURED))),
+            stored=np.zeros(batches),
             first=np.full(len(rows), np.nan),
             latest=np.zeros(len(rows)),
             has_output=has_output,
@@ -103,6 +107,7 @@ class OutputMoments:
         voltage: np.ndarray,
         values: np.ndarray | None = None,
         levels: Sequence[np.ndarray | None] = (),
+        energy: np.ndarray | None = None,
     ) -> None:
         """Accumulate consecutive points that follow the ones before.
 
@@ -113,10 +118,14 @@ class OutputMoments:
             Values of the load's measures, where it has any.
         levels : sequence of ndarray, shape (n,), or None
             Values of the rows behind the measures (V and A); None is 0.
+        energy : ndarray, shape (n, n), or None
+            What the load stores (scaled), as a quadratic form of the first n levels.
         """
         if time.size == 0:
             return
         spans = _spans(time, self.time, self.start, self.batch_length, len(self.integrals))
+        if energy is not None:
+            self._add_stored(spans, levels, energy)
         self._add_levels(spans, time, levels)
         if values is not None and len(values):
             _add_measured(
@@ -137,6 +146,19 @@ class OutputMoments:
             self.lowest = min(self.lowest, float(counted.min()))
             self.highest = max(self.highest, float(counted.max()))
         self.time, self.voltage = float(time[-1]), float(voltage[-1])
+
+    def _add_stored(self, spans, levels, energy):
+        first = len(self.rows) - len(levels)
+
+        def held(place):
+            values = [
+                0.0 if level is None else (self.latest[row] if place < 0 else level[place])
+                for row, level in enumerate(levels[: len(energy)], first)
+            ]
+            return values @ energy @ values
+
+        for begin, end, batch in spans:
+            self.stored[batch] += held(end - 1) - held(begin - 1)
 
     def _add_levels(self, spans, time, levels):
         for row, values in enumerate(levels, len(self.rows) - len(levels)):
@@ -230,8 +252,7 @@ def _add_integrals(spans, time, voltage, before, latest, integrals):
         row[0] += time[end - 1] - ahead
         row[1] += integral
         row[2] += square
-        row[3] += voltage[end - 1] ** 2 - last**2
-        row[4] += fourth
+        row[3] += fourth
 
 
 @compiled

@@ -274,10 +274,11 @@ def _fits(moments, template, rows, density):
         expected = OutputMoments.beside(moments, rows)
         if output.rows != expected.rows:
             return False
-        for name in ("integrals", "measured", "first", "latest", "passages"):
+        for name in ("integrals", "measured", "stored", "first", "latest", "passages"):
             if np.shape(getattr(output, name)) != np.shape(getattr(expected, name)):
                 return False
-        if not (np.isfinite(output.integrals).all() and np.isfinite(output.measured).all()):
+        sums = output.integrals, output.measured, output.stored
+        if not all(np.isfinite(each).all() for each in sums):
             return False
     squares = QUANTITIES.index("square_velocity") + 1
     return bool((integrals[:, :squares] >= 0.0).all() and integrals[:, 0].sum() > 0.0)

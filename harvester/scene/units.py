@@ -46,7 +46,9 @@ class Scales:
         base, _, exponent = dimension.partition("^")
         if base in ("1", *UNSCALED):
             return 1.0
-        name = {"velocity": "displacement", "energy": "power"}.get(base, base)
+        name = {"velocity": "displacement", "energy": "power", "hourly_energy": "power"}.get(
+            base, base
+        )
         return getattr(self, name) ** int(exponent or 1)
 
 

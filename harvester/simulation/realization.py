@@ -145,10 +145,11 @@ class _WatchedOutput:
         voltage: np.ndarray,
         values: np.ndarray,
         levels: Sequence[np.ndarray | None],
+        energy: np.ndarray,
     ) -> None:
         """Points with the load's measures, its levels, and behind these its probes."""
         own = len(self._moments.rows) - len(values)
-        self._moments.add(time, voltage, values, levels[:own])
+        self._moments.add(time, voltage, values, levels[:own], energy)
         probes = [np.zeros_like(time) if each is None else each for each in levels[own:]]
         self._waveform.add_output(voltage, *probes)
 

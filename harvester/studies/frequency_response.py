@@ -306,7 +306,7 @@ class _Outputs:
         self.conductance = self.capacitance = math.nan
 
     def add(
-        self, time: np.ndarray, voltage: np.ndarray, values: np.ndarray, levels: object
+        self, time: np.ndarray, voltage: np.ndarray, values: np.ndarray, *others: object
     ) -> None:
         """Points of the voltage, and of what the load's file measures as output power."""
         used = values[self._powers].sum(axis=0)

@@ -2,11 +2,11 @@
 
 import pytest
 
-from circuits.loads.kinds import LOSS, OUTPUT, STORE
+from circuits.loads.kinds import LOSS, OUTPUT
 from harvester.scene.model import Scene
 from harvester.simulation.simulate import simulate
 
-SUFFIX = {LOSS: "loss", OUTPUT: "power", STORE: "storage_power"}
+SUFFIX = {LOSS: "loss", OUTPUT: "power"}
 # Small enough to stay in a well: paths of both engines stay together.
 QUIET = ["run.duration=6", "run.settle=0", "run.realizations=2", "excitation.intensity=0.004"]
 # Charged so far that the converter starts within the run, and the node with it.
@@ -22,7 +22,7 @@ def scene_of(load, *more):
 
 
 def stages(scene, result):
-    """Sum of what every stage loses, gives and stores, over what leaves the transducer."""
+    """Sum of what every stage loses and gives and all stores, over what leaves the piezo."""
     parts = [
         result[f"{name}_{SUFFIX[kind]}"].estimate
         for kind, name in scene.load.circuit.measured

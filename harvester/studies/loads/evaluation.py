@@ -51,6 +51,9 @@ WAVEFORM = {
 POWER = "output_power"
 
 
+# An output is fed by its stores if they lose this share of its power, and more than one standard
+# error. A store's changes cancel from batch to batch, so that its error bar is rather too large.
+DRAWN_SHARE = 0.01
 # Most realizations of one point if a precision is asked for.
 MOST_REALIZATIONS = 4000
 
@@ -81,6 +84,20 @@ class Evaluation(Cell):
     def power(self) -> float:
         """Output power, nan where there is none."""
         return self.estimates[POWER].estimate if POWER in self.estimates else math.nan
+
+    @property
+    def fed_by_store(self) -> str:
+        """Why the power does not rank: the load's stores discharge; empty where it does."""
+        stored = self.estimates.get("mean_storage_power")
+        least = DRAWN_SHARE * abs(self.power)
+        if stored is None or not -stored.estimate > max(stored.standard_error or 0.0, least):
+            return ""
+        return "not ranked: its stores discharge into the output; raise run.settle"
+
+    @property
+    def ranked_power(self) -> float:
+        """Output power to rank by; nan where a store delivers a part of it."""
+        return math.nan if self.fed_by_store else self.power
 
     @property
     def relative_error(self) -> float:

@@ -152,7 +152,7 @@ class Study(Tabular):
         found = np.empty(self.curves.shape[:-1], dtype=object)
         for where in np.ndindex(found.shape):
             row = [self.curves[where][k] for k in order]
-            powers, series = [e.power for e in row], [e.series for e in row]
+            powers, series = [e.ranked_power for e in row], [e.series for e in row]
             optimum = optimum_of([places[k] for k in order], powers, series)
             found[where] = optimum, None if optimum.best is None else int(order[optimum.best])
         return found
@@ -199,13 +199,20 @@ class Study(Tabular):
     def _row(self, where, key):
         optimum, place = self.optima[where]
         if place is None:
-            return ["—", "—", "—", "—", "—", "0", self.curves[where][0].outcome]
+            first = self.curves[where][0]
+            return [*["—"] * 5, str(first.realizations), first.fed_by_store or first.outcome]
         best: Any = self.best(where)
         efficiency = best.estimates.get("end_to_end_efficiency") or best.estimates.get(
             "power_conversion_efficiency_of_input"
         )
         outcome = outcome_and_notes(best)[0]
         notes = [optimum.note, "" if outcome == COMPLETE else outcome]
+        fed = [
+            quantity(self.grid.sweeps[key][k], key_words(key, self.scene.units)[1])
+            for k, each in enumerate(self.curves[where])
+            if key and each.fed_by_store
+        ]
+        notes += [f"at {', '.join(fed)} not ranked: stores discharge into the output"] * bool(fed)
         if self.precision and best.realizations:
             notes.append(self._precision(best))
         inside = math.isfinite(optimum.low)

@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from circuits.loads.kinds import LOSS, OUTPUT, STATE
+from circuits.loads.kinds import LEVEL, LOSS, OUTPUT, STATE
 from harvester.estimates.output_side import estimate_output
 from harvester.record.moments import Moments
 from harvester.record.output_side import OutputMoments
@@ -14,15 +14,17 @@ PASSAGE = 5e-3
 def charging(chunk, settle=0.0):
     """v = 1 − exp(−t) to t = 16, in chunks, with a piezo giving power 1 and an input of 2."""
     moments = Moments.empty(settle, 16.0, (-np.inf, np.inf), (), False, 32, 1, 0.1)
-    moments.output = OutputMoments.beside(moments)
+    moments.output = OutputMoments.beside(moments, ((LEVEL, "out"),))
     moments.output.conductance, moments.output.capacitance = 0.5, 3.0
+    energy = np.array([[1.5]])
     time = np.linspace(1e-3, 16.0, 16_000)
     voltage = 1.0 - np.exp(-time)
     one = np.ones_like(time)
     record = np.array([time, one, one, one, one, 2.0 * one, one, 0.0 * one, voltage])
     for start in range(0, time.size, chunk):
         moments.add(Record(*record[:, start : start + chunk]))
-        moments.output.add(time[start : start + chunk], voltage[start : start + chunk])
+        part = slice(start, start + chunk)
+        moments.output.add(time[part], voltage[part], None, [voltage[part]], energy)
     return moments
 
 

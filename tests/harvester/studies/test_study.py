@@ -369,3 +369,33 @@ def test_a_cross_check_that_failed_or_is_not_sharp_is_not_checked(study):
     assert head.endswith("not checked at 2")
     assert lines[0].endswith("0 ± 75 % (0.0 σ) settled; not checked (known no better than ± 10%)")
     assert lines[1].endswith("not checked (the circuit stopped)")
+
+
+FED = (
+    ".subckt fed p n out ref initial=0\n.model d d(is=1n)\nD1 p rail d\nD2 n rail d\nD3 ref p d\n"
+    "D4 ref n d\nRs rail out 10\nC1 out x 5u ic={initial}\nRx x ref 10\nR1 out ref 100k\n.ends\n"
+)
+
+
+@pytest.mark.slow
+def test_a_point_that_its_store_feeds_is_not_ranked(tmp_path, pool):
+    """A charged capacitor behind a resistance delivers most of the power of the second point."""
+    path = tmp_path / "fed.lib"
+    path.write_text(FED)
+    scene = Scene.load("device").replace(
+        {"run.duration": 2.0, "run.settle": 0.0, "run.realizations": 2}
+    )
+    found = load_study(
+        scene,
+        loads=[str(path)],
+        sweeps={"load.parameters.initial": [0.0, 40.0]},
+        method="monte-carlo",
+        executor=pool,
+    )
+    fed = found.evaluations[1]
+    assert fed.power > found.evaluations[0].power
+    assert fed.estimates["mean_storage_power"].estimate < -0.5 * fed.power
+    optimum, place = found.optima[0]
+    assert place == optimum.best == 0
+    _, (row,) = found.table()
+    assert "at 40 not ranked: stores discharge into the output" in row[-1]

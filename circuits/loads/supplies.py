@@ -1,0 +1,203 @@
+"""Sources within a load that may deliver energy from nothing, and the power that each takes.
+
+A converter is often a pair of sources, of which one takes what the other delivers. Sources that
+depend on each other's ends, or of which one depends on the other's current, count together.
+"""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Collection, Iterable, Sequence
+from typing import TYPE_CHECKING
+
+from circuits.loads.expression import Tree, leaves
+from circuits.loads.kinds import BATTERY, LOSS, OUTPUT, SUPPLY
+from circuits.loads.measures import Measure
+from circuits.loads.potentials import has_tree, wave_tree
+from harvester.device.terminals import GROUND
+
+if TYPE_CHECKING:
+    from circuits.loads.elements import Element
+    from circuits.loads.subcircuits import LoadCircuit
+
+# Nodes that many elements share. Sources do not depend on each other by way of these.
+COMMON = frozenset({"n", "ref", GROUND})
+_PINS = frozenset({"p", "out"})
+_TRANSISTORS = "qjm"
+
+
+def supplies_of(load: LoadCircuit) -> tuple[Measure, ...]:
+    """The power that each group of sources of a load takes, as measures of its own kinds.
+
+    A constant voltage source stores what it takes, as a battery does, unless a measure of the file
+    counts its current as an output or a loss.
+    """
+    if not load.has_output:
+        return ()
+    sources = {each.name: each for each in load.elements if _may_supply(each)}
+    booked = {
+        name: each
+        for name, each in sources.items()
+        if _within(each, load.coupled) and _current(each) is not None
+    }
+    counted = {
+        leaf[1]
+        for measure in load.measures
+        if measure.kind in (OUTPUT, LOSS)
+        for leaf in leaves(measure.trees[0])
+        if leaf[0] == "i"
+    }
+    groups = ([booked[name] for name in group if name in booked]
+              for group in _groups(sources, load.elements))  # fmt: skip
+    return tuple(_measure(group, counted) for group in groups if group)
+
+
+def unbooked(load: LoadCircuit) -> tuple[str, ...]:
+    """Sources whose power is not known, since only ngspice evaluates their currents."""
+    return tuple(each.name for each in load.elements if _may_supply(each) and not _current(each))
+
+
+def _may_supply(each: Element) -> bool:
+    if each.letter in "vi":
+        return each.wave is not None or each.value != 0.0
+    return each.letter in "efghb" and each.written_letter not in "rsw"
+
+
+def _current(each: Element) -> Tree | None:
+    """The current from its first node to its second, as an expression; None where none is known."""
+    if each.letter == "v" or each.voltage:
+        return ("i", each.name)
+    tree: Tree
+    if each.expression is not None:
+        tree = each.expression
+    elif each.letter == "i":
+        if each.wave and not has_tree(each.wave):
+            return None
+        tree = wave_tree(each.wave) if each.wave else ("number", each.value)
+    else:
+        control = ("i", *each.controls) if each.controls else ("v", *each.nodes[2:4])
+        tree = ("*", ("number", each.value), control)
+    if any(leaf[0] == "call" for leaf in leaves(tree)):
+        return None
+    return ("*", ("number", each.many), tree)
+
+
+def _measure(group: Sequence[Element], counted: Collection[str]) -> Measure:
+    tree: Tree = ("number", 0.0)
+    for each in group:
+        tree = ("+", tree, ("*", ("v", *each.nodes[:2]), _current(each)))
+    first = group[0]
+    stores = len(group) == 1 and first.letter == "v" and first.wave is None
+    kind = BATTERY if stores and first.name not in counted else SUPPLY
+    name = "_and_".join(each.name.replace(".", "_") for each in group)
+    return Measure(kind, name, "", "", first.where, (tree, None))
+
+
+def _ends(each: Element) -> tuple[str, ...]:
+    """The nodes through which its current flows."""
+    return each.nodes if each.letter in _TRANSISTORS else each.nodes[:2]
+
+
+def coupled(parts: Sequence[Element]) -> frozenset[str]:
+    """Nodes of the elements that can exchange energy with a load's pins.
+
+    Elements that meet the others in one node alone, as those of a logic signal do, cannot, unless
+    a converter's sources feed them and others take from them.
+    """
+    islands = _islands(parts)
+    sources = {each.name: each for each in parts if _may_supply(each)}
+    groups = _groups(sources, parts)
+    found = {*_PINS}
+    waiting = []
+    for island in islands:
+        shared = {"n" if node == GROUND else node for each in parts if island & {*_ends(each)}
+                  for node in {*_ends(each)} & COMMON}  # fmt: skip
+        if island & _PINS or len(shared) > 1:
+            found |= island
+        elif sum(bool(island & {*each.nodes[:2]}) for each in sources.values()) > 1:
+            waiting.append(island)
+    for _ in islands:
+        fed = {node for group in groups if any(_within(sources[name], found) for name in group)
+               for name in group for node in sources[name].nodes[:2]}  # fmt: skip
+        found = found.union(*(island for island in waiting if island & fed))
+    return frozenset(found)
+
+
+def _within(source, nodes):
+    return {*source.nodes[:2]} - COMMON <= nodes
+
+
+def _islands(parts):
+    """Sets of nodes joined by elements, apart from the common nodes."""
+    ends = [{*_ends(each)} - COMMON for each in parts]
+    found: list[set[str]] = []
+    for nodes in filter(None, ends):
+        near = [island for island in found if island & nodes]
+        found = [island for island in found if island not in near]
+        found.append(nodes.union(*near))
+    return found
+
+
+def _controls(each: Element) -> tuple[set[str], set[str]]:
+    """Nodes and currents on which an element depends, other than by its own ends."""
+    found = list(leaves(each.expression)) if each.expression is not None else []
+    nodes = {node for leaf in found if leaf[0] == "v" for node in leaf[1:]}
+    names = {leaf[1] for leaf in found if leaf[0] == "i"}
+    if each.expression is None and each.letter in "egs":
+        nodes |= {*each.nodes[2:4]}
+    if each.letter in "fhw":
+        names |= {*each.controls}
+    return nodes - {*each.nodes[:2]}, names
+
+
+def _groups(sources: dict[str, Element], parts: Sequence[Element]) -> list[list[str]]:
+    """Names of sources that count together."""
+    at: dict[str, list[Element]] = {}
+    for each in parts:
+        for node in _ends(each):
+            at.setdefault(node, []).append(each)
+    by_name = {each.name: each for each in parts}
+    by_current: dict[str, set[str]] = {}
+    reached: dict[str, set[str]] = {}
+    for name, each in sources.items():
+        nodes, currents = _controls(each)
+        # The current of an ammeter or a coil is that of the sources around it.
+        around = {node for i in currents - {*sources} if i in by_name for node in by_name[i].nodes}
+        by_current[name] = (currents & {*sources} | _near(around, at, sources)) - {name}
+        reached[name] = by_current[name] | _near(nodes, at, sources) - {name}
+    for _ in sources:
+        reached = {a: found.union(*(reached[b] for b in found)) for a, found in reached.items()}
+    groups: list[list[str]] = []
+    for name in sources:
+        together = [
+            group
+            for group in groups
+            if any(
+                other in by_current[name]
+                or name in by_current[other]
+                or (other in reached[name] and name in reached[other])
+                for other in group
+            )
+        ]
+        groups = [group for group in groups if group not in together]
+        groups.append([*itertools.chain(*together), name])
+    return groups
+
+
+def _near(nodes: Iterable[str], at: dict, sources: Collection[str]) -> set[str]:
+    """Sources that set the voltages of some nodes, directly or through other elements."""
+    found: set[str] = set()
+    seen: set[str] = {*COMMON, "p"}
+    waiting = [*nodes]
+    while waiting:
+        node = waiting.pop()
+        if node in seen:
+            continue
+        seen.add(node)
+        ports = {each.name for each in at.get(node, ()) if each.name in sources}
+        found |= ports
+        for each in at.get(node, ()) if not ports else ():
+            own, currents = _controls(each)
+            waiting += [*_ends(each), *own]
+            found |= currents & {*sources}
+    return found
