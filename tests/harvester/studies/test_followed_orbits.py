@@ -6,6 +6,7 @@ from scipy.integrate import solve_ivp
 
 import harvester
 from harvester.errors import SceneError
+from harvester.estimates.estimate import TOO_SHORT
 from harvester.scene.model import Scene
 
 pytestmark = pytest.mark.usefixtures("shared_workers")
@@ -155,3 +156,18 @@ def test_an_optimum_names_the_orbits_at_its_place():
     higher = harvester.optimum(best, {"load.decay_rate": (2.0, 12.0)})
     assert higher.value.estimate > 900.0 * found.value.estimate
     assert "the orbit with the most power is followed" in "".join(higher.sentences())
+
+
+def test_a_missing_error_bar_names_no_shorter_duration():
+    scene = BISTABLE.replace(
+        {
+            "oscillator.damping": 0.24,
+            "oscillator.linear_stiffness": -7.0,
+            "oscillator.cubic_stiffness": 20.0,
+            "excitation": {"kind": "sine", "amplitude": 1.5, "frequency": 0.52},
+            "run": {"duration": 60.0, "settle": 60.0, "realizations": 2, "seed": 1},
+        }
+    )
+    found = harvester.simulate(scene, method="monte-carlo")
+    notes = {each.note for each in found.quantities.values() if each.standard_error is None}
+    assert notes == {TOO_SHORT}
