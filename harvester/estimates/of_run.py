@@ -172,6 +172,8 @@ def _with_lengths(scene, moments, whole, memory):
     duration = duration_for_error(series, scene.run.duration, memory)
     if period and not scene.excitation.random:
         duration = FEWEST_PERIODS * period
+    if duration <= scene.run.duration:  # too few jumps, say, and not too few periods
+        return whole
     note = f"too short for an error bar: set run.duration = {duration:.2g} or more"
     return {
         name: replace(each, note=note) if each.note == TOO_SHORT else each

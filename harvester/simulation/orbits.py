@@ -237,10 +237,11 @@ def on_orbits(scene: Scene, orbits: Sequence[Attractor]) -> str:
     from_start = scene.start is not None and scene.run.orbit == "rest"
     words = "from [start]" if from_start else ORBITS[str(scene.run.orbit)]
     head, first = f"the orbit {words} is followed", orbits[0]
+    starts = "starts" if scene.run.starts else "starts at rest (run.starts = 100 draws others)"
     if len(orbits) == 1:
-        return f"{head}: all starts reach it"
+        return f"{head}: all {starts} reach it"
     if all(math.isclose(_power(each), _power(first), rel_tol=SAME_POWER) for each in orbits):
-        return f"{head}: other starts reach orbits of the same power"
+        return f"{head}: other {starts} reach orbits of the same power"
     share = f"{first.kind}, {first.share:.1%} of the starts"
     return f"{head} ({share}): others reach {', '.join(told[1:])}"
 

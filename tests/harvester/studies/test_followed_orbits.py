@@ -6,6 +6,7 @@ from scipy.integrate import solve_ivp
 
 import harvester
 from harvester.errors import SceneError
+from harvester.estimates.estimate import TOO_SHORT
 from harvester.scene.model import Scene
 
 pytestmark = pytest.mark.usefixtures("shared_workers")
@@ -68,7 +69,10 @@ def test_a_sweep_prints_the_orbit_from_rest_and_names_the_other(wells):
 
 def test_mirror_images_are_one_line_for_all_places():
     found = harvester.sweep(BISTABLE, {AMPLITUDE: [1.7, 1.8]})
-    words = "the orbit from rest is followed: other starts reach orbits of the same power"
+    words = (
+        "the orbit from rest is followed: other starts at rest (run.starts = 100 draws others) "
+        "reach orbits of the same power"
+    )
     assert found.sentences().count(words) == 1
 
 
@@ -115,6 +119,13 @@ def test_a_single_start_says_that_there_may_be_others():
     assert any("other motions with other powers" in each for each in found.sentences())
 
 
+@pytest.mark.parametrize(("starts", "told"), [(None, True), (12, False)])
+def test_starts_at_rest_alone_are_not_all_starts(starts, told):
+    scene = BISTABLE.replace({"run.starts": starts} if starts else {})
+    found = harvester.sweep(scene, {AMPLITUDE: [0.2]})
+    assert ("run.starts = 100 draws others" in "".join(found.sentences())) == told
+
+
 def test_a_linear_device_has_no_other_orbit():
     scene = Scene.load("linear").replace(
         {"excitation": {"kind": "sine", "amplitude": 1.0, "frequency": 0.16}, "run.duration": 100.0}
@@ -145,3 +156,18 @@ def test_an_optimum_names_the_orbits_at_its_place():
     higher = harvester.optimum(best, {"load.decay_rate": (2.0, 12.0)})
     assert higher.value.estimate > 900.0 * found.value.estimate
     assert "the orbit with the most power is followed" in "".join(higher.sentences())
+
+
+def test_a_missing_error_bar_names_no_shorter_duration():
+    scene = BISTABLE.replace(
+        {
+            "oscillator.damping": 0.24,
+            "oscillator.linear_stiffness": -7.0,
+            "oscillator.cubic_stiffness": 20.0,
+            "excitation": {"kind": "sine", "amplitude": 1.5, "frequency": 0.52},
+            "run": {"duration": 60.0, "settle": 60.0, "realizations": 2, "seed": 1},
+        }
+    )
+    found = harvester.simulate(scene, method="monte-carlo")
+    notes = {each.note for each in found.quantities.values() if each.standard_error is None}
+    assert notes == {TOO_SHORT}
