@@ -17,6 +17,7 @@ from harvester.estimates.of_run import run_estimates
 from harvester.estimates.settling import slow_exchange
 from harvester.estimates.units import unit_of
 from harvester.estimates.well_balance import FEWEST_JUMPS
+from harvester.excitation.spectrum import Spectrum
 from harvester.prepared.paths import distinct_realizations
 from harvester.prepared.prepared import prepared
 from harvester.prepared.steps import knot_spacing, step_error, steps_per_knot
@@ -154,9 +155,10 @@ def notes_on_excitation(scene: Scene) -> tuple[str, ...]:
     frequency = timescales.angular_frequency(ready.system)
     spacing, decay = knot_spacing(ready), ready.system.transducer.decay_rate()
     notes = scene.excitation.notes(spacing, frequency, scene.run)
-    # Of noise without an end the base moves so much more than of its straight lines.
+    # Noise without a highest frequency moves the base by so much more than its straight lines do.
+    banded = isinstance(scene.excitation, Spectrum)
     missing = timescales.base_share(ready.system, spacing) * 0.5 * decay * spacing
-    if scene.excitation.endless and missing > NOTED_MISSING:
+    if scene.excitation.endless and not banded and missing > NOTED_MISSING:
         notes += (
             f"the noise is linear over {spacing:.2g} s, and the load's voltage decays in "
             f"{1.0 / decay:.2g} s: with the noise in between, the base would raise the power by "
