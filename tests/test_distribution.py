@@ -65,7 +65,7 @@ def environment(distributions, tmp_path_factory):
 
 @pytest.mark.slow
 def test_both_distributions_hold_all_files(distributions):
-    (archive,) = distributions.glob(f"harvester-{harvester.__version__}.tar.gz")
+    (archive,) = distributions.glob(f"vibration_harvester-{harvester.__version__}.tar.gz")
     with tarfile.open(archive) as files:
         names = {name.partition("/")[2] for name in files.getnames()}
     (wheel,) = distributions.glob("*.whl")
