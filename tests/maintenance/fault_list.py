@@ -282,11 +282,11 @@ FAULTS = [
         ("harvester/record/test_jumps.py",),
     ),
     Fault(
-        "moments: the output's storage is emptied where it is filled",
+        "moments: the load's stores are emptied where they are filled",
         OUTPUT_SIDE,
-        "row[3] += voltage[end - 1] ** 2 - last**2",
-        "row[3] += last**2 - voltage[end - 1] ** 2",
-        ("harvester/record/test_output_side.py",),
+        "self.stored[batch] += held(end - 1) - held(begin - 1)",
+        "self.stored[batch] += held(begin - 1) - held(end - 1)",
+        ("harvester/record/test_output_side.py", "circuits/loads/test_supplies.py"),
     ),
     Fault(
         "batch means: a batch is joined with itself",
@@ -431,9 +431,9 @@ FAULTS = [
     Fault(
         "measures: half of what is stored is harvested",
         "harvester/estimates/output_side.py",
-        "harvested = used + stored",
-        "harvested = used + 0.5 * stored",
-        ("harvester/record/test_output_side.py",),
+        "_without(used + stored, given)",
+        "_without(used + 0.5 * stored, given)",
+        ("harvester/record/test_output_side.py", "circuits/loads/test_supplies.py"),
     ),
     Fault(
         "store: the key does not tell seeds apart",

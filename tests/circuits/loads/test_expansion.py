@@ -70,7 +70,7 @@ TOO_MUCH = {
     "a long name": (LOAD.format("R" + "x" * 15_000 + " p n 1"), "more than 250 characters"),
     "numbers that are none": (LOAD.format("R2 p n " + ("1" * 240 + "- ") * 80), "is no number"),
     "parentheses": (LOAD.format("B1 p n i=" + "(" * 9000 + "1" + ")" * 9000), "deeper than 100"),
-    "equal signs": (LOAD.format("R2 p n " + "=" * 15_000), "unknown"),
+    "equal signs": (LOAD.format("R2 p n " + "=" * 15_000), "uses no"),
     "quotes": (LOAD.format("R2 p n " + "'" * 15_001), "has no place"),
     "braces": (LOAD.format("R2 p n " + "{" * 15_000), "braces do not match"),
     "pins": (LOAD.format("X1 p n s\n") + ".subckt s " + lines("a{k}", 900).replace("\n", " ")
