@@ -532,9 +532,7 @@ def _draw(analysis):
 
     loud = analysis.density > FAINTEST * analysis.density.max()
     y = analysis.density[loud]
-    series = [
-        Series(analysis.frequencies[loud], y, "Welch", "0.7", width=3.0),
-    ]
+    series = [Series(analysis.frequencies[loud], y, "Welch", "0.7", width=3.0)]
     if analysis.profile.size:
         x, y = analysis.profile.T
         series.append(Series(x, y, "specification", "#0072B2", "-", "o"))

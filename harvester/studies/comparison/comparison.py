@@ -220,12 +220,12 @@ class Comparison:
             return Verdict(f"There is no error bar to judge by: {reasons}.", False)
         short = len(apart) - len(known)
         tail = f"; {short} of {len(apart)} quantities have no error bar" if short else ""
-        dull = [name for name in known if not self._is_sharp(name)]
-        if dull:
-            tail += f"; {len(dull)} of {len(apart)} are not checked: {NOT_SHARP}"
+        unsharp = [name for name in known if not self._is_sharp(name)]
+        if unsharp:
+            tail += f"; {len(unsharp)} of {len(apart)} are not checked: {NOT_SHARP}"
         if not self.agree:
             return Verdict(f"Circuit and Monte Carlo disagree: {self._greatest()}{tail}.", False)
-        if len(dull) == len(known):
+        if len(unsharp) == len(known):
             remedy = "raise run.duration or run.realizations"
             return Verdict(
                 "Circuit and Monte Carlo do not check each other: every difference is "
