@@ -262,12 +262,12 @@ def assemble(
     else:
         # Each copy has its own start. With held speeds it also has its own compression of a stopper
         # at the start.
-        own = {"start": 0, "held": 3} if elements.holding(system) else {"start": 0}
-        device = SubCircuit(DEVICE, "ground", **dict.fromkeys(own, elements.number(0.0)))
+        arguments = {"start": 0, "held": 3} if elements.holding(system) else {"start": 0}
+        device = SubCircuit(DEVICE, "ground", **dict.fromkeys(arguments, elements.number(0.0)))
         add_device(device, ("{start}", *starts[0][1:3], "{held}"))
         circuit.subcircuit(device)
         for copy, start in enumerate(starts):
-            values = {name: start[place] for name, place in own.items()}
+            values = {name: start[index] for name, index in arguments.items()}
             circuit.X(f"copy{copy}", DEVICE, circuit.gnd, **values)
         prefixes = tuple(f"xcopy{copy}." for copy in range(len(starts)))
     if compiled:
@@ -362,7 +362,7 @@ def _resistance(load):
 
 def _analysis(interval, stop, longest, options, integrator, save):
     saved = " ".join(save) or "none"
-    interval, stop, longest = (elements.number(each) for each in (interval, stop, longest))
+    interval, stop, longest = (elements.number(value) for value in (interval, stop, longest))
     return (
         f".save {saved}\n"
         f".options method={INTEGRATORS[integrator]} {options}\n"

@@ -102,7 +102,7 @@ def add_pace(
 
 def excited_node(network: Network) -> str:
     """The node into which the noise flows: the velocity, or an ammeter's before it."""
-    driven = any(each.kind == "base voltage" for each in network.elements)
+    driven = any(element.kind == "base voltage" for element in network.elements)
     return EXCITED if driven else VELOCITY
 
 
@@ -135,15 +135,15 @@ def add_prescribed_displacement(
     circuit.V("velocity", VELOCITY, gnd, f"SIN(0 {speed} {cycles} 0 0 90)")
     source = circuit.VoltageControlledVoltageSource
     inertia = number(-((omega / rate) ** 2))
-    forces = [each for each in network.elements if each.kind.startswith("force")]
+    forces = [element for element in network.elements if element.kind.startswith("force")]
     ends = [f"reaction{k or ''}" for k in range(len(forces))] + [gnd]
     source("inertia", NOISE, ends[0], DISPLACEMENT, gnd, inertia)
-    for each, plus, minus in zip(forces, ends, ends[1:], strict=False):
-        gain = number(_force_gain(each, rate, scales))
-        if each.kind == "force of current":
-            circuit.CurrentControlledVoltageSource(plus, plus, minus, f"V{each.plus}", gain)
+    for element, plus, minus in zip(forces, ends, ends[1:], strict=False):
+        gain = number(_force_gain(element, rate, scales))
+        if element.kind == "force of current":
+            circuit.CurrentControlledVoltageSource(plus, plus, minus, f"V{element.plus}", gain)
         else:
-            source(plus, plus, minus, each.plus, each.minus, gain)
+            source(plus, plus, minus, element.plus, element.minus, gain)
 
 
 def add_nonlinear_spring(circuit: Circuit, s: System, rate: float) -> None:
@@ -182,9 +182,9 @@ def named_contacts(s: System) -> Iterator[tuple[str, Contact]]:
 def holding(s: System) -> list[Contact]:
     """The contacts whose impact speed is held and matters (`event`)."""
     return [
-        each
-        for each in s.contacts
-        if getattr(each.law, "holds", 0.0) and each.law.damping_factor > 0.0
+        contact
+        for contact in s.contacts
+        if getattr(contact.law, "holds", 0.0) and contact.law.damping_factor > 0.0
     ]
 
 
@@ -198,10 +198,14 @@ def add_speed_hold(circuit: Circuit, s: System, rate: float, step: float, start:
     order. `start` is the initial speed over rate, as text.
     """
     held = holding(s)
-    conditions = [contacts.formulas(each, s.spring, X, U, rate, literal, H)[0] for each in held]
+    conditions = [
+        contacts.formulas(contact, s.spring, X, U, rate, literal, H)[0] for contact in held
+    ]
     gains = {
-        each.side: contacts.arrival_formula(each, each.side or 1.0, s.spring, X, rate, literal)
-        for each in held
+        contact.side: contacts.arrival_formula(
+            contact, contact.side or 1.0, s.spring, X, rate, literal
+        )
+        for contact in held
     }
     gain = next(iter(gains.values()))
     if len(gains) == 2:
@@ -232,10 +236,10 @@ def add_transducer(
     it (Eq. 4). The charge that the mass moves, and the base's voltage, are multiplied by `pace`;
     the excitation is divided by it.
     """
-    for each in elements:
-        gain = pace if each.kind in ("moving current", "base voltage") else 1.0
-        each = each._replace(value=each.value * gain)
-        _add_element(circuit, each, rate, scales, state or number(0.0))
+    for element in elements:
+        gain = pace if element.kind in ("moving current", "base voltage") else 1.0
+        element = element._replace(value=element.value * gain)
+        _add_element(circuit, element, rate, scales, state or number(0.0))
 
 
 def _add_element(circuit: Circuit, each: Element, rate: float, scales: Scales, state: str) -> None:

@@ -141,9 +141,9 @@ def for_ltspice(
         *DIFFERENCES,
     ]
     # LTspice may read a file in a one-byte encoding.
-    said = "".join(f"* {line}\n" for line in header).replace("η", "eta")
+    comments = "".join(f"* {line}\n" for line in header).replace("η", "eta")
     noise = None if points is None else "\n".join(points) + "\n"
-    return said + to_ltspice(text) + ".end\n", noise
+    return comments + to_ltspice(text) + ".end\n", noise
 
 
 def _assembled(ready, path, start, step, tolerance=None, integrator="trapezoidal", save=None):
@@ -193,14 +193,14 @@ def _check_step(contact_time, step):
 
 def _header(before, scene, netlist, scales):
     """The netlist's first part, with what a reader by hand needs to know."""
-    title, rest = before.split("\n", 1)
+    title, remainder = before.split("\n", 1)
     lines = [
         f"Run it with: ngspice -b -r {quote(scene.name + '.raw')} {quote(scene.name + '.cir')}",
         *licence.EXPORTED,
         *_reading(scene, netlist, scales),
         f"i(@inoise[current]): {_noise_unit(scene, netlist)}",
     ]
-    return f"{title}\n" + "".join(f"* {line}\n" for line in lines) + rest
+    return f"{title}\n" + "".join(f"* {line}\n" for line in lines) + remainder
 
 
 def _reading(scene, netlist, scales):

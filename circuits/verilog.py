@@ -122,8 +122,8 @@ def module(
         return elements.number(values[key] if name else 1.0)
 
     declared = "".join(
-        f"    parameter real {key} = {default(key)}{bounds};{said}\n"
-        for key, (bounds, said) in described.items()
+        f"    parameter real {key} = {default(key)}{bounds};{meaning}\n"
+        for key, (bounds, meaning) in described.items()
     )
     body = "".join(f"        {line}\n" for line in lines)
     note, nodes, plates = "", "", "V(piezo)"
@@ -226,7 +226,7 @@ def add_device(circuit: Circuit, network: Network) -> None:
 
 def left_out(network: Network) -> list:
     """Elements of a piezo's network that the compiled device does not hold."""
-    return [each for each in network.elements if each.name not in HELD]
+    return [element for element in network.elements if element.name not in HELD]
 
 
 def add_model(

@@ -66,6 +66,6 @@ def _pspice(card):
     if first.startswith("b"):
         head, _, expression = card.partition("=")
         name, plus, minus, _ = head.split()
-        said = translate(expression, behavioural=True).replace("{", "").replace("}", "")
-        return f"G{name} {plus} {minus} VALUE={{{said}}}"
+        value = translate(expression, behavioural=True).replace("{", "").replace("}", "")
+        return f"G{name} {plus} {minus} VALUE={{{value}}}"
     return card

@@ -62,8 +62,8 @@ def head(ready: Prepared, parameters: Parameters, start: bool = True) -> list[st
             f".nodeset v(xNAME.displacement)=X with one of X = {', '.join(wells)}.",
         ]
     named = [
-        f"  {name} ({each.unit}): {each.meaning}"
-        for name, each in parameters.given.items()
+        f"  {name} ({parameter.unit}): {parameter.meaning}"
+        for name, parameter in parameters.given.items()
         if start or name != "start_state"
     ]
     return [*lines, "", "Parameters:", *named]

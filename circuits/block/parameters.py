@@ -151,16 +151,16 @@ class Parameters:
 
     def proportional(self, value: float, *names: str) -> str:
         """A value as an expression of parameters; a slash before a name divides by it."""
-        whole, text = 1.0, ""
+        product, text = 1.0, ""
         for name in names:
             bare = name.removeprefix("/")
             if bare not in self.given:
                 return number(value)
             text += f"/{bare}" if bare != name else f"*{name}"
-            whole *= self.given[bare].value ** (-1.0 if bare != name else 1.0)
-        if whole == 0.0:
+            product *= self.given[bare].value ** (-1.0 if bare != name else 1.0)
+        if product == 0.0:
             return number(value)
-        factor = value / whole
+        factor = value / product
         if text.startswith("*") and abs(factor - 1.0) < ROUNDING:
             return text[1:]
         return number(factor) + text
@@ -202,9 +202,9 @@ class Parameters:
             if f"k{order}" in self.given:
                 return self.proportional(value, f"k{order}", "/mass")
         if front and isinstance(self.ready.system.spring, Polynomial):
-            found = self._of_gap(front, key, value)
-            if found:
-                return found
+            expression = self._of_gap(front, key, value)
+            if expression:
+                return expression
         rules = {
             "quadratic_damping": ("quadratic_damping", "/mass"),
             "stiffness": (f"{front}stiffness", "/mass"),
@@ -262,7 +262,7 @@ def check_block(ready: Prepared) -> None:
             f"{scene.name}: excitation.kind = {scene.excitation.kind!r} says where the mass is, "
             "and a block's base moves: choose another excitation, or take `--as deck`"
         )
-    if any(getattr(each.law, "holds", 0.0) for each in ready.system.contacts):
+    if any(getattr(contact.law, "holds", 0.0) for contact in ready.system.contacts):
         raise NetlistError(
             f'{scene.name}: stoppers.impact_velocity = "event" needs the simulator\'s own steps: '
             'take "energy", or `--as deck`'

@@ -31,10 +31,12 @@ def subcircuit(name: str, parameters: Parameters) -> str:
         *_mechanics(parameters),
         *_electrical(parameters),
     ]
-    given = "".join(f"+ {key}={number(each.value)}\n" for key, each in parameters.given.items())
+    parameter_lines = "".join(
+        f"+ {key}={number(parameter.value)}\n" for key, parameter in parameters.given.items()
+    )
     derived = "".join(f".param {key}={{{text}}}\n" for key, text in parameters.derived.items())
     return (
-        f".subckt {name} {' '.join(PINS)}\n{given}{derived}"
+        f".subckt {name} {' '.join(PINS)}\n{parameter_lines}{derived}"
         + "".join(f"{line}\n" for line in body)
         + f".ends {name}\n"
     )
@@ -81,27 +83,27 @@ def _electrical(parameters: Parameters) -> Iterator[str]:
     node = nodes_of(network)
     if metered(network):
         yield f"V{LOAD_AMMETER} {node[network.terminal]} p 0"
-    for each in network.elements:
-        ends = f"{node.get(each.plus, each.plus)} {node.get(each.minus, each.minus)}"
+    for element in network.elements:
+        ends = f"{node.get(element.plus, element.plus)} {node.get(element.minus, element.minus)}"
         swapped = " ".join(reversed(ends.split()))
-        value = f"{{{parameters.element(each.name, si_value(each, parameters))}}}"
-        start = " ic={start_state}" if each.holds_state else ""
+        value = f"{{{parameters.element(element.name, si_value(element, parameters))}}}"
+        start = " ic={start_state}" if element.holds_state else ""
         yield {
-            "resistor": f"R{each.name} {ends} {value}",
-            "capacitor": f"C{each.name} {ends} {value}{start}",
-            "inductor": f"L{each.name} {ends} {value}{start}",
-            "ammeter": f"V{each.name} {ends} 0",
-            "moving voltage": f"E{each.name} {ends} {VELOCITY} 0 {value}",
-            "base voltage": f"E{each.name} {ends} base 0 {value}",
-            "moving current": f"G{each.name} {swapped} {VELOCITY} 0 {value}",
-            "force of voltage": f"G{each.name} {VELOCITY} 0 {ends} {value}",
-            "force of current": f"F{each.name} {VELOCITY} 0 V{each.plus} {value}",
-        }[each.kind]
+            "resistor": f"R{element.name} {ends} {value}",
+            "capacitor": f"C{element.name} {ends} {value}{start}",
+            "inductor": f"L{element.name} {ends} {value}{start}",
+            "ammeter": f"V{element.name} {ends} 0",
+            "moving voltage": f"E{element.name} {ends} {VELOCITY} 0 {value}",
+            "base voltage": f"E{element.name} {ends} base 0 {value}",
+            "moving current": f"G{element.name} {swapped} {VELOCITY} 0 {value}",
+            "force of voltage": f"G{element.name} {VELOCITY} 0 {ends} {value}",
+            "force of current": f"F{element.name} {VELOCITY} 0 V{element.plus} {value}",
+        }[element.kind]
 
 
 def metered(network: Network) -> bool:
     """Whether a force on the mass is proportional to the current through the terminals."""
-    return any(each.plus == LOAD_AMMETER for each in network.elements)
+    return any(element.plus == LOAD_AMMETER for element in network.elements)
 
 
 def nodes_of(network: Network) -> dict[str, str]:

@@ -55,28 +55,32 @@ def module(name: str, parameters: Parameters) -> str:
     name : str
     parameters : circuits.block.parameters.Parameters
     """
-    ready, rate, length = parameters.ready, parameters.rate, parameters.length
+    prepared_scene, rate, length = parameters.ready, parameters.rate, parameters.length
     refer = parameters.named(str)
-    moved = mechanics(ready.system, rate, refer, "place", "u", bounded=True)
-    network: Network = ready.network
+    moved = mechanics(prepared_scene.system, rate, refer, "place", "u", bounded=True)
+    network: Network = prepared_scene.network
     named = nodes_of(network)
     inside = sorted(named.get(node, node) for node in network.nodes - {network.terminal})
     inside += ["terminal"] * metered(network)
     electrical = _electrical(parameters)
     text = _TEXT.format(
-        head="".join(f"// {line}".rstrip() + "\n" for line in head(ready, parameters, start=False)),
+        head="".join(
+            f"// {line}".rstrip() + "\n" for line in head(prepared_scene, parameters, start=False)
+        ),
         name=name,
         pins=", ".join(PINS),
         nodes="".join(f", {node}" for node in inside),
         parameters="".join(
-            f"    parameter real {key} = {number(each.value)}"
-            f"{f' from {each.bounds}' if each.bounds else ''};  // {each.unit}\n"
-            for key, each in parameters.given.items()
+            f"    parameter real {key} = {number(parameter.value)}"
+            f"{f' from {parameter.bounds}' if parameter.bounds else ''};  // {parameter.unit}\n"
+            for key, parameter in parameters.given.items()
             if key != "start_state"
         ),
         derived="".join(f"    real {key};\n" for key in parameters.derived),
         sign=SIGN if "sgn(" in " ".join(moved) else "",
-        values="".join(f"        {key} = {said};\n" for key, said in parameters.derived.items()),
+        values="".join(
+            f"        {key} = {formula};\n" for key, formula in parameters.derived.items()
+        ),
         per_length=number(1.0 / length),
         per_speed=number(1.0 / (rate * length)),
         per_rate=number(1.0 / rate),
@@ -91,7 +95,7 @@ def module(name: str, parameters: Parameters) -> str:
 def _electrical(parameters: Parameters) -> list[str]:
     """Verilog-A contribution statements of the transducer's network."""
     network: Network = parameters.ready.network
-    lines = [_contribution(each, nodes_of(network), parameters) for each in network.elements]
+    lines = [_contribution(element, nodes_of(network), parameters) for element in network.elements]
     # A source of 0 V would merge both nodes and its current would read 0, so 1e-9 Ω measures it.
     return ["V(terminal, p) <+ 1e-9*I(terminal, p);", *lines] if metered(network) else lines
 

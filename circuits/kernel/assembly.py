@@ -61,7 +61,7 @@ def collect(ready: Prepared, whole: bool = True) -> tuple[Builder, Measurement, 
     places += [b.unknowns.get(name, -1) for name in measurement.watched]
     velocity = _add_transducer(b, network, scales, row_unit)
     state = _state(b, network, ammeter)
-    b.initial = [each for each in b.initial if each[3] != 0.0]
+    b.initial = [entry for entry in b.initial if entry[3] != 0.0]
     probes = Probes(
         np.array([inside, ammeter, state, *places]),
         np.array(
@@ -101,11 +101,13 @@ def build(ready: Prepared) -> Circuit:
         code_of(tables, order),
         (*b.unknowns, "X'"),
         tuple(b.switch_names),
-        tuple((each.name, each.where) for each, *_ in b.waiting),
+        tuple((element.name, element.where) for element, *_ in b.waiting),
         suspicion(load),
         measurement,
-        tuple(f"{each.name} ({each.where})" for each in jumping_sources(load)),
-        tuple(f"{each.name} ({each.where})" for each in load.elements if _is_limited(each)),
+        tuple(f"{element.name} ({element.where})" for element in jumping_sources(load)),
+        tuple(
+            f"{element.name} ({element.where})" for element in load.elements if _is_limited(element)
+        ),
         conductance(load.across_output),
         capacitance(load.across_output),
         Course(load.elements),
@@ -121,8 +123,8 @@ def _own(b, tables, stray):
         for (row, column), size in zip(tables.entries, tables.capacity, strict=True)
         if row == column and row < len(names) and abs(size) > stray
     }
-    own = [(k, names[k].startswith("i(")) for k in sorted(stores) if DEVICE not in names[k]]
-    return np.array(own, dtype=np.int64).reshape(-1, 2)
+    storing = [(k, names[k].startswith("i(")) for k in sorted(stores) if DEVICE not in names[k]]
+    return np.array(storing, dtype=np.int64).reshape(-1, 2)
 
 
 def _is_limited(each):
@@ -146,12 +148,12 @@ def _add_transducer(b, network, scales, row_unit):
     nodes = {name: b.node(DEVICE + name) for name in sorted(network.nodes)}
     nodes[GROUND] = -1
     b.branch(DEVICE + LOAD_AMMETER)
-    for each in network.elements:
-        if each.kind in ("inductor", "ammeter", "moving voltage", "base voltage"):
-            b.branch(DEVICE + each.name)
+    for part in network.elements:
+        if part.kind in ("inductor", "ammeter", "moving voltage", "base voltage"):
+            b.branch(DEVICE + part.name)
     velocity = len(b.unknowns)
-    for each in network.elements:
-        _add_part(b, each, nodes, velocity, scales, row_unit)
+    for part in network.elements:
+        _add_part(b, part, nodes, velocity, scales, row_unit)
     b.enter(velocity, velocity, capacity=row_unit)
     b.retimed.insert(0, (velocity, velocity))
     b.mark([velocity], [velocity])

@@ -109,8 +109,8 @@ class Builder:
 
     def mark(self, rows: list[int], columns: list[int]) -> None:
         """Record the rows and columns of the matrix that a nonlinear element changes."""
-        self.nonlinear |= {("row", place) for place in rows}
-        self.nonlinear |= {("column", place) for place in columns}
+        self.nonlinear |= {("row", row) for row in rows}
+        self.nonlinear |= {("column", column) for column in columns}
 
 
 def tables_of(b: Builder, velocity: int) -> Tables:
@@ -120,12 +120,12 @@ def tables_of(b: Builder, velocity: int) -> Tables:
         raise ValueError("an unknown was added behind the velocity")
     rows = sorted(b.entries)
     steady = np.zeros(n)
-    for place, value in b.steady.items():
-        steady[place] = value
+    for index, value in b.steady.items():
+        steady[index] = value
     flags = np.zeros((2, n), dtype=np.bool_)
-    for kind, place in b.nonlinear:
-        if place >= 0:
-            flags[int(kind == "column"), place] = True
+    for kind, index in b.nonlinear:
+        if index >= 0:
+            flags[int(kind == "column"), index] = True
 
     # Junctions of the same kind stand together.
     junctions = sorted(b.junctions, key=lambda each: junction.traits(each[2]))
@@ -147,16 +147,16 @@ def tables_of(b: Builder, velocity: int) -> Tables:
         corners=numbers(b.corners, 2),
         driven=np.array([row for row, _ in b.driven], dtype=np.int64),
         drives=np.array([gain for _, gain in b.driven], dtype=float),
-        junctions=places([each[:2] for each in junctions], 2),
-        junction_values=numbers([each[2] for each in junctions], junction.COLUMNS),
-        switches=places([each[0] for each in b.switches], 6),
-        switch_values=numbers([each[1] for each in b.switches], 4),
+        junctions=places([row[:2] for row in junctions], 2),
+        junction_values=numbers([row[2] for row in junctions], junction.COLUMNS),
+        switches=places([row[0] for row in b.switches], 6),
+        switch_values=numbers([row[1] for row in b.switches], 4),
         tape=np.array(b.tape.rows, dtype=np.int64).reshape(-1, 4),
         tape_values=np.array(b.tape.values, dtype=float),
         behavioural=places(b.behavioural, 4),
         inputs=places(b.inputs, 3),
         turns=np.array(b.turns, dtype=np.int64),
-        retimed=np.array([rows.index(each) for each in b.retimed], dtype=np.int64),
+        retimed=np.array([rows.index(entry) for entry in b.retimed], dtype=np.int64),
         nonlinear_rows=flags[0],
         nonlinear_columns=flags[1],
         own=places([], 2),
@@ -179,13 +179,13 @@ def _starts(b, n):
         matrix[k, z] -= np.sqrt(size)
         values[k, 1 if start == "state" else 0] = np.sqrt(size) * _one_if_state(start)
     heaviest = np.abs(matrix).max(initial=1.0)
-    fixed, given = _set_voltages(b, n)
+    fixed, imposed = _set_voltages(b, n)
     matrix = np.concatenate([1e-3 / heaviest * matrix[:, :n], fixed])
-    values = np.concatenate([1e-3 / heaviest * values, given])
+    values = np.concatenate([1e-3 / heaviest * values, imposed])
     sizes = np.abs(matrix).max(axis=0, initial=0.0)
     sizes[sizes == 0.0] = 1.0
-    found = np.linalg.lstsq(matrix / sizes, values, rcond=1e-13)[0]
-    return (found / sizes[:, None]).T
+    solution = np.linalg.lstsq(matrix / sizes, values, rcond=1e-13)[0]
+    return (solution / sizes[:, None]).T
 
 
 def _one_if_state(start):
@@ -195,16 +195,16 @@ def _one_if_state(start):
 def _set_voltages(b, n):
     """Rows of the branches that set a voltage and hold no flux, and what they set at time 0."""
     chosen = []
-    for name, place in b.unknowns.items():
-        entries = {column: e for (row, column), e in b.entries.items() if row == place}
-        holds = any(e[0] != 0.0 for e in entries.values()) or ("row", place) in b.nonlinear
+    for name, row_of_branch in b.unknowns.items():
+        entries = {column: e for (row, column), e in b.entries.items() if row == row_of_branch}
+        holds = any(e[0] != 0.0 for e in entries.values()) or ("row", row_of_branch) in b.nonlinear
         if name.startswith("i(") and not holds:
-            chosen.append((place, entries))
+            chosen.append((row_of_branch, entries))
     rows, values = np.zeros((len(chosen), n)), np.zeros((len(chosen), 2))
-    for k, (place, entries) in enumerate(chosen):
+    for k, (row_of_branch, entries) in enumerate(chosen):
         for column, (_, conductance) in entries.items():
             rows[k, column] = conductance
-        values[k, 0] = b.steady.get(place, 0.0)
+        values[k, 0] = b.steady.get(row_of_branch, 0.0)
         size = np.abs(rows[k]).max()
         rows[k], values[k] = rows[k] / size, values[k] / size
     return rows, values

@@ -130,9 +130,9 @@ def _factor(e: Emitter, shape: Shape) -> None:
     for k, (plus, minus) in enumerate(shape.switches):
         _stamp(matrix, position, plus, minus, delta * e.load(at.switches + k), shape)
     eliminate(matrix, 0, shape.linear)
-    for where, place in shape.places:
+    for where, address in shape.places:
         if where in matrix:
-            e.store(place, matrix[where], in_slot=True)
+            e.store(address, matrix[where], in_slot=True)
     e.give(e.constant(0.0))
 
 
@@ -152,8 +152,8 @@ def _ahead(e, shape, group, v, change):
     Upwards a guess goes to the junction's swing above 0 V, or above the present voltage, at most:
     its current grows exponentially.
     """
-    place = shape.layout.junctions + junction.SWING * len(shape.junctions) + group.first
-    return v + change.lesser((-v).greater(0.0) + e.load(place, count=group.width))
+    address = shape.layout.junctions + junction.SWING * len(shape.junctions) + group.first
+    return v + change.lesser((-v).greater(0.0) + e.load(address, count=group.width))
 
 
 def _begin(e: Emitter, shape: Shape) -> None:
@@ -207,9 +207,9 @@ def _iterate(e: Emitter, shape: Shape) -> None:
     backward(matrix, right, first, n)
     for i in range(first, n):
         e.store(at.solution + i - first, right[i])
-    for where, place in shape.places:
+    for where, address in shape.places:
         if min(where) >= first:
-            e.store(at.core + place, matrix[where])
+            e.store(at.core + address, matrix[where])
     settled = e.constant(1.0)
     change = [right[shape.columns.index(u)] for u in range(n)]
     for group, law, old, begin in laws:
@@ -223,8 +223,8 @@ def _iterate(e: Emitter, shape: Shape) -> None:
 def _onto(shape, right, row, value):
     """Add to a row of the right-hand side in the order of pivots; ground takes nothing."""
     if row < len(shape.rows):
-        place = shape.rows.index(row)
-        right[place] = right[place] + value
+        pivot = shape.rows.index(row)
+        right[pivot] = right[pivot] + value
 
 
 def _add_junctions(e, shape, matrix, right):
@@ -277,8 +277,8 @@ def _finish(e: Emitter, shape: Shape) -> None:
             charge = _law(e, shape, group).charge(v)
             e.store(at.new_charges + group.first, charge)
             lost = e.load(at.charges + group.first, count=group.width) - charge
-            for (a, z), each in zip(group.ends(shape), lost.parts(), strict=True):
-                _through(stored, a, z, each)
+            for (a, z), component in zip(group.ends(shape), lost.parts(), strict=True):
+                _through(stored, a, z, component)
         moved = (v - e.load(at.voltages + group.first, count=group.width)) * e.numbers[0]
         e.store(at.iterated + group.first, _ahead(e, shape, group, v, moved))
     for i in range(n):
@@ -325,9 +325,9 @@ def _error(e: Emitter, shape: Shape) -> None:
     """
     at, n, first = shape.layout, len(shape.rows), shape.linear
     matrix = _loaded(e, shape)
-    for where, place in shape.places:
+    for where, address in shape.places:
         if min(where) >= first:
-            matrix[where] = e.load(at.core + place)
+            matrix[where] = e.load(at.core + address)
     error = [e.load(at.error + i) for i in range(n)]
     values = [error[row] for row in shape.rows]
     forward(matrix, values, 0, n)
@@ -371,8 +371,8 @@ def _groups(shape):
 
 def _law(e, shape, group):
     """The current and charge of a group's junctions, their numbers read from the memory."""
-    place = shape.layout.junctions + group.first
-    return junction.Law(e, place, len(shape.junctions), group.width, group.traits)
+    address = shape.layout.junctions + group.first
+    return junction.Law(e, address, len(shape.junctions), group.width, group.traits)
 
 
 def _positions(shape):
@@ -384,7 +384,7 @@ def _positions(shape):
 
 def _loaded(e, shape):
     """The factors that `factor` has put into the slot, by their places."""
-    return {where: e.load(place, in_slot=True) for where, place in shape.places}
+    return {where: e.load(address, in_slot=True) for where, address in shape.places}
 
 
 def _stamp(matrix, position, plus, minus, value, shape):

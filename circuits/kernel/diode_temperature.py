@@ -23,25 +23,27 @@ def at_temperature(model: Mapping[str, float], celsius: float) -> dict[str, floa
         Parameters by ngspice's names, valid at `tnom` °C.
     celsius : float
     """
-    said = {"is": 1e-14, "n": 1.0, "m": 0.5, "vj": 1.0, "fc": 0.5, "eg": 1.11, "xti": 3.0,
+    parameters = {"is": 1e-14, "n": 1.0, "m": 0.5, "vj": 1.0, "fc": 0.5, "eg": 1.11, "xti": 3.0,
             "nr": 2.0, **model}  # fmt: skip
-    said["cjo"] = said.get("cjo", 0.0)
-    nominal, kelvin = said.get("tnom", TEMPERATURE) + FREEZING, celsius + FREEZING
-    said["vt"], warmer = VOLT_PER_KELVIN * kelvin, kelvin - nominal
-    for current, swings in (("is", said["n"]), ("isr", said["nr"])):
-        energy = (kelvin / nominal - 1.0) * said["eg"] / said["vt"]
-        growth = math.exp((energy + said["xti"] * math.log(kelvin / nominal)) / swings)
-        said[current] = said.get(current, 0.0) * growth
-    grading = said["m"] * _polynomial(said, warmer, "tm1", "tm2")
-    said["m"] = min(grading, LARGEST_GRADING)
-    said["rs"] = said.get("rs", 0.0) * _polynomial(said, warmer, "trs1", "trs2")
-    said["tt"] = said.get("tt", 0.0) * _polynomial(said, warmer, "ttt1", "ttt2")
-    if "bv" in said:
-        share = said["bv"] if said.get("tlev", 0.0) else 1.0
-        said["bv"] -= said.get("tcv", 0.0) * warmer * share
-    _depletion(said, nominal, kelvin)
-    said["vj"] = min(said["vj"], 1.0 / said["fc"]) if said["fc"] else said["vj"]
-    return said
+    parameters["cjo"] = parameters.get("cjo", 0.0)
+    nominal, kelvin = parameters.get("tnom", TEMPERATURE) + FREEZING, celsius + FREEZING
+    parameters["vt"], warmer = VOLT_PER_KELVIN * kelvin, kelvin - nominal
+    for current, swings in (("is", parameters["n"]), ("isr", parameters["nr"])):
+        energy = (kelvin / nominal - 1.0) * parameters["eg"] / parameters["vt"]
+        growth = math.exp((energy + parameters["xti"] * math.log(kelvin / nominal)) / swings)
+        parameters[current] = parameters.get(current, 0.0) * growth
+    grading = parameters["m"] * _polynomial(parameters, warmer, "tm1", "tm2")
+    parameters["m"] = min(grading, LARGEST_GRADING)
+    parameters["rs"] = parameters.get("rs", 0.0) * _polynomial(parameters, warmer, "trs1", "trs2")
+    parameters["tt"] = parameters.get("tt", 0.0) * _polynomial(parameters, warmer, "ttt1", "ttt2")
+    if "bv" in parameters:
+        share = parameters["bv"] if parameters.get("tlev", 0.0) else 1.0
+        parameters["bv"] -= parameters.get("tcv", 0.0) * warmer * share
+    _depletion(parameters, nominal, kelvin)
+    parameters["vj"] = (
+        min(parameters["vj"], 1.0 / parameters["fc"]) if parameters["fc"] else parameters["vj"]
+    )
+    return parameters
 
 
 def _polynomial(said, warmer, first, second):

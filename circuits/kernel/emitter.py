@@ -108,7 +108,7 @@ class Number:
         """A mathematical function of LLVM's: log or pow."""
         if self.count:
             columns = zip(self.parts(), *(other.parts() for other in others), strict=True)
-            return beside([one.function(name, *rest) for one, *rest in columns])
+            return beside([one.function(name, *operands) for one, *operands in columns])
         module = self.builder.module
         called = module.declare_intrinsic(f"llvm.{name}", [DOUBLE])
         if others:
@@ -119,8 +119,11 @@ class Number:
     def exponential(self) -> Number:
         """The exponential of a number between −700 and 700: 2 to a whole number times a series."""
         shifted = self * (1.0 / math.log(2.0)) + ROUNDING
-        whole = shifted - ROUNDING
-        power, terms = self - whole * LN_2[0] - whole * LN_2[1], [*map(self._like, SERIES)]
+        power_of_2 = shifted - ROUNDING
+        power, terms = (
+            self - power_of_2 * LN_2[0] - power_of_2 * LN_2[1],
+            [*map(self._like, SERIES)],
+        )
         while len(terms) > 1:
             pairs = zip(terms[::2], terms[1::2], strict=False)
             terms = [low + high * power for low, high in pairs] + terms[len(terms) & ~1 :]
@@ -159,7 +162,7 @@ class Emitter:
         memory.add_attribute("noalias")
         self._memory = memory
         self.builder = ir.IRBuilder(self._function.append_basic_block())
-        self.numbers = [Number(self.builder, each) for each in numbers]
+        self.numbers = [Number(self.builder, argument) for argument in numbers]
 
     def constant(self, value: float, count: int = 0) -> Number:
         """A constant, or a vector of that many equal ones."""
@@ -243,7 +246,7 @@ def compile_module(module: Any) -> tuple[Any, dict[str, int]]:
     passes.getModulePassManager().run(parsed, passes)
     engine = llvm.create_mcjit_compiler(parsed, machine)
     engine.finalize_object()
-    names = [each.name for each in module.functions if not each.is_declaration]
+    names = [function.name for function in module.functions if not function.is_declaration]
     return engine, {name: engine.get_function_address(name) for name in names}
 
 

@@ -262,8 +262,8 @@ def _beginning(s, circuit, start):
     y[:] = with_start(circuit, electrical, 1.0 / circuit.probes.units[1])
     y[n - 1] = v
     state.largest[n - 1] = max(abs(v), timescales.angular_frequency(s))
-    known = np.append(y, 0.0)
-    state.iterated[:] = known[tables.junctions[:, 0]] - known[tables.junctions[:, 1]]
+    voltages = np.append(y, 0.0)
+    state.iterated[:] = voltages[tables.junctions[:, 0]] - voltages[tables.junctions[:, 1]]
     state.voltages[:] = state.before[:] = state.iterated
     # Before the first step: computes the charges of the junctions.
     call_once(circuit.code.finish, state.address, state.slots)

@@ -191,8 +191,8 @@ class Law:
         live = self._e.any(v * per_swing > BLOCKED)
         through, slope = self._e.choose(live, conducting, blocked)
         if self._has.recombination:
-            more, steeper = self._recombination(v)
-            through, slope = through + more, slope + steeper
+            recombined, steeper = self._recombination(v)
+            through, slope = through + recombined, slope + steeper
         if self._has.knee:
             through, slope = self._beyond_knee(through, slope)
         if self._has.breakdown:
@@ -257,12 +257,14 @@ class Law:
             size, potential = self._value(CAPACITANCE), self._value(POTENTIAL)
             grading, edge = self._value(GRADING), self._value(EDGE)
             ratio = 1.0 / potential * -(v.lesser(edge)) + 1.0
-            here = size * ratio.function("pow", -grading)
-            rest = -(grading - 1.0)
-            stored = stored + size * potential / rest - here * ratio * potential / rest
-            beyond, bend = (v - edge).greater(0.0), here * grading / (potential * ratio)
-            stored = stored + beyond * (here + bend * beyond * 0.5)
-            capacitance = capacitance + here + bend * beyond
+            depletion = size * ratio.function("pow", -grading)
+            complement = -(grading - 1.0)
+            stored = (
+                stored + size * potential / complement - depletion * ratio * potential / complement
+            )
+            beyond, bend = (v - edge).greater(0.0), depletion * grading / (potential * ratio)
+            stored = stored + beyond * (depletion + bend * beyond * 0.5)
+            capacitance = capacitance + depletion + bend * beyond
         return stored, capacitance
 
     def moved(self, old: Number, across: Number) -> tuple[Number, Any]:

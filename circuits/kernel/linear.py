@@ -43,8 +43,8 @@ def order_of(tables: Tables) -> Order:
     """The order of elimination of a circuit."""
     pattern, trials = _trials(tables)
     rows, columns, linear, filled = _pivots(tables, pattern, trials)
-    there = np.argwhere(filled[np.ix_(rows, columns)])
-    places = {(int(i), int(j)): place for place, (i, j) in enumerate(there)}
+    nonzeros = np.argwhere(filled[np.ix_(rows, columns)])
+    places = {(int(i), int(j)): index for index, (i, j) in enumerate(nonzeros)}
     return Order(rows, columns, linear, places)
 
 
@@ -62,10 +62,10 @@ def _trials(tables):
         pattern[tuple(tables.entries.T)] = True
         closed = random.integers(0, 2, len(tables.switches)) if trial > 1 else trial
         closed = np.broadcast_to(closed, len(tables.switches))
-        for k, each in enumerate(tables.switches):
-            _stamp(matrix, pattern, each[:2], delta * tables.switch_values[k, closed[k]])
-        for each in tables.junctions:
-            _stamp(matrix, pattern, each, delta * random.choice(TRIAL_CONDUCTANCES))
+        for k, switch in enumerate(tables.switches):
+            _stamp(matrix, pattern, switch[:2], delta * tables.switch_values[k, closed[k]])
+        for nodes in tables.junctions:
+            _stamp(matrix, pattern, nodes, delta * random.choice(TRIAL_CONDUCTANCES))
         for k, _, unknown in tables.inputs:
             slope = delta * random.choice([-1.0, 1.0]) * 10.0 ** random.uniform(-6.0, 0.0)
             for row, sign in zip(tables.behavioural[k, :2], (1.0, -1.0), strict=True):

@@ -55,7 +55,9 @@ def device_of(s: System) -> Device:
     """The device whose functions the solver calls; compiled where they are not."""
     kind = types.CPointer(numba.typeof(s))
     return Device(
-        s.transducer, np.array(numbers_of(s)), *(_address(each, kind) for each in _FUNCTIONS)
+        s.transducer,
+        np.array(numbers_of(s)),
+        *(_address(function, kind) for function in _FUNCTIONS),
     )
 
 
@@ -73,7 +75,7 @@ def evaluate(typing_context: Any, address: Any, numbers: Any, values: Any) -> An
         address, array, values = arguments
         at = context.make_array(signature.args[1])(context, builder, array).data
         floats = cgutils.unpack_tuple(builder, values)
-        kind = ir.FunctionType(ir.DoubleType(), [at.type, *(each.type for each in floats)])
+        kind = ir.FunctionType(ir.DoubleType(), [at.type, *(argument.type for argument in floats)])
         return builder.call(builder.inttoptr(address, kind.as_pointer()), [at, *floats])
 
     return types.float64(types.int64, numbers, types.UniTuple(types.float64, len(values))), code

@@ -78,18 +78,18 @@ def layout_of(tables: Tables, order: Order) -> Layout:
         *[n] * 12, core + 1, factors, *[m] * 5, entries, entries, len(tables.switches),
         m * junction.COLUMNS, len(tables.inputs), len(tables.behavioural), SLOTS * factors,
     ]  # fmt: skip
-    return Layout(0, *(int(place) for place in np.cumsum(sizes)))
+    return Layout(0, *(int(offset) for offset in np.cumsum(sizes)))
 
 
 def fresh_memory(tables: Tables, layout: Layout) -> np.ndarray:
     """A block of memory with the tables' numbers in it; float64."""
     memory = np.zeros(layout.end)
-    for place, numbers in (
+    for offset, numbers in (
         (layout.largest, np.full(tables.steady.size, 1e-9)),
         (layout.steady, tables.steady),
         (layout.capacity, tables.capacity),
         (layout.conductance, tables.conductance),
         (layout.junctions, tables.junction_values.T.ravel()),
     ):
-        memory[place : place + numbers.size] = numbers
+        memory[offset : offset + numbers.size] = numbers
     return memory

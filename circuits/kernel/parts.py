@@ -61,15 +61,15 @@ def add_load(b: Builder, load: LoadCircuit, network: Any, whole: bool = True) ->
     first: list[Element] = []
     later: list[Element] = []
     potentials = Potentials(load.elements)
-    for each in load.elements:
-        part = each._replace(nodes=tuple(pins.get(node, node) for node in each.nodes))
-        if each.expression is not None:
-            exact = with_sources(each.expression, potentials)
+    for element in load.elements:
+        part = element._replace(nodes=tuple(pins.get(node, node) for node in element.nodes))
+        if element.expression is not None:
+            exact = with_sources(element.expression, potentials)
             part = part._replace(expression=renamed(exact, pins))
-        if each.letter in "sw":
-            low, high = levels(each, potentials)
+        if element.letter in "sw":
+            low, high = levels(element, potentials)
             part = part._replace(numbers=(("low", low), ("high", high)))
-        (later if each.letter in _AFTER and each.expression is None else first).append(part)
+        (later if element.letter in _AFTER and element.expression is None else first).append(part)
     for part in [*first, *later]:
         with contextlib.nullcontext() if whole else contextlib.suppress(LoadError, KeyError):
             add = _ADD.get(part.letter)
@@ -212,14 +212,14 @@ def _finish_tape(b, whole):
     def unknown_of(tree):
         return b.node(tree[1]) if tree[0] == "v" else b.unknowns[f"i({tree[1]})"]
 
-    for number, (each, tree, a, z) in enumerate(b.waiting):
+    for number, (element, tree, a, z) in enumerate(b.waiting):
         first = len(b.tape.rows)
         try:
             last = b.tape.add(tree, unknown_of)
         except ExpressionError as reason:
             if not whole:
                 continue
-            _refuse(each, str(reason))
+            _refuse(element, str(reason))
         b.behavioural.append((a, z, first, last))
         for k in range(first, last + 1):
             if b.tape.rows[k][0] == 0:

@@ -36,10 +36,10 @@ def load_power(probes: Probes, state: State) -> float:
 @merged
 def stored_energy(device: Device, probes: Probes, state: State) -> float:
     """The transducer's energy, scaled; 0 where it keeps none."""
-    place = probes.places[2]
-    if place < 0:
+    state_row = probes.places[2]
+    if state_row < 0:
         return 0.0
-    return systems.transducer_energy(device.transducer, state.y[place] * probes.units[1])
+    return systems.transducer_energy(device.transducer, state.y[state_row] * probes.units[1])
 
 
 @merged
@@ -52,16 +52,16 @@ def given_power(device: Device, probes: Probes, state: State, slope: float, shar
     empties it: the motion is smooth there, voltage times current is not.
     """
     y, change, places, units = state.y, state.change, probes.places, probes.units
-    branch, place = places[1], places[2]
+    branch, state_row = places[1], places[2]
     amperes = y[branch] + share * change[branch]
-    if place < 0:
+    if state_row < 0:
         return (y[places[0]] + share * change[places[0]]) * amperes * units[3]
     v = y[y.size - 1] + share * change[y.size - 1]
-    electrical = (y[place] + share * change[place]) * units[1]
-    own = systems.own_loss(device.transducer, v, electrical, amperes * units[2])
+    electrical = (y[state_row] + share * change[state_row]) * units[1]
+    transducer_loss = systems.own_loss(device.transducer, v, electrical, amperes * units[2])
     pace = state.scalars[0].pace
     force = systems.part_force(device.transducer, v, electrical)
-    return force * v * pace + force * systems.base_rate(device.transducer, slope) - own
+    return force * v * pace + force * systems.base_rate(device.transducer, slope) - transducer_loss
 
 
 @merged
@@ -119,11 +119,23 @@ def _write(device, probes, state, record, output, point, time, noise, free):
     electrical = y[places[2]] * units[1] if places[2] >= 0 else 0.0
     touches = 1.0 if x < free[0] or x > free[1] else 0.0
     loss = evaluate(device.loss_power, device.numbers, (x, v, scalars.held_speed, touches))
-    own = systems.own_loss(device.transducer, v, electrical, amperes * units[2])
+    transducer_loss = systems.own_loss(device.transducer, v, electrical, amperes * units[2])
     power = volts * amperes * units[3]
     put_in = noise * systems.base_speed(device.transducer, v, electrical, amperes * units[2])
-    kept = systems.kept_state(device.transducer, electrical, noise)
-    fill(record, point, time, x, v, volts * units[0], power, put_in, loss, own, kept)
+    stored_state = systems.kept_state(device.transducer, electrical, noise)
+    fill(
+        record,
+        point,
+        time,
+        x,
+        v,
+        volts * units[0],
+        power,
+        put_in,
+        loss,
+        transducer_loss,
+        stored_state,
+    )
     output[0, point] = (y[places[3]] - y[places[4]]) * units[0]
     for k in range(1, output.shape[0]):
         output[k, point] = y[places[4 + k]]

@@ -56,5 +56,5 @@ def retime(tables: Tables, state: State, h: float) -> None:
         mass = tables.retimed[0]
         state.capacity[mass] = tables.capacity[mass] / scalars.pace
         for k in range(1, tables.retimed.size):
-            place = tables.retimed[k]
-            state.conductance[place] = tables.conductance[place] * scalars.pace
+            row = tables.retimed[k]
+            state.conductance[row] = tables.conductance[row] * scalars.pace

@@ -58,8 +58,8 @@ def relaxation(ready: Prepared, levels: Mapping[str, float], blocking: bool = Tr
     capacity, conductance = _network(tables_of(b, velocity), y, blocking)
     nodes = np.array([not name.startswith("i(") for name in b.unknowns])
     answer = np.zeros((ground + 1, ground + 1))
-    kept = slice(0, velocity)
-    answer[kept, kept] = _solved(capacity[kept, kept], conductance[kept, kept], nodes)
+    inside = slice(0, velocity)
+    answer[inside, inside] = _solved(capacity[inside, inside], conductance[inside, inside], nodes)
     return answer[np.ix_(places, places)]
 
 
@@ -70,20 +70,24 @@ def slowest_time(ready: Prepared) -> float:
     expressions, which carry charge at rates of their own, only the parts across its output count.
     """
     load = ready.scene.load.circuit
-    if any(each.letter in _ACTIVE or each.expression is not None for each in load.elements):
+    if any(
+        element.letter in _ACTIVE or element.expression is not None for element in load.elements
+    ):
         siemens = conductance(load.across_output)
         return capacitance(load.across_output) / siemens if siemens else 0.0
     levels = dict.fromkeys(load.levels, 0.0)
     if not levels:
         return 0.0
     matrix = relaxation(ready, levels, blocking=False)
-    sizes = {each.name: each.size or 0.0 for each in load.elements if each.letter in "cl"}
-    held = np.array([weights(each, levels) for each in load.stores])
+    sizes = {
+        element.name: element.size or 0.0 for element in load.elements if element.letter in "cl"
+    }
+    held = np.array([weights(store, levels) for store in load.stores])
     return max(
         time
-        for each, times in zip(load.stores, times_of(matrix, held), strict=True)
+        for store, times in zip(load.stores, times_of(matrix, held), strict=True)
         for time in (0.0, *times)
-        if time < LEAKS_SHARE * sizes[each.name] / LEAK
+        if time < LEAKS_SHARE * sizes[store.name] / LEAK
     )
 
 

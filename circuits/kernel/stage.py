@@ -180,8 +180,8 @@ def slot_of(tables: Tables, state: State, delta: float) -> int:
             slot = int(keys[SLOTS, 0])
             keys[SLOTS, 0] = (slot + 1) % SLOTS
             keys[slot, 0], keys[slot, 1] = delta, key
-            place = state.slots + slot * state.stride
-            call(state.code.factor, state.address, place, delta, 0.0, 0.0)
+            address = state.slots + slot * state.stride
+            call(state.code.factor, state.address, address, delta, 0.0, 0.0)
         keys[SLOTS, 1] = slot
     return state.slots + slot * state.stride
 
@@ -215,16 +215,16 @@ def _linearise(
 ):  # fmt: skip
     """Behavioural sources at the latest iterate, in terms of the change u."""
     evaluate_tape(rows, values, latest, time)
-    taken = 0
+    position = 0
     for k in range(behavioural.shape[0]):
         first, last = behavioural[k, 2], behavioural[k, 3]
         tape_slopes(rows, values, shares, first, last)
         sizes[k] = values[last]
-        while taken < inputs.shape[0] and inputs[taken, 0] == k:
-            unknown = inputs[taken, 2]
-            slopes[taken] = shares[inputs[taken, 1]]
-            sizes[k] += slopes[taken] * (y[unknown] - latest[unknown])
-            taken += 1
+        while position < inputs.shape[0] and inputs[position, 0] == k:
+            unknown = inputs[position, 2]
+            slopes[position] = shares[inputs[position, 1]]
+            sizes[k] += slopes[position] * (y[unknown] - latest[unknown])
+            position += 1
 
 
 @merged

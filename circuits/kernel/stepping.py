@@ -153,10 +153,10 @@ def advance(
         end = (np.floor(phase / step + 1e-9) + 1.0) * step
         noise = block[segment] + slope * phase
         time = (first_knot + segment) * spacing + phase
-        place, bend = scalars.zone, _until_corner(tables, time, step)
+        zone_index, bend = scalars.zone, _until_corner(tables, time, step)
         planned, until, allowed, jumps = _planned(plan, planned, time, step)
         remaining = min(end - phase, bend, until)
-        low, high = edges[place], edges[place + 1]
+        low, high = edges[zone_index], edges[zone_index + 1]
         zone = (not low < 0.0 < high, low, high, scalars.held_speed)
         longest = _longest(
             device, tables, state, zone, noise, remaining, step, steps_per_contact, allowed
@@ -170,7 +170,7 @@ def advance(
         _accept(probes, state, h, x1, ratio, step)
         accept_passed(tables, state)
         if entered != 0:
-            _enter(state, place + entered, zone)
+            _enter(state, zone_index + entered, zone)
         if switch >= 0 and _turn(tables, state, step):
             return segment, points, CHATTER, switch
         if tables.behavioural.shape[0] > 0:
@@ -204,26 +204,26 @@ def advance(
 def _until_corner(tables, time, step):
     """Time until the next corner of a source; one that is nearer than rounding is past."""
     past = time + LEAST_TO_CORNER * step + CLOCK_ROUNDING * abs(time)
-    found = np.inf
+    corner = np.inf
     for k in range(tables.sources.shape[0]):
         kind = tables.sources[k, 1]
-        found = min(found, waveform.next_corner(kind, tables.waves[k], tables.corners, past))
-    return found - time
+        corner = min(corner, waveform.next_corner(kind, tables.waves[k], tables.corners, past))
+    return corner - time
 
 
 @merged
-def _planned(plan, place, time, step):
+def _planned(plan, interval, time, step):
     """Find where a time lies in the load's plan of steps.
 
     Returns the interval's index, the time left to its end, the longest step that it allows, and
     whether the load jumps at that end.
     """
     past = time + LEAST_TO_CORNER * step + CLOCK_ROUNDING * abs(time)
-    while place < plan.ends.size and plan.ends[place] <= past:
-        place += 1
-    if place == plan.ends.size:
-        return place, np.inf, np.inf, False
-    return place, plan.ends[place] - time, plan.longest[place], plan.jumps[place] > 0.0
+    while interval < plan.ends.size and plan.ends[interval] <= past:
+        interval += 1
+    if interval == plan.ends.size:
+        return interval, np.inf, np.inf, False
+    return interval, plan.ends[interval] - time, plan.longest[interval], plan.jumps[interval] > 0.0
 
 
 @merged
@@ -251,7 +251,7 @@ def _find_step(device, tables, probes, state, time, longest, remaining, step, no
     x, v = scalars.displacement, state.y[last]
     h, least = _length(longest, remaining, step), SHORTEST * step
     located = min(LOCATED * step, TURN_LOCATED * scalars.turn_time)
-    found, switch, entered, leaps = -1.0, -1, 0, False
+    width, switch, entered, leaps = -1.0, -1, 0, False
     x1, ratio, scale = x, 0.0, 0.0
     while True:
         if h < least:
@@ -285,15 +285,15 @@ def _find_step(device, tables, probes, state, time, longest, remaining, step, no
         leaps, its = passed(tables, state, time + h)
         # A source that jumps back at once is located only so often.
         leaps = leaps and scalars.switchings < MOST_JUMPS
-        if (switch >= 0 or leaps) and found < 0.0:
-            found = max(min(located, LOCATED_SHARE * h), 4.0 * least)
-        if leaps and its <= share and h > 2.0 * found:
+        if (switch >= 0 or leaps) and width < 0.0:
+            width = max(min(located, LOCATED_SHARE * h), 4.0 * least)
+        if leaps and its <= share and h > 2.0 * width:
             # A short step crosses the jump: over a step the source has its value at the end.
-            h = h * its - 0.5 * found if h * its > found else h * its + 0.5 * found
+            h = h * its - 0.5 * width if h * its > width else h * its + 0.5 * width
             entered = 0
             continue
-        if switch >= 0 and h * (1.0 - share) > found:
-            h = h * share + 0.5 * found
+        if switch >= 0 and h * (1.0 - share) > width:
+            h = h * share + 0.5 * width
             entered = 0
             continue
         break
@@ -336,10 +336,10 @@ def _chattering(tables, state, time, step):
     if scalars.steps_taken < COUNTED:
         return -1
     short = time - scalars.counted_from < COUNTED * SLIDING_STEP * step
-    found = worst if short and jumps[worst, 2] > COUNTED * JUMPING_SHARE else -1
+    suspect = worst if short and jumps[worst, 2] > COUNTED * JUMPING_SHARE else -1
     scalars.steps_taken, scalars.counted_from = 0, time
     jumps[:, 2] = 0.0
-    return found
+    return suspect
 
 
 @merged
@@ -405,20 +405,20 @@ def _try_step(device, tables, probes, state, time, h, noise, slope, x, zone, loc
     """
     y, scalars, code, memory = state.y, state.scalars[0], state.code, state.address
     n, row_unit = y.size, probes.units[4]
-    known, euler = scalars.rates == Rates.KNOWN, scalars.rates == Rates.TURNED
+    rates_known, euler = scalars.rates == Rates.KNOWN, scalars.rates == Rates.TURNED
     delta = h if euler else DIAGONAL * h
     retime(tables, state, 0.0 if euler else h)
     pace = scalars.pace
     slot = slot_of(tables, state, delta)
-    share, factor = (STAGE, BACKWARD) if known else (DIAGONAL, ALEXANDER)
+    share, factor = (STAGE, BACKWARD) if rates_known else (DIAGONAL, ALEXANDER)
     if euler:
         share = 1.0
     last = scalars.last_step
     call(code.predict, memory, slot, share * h / last if last > 0.0 else 0.0, 0.0, 0.0)
     _guess(tables, state, 0.0)
-    if known:
+    if rates_known:
         state.latest[n - 1] += STAGE * h * state.rates[n - 1] / row_unit
-    base = x + (delta * pace * y[n - 1] if known else 0.0)
+    base = x + (delta * pace * y[n - 1] if rates_known else 0.0)
     settled, error, carried, missed, moved, mean, power = True, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
     for stage in range(1 if euler else 2):
         ahead = share * h if stage == 0 else h
@@ -426,7 +426,7 @@ def _try_step(device, tables, probes, state, time, h, noise, slope, x, zone, loc
         _set_sources(tables, state, time + ahead, excitation, delta)
         push = delta * row_unit / pace * excitation
         if stage == 0:
-            call(code.begin, memory, slot, delta, delta if known else 0.0, push)
+            call(code.begin, memory, slot, delta, delta if rates_known else 0.0, push)
         else:
             call(code.again, memory, slot, delta, factor, push)
         settled = solve_stage(
@@ -438,7 +438,7 @@ def _try_step(device, tables, probes, state, time, h, noise, slope, x, zone, loc
             break
         moved = base - x + delta * pace * (y[n - 1] + state.change[n - 1])
         power = given_power(device, probes, state, slope, 1.0)
-        weights = POWER_WEIGHTS[0] if known else POWER_WEIGHTS[1]
+        weights = POWER_WEIGHTS[0] if rates_known else POWER_WEIGHTS[1]
         if stage == 0:
             mean = weights[0] * given_power(device, probes, state, slope, 0.0) + weights[1] * power
             base = x + factor * moved
@@ -446,7 +446,7 @@ def _try_step(device, tables, probes, state, time, h, noise, slope, x, zone, loc
     if settled:
         scalars.mean_power = power if euler else mean + DIAGONAL * power
         call(code.conclude, memory, slot, delta, 0.0 if euler else factor, h)
-        if known:
+        if rates_known:
             error = call(code.error, memory, slot, 0.0, 0.0, 0.0)
             # A turning point is located to this accuracy at best: Newton's residual limits it.
             if h >= located:

@@ -93,10 +93,10 @@ def missed_own(tables: Tables, state: Any) -> float:
         else:
             sizes = (sizes[0], max(sizes[1], size))
     for k in range(tables.own.shape[0]):
-        place = tables.own[k, 0]
+        row = tables.own[k, 0]
         size = sizes[0] if tables.own[k, 1] == 0 else sizes[1]
-        size = max(state.largest[place], LEAST_OWN * size)
-        greatest = max(greatest, abs(state.filtered[place]) / (OWN_TOLERANCE * size))
+        size = max(state.largest[row], LEAST_OWN * size)
+        greatest = max(greatest, abs(state.filtered[row]) / (OWN_TOLERANCE * size))
     return greatest
 
 

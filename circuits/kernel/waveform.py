@@ -86,20 +86,20 @@ def next_corner(kind: int, row: np.ndarray, corners: np.ndarray, time: float) ->
     if time > delay and every > 0.0:
         begin += every * np.floor((time - delay) / every)
     bends = (begin, begin + rise, begin + rise + width, begin + rise + width + fall)
-    found = begin + every if every > 0.0 else np.inf
+    corner = begin + every if every > 0.0 else np.inf
     for bend in bends:
-        if time < bend < found:
-            found = bend
-    return found
+        if time < bend < corner:
+            corner = bend
+    return corner
 
 
 @compiled
 def _first_after(time, one, other):
-    found = np.inf
-    for each in (one, other):
-        if time < each < found:
-            found = each
-    return found
+    earliest = np.inf
+    for candidate in (one, other):
+        if time < candidate < earliest:
+            earliest = candidate
+    return earliest
 
 
 @compiled

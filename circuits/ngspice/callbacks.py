@@ -158,9 +158,9 @@ def _call(typingctx, address, reason):
 def _noise(state, copy, time):
     """The noise of one copy over ω² at a time, linear between knots."""
     window = carray(_pointer(state.window), (state.copies, state.knots), np.float64)
-    place = max(time / state.spacing - state.first_knot, 0.0)
-    knot = min(int(place), state.knots - 2)
-    share = place - knot
+    position = max(time / state.spacing - state.first_knot, 0.0)
+    knot = min(int(position), state.knots - 2)
+    share = position - knot
     return window[copy, knot] * (1.0 - share) + window[copy, knot + 1] * share
 
 
@@ -215,9 +215,9 @@ def send_data(values: Any, count: int, identity: int, user: Any) -> int:
     times[row] = time
     for copy in range(state.copies):
         for column in range(state.columns):
-            place = places[copy, column]
-            if place >= 0:
-                buffer[copy, row, column] = carray(_pointer(vectors[place]), 2, np.float64)[1]
+            index = places[copy, column]
+            if index >= 0:
+                buffer[copy, row, column] = carray(_pointer(vectors[index]), 2, np.float64)[1]
         if places[copy, NOISE] < 0:
             buffer[copy, row, NOISE] = _noise(state, copy, time)
     if state.line > 0.0:
@@ -249,12 +249,12 @@ def get_noise(current: Any, time: float, name: Any, identity: int, user: Any) ->
     """`GetISRCData`: noise or clock of the copy whose number stands in the source's name."""
     state = carray(user, 1)[0]
     letters = carray(name, LONGEST_NAME, np.uint8)
-    copy = place = 0
-    while letters[place] != 0:
-        if state.copies > 1 and 48 <= letters[place] <= 57:
-            copy = 10 * copy + letters[place] - 48
-        place += 1
-    displaces = letters[place - 1] == CLOCK
+    copy = character = 0
+    while letters[character] != 0:
+        if state.copies > 1 and 48 <= letters[character] <= 57:
+            copy = 10 * copy + letters[character] - 48
+        character += 1
+    displaces = letters[character - 1] == CLOCK
     current[0] = 0.0 if displaces else _noise(state, copy, time) / state.pace
     if state.line > 0.0:
         times = carray(_pointer(state.times), state.points, np.float64)
@@ -277,13 +277,13 @@ def _state(typingctx, user):
 @intrinsic
 def _device(typingctx, user, address):
     """Read the device from an address, as the type that `user` points to."""
-    made = user.dtype
+    device_type = user.dtype
 
     def generate(context, builder, signature, arguments):
-        pointer = builder.inttoptr(arguments[1], context.get_data_type(made).as_pointer())
-        return context.unpack_value(builder, made, pointer)
+        pointer = builder.inttoptr(arguments[1], context.get_data_type(device_type).as_pointer())
+        return context.unpack_value(builder, device_type, pointer)
 
-    return made(user, types.int64), generate
+    return device_type(user, types.int64), generate
 
 
 @inlined
@@ -363,18 +363,18 @@ def _planned(state, time, remaining, step):
     ends = carray(_pointer(state.planned_ends), count, np.float64)
     widths = carray(_pointer(state.planned_longest), count, np.float64)
     jumps = carray(_pointer(state.planned_jumps), count, np.float64)
-    place = state.planned_place
-    while place < count and ends[place] <= time + LEAST_TO_END * step:
-        if jumps[place] > 0.0:
-            state.jumped, state.jump_width = ends[place], widths[place]
-        place += 1
-    state.planned_place = place
+    interval = state.planned_place
+    while interval < count and ends[interval] <= time + LEAST_TO_END * step:
+        if jumps[interval] > 0.0:
+            state.jumped, state.jump_width = ends[interval], widths[interval]
+        interval += 1
+    state.planned_place = interval
     longest = np.inf
     if state.jump_width > 0.0:
         longest = max(time - state.jumped, state.jump_width)
-    if place < count:
-        longest = min(longest, widths[place])
-        remaining = min(remaining, ends[place] - time)
+    if interval < count:
+        longest = min(longest, widths[interval])
+        remaining = min(remaining, ends[interval] - time)
     return remaining, longest
 
 

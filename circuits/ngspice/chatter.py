@@ -42,13 +42,13 @@ class Chattering:
         trees = []
         levels = load.levels if load else ()
         # Levels are the last measurements. Each is ("v", full name of the node, ground).
-        own = measurement.trees[len(measurement.trees) - len(levels) :]
-        pins = {name: tree[1] for name, tree in zip(levels, own, strict=True)}
-        for each in jumping_sources(load) if load else ():
-            tree = renamed(each.expression, pins) if each.expression else None
+        level_trees = measurement.trees[len(measurement.trees) - len(levels) :]
+        pins = {name: tree[1] for name, tree in zip(levels, level_trees, strict=True)}
+        for source in jumping_sources(load) if load else ():
+            tree = renamed(source.expression, pins) if source.expression else None
             if tree and _nodes(tree) <= {*measurement.watched}:
                 trees.append(tree)
-                self._names.append(f"the source {each.name} ({each.where})")
+                self._names.append(f"the source {source.name} ({source.where})")
         self._values = Values(trees, measurement.watched) if trees else None
 
     def found(self, times: np.ndarray, points: np.ndarray) -> str:
@@ -71,5 +71,5 @@ class Chattering:
 
 def _nodes(tree):
     """Unknowns that an expression needs."""
-    found = {node for leaf in leaves(tree) if leaf[0] == "v" for node in leaf[1:]} - {GROUND}
-    return found | {f"i({leaf[1]})" for leaf in leaves(tree) if leaf[0] == "i"}
+    nodes = {node for leaf in leaves(tree) if leaf[0] == "v" for node in leaf[1:]} - {GROUND}
+    return nodes | {f"i({leaf[1]})" for leaf in leaves(tree) if leaf[0] == "i"}

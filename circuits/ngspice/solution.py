@@ -55,8 +55,8 @@ def _watched(name, pins):
     if name in pins:
         return name.removeprefix(elements.PIN)
     if name.startswith("i("):
-        own = current_name(name[2:-1])
-        return f"{own[0]}.xload.{own}#branch"
+        branch = current_name(name[2:-1])
+        return f"{branch[0]}.xload.{branch}#branch"
     return f"xload.{node_name(name)}"
 
 
@@ -100,12 +100,24 @@ def convert(
         loss = systems.loss_power(s, x, v, held, x < free[0] or x > free[1])
         current = nodes[row, callbacks.LOAD_CURRENT]
         state = nodes[row, callbacks.TRANSDUCER] * per_state
-        own = systems.own_loss(s.transducer, v, state, current * per_ampere)
+        transducer_loss = systems.own_loss(s.transducer, v, state, current * per_ampere)
         if per_power > 0.0:
             power = nodes[row, callbacks.TERMINAL] * current * per_power
         else:
             power = systems.load_power(s.transducer, v, state)
         excitation = noise * (rate * rate)
         put_in = excitation * systems.base_speed(s.transducer, v, state, current * per_ampere)
-        kept = systems.kept_state(s.transducer, state, excitation)
-        fill(record, row, times[row], x, v, voltage, power, put_in, loss, own, kept)
+        stored_state = systems.kept_state(s.transducer, state, excitation)
+        fill(
+            record,
+            row,
+            times[row],
+            x,
+            v,
+            voltage,
+            power,
+            put_in,
+            loss,
+            transducer_loss,
+            stored_state,
+        )

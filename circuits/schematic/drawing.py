@@ -158,9 +158,9 @@ def _electronics(pen, circuit, left, transducer, electrical):
     terminal, behind = transducer.terminal, elements.behind_ammeter(transducer)
     ammeter = [part for part in parts if set(part.nodes) == {terminal, behind}]
     inside = {*transducer.nodes, GROUND}
-    own = [part for part in parts if part != call and inside.issuperset(part.nodes)]
-    strays = [part for part in parts if part not in [call, *ammeter, *own]]
-    ladder = lay_out(own, right=(terminal,), series=len(transducer.nodes) > 1)
+    transducer_parts = [part for part in parts if part != call and inside.issuperset(part.nodes)]
+    strays = [part for part in parts if part not in [call, *ammeter, *transducer_parts]]
+    ladder = lay_out(transducer_parts, right=(terminal,), series=len(transducer.nodes) > 1)
     x, _ = _ladder(pen, circuit, ladder, left, 0.0, far=(terminal,))
     for part in ammeter:
         pen.part(part, circuit, (x, 0.0), (x + ROW, 0.0), part.nodes[0] != terminal)
@@ -210,13 +210,13 @@ def _definitions(pen, inner, corner):
 
 def _called(place):
     """All sub-circuits used here, directly or within others, each once."""
-    found = {}
+    subcircuits = {}
     for part in place.parts:
         if part.letter == "x":
             inner = place.find(part.calls)
-            found[inner.name] = inner
-            found |= {each.name: each for each in _called(inner)}
-    return list(found.values())
+            subcircuits[inner.name] = inner
+            subcircuits |= {subcircuit.name: subcircuit for subcircuit in _called(inner)}
+    return list(subcircuits.values())
 
 
 def _boxed(pen, place, corner, title, subtitle, near, far):

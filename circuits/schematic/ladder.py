@@ -76,8 +76,13 @@ def lay_out(
     Ladder
     """
     parts = [part for part in parts if len(part.nodes) > 1]
-    kept = {*left, *right, GROUND, *(() if series else (n for part in parts for n in part.nodes))}
-    columns = _columns(parts, kept)
+    rail_nodes = {
+        *left,
+        *right,
+        GROUND,
+        *(() if series else (n for part in parts for n in part.nodes)),
+    }
+    columns = _columns(parts, rail_nodes)
     rails = list(dict.fromkeys([*left, *right, *(n for c in columns for n in c.ends)]))
     if GROUND in rails:
         rails.remove(GROUND)
@@ -97,20 +102,20 @@ def lay_out(
     return Ladder(tuple(columns), _rows([*rails, *grounded], columns))
 
 
-def _columns(parts, kept):
+def _columns(parts, rail_nodes):
     """Columns of all elements; those in series, with no third element between them, are joined."""
     ends: dict[str, list] = {}
     for part in parts:
         for node in part.ends:
             ends.setdefault(node, []).append(part)
     # The gate of a transistor is written beside its own rail, so that the node needs a rail.
-    kept = kept | {node for part in parts for node in part.beside}
-    inner = {n for n, at in ends.items() if n not in kept and len(at) == 2 and at[0] != at[1]}
+    rail_nodes = rail_nodes | {node for part in parts for node in part.beside}
+    inner = {n for n, at in ends.items() if n not in rail_nodes and len(at) == 2 and at[0] != at[1]}
     columns: list[Column] = []
-    used: set[str] = set()
+    placed: set[str] = set()
     starts = [part for part in parts if not inner.issuperset(part.ends)]
     for part in [*starts, *parts]:
-        if part.name in used:
+        if part.name in placed:
             continue
         nodes = part.ends if part.ends[0] not in inner else part.ends[::-1]
         nodes, chain = list(nodes), [part]
@@ -121,7 +126,7 @@ def _columns(parts, kept):
             a, b = following.ends
             nodes.append(b if a == nodes[-1] else a)
             chain.append(following)
-        used.update(p.name for p in chain)
+        placed.update(p.name for p in chain)
         half = len(chain) // 2
         # A chain that ends on the rail where it began is cut in two at its middle node.
         cuts = (0, half, len(chain)) if half and nodes[0] == nodes[-1] else (0, len(chain))
@@ -131,21 +136,21 @@ def _columns(parts, kept):
 
 def _cost(rails, columns, left, right):
     """Total length of the wires, to which every crossing adds `CROSSING_COST`."""
-    row = {node: place for place, node in enumerate(rails)}
+    row = {node: position for position, node in enumerate(rails)}
     reach: dict[str, list[int]] = {node: [] for node in rails}
-    for place, column in enumerate(columns):
+    for position, column in enumerate(columns):
         for node in column.ends:
-            reach[node].append(place)
+            reach[node].append(position)
     for node in left:
         reach[node].append(-1)
     for node in right:
         reach[node].append(len(columns))
     total = float(sum(max(at) - min(at) for at in reach.values() if at))
-    for place, column in enumerate(columns):
+    for position, column in enumerate(columns):
         top, bottom = sorted(row[node] for node in column.ends)
         total += bottom - top
         for node in rails[top + 1 : bottom]:
-            if reach[node] and min(reach[node]) < place < max(reach[node]):
+            if reach[node] and min(reach[node]) < position < max(reach[node]):
                 total += CROSSING_COST
     return total
 

@@ -212,7 +212,7 @@ def words(part: Part) -> list[str]:
         lines = [*(f"{name}: {node}" for name, node in beside), value.split()[0]]
     elif part.letter == "b" or (part.letter in "eg" and re.search(r"=|\bv\(", part.value)):
         # One line for each node on which a behavioural source depends.
-        lines = [f"{'and' if place else 'of'} {node}" for place, node in enumerate(control)]
+        lines = [f"{'and' if index else 'of'} {node}" for index, node in enumerate(control)]
     elif part.letter in "egs":
         voltage = f"v({', '.join(control)})"
         lines = [f"{value} · {voltage}" if value and part.letter in "eg" else voltage]
