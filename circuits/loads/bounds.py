@@ -20,7 +20,7 @@ Pair = tuple[np.ndarray, np.ndarray]
 
 def of_time_alone(tree: Tree) -> bool:
     """Whether an expression depends on the time, and on no voltage or current."""
-    kinds = {each[0] for each in leaves(tree)}
+    kinds = {leaf[0] for leaf in leaves(tree)}
     return "time" in kinds and not kinds & {"v", "i"}
 
 

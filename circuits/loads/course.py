@@ -76,15 +76,17 @@ class Course:
 
     def __init__(self, elements: Iterable[Element]) -> None:
         elements = tuple(elements)
-        potentials = Potentials(each for each in elements if not (each.wave and steep(each.wave)))
-        found: dict[Tree, Element] = {}
-        for each in elements:
-            if each.wave is not None and not steep(each.wave):
-                found.setdefault(tree_of(each.wave), each)
-            if each.expression is not None:
-                for tree in _moving(with_sources(each.expression, potentials)):
-                    found.setdefault(tree, each)
-        self._found = found
+        potentials = Potentials(
+            element for element in elements if not (element.wave and steep(element.wave))
+        )
+        element_of_tree: dict[Tree, Element] = {}
+        for source in elements:
+            if source.wave is not None and not steep(source.wave):
+                element_of_tree.setdefault(tree_of(source.wave), source)
+            if source.expression is not None:
+                for tree in _moving(with_sources(source.expression, potentials)):
+                    element_of_tree.setdefault(tree, source)
+        self._found = element_of_tree
 
     def __bool__(self) -> bool:
         return bool(self._found)
@@ -112,10 +114,10 @@ class Steps:
         """
         edges = np.arange(first, first + count + 1) * self._step
         smooth, jumps = self._halved(edges[:-1], edges[1:])
-        found = [(*smooth, np.zeros(smooth[0].size))]
+        pieces = [(*smooth, np.zeros(smooth[0].size))]
         if jumps[0].size:
-            found = list(self._between(edges, smooth, jumps))
-        low, high, leaps = (np.concatenate(each) for each in zip(*found, strict=True))
+            pieces = list(self._between(edges, smooth, jumps))
+        low, high, leaps = (np.concatenate(column) for column in zip(*pieces, strict=True))
         order = np.argsort(low)
         return _joined(low[order], high[order], leaps[order], self._step)
 
@@ -127,8 +129,8 @@ class Steps:
         """
         holds = np.zeros(edges.size - 1, dtype=bool)
         holds[_cells(edges, jumps)] = True
-        kept = ~holds[_cells(edges, smooth)]
-        yield smooth[0][kept], smooth[1][kept], np.zeros(np.count_nonzero(kept))
+        uncovered = ~holds[_cells(edges, smooth)]
+        yield smooth[0][uncovered], smooth[1][uncovered], np.zeros(np.count_nonzero(uncovered))
         low, high = _merged(*jumps)
         low, high = np.maximum(low, edges[0]), np.minimum(high, edges[-1])
         yield low, high, np.ones(low.size)
@@ -136,8 +138,8 @@ class Steps:
         cuts = np.unique(cuts)
         middle = 0.5 * (cuts[:-1] + cuts[1:])
         inside = holds[np.clip(np.searchsorted(edges, middle, "right") - 1, 0, holds.size - 1)]
-        place = np.searchsorted(low, middle, "right") - 1
-        inside &= (place < 0) | (middle > high[place])
+        index = np.searchsorted(low, middle, "right") - 1
+        inside &= (index < 0) | (middle > high[index])
         (low, high), (left, right) = self._halved(cuts[:-1][inside], cuts[1:][inside])
         yield np.append(low, left), np.append(high, right), np.zeros(low.size + left.size)
 
@@ -155,17 +157,17 @@ class Steps:
                 self._refuse(element, low[0])
             middle = 0.5 * (low + high)
             low, high = np.concatenate([low, middle]), np.concatenate([middle, high])
-        return tuple(np.concatenate(each) for each in zip(*done, strict=True)), (low, high)
+        return tuple(np.concatenate(column) for column in zip(*done, strict=True)), (low, high)
 
     def _fine(self, low, high):
         """Which intervals are short enough, and the element that needs the most further halving."""
         fine, worst, element = np.ones(low.size, dtype=bool), -1, None
         middle, rounding = 0.5 * (low + high), CLOCK * self._step
-        for tree, each in self._found.items():
+        for tree, source in self._found.items():
             values = [np.mean(bounds(tree, t, t), axis=0) for t in (low, middle, high)]
-            known = np.concatenate([value[np.isfinite(value)] for value in values])
-            self._least[tree] = min(self._least[tree], known.min(initial=math.inf))
-            self._most[tree] = max(self._most[tree], known.max(initial=-math.inf))
+            finite = np.concatenate([value[np.isfinite(value)] for value in values])
+            self._least[tree] = min(self._least[tree], finite.min(initial=math.inf))
+            self._most[tree] = max(self._most[tree], finite.max(initial=-math.inf))
             swing = self._most[tree] - self._least[tree]
             swing += ROUNDING * max(abs(self._most[tree]), abs(self._least[tree]))
             least, most = bounds(tree, np.maximum(low - rounding, 0.0), high + rounding)
@@ -173,7 +175,7 @@ class Steps:
             good = (most - least <= CHANGE * swing) & (bent <= BEND * swing)
             fine &= good
             if np.count_nonzero(~good) > worst:
-                worst, element = int(np.count_nonzero(~good)), each
+                worst, element = int(np.count_nonzero(~good)), source
         return fine, element
 
     def _refuse(self, each, time):
@@ -215,21 +217,21 @@ def _moving(tree: Tree) -> Iterable[Tree]:
     """The largest parts of a tree that change with time alone."""
     waiting = [tree]
     while waiting:
-        here = waiting.pop()
-        if of_time_alone(here):
-            yield here
+        tree_now = waiting.pop()
+        if of_time_alone(tree_now):
+            yield tree_now
         else:
-            waiting += parts_of(here)
+            waiting += parts_of(tree_now)
 
 
 def tree_of(wave: Waveform) -> Tree:
     """A source's waveform as an expression of the time."""
     time: Tree = ("time",)
     if wave.kind == "pwl":
-        return ("call", "pwl", time, *(("number", each) for each in wave.numbers))
+        return ("call", "pwl", time, *(("number", value) for value in wave.numbers))
     if wave.kind != "sffm":
         return wave_tree(wave)
-    offset, amplitude, carrier, index, signal = (("number", each) for each in wave.numbers)
+    offset, amplitude, carrier, index, signal = (("number", value) for value in wave.numbers)
     turn: Tree = ("*", ("number", 2.0 * math.pi), time)
     swing = ("*", index, ("sin", ("*", turn, signal)))
     return ("+", offset, ("*", amplitude, ("sin", ("+", ("*", turn, carrier), swing))))

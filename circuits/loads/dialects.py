@@ -43,7 +43,11 @@ class _Foreign(Parser):
         return truth(condition)
 
     def check_order(self, sign, level, loosest, before):
-        mixed = {_LOGIC.get(each, "^") for each in (sign, before) if self.tightness.get(each) == 0}
+        mixed = {
+            _LOGIC.get(operator, "^")
+            for operator in (sign, before)
+            if self.tightness.get(operator) == 0
+        }
         if len(mixed) > 1:
             raise ExpressionError(f"{before} and {sign} beside each other: write parentheses")
         super().check_order(sign, level, loosest, before)
@@ -111,8 +115,8 @@ def ambiguity(cards: Iterable[Card]) -> str:
     """A note on a file without a dialect line that may be LTspice's or PSpice's; else empty."""
     cards = list(cards)
     for dialect, marks in _MARKS.items():
-        words = [found.group() for card in cards if (found := marks.search(card.text))]
-        unlike = (said for said in _expressions(cards) if _differs(said[1]))
+        words = [match.group() for card in cards if (match := marks.search(card.text))]
+        unlike = (expression for expression in _expressions(cards) if _differs(expression[1]))
         for where, text in unlike if words else ():
             return (
                 f"{where}: {text[:60]} is read as ngspice has it, and means something else to "

@@ -142,17 +142,17 @@ class Expansion:
 
     def _function(self, circuit, name, calling):
         """Length of a function's text, found from a sub-circuit outwards; None: not the file's."""
-        place = next((c for c in circuit.around() if name in c.functions), None)
-        if place is None:
+        owner = next((c for c in circuit.around() if name in c.functions), None)
+        if owner is None:
             return None
-        card, arguments, expression = place.functions[name]
-        key = (id(place), name)
+        card, arguments, expression = owner.functions[name]
+        key = (id(owner), name)
         if key in calling:
             refuse(card, f".func {name} calls itself")
         if len(calling) > DEEPEST_CALL:
             refuse(card, f"calls nest deeper than {DEEPEST_CALL} functions")
         if key not in self._functions:
-            length = self._length(expression, place, arguments, (*calling, key))
+            length = self._length(expression, owner, arguments, (*calling, key))
             if length.own + length.share > LONGEST_EXPANDED:
                 refuse(card, f".func {name} is longer than {LONGEST_EXPANDED} once expanded")
             self._functions[key] = length
@@ -161,36 +161,36 @@ class Expansion:
     def _length(self, text, circuit, arguments=(), calling=()):
         """Length of a text with every call in it expanded."""
         # For each open parenthesis: its function, the text before it, and what is inside.
-        opened, here = [], Length()
+        opened, length = [], Length()
         pieces = _PIECE.findall(text)
         for index, piece in enumerate(pieces):
             if piece == "(":
                 function = self._function(circuit, pieces[index - 1] if index else "", calling)
-                opened.append((function, here))
-                here = Length()
+                opened.append((function, length))
+                length = Length()
             elif piece == ")" and opened:
                 function, before = opened.pop()
-                here = before.plus(function.given(here) if function else here).plus(Length(2))
+                length = before.plus(function.given(length) if function else length).plus(Length(2))
             elif piece in arguments:
-                here = here.plus(Length(0, 1))
+                length = length.plus(Length(0, 1))
             else:
-                here = here.plus(Length(len(piece)))
+                length = length.plus(Length(len(piece)))
         for _, before in reversed(opened):
-            here = before.plus(here)
-        return here
+            length = before.plus(length)
+        return length
 
 
 def _check_parameters(circuit):
     """Refuse a circle of .param; one that names itself means the one around it."""
-    own = circuit.local
+    local_values = circuit.local
     graph = {
-        name: {found for found in re.findall(r"[a-z_]\w*", value) if found in own}
-        for name, value in own.items()
+        name: {word for word in re.findall(r"[a-z_]\w*", value) if word in local_values}
+        for name, value in local_values.items()
         if value.startswith("{")
     }
-    for name, found in graph.items():
-        if name in found and name in {**circuit.scope().parameters.parents, **circuit.parameters}:
-            found.discard(name)
+    for name, needed in graph.items():
+        if name in needed and name in {**circuit.scope().parameters.parents, **circuit.parameters}:
+            needed.discard(name)
     try:
         graphlib.TopologicalSorter(graph).prepare()
     except graphlib.CycleError as error:

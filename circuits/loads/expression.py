@@ -102,9 +102,9 @@ class Parser:
     def __init__(self, text: str) -> None:
         self.tokens = _tokens(INFIX.sub(r"\1.\3\2", text.lower()))
         self.place = self.depth = 0
-        known = {*self.tightness, *self.negations}
+        operators = {*self.tightness, *self.negations}
         for _, piece in self.tokens:
-            if piece in ("&", "|", "~") and piece not in known:
+            if piece in ("&", "|", "~") and piece not in operators:
                 write = "!x" if piece == "~" else f"{piece}{piece}"
                 raise ExpressionError(f"{piece!r} is no operator here: write {write}")
 
@@ -244,14 +244,14 @@ class Parser:
 def _tokens(text):
     """(kind, text) of each piece, and an end; parentheses and conditions counted."""
     lowered = text.strip().lower()
-    tokens, place = [], 0
-    while place < len(lowered):
-        match = _TOKEN.match(lowered, place)
+    tokens, position = [], 0
+    while position < len(lowered):
+        match = _TOKEN.match(lowered, position)
         if not match:
-            raise ExpressionError(f"unexpected character {lowered[place]!r}")
+            raise ExpressionError(f"unexpected character {lowered[position]!r}")
         kind = str(match.lastgroup)
         tokens.append((kind, match.group(kind)))
-        place = match.end()
+        position = match.end()
     depth = questions = 0
     for _, piece in tokens:
         depth += (piece == "(") - (piece == ")")
@@ -317,14 +317,14 @@ def rebuilt(tree: Tree, made: Callable) -> Any:
     done: list[Any] = []
     waiting = [(tree, False)]
     while waiting:
-        here, ready = waiting.pop()
-        parts = parts_of(here)
-        if parts and not ready:
-            waiting.append((here, True))
+        node, complete = waiting.pop()
+        parts = parts_of(node)
+        if parts and not complete:
+            waiting.append((node, True))
             waiting += [(part, False) for part in reversed(parts)]
         else:
             first = len(done) - len(parts)
-            done[first:] = [made(here, done[first:])]
+            done[first:] = [made(node, done[first:])]
     return done[0]
 
 
@@ -332,9 +332,9 @@ def leaves(tree: Tree) -> Iterator[Tree]:
     """A tree and all trees within it."""
     waiting = [tree]
     while waiting:
-        here = waiting.pop()
-        yield here
-        waiting += parts_of(here)
+        node = waiting.pop()
+        yield node
+        waiting += parts_of(node)
 
 
 def is_constant(tree: Tree) -> bool:
@@ -356,11 +356,11 @@ def check(text: str, parameters: Any, functions: Mapping[str, Any]) -> None:
     ------
     ExpressionError
     """
-    for each in leaves(parse(text)):
-        if each[0] == "name" and each[1] not in NAMES and each[1] not in parameters:
-            raise ExpressionError(f"unknown name {each[1][:60]}{_instead(each[1], parameters)}")
-        if each[0] == "call":
-            _check_call(each[1], len(each) - 2, functions)
+    for leaf in leaves(parse(text)):
+        if leaf[0] == "name" and leaf[1] not in NAMES and leaf[1] not in parameters:
+            raise ExpressionError(f"unknown name {leaf[1][:60]}{_instead(leaf[1], parameters)}")
+        if leaf[0] == "call":
+            _check_call(leaf[1], len(leaf) - 2, functions)
 
 
 def _instead(name, known):
@@ -387,8 +387,8 @@ def _arguments_of(name, functions):
         raise ExpressionError(f"{name}() takes names of nodes or a source")
     if name in FUNCTIONS:
         return (OPERATIONS[_SAME.get(name, name)].arguments,)
-    known = {*FUNCTIONS, *functions}
-    hint = f"; write {ELSEWHERE[name]}" if name in ELSEWHERE else nearest(name, known)
+    known_names = {*FUNCTIONS, *functions}
+    hint = f"; write {ELSEWHERE[name]}" if name in ELSEWHERE else nearest(name, known_names)
     raise ExpressionError(f"unknown function {name[:60]}{hint}")
 
 
@@ -457,27 +457,29 @@ def resolved(tree: Tree, names: Names) -> Tree:
 
 
 def _called(name, arguments, names):
-    own = names.function(name)
-    if own is not None:
-        wanted, body, functions = own
-        if len(wanted) != len(arguments):
-            raise ExpressionError(f"{name} takes {len(wanted)} arguments, not {len(arguments)}")
-        given = dict(zip(wanted, arguments, strict=True))
-        return resolved(body, _Within(given, names, functions))
+    user_function = names.function(name)
+    if user_function is not None:
+        formal, body, functions = user_function
+        if len(formal) != len(arguments):
+            raise ExpressionError(f"{name} takes {len(formal)} arguments, not {len(arguments)}")
+        bindings = dict(zip(formal, arguments, strict=True))
+        return resolved(body, _Within(bindings, names, functions))
     _check_call(name, len(arguments), {})
     if name in CIRCUIT_ONLY:
         return ("call", name, *arguments)
     if names.parameters_only and name in ("pow", "pwr"):
         return _of_parameters(name, arguments)
     if name in _MADE:
-        made = _MADE[name][1](*arguments)
-        return rebuilt(made, lambda here, parts: _folded(here[0], parts, names) if parts else here)
+        composed = _MADE[name][1](*arguments)
+        return rebuilt(
+            composed, lambda here, parts: _folded(here[0], parts, names) if parts else here
+        )
     return _folded(_SAME.get(name, name), arguments, names)
 
 
 def _of_parameters(name, arguments):
     """pow() of ngspice's parameters is C's, pwr() the power of the size."""
-    x, y = (each[1] for each in arguments)
+    x, y = (number[1] for number in arguments)
     try:
         return ("number", math.pow(x if name == "pow" else abs(x), y))
     except (ValueError, OverflowError):
@@ -542,17 +544,19 @@ def written(
             name = _LTSPICES.get(here[1], here[1]) if dialect == "ltspice" else here[1]
             return f"{name}({','.join(text for text, _ in parts)})", 9
         tightness = _LOOSE.get(kind, 0)
-        said = [text for text, _ in parts]
+        texts = [text for text, _ in parts]
         form = "{0}%{1}" if kind == "%" else getattr(OPERATIONS[kind], dialect)
-        if sum(map(len, said)) > LONGEST_WRITTEN:
+        if sum(map(len, texts)) > LONGEST_WRITTEN:
             raise ExpressionError("it grows too long for LTspice: divide it")
         if form[0].isalpha():
-            return form.format(*said), 9
-        said = [
-            text if own == 9 or (k == 0 and 0 < tightness <= own) else f"({text})"
-            for k, (text, own) in enumerate(parts)
+            return form.format(*texts), 9
+        texts = [
+            text
+            if tightness_of_part == 9 or (k == 0 and 0 < tightness <= tightness_of_part)
+            else f"({text})"
+            for k, (text, tightness_of_part) in enumerate(parts)
         ]
-        return form.format(*said), tightness
+        return form.format(*texts), tightness
 
     return rebuilt(tree, made)[0]
 
@@ -568,8 +572,8 @@ def _voltage(a, z, node):
 def varies(tree: Tree) -> bool:
     """Whether an unresolved expression depends on a voltage, a current or the time."""
     return any(
-        each[0] in (*SOLUTION, "time") or (each[0] == "name" and each[1] in VARYING)
-        for each in leaves(tree)
+        leaf[0] in (*SOLUTION, "time") or (leaf[0] == "name" and leaf[1] in VARYING)
+        for leaf in leaves(tree)
     )
 
 

@@ -61,9 +61,9 @@ def calls(scope: Scope) -> Iterator[Scope]:
 
 def _inside(scope, card, words, target):
     bare = [word for word in words if "=" not in word]
-    given = dict(word.split("=", 1) for word in words if "=" in word)
+    pairs = dict(word.split("=", 1) for word in words if "=" in word)
     try:
-        return scope.called(words[0], target, bare[1:-1], given)
+        return scope.called(words[0], target, bare[1:-1], pairs)
     except ExpressionError as fault:
         refuse(card, f"{words[0]}: {fault}")
 
@@ -93,10 +93,10 @@ class _Line:
 
     def model(self, name: str) -> Model:
         """A model as it counts here, named by where it is defined."""
-        found = self.scope.model(name)
-        if found is None:
+        model = self.scope.model(name)
+        if model is None:
             self.refuse(f"no .model {name[:60]}")
-        scope, (_, kind, pairs) = found
+        scope, (_, kind, pairs) = model
         numbers = tuple((key, scope.value(text)) for key, text in pairs if text)
         return Model(scope.path + name, kind, numbers, tuple(k for k, text in pairs if not text))
 
@@ -130,15 +130,15 @@ def _passive(line):
     if values and varies(parse_expression(values[-1].strip("{}"))):
         return _varying(line, values[-1], numbers)
     try:
-        given = line.scope.value(values[-1]) if values else None
+        written_value = line.scope.value(values[-1]) if values else None
     except NotConstant:
         return _varying(line, values[-1], numbers)
-    size = part_models.size(line.letter, given, model, numbers)
-    kept = tuple((key, numbers[key]) for key in ("m", "ic") if key in numbers)
+    size = part_models.size(line.letter, written_value, model, numbers)
+    kept_numbers = tuple((key, numbers[key]) for key in ("m", "ic") if key in numbers)
     many = numbers.get("m", 1.0)
     if line.letter == "l" and (size <= 0.0 or many <= 0.0):
         line.refuse(f"an inductance of {size:g}, {many:g} times: give it a value above 0")
-    return line.made(value=size, numbers=kept)
+    return line.made(value=size, numbers=kept_numbers)
 
 
 def _varying(line, text, numbers):
@@ -147,11 +147,11 @@ def _varying(line, text, numbers):
     for key in numbers:
         if key != "m" and not (key == "ic" and line.letter != "r"):
             line.refuse(f"{key}= beside an expression: put it into the expression")
-    kept = tuple(numbers.items())
+    all_numbers = tuple(numbers.items())
     if line.letter != "r":
-        return line.made(expression=tree, numbers=kept)
+        return line.made(expression=tree, numbers=all_numbers)
     ohms = ("/", ("v", *line.nodes), tree)
-    return line.made(expression=ohms)._replace(letter="b", numbers=kept)
+    return line.made(expression=ohms)._replace(letter="b", numbers=all_numbers)
 
 
 def _coupling(line):
@@ -161,10 +161,10 @@ def _coupling(line):
 
 def _with_model(line):
     """D, Q, J and M: further nodes, the model, values without a name, flags."""
-    place = next(k for k, word in enumerate(line.plain) if line.scope.model(word))
-    model = line.model(line.plain[place])
-    flags = tuple(word for word in line.plain[place + 1 :] if word in ("on", "off"))
-    bare = [word for word in line.plain[place + 1 :] if word not in ("on", "off")]
+    position = next(k for k, word in enumerate(line.plain) if line.scope.model(word))
+    model = line.model(line.plain[position])
+    flags = tuple(word for word in line.plain[position + 1 :] if word in ("on", "off"))
+    bare = [word for word in line.plain[position + 1 :] if word not in ("on", "off")]
     if len(bare) > 1 or (bare and "area" in line.named):
         line.refuse(f"two values behind the model, {' '.join(bare)[:40]}: write area=")
     numbers = line.numbers()
@@ -172,9 +172,9 @@ def _with_model(line):
         numbers["area"] = line.scope.value(bare[0])
     if line.letter == "d":
         model = part_models.check_diode(line, model, numbers)
-    more = tuple(line.scope.node(node) for node in line.plain[:place])
+    further_nodes = tuple(line.scope.node(node) for node in line.plain[:position])
     return line.made(model=model, numbers=tuple(numbers.items()), flags=flags)._replace(
-        nodes=(*line.nodes, *more)
+        nodes=(*line.nodes, *further_nodes)
     )
 
 
@@ -196,26 +196,26 @@ def _switch(line):
 def _source(line):
     """A constant, or a waveform; what the small-signal analysis takes does not count."""
     words = [word for word in line.rest if word not in ("(", ")", ",")]
-    constant, kind, given, place = None, None, [], 0
-    while place < len(words):
-        word = words[place]
+    constant, kind, amounts, position = None, None, [], 0
+    while position < len(words):
+        word = words[position]
         key, equals, text = word.partition("=") if word[0] != "{" else (word, "", "")
-        place += 1
+        position += 1
         if key == "ac":
-            place += 0 if equals else _count_numbers(words[place : place + 2])
+            position += 0 if equals else _count_numbers(words[position : position + 2])
         elif word == "dc" or (equals and key == "dc"):
-            constant = _only(line, constant, text or words[place : place + 1])
-            place += 0 if equals else 1
+            constant = _only(line, constant, text or words[position : position + 1])
+            position += 0 if equals else 1
         elif not equals and (word in WAVEFORMS or word in ("am", "sine")):
             if kind:
                 line.refuse(f"two waveforms, {kind} and {word}: keep one")
             kind = word
-            count = _count_numbers(words[place:])
-            given = [line.scope.value(each) for each in words[place : place + count]]
-            place += count
+            count = _count_numbers(words[position:])
+            amounts = [line.scope.value(text) for text in words[position : position + count]]
+            position += count
         elif not equals:
             constant = _only(line, constant, [word])
-    return _made_source(line, constant, kind, given)
+    return _made_source(line, constant, kind, amounts)
 
 
 def _made_source(line, constant, kind, given):
@@ -238,13 +238,13 @@ def _only(line, before, words):
 
 def _count_numbers(words):
     """How many of these are values, up to the first word that is no value."""
-    kept = ("dc", "ac", "am", "sine", *WAVEFORMS)
-    found = 0
+    keywords = ("dc", "ac", "am", "sine", *WAVEFORMS)
+    count = 0
     for word in words:
-        if word in kept or (word[0] != "{" and "=" in word):
+        if word in keywords or (word[0] != "{" and "=" in word):
             break
-        found += 1
-    return found
+        count += 1
+    return count
 
 
 def _by_expression(line, text, voltage):

@@ -70,7 +70,7 @@ CODES = {name: code for code, name in enumerate(OPERATIONS)}
 def folded(name: str, arguments: list[float]) -> float:
     """The value of an operation on constants; nan where it has none."""
     with np.errstate(all="ignore"):
-        a, b, c = (np.float64(each) for each in (*arguments, 0.0, 0.0)[:3])
+        a, b, c = (np.float64(argument) for argument in (*arguments, 0.0, 0.0)[:3])
         if name == "if":
             return float(b if a != 0.0 else c)
         return float(value(CODES[name], a, b))

@@ -57,18 +57,18 @@ def imported(text: str, name: str, nodes: Sequence[str], remove: Sequence[str] =
     NetlistError
     """
     topology = _topology(text)
-    known = list(dict.fromkeys(node for part in topology.parts for node in part.nodes))
-    pins = _pins(nodes, known)
+    node_names = list(dict.fromkeys(node for part in topology.parts for node in part.nodes))
+    pins = _pins(nodes, node_names)
     names = [part.name.lower() for part in topology.parts]
-    for each in remove:
-        if each.lower() not in names:
-            raise NetlistError(f"no element {each[:40]}{nearest(each.lower(), names)}")
-    said: list[str] = []
-    gone = {each.lower() for each in remove}
+    for part_name in remove:
+        if part_name.lower() not in names:
+            raise NetlistError(f"no element {part_name[:40]}{nearest(part_name.lower(), names)}")
+    notes: list[str] = []
+    gone = {part_name.lower() for part_name in remove}
     gone |= {
         p.name.lower() for p in topology.parts if p.letter in "vi" and {*p.ends} == {*nodes[:2]}
     }
-    said += [f"{each}: removed, the harvester takes its place" for each in sorted(gone)]
+    notes += [f"{part_name}: removed, the harvester takes its place" for part_name in sorted(gone)]
     _check_ground(topology, pins)
     currents = _currents(topology, gone)
     functions: list[str] = []
@@ -79,34 +79,37 @@ def imported(text: str, name: str, nodes: Sequence[str], remove: Sequence[str] =
         first = card.text.split()[0].lower()
         depth += first == ".subckt"
         if not depth and first == ".func":
-            made = _rewritten(card.text, pins, currents)
-            if made.lower() != card.text.lower():
+            rewritten = _rewritten(card.text, pins, currents)
+            if rewritten.lower() != card.text.lower():
                 functions.append(re.split(r"[\s(]+", card.text)[1])
-            outside.append(made)
+            outside.append(rewritten)
         elif depth or first in KEPT or (first in INCLUDES and not re.search(r"[\\/:]", card.text)):
             outside.append(card.text)
         elif first.startswith("."):
-            said += [f"{card.text[:60]}: left out"] if first not in IGNORED else []
+            notes += [f"{card.text[:60]}: left out"] if first not in IGNORED else []
         elif first not in gone:
             across = card.text.split()[1:3]
             output = first[0] in "rc" and len(nodes) == 4 and {*across} == {*nodes[2:]}
-            own = pins | {nodes[3]: "ref"} if output else pins
-            inside += _element(card.text, own, currents, said)
+            own_pins = pins | {nodes[3]: "ref"} if output else pins
+            inside += _element(card.text, own_pins, currents, notes)
         depth -= first == ".ends"
     _check_functions(topology, functions)
-    said += [f".func {each}: its voltages and currents are those of the load" for each in functions]
+    notes += [
+        f".func {function}: its voltages and currents are those of the load"
+        for function in functions
+    ]
     for part in topology.parts:
         if part.name.lower() not in gone and _is_wave(part):
-            said.append(f"{part.name}: stays, a source of its own: --remove it if it drives")
+            notes.append(f"{part.name}: stays, a source of its own: --remove it if it drives")
     if len(nodes) == 4 and nodes[3] in nodes[:2]:
         # A node cannot have two names: a source of 0 V joins the two pins.
         inside.append(f"Vcommon ref {pins[nodes[3]]} 0")
-        said.append(f"Vcommon: joins ref to {pins[nodes[3]]}, as node {nodes[3]} was both")
+        notes.append(f"Vcommon: joins ref to {pins[nodes[3]]}, as node {nodes[3]} was both")
     head = f".subckt {name} {' '.join(PINS[: len(nodes)])}"
     lines = ["* dialect: ltspice", *outside, head, *inside, f".ends {name}"]
-    said.append("* dialect: ltspice: switches and expressions mean what they mean there")
+    notes.append("* dialect: ltspice: switches and expressions mean what they mean there")
     return Imported(
-        "\n".join([f"* {name}, from a schematic's netlist", *lines]) + "\n", tuple(said)
+        "\n".join([f"* {name}, from a schematic's netlist", *lines]) + "\n", tuple(notes)
     )
 
 
@@ -117,10 +120,10 @@ def _body(text):
 
 def _topology(text):
     lines = re.sub(r"(?mi)^\.(inc|include|lib)\b.*$", "", _body(text))
-    found = read_topology(lines)
-    if not found.parts:
+    topology = read_topology(lines)
+    if not topology.parts:
         raise NetlistError("no element at the top level: give a schematic's netlist, or a .subckt")
-    return found
+    return topology
 
 
 def _is_wave(part: Part) -> bool:
@@ -150,7 +153,7 @@ def _within(topology: Topology) -> Iterator[tuple[str, Part]]:
 def _check_ground(topology, pins):
     """Refuse node 0 within sub-circuits where it is not the harvester's n, as it is in a load."""
     for name, part in _within(topology) if pins[GROUND] != "n" else ():
-        alone = any("," not in each for each in _VOLTAGE.findall(part.value))
+        alone = any("," not in voltage for voltage in _VOLTAGE.findall(part.value))
         if GROUND in (*part.nodes, *part.control) or alone:
             raise NetlistError(
                 f"{part.name} in .subckt {name} uses node 0, which in a load is the harvester's "
@@ -161,29 +164,31 @@ def _check_ground(topology, pins):
 
 def _currents(topology, gone):
     """What replaces i(NAME): (voltage, resistance), or the reason why nothing can."""
-    found: dict[str, tuple[str, str] | str] = {}
+    expressions: dict[str, tuple[str, str] | str] = {}
     for part in topology.parts:
         name = part.name.lower()
         if name in gone:
-            found[name] = f"I({part.name}): {part.name} is removed: the harvester takes its place"
+            expressions[name] = (
+                f"I({part.name}): {part.name} is removed: the harvester takes its place"
+            )
         elif part.letter == "r" and len(part.value.split()) == 1 and "=" not in part.value:
-            found[name] = (f"v({','.join(part.ends)})", part.value.strip("{}"))
+            expressions[name] = (f"v({','.join(part.ends)})", part.value.strip("{}"))
         elif part.letter not in "vehl":
-            found[name] = (
+            expressions[name] = (
                 f"I({part.name}): put a source of 0 V, V_{part.name}, in series with {part.name} "
                 f"and write I(V_{part.name})"
             )
-    return found
+    return expressions
 
 
 def _check_functions(topology, functions):
     """Refuse a rewritten function that a sub-circuit calls: there its nodes are that one's."""
     for name, part in _within(topology):
-        for each in functions:
-            if re.search(rf"(?i)\b{re.escape(each)}\s*\(", part.value):
+        for function in functions:
+            if re.search(rf"(?i)\b{re.escape(function)}\s*\(", part.value):
                 raise NetlistError(
-                    f".func {each}: it asks for nodes of the schematic, and .subckt {name} calls "
-                    "it too: give it these voltages as arguments"
+                    f".func {function}: it asks for nodes of the schematic, and .subckt {name} "
+                    "calls it too: give it these voltages as arguments"
                 )
 
 
@@ -191,12 +196,12 @@ def _rewritten(text, pins, currents):
     """Text in which the voltages and currents have the load's names."""
 
     def current(found):
-        known = currents.get(found[1].strip().lower(), found[0])
-        if isinstance(known, tuple):
-            return f"({known[0]}/({known[1]}))"
-        if known != found[0]:
-            raise NetlistError(known)
-        return known
+        expression = currents.get(found[1].strip().lower(), found[0])
+        if isinstance(expression, tuple):
+            return f"({expression[0]}/({expression[1]}))"
+        if expression != found[0]:
+            raise NetlistError(expression)
+        return expression
 
     return _VOLTAGE.sub(lambda found: _voltage(found[1], pins), _CURRENT.sub(current, text))
 
@@ -211,16 +216,16 @@ def _element(
     name, letter = words[0], words[0][0].lower()
     count = _nodes_of(words)
     nodes = [pins.get(node, node) for node in words[1 : 1 + count]]
-    rest = " ".join(words[1 + count :])
+    remainder = " ".join(words[1 + count :])
     # In the parentheses of V and I sources stands a waveform; in other elements V(…) and I(…) are
     # measured.
     if letter not in "vi":
-        asked = _CURRENT.findall(rest)
-        rest = _rewritten(rest, pins, currents)
+        asked = _CURRENT.findall(remainder)
+        remainder = _rewritten(remainder, pins, currents)
         said += [
-            f"{name}: I({each}) is its voltage over its resistance"
-            for each in dict.fromkeys(asked)
-            if isinstance(currents.get(each.strip().lower()), tuple)
+            f"{name}: I({current}) is its voltage over its resistance"
+            for current in dict.fromkeys(asked)
+            if isinstance(currents.get(current.strip().lower()), tuple)
         ]
     for key, value in within:
         part = f"{key[0].upper()}{key[1:]}_{name}"
@@ -232,7 +237,7 @@ def _element(
             nodes[1] = f"{nodes[1]}_{name}"
         else:
             yield f"{part} {nodes[0]} {nodes[1]} {value}"
-    yield " ".join([name, *nodes, rest])
+    yield " ".join([name, *nodes, remainder])
 
 
 def _nodes_of(words):

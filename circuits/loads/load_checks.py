@@ -45,13 +45,17 @@ def check_load(load: LoadCircuit) -> None:
 
 def loose_nodes(load: LoadCircuit) -> tuple[str, ...]:
     """Nodes with a single connection and no use in an expression, as "node of name (file:line)"."""
-    ends = Counter(node for each in load.elements for node in _connected(each))
-    known = {GROUND, *load.pins, *(node for each in load.elements for node in _controlling(each))}
+    ends = Counter(node for element in load.elements for node in _connected(element))
+    known_nodes = {
+        GROUND,
+        *load.pins,
+        *(node for element in load.elements for node in _controlling(element)),
+    }
     return tuple(
-        f"{node} of {each.name} ({each.where})"
-        for each in load.elements
-        for node in _connected(each)
-        if ends[node] == 1 and node not in known
+        f"{node} of {element.name} ({element.where})"
+        for element in load.elements
+        for node in _connected(element)
+        if ends[node] == 1 and node not in known_nodes
     )
 
 
@@ -62,39 +66,40 @@ def check_needs(scope: Scope) -> None:
     ------
     NetlistError
     """
-    for each in calls(scope):
-        for card in each.circuit.needs:
-            needs = f"{card.where}: {each.circuit.name} needs {card.text}"
+    for call in calls(scope):
+        for card in call.circuit.needs:
+            needs = f"{card.where}: {call.circuit.name} needs {card.text}"
             try:
-                holds = each.value("{" + card.text + "}") > 0.0
+                holds = call.value("{" + card.text + "}") > 0.0
             except ExpressionError as reason:
                 raise NetlistError(f"{needs}: that cannot be checked: {reason}") from None
             if not holds:
-                raise NetlistError(f"{needs} here, with {_values(each, card.text)}")
+                raise NetlistError(f"{needs} here, with {_values(call, card.text)}")
 
 
 def _values(scope, condition):
     """ "name = value" of each parameter of a condition."""
-    found = (each[1] for each in leaves(parse(condition)) if each[0] == "name")
-    names = sorted({*found}, key=condition.index)
-    told = [f"{name} = {scope.parameter(name):g}" for name in names]
-    return ", ".join(told) or "no parameter in it"
+    leaf_names = (leaf[1] for leaf in leaves(parse(condition)) if leaf[0] == "name")
+    names = sorted({*leaf_names}, key=condition.index)
+    assignments = [f"{name} = {scope.parameter(name):g}" for name in names]
+    return ", ".join(assignments) or "no parameter in it"
 
 
 def _check_sizes(parts):
     """Refuse values whose currents or powers rounding or overflow would hide."""
-    for each in parts:
-        for key, value in (("", each.value or 0.0), *each.numbers):
+    for part in parts:
+        for key, value in (("", part.value or 0.0), *part.numbers):
             if abs(value) > LARGEST_VALUE:
-                said = f"{key}={value:g}" if key else f"{value:g}"
+                written = f"{key}={value:g}" if key else f"{value:g}"
                 raise NetlistError(
-                    f"{each.where}: {each.name}: {said}: no part's value is above {LARGEST_VALUE:g}"
+                    f"{part.where}: {part.name}: {written}: no part's value is above "
+                    f"{LARGEST_VALUE:g}"
                     "; leave the part out if it is to have no effect"
                 )
-        size = each.size if each.letter == "r" else None
+        size = part.size if part.letter == "r" else None
         if size is not None and abs(size) < LEAST_RESISTANCE:
             raise NetlistError(
-                f"{each.where}: {each.name}: {abs(size):g} Ω: below {LEAST_RESISTANCE:g} Ω "
+                f"{part.where}: {part.name}: {abs(size):g} Ω: below {LEAST_RESISTANCE:g} Ω "
                 "currents are lost to rounding; 1m, a thousandth of an ohm, does the same"
             )
 
@@ -102,12 +107,12 @@ def _check_sizes(parts):
 def _check_sources(parts):
     """Refuse a loop of voltage sources: they contradict each other, or leave its current open."""
     joined: dict[str, set[str]] = {}
-    for each in parts:
-        if each.letter != "v" and not each.voltage:
+    for part in parts:
+        if part.letter != "v" and not part.voltage:
             continue
-        a, z = (GROUND if node == "n" else node for node in each.nodes[:2])
-        asked = each.controls or any(
-            leaf[0] == "i" for leaf in leaves(each.expression or ("time",))
+        a, z = (GROUND if node == "n" else node for node in part.nodes[:2])
+        asked = part.controls or any(
+            leaf[0] == "i" for leaf in leaves(part.expression or ("time",))
         )
         if asked and a != z:
             # Its voltage may depend on the loop's current.
@@ -115,7 +120,7 @@ def _check_sources(parts):
         one, other = (joined.setdefault(node, {node}) for node in (a, z))
         if one is other:
             raise NetlistError(
-                f"{each.where}: {each.name}: it closes a loop of voltage sources, whose voltages "
+                f"{part.where}: {part.name}: it closes a loop of voltage sources, whose voltages "
                 "contradict each other or leave their current undetermined: leave it out, or put "
                 "a resistor in series"
             )
@@ -125,26 +130,26 @@ def _check_sources(parts):
 
 def _check_nodes(parts, pins):
     """Refuse a voltage that controls something where nothing is connected."""
-    known = {GROUND, *pins, *(node for each in parts for node in _connected(each))}
-    for each in parts:
-        for node in _controlling(each):
-            if node not in known:
+    known_nodes = {GROUND, *pins, *(node for part in parts for node in _connected(part))}
+    for part in parts:
+        for node in _controlling(part):
+            if node not in known_nodes:
                 raise NetlistError(
-                    f"{each.where}: {each.name}: nothing is connected to the node "
-                    f"{node[:60]}{nearest(node, known)}"
+                    f"{part.where}: {part.name}: nothing is connected to the node "
+                    f"{node[:60]}{nearest(node, known_nodes)}"
                 )
 
 
 def _check_currents(parts):
     """Refuse an expression with the current of an element that does not exist."""
-    known = {each.name for each in parts if each.letter in "vehl" or each.voltage}
-    for each in parts:
-        asked = {leaf[1] for leaf in leaves(each.expression or ("time",)) if leaf[0] == "i"}
-        for name in sorted({*each.controls, *asked}):
-            if name not in known:
+    currents = {part.name for part in parts if part.letter in "vehl" or part.voltage}
+    for part in parts:
+        asked = {leaf[1] for leaf in leaves(part.expression or ("time",)) if leaf[0] == "i"}
+        for name in sorted({*part.controls, *asked}):
+            if name not in currents:
                 raise NetlistError(
-                    f"{each.where}: {each.name}: i({name[:60]}) is no current of the load"
-                    f"{nearest(name, known)}: only that of a V, E, H, L or of a B with v= is; a "
+                    f"{part.where}: {part.name}: i({name[:60]}) is no current of the load"
+                    f"{nearest(name, currents)}: only that of a V, E, H, L or of a B with v= is; a "
                     "source of 0 V in series is an ammeter"
                 )
 
@@ -163,29 +168,32 @@ def _connected(each: Element) -> Iterable[str]:
 
 def _check_couplings(parts):
     """Refuse coils whose couplings contradict: some currents would hold less than 0 J."""
-    couplings = [each for each in parts if each.letter == "k"]
-    many = {each.name: each.many for each in parts if each.letter == "l"}
-    names = list(dict.fromkeys(name for each in couplings for name in each.controls))
+    couplings = [part for part in parts if part.letter == "k"]
+    many = {part.name: part.many for part in parts if part.letter == "l"}
+    names = list(dict.fromkeys(name for coupling in couplings for name in coupling.controls))
     energy = np.eye(len(names))
-    for each in couplings:
-        size = each.value
-        if several := [name for name in each.controls if many[name] != 1.0]:
+    for coupling in couplings:
+        size = coupling.value
+        if several := [name for name in coupling.controls if many[name] != 1.0]:
             raise NetlistError(
-                f"{each.where}: {each.name}: m= of the coupled coil {several[0]} has no effect on "
-                "its coupling: write one coil with the inductance of all"
+                f"{coupling.where}: {coupling.name}: m= of the coupled coil {several[0]} has no "
+                "effect on its coupling: write one coil with the inductance of all"
             )
         if abs(size) > 1.0:
             raise NetlistError(
-                f"{each.where}: {each.name}: a coupling of {size:g}; it lies between -1 and 1"
+                f"{coupling.where}: {coupling.name}: a coupling of {size:g}; "
+                "it lies between -1 and 1"
             )
-        ends = [names.index(name) for name in each.controls]
+        ends = [names.index(name) for name in coupling.controls]
         energy[np.ix_(ends, ends)] += size * (1.0 - np.eye(len(ends)))
     if names:
         levels, currents = np.linalg.eigh(energy)
         if levels[0] < -ROUNDING:
             flowing = np.abs(currents[:, 0]) > ROUNDING
             coils = [name for name, flows in zip(names, flowing, strict=True) if flows]
-            last = [each for each in couplings if not set(coils).isdisjoint(each.controls)][-1]
+            last = [
+                coupling for coupling in couplings if not set(coils).isdisjoint(coupling.controls)
+            ][-1]
             raise NetlistError(
                 f"{last.where}: {last.name}: impossible couplings: some currents in "
                 f"{', '.join(coils[:5])} would hold less than no energy; lower the couplings, or "

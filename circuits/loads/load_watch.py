@@ -68,13 +68,13 @@ def watch_of(load: LoadCircuit, pins: Mapping[str, str]) -> Watch:
         Empty for resistors, capacitors and diodes, which follow the motion.
     """
     parts = load.elements
-    jumps = any(each.wave is not None for each in parts)
+    jumps = any(part.wave is not None for part in parts)
     if not load.switches:
         return Watch(jumps=jumps)
-    switches = [_switch(each, pins) for each in parts if each.letter in "sw"]
+    switches = [_switch(part, pins) for part in parts if part.letter in "sw"]
     switches += _comparisons(parts, pins)
     jumps = jumps or load.own_motion.oscillates or any(map(_may_jump, parts))
-    stores = [] if jumps else [_store(each, pins) for each in parts if each.letter in "cl"]
+    stores = [] if jumps else [_store(part, pins) for part in parts if part.letter in "cl"]
     watched = [*switches, *stores]
     return Watch(
         tuple(name for ends, _ in watched for name in ends),
@@ -104,17 +104,20 @@ def _switch(each, pins):
 def _comparisons(parts, pins):
     """Pins and thresholds, as `_switch` gives them, of each comparison that makes a jump."""
     potentials = Potentials(parts)
-    found = [
+    crossings = [
         passing(passed)
-        for each in parts
-        if each.expression is not None
-        for passed in turns(each.expression)
+        for part in parts
+        if part.expression is not None
+        for passed in turns(part.expression)
         if not of_time_alone(with_sources(passed, potentials))
     ]
     return [
-        (tuple(pins.get(end, end) for end in each.ends), (each.level, each.level, False))
-        for each in dict.fromkeys(found)
-        if each is not None
+        (
+            tuple(pins.get(end, end) for end in crossing.ends),
+            (crossing.level, crossing.level, False),
+        )
+        for crossing in dict.fromkeys(crossings)
+        if crossing is not None
     ]
 
 

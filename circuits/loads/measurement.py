@@ -68,13 +68,13 @@ class Measurement(_Rows):
 
     @cached_property
     def _level_places(self) -> tuple[int | None, ...]:
-        places: dict[str, int] = {name: place for place, name in enumerate(self.watched)}
-        own = self.trees[self._measures :]
-        return tuple(places.get(next(_unknowns(tree), GROUND)) for tree in own)
+        places: dict[str, int] = {name: index for index, name in enumerate(self.watched)}
+        level_trees = self.trees[self._measures :]
+        return tuple(places.get(next(_unknowns(tree), GROUND)) for tree in level_trees)
 
     def levels(self, unknowns: np.ndarray) -> list[np.ndarray | None]:
         """The levels, in V and A, of unknowns (len(watched), n) in V and A; None: of ground."""
-        return [None if place is None else unknowns[place] for place in self._level_places]
+        return [None if index is None else unknowns[index] for index in self._level_places]
 
     def values(self, time: np.ndarray, unknowns: np.ndarray, unit: float) -> np.ndarray:
         """Values of all measures except levels at consecutive points in time.
@@ -95,13 +95,13 @@ class Measurement(_Rows):
         """
         if not self._measures:
             return np.empty((0, time.size))
-        found = self._values(time, unknowns)
-        for row, (kind, _) in zip(found, self.rows, strict=False):
+        values = self._values(time, unknowns)
+        for row, (kind, _) in zip(values, self.rows, strict=False):
             if kind == STATE:
                 row[:] = np.where(np.isnan(row), np.nan, row > 0.0)
             else:
                 row *= unit
-        return found
+        return values
 
 
 NOTHING = Measurement()
@@ -118,10 +118,10 @@ def measurement_of(load: LoadCircuit, pins: Mapping[str, str]) -> Measurement:
     """
     trees: list[Tree] = []
     for measure in (*load.measures, *load.supplies):
-        held, taken = (tree and renamed(tree, pins) for tree in measure.trees)
+        held, taken_tree = (tree and renamed(tree, pins) for tree in measure.trees)
         trees.append(held)
-        if taken:
-            trees.append(("if", ("<", ("number", 0.0), held), taken, ("number", 0.0)))
+        if taken_tree:
+            trees.append(("if", ("<", ("number", 0.0), held), taken_tree, ("number", 0.0)))
     trees += [_level(name, pins) for name in (*load.levels, *load.probes)]
     watched = tuple(dict.fromkeys(name for tree in trees for name in _unknowns(tree)))
     outside = tuple(name for name in watched if name in pins.values())
@@ -164,8 +164,8 @@ def probes_of(load: LoadCircuit, names: Iterable[str]) -> tuple[Probe, ...]:
     NetlistError
         The load has no such node or current.
     """
-    known = {*load.pins, *(node for part in load.elements for node in part.nodes)} - {GROUND}
-    known |= {f"i({part.name})" for part in load.elements if _has_current(part)}
+    known_nodes = {*load.pins, *(node for part in load.elements for node in part.nodes)} - {GROUND}
+    known_nodes |= {f"i({part.name})" for part in load.elements if _has_current(part)}
     # The reference itself has a voltage against n only.
     direct = _direct_current_side(load) - {*load.pins[3:]}
     probes = {}
@@ -176,10 +176,10 @@ def probes_of(load: LoadCircuit, names: Iterable[str]) -> tuple[Probe, ...]:
         if not reference:
             column, reference = name, load.pins[3] if name in direct else load.pins[1]
         for node in (name, reference):
-            if node not in known:
+            if node not in known_nodes:
                 raise NetlistError(
                     f"{load.file or load.name}: no node or current {named(node)}"
-                    f"{nearest(node, known)}; there are {', '.join(sorted(known))}"
+                    f"{nearest(node, known_nodes)}; there are {', '.join(sorted(known_nodes))}"
                 )
         probes[column] = Probe(column, name, "" if name.startswith("i(") else reference)
     return tuple(probes.values())
@@ -211,25 +211,25 @@ def evaluated(
     NetlistError
         An expression needs a node or a current that the load does not have; with file and line.
     """
-    known = {*scope.nodes.values(), *(node for part in parts for node in part.nodes)}
-    known |= {f"i({part.name})" for part in parts if _has_current(part)}
+    known_nodes = {*scope.nodes.values(), *(node for part in parts for node in part.nodes)}
+    known_nodes |= {f"i({part.name})" for part in parts if _has_current(part)}
 
     def read(measure: Measure, text: str) -> Any:
         if not text:
             return None
         try:
             tree = scope.tree(text)
-            only = next((each[1] for each in leaves(tree) if each[0] == "call"), None)
+            only = next((leaf[1] for leaf in leaves(tree) if leaf[0] == "call"), None)
             if only in CIRCUIT_ONLY:
                 raise ExpressionError(f"the function {only}()")
         except ExpressionError as reason:
             raise NetlistError(f"{measure.where}: measure: cannot be evaluated: {reason}") from None
-        _check_known(measure, tree, known)
+        _check_known(measure, tree, known_nodes)
         return tree
 
     return tuple(
-        each._replace(trees=(read(each, each.expression), read(each, each.taking)))
-        for each in measures
+        measure._replace(trees=(read(measure, measure.expression), read(measure, measure.taking)))
+        for measure in measures
     )
 
 
@@ -248,8 +248,8 @@ def _check_known(measure, tree, known):
 
 
 def _unknowns(tree: Tree) -> Iterator[str]:
-    for each in leaves(tree):
-        if each[0] == "v":
-            yield from (node for node in each[1:] if node != GROUND)
-        elif each[0] == "i":
-            yield f"i({each[1]})"
+    for leaf in leaves(tree):
+        if leaf[0] == "v":
+            yield from (node for node in leaf[1:] if node != GROUND)
+        elif leaf[0] == "i":
+            yield f"i({leaf[1]})"

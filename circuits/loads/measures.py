@@ -54,8 +54,8 @@ class Measure(NamedTuple):
     @property
     def rows(self) -> tuple[tuple[str, str], ...]:
         """Kind and name of its value, and of what the state takes."""
-        own = (self.kind, self.name)
-        return (own, (TAKEN, self.name)) if self.taking else (own,)
+        key = (self.kind, self.name)
+        return (key, (TAKEN, self.name)) if self.taking else (key,)
 
 
 def vet_measures(cards: Iterable[Card], scope: Scope) -> tuple[Measure, ...]:
@@ -66,15 +66,15 @@ def vet_measures(cards: Iterable[Card], scope: Scope) -> tuple[Measure, ...]:
     NetlistError
         One line with file, line and fault.
     """
-    found: dict[tuple[str, str], Measure] = {}
+    accepted: dict[tuple[str, str], Measure] = {}
     for card in cards:
         measure = _vetted(card, scope)
-        if (quantity := _quantity(measure)) in found:
+        if (quantity := _quantity(measure)) in accepted:
             refuse(card, f"measure: {measure.kind} {measure.name} is there twice")
-        found[quantity] = measure
-        if len(found) > MOST_MEASURES:
+        accepted[quantity] = measure
+        if len(accepted) > MOST_MEASURES:
             refuse(card, f"more than {MOST_MEASURES} measures")
-    return tuple(found.values())
+    return tuple(accepted.values())
 
 
 def _quantity(measure):
@@ -89,8 +89,8 @@ def _vetted(card, scope):
         refuse(card, "write it as * measure: kind name = expression")
     kind, name, text = match.groups()
     if kind not in KINDS:
-        known = f"{nearest(kind, KINDS)}; there are {', '.join(KINDS)}"
-        refuse(card, f"measure: unknown kind {kind[:LONGEST_SHOWN]}{known}")
+        hint = f"{nearest(kind, KINDS)}; there are {', '.join(KINDS)}"
+        refuse(card, f"measure: unknown kind {kind[:LONGEST_SHOWN]}{hint}")
     if not re.fullmatch(rf"[a-z]\w{{,{LONGEST_NAME - 1}}}", name, re.ASCII):
         refuse(
             card, f"measure: {name[:LONGEST_SHOWN]!r} is no name of at most {LONGEST_NAME} letters"

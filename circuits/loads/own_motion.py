@@ -82,10 +82,10 @@ def own_motion(elements: tuple[Element, ...]) -> OwnMotion:
         return OwnMotion(unknown=str(reason))
     if circuit.size > MOST_UNKNOWNS:
         return OwnMotion(unknown=f"it has more than {MOST_UNKNOWNS} nodes and currents")
-    found = [_of_sources(circuit, source) for source in circuit.sources()]
-    fastest = min(found, key=lambda each: each.turn)
-    oscillates = any(each.oscillates for each in found)
-    unknown = next((each.unknown for each in found if each.unknown), "")
+    motions = [_of_sources(circuit, source) for source in circuit.sources()]
+    fastest = min(motions, key=lambda each: each.turn)
+    oscillates = any(motion.oscillates for motion in motions)
+    unknown = next((motion.unknown for motion in motions if motion.unknown), "")
     return OwnMotion(oscillates, fastest.turn, fastest.switch, "" if oscillates else unknown)
 
 
@@ -96,11 +96,11 @@ def check_turn(load: LoadCircuit, step: float) -> None:
     ------
     LoadError
     """
-    own = load.own_motion
-    if own.turn < LEAST_TURN * step:
+    motion = load.own_motion
+    if motion.turn < LEAST_TURN * step:
         raise LoadError(
-            f"{own.switch} turns by itself, and its control follows within {own.turn:.2g} s: steps "
-            f"of {step:.2g} s cannot follow that; raise ron or the capacitance at its control"
+            f"{motion.switch} turns by itself, and its control follows within {motion.turn:.2g} s: "
+            f"steps of {step:.2g} s cannot follow that; raise ron or the capacitance at its control"
         )
 
 
@@ -108,16 +108,16 @@ def following_notes(load: LoadCircuit, duration: float) -> tuple[str, ...]:
     """A note on the cost of following a load's fastest source through a run (s), if over `LONG`."""
     period = min(load.periods, default=math.inf)
     costs = {engine: duration / period * cost for engine, cost in PERIOD_COST.items()}
-    if any(each.letter in "jmq" for each in load.elements):
+    if any(element.letter in "jmq" for element in load.elements):
         # Monte Carlo does not run transistors.
         del costs["Monte Carlo"]
     if max(costs.values()) < LONG:
         return ()
     name = next(e.name for e in load.elements if e.wave and e.wave.period == period)
-    said = ", ".join(f"{_spoken(cost)} by {engine}" for engine, cost in costs.items())
+    estimates = ", ".join(f"{_spoken(cost)} by {engine}" for engine, cost in costs.items())
     return (
-        f"{name} repeats itself every {1e6 * period:.3g} µs: {duration:.4g} s take about {said}, "
-        "for each realization on one core; put an averaged converter in "
+        f"{name} repeats itself every {1e6 * period:.3g} µs: {duration:.4g} s take about "
+        f"{estimates}, for each realization on one core; put an averaged converter in "
         "its place, as nano_buck of `.include buck_converters.lib`",
     )
 
@@ -149,18 +149,18 @@ def _of_sources(circuit, source):
     closed = circuit.closed.copy()
     seen: list[tuple] = []
     turns: list[tuple[float, str]] = []
-    rest = circuit.rest(closed, source)
-    while rest is not None and tuple(closed) not in seen:
+    steady_state = circuit.rest(closed, source)
+    while steady_state is not None and tuple(closed) not in seen:
         seen.append(tuple(closed))
-        wrong = circuit.wrong(closed, rest)
+        wrong = circuit.wrong(closed, steady_state)
         if wrong < 0:
-            return OwnMotion(circuit.grows(rest, closed))
+            return OwnMotion(circuit.grows(steady_state, closed))
         closed[wrong] = ~closed[wrong]
-        before, rest = rest, circuit.rest(closed, source)
-        if rest is not None:
+        before, steady_state = steady_state, circuit.rest(closed, source)
+        if steady_state is not None:
             name = circuit.name(wrong)
-            turns.append((circuit.time_constant(wrong, before, rest, closed), name))
-    if rest is None:
+            turns.append((circuit.time_constant(wrong, before, steady_state, closed), name))
+    if steady_state is None:
         return OwnMotion(unknown="no rest of it is found")
     return OwnMotion(True, *min(turns[seen.index(tuple(closed)) :]))
 
@@ -177,18 +177,18 @@ class _Circuit:
         self._diodes: list[tuple] = []
         self._switches: list[tuple] = []
         self._behavioural: list[tuple] = []
-        self._branches = {each.name: self._unknown(f"i({each.name})") for each in elements
-                          if each.letter in "vl" or each.voltage}  # fmt: skip
+        self._branches = {element.name: self._unknown(f"i({element.name})") for element in elements
+                          if element.letter in "vl" or element.voltage}  # fmt: skip
         # Reading a load imports no compiler.
         from circuits.loads import tape
 
         self._compiled = tape
         self._tape = tape.Tape()
-        coils = {each.name: each.size for each in elements if each.letter == "l"}
-        for each in elements:
-            self._add(each, coils)
+        coils = {element.name: element.size for element in elements if element.letter == "l"}
+        for element in elements:
+            self._add(element, coils)
         self.size = len(self._places) - 2
-        self.closed = np.array(["on" in each.flags for each, *_ in self._switches], dtype=bool)
+        self.closed = np.array(["on" in switch.flags for switch, *_ in self._switches], dtype=bool)
         self._rows = np.array(self._tape.rows, dtype=np.int64).reshape(-1, 4)
         self._values = np.array(self._tape.values, dtype=float)
         self._ends, self._sizes = self._storage()
@@ -241,8 +241,8 @@ class _Circuit:
         elif each.letter == "l":
             self._stores[each.name] = (row, -1, -each.size)
         elif each.letter in "vi":
-            given = [(row, 1.0)] if row >= 0 else [(nodes[0], -1.0), (nodes[1], 1.0)]
-            self._steady += [(place, sign, each) for place, sign in given]
+            rows = [(row, 1.0)] if row >= 0 else [(nodes[0], -1.0), (nodes[1], 1.0)]
+            self._steady += [(row, sign, each) for row, sign in rows]
         elif each.letter == "d":
             self._diodes.append((nodes, each))
         elif each.letter in "sw":
@@ -272,7 +272,7 @@ class _Circuit:
         last = self._tape.add(each.expression, unknown_of)
         ends = ((row, -1.0),) if row >= 0 else ((nodes[0], 1.0), (nodes[1], -1.0))
         many = each.many if row < 0 else 1.0
-        self._behavioural.append(([(place, sign * many) for place, sign in ends], first, last))
+        self._behavioural.append(([(row, sign * many) for row, sign in ends], first, last))
 
     def sources(self) -> Iterator[np.ndarray]:
         """Right-hand sides for two extreme values of every source: its first one and its opposite
@@ -280,20 +280,20 @@ class _Circuit:
         """
         for which in range(2):
             right = np.zeros(self.size)
-            for place, sign, each in self._steady:
-                if place >= 0:
-                    right[place] += sign * _value(each, which)
+            for row, sign, source in self._steady:
+                if row >= 0:
+                    right[row] += sign * _value(source, which)
             yield right
 
     def name(self, switch: int) -> str:
         """A switch as "name (file:line)"."""
-        each = self._switches[switch][0]
-        return f"{each.name} ({each.where})"
+        element = self._switches[switch][0]
+        return f"{element.name} ({element.where})"
 
     def _currents(self, y, closed, slopes_too):
         """Currents i(y) into the nodes, and their derivatives."""
         current, slope = self._g @ y, self._g.copy()
-        known = np.append(y, 0.0)
+        potentials = np.append(y, 0.0)
 
         def conducts(nodes, amperes, siemens):
             for row, sign in zip(nodes, (1.0, -1.0), strict=True):
@@ -303,12 +303,12 @@ class _Circuit:
                         if slopes_too and column >= 0:
                             slope[row, column] += sign * other * siemens
 
-        for (each, nodes, _), on in zip(self._switches, closed, strict=True):
-            siemens = 1.0 / each.model.get("ron" if on else "roff")
-            conducts(nodes[:2], siemens * (known[nodes[0]] - known[nodes[1]]), siemens)
-        for nodes, each in self._diodes:
-            conducts(nodes, *_diode(each, known[nodes[0]] - known[nodes[1]]))
-        self._compiled.evaluate(self._rows, self._values, known, 0.0)
+        for (switch, nodes, _), on in zip(self._switches, closed, strict=True):
+            siemens = 1.0 / switch.model.get("ron" if on else "roff")
+            conducts(nodes[:2], siemens * (potentials[nodes[0]] - potentials[nodes[1]]), siemens)
+        for nodes, switch in self._diodes:
+            conducts(nodes, *_diode(switch, potentials[nodes[0]] - potentials[nodes[1]]))
+        self._compiled.evaluate(self._rows, self._values, potentials, 0.0)
         shares = np.zeros(self._values.size)
         for ends, first, last in self._behavioural:
             self._compiled.slopes(self._rows, self._values, shares, first, last)
@@ -324,8 +324,8 @@ class _Circuit:
         """The rest state: voltages and currents with C dy/dt = 0, by Newton from 0; None if it
         fails.
         """
-        found = self._newton(closed, source, 0.0)
-        return self._newton(closed, source, SLOWED) if found is None else found
+        solution = self._newton(closed, source, 0.0)
+        return self._newton(closed, source, SLOWED) if solution is None else solution
 
     def _newton(self, closed, source, held):
         """Newton's iterations, slowed by a conductance (S) at each node that fades."""
@@ -347,10 +347,10 @@ class _Circuit:
 
     def wrong(self, closed: np.ndarray, y: np.ndarray) -> int:
         """Index of the first switch that would turn at these voltages, or −1."""
-        known = np.append(y, 0.0)
-        for k, (each, _, control) in enumerate(self._switches):
-            volts = known[control[0]] - known[control[1]]
-            low, high = hysteresis(each.letter, each.model)
+        potentials = np.append(y, 0.0)
+        for k, (switch, _, control) in enumerate(self._switches):
+            volts = potentials[control[0]] - potentials[control[1]]
+            low, high = hysteresis(switch.letter, switch.model)
             if (closed[k] and volts < low) or (not closed[k] and volts > high):
                 return k
         return -1
@@ -376,11 +376,13 @@ class _Circuit:
         rates, shapes, held = self._modes(y, closed)
         # A turn leaves the energy in stores unchanged; the voltages of nodes without a store jump.
         shares = np.linalg.pinv(held) @ (self._ends.T @ (before - y)) if rates.size else rates
-        known = np.vstack([shapes * shares, np.zeros(rates.size)])
+        deflections = np.vstack([shapes * shares, np.zeros(rates.size)])
         one, other = self._switches[switch][2]
-        parts = np.abs(known[one] - known[other])
+        parts = np.abs(deflections[one] - deflections[other])
         moved = np.append(before - y, 0.0)
-        if abs((known[one] - known[other]).sum()) < 0.5 * abs(moved[one] - moved[other]):
+        if abs((deflections[one] - deflections[other]).sum()) < 0.5 * abs(
+            moved[one] - moved[other]
+        ):
             # Faster modes have rates that cannot be distinguished from rounding.
             return 0.0
         counts = parts > TAKES_PART * parts.sum()

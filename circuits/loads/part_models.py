@@ -72,7 +72,7 @@ def unknown_word(kind: str, name: str) -> str:
 
 
 def size(
-    letter: str, given: float | None, model: Model | None, numbers: Mapping[str, float]
+    letter: str, nominal: float | None, model: Model | None, numbers: Mapping[str, float]
 ) -> float:
     """Value (Ω, F or H) of one R, C or L from its model, scale and temperature.
 
@@ -84,9 +84,9 @@ def size(
     model = model or Model("", letter, ())
     if model.kind != letter:
         raise ExpressionError(f"the model {model.name} is one of {model.kind}, not of {letter}")
-    if given is None:
-        given = _by_model(letter, model, numbers)
-    if given is None:
+    if nominal is None:
+        nominal = _by_model(letter, model, numbers)
+    if nominal is None:
         raise ExpressionError("it has no value: write one behind its nodes, or name a model")
     temperature = numbers.get("temp", TEMPERATURE + numbers.get("dtemp", 0.0))
     warmer = temperature - model.get("tnom", TEMPERATURE)
@@ -96,33 +96,35 @@ def size(
     power = _first_of(numbers, model, "tce")
     if power:
         factor = math.pow(1.01, power * warmer)
-    return given * factor * numbers.get("scale", 1.0)
+    return nominal * factor * numbers.get("scale", 1.0)
 
 
 def _first_of(numbers, model, *names):
-    found = (each for name in names for each in (numbers.get(name), dict(model.numbers).get(name)))
-    return next((each for each in found if each is not None), 0.0)
+    values = (
+        value for name in names for value in (numbers.get(name), dict(model.numbers).get(name))
+    )
+    return next((value for value in values if value is not None), 0.0)
 
 
 def _by_model(letter, model, numbers):
-    said: dict[str, Any] = dict(model.numbers)
-    own = {"r": ("r", "res"), "c": ("cap",), "l": ("ind",)}[letter]
-    value = next((said[name] for name in own if name in said), None)
+    parameters: dict[str, Any] = dict(model.numbers)
+    value_names = {"r": ("r", "res"), "c": ("cap",), "l": ("ind",)}[letter]
+    value = next((parameters[name] for name in value_names if name in parameters), None)
     if value is not None or letter == "l":
         return value
-    width = numbers.get("w", said.get("w", said.get("defw", _EDGE)))
+    width = numbers.get("w", parameters.get("w", parameters.get("defw", _EDGE)))
     if letter == "r":
-        length = numbers.get("l", said.get("l", _EDGE)) - 2.0 * said.get(
-            "short", said.get("dlr", 0.0)
+        length = numbers.get("l", parameters.get("l", _EDGE)) - 2.0 * parameters.get(
+            "short", parameters.get("dlr", 0.0)
         )
-        width -= 2.0 * said.get("narrow", said.get("dw", 0.0))
-        return said["rsh"] * length / width if "rsh" in said and width > 0.0 else None
+        width -= 2.0 * parameters.get("narrow", parameters.get("dw", 0.0))
+        return parameters["rsh"] * length / width if "rsh" in parameters and width > 0.0 else None
     # A capacitor's model has no default length.
-    if "cj" not in said or "l" not in numbers:
+    if "cj" not in parameters or "l" not in numbers:
         return None
-    length = numbers["l"] - said.get("short", 2.0 * said.get("del", 0.0))
-    width -= said.get("narrow", 2.0 * said.get("del", 0.0))
-    return said["cj"] * length * width + 2.0 * said.get("cjsw", 0.0) * (length + width)
+    length = numbers["l"] - parameters.get("short", 2.0 * parameters.get("del", 0.0))
+    width -= parameters.get("narrow", 2.0 * parameters.get("del", 0.0))
+    return parameters["cj"] * length * width + 2.0 * parameters.get("cjsw", 0.0) * (length + width)
 
 
 def check_diode(line: Any, model: Model, numbers: Mapping[str, float]) -> Model:
@@ -134,19 +136,27 @@ def check_diode(line: Any, model: Model, numbers: Mapping[str, float]) -> Model:
     """
     if model.kind != "d":
         line.refuse(f"a diode with a model of {model.kind}")
-    said = {_SAME.get(key, key): value for key, value in model.numbers}
+    parameters = {_SAME.get(key, key): value for key, value in model.numbers}
     # ngspice raises smaller values to this one.
-    said["is"] = max(said.get("is", 1e-14), LEAST_SATURATION) if said.get("is", 1.0) > 0.0 else 0.0
+    parameters["is"] = (
+        max(parameters.get("is", 1e-14), LEAST_SATURATION)
+        if parameters.get("is", 1.0) > 0.0
+        else 0.0
+    )
     area = numbers.get("area", 1.0) * numbers.get("m", 1.0)
-    if not (said.get("is", 1e-14) > 0.0 and said.get("n", 1.0) > 0.0 and area > 0.0):
+    if not (parameters.get("is", 1e-14) > 0.0 and parameters.get("n", 1.0) > 0.0 and area > 0.0):
         line.refuse("is, n, area and m of a diode lie above 0")
-    if not (0.0 <= said.get("m", 0.5) < 1.0 and 0.0 <= said.get("fc", 0.5) < 1.0):
+    if not (0.0 <= parameters.get("m", 0.5) < 1.0 and 0.0 <= parameters.get("fc", 0.5) < 1.0):
         line.refuse("m and fc of a diode lie from 0 to below 1")
-    if said.get("rs", 0.0) < 0.0 or said.get("bv", 1.0) <= 0.0 or said.get("vj", 1.0) <= 0.0:
+    if (
+        parameters.get("rs", 0.0) < 0.0
+        or parameters.get("bv", 1.0) <= 0.0
+        or parameters.get("vj", 1.0) <= 0.0
+    ):
         line.refuse("rs of a diode is not below 0, bv and vj are above it")
-    if said.get("level", 1.0) not in (1.0, 3.0):
+    if parameters.get("level", 1.0) not in (1.0, 3.0):
         line.refuse("level= of a diode is 1 or 3 here: give is, n, rs, cjo")
-    return model._replace(numbers=tuple(said.items()))
+    return model._replace(numbers=tuple(parameters.items()))
 
 
 def switch(line: Any, model: Model) -> Model:
@@ -183,7 +193,7 @@ def smooth_switch(line: Any, model: Model, control: Tree) -> Tree | None:
     a cubic between both ends.
     """
     if model.kind in _ENDS:
-        high, low = (model.get(*each) for each in _ENDS[model.kind])
+        high, low = (model.get(*names) for names in _ENDS[model.kind])
         if (model.kind == "vswitch") != (line.letter == "s"):
             line.refuse(f"a switch with a model of {model.kind}")
         off, on = model.get("roff", 1e6), model.get("ron", 1.0)

@@ -29,27 +29,27 @@ _JUMPS = {"if", "<", "<=", "==", "and", "or", "not", "sgn", "floor", "ceil", "u"
 
 def sources_of(load: LoadCircuit) -> tuple[str, ...]:
     """Names of a load's independent sources that are not 0."""
-    names = (each.name.rpartition(".")[2] for each in load.elements if _gives(each))
+    names = (element.name.rpartition(".")[2] for element in load.elements if _gives(element))
     return tuple(dict.fromkeys(names))
 
 
 def negative_parts(load: LoadCircuit) -> tuple[str, ...]:
     """Resistors, capacitors and coils of a load whose value is below 0, as "name (file:line)"."""
     return tuple(
-        f"{each.name} ({each.where})"
-        for each in load.elements
-        if each.letter in "rcl" and (each.size or 0.0) < 0.0
+        f"{element.name} ({element.where})"
+        for element in load.elements
+        if element.letter in "rcl" and (element.size or 0.0) < 0.0
     )
 
 
 def conductance(parts: Iterable[Element]) -> float:
     """The conductance (S) of resistors in parallel. Negative resistances are left out."""
-    return sum(max(1.0 / each.size, 0.0) for each in parts if each.letter == "r" and each.size)
+    return sum(max(1.0 / part.size, 0.0) for part in parts if part.letter == "r" and part.size)
 
 
 def capacitance(parts: Iterable[Element]) -> float:
     """The capacitance (F) of capacitors in parallel."""
-    return sum(each.size or 0.0 for each in parts if each.letter == "c")
+    return sum(part.size or 0.0 for part in parts if part.letter == "c")
 
 
 def suspicion(load: LoadCircuit | None) -> str:
@@ -63,34 +63,35 @@ def suspicion(load: LoadCircuit | None) -> str:
 def jumping_sources(load: LoadCircuit) -> tuple[Element, ...]:
     """Behavioural sources whose value may jump."""
     return tuple(
-        each
-        for each in load.elements
-        if each.expression is not None
-        and any(leaf[0] in _JUMPS for leaf in leaves(each.expression))
+        element
+        for element in load.elements
+        if element.expression is not None
+        and any(leaf[0] in _JUMPS for leaf in leaves(element.expression))
     )
 
 
 def reading_notes(load: LoadCircuit) -> tuple[str, ...]:
     """Notes on values that the reader may have understood otherwise than their writer."""
     notes = [
-        f"{each.name} ({each.where}) is read as a smooth switch of LTspice or PSpice: its "
+        f"{element.name} ({element.where}) is read as a smooth switch of LTspice or PSpice: its "
         "conductance changes over the whole hysteresis"
-        for each in load.elements
-        if each.is_smooth_switch
+        for element in load.elements
+        if element.is_smooth_switch
     ]
     notes += [load.ambiguity] if load.ambiguity else []
-    outputs = [each for each in load.across_output if each.letter == "r"]
-    if load.has_output and not outputs and all(each.kind != OUTPUT for each in load.measures):
+    outputs = [part for part in load.across_output if part.letter == "r"]
+    if load.has_output and not outputs and all(measure.kind != OUTPUT for measure in load.measures):
         notes.append(
             "no resistor lies across out and ref and no measure is an output: its power is 0"
         )
-    for each in load.across_output:
-        small = LEAST_STORAGE if each.letter == "c" else LEAST_LOAD
-        if 0.0 < (each.size or 0.0) < small:
-            unit = "F" if each.letter == "c" else "Ω"
+    for element in load.across_output:
+        small = LEAST_STORAGE if element.letter == "c" else LEAST_LOAD
+        if 0.0 < (element.size or 0.0) < small:
+            unit = "F" if element.letter == "c" else "Ω"
             notes.append(
-                f"{each.name} ({each.where}) across the output is {each.size:g} {unit}: in SPICE F "
-                "behind a number is femto and M is milli; a farad has no letter, a million is meg"
+                f"{element.name} ({element.where}) across the output is {element.size:g} {unit}: "
+                "in SPICE F behind a number is femto and M is milli; a farad has no letter, "
+                "a million is meg"
             )
     return (*notes, *own_notes(load))
 

@@ -17,10 +17,10 @@ def with_places(message: str, load: LoadCircuit | None) -> str:
     """A message of ngspice's with the names of a load's elements as its files give them."""
     if load is None:
         return message
-    told = _FLAT.sub(lambda match: _named(match.group(2), load), message)
-    if any(each.where in told for each in load.elements):
-        return told
-    return f"{told} (the load is {load.file})"
+    placed = _FLAT.sub(lambda match: _named(match.group(2), load), message)
+    if any(element.where in placed for element in load.elements):
+        return placed
+    return f"{placed} (the load is {load.file})"
 
 
 def _named(flat, load):
@@ -28,5 +28,5 @@ def _named(flat, load):
     path = re.split("[.:]", flat.removesuffix("#branch"))
     # The element's letter is repeated between the calls.
     full = ".".join(part for k, part in enumerate(path) if len(part) > 1 or k == len(path) - 1)
-    places = {each.name: each.where for each in load.elements}
+    places = {element.name: element.where for element in load.elements}
     return f"{path[-1]} ({places[full]})" if full in places else f"{path[-1]} of the load"

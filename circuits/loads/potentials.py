@@ -65,10 +65,10 @@ class Potentials:
 
     def start(self, a: str, z: str) -> float | None:
         """The voltage from a to z at the beginning, or None."""
-        found = self.between(a, z)
-        if found is None:
+        sources = self.between(a, z)
+        if sources is None:
             return None
-        return sum(sign * _at_start(each) for sign, each in found)
+        return sum(sign * _at_start(source) for sign, source in sources)
 
 
 def _at_start(each):
@@ -89,12 +89,12 @@ def with_sources(tree: Tree, potentials: Potentials) -> Tree:
 
 
 def _said(voltage, potentials):
-    found = potentials.between(*voltage[1:])
-    if found is None or any(each.wave and not has_tree(each.wave) for _, each in found):
+    sources = potentials.between(*voltage[1:])
+    if sources is None or any(source.wave and not has_tree(source.wave) for _, source in sources):
         return voltage
     tree = None
-    for sign, each in found:
-        one = wave_tree(each.wave) if each.wave else ("number", each.value)
+    for sign, source in sources:
+        one = wave_tree(source.wave) if source.wave else ("number", source.value)
         one = one if sign > 0 else ("negative", one)
         tree = one if tree is None else ("+", tree, one)
     return tree or ZERO
@@ -107,7 +107,7 @@ def has_tree(wave: Waveform) -> bool:
 
 def wave_tree(wave: Waveform) -> Tree:
     """A waveform as an expression of the time; what it holds between its corners is exact."""
-    n = [("number", each) for each in wave.numbers]
+    n = [("number", value) for value in wave.numbers]
     time: Tree = ("time",)
     if wave.kind == "pwl":
         return _lines(wave.numbers, time)
@@ -161,8 +161,8 @@ def levels(switch: Element, potentials: Potentials) -> tuple[float, float]:
     rounding = CONTROL_ROUNDING * max(abs(low), abs(high), 1.0)
     if high > low:
         return low - rounding, high + rounding
-    found = potentials.between(*switch.nodes[2:4]) if switch.letter == "s" else None
-    sides = [_sides(sign, each) for sign, each in found or ()]
+    sources = potentials.between(*switch.nodes[2:4]) if switch.letter == "s" else None
+    sides = [_sides(sign, source) for sign, source in sources or ()]
     least, most = (sum(side[k] for side in sides) for k in range(2))
     # If the control rests at the threshold, ngspice begins with the switch closed.
     if sides and abs(most - low) <= rounding:
@@ -193,13 +193,13 @@ def starts(elements: tuple[Element, ...]) -> dict[str, float]:
     has, and evaluates a logarithm of 0.
     """
     potentials = Potentials(elements, charged=True)
-    found: dict[str, float] = {}
-    for each in elements:
-        for a, z in _decisive(each, potentials):
+    node_voltages: dict[str, float] = {}
+    for element in elements:
+        for a, z in _decisive(element, potentials):
             volts = potentials.start(a, z)
-            if volts is not None and z not in found and a not in found:
-                found[a], found[z] = volts, 0.0
-    return {node: volts for node, volts in found.items() if node not in (GROUND, "n")}
+            if volts is not None and z not in node_voltages and a not in node_voltages:
+                node_voltages[a], node_voltages[z] = volts, 0.0
+    return {node: volts for node, volts in node_voltages.items() if node not in (GROUND, "n")}
 
 
 def _decisive(each, potentials):

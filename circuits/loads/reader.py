@@ -114,10 +114,10 @@ class _Reader:
                     f"{card.where}: more than {MOST_CARDS} statements, too many for a load: leave "
                     "some out"
                 )
-            first, _, rest = card.text.partition(" ")
+            first, _, remainder = card.text.partition(" ")
             if first.lower() in INCLUDES:
                 where = f"{card.where}: {first}"
-                included = _included(rest.strip(), path.parent, self._folder, where)
+                included = _included(remainder.strip(), path.parent, self._folder, where)
                 cards += self.cards(included, f"{where} {included.name}", (*including, real))
             elif first.lower() not in IGNORED:
                 cards.append(Card(card.text.lower(), card.where))
@@ -153,19 +153,19 @@ def _included(argument, beside, folder, where):
         raise NetlistError(f"{where} {argument[:80]}: takes one file name (no library's section)")
     outside = re.match(r"[/\\~]|[a-z]:", name, re.IGNORECASE) or ".." in re.split(r"[/\\]", name)
     # Windows separates folders by a backslash.
-    path, place = beside / name.replace("\\", "/"), f"{where} {name[:80]}"
-    with _named(place):
+    path, shown_place = beside / name.replace("\\", "/"), f"{where} {name[:80]}"
+    with _named(shown_place):
         outside = outside or not path.resolve().is_relative_to(folder)
         missing = not path.exists()
         # Files that the project's own netlists include stand beside them.
-        own = Path(str(resources.files("netlists"))) / name
+        packaged = Path(str(resources.files("netlists"))) / name
         bare = re.fullmatch(r"[\w.]+\.lib", name)
-        if bare and (missing or own.parent == beside) and own.is_file():
-            return own
+        if bare and (missing or packaged.parent == beside) and packaged.is_file():
+            return packaged
     if outside:
-        raise NetlistError(f"{place}: lies outside the load's folder; copy it beside it")
+        raise NetlistError(f"{shown_place}: lies outside the load's folder; copy it beside it")
     if missing:
-        raise NetlistError(f"{place}: no such file beside the load")
+        raise NetlistError(f"{shown_place}: no such file beside the load")
     return path
 
 
@@ -206,9 +206,9 @@ def statements(text: str, name: str) -> list[Card]:
     for index, line in enumerate(re.split(r"\r\n|\r|\n", text), start=1):
         where = f"{name}:{index}"
         stripped = line.strip()
-        said = _SAID.match(stripped)
-        if said:
-            stripped = f"*{said.group(1).lower()} {stripped[said.end() :]}"
+        directive = _SAID.match(stripped)
+        if directive:
+            stripped = f"*{directive.group(1).lower()} {stripped[directive.end() :]}"
         elif stripped.startswith("*"):
             continue
         comment = _COMMENT.search(stripped)
@@ -219,7 +219,7 @@ def statements(text: str, name: str) -> list[Card]:
             continue
         if not stripped.startswith("+"):
             cards.append(([stripped], where))
-            last = last if said else cards[-1]
+            last = last if directive else cards[-1]
         elif last is None:
             raise NetlistError(f"{where}: a line begins with + and continues none")
         elif stripped != "+":

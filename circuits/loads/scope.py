@@ -108,10 +108,10 @@ class Scope:
         size = number(text)
         if size is not None:
             return size
-        found = resolved(parse(text.strip("{}")), _Parameters(self))
-        if not is_constant(found):
+        result = resolved(parse(text.strip("{}")), _Parameters(self))
+        if not is_constant(result):
             raise NotConstant("a value that changes while the circuit runs")
-        return float(found[1])
+        return float(result[1])
 
     def tree(self, text: str) -> Tree:
         """An expression of the circuit's solution, its nodes and sources by their full names."""
@@ -213,7 +213,7 @@ class Scope:
         """
         values = {key: self.value(text) for key, text in given.items()}
         nodes = {pin: self.node(node) for pin, node in zip(target.pins, pins, strict=True)}
-        parent = next(each for each in self.outwards() if each.circuit is target.outer)
+        parent = next(outer for outer in self.outwards() if outer.circuit is target.outer)
         inside = Scope(target, values, nodes, f"{self.element(name)}.", parent, self)
         for key, text in given.items():
             inside._check_given(key, text, values[key])
@@ -223,9 +223,9 @@ class Scope:
         """Refuse a value whose names mean another here: ngspice would take those."""
         if number(text) is not None:
             return
-        own = {*self.given, *self.circuit.local, *self.circuit.parameters}
-        names = {each[1] for each in leaves(parse(text.strip("{}"))) if each[0] == "name"}
-        hidden = (names & own) - {key}
+        own_names = {*self.given, *self.circuit.local, *self.circuit.parameters}
+        names = {leaf[1] for leaf in leaves(parse(text.strip("{}"))) if leaf[0] == "name"}
+        hidden = (names & own_names) - {key}
         self._under_way.add(key)
         try:
             other = self.value(text) if hidden else value

@@ -43,7 +43,7 @@ class Store(NamedTuple):
 
 def stores_of(load: LoadCircuit) -> tuple[Store, ...]:
     """The capacitors and coils of a load that hold something."""
-    return tuple(_store(each) for each in load.elements if _holds(each))
+    return tuple(_store(element) for element in load.elements if _holds(element))
 
 
 def levels_of(load: LoadCircuit) -> tuple[str, ...]:
@@ -53,17 +53,17 @@ def levels_of(load: LoadCircuit) -> tuple[str, ...]:
     """
     if not load.stores:
         return ()
-    found = [end for each in load.stores for end in (each.first, each.second)]
-    for each in load.elements:
-        if each.letter in _CURVED:
-            found += each.nodes
-        elif each.letter in _CONTROLLED:
-            found += each.nodes[2:4]
-        if each.expression is not None:
-            for leaf in leaves(each.expression):
+    nodes = [end for store in load.stores for end in (store.first, store.second)]
+    for element in load.elements:
+        if element.letter in _CURVED:
+            nodes += element.nodes
+        elif element.letter in _CONTROLLED:
+            nodes += element.nodes[2:4]
+        if element.expression is not None:
+            for leaf in leaves(element.expression):
                 if leaf[0] == "v":
-                    found += leaf[1:]
-    return tuple(name for name in dict.fromkeys(found) if name != GROUND)
+                    nodes += leaf[1:]
+    return tuple(name for name in dict.fromkeys(nodes) if name != GROUND)
 
 
 def energy_of(load: LoadCircuit) -> np.ndarray:
@@ -71,11 +71,11 @@ def energy_of(load: LoadCircuit) -> np.ndarray:
 
     Elements whose value is an expression are left out, and those of logic signals.
     """
-    held = {each.name: weights(each, load.levels) for each in load.stores}
+    held = {store.name: weights(store, load.levels) for store in load.stores}
     sizes = {
-        each.name: each.size
-        for each in load.elements
-        if each.name in held and each.size and {*each.nodes} - COMMON <= load.coupled
+        element.name: element.size
+        for element in load.elements
+        if element.name in held and element.size and {*element.nodes} - COMMON <= load.coupled
     }
     form = np.zeros((len(load.levels), len(load.levels)))
     for name, size in sizes.items():
@@ -114,4 +114,4 @@ def times_of(matrix: np.ndarray, held: np.ndarray) -> list[np.ndarray]:
     """
     times, modes = np.linalg.eig(matrix)
     parts = np.abs(held @ modes) >= TAKES_PART * np.abs(modes).max(axis=0)
-    return [np.abs(times[each]) for each in parts]
+    return [np.abs(times[group]) for group in parts]

@@ -135,8 +135,8 @@ class LoadCircuit:
     @cached_property
     def periods(self) -> tuple[float, ...]:
         """The periods (s) of its periodic sources, each once."""
-        found = (each.wave.period for each in self.elements if each.wave)
-        return tuple(dict.fromkeys(period for period in found if period is not None))
+        periods = (element.wave.period for element in self.elements if element.wave)
+        return tuple(dict.fromkeys(period for period in periods if period is not None))
 
     @cached_property
     def negative_parts(self) -> tuple[str, ...]:
@@ -156,8 +156,8 @@ class LoadCircuit:
     @property
     def sha256(self) -> str:
         """Digest of its cards, includes in, and of the values given."""
-        said = f"{self.text}{self.name}{self.parameters}"
-        return hashlib.sha256(said.encode()).hexdigest()
+        identity = f"{self.text}{self.name}{self.parameters}"
+        return hashlib.sha256(identity.encode()).hexdigest()
 
     @property
     def values(self) -> dict[str, float]:
@@ -197,7 +197,7 @@ class LoadCircuit:
     @property
     def measured(self) -> tuple[tuple[str, str], ...]:
         """Kind and name of each value that its measures ask for, and of its sources' powers."""
-        return tuple(row for each in (*self.measures, *self.supplies) for row in each.rows)
+        return tuple(row for measure in (*self.measures, *self.supplies) for row in measure.rows)
 
     @property
     def recorded(self) -> tuple[tuple[str, str], ...]:
@@ -286,13 +286,13 @@ def read_load(
     Expansion(root).content(top)
     scope = outermost(root, top.name, values)
     check_needs(scope)
-    for each in calls(scope):
-        if each.circuit is not top and each.circuit.measures:
-            refuse(each.circuit.measures[0], "measure: put it into the load's own sub-circuit")
+    for call in calls(scope):
+        if call.circuit is not top and call.circuit.measures:
+            refuse(call.circuit.measures[0], "measure: put it into the load's own sub-circuit")
     parts = tuple(elements(scope))
     measures = vet_measures([*root.measures, *top.measures], top.scope())
     output = _across_output(top, parts, measures)
-    letters = {"b" if each.expression is not None else each.letter for each in parts}
+    letters = {"b" if part.expression is not None else part.letter for part in parts}
     load = LoadCircuit(
         text="\n".join(written(root)) + "\n",
         name=top.name,
@@ -315,8 +315,8 @@ def read_load(
 
 def _defaults(root, top):
     """(name, number) of its own parameters where the file gives a plain number."""
-    known = {**root.local, **top.parameters, **top.local}
-    sizes = ((name, number(known[name])) for name in top.parameters)
+    defaults = {**root.local, **top.parameters, **top.local}
+    sizes = ((name, number(defaults[name])) for name in top.parameters)
     return [(name, size) for name, size in sizes if size is not None]
 
 
@@ -324,7 +324,9 @@ def _chosen(root, path, name):
     if not root.inner:
         raise NetlistError(f"{path.name}: holds no .subckt: put the load into one")
     if name is None:
-        names = [each for each, circuit in root.inner.items() if _fits(circuit)] or [*root.inner]
+        names = [
+            circuit_name for circuit_name, circuit in root.inner.items() if _fits(circuit)
+        ] or [*root.inner]
         name = path.stem.lower() if path.stem.lower() in root.inner else names[0]
         if name != path.stem.lower() and len(names) > 1:
             raise NetlistError(
@@ -355,14 +357,14 @@ def _check_pins(top):
 def _override(root, top, given, path):
     """Put the user's values in; those of the sub-circuit's own parameters are returned."""
     values = {}
-    known = {**root.local, **top.local, **top.parameters}
+    existing = {**root.local, **top.local, **top.parameters}
     for key, value in given.items():
         name = key.lower()
         where = f"load.parameters.{key[:60]} = {value!r:.60}"
-        if name not in known:
-            there = f"; there are {listed(known)}" if known else "; it has none"
+        if name not in existing:
+            hint = f"; there are {listed(existing)}" if existing else "; it has none"
             raise NetlistError(
-                f"{where}: {path.name} has no such parameter{nearest(name, known)}{there}"
+                f"{where}: {path.name} has no such parameter{nearest(name, existing)}{hint}"
             )
         if isinstance(value, str) and (read := _MISREAD.match(value)):
             mega, small = _READINGS[read.group(2)]
@@ -377,8 +379,8 @@ def _override(root, top, given, path):
         if name in top.parameters:
             values[name] = size
         else:
-            place = top.local if name in top.local else root.local
-            place[name] = repr(size)
+            table = top.local if name in top.local else root.local
+            table[name] = repr(size)
     return values
 
 
@@ -395,8 +397,10 @@ def _vet(circuit):
         circuit.models[name] = (card, kind, checked)
     circuit.needs = [_need(card, scope) for card in circuit.needs]
     for name, (card, arguments, expression) in circuit.functions.items():
-        own = scope._replace(parameters=scope.parameters.new_child(dict.fromkeys(arguments)))
-        circuit.functions[name] = (card, arguments, check_expression(card, expression, own))
+        inner_scope = scope._replace(
+            parameters=scope.parameters.new_child(dict.fromkeys(arguments))
+        )
+        circuit.functions[name] = (card, arguments, check_expression(card, expression, inner_scope))
     circuit.elements = [_vetted(card, circuit, scope) for card in circuit.elements]
     names = set()
     for card, words in circuit.elements:
@@ -446,8 +450,10 @@ def _vetted(card, circuit, scope):
                 f"{target.name[:40]} has no parameter {name[:40]}"
                 f"{nearest(name, target.parameters)}",
             )
-    given = [f"{name}={check_value(card, value, scope, name)}" for name, value in pairs.items()]
-    return card, [*bare, *given]
+    assignments = [
+        f"{name}={check_value(card, value, scope, name)}" for name, value in pairs.items()
+    ]
+    return card, [*bare, *assignments]
 
 
 def _single_resistance(top, parts):
@@ -465,16 +471,16 @@ def _across_output(top, parts, measures):
             refuse(top.card, f"measures are of a load with the pins {' '.join(OUTPUT_PINS)}")
         return []
     across = [
-        each
-        for each in parts
-        if {*each.nodes[:2]} == {*OUTPUT_PINS} and each.written_letter in "rc"
+        part
+        for part in parts
+        if {*part.nodes[:2]} == {*OUTPUT_PINS} and part.written_letter in "rc"
     ]
-    for each in across:
-        if each.value is None:
+    for part in across:
+        if part.value is None:
             raise NetlistError(
-                f"{each.where}: {each.name} lies across out and ref: give it a constant value"
+                f"{part.where}: {part.name} lies across out and ref: give it a constant value"
             )
-    if not across and all(each.kind != OUTPUT for each in measures):
+    if not across and all(measure.kind != OUTPUT for measure in measures):
         refuse(
             top.card,
             "no resistor or capacitor lies across out and ref, and no measure is an output: "

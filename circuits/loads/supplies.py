@@ -34,11 +34,11 @@ def supplies_of(load: LoadCircuit) -> tuple[Measure, ...]:
     """
     if not load.has_output:
         return ()
-    sources = {each.name: each for each in load.elements if _may_supply(each)}
+    sources = {element.name: element for element in load.elements if _may_supply(element)}
     booked = {
-        name: each
-        for name, each in sources.items()
-        if _within(each, load.coupled) and _current(each) is not None
+        name: source
+        for name, source in sources.items()
+        if _within(source, load.coupled) and _current(source) is not None
     }
     counted = {
         leaf[1]
@@ -54,7 +54,9 @@ def supplies_of(load: LoadCircuit) -> tuple[Measure, ...]:
 
 def unbooked(load: LoadCircuit) -> tuple[str, ...]:
     """Sources whose power is not known, since only ngspice evaluates their currents."""
-    return tuple(each.name for each in load.elements if _may_supply(each) and not _current(each))
+    return tuple(
+        element.name for element in load.elements if _may_supply(element) and not _current(element)
+    )
 
 
 def _may_supply(each: Element) -> bool:
@@ -84,12 +86,12 @@ def _current(each: Element) -> Tree | None:
 
 def _measure(group: Sequence[Element], counted: Collection[str]) -> Measure:
     tree: Tree = ("number", 0.0)
-    for each in group:
-        tree = ("+", tree, ("*", ("v", *each.nodes[:2]), _current(each)))
+    for source in group:
+        tree = ("+", tree, ("*", ("v", *source.nodes[:2]), _current(source)))
     first = group[0]
     stores = len(group) == 1 and first.letter == "v" and first.wave is None
     kind = BATTERY if stores and first.name not in counted else SUPPLY
-    name = "_and_".join(each.name.replace(".", "_") for each in group)
+    name = "_and_".join(source.name.replace(".", "_") for source in group)
     return Measure(kind, name, "", "", first.where, (tree, None))
 
 
@@ -105,22 +107,22 @@ def coupled(parts: Sequence[Element]) -> frozenset[str]:
     a converter's sources feed them and others take from them.
     """
     islands = _islands(parts)
-    sources = {each.name: each for each in parts if _may_supply(each)}
+    sources = {part.name: part for part in parts if _may_supply(part)}
     groups = _groups(sources, parts)
-    found = {*_PINS}
+    reached = {*_PINS}
     waiting = []
     for island in islands:
-        shared = {"n" if node == GROUND else node for each in parts if island & {*_ends(each)}
-                  for node in {*_ends(each)} & COMMON}  # fmt: skip
+        shared = {"n" if node == GROUND else node for part in parts if island & {*_ends(part)}
+                  for node in {*_ends(part)} & COMMON}  # fmt: skip
         if island & _PINS or len(shared) > 1:
-            found |= island
-        elif sum(bool(island & {*each.nodes[:2]}) for each in sources.values()) > 1:
+            reached |= island
+        elif sum(bool(island & {*source.nodes[:2]}) for source in sources.values()) > 1:
             waiting.append(island)
     for _ in islands:
-        fed = {node for group in groups if any(_within(sources[name], found) for name in group)
+        fed = {node for group in groups if any(_within(sources[name], reached) for name in group)
                for name in group for node in sources[name].nodes[:2]}  # fmt: skip
-        found = found.union(*(island for island in waiting if island & fed))
-    return frozenset(found)
+        reached = reached.union(*(island for island in waiting if island & fed))
+    return frozenset(reached)
 
 
 def _within(source, nodes):
@@ -129,20 +131,20 @@ def _within(source, nodes):
 
 def _islands(parts):
     """Sets of nodes joined by elements, apart from the common nodes."""
-    ends = [{*_ends(each)} - COMMON for each in parts]
-    found: list[set[str]] = []
+    ends = [{*_ends(part)} - COMMON for part in parts]
+    islands: list[set[str]] = []
     for nodes in filter(None, ends):
-        near = [island for island in found if island & nodes]
-        found = [island for island in found if island not in near]
-        found.append(nodes.union(*near))
-    return found
+        near = [island for island in islands if island & nodes]
+        islands = [island for island in islands if island not in near]
+        islands.append(nodes.union(*near))
+    return islands
 
 
 def _controls(each: Element) -> tuple[set[str], set[str]]:
     """Nodes and currents on which an element depends, other than by its own ends."""
-    found = list(leaves(each.expression)) if each.expression is not None else []
-    nodes = {node for leaf in found if leaf[0] == "v" for node in leaf[1:]}
-    names = {leaf[1] for leaf in found if leaf[0] == "i"}
+    leaves_of_source = list(leaves(each.expression)) if each.expression is not None else []
+    nodes = {node for leaf in leaves_of_source if leaf[0] == "v" for node in leaf[1:]}
+    names = {leaf[1] for leaf in leaves_of_source if leaf[0] == "i"}
     if each.expression is None and each.letter in "egs":
         nodes |= {*each.nodes[2:4]}
     if each.letter in "fhw":
@@ -153,20 +155,23 @@ def _controls(each: Element) -> tuple[set[str], set[str]]:
 def _groups(sources: dict[str, Element], parts: Sequence[Element]) -> list[list[str]]:
     """Names of sources that count together."""
     at: dict[str, list[Element]] = {}
-    for each in parts:
-        for node in _ends(each):
-            at.setdefault(node, []).append(each)
-    by_name = {each.name: each for each in parts}
+    for part in parts:
+        for node in _ends(part):
+            at.setdefault(node, []).append(part)
+    by_name = {part.name: part for part in parts}
     by_current: dict[str, set[str]] = {}
     reached: dict[str, set[str]] = {}
-    for name, each in sources.items():
-        nodes, currents = _controls(each)
+    for name, part in sources.items():
+        nodes, currents = _controls(part)
         # The current of an ammeter or a coil is that of the sources around it.
         around = {node for i in currents - {*sources} if i in by_name for node in by_name[i].nodes}
         by_current[name] = (currents & {*sources} | _near(around, at, sources)) - {name}
         reached[name] = by_current[name] | _near(nodes, at, sources) - {name}
     for _ in sources:
-        reached = {a: found.union(*(reached[b] for b in found)) for a, found in reached.items()}
+        reached = {
+            a: sources_reached.union(*(reached[b] for b in sources_reached))
+            for a, sources_reached in reached.items()
+        }
     groups: list[list[str]] = []
     for name in sources:
         together = [
@@ -186,7 +191,7 @@ def _groups(sources: dict[str, Element], parts: Sequence[Element]) -> list[list[
 
 def _near(nodes: Iterable[str], at: dict, sources: Collection[str]) -> set[str]:
     """Sources that set the voltages of some nodes, directly or through other elements."""
-    found: set[str] = set()
+    near_sources: set[str] = set()
     seen: set[str] = {*COMMON, "p"}
     waiting = [*nodes]
     while waiting:
@@ -194,10 +199,10 @@ def _near(nodes: Iterable[str], at: dict, sources: Collection[str]) -> set[str]:
         if node in seen:
             continue
         seen.add(node)
-        ports = {each.name for each in at.get(node, ()) if each.name in sources}
-        found |= ports
-        for each in at.get(node, ()) if not ports else ():
-            own, currents = _controls(each)
-            waiting += [*_ends(each), *own]
-            found |= currents & {*sources}
-    return found
+        ports = {part.name for part in at.get(node, ()) if part.name in sources}
+        near_sources |= ports
+        for part in at.get(node, ()) if not ports else ():
+            nodes_asked, currents = _controls(part)
+            waiting += [*_ends(part), *nodes_asked]
+            near_sources |= currents & {*sources}
+    return near_sources

@@ -83,7 +83,7 @@ class Values:
 
     def __init__(self, trees: Sequence[Tree], watched: Sequence[str]) -> None:
         tape = Tape()
-        places = {name: place for place, name in enumerate(watched)}
+        places = {name: index for index, name in enumerate(watched)}
 
         def unknown_of(tree: Tree) -> int:
             return places[tree[1] if tree[0] == "v" else f"i({tree[1]})"]
@@ -94,10 +94,10 @@ class Values:
 
     def __call__(self, time: np.ndarray, unknowns: np.ndarray) -> np.ndarray:
         """Their values; shape (trees, points), of unknowns (watched, points)."""
-        found = np.empty((self._ends.size, time.size))
+        results = np.empty((self._ends.size, time.size))
         points = np.ascontiguousarray(np.asarray(unknowns, dtype=float).T)
-        _at_points(self._rows, self._constants.copy(), self._ends, time, points, found)
-        return found
+        _at_points(self._rows, self._constants.copy(), self._ends, time, points, results)
+        return results
 
 
 @compiled
@@ -106,8 +106,8 @@ def _at_points(
 ) -> None:  # fmt: skip
     for k in range(time.size):
         evaluate(rows, values, points[k], time[k])
-        for place in range(ends.size):
-            found[place, k] = values[ends[place]]
+        for index in range(ends.size):
+            found[index, k] = values[ends[index]]
 
 
 @compiled

@@ -120,22 +120,22 @@ def read_topology(text: str) -> Any:
     NetlistError
         An element of a kind that no scene's netlist has.
     """
-    place = Topology()
+    topology = Topology()
     for card in statements(text, "netlist"):
         words = _joined(card.text).split()
         first = words[0].lower()
         if first == ".subckt":
             pins = tuple(w for w in words[2:] if "=" not in w and w.lower() != "params:")
-            inner = Topology(words[1].lower(), pins, outer=place)
-            place.inner[inner.name] = inner
-            place = inner
+            inner = Topology(words[1].lower(), pins, outer=topology)
+            topology.inner[inner.name] = inner
+            topology = inner
         elif first == ".ends":
-            place = place.outer or place
+            topology = topology.outer or topology
         elif first == ".model":
-            place.models[words[1].lower()] = " ".join(words[2:]).lower()
+            topology.models[words[1].lower()] = " ".join(words[2:]).lower()
         elif not first.startswith((".", "*")):
-            place.parts.append(_part(words, card))
-    return place
+            topology.parts.append(_part(words, card))
+    return topology
 
 
 def _joined(text):
@@ -162,12 +162,16 @@ def _part(words, card):
     count = 2 if letter in CONTROLLED_BY_NODES else ELEMENTS[letter][0]
     if letter in ("m", "q") and _has_fourth_node(words[1 + count :]):
         count += 1
-    nodes, rest = tuple(words[1 : 1 + count]), words[1 + count :]
-    if letter in CONTROLLED_BY_NODES and len(rest) > 2 and not re.search(r"[=({]", rest[0]):
-        return Part(name, nodes, tuple(rest[:2]), " ".join(rest[2:]))
+    nodes, remainder = tuple(words[1 : 1 + count]), words[1 + count :]
+    if (
+        letter in CONTROLLED_BY_NODES
+        and len(remainder) > 2
+        and not re.search(r"[=({]", remainder[0])
+    ):
+        return Part(name, nodes, tuple(remainder[:2]), " ".join(remainder[2:]))
     if letter in "fhw":
-        return Part(name, nodes, tuple(rest[:1]), " ".join(rest[1:]))
-    value = " ".join(rest)
+        return Part(name, nodes, tuple(remainder[:1]), " ".join(remainder[1:]))
+    value = " ".join(remainder)
     voltages = re.findall(r"\bv\(([^()]*)\)", value.lower()) if letter in "beg" else ()
     control = dict.fromkeys(node.strip() for pair in voltages for node in pair.split(","))
     return Part(name, nodes, tuple(control), value)

@@ -47,9 +47,11 @@ class Subcircuit:
         """The names that are visible here, including those of the definitions around it."""
         around = self.around()
         return Scope(
-            ChainMap(*(values for place in around for values in (place.local, place.parameters))),
-            ChainMap(*(place.functions for place in around)),
-            ChainMap(*(place.models for place in around)),
+            ChainMap(
+                *(values for circuit in around for values in (circuit.local, circuit.parameters))
+            ),
+            ChainMap(*(circuit.functions for circuit in around)),
+            ChainMap(*(circuit.models for circuit in around)),
             around[-1].dialect,
         )
 
@@ -74,46 +76,48 @@ class Subcircuit:
 
 def parse(cards: list[Card], name: str) -> Subcircuit:
     """Cards of a file of this name as nested sub-circuits, elements not yet judged."""
-    root = here = Subcircuit(Card("", name))
+    root = current = Subcircuit(Card("", name))
     for card in cards:
-        first, _, rest = card.text.partition(" ")
+        first, _, remainder = card.text.partition(" ")
         if first == ".subckt":
-            here = _opened(here, card, rest)
+            current = _opened(current, card, remainder)
         elif first == ".ends":
-            if here is root:
+            if current is root:
                 refuse(card, ".ends without its .subckt")
-            if rest and rest != here.name:
-                refuse(card, f".ends {rest[:40]} closes .subckt {here.name[:40]}")
-            here = here.outer or root
+            if remainder and remainder != current.name:
+                refuse(card, f".ends {remainder[:40]} closes .subckt {current.name[:40]}")
+            current = current.outer or root
         elif first in (".param", ".params"):
             # Parameters may be separated by commas.
-            pairs = vetting.vet_parameters(card, COMMA.sub(" ", rest))
-            here.local.update(pairs)
-            here.local_cards.update(dict.fromkeys(pairs, card))
+            pairs = vetting.vet_parameters(card, COMMA.sub(" ", remainder))
+            current.local.update(pairs)
+            current.local_cards.update(dict.fromkeys(pairs, card))
         elif first == ".func":
             name, arguments, expression = vetting.vet_function(card)
-            if here is root and name in FUNCTIONS:
+            if current is root and name in FUNCTIONS:
                 refuse(
                     card,
                     f"{name} is ngspice's own function: outside of a .subckt yours would change "
                     "the device too; put it into the load's .subckt",
                 )
-            _once(card, here.functions, f".func {name}", name)
-            here.functions[name] = (card, arguments, expression)
+            _once(card, current.functions, f".func {name}", name)
+            current.functions[name] = (card, arguments, expression)
         elif first == ".model":
             name, kind, values = vetting.vet_model(card)
-            _once(card, here.models, f".model {name}", name)
-            here.models[name] = (card, kind, values)
+            _once(card, current.models, f".model {name}", name)
+            current.models[name] = (card, kind, values)
         elif first == DIALECT:
-            if rest not in DIALECTS or root.dialect not in ("", rest):
-                refuse(card, f"* dialect: {rest[:40]}: one of {', '.join(DIALECTS)} for all files")
-            root.dialect = rest
+            if remainder not in DIALECTS or root.dialect not in ("", remainder):
+                refuse(
+                    card, f"* dialect: {remainder[:40]}: one of {', '.join(DIALECTS)} for all files"
+                )
+            root.dialect = remainder
         elif first == MEASURE:
-            here.measures.append(Card(rest, card.where))
+            current.measures.append(Card(remainder, card.where))
         elif first == NEEDS:
-            if here is root:
+            if current is root:
                 refuse(card, "needs: put it into the .subckt whose parameters it is about")
-            here.needs.append(Card(rest, card.where))
+            current.needs.append(Card(remainder, card.where))
         elif first.startswith("."):
             instead = _INSTEAD.get(first, "")
             refuse(
@@ -121,13 +125,13 @@ def parse(cards: list[Card], name: str) -> Subcircuit:
                 f"{first[:40]} is not accepted{instead}: a load holds elements, .model, .param, "
                 ".func, .subckt and .include, and is no program",
             )
-        elif here is root:
+        elif current is root:
             title = "; a title begins with *" if card is cards[0] else ""
             refuse(card, f"{first[:40]}: an element outside a .subckt; put it into one{title}")
         else:
-            here.elements.append(card)
-    if here is not root:
-        refuse(here.card, f".subckt {here.name} without its .ends")
+            current.elements.append(card)
+    if current is not root:
+        refuse(current.card, f".subckt {current.name} without its .ends")
     return root
 
 
@@ -165,8 +169,8 @@ def written(circuit: Subcircuit) -> list[str]:
     """The lines of a sub-circuit, or of all of a file."""
     lines = []
     if circuit.name:
-        given = [f"{name}={value}" for name, value in circuit.parameters.items()]
-        lines.append(" ".join([".subckt", circuit.name, *circuit.pins, *given]))
+        defaults = [f"{name}={value}" for name, value in circuit.parameters.items()]
+        lines.append(" ".join([".subckt", circuit.name, *circuit.pins, *defaults]))
     lines += [f".param {name}={value}" for name, value in circuit.local.items()]
     for name, (_, arguments, expression) in circuit.functions.items():
         lines.append(f".func {name}({','.join(arguments)}) {{{expression}}}")

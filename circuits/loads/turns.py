@@ -41,27 +41,27 @@ class Passing(NamedTuple):
 @functools.lru_cache(maxsize=4096)
 def turns(tree: Tree) -> tuple[Tree, ...]:
     """Expressions that cross 0 where this one jumps; those of the time alone are left out."""
-    found = dict.fromkeys(each for each in _passed(tree) if not of_time_alone(each))
-    return tuple(each for each in found if _jumps(tree, each))
+    differences = dict.fromkeys(passed for passed in _passed(tree) if not of_time_alone(passed))
+    return tuple(difference for difference in differences if _jumps(tree, difference))
 
 
 def _passed(tree: Tree) -> Iterator[Tree]:
     """Expressions that cross 0 where a part of this one switches (comparison, step, rounding)."""
     half_turn = ("number", math.pi)
-    for each in leaves(tree):
-        if each[0] in ("<", "<="):
-            yield ("-", each[1], each[2])
-        elif each[0] in ("sgn", "u"):
-            yield each[1]
-        elif each[0] in ("floor", "ceil"):
-            yield ("sin", ("*", half_turn, each[1]))
-        elif each[0] == "nint":
-            yield ("cos", ("*", half_turn, each[1]))
+    for leaf in leaves(tree):
+        if leaf[0] in ("<", "<="):
+            yield ("-", leaf[1], leaf[2])
+        elif leaf[0] in ("sgn", "u"):
+            yield leaf[1]
+        elif leaf[0] in ("floor", "ceil"):
+            yield ("sin", ("*", half_turn, leaf[1]))
+        elif leaf[0] == "nint":
+            yield ("cos", ("*", half_turn, leaf[1]))
 
 
 def _unknowns(tree):
-    named = [each for each in leaves(tree) if each[0] in ("v", "i")]
-    names = [f"i({each[1]})" if each[0] == "i" else node for each in named for node in each[1:]]
+    named = [leaf for leaf in leaves(tree) if leaf[0] in ("v", "i")]
+    names = [f"i({leaf[1]})" if leaf[0] == "i" else node for leaf in named for node in leaf[1:]]
     return [name for name in dict.fromkeys(names) if name != GROUND]
 
 
@@ -109,10 +109,10 @@ def passing(passed: Tree) -> Passing | None:
     points = np.eye(len(names), len(names) + 3)
     points[:, -2] = np.random.default_rng(2).uniform(-10.0, 10.0, len(names))
     points[:, -1] = 2.0 * points[:, -2]
-    found = values(np.array([*np.zeros(len(names) + 2), 1.0]), points)[0]
-    start, slopes = found[len(names)], found[: len(names)] - found[len(names)]
+    results = values(np.array([*np.zeros(len(names) + 2), 1.0]), points)[0]
+    start, slopes = results[len(names)], results[: len(names)] - results[len(names)]
     straight = start + slopes @ points
-    if not np.allclose(found, straight, rtol=ROUNDING, atol=ROUNDING * np.abs(slopes).max()):
+    if not np.allclose(results, straight, rtol=ROUNDING, atol=ROUNDING * np.abs(slopes).max()):
         return None
     counts = [k for k in range(len(names)) if abs(slopes[k]) > ROUNDING * np.abs(slopes).max()]
     counts.sort(key=lambda k: -slopes[k])

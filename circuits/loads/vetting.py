@@ -86,8 +86,8 @@ class Scope(NamedTuple):
 def listed(names: Iterable[str]) -> str:
     """Names in one line, the first of many."""
     names = [name[:LONGEST_SHOWN] for name in names]
-    more = f" … ({len(names)} in all)" if len(names) > MOST_SHOWN else ""
-    return ", ".join(names[:MOST_SHOWN]) + more
+    remainder = f" … ({len(names)} in all)" if len(names) > MOST_SHOWN else ""
+    return ", ".join(names[:MOST_SHOWN]) + remainder
 
 
 def refuse(card: Card, fault: str) -> NoReturn:
@@ -148,13 +148,13 @@ def vet_model(card: Card) -> tuple[str, str, list[tuple[str, str]]]:
     match = re.fullmatch(r"\.model (\S+) (\w+)\s*(.*)", card.text)
     kind = match.group(2) if match else ""
     if not match or kind not in MODELS:
-        known = ", ".join(sorted(MODELS))
-        refuse(card, f".model takes a name and one of {known}{nearest(kind, MODELS)}")
-    rest = match.group(3).strip()
-    if rest.startswith("(") and rest.endswith(")"):
-        rest = rest[1:-1]
+        kinds = ", ".join(sorted(MODELS))
+        refuse(card, f".model takes a name and one of {kinds}{nearest(kind, MODELS)}")
+    remainder = match.group(3).strip()
+    if remainder.startswith("(") and remainder.endswith(")"):
+        remainder = remainder[1:-1]
     pairs = []
-    for name, value in _pairs(card, rest.replace(",", " "), FLAGS):
+    for name, value in _pairs(card, remainder.replace(",", " "), FLAGS):
         if name in FACTS or (kind == "vdmos" and name in VDMOS_FACTS):
             continue
         if kind == "d" and name in IDEAL_DIODE:
@@ -254,16 +254,16 @@ def vet_element(card: Card, scope: Scope) -> list[str]:
         text = _TWO_COEFFICIENTS.sub(r" tc1=\1 tc2=\2", text)
     name, *words = re.split(r"\s+", text)
     if name[0] not in ELEMENTS:
-        known = " ".join(sorted(ELEMENTS)).upper()
+        letters = " ".join(sorted(ELEMENTS)).upper()
         refuse(
-            card, f"{name[:40]}: an element of this letter is not accepted; these are: X {known}"
+            card, f"{name[:40]}: an element of this letter is not accepted; these are: X {letters}"
         )
     count, kind = ELEMENTS[name[0]]
-    nodes, rest = words[:count], words[count:]
-    if not re.fullmatch(r"[\w.+\-#]+", name) or len(nodes) < count or not rest:
+    nodes, remainder = words[:count], words[count:]
+    if not re.fullmatch(r"[\w.+\-#]+", name) or len(nodes) < count or not remainder:
         refuse(card, f"{card.text[:50]!r}: too few nodes or no value")
     check_nodes(card, nodes)
-    return [name, *nodes, *_KINDS[kind](card, rest, scope)]
+    return [name, *nodes, *_KINDS[kind](card, remainder, scope)]
 
 
 def check_nodes(card: Card, nodes: list[str]) -> None:
@@ -302,9 +302,9 @@ def _part_parameter(card, word, scope):
         return []
     if key in PARASITICS:
         refuse(card, f"{key}= is LTspice's alone: write it as an element of its own")
-    known = PART_PARAMETERS[card.text[0]]
-    if key not in known:
-        refuse(card, f"{card.text[0].upper()} uses no {word[:40]!r}{nearest(key, known)}")
+    keys = PART_PARAMETERS[card.text[0]]
+    if key not in keys:
+        refuse(card, f"{card.text[0].upper()} uses no {word[:40]!r}{nearest(key, keys)}")
     # `tc` and `tc1` are the same parameter; the last one counts.
     key = "tc1" if key == "tc" else key
     return [f"{key}={check_value(card, value, scope, key)}"]
@@ -319,14 +319,14 @@ def _coupling(card, rest, scope):
 
 def _model(card, rest, scope):
     """Further nodes, the model's name, its parameters."""
-    words, found = [], False
+    words, model_seen = [], False
     for word in rest:
         if "=" in word:
             words += _part_parameter(card, word, scope)
-        elif word in scope.models and not found:
-            found = True
+        elif word in scope.models and not model_seen:
+            model_seen = True
             words.append(word)
-        elif found and word not in FLAGS:
+        elif model_seen and word not in FLAGS:
             if card.text[0] in "msw":
                 refuse(card, f"{word[:40]!r} behind the model has no effect: leave it out")
             area = "area=" if card.text[0] == "d" else ""
@@ -334,7 +334,7 @@ def _model(card, rest, scope):
         else:
             check_nodes(card, [word])
             words.append(word)
-    if not found:
+    if not model_seen:
         bare = [word for word in rest if "=" not in word]
         unknown = bare[-1] if bare else ""
         missing = f"{unknown[:LONGEST_SHOWN]}{nearest(unknown, scope.models)}"
@@ -354,8 +354,8 @@ def _source(card, rest, scope):
                 refuse(card, f"{word[:40]!r} is not accepted in a source")
             words.append(f"{match.group(1)}={check_value(card, match.group(2), scope)}")
         elif word[0].isalpha() and word not in scope.parameters:
-            known = ", ".join(sorted(WAVEFORMS))
-            refuse(card, f"{word[:40]!r} is no waveform of a load's source; these are: {known}")
+            waveforms = ", ".join(sorted(WAVEFORMS))
+            refuse(card, f"{word[:40]!r} is no waveform of a load's source; these are: {waveforms}")
         else:
             words.append(check_value(card, word, scope))
     return words

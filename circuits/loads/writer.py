@@ -31,8 +31,8 @@ def node_name(name: str) -> str:
 
 def element_name(letter: str, name: str) -> str:
     """An element of a load as the run's netlist calls it: ngspice knows its kind by its letter."""
-    own = name if name.startswith(letter) and "." not in name else f"{letter}.{name}"
-    return _ODD.sub(lambda odd: f"_{ord(odd.group()):x}_", own)
+    own_name = name if name.startswith(letter) and "." not in name else f"{letter}.{name}"
+    return _ODD.sub(lambda odd: f"_{ord(odd.group()):x}_", own_name)
 
 
 def current_name(name: str) -> str:
@@ -45,7 +45,7 @@ def run_text(name: str, pins: Iterable[str], elements: Iterable[Element]) -> str
     elements = tuple(elements)
     names = _model_names(elements)
     models = [_model(name, model) for model, name in names.items()]
-    lines = [_line(each, names) for each in elements]
+    lines = [_line(element, names) for element in elements]
     lines += [f".ic v({node_name(k)})={_number(v)}" for k, v in starts(elements).items()]
     return "\n".join([f".subckt {name} {' '.join(pins)}", *models, *lines, f".ends {name}"]) + "\n"
 
@@ -59,11 +59,11 @@ def reads_alike(text: str, elements: tuple[Element, ...]) -> bool:
     named = {*re.findall(r"(?<![\w.])([a-z_]\w*)=", text)}
     asked = {*re.findall(r"(?<![\w.])([a-z_]\w*)(?=[-+*/^<>?:,!&|})])", text)}
     called = {*re.findall(r"(?<![\w.])([a-z_]\w*)\(", text)}
-    given = re.findall(r"(?m)^\.param (\w+)=(\S+)", text)
-    parameters = {name for name, value in given if not _is_ngspices(name, number(value))}
+    definitions = re.findall(r"(?m)^\.param (\w+)=(\S+)", text)
+    parameters = {name for name, value in definitions if not _is_ngspices(name, number(value))}
     parameters |= {*re.findall(r" (\w+)=", " ".join(re.findall(r"(?m)^\.subckt .*", text)))}
     return not (
-        any(each.is_smooth_switch for each in elements)
+        any(element.is_smooth_switch for element in elements)
         or starts(elements)
         or called & ELSEWHERE_ALONE
         or parameters & ((FUNCTIONS - SOLUTION) | {"pi", "e"})
@@ -79,7 +79,7 @@ def _is_ngspices(name, value):
 def _model_names(elements):
     """(kind, numbers, flags) of each model that differs → its name, which stands once."""
     names: dict[tuple, str] = {}
-    for model in (each.model for each in elements if each.model is not None):
+    for model in (element.model for element in elements if element.model is not None):
         if model[1:] not in names:
             name = node_name(model.name)
             while name in names.values():
@@ -96,8 +96,8 @@ def _model(name, model):
 
 def _number(value):
     """A number in full; whole ones without a point, as levels are."""
-    whole = float(value).is_integer() and abs(value) < 1e6
-    return str(int(value)) if whole else repr(float(value))
+    is_whole = float(value).is_integer() and abs(value) < 1e6
+    return str(int(value)) if is_whole else repr(float(value))
 
 
 def _line(each, names):
