@@ -11,10 +11,10 @@ from circuits import elements, verilog
 from circuits.loads import part_values
 from circuits.loads.course import Course
 from circuits.loads.expression import ExpressionError, check
+from circuits.loads.load_notes import check_turn
 from circuits.loads.load_watch import NOTHING as UNWATCHED
-from circuits.loads.load_watch import Watch, watch_of
+from circuits.loads.load_watch import Watch, may_jump, watch_of
 from circuits.loads.measurement import NOTHING, Measurement, measurement_of
-from circuits.loads.own_motion import check_turn
 from harvester.device import timescales
 from harvester.device.system import speed_held
 from harvester.errors import NetlistError
@@ -89,7 +89,7 @@ def step_options(
         return (own_steps(tolerance), True) if tolerance else (FIXED_STEP, False)
     if not load.switches and not tolerance:
         return RECTIFIER_STEP, False
-    if not load.may_jump and not tolerance:
+    if not may_jump(load) and not tolerance:
         return f"reltol={_switched_newton(ready)!r} trtol=1e9 itl4=100", False
     refinement = steps_per_knot(ready, step) / steps_per_knot(ready)
     tolerance = tolerance or LOAD_TOLERANCE / refinement**2
@@ -99,9 +99,11 @@ def step_options(
 
 def _switched_newton(ready):
     """Newton's tolerance for a load whose switches and coils set the steps."""
+    load = ready.scene.load.circuit
     stray = elements.STRAY_SHARE * ready.network.reference_capacitance
     largest = max(
-        (size for size, coil in ready.scene.load.circuit.watch.stores if not coil), default=0.0
+        (size for size, coil in watch_of(load, {pin: pin for pin in load.pins}).stores if not coil),
+        default=0.0,
     )
     rounding = ROUNDING_MARGIN * sys.float_info.epsilon * largest / stray
     return min(max(rounding, RECTIFIER_NEWTON), GREATEST_NEWTON)

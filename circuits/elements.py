@@ -11,9 +11,9 @@ whose terminal carries volts.
 from __future__ import annotations
 
 import math
+from importlib import resources
 from typing import TYPE_CHECKING
 
-from circuits.loads.project import library_text
 from harvester.device import contact as contacts
 from harvester.device.damper import drag_formula
 from harvester.device.system import System
@@ -24,7 +24,7 @@ if TYPE_CHECKING:
 
     from PySpice.Spice.Netlist import Circuit
 
-    from circuits.loads.subcircuits import LoadCircuit
+    from circuits.loads.load_circuit import LoadCircuit
     from harvester.device.contact import Contact
     from harvester.excitation.prescribed import PrescribedDisplacement
     from harvester.scene.units import Scales
@@ -288,7 +288,9 @@ def add_resistor(circuit: Circuit, resistance: float, network: Network) -> None:
 
     A single resistor's power follows from the voltage.
     """
-    circuit.raw_spice += library_text("resistor")
+    text = resources.files("netlists").joinpath("resistor.lib").read_text(encoding="utf-8")
+    lines = [line for line in text.splitlines() if line.strip() and not line.startswith("*")]
+    circuit.raw_spice += "\n".join(lines) + "\n"
     node = network.terminal
     if network.current_per_ampere > 0.0:
         node = _add_ammeter(circuit, network)

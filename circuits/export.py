@@ -15,6 +15,7 @@ from circuits.assembly import (
     own_steps,
     step_options,
 )
+from circuits.loads.load_watch import may_jump
 from circuits.ltspice import DIFFERENCES, to_ltspice
 from harvester.device import timescales
 from harvester.device.piezo import BASE
@@ -154,7 +155,7 @@ def _assembled(ready, path, start, step, tolerance=None, integrator="trapezoidal
         options = own_steps(tolerance or OWN_TOLERANCE)
     else:
         options, _ = step_options(ready, step, tolerance or LOAD_TOLERANCE)
-        if load.switches and not load.may_jump:
+        if load.switches and not may_jump(load):
             step = knot_spacing(ready) / steps_per_knot(ready, step) / REJECTING_STEPS
     save = saved(ready) if save is None else save
     if save and load and load.has_output:

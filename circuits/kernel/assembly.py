@@ -16,8 +16,9 @@ from circuits.kernel.tables import Circuit, Probes
 from circuits.loads.course import Course
 from circuits.loads.expression import leaves
 from circuits.loads.functions import LIMITED
+from circuits.loads.load_notes import suspicion
 from circuits.loads.measurement import measurement_of
-from circuits.loads.part_values import capacitance, conductance, jumping_sources, suspicion
+from circuits.loads.part_values import capacitance, conductance, jumping_sources
 from harvester.device.terminals import GROUND, LOAD_AMMETER
 
 if TYPE_CHECKING:
@@ -104,7 +105,7 @@ def build(ready: Prepared) -> Circuit:
         tuple((element.name, element.where) for element, *_ in b.waiting),
         suspicion(load),
         measurement,
-        tuple(f"{element.name} ({element.where})" for element in jumping_sources(load)),
+        tuple(f"{element.name} ({element.where})" for element in jumping_sources(load.elements)),
         tuple(
             f"{element.name} ({element.where})" for element in load.elements if _is_limited(element)
         ),

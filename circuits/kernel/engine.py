@@ -19,7 +19,7 @@ from circuits.kernel.stage import (
 from circuits.kernel.stepping import CHATTER, FINE, SOURCE_CHATTER, advance
 from circuits.kernel.tables import Circuit
 from circuits.loads.course import AHEAD, NO_PLAN
-from circuits.loads.own_motion import check_turn
+from circuits.loads.load_notes import check_turn
 from circuits.loads.part_values import SOURCE_CURE
 from harvester.compilation import numba
 from harvester.device import contact, system, timescales

@@ -16,7 +16,7 @@ from harvester.errors import LoadError
 
 if TYPE_CHECKING:
     from circuits.loads.elements import Element
-    from circuits.loads.subcircuits import LoadCircuit
+    from circuits.loads.load_circuit import LoadCircuit
 
 # Parameters of a diode's model that have an effect here, at any temperature.
 _DIODE = {"is", "n", "rs", "bv", "ibv", "nbv", "cjo", "vj", "m", "tt", "fc", "ikf", "isr", "nr",

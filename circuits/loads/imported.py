@@ -6,9 +6,9 @@ import re
 from collections.abc import Iterator, Sequence
 from typing import NamedTuple
 
+from circuits.loads.load_circuit import OUTPUT_PINS, PIEZO_PINS
 from circuits.loads.numbers import number
 from circuits.loads.reader import IGNORED, INCLUDES, statements
-from circuits.loads.subcircuits import OUTPUT_PINS, PIEZO_PINS
 from circuits.loads.topology import CONTROLLED_BY_NODES, GROUND, Part, Topology, read_topology
 from circuits.loads.vetting import ELEMENTS, listed
 from harvester.errors import NetlistError

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -18,7 +18,6 @@ from harvester.files.plain_text import nearest
 if TYPE_CHECKING:
     from circuits.loads.elements import Element
     from circuits.loads.scope import Scope
-    from circuits.loads.subcircuits import LoadCircuit
 
 # Largest value of a part. Powers of larger ones leave the range of numbers.
 LARGEST_VALUE = 1e30
@@ -28,7 +27,7 @@ ROUNDING = 1e-9
 _CONTROLLED = "seg"
 
 
-def check_load(load: LoadCircuit) -> None:
+def check_load(elements: Sequence[Element], pins: Sequence[str]) -> None:
     """Refuse a load whose elements form no valid circuit.
 
     Raises
@@ -36,24 +35,24 @@ def check_load(load: LoadCircuit) -> None:
     NetlistError
         One line with file, line and fault.
     """
-    _check_sizes(load.elements)
-    _check_sources(load.elements)
-    _check_couplings(load.elements)
-    _check_nodes(load.elements, load.pins)
-    _check_currents(load.elements)
+    _check_sizes(elements)
+    _check_sources(elements)
+    _check_couplings(elements)
+    _check_nodes(elements, pins)
+    _check_currents(elements)
 
 
-def loose_nodes(load: LoadCircuit) -> tuple[str, ...]:
+def loose_nodes(elements: Sequence[Element], pins: Sequence[str]) -> tuple[str, ...]:
     """Nodes with a single connection and no use in an expression, as "node of name (file:line)"."""
-    ends = Counter(node for element in load.elements for node in _connected(element))
+    ends = Counter(node for element in elements for node in _connected(element))
     known_nodes = {
         GROUND,
-        *load.pins,
-        *(node for element in load.elements for node in _controlling(element)),
+        *pins,
+        *(node for element in elements for node in _controlling(element)),
     }
     return tuple(
         f"{node} of {element.name} ({element.where})"
-        for element in load.elements
+        for element in elements
         for node in _connected(element)
         if ends[node] == 1 and node not in known_nodes
     )

@@ -14,7 +14,7 @@ from harvester.device.terminals import GROUND
 
 if TYPE_CHECKING:
     from circuits.loads.elements import Element
-    from circuits.loads.subcircuits import LoadCircuit
+    from circuits.loads.load_circuit import LoadCircuit
 
 # Transistors and behavioural sources change their currents by a law of their own, at any time.
 _JUMPING = frozenset("bqjm")
@@ -58,7 +58,7 @@ def watch_of(load: LoadCircuit, pins: Mapping[str, str]) -> Watch:
 
     Parameters
     ----------
-    load : circuits.loads.subcircuits.LoadCircuit
+    load : circuits.loads.load_circuit.LoadCircuit
     pins : dict of str to str
         Full names of the nodes at its pins.
 
@@ -68,12 +68,11 @@ def watch_of(load: LoadCircuit, pins: Mapping[str, str]) -> Watch:
         Empty for resistors, capacitors and diodes, which follow the motion.
     """
     parts = load.elements
-    jumps = any(part.wave is not None for part in parts)
+    jumps = may_jump(load)
     if not load.switches:
         return Watch(jumps=jumps)
     switches = [_switch(part, pins) for part in parts if part.letter in "sw"]
     switches += _comparisons(parts, pins)
-    jumps = jumps or load.own_motion.oscillates or any(map(_may_jump, parts))
     stores = [] if jumps else [_store(part, pins) for part in parts if part.letter in "cl"]
     watched = [*switches, *stores]
     return Watch(
@@ -86,7 +85,14 @@ def watch_of(load: LoadCircuit, pins: Mapping[str, str]) -> Watch:
     )
 
 
-def _may_jump(each: Element) -> bool:
+def may_jump(load: LoadCircuit) -> bool:
+    """Whether a part of the load may change its current without notice."""
+    if any(part.wave is not None for part in load.elements):
+        return True
+    return load.switches and (load.own_motion.oscillates or any(map(_jumps, load.elements)))
+
+
+def _jumps(each: Element) -> bool:
     if each.letter in _JUMPING or each.expression is not None:
         return True
     return each.letter in "cl" and not (each.size or 0.0) > 0.0

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import itertools
+import math
 import re
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import replace
@@ -12,16 +14,17 @@ import numpy as np
 
 from circuits.loads.expression import CIRCUIT_ONLY, ExpressionError, Tree, leaves, renamed
 from circuits.loads.kinds import LEVEL, STATE
-from circuits.loads.stores import energy_of
+from circuits.loads.stores import weights
+from circuits.loads.supplies import COMMON
 from harvester.device.terminals import GROUND
 from harvester.errors import NetlistError
 from harvester.files.plain_text import named, nearest
 
 if TYPE_CHECKING:
     from circuits.loads.elements import Element
+    from circuits.loads.load_circuit import LoadCircuit
     from circuits.loads.measures import Measure
     from circuits.loads.scope import Scope
-    from circuits.loads.subcircuits import LoadCircuit
     from circuits.loads.tape import Values
 
 # Letters of elements whose current is an unknown of the circuit.
@@ -112,7 +115,7 @@ def measurement_of(load: LoadCircuit, pins: Mapping[str, str]) -> Measurement:
 
     Parameters
     ----------
-    load : circuits.loads.subcircuits.LoadCircuit
+    load : circuits.loads.load_circuit.LoadCircuit
     pins : dict of str to str
         Full names of the nodes at its pins.
     """
@@ -126,6 +129,28 @@ def measurement_of(load: LoadCircuit, pins: Mapping[str, str]) -> Measurement:
     watched = tuple(dict.fromkeys(name for tree in trees for name in _unknowns(tree)))
     outside = tuple(name for name in watched if name in pins.values())
     return Measurement(load.recorded, tuple(trees), watched, outside, energy_of(load))
+
+
+def energy_of(load: LoadCircuit) -> np.ndarray:
+    """What the capacitors and coils of a load store (J), as a quadratic form of its levels.
+
+    Elements whose value is an expression are left out, and those of logic signals.
+    """
+    held = {store.name: weights(store, load.levels) for store in load.stores}
+    sizes = {
+        element.name: element.size
+        for element in load.elements
+        if element.name in held and element.size and {*element.nodes} - COMMON <= load.coupled
+    }
+    form = np.zeros((len(load.levels), len(load.levels)))
+    for name, size in sizes.items():
+        form += 0.5 * size * np.outer(held[name], held[name])
+    for coupling in load.elements:
+        coils = [name for name in coupling.controls if name in sizes]
+        for a, b in itertools.combinations(coils, 2):
+            mutual = (coupling.value or 0.0) * math.sqrt(sizes[a] * sizes[b])
+            form += 0.5 * mutual * (np.outer(held[a], held[b]) + np.outer(held[b], held[a]))
+    return form
 
 
 def _level(name, pins):

@@ -17,11 +17,9 @@ from circuits.loads.expression import ExpressionError, Tree
 from circuits.loads.numbers import THERMAL_VOLTAGE
 from circuits.loads.part_models import hysteresis
 from harvester.device.terminals import GROUND
-from harvester.errors import LoadError
 
 if TYPE_CHECKING:
     from circuits.loads.elements import Element
-    from circuits.loads.subcircuits import LoadCircuit
 
 # Conductance from every node to ground (S); most Newton iterations; and the residual at which they
 # end, as a share of the currents at a node or of the voltages around a loop.
@@ -36,14 +34,6 @@ LARGEST_EXPONENT = 40.0
 GROWING, FASTEST = 1e-6, 1e13
 # A mode counts if it makes up at least this share of a control's change.
 TAKES_PART = 0.05
-# Shortest time constant of a switch's control that a run can follow, in steps of the grid. It is a
-# hundred times Monte Carlo's shortest step; ngspice's clock is no finer.
-LEAST_TURN = 1e-8
-# Time (s) on one core that a period of a load's own clock takes in each engine: a buck converter of
-# one switch behind a bridge, at 50 kHz, took 14 steps of Monte Carlo a period and 140 of ngspice.
-PERIOD_COST = {"Monte Carlo": 8.6e-6, "the circuit": 2.6e-3}
-# A note states the cost of a realization if it takes either engine more than so many seconds.
-LONG = 60.0
 # Loads with more unknowns are not analysed. So many take half a second.
 MOST_UNKNOWNS = 300
 
@@ -87,55 +77,6 @@ def own_motion(elements: tuple[Element, ...]) -> OwnMotion:
     oscillates = any(motion.oscillates for motion in motions)
     unknown = next((motion.unknown for motion in motions if motion.unknown), "")
     return OwnMotion(oscillates, fastest.turn, fastest.switch, "" if oscillates else unknown)
-
-
-def check_turn(load: LoadCircuit, step: float) -> None:
-    """Refuse switches that turn by themselves faster than a run on a grid of this step (s) follows.
-
-    Raises
-    ------
-    LoadError
-    """
-    motion = load.own_motion
-    if motion.turn < LEAST_TURN * step:
-        raise LoadError(
-            f"{motion.switch} turns by itself, and its control follows within {motion.turn:.2g} s: "
-            f"steps of {step:.2g} s cannot follow that; raise ron or the capacitance at its control"
-        )
-
-
-def following_notes(load: LoadCircuit, duration: float) -> tuple[str, ...]:
-    """A note on the cost of following a load's fastest source through a run (s), if over `LONG`."""
-    period = min(load.periods, default=math.inf)
-    costs = {engine: duration / period * cost for engine, cost in PERIOD_COST.items()}
-    if any(element.letter in "jmq" for element in load.elements):
-        # Monte Carlo does not run transistors.
-        del costs["Monte Carlo"]
-    if max(costs.values()) < LONG:
-        return ()
-    name = next(e.name for e in load.elements if e.wave and e.wave.period == period)
-    estimates = ", ".join(f"{_spoken(cost)} by {engine}" for engine, cost in costs.items())
-    return (
-        f"{name} repeats itself every {1e6 * period:.3g} µs: {duration:.4g} s take about "
-        f"{estimates}, for each realization on one core; put an averaged converter in "
-        "its place, as nano_buck of `.include buck_converters.lib`",
-    )
-
-
-def _spoken(seconds):
-    if seconds < 90.0:
-        return f"{seconds:.2g} s"
-    return f"{seconds / 60.0:.2g} min" if seconds < 5400.0 else f"{seconds / 3600.0:.2g} h"
-
-
-def own_notes(load: LoadCircuit) -> tuple[str, ...]:
-    """A note for results whose load may oscillate by itself, if that could not be determined."""
-    if not load.own_motion.unknown:
-        return ()
-    return (
-        "whether the load oscillates by itself is not known "
-        f"({load.own_motion.unknown}): compare with shorter steps",
-    )
 
 
 def _may_drive(each):

@@ -5,18 +5,12 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 from circuits.loads.expression import leaves
-from circuits.loads.kinds import OUTPUT
-from circuits.loads.own_motion import own_notes
 
 if TYPE_CHECKING:
     from collections.abc import Iterable
 
     from circuits.loads.elements import Element
-    from circuits.loads.subcircuits import LoadCircuit
 
-# Smallest storage (F) and resistance (Ω) across an output. Smaller values are probably a misread
-# suffix.
-LEAST_STORAGE, LEAST_LOAD = 1e-12, 1.0
 # Advice for a source that turns on and off without end.
 SOURCE_CURE = (
     "its value jumps to and fro at one threshold, as its own effect reverses each jump at once; "
@@ -25,21 +19,6 @@ SOURCE_CURE = (
 )
 # Operations whose value jumps.
 _JUMPS = {"if", "<", "<=", "==", "and", "or", "not", "sgn", "floor", "ceil", "u", "nint"}
-
-
-def sources_of(load: LoadCircuit) -> tuple[str, ...]:
-    """Names of a load's independent sources that are not 0."""
-    names = (element.name.rpartition(".")[2] for element in load.elements if _gives(element))
-    return tuple(dict.fromkeys(names))
-
-
-def negative_parts(load: LoadCircuit) -> tuple[str, ...]:
-    """Resistors, capacitors and coils of a load whose value is below 0, as "name (file:line)"."""
-    return tuple(
-        f"{element.name} ({element.where})"
-        for element in load.elements
-        if element.letter in "rcl" and (element.size or 0.0) < 0.0
-    )
 
 
 def conductance(parts: Iterable[Element]) -> float:
@@ -52,49 +31,11 @@ def capacitance(parts: Iterable[Element]) -> float:
     return sum(part.size or 0.0 for part in parts if part.letter == "c")
 
 
-def suspicion(load: LoadCircuit | None) -> str:
-    """The negative parts that may have ended a run early: text to append to the reason."""
-    if load is None or not load.negative_parts:
-        return ""
-    names = ", ".join(load.negative_parts[:3])
-    return f"; a value below 0 feeds energy in, so that voltages may grow without bound: {names}"
-
-
-def jumping_sources(load: LoadCircuit) -> tuple[Element, ...]:
+def jumping_sources(elements: Iterable[Element]) -> tuple[Element, ...]:
     """Behavioural sources whose value may jump."""
     return tuple(
         element
-        for element in load.elements
+        for element in elements
         if element.expression is not None
         and any(leaf[0] in _JUMPS for leaf in leaves(element.expression))
     )
-
-
-def reading_notes(load: LoadCircuit) -> tuple[str, ...]:
-    """Notes on values that the reader may have understood otherwise than their writer."""
-    notes = [
-        f"{element.name} ({element.where}) is read as a smooth switch of LTspice or PSpice: its "
-        "conductance changes over the whole hysteresis"
-        for element in load.elements
-        if element.is_smooth_switch
-    ]
-    notes += [load.ambiguity] if load.ambiguity else []
-    outputs = [part for part in load.across_output if part.letter == "r"]
-    if load.has_output and not outputs and all(measure.kind != OUTPUT for measure in load.measures):
-        notes.append(
-            "no resistor lies across out and ref and no measure is an output: its power is 0"
-        )
-    for element in load.across_output:
-        small = LEAST_STORAGE if element.letter == "c" else LEAST_LOAD
-        if 0.0 < (element.size or 0.0) < small:
-            unit = "F" if element.letter == "c" else "Ω"
-            notes.append(
-                f"{element.name} ({element.where}) across the output is {element.size:g} {unit}: "
-                "in SPICE F behind a number is femto and M is milli; a farad has no letter, "
-                "a million is meg"
-            )
-    return (*notes, *own_notes(load))
-
-
-def _gives(each):
-    return each.letter in "vi" and (each.wave is not None or each.value != 0.0)

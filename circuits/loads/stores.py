@@ -2,20 +2,16 @@
 
 from __future__ import annotations
 
-import itertools
-import math
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
 from circuits.loads.expression import leaves
-from circuits.loads.supplies import COMMON
 from harvester.device.terminals import GROUND
 
 if TYPE_CHECKING:
     from circuits.loads.elements import Element
-    from circuits.loads.subcircuits import LoadCircuit
 
 # Letters of elements with controlling nodes, and of those whose slope depends on the voltage across
 # them.
@@ -41,20 +37,20 @@ class Store(NamedTuple):
     second: str
 
 
-def stores_of(load: LoadCircuit) -> tuple[Store, ...]:
+def stores_of(elements: Sequence[Element]) -> tuple[Store, ...]:
     """The capacitors and coils of a load that hold something."""
-    return tuple(_store(element) for element in load.elements if _holds(element))
+    return tuple(_store(element) for element in elements if _holds(element))
 
 
-def levels_of(load: LoadCircuit) -> tuple[str, ...]:
+def levels_of(elements: Sequence[Element], stores: Sequence[Store]) -> tuple[str, ...]:
     """Nodes, and currents as "i(name)", that determine the stores' energies and their drive.
 
     Empty for a load without a store.
     """
-    if not load.stores:
+    if not stores:
         return ()
-    nodes = [end for store in load.stores for end in (store.first, store.second)]
-    for element in load.elements:
+    nodes = [end for store in stores for end in (store.first, store.second)]
+    for element in elements:
         if element.letter in _CURVED:
             nodes += element.nodes
         elif element.letter in _CONTROLLED:
@@ -64,28 +60,6 @@ def levels_of(load: LoadCircuit) -> tuple[str, ...]:
                 if leaf[0] == "v":
                     nodes += leaf[1:]
     return tuple(name for name in dict.fromkeys(nodes) if name != GROUND)
-
-
-def energy_of(load: LoadCircuit) -> np.ndarray:
-    """What the capacitors and coils of a load store (J), as a quadratic form of its levels.
-
-    Elements whose value is an expression are left out, and those of logic signals.
-    """
-    held = {store.name: weights(store, load.levels) for store in load.stores}
-    sizes = {
-        element.name: element.size
-        for element in load.elements
-        if element.name in held and element.size and {*element.nodes} - COMMON <= load.coupled
-    }
-    form = np.zeros((len(load.levels), len(load.levels)))
-    for name, size in sizes.items():
-        form += 0.5 * size * np.outer(held[name], held[name])
-    for coupling in load.elements:
-        coils = [name for name in coupling.controls if name in sizes]
-        for a, b in itertools.combinations(coils, 2):
-            mutual = (coupling.value or 0.0) * math.sqrt(sizes[a] * sizes[b])
-            form += 0.5 * mutual * (np.outer(held[a], held[b]) + np.outer(held[b], held[a]))
-    return form
 
 
 def _holds(each: Element) -> bool:

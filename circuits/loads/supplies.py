@@ -18,7 +18,6 @@ from harvester.device.terminals import GROUND
 
 if TYPE_CHECKING:
     from circuits.loads.elements import Element
-    from circuits.loads.subcircuits import LoadCircuit
 
 # Nodes that many elements share. Sources do not depend on each other by way of these.
 COMMON = frozenset({"n", "ref", GROUND})
@@ -26,36 +25,36 @@ _PINS = frozenset({"p", "out"})
 _TRANSISTORS = "qjm"
 
 
-def supplies_of(load: LoadCircuit) -> tuple[Measure, ...]:
+def supplies_of(
+    elements: Sequence[Element], coupled_nodes: Collection[str], measures: Iterable[Measure]
+) -> tuple[Measure, ...]:
     """The power that each group of sources of a load takes, as measures of its own kinds.
 
     A constant voltage source stores what it takes, as a battery does, unless a measure of the file
     counts its current as an output or a loss.
     """
-    if not load.has_output:
-        return ()
-    sources = {element.name: element for element in load.elements if _may_supply(element)}
+    sources = {element.name: element for element in elements if _may_supply(element)}
     booked = {
         name: source
         for name, source in sources.items()
-        if _within(source, load.coupled) and _current(source) is not None
+        if _within(source, coupled_nodes) and _current(source) is not None
     }
     counted = {
         leaf[1]
-        for measure in load.measures
+        for measure in measures
         if measure.kind in (OUTPUT, LOSS)
         for leaf in leaves(measure.trees[0])
         if leaf[0] == "i"
     }
     groups = ([booked[name] for name in group if name in booked]
-              for group in _groups(sources, load.elements))  # fmt: skip
+              for group in _groups(sources, elements))  # fmt: skip
     return tuple(_measure(group, counted) for group in groups if group)
 
 
-def unbooked(load: LoadCircuit) -> tuple[str, ...]:
+def unbooked(elements: Iterable[Element]) -> tuple[str, ...]:
     """Sources whose power is not known, since only ngspice evaluates their currents."""
     return tuple(
-        element.name for element in load.elements if _may_supply(element) and not _current(element)
+        element.name for element in elements if _may_supply(element) and not _current(element)
     )
 
 

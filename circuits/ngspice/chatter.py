@@ -14,7 +14,7 @@ from harvester.device.terminals import GROUND
 
 if TYPE_CHECKING:
     from circuits.assembly import Netlist
-    from circuits.loads.subcircuits import LoadCircuit
+    from circuits.loads.load_circuit import LoadCircuit
 
 # A source chatters if it jumps by half its greatest value at JUMPING_SHARE of the points while
 # steps are shorter than SLIDING_STEP of the usual one, in each of LOOKS checks a second apart. A
@@ -31,7 +31,7 @@ class Chattering:
     Parameters
     ----------
     netlist : circuits.assembly.Netlist
-    load : circuits.loads.subcircuits.LoadCircuit or None
+    load : circuits.loads.load_circuit.LoadCircuit or None
     """
 
     def __init__(self, netlist: Netlist, load: LoadCircuit | None) -> None:
@@ -44,7 +44,7 @@ class Chattering:
         # Levels are the last measurements. Each is ("v", full name of the node, ground).
         level_trees = measurement.trees[len(measurement.trees) - len(levels) :]
         pins = {name: tree[1] for name, tree in zip(levels, level_trees, strict=True)}
-        for source in jumping_sources(load) if load else ():
+        for source in jumping_sources(load.elements) if load else ():
             tree = renamed(source.expression, pins) if source.expression else None
             if tree and _nodes(tree) <= {*measurement.watched}:
                 trees.append(tree)

@@ -19,8 +19,8 @@ from PySpice.Spice.NgSpice.Shared import NgSpiceCommandError, NgSpiceShared, ffi
 
 from circuits import elements, verilog
 from circuits.loads.course import AHEAD
-from circuits.loads.part_values import SOURCE_CURE, suspicion
-from circuits.loads.places import with_places
+from circuits.loads.load_notes import suspicion, with_places
+from circuits.loads.part_values import SOURCE_CURE
 from circuits.ngspice import callbacks, compiled_device, messages
 from circuits.ngspice.chatter import Chattering
 from circuits.ngspice.library import code_models, find_library, no_initialisation_files
@@ -77,7 +77,7 @@ class Session(NgSpiceShared):
 
     Attributes
     ----------
-    circuit_load : circuits.loads.subcircuits.LoadCircuit or None
+    circuit_load : circuits.loads.load_circuit.LoadCircuit or None
         The load of the netlist at hand, whose elements messages are to name.
     """
 

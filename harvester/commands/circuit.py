@@ -114,7 +114,7 @@ def load(
         The load's file, NAME.lib (default: standard output).
     """
     from circuits.loads.imported import candidates, imported
-    from circuits.loads.own_motion import following_notes
+    from circuits.loads.load_notes import following_notes
     from circuits.loads.reader import read_cards, read_text
     from circuits.loads.subcircuits import read_load
     from circuits.loads.vetting import tidy

@@ -106,7 +106,7 @@ def _say_costs(scene):
     """Print, before anything runs, how long a load that switches fast will take."""
     if scene is None or scene.load.circuit is None:
         return
-    from circuits.loads.own_motion import following_notes
+    from circuits.loads.load_notes import following_notes
 
     for note in following_notes(scene.load.circuit, scene.run.settle + scene.run.duration):
         say(note)

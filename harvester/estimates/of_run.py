@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from circuits.loads.load_notes import reading_notes
 from harvester.beam.magnets import magnet_notes
 from harvester.device import timescales
 from harvester.errors import SceneError
@@ -146,7 +147,7 @@ def run_estimates(
         *source_notes(scene.load.circuit),
         *_loose_nodes(scene.load.circuit),
         *_without_value(scene.load.circuit, moments),
-        *(scene.load.circuit.reading_notes if scene.load.circuit else ()),
+        *(reading_notes(scene.load.circuit) if scene.load.circuit else ()),
         *efficiency_notes(whole, scales.of("power"), unit_of(scene, "power")),
         *supply_notes(whole, scales.of("power"), unit_of(scene, "power")),
         *faint_output_notes(whole),

@@ -137,11 +137,11 @@ def source_notes(load: Any) -> tuple[str, ...]:
 
     Parameters
     ----------
-    load : circuits.loads.subcircuits.LoadCircuit or None
+    load : circuits.loads.load_circuit.LoadCircuit or None
     """
     if load is None:
         return ()
-    sources = unbooked(load) if load.has_output else load.sources
+    sources = unbooked(load.elements) if load.has_output else load.sources
     kinds = (("sources of its own", sources), ("values below 0", load.negative_parts))
     return tuple(
         f"the load has {kind} ({', '.join(parts[:5])}{' …' if parts[5:] else ''}): what they "

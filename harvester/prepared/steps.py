@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from circuits.loads.load_watch import may_jump
 from harvester.device import timescales
 from harvester.errors import HarvesterError, SceneError
 from harvester.excitation.ornstein_uhlenbeck import (
@@ -148,7 +149,7 @@ def steps_per_knot(ready: Prepared, step: str | float = "default", engine: str =
     error, order = _noise_error(ready, engine, longest)
     if error > NOISE_ERROR:
         longest *= (NOISE_ERROR / error) ** (1.0 / order)
-    finer = REJECTING_STEPS if engine == "circuit" and load and load.may_jump else 1
+    finer = REJECTING_STEPS if engine == "circuit" and load and may_jump(load) else 1
     decays = system.transducer.decay_rate() * spacing
     if engine == "monte-carlo" and decays > 1.0:
         based = timescales.base_share(system, spacing) > BASE_SHARE

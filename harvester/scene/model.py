@@ -134,7 +134,7 @@ class Load:
     `kind`, `resistance` (SI, Ω), `decay_rate` (scaled, λ = 1/(R Cp)) are the built-in resistor's.
     `netlist` is a name in netlists/ or a path, `subcircuit` the one meant of its file,
     `parameters` its values; `circuit` is what was read there
-    (circuits.loads.subcircuits.LoadCircuit).
+    (circuits.loads.load_circuit.LoadCircuit).
     """
 
     kind: str | None = None

@@ -52,4 +52,4 @@ def test_sources_that_may_jump_are_known(tmp_path):
         "B1 out ref I=V(out)*1u": 0,
     }
     for card, count in cards.items():
-        assert len(jumping_sources(scene(tmp_path, card).load.circuit)) == count
+        assert len(jumping_sources(scene(tmp_path, card).load.circuit.elements)) == count

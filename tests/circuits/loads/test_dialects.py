@@ -8,6 +8,7 @@ import pytest
 from raw_files import program_46, run_raw
 
 from circuits.loads.expression import written
+from circuits.loads.load_notes import reading_notes
 from circuits.loads.subcircuits import read_load
 from circuits.loads.tape import Values
 from harvester.errors import NetlistError
@@ -169,7 +170,7 @@ def test_every_row_of_the_table_is_tested():
 )
 def test_a_guess_of_the_dialect_is_noted_where_it_matters(tmp_path, body, noted):
     guess, said = load(tmp_path, "", body), load(tmp_path, "ngspice", body)
-    notes = [each for each in guess.reading_notes if "* dialect" in each]
+    notes = [each for each in reading_notes(guess) if "* dialect" in each]
     assert len(notes) == bool(noted)
     assert noted in "".join(notes)
     assert not said.ambiguity

@@ -21,6 +21,8 @@ from circuits.loads.expression import (
     resolved,
     written,
 )
+from circuits.loads.load_notes import reading_notes
+from circuits.loads.load_watch import watch_of
 from circuits.loads.scope import Scope
 from circuits.loads.subcircuits import find_netlist, read_load
 from circuits.loads.tape import Values
@@ -224,7 +226,7 @@ def test_named_and_written_out_are_one_circuit(tmp_path, name):
 )
 def test_what_may_not_be_meant_so_is_noted(tmp_path, body, note):
     _, path = load(tmp_path, body)
-    notes = read_load(path).reading_notes
+    notes = reading_notes(read_load(path))
     assert any(note in each for each in notes) if note else not notes
 
 
@@ -236,7 +238,7 @@ def test_a_text_is_read_once_for_all_that_asks(monkeypatch):
     build(prepared(scene))
     assemble(prepared(scene))
     circuit = scene.load.circuit
-    assert circuit.watch.switches
+    assert watch_of(circuit, {pin: pin for pin in circuit.pins}).switches
     assert circuit.sources
     assert circuit.loose_nodes == ()
     assert len(texts) == 1

@@ -2,7 +2,7 @@
 
 import pytest
 
-from circuits.loads.own_motion import check_turn, following_notes
+from circuits.loads.load_notes import check_turn, following_notes, reading_notes
 from circuits.loads.subcircuits import find_netlist as find
 from circuits.loads.subcircuits import load_names, read_load
 from harvester.errors import LoadError
@@ -73,7 +73,7 @@ def test_a_turn_that_no_run_comes_down_to_is_refused_by_name(tmp_path):
 def test_of_transistors_it_is_not_known_and_noted(tmp_path):
     load = load_of(tmp_path, "V1 d n 3\nQ1 d a n part\nR1 d a 1meg\n.model part npn")
     assert load.own_motion.unknown == "q1: a transistor"
-    assert any("whether the load oscillates" in note for note in load.reading_notes)
+    assert any("whether the load oscillates" in note for note in reading_notes(load))
 
 
 @pytest.mark.parametrize("name", load_names())

@@ -8,7 +8,7 @@ import pytest
 from raw_files import ngspice_program
 
 from circuits.loads.kinds import BATTERY, SUPPLY
-from circuits.loads.stores import energy_of
+from circuits.loads.measurement import energy_of
 from circuits.loads.subcircuits import read_load
 from circuits.loads.supplies import unbooked
 from harvester.scene.model import Scene
@@ -63,7 +63,7 @@ def test_a_battery_that_a_measure_counts_is_not_counted_twice(tmp_path):
 def test_a_current_that_only_ngspice_evaluates_is_reported(tmp_path):
     load = read_load(written(tmp_path, "B1 rail ref I=1u*ddt(v(rail,ref))"))
     assert load.supplies == ()
-    assert unbooked(load) == ("b1",)
+    assert unbooked(load.elements) == ("b1",)
 
 
 def test_the_stored_energy_is_that_of_capacitors_and_coupled_coils(tmp_path):

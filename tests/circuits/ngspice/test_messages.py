@@ -2,7 +2,7 @@
 
 import pytest
 
-from circuits.loads.places import with_places
+from circuits.loads.load_notes import with_places
 from circuits.loads.subcircuits import read_load
 from circuits.ngspice import messages
 from harvester.errors import SimulationError
