@@ -309,7 +309,9 @@ def assemble(
         stop,
         prefixes,
         electrical.terminal,
-        _state_vector(electrical),
+        f"v{electrical.state_current}#branch"
+        if electrical.state_current
+        else electrical.state_voltage,
         electrical.state_unit,
         electrical.current_per_ampere,
         *measured,
@@ -349,12 +351,6 @@ def _add_mechanics(circuit, system, rate, step, start):
     elements.add_contacts(circuit, system, rate)
     if elements.holding(system):
         elements.add_speed_hold(circuit, system, rate, step, start[3])
-
-
-def _state_vector(electrical):
-    """ngspice's name of the transducer's state; empty without one."""
-    current = electrical.state_current
-    return f"v{current}#branch" if current else electrical.state_voltage
 
 
 def _resistance(load):

@@ -133,11 +133,6 @@ def _is_limited(each):
     return any(part[0] in LIMITED for part in found)
 
 
-def with_start(circuit: Circuit, state: float, state_unit: float) -> np.ndarray:
-    """Unknowns at the beginning with the transducer's state (scaled); shape (n,)."""
-    return circuit.tables.start[0] + state * state_unit * circuit.tables.start[1]
-
-
 def _state(b, network, ammeter):
     if network.state_current:
         return ammeter

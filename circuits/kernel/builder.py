@@ -177,7 +177,9 @@ def _starts(b, n):
         # Ground stands last.
         matrix[k, a] += np.sqrt(size)
         matrix[k, z] -= np.sqrt(size)
-        values[k, 1 if start == "state" else 0] = np.sqrt(size) * _one_if_state(start)
+        values[k, 1 if start == "state" else 0] = np.sqrt(size) * (
+            1.0 if start == "state" else start
+        )
     heaviest = np.abs(matrix).max(initial=1.0)
     fixed, imposed = _set_voltages(b, n)
     matrix = np.concatenate([1e-3 / heaviest * matrix[:, :n], fixed])
@@ -186,10 +188,6 @@ def _starts(b, n):
     sizes[sizes == 0.0] = 1.0
     solution = np.linalg.lstsq(matrix / sizes, values, rcond=1e-13)[0]
     return (solution / sizes[:, None]).T
-
-
-def _one_if_state(start):
-    return 1.0 if start == "state" else start
 
 
 def _set_voltages(b, n):

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from circuits.kernel import stepping
-from circuits.kernel.assembly import build, with_start
+from circuits.kernel.assembly import build
 from circuits.kernel.emitter import call_once
 from circuits.kernel.mechanics import device_of
 from circuits.kernel.stage import (
@@ -259,7 +259,8 @@ def _beginning(s, circuit, start):
     inner = contact.edges(s.contacts)[1:-1]
     scalars.zone = sum(x > edge if edge > 0.0 else x >= edge for edge in inner)
     scalars.proposed = 1.0
-    y[:] = with_start(circuit, electrical, 1.0 / circuit.probes.units[1])
+    start = circuit.tables.start
+    y[:] = start[0] + electrical * (1.0 / circuit.probes.units[1]) * start[1]
     y[n - 1] = v
     state.largest[n - 1] = max(abs(v), timescales.angular_frequency(s))
     voltages = np.append(y, 0.0)

@@ -44,16 +44,13 @@ def bounds(tree: Tree, low: np.ndarray, high: np.ndarray) -> Pair:
             return low, high
         if kind == "call":
             return _lines(parts) if here[1] == "pwl" else parts[0]
-        return _known(_RULES[kind](*parts))
+        bounds = _RULES[kind](*parts)
+        return tuple(
+            np.where(np.isnan(b), end, b) for b, end in zip(bounds, (-np.inf, np.inf), strict=True)
+        )
 
     with np.errstate(all="ignore"):
         return rebuilt(tree, made)
-
-
-def _known(pair):
-    """Bounds in which nan (no value) becomes −∞ and ∞."""
-    low, high = pair
-    return np.where(np.isnan(low), -np.inf, low), np.where(np.isnan(high), np.inf, high)
 
 
 def _lines(parts):
@@ -126,10 +123,6 @@ def _sine(a):
     )
 
 
-def _cosine(a):
-    return _sine((a[0] + 0.5 * math.pi, a[1] + 0.5 * math.pi))
-
-
 def _meets(a, angle):
     """Whether an interval contains an angle, up to whole turns."""
     turns = (a[0] - angle) / (2.0 * math.pi), (a[1] - angle) / (2.0 * math.pi)
@@ -182,7 +175,8 @@ _RULES: dict[str, Any] = {
     "*": _product, "/": _quotient, "^": _power, "pwr": _signed_power,
     "negative": _falling(np.negative), "abs": _size, "exp": _growing(_exponential),
     "ln": _growing(lambda x: np.log(np.maximum(x, 1e-99))),
-    "sqrt": _growing(lambda x: np.sqrt(np.maximum(x, 0.0))), "sin": _sine, "cos": _cosine,
+    "sqrt": _growing(lambda x: np.sqrt(np.maximum(x, 0.0))), "sin": _sine,
+    "cos": lambda a: _sine((a[0] + 0.5 * math.pi, a[1] + 0.5 * math.pi)),
     "tan": _tangent, "atan": _growing(np.arctan), "sinh": _growing(np.sinh),
     "cosh": lambda a: _growing(np.cosh)(_size(a)), "tanh": _growing(np.tanh),
     "max": lambda a, b: (np.maximum(a[0], b[0]), np.maximum(a[1], b[1])),

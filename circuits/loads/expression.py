@@ -28,10 +28,6 @@ CIRCUIT_ONLY = {"ddt": (1,), "pwl": range(5, 10_000, 2)}
 ZERO, HALF, ONE = ("number", 0.0), ("number", 0.5), ("number", 1.0)
 
 
-def _median(x, low, high):
-    return ("min", ("max", x, ("min", low, high)), ("max", low, high))
-
-
 # Functions made of others: LTspice's and PSpice's words, and those of ngspice's .param.
 _MADE: dict[str, tuple[int, Callable]] = {
     "log10": (1, lambda x: ("/", ("ln", x), ("number", math.log(10.0)))),
@@ -40,7 +36,10 @@ _MADE: dict[str, tuple[int, Callable]] = {
     "sqr": (1, lambda x: ("*", x, x)),
     "arctan": (1, lambda x: ("atan", x)),
     "hypot": (2, lambda x, y: ("sqrt", ("+", ("*", x, x), ("*", y, y)))),
-    "limit": (3, _median),
+    "limit": (
+        3,
+        lambda x, low, high: ("min", ("max", x, ("min", low, high)), ("max", low, high)),
+    ),
     "buf": (1, lambda x: ("<", HALF, x)),
     "inv": (1, lambda x: ("<=", x, HALF)),
     "stp": (1, lambda x: ("<", ZERO, x)),

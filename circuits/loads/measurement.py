@@ -125,7 +125,10 @@ def measurement_of(load: LoadCircuit, pins: Mapping[str, str]) -> Measurement:
         trees.append(held)
         if taken_tree:
             trees.append(("if", ("<", ("number", 0.0), held), taken_tree, ("number", 0.0)))
-    trees += [_level(name, pins) for name in (*load.levels, *load.probes)]
+    trees += [
+        ("i", name[2:-1]) if name.startswith("i(") else ("v", pins.get(name, name), GROUND)
+        for name in (*load.levels, *load.probes)
+    ]
     watched = tuple(dict.fromkeys(name for tree in trees for name in _unknowns(tree)))
     outside = tuple(name for name in watched if name in pins.values())
     return Measurement(load.recorded, tuple(trees), watched, outside, energy_of(load))
@@ -151,12 +154,6 @@ def energy_of(load: LoadCircuit) -> np.ndarray:
             mutual = (coupling.value or 0.0) * math.sqrt(sizes[a] * sizes[b])
             form += 0.5 * mutual * (np.outer(held[a], held[b]) + np.outer(held[b], held[a]))
     return form
-
-
-def _level(name, pins):
-    if name.startswith("i("):
-        return ("i", name[2:-1])
-    return ("v", pins.get(name, name), GROUND)
 
 
 class Probe(NamedTuple):

@@ -39,7 +39,12 @@ class Store(NamedTuple):
 
 def stores_of(elements: Sequence[Element]) -> tuple[Store, ...]:
     """The capacitors and coils of a load that hold something."""
-    return tuple(_store(element) for element in elements if _holds(element))
+    return tuple(
+        _store(element)
+        for element in elements
+        if element.letter in "cl"
+        and (element.expression is not None or (element.size or 0.0) > 0.0)
+    )
 
 
 def levels_of(elements: Sequence[Element], stores: Sequence[Store]) -> tuple[str, ...]:
@@ -60,10 +65,6 @@ def levels_of(elements: Sequence[Element], stores: Sequence[Store]) -> tuple[str
                 if leaf[0] == "v":
                     nodes += leaf[1:]
     return tuple(name for name in dict.fromkeys(nodes) if name != GROUND)
-
-
-def _holds(each: Element) -> bool:
-    return each.letter in "cl" and (each.expression is not None or (each.size or 0.0) > 0.0)
 
 
 def _store(each):

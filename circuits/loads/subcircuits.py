@@ -230,7 +230,12 @@ def _vet(circuit):
     for name, (card, kind, pairs) in circuit.models.items():
         checked = [(k, v and check_value(card, v, scope, k)) for k, v in pairs]
         circuit.models[name] = (card, kind, checked)
-    circuit.needs = [_need(card, scope) for card in circuit.needs]
+    circuit.needs = [
+        card
+        if (text := check_expression(card, card.text, scope)) == rewritten(card.text)
+        else card._replace(text=text)
+        for card in circuit.needs
+    ]
     for name, (card, arguments, expression) in circuit.functions.items():
         inner_scope = scope._replace(
             parameters=scope.parameters.new_child(dict.fromkeys(arguments))
@@ -247,12 +252,6 @@ def _vet(circuit):
             _check_coupling(card, words, {name for name in names if name[0] == "l"})
     for inner in circuit.inner.values():
         _vet(inner)
-
-
-def _need(card, scope):
-    """A "needs" line as it is written, or in ngspice's syntax where that differs."""
-    text = check_expression(card, card.text, scope)
-    return card if text == rewritten(card.text) else card._replace(text=text)
 
 
 def _check_coupling(card, words, coils):

@@ -47,7 +47,13 @@ def vectors(netlist: Netlist) -> Iterator[tuple[str, ...]]:
         *(_watched(name, netlist.watch.pins) for name in netlist.watch.unknowns),
     )
     for prefix in netlist.prefixes:
-        yield tuple(_in_copy(name, prefix) for name in columns)
+        # A branch's name begins with its element's letter, before the call's.
+        yield tuple(
+            f"{name[0]}.{prefix}{name}"
+            if prefix and name.endswith("#branch")
+            else f"{prefix}{name}"
+            for name in columns
+        )
 
 
 def _watched(name, pins):
@@ -58,12 +64,6 @@ def _watched(name, pins):
         branch = current_name(name[2:-1])
         return f"{branch[0]}.xload.{branch}#branch"
     return f"xload.{node_name(name)}"
-
-
-def _in_copy(name, prefix):
-    """A vector of one copy; the letter of an element stands in front of its path."""
-    letter = f"{name[0]}." if prefix and name.endswith("#branch") else ""
-    return f"{letter}{prefix}{name}"
 
 
 def units_of(netlist: Netlist) -> tuple[float, float, float, float]:
