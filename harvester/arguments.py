@@ -26,8 +26,8 @@ def usual_arithmetic() -> np.errstate:
     """
     import numpy as np
 
-    kept = {name: kind for name, kind in np.geterr().items() if kind in ("ignore", "warn")}
-    return np.errstate(**(USUAL | kept))
+    lenient = {name: kind for name, kind in np.geterr().items() if kind in ("ignore", "warn")}
+    return np.errstate(**(USUAL | lenient))
 
 
 def listed(values: Any, where: str, example: str) -> tuple[Any, ...]:
@@ -48,10 +48,10 @@ def listed(values: Any, where: str, example: str) -> tuple[Any, ...]:
     """
     if isinstance(values, (str, bytes, Mapping)) or not isinstance(values, Iterable):
         raise HarvesterError(f"{where} = {shown(values)}: must be a list; write {example}")
-    found = tuple(itertools.islice(values, MOST_VALUES + 1))
-    if len(found) > MOST_VALUES:
+    items = tuple(itertools.islice(values, MOST_VALUES + 1))
+    if len(items) > MOST_VALUES:
         raise HarvesterError(f"{where}: has more than {MOST_VALUES} values; give fewer")
-    return found
+    return items
 
 
 def table(values: Any, where: str, example: str) -> dict[Any, Any]:

@@ -114,7 +114,7 @@ def numbers_of(part: Any) -> list[float]:
         A part of a device, such as a `harvester.device.system.System`.
     """
     if isinstance(part, tuple):
-        return [number for each in part for number in numbers_of(each)]
+        return [number for element in part for number in numbers_of(element)]
     return [float(part)]
 
 
@@ -132,8 +132,8 @@ def address_of(function: Any, *arguments: Any) -> int:
     """
     if arguments not in function.overloads:
         function.compile(arguments)
-    found = function.overloads[arguments]
-    return found.library.get_pointer_to_function(found.fndesc.llvm_cfunc_wrapper_name)
+    code = function.overloads[arguments]
+    return code.library.get_pointer_to_function(code.fndesc.llvm_cfunc_wrapper_name)
 
 
 def compiled_sources() -> list[Path]:

@@ -69,9 +69,9 @@ def _limit(name):
 def _taken(line):
     """Memory that this process uses (bytes); 0 if the system does not report it."""
     with contextlib.suppress(OSError):
-        found = re.search(rf"{line}:\s+(\d+) kB", Path("/proc/self/status").read_text())
-        if found:
-            return 1024 * int(found.group(1))
+        match = re.search(rf"{line}:\s+(\d+) kB", Path("/proc/self/status").read_text())
+        if match:
+            return 1024 * int(match.group(1))
     return 0
 
 

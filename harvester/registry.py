@@ -66,8 +66,8 @@ class Registry(MutableMapping[str, Part]):
         KeyError
             No package registers it.
         """
-        for name, each in self._parts.items():
-            if each is part:
+        for name, registered in self._parts.items():
+            if registered is part:
                 return name
         for point in metadata.entry_points(group=self._group):
             if self[point.name] is part:

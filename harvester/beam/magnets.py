@@ -95,8 +95,8 @@ class Magnets:
         if moment is not None:
             return moment
         if self.remanence is None:
-            given = names[1] if size is None else names[2]
-            raise SceneError(f"{origin}: magnets.{given} needs magnets.remanence")
+            size_key = names[1] if size is None else names[2]
+            raise SceneError(f"{origin}: magnets.{size_key} needs magnets.remanence")
         if size is not None:
             disc = math.pi / 4.0 * size[0] if len(size) == 2 else 1.0
             volume = disc * math.prod(size)
@@ -159,8 +159,8 @@ def magnetic_force(
     cos, sin = np.cos(slope * z), np.sin(slope * z)
     # The tip's magnet comes nearer or farther where it lies off the beam's end.
     d = magnets.distance + offset * (1.0 - cos)
-    for place in places:
-        y = place - z - offset * sin
+    for centre in places:
+        y = centre - z - offset * sin
         square = d**2 + y**2
         energy += cos / square**1.5 - 3.0 * d * (d * cos + y * sin) / square**2.5
     return sign * strength * np.imag(energy) / 1e-30
@@ -188,7 +188,7 @@ def _force_of_charges(magnets, slope, offset, origin):
 
 def _pulls(x, magnets, slope, offset, origin, order):
     """The force at several displacements."""
-    moments = [magnets.moment(place, origin) for place in ("tip", "frame")]
+    moments = [magnets.moment(side, origin) for side in ("tip", "frame")]
     tip, charge = _charges(magnets.tip_size, moments[0], order)
     # The beam's plane is one of symmetry: half of the tip's charges, twice.
     tip, charge = tip[tip[:, 2] > 0.0], 2.0 * charge[tip[:, 2] > 0.0]
@@ -208,7 +208,7 @@ def _charges(size, moment, order):
         y, z = np.outer(radius, np.cos(angle)).ravel(), np.outer(radius, np.sin(angle)).ravel()
         share = np.repeat(weight * radius, angle.size)
     else:
-        y, z = (each.ravel() for each in np.meshgrid(node * size[0] / 2.0, node * size[1] / 2.0))
+        y, z = (grid.ravel() for grid in np.meshgrid(node * size[0] / 2.0, node * size[1] / 2.0))
         share = np.outer(weight, weight).ravel()
     share *= moment / size[-1] / share.sum()
     ends = [np.stack([np.full_like(y, side * size[-1] / 2.0), y, z], 1) for side in (1.0, -1.0)]

@@ -52,18 +52,18 @@ def _most_strained(beam, heights, modulus, stress_per_volt, covers):
 
     The first mode's moment falls steadily along a piece, so that only the ends of pieces count.
     """
-    made, pieces = lumped(beam), pieces_of(beam)
+    values, pieces = lumped(beam), pieces_of(beam)
     moments, fibres = rest(pieces, tip_of(beam)).moments, []
     for n, (low, top, covered) in enumerate(spans(beam)):
         if covered not in covers:
             continue
         cut, piece = section(beam, covered), pieces[n]
         for place, curvature, moment in zip(
-            (low, top), made.curvatures[n], moments[n], strict=True
+            (low, top), values.curvatures[n], moments[n], strict=True
         ):
             by_volt = piece.moment_per_volt / piece.rigidity
-            by_volt -= curvature * made.coupling / made.stiffness
-            by_base = curvature * made.base_factor * made.mass / made.stiffness
+            by_volt -= curvature * values.coupling / values.stiffness
+            by_base = curvature * values.base_factor * values.mass / values.stiffness
             fibres += [
                 FibreStrain(
                     place=place,

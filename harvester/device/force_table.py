@@ -154,8 +154,8 @@ class ForceTable(NamedTuple):
             rising = force / np.arange(1, 5)
             return np.concatenate([[float(self.energy(origin)) - level], rising])
 
-        found = self._levels(lambda x: self.energy(x) - level, excess, self._outermost(level))
-        return float(found.min()), float(found.max())
+        levels = self._levels(lambda x: self.energy(x) - level, excess, self._outermost(level))
+        return float(levels.min()), float(levels.max())
 
     def _outermost(self, level):
         """Indices of the outermost pieces in which the energy falls to a level, and of both end
@@ -175,17 +175,17 @@ class ForceTable(NamedTuple):
         breaks = self.breaks()
         ends = [-math.inf, *breaks, math.inf]
         least = 1e-12 * (abs(breaks[0]) + abs(breaks[-1]) or 1.0)
-        found = [x for x in breaks if value(x) == 0.0] if some is None else []
+        solutions = [x for x in breaks if value(x) == 0.0] if some is None else []
         for k, (origin, force) in enumerate(self.pieces()):
             if some is not None and k not in some:
                 continue
             low, high = ends[k], ends[k + 1]
             roots = np.polynomial.Polynomial(np.trim_zeros(polynomial(origin, force), "b")).roots()
             real = origin + roots.real[np.abs(roots.imag) < 1e-7 * (least + np.abs(roots.real))]
-            found += [x for x in real if low - least <= x <= high + least]
-        if not found and some is not None:
+            solutions += [x for x in real if low - least <= x <= high + least]
+        if not solutions and some is not None:
             return self._levels(value, polynomial)
-        places = np.sort(found)
+        places = np.sort(solutions)
         # A rest position that differs from zero by rounding would be taken for a length of the
         # device.
         places[np.abs(places) < 10.0 * least] = 0.0
@@ -218,13 +218,13 @@ class ForceTable(NamedTuple):
         def leaf(k):
             coefficients = pieces[k][1]
             way = f"({x}-{ends[max(k - 1, 0)]})"
-            kept = [
-                number(f"{name}{k}_{n}", float(each), f"{meaning}, power {n}")
-                for n, each in enumerate(coefficients)
+            texts = [
+                number(f"{name}{k}_{n}", float(coefficient), f"{meaning}, power {n}")
+                for n, coefficient in enumerate(coefficients)
                 if n < 2 or np.any(coefficients[n:])
             ]
-            inner = kept.pop()
-            for text in reversed(kept):
+            inner = texts.pop()
+            for text in reversed(texts):
                 inner = f"({text}+{way}*{inner})"
             return inner
 
@@ -241,13 +241,13 @@ class ForceTable(NamedTuple):
 @functools.lru_cache(maxsize=64)
 def _pieces(table: ForceTable) -> tuple[tuple[float, np.ndarray], ...]:
     """See `ForceTable.pieces`."""
-    breaks, found = table.breaks(), []
+    breaks, pieces = table.breaks(), []
     middles = 0.5 * (breaks[1:] + breaks[:-1])
     # The straight lines beyond both ends begin at the ends.
     for origin, inside in zip(
         [breaks[0], *breaks], [breaks[0] - 1.0, *middles, breaks[-1] + 1.0], strict=True
     ):
-        linear, square, cube = (float(each) for each in table.taylor(inside))
+        linear, square, cube = (float(term) for term in table.taylor(inside))
         # The same cubic, expanded about the origin. By hand: with
         # numpy's Polynomial a drawn device took 80 ms, and a study of yield makes hundreds.
         away = float(origin) - float(inside)
@@ -258,8 +258,8 @@ def _pieces(table: ForceTable) -> tuple[tuple[float, np.ndarray], ...]:
         if not breaks[0] < inside < breaks[-1]:
             cubic[2:] = 0.0
         cubic.setflags(write=False)
-        found.append((float(origin), cubic))
-    return tuple(found)
+        pieces.append((float(origin), cubic))
+    return tuple(pieces)
 
 
 @functools.lru_cache(maxsize=64)
@@ -297,15 +297,18 @@ def force_table(
 
     x, force = np.array(points, dtype=float).T
     if interpolation == "monotone":
-        made = PchipInterpolator(x, force)
-        breaks, coefficients = made.x, made.c
+        interpolant = PchipInterpolator(x, force)
+        breaks, coefficients = interpolant.x, interpolant.c
     else:
         count = min(MOST_PIECES, (x.size - 1) // POINTS_PER_PIECE)
         inner = np.interp(np.arange(1, count) / count, np.linspace(0.0, 1.0, x.size), x)
         knots = np.concatenate([[x[0]] * 4, inner, [x[-1]] * 4])
         piecewise = PPoly.from_spline(make_lsq_spline(x, force, knots, 3))
-        whole = np.diff(piecewise.x) > 0.0
-        breaks, coefficients = np.append(piecewise.x[:-1][whole], x[-1]), piecewise.c[:, whole]
+        nonempty = np.diff(piecewise.x) > 0.0
+        breaks, coefficients = (
+            np.append(piecewise.x[:-1][nonempty], x[-1]),
+            piecewise.c[:, nonempty],
+        )
     return _of_pieces(breaks, coefficients[::-1].T)
 
 
@@ -326,7 +329,7 @@ def _of_pieces(breaks, rising):
     core = np.polynomial.Polynomial(rising[middle])(
         np.polynomial.Polynomial([-breaks[middle], 1.0])
     )
-    made = ForceTable(
+    table = ForceTable(
         core=tuple(map(float, np.append(core.coef, np.zeros(4))[:4])),
         sides=sides,
         offsets=offsets,
@@ -336,18 +339,18 @@ def _of_pieces(breaks, rising):
         energy_fourths=tuple(s * b / 4.0 for s, b in zip(sides, cubes, strict=True)),
         steepest=0.0,
     )
-    return made._replace(steepest=_steepest(breaks, rising))
+    return table._replace(steepest=_steepest(breaks, rising))
 
 
 def _steepest(breaks, rising):
     """Greatest |F'|: at an end of a piece or where F'' vanishes within it."""
-    found = []
+    slopes = []
     for (_, k1, k2, k3), length in zip(rising, np.diff(breaks), strict=True):
         places = [0.0, length]
         if k3 != 0.0:
             places.append(float(np.clip(-k2 / (3.0 * k3), 0.0, length)))
-        found += [abs(k1 + d * (2.0 * k2 + 3.0 * k3 * d)) for d in places]
-    return float(max(found))
+        slopes += [abs(k1 + d * (2.0 * k2 + 3.0 * k3 * d)) for d in places]
+    return float(max(slopes))
 
 
 def _bent(sides, offsets, firsts, seconds, x, power):
@@ -382,11 +385,11 @@ def _sum_of_terms(power):
         rows = (sides, offsets, firsts, seconds)
 
         def code(context, builder, signature, arguments):
-            *tuples, place = arguments
-            zero, total = place.type(0.0), place.type(0.0)
+            *tuples, position = arguments
+            zero, total = position.type(0.0), position.type(0.0)
             for k in range(rows[0].count):
                 s, offset, first, second = (builder.extract_value(row, k) for row in tuples)
-                way = builder.fsub(builder.fmul(s, place), offset)
+                way = builder.fsub(builder.fmul(s, position), offset)
                 d = builder.select(builder.fcmp_ordered(">", way, zero), way, zero)
                 term = builder.fadd(first, builder.fmul(second, d))
                 for _ in range(power):

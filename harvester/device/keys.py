@@ -118,8 +118,8 @@ def check_value(where: str, value: Any, spec: Key, origin: str) -> Any:
         if not isinstance(value, (list, tuple)) or not few <= len(value) <= many:
             refuse()
         return tuple(
-            check_value(f"{where}[{place}]", part, spec.each, origin)
-            for place, part in enumerate(value)
+            check_value(f"{where}[{index}]", part, spec.each, origin)
+            for index, part in enumerate(value)
         )
     if spec.kind is NAMED_VALUES:
         return dict(value) if isinstance(value, dict) and _named_values(value) else refuse()

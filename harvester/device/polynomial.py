@@ -41,10 +41,10 @@ class Polynomial(NamedTuple):
     @property
     def coefficients(self) -> tuple[float, ...]:
         """(F0, k1, k2, …) without trailing zeros, as a tuple of float."""
-        whole = [0.0] * 8
-        whole[0 : 2 * len(self.even) : 2] = self.even
-        whole[1 : 2 * len(self.odd) : 2] = self.odd
-        return _trimmed(whole)
+        padded = [0.0] * 8
+        padded[0 : 2 * len(self.even) : 2] = self.even
+        padded[1 : 2 * len(self.odd) : 2] = self.odd
+        return _trimmed(padded)
 
     @property
     def symmetric(self) -> bool:
@@ -193,17 +193,17 @@ def polynomial(coefficients: Sequence[float]) -> Polynomial:
 
 
 def _trimmed(coefficients):
-    kept = [float(k) for k in coefficients]
-    while kept and kept[-1] == 0.0:
-        kept.pop()
-    return tuple(kept)
+    trimmed = [float(k) for k in coefficients]
+    while trimmed and trimmed[-1] == 0.0:
+        trimmed.pop()
+    return tuple(trimmed)
 
 
 def _real_roots(coefficients, tolerance):
     if len(coefficients) < 2:
         return np.empty(0)
-    found = np.polynomial.Polynomial(coefficients).roots()
-    return np.unique(found.real[np.abs(found.imag) < tolerance * (1.0 + np.abs(found.real))])
+    roots = np.polynomial.Polynomial(coefficients).roots()
+    return np.unique(roots.real[np.abs(roots.imag) < tolerance * (1.0 + np.abs(roots.real))])
 
 
 def in_squares(coefficients: tuple[float, ...], square: Values) -> Values:

@@ -93,8 +93,8 @@ class Ranged(NamedTuple):
 
     def roots(self) -> np.ndarray:
         """Displacements without a force in the range, ascending."""
-        found = self.spring.roots()
-        return found[(self.low <= found) & (found <= self.high)]
+        roots = self.spring.roots()
+        return roots[(self.low <= roots) & (roots <= self.high)]
 
     def turning_points(self, energy: float) -> tuple[float, float]:
         """The outermost displacements of the range that this energy reaches."""
@@ -130,7 +130,7 @@ class Ranged(NamedTuple):
         def parabola(end):
             rise = float(self.spring.energy(end)) - float(self.energy(place))
             rising = rise, float(self.spring.force(end)), 0.5 * self.stiffness
-            return [2.0 * each / rate**2 for each in rising]
+            return [2.0 * coefficient / rate**2 for coefficient in rising]
 
         return self._chosen(x, "gain", f"({inside})", parabola, number)
 

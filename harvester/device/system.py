@@ -75,7 +75,7 @@ class System(NamedTuple):
     @property
     def symmetric(self) -> bool:
         """Whether the device turned left to right is the same."""
-        mirrored = sorted(each._replace(side=0.0 - each.side) for each in self.contacts)
+        mirrored = sorted(contact._replace(side=0.0 - contact.side) for contact in self.contacts)
         return self.spring.symmetric and mirrored == sorted(self.contacts)
 
     @property

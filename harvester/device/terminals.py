@@ -96,9 +96,9 @@ class Network(NamedTuple):
         """Names of all nodes but the ground: set of str."""
         ends = {
             node
-            for each in self.elements
-            if each.kind != "force of current"
-            for node in (each.plus, each.minus)
+            for element in self.elements
+            if element.kind != "force of current"
+            for node in (element.plus, element.minus)
         }
         return (ends | {self.terminal}) - {GROUND}
 
@@ -109,7 +109,7 @@ class Network(NamedTuple):
 
     def value(self, name: str) -> float:
         """The value of the element with this name."""
-        return next(each.value for each in self.elements if each.name == name)
+        return next(element.value for element in self.elements if element.name == name)
 
 
 class TransducerTable:

@@ -102,18 +102,18 @@ class MeasuredFile:
     def of(self, quantity: str) -> list[int]:
         """Indices of the numeric columns whose headings name a quantity."""
         return [
-            place
-            for place, each in enumerate(self.headings)
-            if each.quantity == quantity
-            and place not in self.table.texts
-            and (place not in self.table.complexes or quantity in COMPLEX_QUANTITIES)
+            index
+            for index, head in enumerate(self.headings)
+            if head.quantity == quantity
+            and index not in self.table.texts
+            and (index not in self.table.complexes or quantity in COMPLEX_QUANTITIES)
         ]
 
     def times(self) -> list[int]:
         """Indices of the time columns; of columns of sample numbers if there is no other."""
-        found = self.of("time")
-        clocks = [k for k in found if unit_named("time", self.headings[k].unit) != SAMPLES]
-        return clocks or found
+        columns = self.of("time")
+        clocks = [k for k in columns if unit_named("time", self.headings[k].unit) != SAMPLES]
+        return clocks or columns
 
     def place(self, key: str, wanted: str | int) -> int:
         """Index of a column from its name, its title or its number.
@@ -130,9 +130,9 @@ class MeasuredFile:
         """
         names = self.table.names
         if isinstance(wanted, str):
-            place = column_named(wanted, names)
-            if place is not None:
-                return self._real(key, place)
+            index = column_named(wanted, names)
+            if index is not None:
+                return self._real(key, index)
             listed = self.listed() if names else "no header, only numbers"
             raise SceneError(
                 f"{self.where}: {key} = {shown(wanted)}: no such column{nearest(wanted, names)}; "
@@ -170,7 +170,7 @@ class MeasuredFile:
             number = column not in names and column.isdigit()
             return self.place(quantity, int(column) if number else column), None if bare else unit
         if len(found) > 1:
-            listed = ", ".join(named(names[place]) for place in found)
+            listed = ", ".join(named(names[index]) for index in found)
             raise SceneError(
                 f"{self.where}: several columns may be the {quantity} ({listed}): name one by "
                 f"{quantity}=COLUMN:UNIT behind the file"
@@ -190,8 +190,8 @@ class MeasuredFile:
     def listed(self) -> str:
         """The columns' names, or their numbers."""
         names = self.table.names
-        more = f", … ({len(names)} in all)" if len(names) > SHOWN_NAMES else ""
-        shown_names = ", ".join(named(name) for name in names[:SHOWN_NAMES] if name) + more
+        ellipsis = f", … ({len(names)} in all)" if len(names) > SHOWN_NAMES else ""
+        shown_names = ", ".join(named(name) for name in names[:SHOWN_NAMES] if name) + ellipsis
         return shown_names or f"0 … {self.table.width - 1}"
 
     def label(self, place: int) -> str:
@@ -221,22 +221,22 @@ class MeasuredFile:
             It is unknown, or both say something else.
         """
         written = self.headings[place].unit
-        own = unit_named(quantity, written) if written else None
+        usual = unit_named(quantity, written) if written else None
         if given:
             factor = factor_of(quantity, given, f"{self.where}: {key}", "write it in one of them")
-            if own and (own == SAMPLES) != (unit_named(quantity, given) == SAMPLES):
+            if usual and (usual == SAMPLES) != (unit_named(quantity, given) == SAMPLES):
                 self._refuse_unit(place, key, given)
-            if own and QUANTITIES[quantity][own] != factor:
+            if usual and QUANTITIES[quantity][usual] != factor:
                 self._refuse_unit(place, key, given)
             return str(unit_named(quantity, given))
-        if written and not own:
+        if written and not usual:
             factor_of(
                 quantity,
                 written,
                 f"{self.where}: {self.label(place)}",
                 f"correct the header, or say it by {key}",
             )
-        return own or ""
+        return usual or ""
 
     def _refuse_unit(self, place, key, given):
         raise SceneError(
@@ -307,10 +307,10 @@ class MeasuredFile:
         ------
         SceneError
         """
-        if own := _other_rate(times, rate, factor):
+        if measured_rate := _other_rate(times, rate, factor):
             raise SceneError(
                 f"{self.where}: {key} = {rate:g}: {self.label(place)} says "
-                f"{own:.6g} Hz: leave sampling_rate out, say in which unit the "
+                f"{measured_rate:.6g} Hz: leave sampling_rate out, say in which unit the "
                 "column is, or name it by time_column to read the rate from it"
             )
 
@@ -354,8 +354,8 @@ def motion_columns(
     measured = MeasuredFile(file, content)
     rate = _agreed_rate(measured, sampling_rate)
     time_place = _time_place(measured, time_column, rate is None)
-    place = _motion_place(measured, column, time_place)
-    unit = measured.headings[place].unit
+    motion = _motion_place(measured, column, time_place)
+    unit = measured.headings[motion].unit
     remarks = measured.table.remarks
     if time_place is None:
         if time_unit is not None:
@@ -364,15 +364,15 @@ def motion_columns(
                 "is read: name it by excitation.time_column"
             )
         _refuse_other_rate(measured, rate, sampling_rate is not None)
-        (values,) = measured.take([place])
+        (values,) = measured.take([motion])
         return Columns(values, None, rate, unit, remarks)
-    values, times = measured.take([place, time_place])
-    known = measured.agreed_unit("time", time_place, "excitation.time_unit", time_unit)
-    if time_column is not None and sampling_rate is None and known != SAMPLES:
+    values, times = measured.take([motion, time_place])
+    agreed = measured.agreed_unit("time", time_place, "excitation.time_unit", time_unit)
+    if time_column is not None and sampling_rate is None and agreed != SAMPLES:
         # The column that the scene names goes before the file's own rate.
         rate = None
     cure = "give excitation.sampling_rate (Hz)"
-    times = measured.seconds(times, time_place, known or "s", rate, cure)
+    times = measured.seconds(times, time_place, agreed or "s", rate, cure)
     if rate is not None:
         measured.compare_rates(times, rate, time_place, RATE_FACTOR, "excitation.sampling_rate")
     return Columns(values, times, rate, unit, remarks)
@@ -380,32 +380,32 @@ def motion_columns(
 
 def _agreed_rate(measured, given):
     """Sampling rate as given or as the file says, which must be the same."""
-    own = measured.table.rate
-    if given is not None and own is not None and not np.isclose(given, own, rtol=1e-6):
+    rate = measured.table.rate
+    if given is not None and rate is not None and not np.isclose(given, rate, rtol=1e-6):
         raise SceneError(
-            f"{measured.where}: excitation.sampling_rate = {given:g}: the file says {own:g} Hz: "
+            f"{measured.where}: excitation.sampling_rate = {given:g}: the file says {rate:g} Hz: "
             "leave it out"
         )
-    return given if given is not None else own
+    return given if given is not None else rate
 
 
 def _time_place(measured, wanted, needed):
     """Index of the time column: the named one, else the only one if times are needed."""
     if wanted is not None:
         return measured.place("excitation.time_column", wanted)
-    found = measured.times() if needed else []
-    if len(found) > 1:
-        names = ", ".join(named(measured.table.names[place]) for place in found)
+    candidates = measured.times() if needed else []
+    if len(candidates) > 1:
+        names = ", ".join(named(measured.table.names[index]) for index in candidates)
         raise SceneError(
             f"{measured.where}: several columns may be the time ({names}): name one by "
             "excitation.time_column"
         )
-    if needed and not found:
+    if needed and not candidates:
         raise SceneError(
             f"{measured.where}: excitation.sampling_rate is missing (Hz), or time_column to read "
             "it from"
         )
-    return found[0] if found else None
+    return candidates[0] if candidates else None
 
 
 def _motion_place(measured, wanted, time_place):
@@ -413,11 +413,11 @@ def _motion_place(measured, wanted, time_place):
         return measured.place("excitation.column", wanted)
     times = measured.of("time") if time_place is None else [time_place]
     others = [
-        place
-        for place in range(measured.table.width)
-        if place not in times
-        and place not in measured.table.texts
-        and place not in measured.table.complexes
+        index
+        for index in range(measured.table.width)
+        if index not in times
+        and index not in measured.table.texts
+        and index not in measured.table.complexes
     ]
     if not others and measured.table.complexes:
         raise SceneError(
@@ -425,7 +425,7 @@ def _motion_place(measured, wanted, time_place):
             "numbers, which are a frequency response and no motion: `identify` reads them"
         )
     if len(others) != 1:
-        others = [place for place in measured.of("acceleration") if place in others]
+        others = [index for index in measured.of("acceleration") if index in others]
     if len(others) != 1:
         raise SceneError(
             f"{measured.where}: excitation.column is missing; the file has {measured.listed()}"
@@ -435,17 +435,17 @@ def _motion_place(measured, wanted, time_place):
 
 def _refuse_other_rate(measured, rate, given):
     """Refuse a sampling rate, of the scene or the file, that differs from the one time column."""
-    found = measured.times()
-    if len(found) != 1:
+    clocks = measured.times()
+    if len(clocks) != 1:
         return
-    (times,) = measured.take(found)
-    written = measured.headings[found[0]].unit
+    (times,) = measured.take(clocks)
+    written = measured.headings[clocks[0]].unit
     key = "excitation.sampling_rate" if given else "the file's sampling rate"
     # A column without a unit may be in any, also in samples.
     units = [unit_named("time", written)] if written else [*QUANTITIES["time"]]
-    seconds = [measured.seconds(times, found[0], unit, rate, "") for unit in units if unit]
-    if seconds and all(_other_rate(each, rate, RATE_TOLERANCE) for each in seconds):
-        measured.compare_rates(seconds[0], rate, found[0], key=key)
+    seconds = [measured.seconds(times, clocks[0], unit, rate, "") for unit in units if unit]
+    if seconds and all(_other_rate(column, rate, RATE_TOLERANCE) for column in seconds):
+        measured.compare_rates(seconds[0], rate, clocks[0], key=key)
 
 
 def _other_rate(times, rate, factor):

@@ -106,8 +106,8 @@ def without_markers(
         return values, ()
     if "nan" not in mend:
         return values, (f'{remark}, and taken as acceleration: mend = ["nan"] takes such for gaps',)
-    taken = np.where(far_outside(values), np.nan, values)
-    return taken, (f"{remark}: taken for gaps",)
+    gapped = np.where(far_outside(values), np.nan, values)
+    return gapped, (f"{remark}: taken for gaps",)
 
 
 def marker_remark(values: np.ndarray) -> str:
@@ -115,12 +115,12 @@ def marker_remark(values: np.ndarray) -> str:
     far = far_outside(values)
     if not far.any():
         return ""
-    count, rest = int(np.count_nonzero(far)), values[np.isfinite(values) & ~far]
+    count, others = int(np.count_nonzero(far)), values[np.isfinite(values) & ~far]
     written = ", ".join(f"{value:g}" for value in np.unique(values[far])[:3])
     noun, verb = ("sample", "is") if count == 1 else ("samples", "are")
     return (
         f"{count} of {values.size} {noun} {verb} {written}, far outside the rest "
-        f"({rest.min():.3g} to {rest.max():.3g})"
+        f"({others.min():.3g} to {others.max():.3g})"
     )
 
 
@@ -137,10 +137,10 @@ def far_outside(values: np.ndarray) -> np.ndarray:
     jumps = np.flatnonzero((below > 0.0) & (above / FAR_RATIO > below))
     if not jumps.size:
         return far
-    rest = below[jumps[0]]
-    far[finite] = deviation[finite] > rest
+    reach = below[jumps[0]]
+    far[finite] = deviation[finite] > reach
     count, markers = int(np.count_nonzero(far)), np.unique(values[far]).size
-    alone = count == 1 and deviation[far][0] > FAR_RATIO_OF_ONE * rest
+    alone = count == 1 and deviation[far][0] > FAR_RATIO_OF_ONE * reach
     return far if alone or count >= SAMPLES_PER_MARKER * markers else np.zeros_like(far)
 
 
@@ -371,8 +371,8 @@ def _even(values, times, rate, mend, file, most):
         # Where only whole samples are missing, the others keep their values.
         places = np.append(0.0, np.cumsum(np.maximum(np.round(steps / usual), 1.0)))
         fitted = slope_of(times, places)
-        rest = np.ptp(times - places * fitted)
-        if rest <= max(1.01 * rounded_to(single), 2.0 * LARGEST_JITTER * fitted):
+        scatter = np.ptp(times - places * fitted)
+        if scatter <= max(1.01 * rounded_to(single), 2.0 * LARGEST_JITTER * fitted):
             values = np.interp(np.arange(places[-1] + 1.0), places, values)
             return EvenSamples(values, 1.0 / fitted, (remark,))
     grid = times[0] + np.arange(int(knots + 1e-9) + 1) * spacing
@@ -397,8 +397,10 @@ def _bridged(times, steps, spacing, file):
     """A remark on gaps bridged by straight lines; refused above `LARGEST_MENDED_SHARE`."""
     missing = float(np.sum(np.maximum(np.round(steps / spacing) - 1.0, 0.0)))
     share = missing / (missing + times.size)
-    place = int(np.argmax(steps))
-    largest = f"the largest step is {steps[place]:.4g} s, after t = {times[place] - times[0]:.6g} s"
+    longest = int(np.argmax(steps))
+    largest = (
+        f"the largest step is {steps[longest]:.4g} s, after t = {times[longest] - times[0]:.6g} s"
+    )
     if share > LARGEST_MENDED_SHARE:
         raise SceneError(
             f"{file}: {share:.0%} of the samples are missing between the times ({largest}): more "

@@ -62,9 +62,9 @@ def marks_of(rows: Iterable[Sequence[str]], width: int) -> Iterator[tuple[str, s
             # A column of decimals learns nothing from another.
             if not (",d" in seen and "." not in text) and not (".d" in seen and "," not in text):
                 seen.setdefault(shape(text), text)
-    for place, own in enumerate(shapes):
-        others = set(chain(*shapes[:place], *shapes[place + 1 :]))
-        yield _marks(own, others)
+    for index, column in enumerate(shapes):
+        others = set(chain(*shapes[:index], *shapes[index + 1 :]))
+        yield _marks(column, others)
 
 
 def _marks(own, others):

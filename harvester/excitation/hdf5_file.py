@@ -78,8 +78,8 @@ class Hdf5Table(ArraysTable):
         def load(names: list[str]) -> dict[str, np.ndarray]:
             pairs = {name: places[name] for name in names}
             return {
-                name: _decoded(_joined(each[field] if field else each[()]), each.attrs)
-                for name, (each, field) in pairs.items()
+                name: _decoded(_joined(holder[field] if field else holder[()]), holder.attrs)
+                for name, (holder, field) in pairs.items()
             }
 
         filled = {name: shape for name, shape in shapes.items() if 0 not in shape}
@@ -118,18 +118,18 @@ def _datasets(h5py: Any, file: Any) -> Iterator[tuple[str, Any]]:
             # or out of the file.
             if not isinstance(link, h5py.HardLink) or name in MATLAB_GROUPS:
                 continue
-            each = group[name]
-            address = h5py.h5o.get_info(each.id).addr
+            entry = group[name]
+            address = h5py.h5o.get_info(entry.id).addr
             if address in seen:
                 continue
             seen.add(address)
             if len(seen) > MOST_OBJECTS:
                 raise Unreadable(f"it holds more than {MOST_OBJECTS} objects: shorten it")
-            if isinstance(each, h5py.Group):
-                left.append((where, each))
-            elif isinstance(each, h5py.Dataset):
-                _refuse_outside(each, where)
-                yield where, each
+            if isinstance(entry, h5py.Group):
+                left.append((where, entry))
+            elif isinstance(entry, h5py.Dataset):
+                _refuse_outside(entry, where)
+                yield where, entry
 
 
 def _refuse_outside(dataset, where):
@@ -137,7 +137,7 @@ def _refuse_outside(dataset, where):
     if dataset.external or dataset.is_virtual:
         raise Unreadable(f"the data of {where} lie in other files: copy them into this one")
     properties = dataset.id.get_create_plist()
-    codes = {properties.get_filter(place)[0] for place in range(properties.get_nfilters())}
+    codes = {properties.get_filter(index)[0] for index in range(properties.get_nfilters())}
     if codes - FILTERS:
         raise Unreadable(
             f"{where} is packed by a filter that needs a plug-in ({min(codes - FILTERS)}): save it "
@@ -162,9 +162,9 @@ def _text_attribute(dataset, names):
 
 def _number_attributes(holder, path=""):
     """Attributes that hold a single number, by their names behind a path."""
-    found = {name: np.asarray(holder.attrs[name]) for name in holder.attrs}
+    attributes = {name: np.asarray(holder.attrs[name]) for name in holder.attrs}
     return {
         f"{path}{name}": float(value.ravel()[0])
-        for name, value in found.items()
+        for name, value in attributes.items()
         if value.size == 1 and value.dtype.kind in REAL_KINDS
     }

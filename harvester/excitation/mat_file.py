@@ -72,8 +72,10 @@ class MatTable(ArraysTable):
         self.rate = rate_of(numbers)
 
         def load(names: list[str]) -> dict[str, np.ndarray]:
-            own = [name for name in names if name in arrays]
-            return _load(content, own) | {name: fields[name] for name in names if name in fields}
+            variables = [name for name in names if name in arrays]
+            return _load(content, variables) | {
+                name: fields[name] for name in names if name in fields
+            }
 
         super().__init__(arrays | {name: value.shape for name, value in fields.items()}, load)
 
@@ -99,9 +101,9 @@ def _fields(name: str, value: Any) -> Iterator[tuple[str, np.ndarray]]:
         for key, part in value.items():
             yield from _fields(f"{name}.{key}" if name else key, part)
     elif isinstance(value, list) or getattr(value, "dtype", np.dtype(float)).kind == "O":
-        for place, part in enumerate(np.ravel(np.array(value, dtype=object))):
+        for index, part in enumerate(np.ravel(np.array(value, dtype=object))):
             if isinstance(part, dict):
-                yield from _fields(f"{name}[{place}]", part)
+                yield from _fields(f"{name}[{index}]", part)
     else:
         array = np.asarray(value)
         if array.dtype.kind in NUMBER_KINDS and array.ndim <= 2 and array.size:
@@ -135,15 +137,15 @@ def _refuse_claims(content):
 
 def _elements(data, order):
     """(kind, content) of the elements that follow each other."""
-    place = 0
-    while place + 8 <= len(data):
-        kind, size = struct.unpack_from(f"{order}II", data, place)
+    offset = 0
+    while offset + 8 <= len(data):
+        kind, size = struct.unpack_from(f"{order}II", data, offset)
         # An element of up to four bytes stands within its tag.
         if kind >> 16:
-            kind, size, start, place = kind & 0xFFFF, kind >> 16, place + 4, place + 8
+            kind, size, start, offset = kind & 0xFFFF, kind >> 16, offset + 4, offset + 8
         else:
-            start = place + 8
-            place = start + size + (0 if kind == COMPRESSED else -size % 8)
+            start = offset + 8
+            offset = start + size + (0 if kind == COMPRESSED else -size % 8)
         yield kind, data[start : start + size]
 
 

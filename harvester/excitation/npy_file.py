@@ -43,11 +43,11 @@ class NpyTable(Table):
         self.rows = len(table)
         self.width = len(self.names) or self._table.shape[1]
         columns = [self._table[name] for name in self.names] or list(self._table.T)
-        self.complexes = [place for place, each in enumerate(columns) if is_complex(each)]
+        self.complexes = [index for index, column in enumerate(columns) if is_complex(column)]
 
     def take(self, places: list[int]) -> list[np.ndarray]:
         """The columns at `places`, each float64 or complex128 of shape (rows,)."""
-        return [self._column(place) for place in places]
+        return [self._column(index) for index in places]
 
     def _column(self, place):
         column = self._table[self.names[place]] if self.names else self._table[:, place]

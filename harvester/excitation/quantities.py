@@ -117,15 +117,15 @@ AMBIGUOUS |= {
 
 def _spellings(quantity: str) -> dict[str, str]:
     """Usual spelling of a quantity's units by every spelling without capitals."""
-    known = {unit.lower(): unit for unit in QUANTITIES[quantity]}
+    spellings = {unit.lower(): unit for unit in QUANTITIES[quantity]}
     for unit, words in WORDS.get(quantity, {}).items():
-        known |= dict.fromkeys(words, unit)
+        spellings |= dict.fromkeys(words, unit)
     ends = {"acceleration": PER_SECOND_SQUARED, "velocity": PER_SECOND}.get(quantity, ())
     usual = {"acceleration": "/s^2", "velocity": "/s"}.get(quantity, "")
     for length in LENGTHS:
         if f"{length}{usual}" in QUANTITIES[quantity]:
-            known |= dict.fromkeys((f"{length}{end}" for end in ends), f"{length}{usual}")
-    return known
+            spellings |= dict.fromkeys((f"{length}{end}" for end in ends), f"{length}{usual}")
+    return spellings
 
 
 SPELLINGS = {quantity: _spellings(quantity) for quantity in QUANTITIES}
@@ -168,13 +168,13 @@ def factor_of(quantity: str, unit: str, where: str, cure: str) -> float:
     usual = unit_named(quantity, unit)
     if usual is not None:
         return QUANTITIES[quantity][usual]
-    known = QUANTITIES[quantity]
+    factors = QUANTITIES[quantity]
     both = AMBIGUOUS.get((quantity, unit.strip()))
     if both:
         raise SceneError(f"{where}: {named(unit)} is ambiguous: {both}? {cure}")
     raise SceneError(
-        f"{where}: unknown unit {named(unit)}{nearest(unit, known)}; units of {quantity} are "
-        f"{', '.join(known)}: {cure}"
+        f"{where}: unknown unit {named(unit)}{nearest(unit, factors)}; units of {quantity} are "
+        f"{', '.join(factors)}: {cure}"
     )
 
 

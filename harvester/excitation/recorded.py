@@ -192,10 +192,10 @@ class RecordedMotion(Excitation):
 
     def check(self, units: str, run: Run, origin: str) -> None:
         if (self.unit == "scaled") != (units == "scaled"):
-            known = '"scaled"' if units == "scaled" else ", ".join(ACCELERATION)
-            given = f' = "{self.unit}"' if self.unit else " is missing"
+            allowed = '"scaled"' if units == "scaled" else ", ".join(ACCELERATION)
+            stated = f' = "{self.unit}"' if self.unit else " is missing"
             raise SceneError(
-                f'{origin}: excitation.unit{given}: a scene with units = "{units}" takes {known}'
+                f'{origin}: excitation.unit{stated}: a scene with units = "{units}" takes {allowed}'
             )
         if self.full_scale != 1.0 and Path(self.file).suffix.lower() != ".wav":
             raise SceneError(f"{origin}: excitation.full_scale belongs to .wav files")
@@ -398,9 +398,9 @@ def _offset_remark(values, record, unit):
     mean = float(values.mean())
     if record.detrend != "mean" or not abs(mean) > NOTED_OFFSET * values.std():
         return ()
-    said = f"{mean:.4g} m/s²" if unit != "scaled" else f"{mean:.4g}"
+    amount = f"{mean:.4g} m/s²" if unit != "scaled" else f"{mean:.4g}"
     return (
-        f'its constant part, {said} (gravity or an offset), was taken off; detrend = "none" '
+        f'its constant part, {amount} (gravity or an offset), was taken off; detrend = "none" '
         "keeps it",
     )
 
@@ -440,27 +440,27 @@ def _from_start(columns, record, name):
 
 def _unit_and_factor(record, written, name):
     """Unit of the scaled column and its factor to m/s², by the heading and the scene."""
-    own = unit_named("acceleration", written) if written else None
+    heading_unit = unit_named("acceleration", written) if written else None
     if record.unit == "scaled":
-        if own:
+        if heading_unit:
             raise SceneError(
                 f'{name}: the heading says {named(written)}, and the scene has units = "scaled": '
                 'take one with units = "SI", or a record in scaled units'
             )
         return "scaled", 1.0
-    if written and own is None and record.scale is None:
+    if written and heading_unit is None and record.scale is None:
         raise SceneError(
             f"{name}: the heading says {named(written)}, which is no unit of acceleration"
             f"{nearest(written, ACCELERATION)}: give excitation.scale, the acceleration of one "
             f"{named(written)}, with its unit, or choose another excitation.column"
         )
-    unit = record.unit or own
+    unit = record.unit or heading_unit
     if unit is None:
         raise SceneError(
             f"{name}: excitation.unit is missing, and the file says none: it is one of "
             f"{', '.join(ACCELERATION)}"
         )
-    if own and ACCELERATION[own] != ACCELERATION[unit]:
+    if heading_unit and ACCELERATION[heading_unit] != ACCELERATION[unit]:
         raise SceneError(
             f'{name}: excitation.unit = "{unit}": the heading says {named(written)}: leave unit '
             "out, or correct the one that is wrong"
@@ -511,22 +511,22 @@ def _lines(record):
     density = np.abs(np.fft.rfft(stretches, axis=1)) ** 2
     # The remainder of the mean at frequency 0 is no sine.
     density[:, 0] = 0.0
-    whole = density.sum(axis=1)
-    if np.median(whole) <= SILENT * whole.max():
+    total_power = density.sum(axis=1)
+    if np.median(total_power) <= SILENT * total_power.max():
         return ()
-    found: list[tuple[float, float]] = []
+    sines: list[tuple[float, float]] = []
     bins = np.arange(density.shape[1])
-    for place in range(min(LINES_AT_ONCE, max(1, bins.size // BINS_PER_LINE))):
+    for removed in range(min(LINES_AT_ONCE, max(1, bins.size // BINS_PER_LINE))):
         peaks = density.argmax(axis=1)
         nearby = np.abs(bins - peaks[:, None]) <= LINE_BINS
         power = (density * nearby).sum(axis=1)
         # Hann's window reduces the mean square to 3/8.
         amplitudes = np.sqrt(4.0 * power / (0.375 * size**2))
-        found += zip((peaks / (size * interval)).tolist(), amplitudes.tolist(), strict=True)
+        sines += zip((peaks / (size * interval)).tolist(), amplitudes.tolist(), strict=True)
         density[nearby] = 0.0
-        share = SHARE_OF_SEVERAL if place else LINE_SHARE
-        if np.median(density.sum(axis=1)) < (1.0 - share) * np.median(whole):
-            return tuple(found)
+        share = SHARE_OF_SEVERAL if removed else LINE_SHARE
+        if np.median(density.sum(axis=1)) < (1.0 - share) * np.median(total_power):
+            return tuple(sines)
     return ()
 
 

@@ -133,13 +133,15 @@ class ShapedPath(ExcitationPath):
     ) -> None:
         self.spacing = spacing
         self._spectrum, self._taps = _filter(points, spacing)
-        own = np.random.SeedSequence(seed.entropy, spawn_key=(*seed.spawn_key, 0))
-        other = np.random.SeedSequence(seed.entropy, spawn_key=(*seed.spawn_key, 1))
-        self._white = NormalSequence(own, factor)
+        white_seed = np.random.SeedSequence(seed.entropy, spawn_key=(*seed.spawn_key, 0))
+        burst_seed = np.random.SeedSequence(seed.entropy, spawn_key=(*seed.spawn_key, 1))
+        self._white = NormalSequence(white_seed, factor)
         self._input = np.zeros(2 * self._taps)
         self._white.write(self._input[self._taps :])
         self._block, self._used = np.empty(0), 0
-        self._bursts = Bursts(kurtosis, burst_time / spacing, other) if kurtosis > 3.0 else None
+        self._bursts = (
+            Bursts(kurtosis, burst_time / spacing, burst_seed) if kurtosis > 3.0 else None
+        )
 
     def read(self, count: int) -> np.ndarray:
         """The next `count` samples, float64 of shape (count,)."""
@@ -193,14 +195,14 @@ class Bursts:
     def read(self, count: int) -> np.ndarray:
         """The next factors, shape (count,)."""
         places = np.arange(self._next, self._next + count)
-        at, rest = np.divmod(places, self._knots)
+        at, offset = np.divmod(places, self._knots)
         missing = int(at[-1]) + 2 - self._nodes.size
         self._nodes = np.append(self._nodes, self._generator.standard_normal(max(missing, 0)))
-        angle = 0.5 * math.pi * rest / self._knots
+        angle = 0.5 * math.pi * offset / self._knots
         normal = self._nodes[at] * np.cos(angle) + self._nodes[at + 1] * np.sin(angle)
         passed, self._next = divmod(self._next + count, self._knots)
         self._nodes = self._nodes[passed:]
         if self._nodes.size < 2:
-            more = self._generator.standard_normal(2 - self._nodes.size)
-            self._nodes = np.append(self._nodes, more)
+            fresh = self._generator.standard_normal(2 - self._nodes.size)
+            self._nodes = np.append(self._nodes, fresh)
         return np.exp(math.sqrt(self._variance) * normal - self._variance)

@@ -116,16 +116,16 @@ class Spectrum(Excitation):
 
     def check(self, units: str, run: Run, origin: str) -> None:
         if (self.unit == "scaled") != (units == "scaled") or (units == "SI" and not self.unit):
-            known = '"scaled"' if units == "scaled" else '"g^2/Hz" or "(m/s^2)^2/Hz"'
-            given = f' = "{self.unit}"' if self.unit else " is missing"
+            allowed = '"scaled"' if units == "scaled" else '"g^2/Hz" or "(m/s^2)^2/Hz"'
+            stated = f' = "{self.unit}"' if self.unit else " is missing"
             raise SceneError(
-                f'{origin}: excitation.unit{given}: a scene with units = "{units}" takes {known}'
+                f'{origin}: excitation.unit{stated}: a scene with units = "{units}" takes {allowed}'
             )
         frequencies = [frequency for frequency, _ in self.breakpoints]
-        for place, (low, high) in enumerate(itertools.pairwise(frequencies), 1):
+        for index, (low, high) in enumerate(itertools.pairwise(frequencies), 1):
             if not low < high:
                 raise SceneError(
-                    f"{origin}: excitation.breakpoints[{place}] = {high:g} Hz after {low:g} Hz: "
+                    f"{origin}: excitation.breakpoints[{index}] = {high:g} Hz after {low:g} Hz: "
                     "frequencies must ascend; write a jump as two that lie close together"
                 )
         if self.burst_time is not None and self.burst_time < 1.0 / frequencies[0]:
@@ -170,10 +170,10 @@ class Spectrum(Excitation):
         low, high = self.band
         unit = "" if self.unit == "scaled" else " m/s²"
         listed = ", ".join(f"{f:g} Hz {g:g}" for f, g in self.breakpoints[:20])
-        more = f" and {len(self.breakpoints) - 20} more" if len(self.breakpoints) > 20 else ""
+        ellipsis = f" and {len(self.breakpoints) - 20} more" if len(self.breakpoints) > 20 else ""
         source = f" after {self.source}" if self.source else ""
         lines = [
-            f"spectrum{source}: {listed}{more} {self.unit}; rms "
+            f"spectrum{source}: {listed}{ellipsis} {self.unit}; rms "
             f"{math.sqrt(mean_square(self.points)):.4g}{unit}"
         ]
         if self._excess(spacing) > NOTED_EXCESS:

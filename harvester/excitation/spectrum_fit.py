@@ -87,21 +87,23 @@ class SpectrumFit:
     @property
     def reasons(self) -> tuple[str, ...]:
         """Why the record is far from Ornstein–Uhlenbeck noise; empty where it is not."""
-        found = []
+        differences = []
         if math.isnan(self.decibels):
-            found.append(
+            differences.append(
                 f"the device's {self.device_frequency:.3g} Hz lie outside what the record shows"
             )
         elif abs(self.decibels) > FAR_DECIBELS:
-            found.append(
+            differences.append(
                 f"its density around the device's {self.device_frequency:.3g} Hz is "
                 f"{self.decibels:+.1f} dB from the fit"
             )
         if self.unexplained > FAR_SHARE:
-            found.append(f"{self.unexplained:.0%} of its variance lies apart from the fit")
+            differences.append(f"{self.unexplained:.0%} of its variance lies apart from the fit")
         if abs(self.excess_kurtosis) > FAR_KURTOSIS:
-            found.append(f"its excess kurtosis is {self.excess_kurtosis:.1f}, and noise has 0")
-        return tuple(found)
+            differences.append(
+                f"its excess kurtosis is {self.excess_kurtosis:.1f}, and noise has 0"
+            )
+        return tuple(differences)
 
     def notes(self) -> tuple[str, ...]:
         """The fit and its distance, one line each."""
@@ -178,36 +180,36 @@ def fit_spectrum(record: RecordedMotion, device_frequency: float) -> SpectrumFit
     values, interval, _ = one_pass(record)
     length = values.size // STRETCHES
     frequency, density = signal.welch(values, 1.0 / interval, nperseg=max(length, 8))
-    used = _band(record, frequency, FITTED_SHARE * 0.5 / interval)
-    below = np.cumsum(density * used) / max(np.sum(density * used), 1e-300)
-    used &= (below > LEFT_OUT_SHARE) & (below < 1.0 - LEFT_OUT_SHARE)
-    if np.count_nonzero(used) < FEWEST_FREQUENCIES:
+    in_band = _band(record, frequency, FITTED_SHARE * 0.5 / interval)
+    below = np.cumsum(density * in_band) / max(np.sum(density * in_band), 1e-300)
+    in_band &= (below > LEFT_OUT_SHARE) & (below < 1.0 - LEFT_OUT_SHARE)
+    if np.count_nonzero(in_band) < FEWEST_FREQUENCIES:
         raise AveragingError(
-            f"the record shows only {np.count_nonzero(used)} frequencies to fit, and "
+            f"the record shows only {np.count_nonzero(in_band)} frequencies to fit, and "
             f"{FEWEST_FREQUENCIES} are the fewest: a longer record, or a wider excitation.band"
         )
     compared = _band(record, frequency, COMPARED_SHARE * 0.5 / interval)
-    used, frequency, density = used[compared], frequency[compared], density[compared]
+    in_band, frequency, density = in_band[compared], frequency[compared], density[compared]
     # Independent values in the band per frequency of the periodogram: the weight of each frequency
     # in the likelihood.
     weight = values.size * interval * (frequency[1] - frequency[0])
 
     def misfit(logarithms):
-        share = density[used] / _model(frequency[used], *np.exp(logarithms))
+        share = density[in_band] / _model(frequency[in_band], *np.exp(logarithms))
         return weight * float(np.sum(share - np.log(share)))
 
     strongest = density.max() / 4.0
     start = np.log([strongest, strongest / np.mean(values**2)])
     options = {"xatol": 1e-8, "fatol": 1e-8, "maxiter": 4000, "maxfev": 4000}
-    found = optimize.minimize(misfit, start, method="Nelder-Mead", options=options)
-    intensity, time = np.exp(found.x)
+    minimum = optimize.minimize(misfit, start, method="Nelder-Mead", options=options)
+    intensity, time = np.exp(minimum.x)
     fitted = _model(frequency, intensity, time)
-    if 2.0 * np.pi * frequency[used][0] * time > FALLING_CORNER_RATIO:
+    if 2.0 * np.pi * frequency[in_band][0] * time > FALLING_CORNER_RATIO:
         raise AveragingError(
             "the record's density falls over its whole band and shows no D: a longer record is "
             "needed, or it is no Ornstein–Uhlenbeck noise; simulate"
         )
-    errors = _relative_errors(frequency[used], time, weight)
+    errors = _relative_errors(frequency[in_band], time, weight)
     return SpectrumFit(
         intensity=float(intensity),
         correlation_time=float(time),
@@ -216,8 +218,8 @@ def fit_spectrum(record: RecordedMotion, device_frequency: float) -> SpectrumFit
         frequency=frequency,
         density=density,
         fitted=fitted,
-        lowest=float(frequency[used][0]),
-        highest=float(frequency[used][-1]),
+        lowest=float(frequency[in_band][0]),
+        highest=float(frequency[in_band][-1]),
         device_frequency=device_frequency,
         decibels=_decibels(frequency, density, fitted, device_frequency),
         unexplained=_unexplained(frequency, density, fitted),

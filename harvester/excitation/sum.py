@@ -30,9 +30,9 @@ MOST_REPEATS, SAME_RATIO = 1000, 1e-9
 def common_period(periods: Sequence[float]) -> float | None:
     """The shortest time of whole periods of each (s), where their ratios are simple; else None."""
     first = periods[0]
-    ratios = [Fraction(each / first).limit_denominator(MOST_REPEATS) for each in periods]
+    ratios = [Fraction(period / first).limit_denominator(MOST_REPEATS) for period in periods]
     pairs = zip(periods, ratios, strict=True)
-    if any(not r or abs(each / first / r - 1.0) > SAME_RATIO for each, r in pairs):
+    if any(not r or abs(period / first / r - 1.0) > SAME_RATIO for period, r in pairs):
         return None
     # The least common multiple of the periods.
     upper = math.lcm(*(ratio.numerator for ratio in ratios))
@@ -109,8 +109,8 @@ class Sum(Excitation):
 
     def density(self, frequencies: np.ndarray) -> np.ndarray | None:
         """The sum of the parts' densities, which are independent."""
-        each = [part.density(frequencies) for part in self.parts]
-        return None if any(part is None for part in each) else np.sum(each, axis=0)
+        densities = [part.density(frequencies) for part in self.parts]
+        return None if any(part is None for part in densities) else np.sum(densities, axis=0)
 
     @property
     def drifts(self) -> bool:
@@ -121,13 +121,13 @@ class Sum(Excitation):
         return not self.random and any(part.transient(run) for part in self.parts)
 
     def check(self, units: str, run: Run, origin: str) -> None:
-        for place, part in enumerate(self._on_common_knots()):
+        for index, part in enumerate(self._on_common_knots()):
             if part.prescribes_displacement:
                 raise SceneError(
-                    f"{origin}: excitation.parts[{place}] is a prescribed_displacement, beside "
+                    f"{origin}: excitation.parts[{index}] is a prescribed_displacement, beside "
                     "which no other part acts: make it the whole excitation, or take it out"
                 )
-            part.check(units, run, f"{origin}: parts[{place}]")
+            part.check(units, run, f"{origin}: parts[{index}]")
         if self.kept_samples > most_samples():
             raise SceneError(
                 f"{origin}: excitation.parts: the records have {self.kept_samples} samples in all, "
@@ -156,9 +156,9 @@ class Sum(Excitation):
                 part.path(
                     spacing,
                     length,
-                    np.random.SeedSequence(seed.entropy, spawn_key=(*seed.spawn_key, place)),
+                    np.random.SeedSequence(seed.entropy, spawn_key=(*seed.spawn_key, index)),
                 )
-                for place, part in enumerate(self.parts)
+                for index, part in enumerate(self.parts)
             ]
         )
 

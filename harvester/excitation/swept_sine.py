@@ -112,9 +112,9 @@ class SweptPath(ExcitationPath):
         sweeps, since = np.divmod(times, 2.0 * self._once)
         back = since > self._once
         since = np.where(back, 2.0 * self._once - since, since)
-        whole = self._first * math.expm1(self._rate * self._once) / self._rate
+        one_way = self._first * math.expm1(self._rate * self._once) / self._rate
         turns = self._first * np.expm1(self._rate * since) / self._rate
-        turns = np.where(back, 2.0 * whole - turns, turns) + np.mod(2.0 * whole * sweeps, 1.0)
+        turns = np.where(back, 2.0 * one_way - turns, turns) + np.mod(2.0 * one_way * sweeps, 1.0)
         frequency = self._first * np.exp(self._rate * since)
         heights = self._amplitude / np.sinc(frequency * self.spacing) ** 2
         return heights * np.sin(2.0 * math.pi * np.mod(turns, 1.0))

@@ -110,8 +110,8 @@ class TextTable(Table):
             self._form = self._form._replace(decimal=",")
         kinds = self._form.kinds
         self.width = len(kinds)
-        self.texts = [place for place, kind in enumerate(kinds) if kind == TEXT]
-        self.complexes = [place for place, kind in enumerate(kinds) if kind == COMPLEX]
+        self.texts = [index for index, kind in enumerate(kinds) if kind == TEXT]
+        self.complexes = [index for index, kind in enumerate(kinds) if kind == COMPLEX]
         self.rows, self._first = 0, 0
         above, left_out = self._scan()
         if self.rows > 1 and not left_out and self._is_cut_short(last_lines):
@@ -131,14 +131,14 @@ class TextTable(Table):
         Time stamps are seconds after the first; a column of numbers such as 1-2i is complex128.
         """
         marks = self._marks(places)
-        columns: list[Any] = [[] if place in self.complexes else array("d") for place in places]
+        columns: list[Any] = [[] if index in self.complexes else array("d") for index in places]
         readers = [
-            (column.append, place, self._reader(place, marks))
-            for column, place in zip(columns, places, strict=True)
+            (column.append, index, self._reader(index, marks))
+            for column, index in zip(columns, places, strict=True)
         ]
         for fields in self._rows():
-            for append, place, read in readers:
-                append(read(fields[place]))
+            for append, index, read in readers:
+                append(read(fields[index]))
         return [
             np.array(column, complex) if isinstance(column, list) else np.frombuffer(column)
             for column in columns
@@ -194,8 +194,10 @@ class TextTable(Table):
         end = self._content[-BYTES_SEEN:].decode("utf-8-sig", errors="replace")
         lines = re.split(r"\r\n|\r|\n", end)
         lines = lines[1:] if len(self._content) > BYTES_SEEN and len(lines) > 2 else lines
-        kept = [line for line in lines if line.strip() and not line.lstrip().startswith(COMMENTS)]
-        return kept[-LINES_SEEN:]
+        samples = [
+            line for line in lines if line.strip() and not line.lstrip().startswith(COMMENTS)
+        ]
+        return samples[-LINES_SEEN:]
 
     def _scan(self):
         """Count the rows: (lines above the first, with whether they are comments; lines behind)."""
@@ -344,9 +346,9 @@ def _names_and_units(above, form):
     if not rows:
         _refuse_unquoted_commas(above, form)
         return [], without
-    for place in range(len(rows) - 1, 0, -1):
-        if _is_unit_row(rows[place]):
-            return rows[place - 1], [unit.strip("[](){} ") for unit in rows[place]]
+    for index in range(len(rows) - 1, 0, -1):
+        if _is_unit_row(rows[index]):
+            return rows[index - 1], [unit.strip("[](){} ") for unit in rows[index]]
     return rows[-1], without
 
 

@@ -53,16 +53,16 @@ class StampReader:
             return float("nan")
         clock, fraction = _clock(match), float(f"0.{match['fraction'] or 0}")
         date = match["date"] or ""
-        whole: Any
+        moment: Any
         if ISO_DATE.fullmatch(date):
             midnight = datetime.fromisoformat(f"{date}T00:00:00{match['zone'] or ''}")
-            whole = midnight + timedelta(seconds=clock)
+            moment = midnight + timedelta(seconds=clock)
         else:
-            whole = timedelta(seconds=self._on_one_day(date, clock))
+            moment = timedelta(seconds=self._on_one_day(date, clock))
         if self._first is None:
-            self._first = whole, fraction
+            self._first = moment, fraction
         try:
-            passed = whole - self._first[0]
+            passed = moment - self._first[0]
         except TypeError:
             raise ValueError("its time stamps are partly with and partly without a zone") from None
         return passed.total_seconds() + (fraction - self._first[1])

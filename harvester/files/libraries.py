@@ -14,7 +14,7 @@ def install_command(extra: str) -> str:
     metadata of the one whose command is ours. Without metadata, a clone is meant: ".".
     """
     commands = importlib.metadata.entry_points(group="console_scripts", name="harvester")
-    ours = (each.dist for each in commands if each.value == "harvester.__main__:main")
+    ours = (command.dist for command in commands if command.value == "harvester.__main__:main")
     name = next((distribution.name for distribution in ours if distribution), ".")
     return f"pip install '{name}[{extra}]'"
 

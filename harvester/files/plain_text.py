@@ -61,10 +61,10 @@ def name(text: object) -> str:
     'run_.control _x_1_'
     """
     letters = (letter if letter.isprintable() else "_" for letter in str(text))
-    kept = _MEANT.sub("_", "".join(letters)).strip()
+    cleaned = _MEANT.sub("_", "".join(letters)).strip()
     # A name that begins so would be an option, a formula or a continued line somewhere.
-    kept = re.sub(r"^[-+=@.]", "_", kept)
-    return kept.encode()[:LONGEST_NAME].decode(errors="ignore") or "_"
+    cleaned = re.sub(r"^[-+=@.]", "_", cleaned)
+    return cleaned.encode()[:LONGEST_NAME].decode(errors="ignore") or "_"
 
 
 def json_text(content: Any, indent: int | None = None) -> str:
@@ -126,6 +126,6 @@ def nearest(word: object, known: Iterable[str]) -> str:
     """
     if not isinstance(word, str) or len(word) > LONGEST_MISSPELT:
         return ""
-    near = [each for each in known if len(each) <= 2 * LONGEST_MISSPELT]
+    near = [candidate for candidate in known if len(candidate) <= 2 * LONGEST_MISSPELT]
     close = difflib.get_close_matches(word, near[:MOST_COMPARED], n=1, cutoff=LEAST_COMMON_SHARE)
     return f" (did you mean {named(close[0][:LONGEST_SHOWN])}?)" if close else ""

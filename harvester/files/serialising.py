@@ -47,9 +47,9 @@ def fields_of(instance: Any, units: Callable[[str], str] | None = None) -> dict[
         `unit` instead.
     """
     content = {}
-    for each in dataclasses.fields(instance):
-        name, value = each.metadata.get(_KEY, each.name), getattr(instance, each.name)
-        if units is not None and each.name == "dimension":
+    for field in dataclasses.fields(instance):
+        name, value = field.metadata.get(_KEY, field.name), getattr(instance, field.name)
+        if units is not None and field.name == "dimension":
             name, value = "unit", units(value)
         if name is not None:
             content[name] = plain(value, units)
@@ -68,9 +68,9 @@ def plain(value: Any, units: Callable[[str], str] | None = None) -> Any:
     if isinstance(value, float):
         return finite(value)
     if isinstance(value, Mapping):
-        return {str(name): plain(each, units) for name, each in value.items()}
+        return {str(name): plain(item, units) for name, item in value.items()}
     if isinstance(value, list | tuple | set | frozenset):
-        return [plain(each, units) for each in value]
+        return [plain(item, units) for item in value]
     if hasattr(value, "to_dict"):
         return value.to_dict()
     if dataclasses.is_dataclass(value):
@@ -108,12 +108,12 @@ def read(kind: Any, value: Any, where: str) -> Any:
         key_kind, value_kind = get_args(kind)
         _require(isinstance(value, Mapping), value, where, "a table")
         return {
-            _read_key(key_kind, name, where): read(value_kind, each, f"{where}.{name}")
-            for name, each in value.items()
+            _read_key(key_kind, name, where): read(value_kind, item, f"{where}.{name}")
+            for name, item in value.items()
         }
     if get_origin(kind) is tuple:
         _require(isinstance(value, list | tuple), value, where, "a list")
-        return tuple(read(get_args(kind)[0], each, where) for each in value)
+        return tuple(read(get_args(kind)[0], item, where) for item in value)
     if kind is str:
         _require(isinstance(value, str), value, where, "a text")
     elif kind is float and value is None:
@@ -130,11 +130,11 @@ def read(kind: Any, value: Any, where: str) -> Any:
 def _read_fields(kind, content, where):
     _require(isinstance(content, Mapping), content, where, "a table")
     hints, values = get_type_hints(kind), {}
-    for each in dataclasses.fields(kind):
-        name = each.metadata.get(_KEY, each.name)
+    for field in dataclasses.fields(kind):
+        name = field.metadata.get(_KEY, field.name)
         if name in content:
-            values[each.name] = read(hints[each.name], content[name], f"{where}.{name}")
-        elif each.default is each.default_factory is dataclasses.MISSING:
+            values[field.name] = read(hints[field.name], content[name], f"{where}.{name}")
+        elif field.default is field.default_factory is dataclasses.MISSING:
             raise NotAValue(f"{where}.{name} is missing")
     return kind(**values)
 

@@ -34,11 +34,11 @@ class TemporaryFolder:
     """
 
     def __init__(self, within: str | Path | None = None) -> None:
-        place = str(within or tempfile.gettempdir())
-        clear_abandoned(place)
-        unlocked = tempfile.mkdtemp(prefix=UNLOCKED, dir=place)
+        parent = str(within or tempfile.gettempdir())
+        clear_abandoned(parent)
+        unlocked = tempfile.mkdtemp(prefix=UNLOCKED, dir=parent)
         lock = _lock(unlocked)
-        self.name = os.path.join(place, os.path.basename(unlocked).replace(UNLOCKED, IN_USE, 1))
+        self.name = os.path.join(parent, os.path.basename(unlocked).replace(UNLOCKED, IN_USE, 1))
         os.rename(unlocked, self.name)
         self._end = weakref.finalize(self, _remove, self.name, lock)
 

@@ -97,12 +97,14 @@ def check_writable(path: str | Path) -> None:
 def check_folder(folder: str | Path) -> None:
     """Refuse early a folder that cannot be made or written; one that is missing stays so."""
     with _named(folder):
-        missing = [each for each in (Path(folder), *Path(folder).parents) if not each.exists()]
+        missing = [
+            parent for parent in (Path(folder), *Path(folder).parents) if not parent.exists()
+        ]
         Path(folder).mkdir(parents=True, exist_ok=True)
         tempfile.TemporaryFile(dir=folder).close()
         with contextlib.suppress(OSError):
-            for each in missing:
-                each.rmdir()
+            for parent in missing:
+                parent.rmdir()
 
 
 def in_folder(folder: str | Path, file: str) -> Path:
@@ -131,8 +133,8 @@ def _named(path):
         yield
     except (OSError, ValueError) as error:
         reason = getattr(error, "strerror", None) or error
-        shown = "standard output" if str(path) == "-" else path
-        raise OutputError(f"{shown}: cannot be written: {reason}") from None
+        where = "standard output" if str(path) == "-" else path
+        raise OutputError(f"{where}: cannot be written: {reason}") from None
 
 
 def _open_file(path):

@@ -55,10 +55,10 @@ def energy_range(ready: Prepared) -> EnergyRange:
 def _energy_range(ready):
     system = ready.system
     wells, saddles = timescales.wells(system), timescales.saddles(system)
-    bottoms = [float(potential(system, each)) for each in wells]
+    bottoms = [float(potential(system, well)) for well in wells]
     highest = min(bottoms)
-    for each in saddles:
-        top = float(potential(system, each))
+    for saddle in saddles:
+        top = float(potential(system, saddle))
         # The range reaches as far above the saddle as the deepest well lies below it.
         highest = max(highest, 2.0 * top - min(bottoms))
     middle = 0.5 * (min(wells) + max(wells))
@@ -72,7 +72,7 @@ def _energy_range(ready):
         square = timescales.driven_square_velocity(system, timescales.angular_frequency(system))
         if math.isfinite(square):
             highest = max(highest, max(bottoms) + RESOLVED_ENERGY * square)
-    low, high = (_where(system, each, side, highest) for each, side in _outermost(wells))
+    low, high = (_where(system, well, side, highest) for well, side in _outermost(wells))
     return EnergyRange(highest, low, high, math.sqrt(2.0 * (highest - min(bottoms))))
 
 
@@ -96,11 +96,11 @@ def _highest_branch(ready, lines, size):
             elastic_force(system, amplitudes), -np.asarray(elastic_force(system, -amplitudes))
         )
         below = np.flatnonzero(force < inertia)
-        found = float(amplitudes[below[-1]]) if below.size else 0.0
+        largest = float(amplitudes[below[-1]]) if below.size else 0.0
         damping = system.damper.damping
         if damping > 0.0:
-            found = min(found, drive / (damping * omega))
-        highest = max(highest, found)
+            largest = min(largest, drive / (damping * omega))
+        highest = max(highest, largest)
     return highest
 
 

@@ -88,8 +88,8 @@ def knot_spacing(ready: Prepared) -> float:
     scene, system = ready.scene, ready.system
     spacing, duration = scene.excitation.spacing(longest_spacing(system)), scene.run.duration
     if spacing > duration:
-        own = getattr(scene.excitation, "knot_spacing", None) is not None
-        name = "one knot_spacing" if own else "the time between two knots of the excitation"
+        explicit = getattr(scene.excitation, "knot_spacing", None) is not None
+        name = "one knot_spacing" if explicit else "the time between two knots of the excitation"
         raise SceneError(
             f"{scene.name}: run.duration = {duration:g}: must be at least {name}, {spacing:.4g} s"
         )
@@ -182,13 +182,13 @@ def step_error(ready: Prepared, step: str | float = "default", engine: str = "ci
     flank = left * error / max(lines.half_width(ready), error) if left > 0.0 else 0.0
     load = scene.load.circuit
     switched = engine == "circuit" and load is not None and load.switches
-    own = (SWITCHED_LOAD_ERRORS if switched else LOAD_ERRORS) * error
+    period_error = (SWITCHED_LOAD_ERRORS if switched else LOAD_ERRORS) * error
     if system.contacts:
-        own += CONTACT_ERROR / steps_per_contact(ready, step, engine) ** 2
+        period_error += CONTACT_ERROR / steps_per_contact(ready, step, engine) ** 2
     misplaced, _ = _noise_error(ready, engine, length)
     if misplaced > NOTED_ERROR:
-        own = max(own, misplaced)
-    return flank + own
+        period_error = max(period_error, misplaced)
+    return flank + period_error
 
 
 def _noise_error(ready, engine, length):
@@ -217,8 +217,8 @@ def _near_lines(ready, engine, longest):
     allowed = lines.SHARE_OF_HALF_WIDTH * lines.half_width(ready)
     if left * constant * (omega * longest) ** order <= allowed:
         return longest
-    wanted = (allowed / (constant * left)) ** (1.0 / order) / omega
-    return max(wanted, longest / FINER_NEAR_LINES)
+    step = (allowed / (constant * left)) ** (1.0 / order) / omega
+    return max(step, longest / FINER_NEAR_LINES)
 
 
 def steps_per_contact(

@@ -77,14 +77,14 @@ class Oscillator:
     def computed(self) -> tuple[str, ...]:
         """Names of the values that others were given for."""
         spring = ("linear_stiffness",) if self.frequency is not None else ()
-        given = (self.quality_factor, self.damping_ratio)
-        return (*spring, *(() if given == (None, None) else ("damping",)))
+        ratios = (self.quality_factor, self.damping_ratio)
+        return (*spring, *(() if ratios == (None, None) else ("damping",)))
 
     @property
     def is_short_form(self) -> bool:
         """Whether the spring is one of `linear_stiffness` and `cubic_stiffness` alone."""
-        given = (self.restoring_force, self.force_table, self.restoring_force_range)
-        return all(each is None for each in given)
+        others = (self.restoring_force, self.force_table, self.restoring_force_range)
+        return all(form is None for form in others)
 
     @property
     def coefficients(self) -> tuple[float | None, ...]:
@@ -284,9 +284,9 @@ class Scene:
         if "stoppers" in parts and isinstance(parts["stoppers"], Stopper):
             parts["stoppers"] = (parts["stoppers"],)
         scene = cls(name=plain_text.name(name), folder=folder, **top, **parts)
-        known = _records(changed.excitation) if changed else {}
+        digests = _records(changed.excitation) if changed else {}
         for file, digest in _records(scene.excitation).items():
-            if known.get(file, digest) != digest:
+            if digests.get(file, digest) != digest:
                 raise SceneError(f"{named(file)}: the record has changed since the scene was read")
         scene.excitation.check(scene.units, scene.run, origin)
         if scene.run.starts is not None and scene.excitation.random:
@@ -349,7 +349,7 @@ class Scene:
             if attribute == "transducer" and table != transducer:
                 continue
             if isinstance(part, tuple):
-                plain = [_plain(each, kept) for each in part]
+                plain = [_plain(item, kept) for item in part]
                 # One pair of equal stoppers is written as [stoppers], all others as [[stoppers]].
                 part = plain[0] if len(part) == 1 and part[0].side == "both" else plain
                 tables.update({table: part} if part else {})
@@ -357,7 +357,7 @@ class Scene:
                 tables[table] = _plain(part, kept)
         for table in DRAWN if self.beam else ():
             left = {key: value for key, value in tables[table].items() if key not in DRAWN[table]}
-            tables = {key: each for key, each in tables.items() if key != table}
+            tables = {key: content for key, content in tables.items() if key != table}
             tables.update({table: left} if left else {})
         return tables
 
@@ -403,7 +403,7 @@ class Scene:
         text = json.dumps(self._tables(lambda field: field.name != "file"), sort_keys=True)
         if self.load.circuit:
             text += self.load.circuit.text
-            text += "".join(each.text for each in self.load.circuit.measures)
+            text += "".join(measure.text for measure in self.load.circuit.measures)
         return hashlib.sha256(text.encode()).hexdigest()
 
 
@@ -434,15 +434,15 @@ def _own_duration(checked, origin):
 
 def _check_range(scene, origin):
     """Refuse a range without a rest position, and a start outside."""
-    known = scene.oscillator.restoring_force_range
-    if known is None:
+    limits = scene.oscillator.restoring_force_range
+    if limits is None:
         return
     scale(scene)
     start = scene.start.displacement if scene.start else None
-    if start is not None and not known[0] <= start <= known[1]:
+    if start is not None and not limits[0] <= start <= limits[1]:
         raise SceneError(
             f"{origin}: start.displacement = {start:g}: must lie within "
-            f"oscillator.restoring_force_range = {list(known)}"
+            f"oscillator.restoring_force_range = {list(limits)}"
         )
 
 
@@ -464,17 +464,19 @@ def _check_sampling(scene, origin):
 def _without_computed(table: dict[str, Any]) -> dict[str, Any]:
     """An excitation's table without the fields that were computed from its files."""
     kinds: Iterable[Any] = KINDS.values()
-    computed = {each.name for kind in kinds for each in dataclasses.fields(kind) if not each.init}
-    kept = {key: value for key, value in table.items() if key not in computed}
-    if "parts" in kept:
-        kept["parts"] = [_without_computed(part) for part in kept["parts"]]
-    return kept
+    computed = {
+        entry.name for kind in kinds for entry in dataclasses.fields(kind) if not entry.init
+    }
+    stated = {key: value for key, value in table.items() if key not in computed}
+    if "parts" in stated:
+        stated["parts"] = [_without_computed(part) for part in stated["parts"]]
+    return stated
 
 
 def _made(make, table):
     """A part from its table, or a tuple of parts from several."""
     if isinstance(table, tuple):
-        return tuple(make(**each) for each in table)
+        return tuple(make(**item) for item in table)
     return make(**table)
 
 
@@ -482,15 +484,17 @@ def _folders(folder):
     """Where a load's netlist is looked for: a copy of the scene may be made in another folder."""
     if isinstance(folder, tuple):
         return folder
-    here = str(Path.cwd())
-    return tuple(dict.fromkeys((folder or here, here)))
+    current = str(Path.cwd())
+    return tuple(dict.fromkeys((folder or current, current)))
 
 
 def _read_netlist(load, folders, before):
     from circuits.loads.subcircuits import find_netlist, read_load
 
-    kept = before is not None and before.netlist == load["netlist"]
-    file, cards = before.circuit.source if kept else (find_netlist(load["netlist"], folders), None)
+    unchanged = before is not None and before.netlist == load["netlist"]
+    file, cards = (
+        before.circuit.source if unchanged else (find_netlist(load["netlist"], folders), None)
+    )
     return read_load(file, load.get("subcircuit"), load.get("parameters"), cards)
 
 
@@ -523,5 +527,5 @@ def _plain(part, kept):
         if not unused and value is not None and each_field.name != "circuit" and kept(each_field):
             value = dict(value) if isinstance(value, dict) else value
             parts = isinstance(value, tuple) and any(map(dataclasses.is_dataclass, value))
-            values[each_field.name] = [_plain(each, kept) for each in value] if parts else value
+            values[each_field.name] = [_plain(item, kept) for item in value] if parts else value
     return values

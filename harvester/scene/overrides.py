@@ -29,13 +29,13 @@ NO_DIGIT_BEFORE, NO_DIGIT_AFTER = (
 def texts(overrides: Any) -> list[str]:
     """A list of `table.key=value`, checked to be texts."""
     try:
-        found = [overrides] if isinstance(overrides, str) else list(overrides)
+        listed = [overrides] if isinstance(overrides, str) else list(overrides)
     except TypeError:
-        found = [overrides]
-    for text in found:
+        listed = [overrides]
+    for text in listed:
         if not isinstance(text, str):
             raise SceneError(f"--set {shown(text)}: write it as table.key=value")
-    return found
+    return listed
 
 
 def parsed(text: str) -> tuple[str, Any]:
@@ -59,8 +59,8 @@ def parsed(text: str) -> tuple[str, Any]:
 def _with_digits(text):
     """The text with 0.1 for .1 and 1.0 for 1. outside its quotes, as TOML writes them."""
     parts = QUOTED.split(text)
-    for place in range(0, len(parts), 2):
-        parts[place] = NO_DIGIT_AFTER.sub(".0", NO_DIGIT_BEFORE.sub("0.", parts[place]))
+    for index in range(0, len(parts), 2):
+        parts[index] = NO_DIGIT_AFTER.sub(".0", NO_DIGIT_BEFORE.sub("0.", parts[index]))
     return "".join(parts)
 
 
@@ -84,23 +84,23 @@ def put(tables: dict[str, Any], dotted: str, value: Any, origin: str) -> None:
     *path, last = dotted.split(".")
     if len(path) > 1 and ".".join(path) not in NESTED_TABLES and "[" not in dotted:
         raise SceneError(f"{where}: too many dots; write it as table.key=value")
-    place = tables
+    table = tables
     for part in path:
-        place = _table(place, part, where)
+        table = _table(table, part, where)
     if dotted == "excitation.kind":
-        _leave_out_others(place, value)
+        _leave_out_others(table, value)
     for other in REPLACED_KEYS.get(dotted, ()) if value is not None else ():
-        place.pop(other, None)
+        table.pop(other, None)
     match = PLACED.fullmatch(last)
     if match and value is None:
-        _one_of(place, match.group(1), int(match.group(2)), where)
-        _without(place, match.group(1), int(match.group(2)))
-    elif match and _is_list_of_values(place.get(match.group(1))):
-        _put_in_list(place, match.group(1), int(match.group(2)), value, where)
+        _one_of(table, match.group(1), int(match.group(2)), where)
+        _without(table, match.group(1), int(match.group(2)))
+    elif match and _is_list_of_values(table.get(match.group(1))):
+        _put_in_list(table, match.group(1), int(match.group(2)), value, where)
     elif value is None:
-        place.pop(last, None)
+        table.pop(last, None)
     else:
-        place[last] = value
+        table[last] = value
 
 
 def _leave_out_others(table, kind):
@@ -112,7 +112,7 @@ def _leave_out_others(table, kind):
 
 def _is_list_of_values(found):
     """Whether it is a list such as `restoring_force`, and not one of tables."""
-    return isinstance(found, (list, tuple)) and not any(isinstance(each, dict) for each in found)
+    return isinstance(found, (list, tuple)) and not any(isinstance(item, dict) for item in found)
 
 
 def _put_in_list(place, name, index, value, where):
@@ -130,31 +130,31 @@ def _table(place, part, where):
     match = PLACED.fullmatch(part)
     if match:
         return _one_of(place, match.group(1), int(match.group(2)), where)
-    found = place.setdefault(part, {})
-    if isinstance(found, (list, tuple)) and len(found) == 1:
+    value = place.setdefault(part, {})
+    if isinstance(value, (list, tuple)) and len(value) == 1:
         return _one_of(place, part, 0, where)
-    if isinstance(found, (list, tuple)) and found:
+    if isinstance(value, (list, tuple)) and value:
         raise SceneError(
-            f"{where}: {named(part)} is several tables, {_listed(part, len(found))}; say which"
+            f"{where}: {named(part)} is several tables, {_listed(part, len(value))}; say which"
         )
-    if not isinstance(found, dict):
+    if not isinstance(value, dict):
         raise SceneError(f"{where}: {named(part)} is not a table{nearest(part, table_keys())}")
-    return found
+    return value
 
 
 def _one_of(place, name, index, where):
-    found = place.get(name)
-    if isinstance(found, dict) and name in SEVERAL and index == 0:
-        return found
-    if not isinstance(found, (list, tuple)):
-        there = f"no {named(name)} here{nearest(name, place)}" if found is None else "one table"
-        hint = "" if found is None else f"; write {named(name)}.key"
-        raise SceneError(f"{where}: there is {there}{hint}")
-    if index >= len(found) or not all(isinstance(each, dict) for each in found):
+    entry = place.get(name)
+    if isinstance(entry, dict) and name in SEVERAL and index == 0:
+        return entry
+    if not isinstance(entry, (list, tuple)):
+        present = f"no {named(name)} here{nearest(name, place)}" if entry is None else "one table"
+        hint = "" if entry is None else f"; write {named(name)}.key"
+        raise SceneError(f"{where}: there is {present}{hint}")
+    if index >= len(entry) or not all(isinstance(item, dict) for item in entry):
         raise SceneError(
-            f"{where}: there are {len(found)} of {named(name)}: {_listed(name, len(found))}"
+            f"{where}: there are {len(entry)} of {named(name)}: {_listed(name, len(entry))}"
         )
-    place[name] = [dict(each) for each in found]
+    place[name] = [dict(item) for item in entry]
     return place[name][index]
 
 
@@ -169,4 +169,4 @@ def _without(place, name, index):
     several = place.pop(name)
     if isinstance(several, dict) or len(several) == 1:
         return
-    place[name] = [each for k, each in enumerate(several) if k != index]
+    place[name] = [item for k, item in enumerate(several) if k != index]

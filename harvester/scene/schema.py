@@ -160,10 +160,10 @@ def check_tables(
         # Another package's transducer is looked up by the name of its table.
         name in TRANSDUCERS  # noqa: B015
     every_table = table_keys()
-    known = [*TOP, *every_table]
+    names = [*TOP, *every_table]
     for name, value in tables.items():
-        if name not in known:
-            raise SceneError(f"{origin}: unknown key {named(name)}{_instead(name, known)}")
+        if name not in names:
+            raise SceneError(f"{origin}: unknown key {named(name)}{_instead(name, names)}")
         if name in SEVERAL and isinstance(value, (list, tuple)):
             _check_several(name, value, origin)
         elif (name in every_table) != isinstance(value, dict):
@@ -175,8 +175,8 @@ def check_tables(
     for table, keys in every_table.items():
         if isinstance(tables.get(table), (list, tuple)):
             checked[table] = tuple(
-                check_table(f"{table}[{place}]", values, keys, units, origin)
-                for place, values in enumerate(tables[table])
+                check_table(f"{table}[{index}]", values, keys, units, origin)
+                for index, values in enumerate(tables[table])
             )
         elif table in tables:
             values = tables[table]
@@ -193,7 +193,7 @@ def check_tables(
 
 def _check_several(name, values, origin):
     most = SEVERAL[name]
-    if not 1 <= len(values) <= most or not all(isinstance(each, dict) for each in values):
+    if not 1 <= len(values) <= most or not all(isinstance(entry, dict) for entry in values):
         raise SceneError(f"{origin}: [[{name}]] must be 1 to {most} tables")
 
 
@@ -222,15 +222,19 @@ def _check_oscillator(oscillator, units, origin):
 
 def _only(oscillator, names, units, origin):
     """The one of several keys for the same thing that the oscillator has."""
-    found = [name for name in names if name in oscillator]
-    if len(found) > 1:
-        raise _twice(origin, *found[:2])
-    if not found:
+    present = [name for name in names if name in oscillator]
+    if len(present) > 1:
+        raise _twice(origin, *present[:2])
+    if not present:
         first, *others = (n for n in names if units in OTHER_KEYS["oscillator"][n].units)
-        said = "" if not others else f", or give oscillator.{' or oscillator.'.join(others)}"
+        alternatives = (
+            "" if not others else f", or give oscillator.{' or oscillator.'.join(others)}"
+        )
         allowed = OTHER_KEYS["oscillator"][first].allowed()
-        raise SceneError(f"{origin}: oscillator.{first} is missing; it takes {allowed}{said}")
-    return found[0]
+        raise SceneError(
+            f"{origin}: oscillator.{first} is missing; it takes {allowed}{alternatives}"
+        )
+    return present[0]
 
 
 def _twice(origin, first, second):
@@ -244,10 +248,10 @@ def _check_force_table(oscillator, origin):
     """Displacements that ascend through 0, and as many as the interpolation takes."""
     points = oscillator["force_table"]
     where = f"{origin}: oscillator.force_table"
-    for place, (before, after) in enumerate(pairwise(points), start=1):
+    for index, (before, after) in enumerate(pairwise(points), start=1):
         if not after[0] > before[0]:
             raise SceneError(
-                f"{where}[{place}] = {list(after)}: displacements must ascend, and the one before "
+                f"{where}[{index}] = {list(after)}: displacements must ascend, and the one before "
                 f"is {before[0]:g}"
             )
     if not points[0][0] < 0.0 < points[-1][0]:
@@ -274,14 +278,14 @@ def _transducer_of(scene):
 
 def _check_transducer(scene, origin):
     """One transducer and no other; and what a start says of it."""
-    found = [f"[{name}]" for name in TRANSDUCERS if name in scene]
+    present = [f"[{name}]" for name in TRANSDUCERS if name in scene]
     first, *others = (f"[{name}]" for name in TRANSDUCERS)
-    if not found:
+    if not present:
         raise SceneError(f"{origin}: table {first} is missing (or {', '.join(others)})")
-    if len(found) > 1:
+    if len(present) > 1:
         raise SceneError(
-            f"{origin}: {' and '.join(found)}: a device has one of them; take the other out "
-            f"(--set {found[0][1:-1]}=none)"
+            f"{origin}: {' and '.join(present)}: a device has one of them; take the other out "
+            f"(--set {present[0][1:-1]}=none)"
         )
     name = _transducer_of(scene)
     voltage = scene.get("start", {}).get("voltage", 0.0)
@@ -332,14 +336,14 @@ def check_table(
         if spec.each and spec.each.kind is dict:
             checked[name] = tuple(
                 check_table(
-                    f"{where}[{place}]",
+                    f"{where}[{index}]",
                     part,
-                    _keys_of_kind(f"{where}[{place}]", part, kinds, origin),
+                    _keys_of_kind(f"{where}[{index}]", part, kinds, origin),
                     units,
                     origin,
                     kinds,
                 )
-                for place, part in enumerate(checked[name])
+                for index, part in enumerate(checked[name])
             )
     for name, spec in keys.items():
         if spec.required and units in spec.units and name not in checked:
@@ -402,10 +406,10 @@ def _check_physics(scene, origin):
 def _check_held(stoppers, origin):
     """One impact speed is held at a time: `event` takes one stopper on a side."""
     for side in ("right", "left"):
-        there = [each for each in stoppers if each.get("side", "both") in (side, "both")]
-        if len(there) > 1 and any(each.get("impact_velocity") == "event" for each in there):
+        facing = [stopper for stopper in stoppers if stopper.get("side", "both") in (side, "both")]
+        if len(facing) > 1 and any(stopper.get("impact_velocity") == "event" for stopper in facing):
             raise SceneError(
-                f'{origin}: stoppers.impact_velocity = "event" with {len(there)} stoppers on the '
+                f'{origin}: stoppers.impact_velocity = "event" with {len(facing)} stoppers on the '
                 f'{side}: one impact speed is held there; choose "energy", or take the others out'
             )
 
@@ -415,12 +419,12 @@ def _check_bounded(oscillator, stoppers, origin):
     if "restoring_force_range" in oscillator:
         return
     if "force_table" in oscillator:
-        made = force_table(
+        spring = force_table(
             oscillator["force_table"], oscillator.get("force_interpolation", INTERPOLATIONS[0])
         )
-        ends = made.breaks()[[0, -1]]
+        ends = spring.breaks()[[0, -1]]
         for side, sign, end in (("left", -1.0, ends[0]), ("right", 1.0, ends[1])):
-            order, slope, force = 1, made.slope(end), sign * made.force(end)
+            order, slope, force = 1, spring.slope(end), sign * spring.force(end)
             if slope > 0.0 or (slope == 0.0 and force > 0.0) or _stopped(stoppers, side, order):
                 continue
             raise SceneError(
@@ -453,8 +457,8 @@ def _check_bounded(oscillator, stoppers, origin):
 def _stopped(stoppers, side, order):
     """Whether a stopper on this side grows faster with depth than a force of this power."""
     return any(
-        each["stiffness"] > 0.0
-        and each.get("side", "both") in (side, "both")
-        and each.get("exponent", 1.5) > order
-        for each in stoppers
+        stopper["stiffness"] > 0.0
+        and stopper.get("side", "both") in (side, "both")
+        and stopper.get("exponent", 1.5) > order
+        for stopper in stoppers
     )

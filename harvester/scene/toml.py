@@ -76,17 +76,17 @@ class _Copy:
         if isinstance(value, dict):
             names = [self._key(key, where) for key in value]
             return {
-                name: self.of(each, f"{where}.{name}" if where else name, depth + 1)
-                for name, each in zip(names, value.values(), strict=True)
+                name: self.of(item, f"{where}.{name}" if where else name, depth + 1)
+                for name, item in zip(names, value.values(), strict=True)
             }
         if isinstance(value, (list, tuple)):
-            return [self.of(each, f"{where}[{k}]", depth + 1) for k, each in enumerate(value)]
+            return [self.of(item, f"{where}[{k}]", depth + 1) for k, item in enumerate(value)]
         return self._text(value, where) if isinstance(value, str) else _plain_number(value)
 
     def _key(self, key, where):
         if not isinstance(key, str) or named(key) != key:
-            place = named(where) if where else "the scene"
-            raise SceneError(f"{self._origin}: {place} has the key {shown(key)}, which is no name")
+            owner = named(where) if where else "the scene"
+            raise SceneError(f"{self._origin}: {owner} has the key {shown(key)}, which is no name")
         return str(key)
 
     def _text(self, value, where):

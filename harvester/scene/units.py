@@ -63,25 +63,26 @@ def scale(scene: Scene) -> tuple[System, Scales]:
     -------
     harvester.device.system.System, Scales
     """
-    place = setting(scene)
-    mass, length = place.mass, place.length
+    surroundings = setting(scene)
+    mass, length = surroundings.mass, surroundings.length
     if scene.excitation.prescribes_displacement:
         # Without spring and damper only the transducer is left; its η drives the mass.
         parts: dict[str, Any] = {"spring": polynomial(()), "damper": damper(0.0), "contacts": ()}
     else:
-        made = restoring_spring(scene.oscillator, mass, length)
+        spring = restoring_spring(scene.oscillator, mass, length)
         parts = {
-            "spring": made,
+            "spring": spring,
             "damper": damper(
                 scene.oscillator.damping / mass,
                 scene.oscillator.quadratic_damping * length / mass,
             ),
             "contacts": tuple(
-                _contact(each, side, mass, length) for each, side in acting_stoppers(scene, made)
+                _contact(stopper, side, mass, length)
+                for stopper, side in acting_stoppers(scene, spring)
             ),
         }
-    transducer = scene.transducer.equations(place)
-    volts = scene.transducer.voltage_unit(place)
+    transducer = scene.transducer.equations(surroundings)
+    volts = scene.transducer.voltage_unit(surroundings)
     system = System(**parts, transducer=transducer, noise=Noise(math.nan, math.inf))
     if not math.isinf(system.spring.range[0]) and not timescales.wells(system):
         raise SceneError(
@@ -101,31 +102,31 @@ def excitation_unit(scene: Scene, length: float) -> float:
 
 def restoring_spring(oscillator: Oscillator, mass: float = 1.0, length: float = 1.0) -> Spring:
     """The spring of a scene per mass and length unit; by itself in the scene's own units."""
-    made: Any
+    spring: Any
     if oscillator.force_table is not None:
         points = [(x / length, force / (mass * length)) for x, force in oscillator.force_table]
-        made = force_table(points, oscillator.force_interpolation)
+        spring = force_table(points, oscillator.force_interpolation)
     else:
         coefficients: Any = oscillator.coefficients
-        made = polynomial([k * length ** (n - 1) / mass for n, k in enumerate(coefficients)])
+        spring = polynomial([k * length ** (n - 1) / mass for n, k in enumerate(coefficients)])
     if oscillator.restoring_force_range is not None:
         low, high = oscillator.restoring_force_range
-        made = ranged(made, low / length, high / length)
-    return made
+        spring = ranged(spring, low / length, high / length)
+    return spring
 
 
 def rest_stiffness(oscillator: Oscillator) -> float:
     """F' at the stiffest rest position of the spring, in the scene's units; 0 without any."""
-    made = restoring_spring(oscillator)
-    return max([float(made.slope(float(x))) for x in made.roots()], default=0.0)
+    spring = restoring_spring(oscillator)
+    return max([float(spring.slope(float(x))) for x in spring.roots()], default=0.0)
 
 
 def acting_stoppers(scene: Scene, spring: Spring) -> Iterator[tuple[Stopper, str]]:
     """(stopper, side) of each contact of the scaled device, in its order."""
-    for each in scene.stoppers:
-        if each.stiffness > 0.0:
-            for side in _sides(each, spring):
-                yield each, side
+    for stopper in scene.stoppers:
+        if stopper.stiffness > 0.0:
+            for side in _sides(stopper, spring):
+                yield stopper, side
 
 
 def _sides(stopper, made):
@@ -227,7 +228,7 @@ def length_scale(scene: Scene) -> float:
     if farthest > 0.0:
         return farthest
     if scene.stoppers:
-        return min(each.gap for each in scene.stoppers)
+        return min(stopper.gap for stopper in scene.stoppers)
     damping = scene.oscillator.damping
     mass: Any = scene.oscillator.mass
     stiffness: Any = abs(restoring_spring(scene.oscillator, mass).linear)
