@@ -168,7 +168,7 @@ class Beam:
         return {**values, "piezo_length": self.patch[1] - self.patch[0]}
 
 
-class Lumped(NamedTuple):
+class LumpedBeam(NamedTuple):
     """Lumped values of a drawing at its tip (SI), electrodes short-circuited.
 
     Attributes
@@ -317,7 +317,7 @@ def layer_capacitance(beam: Beam) -> float:
 
 
 @functools.lru_cache(maxsize=256)
-def lumped(beam: Beam, origin: str = "beam") -> Lumped:
+def lumped(beam: Beam, origin: str = "beam") -> LumpedBeam:
     """The first mode at the tip, the others static.
 
     Raises
@@ -358,7 +358,7 @@ def lumped(beam: Beam, origin: str = "beam") -> Lumped:
                 f"the order of the drawing's {capacitance + strained:.3g} F: check the unit (F), "
                 "piezo_thickness and connection"
             )
-    return Lumped(
+    return LumpedBeam(
         mass=mass,
         stiffness=omega**2 * mass,
         damping=2.0 * beam.ratio * omega * mass,

@@ -20,8 +20,8 @@ from harvester.device.hertz import hertz_damp
 from harvester.registry import Registry
 
 if TYPE_CHECKING:
+    from harvester.device.dispatch import Values
     from harvester.device.spring import Spring
-    from harvester.device.values import Values
 
 # Contact laws by the word that a scene's `law` takes. Each is made from a contact's scaled values.
 LAWS: Registry[Callable] = Registry("harvester.contact_laws", {"hertz-damp": hertz_damp})

@@ -8,8 +8,13 @@ the part's type, so that what a device lacks is not compiled.
 from __future__ import annotations
 
 from collections.abc import Callable
+from typing import Any, TypeAlias
 
 from harvester.compilation import overload, types
+
+# A float or an array of any shape; the result of an equation is of the same kind. No type checker
+# can express this for compiled functions.
+Values: TypeAlias = Any
 
 
 def equation(name: str) -> Callable:

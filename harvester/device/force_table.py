@@ -19,7 +19,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from harvester.compilation import intrinsic, overload, types
-from harvester.device.values import Values
+from harvester.device.dispatch import Values
 
 MOST_PIECES = 32
 # Every table is filled with zero terms up to this number, so that one compiled code serves all.

@@ -14,8 +14,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from harvester.device.dispatch import equation
-from harvester.device.values import Values
+from harvester.device.dispatch import Values, equation
 
 # An elastic Hertz contact lasts 2.943 times its greatest depth over the approach speed.
 HERTZ_EXPONENT, HERTZ_DURATION = 1.5, 2.9432752

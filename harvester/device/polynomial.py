@@ -12,7 +12,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from harvester.compilation import overload
-from harvester.device.values import Values
+from harvester.device.dispatch import Values
 
 
 class Polynomial(NamedTuple):

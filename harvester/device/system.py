@@ -18,8 +18,8 @@ from harvester.device.dispatch import equation
 if TYPE_CHECKING:
     from harvester.device.contact import Contact
     from harvester.device.damper import Damper, QuadraticDamper
+    from harvester.device.dispatch import Values
     from harvester.device.spring import Spring
-    from harvester.device.values import Values
 
 # One step covers at most this share of the shortest time to a contact. The approach then ends in a
 # few ever shorter steps, none of which jumps into the stopper.
@@ -62,7 +62,7 @@ class System(NamedTuple):
     spring : harvester.device.spring.Spring
     damper : harvester.device.damper.Damper or QuadraticDamper
     contacts : tuple of harvester.device.contact.Contact
-    transducer : the equations of one of harvester.device.transducer
+    transducer : the equations of a transducer, see harvester.device.terminals
     noise : Noise
     """
 

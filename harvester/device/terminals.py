@@ -1,8 +1,10 @@
 """Interface of every transducer: its table in a scene, and its network in neutral terms.
 
-A transducer is one module with two classes: the named tuple of its scaled equations, which are
-those of `harvester.device.linear_transducer`, and its table, derived from `TransducerTable`. It
-joins the others by an entry in `harvester.device.transducer.TRANSDUCERS`.
+A transducer acts on the mass with a force and hands power to what hangs on its terminals. Its own
+loss (leak, winding) never counts as power. It is one module with two classes: the named tuple of
+its scaled equations, which are those of `harvester.device.linear_transducer`, and its table,
+derived from `TransducerTable`. It joins the others by an entry in
+`harvester.scene.schema.TRANSDUCERS`.
 """
 
 from __future__ import annotations
@@ -38,8 +40,8 @@ class Setting(NamedTuple):
     excitation_unit: float = 1.0
 
 
-class Element(NamedTuple):
-    """One element of a network, between two nodes.
+class Component(NamedTuple):
+    """A component of a network, between two nodes.
 
     Attributes
     ----------
@@ -72,7 +74,7 @@ class Network(NamedTuple):
     Attributes
     ----------
     terminal : node on which the load hangs.
-    elements : tuple of Element
+    elements : tuple of Component
     power_unit : scaled power per watt.
     reference_capacitance : F, of which stray capacitances of a load are a small share.
     state_voltage, state_current : node whose voltage, or name of the ammeter whose current, is the

@@ -10,13 +10,12 @@ import numpy as np
 
 from harvester.device.keys import names_replace, positive
 from harvester.errors import SceneError
-from harvester.excitation.base import Excitation, ExcitationPath
+from harvester.excitation.base import Excitation, ExcitationPath, Run
 from harvester.excitation.normals import NormalSequence
 
 if TYPE_CHECKING:
     from numpy.random.bit_generator import SeedSequence
 
-    from harvester.excitation.run import Run
 
 # Linear interpolation between knots lowers the variance of the noise by the share spacing/(3 τ1),
 # which is 4 % here.

@@ -13,7 +13,7 @@ import numpy as np
 from harvester.device.keys import Key, names_replace, not_negative, positive
 from harvester.errors import SceneError
 from harvester.excitation import conditioning
-from harvester.excitation.base import Excitation, ExcitationPath, kernel_loss
+from harvester.excitation.base import Excitation, ExcitationPath, Run, kernel_loss
 from harvester.excitation.columns import motion_columns
 from harvester.excitation.motion_file import most_samples, read_record
 from harvester.excitation.quantities import ACCELERATION, QUANTITIES, unit_named
@@ -23,7 +23,6 @@ from harvester.files.plain_text import named, nearest
 if TYPE_CHECKING:
     from numpy.random.bit_generator import SeedSequence
 
-    from harvester.excitation.run import Run
 
 UNITS = (*ACCELERATION, "scaled")
 # The band that holds this share of the record's power misses the device if it lies beyond the

@@ -5,16 +5,13 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, ClassVar
+from typing import Any, ClassVar
 
 import numpy as np
 
 from harvester.device.keys import Key, names_replace, not_negative, positive
 from harvester.errors import SceneError
-from harvester.excitation.base import Excitation, ExcitationPath
-
-if TYPE_CHECKING:
-    from harvester.excitation.run import Run
+from harvester.excitation.base import Excitation, ExcitationPath, Run
 
 KNOTS_PER_PERIOD = 40
 # Straight lines through fewer points per period do not resemble a sine.

@@ -11,7 +11,7 @@ import numpy as np
 
 from harvester.device.keys import Key, names_replace, positive
 from harvester.errors import SceneError
-from harvester.excitation.base import Excitation, ExcitationPath
+from harvester.excitation.base import Excitation, ExcitationPath, Run
 from harvester.excitation.quantities import ACCELERATION
 from harvester.excitation.shaped import (
     ShapedPath,
@@ -24,7 +24,6 @@ from harvester.excitation.shaped import (
 if TYPE_CHECKING:
     from numpy.random.bit_generator import SeedSequence
 
-    from harvester.excitation.run import Run
 
 UNITS = {"g^2/Hz": ACCELERATION["g"] ** 2, "(m/s^2)^2/Hz": 1.0, "scaled": 1.0}
 # Knots per period of the spectrum's highest frequency: the usual number, and the least. With the

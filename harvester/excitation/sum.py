@@ -13,14 +13,13 @@ import numpy as np
 
 from harvester.device.keys import Key, names_replace, positive
 from harvester.errors import SceneError
-from harvester.excitation.base import Excitation, ExcitationPath
+from harvester.excitation.base import Excitation, ExcitationPath, Run
 from harvester.excitation.motion_file import most_samples
 from harvester.excitation.sine import WITHOUT_CHANCE, Sine
 
 if TYPE_CHECKING:
     from numpy.random.bit_generator import SeedSequence
 
-    from harvester.excitation.run import Run
 
 # Sines have a common period if the ratio of their frequencies equals a fraction with at most the
 # first as denominator, to within the second.

@@ -4,17 +4,14 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, ClassVar
+from typing import Any, ClassVar
 
 import numpy as np
 
 from harvester.device.keys import names_replace, not_negative, positive
 from harvester.errors import SceneError
-from harvester.excitation.base import ExcitationPath
+from harvester.excitation.base import ExcitationPath, Run
 from harvester.excitation.sine import FEWEST_KNOTS_PER_PERIOD, KNOTS_PER_PERIOD, Harmonic
-
-if TYPE_CHECKING:
-    from harvester.excitation.run import Run
 
 # The choice of the step examines the resonance at so many frequencies of the sweep.
 LINES = 24

@@ -10,13 +10,11 @@ import numpy as np
 
 from harvester.device.keys import names_replace, positive
 from harvester.errors import SceneError
-from harvester.excitation.base import Excitation, ExcitationPath, kernel_loss
+from harvester.excitation.base import Excitation, ExcitationPath, Run, kernel_loss
 from harvester.excitation.normals import NormalSequence
 
 if TYPE_CHECKING:
     from numpy.random.bit_generator import SeedSequence
-
-    from harvester.excitation.run import Run
 
 
 @names_replace

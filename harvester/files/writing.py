@@ -20,6 +20,11 @@ from harvester.files.plain_text import json_text
 if TYPE_CHECKING:
     from _io import BytesIO
 
+# The licence text at the head of every file that is written for other programs.
+LICENCE = (
+    "Made by harvester. You may use, change and pass on this file under any terms: its lines of",
+    "harvester are free of the program's own licence, see LICENSE-EXCEPTION there.",
+)
 STANDARD_OUTPUT = 1
 # Folders whose entries are this process's own open files.
 OPEN_FILES = ("/dev/fd", "/proc/self/fd", "/proc/thread-self/fd")

@@ -17,18 +17,16 @@ from harvester.beam.table import Beam
 from harvester.device import timescales
 from harvester.device.keys import SI, names_replace
 from harvester.device.terminals import TransducerTable
-from harvester.device.transducer import TRANSDUCERS
 from harvester.errors import SceneError
-from harvester.excitation import KINDS, Excitation, build
+from harvester.excitation import KINDS, build
+from harvester.excitation.base import Excitation, Run
 from harvester.excitation.recorded import RecordedMotion
-from harvester.excitation.run import Run
 from harvester.files import plain_text
 from harvester.files.plain_text import named, shown
 from harvester.scene.drawn import DRAWN, with_drawing
 from harvester.scene.force_file import with_points
-from harvester.scene.named_values import NamedValues
 from harvester.scene.overrides import put
-from harvester.scene.schema import check_tables
+from harvester.scene.schema import TRANSDUCERS, check_tables
 from harvester.scene.source import BUILT_IN, built_in_names, tables_of
 from harvester.scene.toml import plain_tables
 from harvester.scene.units import rest_stiffness, scale
@@ -124,6 +122,26 @@ class Start:
     displacement: float | None = None
     velocity: float = 0.0
     voltage: float = 0.0
+
+
+class NamedValues(dict):
+    """A dictionary that cannot be changed; equal to any with the same names and values.
+
+    >>> {NamedValues(resistance=1e5): "a load"}[NamedValues({"resistance": 1e5})]
+    'a load'
+    """
+
+    def __hash__(self) -> int:  # type: ignore[override]
+        return hash(frozenset(self.items()))
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        return NamedValues, (dict(self),)
+
+    def _refuse(self, *_, **__):
+        raise TypeError("these values are fixed: make a changed copy, dict(values)")
+
+    __setitem__ = __delitem__ = __ior__ = _refuse
+    clear = pop = popitem = setdefault = update = _refuse
 
 
 @names_replace

@@ -9,6 +9,7 @@ from typing import Any
 
 from harvester.beam.magnets import Magnets
 from harvester.beam.table import Beam
+from harvester.device.coil import CoilTable
 from harvester.device.contact import LAWS, SIDES
 from harvester.device.force_table import (
     INTERPOLATIONS,
@@ -27,10 +28,16 @@ from harvester.device.keys import (
     not_negative,
     positive,
 )
-from harvester.device.transducer import TRANSDUCERS
+from harvester.device.piezo import PiezoTable
+from harvester.device.terminals import TransducerTable
 from harvester.errors import SceneError
 from harvester.files.plain_text import named, nearest, shown
+from harvester.registry import Registry
 
+# The transducers that a scene may have, by the name of their table.
+TRANSDUCERS: Registry[type[TransducerTable]] = Registry(
+    "harvester.transducers", {"piezo": PiezoTable, "coil": CoilTable}
+)
 # Largest number of points in a force table. With more than `MOST_PIECES` + 1 it must be smoothed.
 MOST_POINTS = 2000
 # Largest seed: numpy draws seeds of 128 bits.

@@ -12,7 +12,7 @@ from harvester.device.damper import damper
 from harvester.device.force_table import force_table
 from harvester.device.hertz import HERTZ_EXPONENT
 from harvester.device.polynomial import polynomial
-from harvester.device.ranged import ranged
+from harvester.device.spring import ranged
 from harvester.device.system import Noise, System
 from harvester.device.terminals import Setting
 from harvester.errors import LoadError, SceneError

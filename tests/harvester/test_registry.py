@@ -7,10 +7,10 @@ import pytest
 
 from harvester.averaging import CLOSURES
 from harvester.device.contact import LAWS
-from harvester.device.transducer import TRANSDUCERS
 from harvester.errors import SceneError
 from harvester.excitation import KINDS
 from harvester.scene.model import Scene
+from harvester.scene.schema import TRANSDUCERS
 
 
 @pytest.fixture
