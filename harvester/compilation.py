@@ -48,20 +48,10 @@ with away_from_working_folder():
     from harvester.numba_patches import INLINE, UNCOUNTED, WITHIN, ziggurat
 
 __all__ = [
-    "CACHED",
-    "address_of",
-    "carray",
-    "cfunc",
-    "cgutils",
-    "compiled",
-    "inlined",
-    "intrinsic",
-    "merged",
-    "merged_once",
-    "njit",
-    "numba",
-]
-__all__ += ["overload", "register_jitable", "summing", "types", "uncounted", "ziggurat"]
+    "CACHED", "address_of", "carray", "cfunc", "cgutils", "compiled", "inlined", "intrinsic",
+    "merged", "merged_once", "njit", "numba", "overload", "register_jitable", "summing", "types",
+    "uncounted", "ziggurat",
+]  # fmt: skip
 
 numba_patches.read_no_settings_file()
 # Vectors of eight numbers if the processor has them: by default LLVM uses four on some of these.

@@ -40,21 +40,18 @@ def rows(beam: Beam) -> list[tuple[str, str, float, str]]:
         ("second frequency", "(B3)", several[1], "Hz"),
         ("third frequency", "(B3)", several[2], "Hz"),
         ("strain of the layers per displacement", "(B9)", strain.per_displacement, "1/m"),
-        ("from the clamp to this strain", "(B9)", strain.place, "m"),
+        ("from the clamp to this strain", "(B9)", strain.position, "m"),
         ("strain of the modes left out per volt", "(B9)", strain.per_volt, "1/V"),
         ("strain of the modes left out per acceleration", "(B9)", strain.per_acceleration, "s²/m"),
         ("strain of the substrate per displacement", "(B9)", substrate.per_displacement, "1/m"),
-        ("from the clamp to the substrate's strain", "(B9)", substrate.place, "m"),
+        ("from the clamp to the substrate's strain", "(B9)", substrate.position, "m"),
     ]
     if beam.measured_frequency is not None:
-        table.append(
-            ("clamp's compliance", "from measured_frequency", values.clamp_compliance, "rad/(N m)")
-        )
+        compliance = values.clamp_compliance
+        table.append(("clamp's compliance", "from measured_frequency", compliance, "rad/(N m)"))
     if beam.measured_capacitance is not None:
-        table.append(
-            ("factor on the permittivity", "from measured_capacitance", values.permittivity_factor,
-             "1")
-        )  # fmt: skip
+        factor = values.permittivity_factor
+        table.append(("factor on the permittivity", "from measured_capacitance", factor, "1"))
     return table
 
 

@@ -253,28 +253,24 @@ def section(beam: Beam, covered: bool) -> Section:
     modulus, density = beam.substrate
     half, height = beam.thickness / 2.0, beam.piezo_thickness
     stack = [(-half, half, modulus, density)]
+    force = 0.0
     if covered:
-        active, active_density, _, _ = beam.active
+        active, active_density, d31, _ = beam.active
         stack.append((half, half + height, active, active_density))
         if beam.layers == 2:
             stack.append((-half - height, -half, active, active_density))
+        # Axial force of a layer, e31 b (N/V); the field is V/h_p, or V/spacing.
+        field = 1.0 if beam.electrode_spacing is None else height / beam.electrode_spacing
+        force = abs(d31) * active * beam.width * field
     stretch = sum(e * (top - low) for low, top, e, _ in stack)
     axis = sum(e * (top**2 - low**2) / 2.0 for low, top, e, _ in stack) / stretch
     rigidity = sum(e * ((top - axis) ** 3 - (low - axis) ** 3) / 3.0 for low, top, e, _ in stack)
     mass = sum(rho * (top - low) for low, top, _, rho in stack)
-    force = _force_per_volt(beam) if covered else 0.0
     number = 2.0 if beam.layers == 2 and beam.connection == "parallel" else 1.0
     moment = force * (half + height / 2.0 - axis) * number
     strain = force / (beam.width * stretch) if beam.layers == 1 else 0.0
     sizes = beam.width * rigidity, beam.width * mass
     return Section(*sizes, moment, strain, force * strain, axis)
-
-
-def _force_per_volt(beam):
-    """Axial force of a layer, e31 b (N/V); the field is V/h_p, or V/spacing."""
-    active, _, d31, _ = beam.active
-    field = 1.0 if beam.electrode_spacing is None else beam.piezo_thickness / beam.electrode_spacing
-    return abs(d31) * active * beam.width * field
 
 
 def spans(beam: Beam) -> list[tuple[float, float, bool]]:

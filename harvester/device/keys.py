@@ -149,15 +149,14 @@ def check_value(where: str, value: Any, spec: Key, origin: str) -> Any:
             f"can be computed with: {SMALLEST:g} to {LARGEST:g}"
         )
     if spec.likely and value and not spec.likely[0] <= abs(value) <= spec.likely[1]:
-        raise SceneError(f"{origin}: {where} = {shown(value)}: {_slip(value, *spec.likely)}")
+        least, most, factor, unit = spec.likely
+        meant = value * factor
+        reading = f"; {value:g} {unit} is {meant:g}" if least <= abs(meant) <= most else ""
+        raise SceneError(
+            f"{origin}: {where} = {shown(value)}: no part has such a size: {least:g} to "
+            f"{most:g}{reading}"
+        )
     return spec.kind(value)
-
-
-def _slip(value, least, most, factor, unit):
-    """What a value beyond its likely range was probably meant to be."""
-    meant = value * factor
-    reading = f"; {value:g} {unit} is {meant:g}" if least <= abs(meant) <= most else ""
-    return f"no part has such a size: {least:g} to {most:g}{reading}"
 
 
 def is_word(value: object, words: Collection[str]) -> bool:

@@ -264,7 +264,11 @@ def _driven_stiffness(system, frequency):
         linear = system.spring.linear
         return linear + system.transducer.stiffness(linear)
     low, high = _turning_points(system, energy)
-    balance = _harmonic_stiffness(system.spring, 0.5 * (low + high), 0.5 * (high - low))
+    centre, amplitude = 0.5 * (low + high), 0.5 * (high - low)
+    # Harmonic balance, ∮ F(centre + a cos θ) cos θ dθ/(π a).
+    angle = (np.arange(HARMONIC_NODES) + 0.5) * np.pi / HARMONIC_NODES
+    forces = system.spring.force(centre + amplitude * np.cos(angle))
+    balance = 2.0 * float(np.mean(forces * np.cos(angle))) / amplitude
     return balance + system.transducer.stiffness(balance)
 
 
@@ -278,13 +282,6 @@ def _turning_points(system, energy):
         if contact.side <= 0.0:
             low = max(low, -stop)
     return low, high
-
-
-def _harmonic_stiffness(spring, centre, amplitude):
-    """Stiffness of harmonic balance, ∮ F(centre + a cos θ) cos θ dθ/(π a)."""
-    angle = (np.arange(HARMONIC_NODES) + 0.5) * np.pi / HARMONIC_NODES
-    forces = spring.force(centre + amplitude * np.cos(angle))
-    return 2.0 * float(np.mean(forces * np.cos(angle))) / amplitude
 
 
 def barrier(system: System, well: float) -> float:

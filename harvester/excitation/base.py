@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any, ClassVar
 import numpy as np
 
 from harvester.device.keys import names_replace
+from harvester.errors import SceneError
 
 if TYPE_CHECKING:
     from numpy.random.bit_generator import SeedSequence
@@ -55,8 +56,10 @@ def kernel_loss(spacing: float, angular_frequency: float) -> float:
     return 1.0 - float(np.sinc(0.5 * spacing * angular_frequency / np.pi)) ** 4
 
 
-class ExcitationPath(ABC):
+class ExcitationPath:
     """The samples of η of one realization, one after the other, at equally spaced knots.
+
+    A subclass has `read` or `read_into`.
 
     Attributes
     ----------
@@ -66,12 +69,14 @@ class ExcitationPath(ABC):
 
     spacing: float
 
-    @abstractmethod
     def read(self, count: int) -> np.ndarray:
         """The next `count` samples, float64 of shape (count,), in blocks of any size the same.
 
         An engine may read past the end of the run.
         """
+        samples = np.empty(count)
+        self.read_into(samples)
+        return samples
 
     def read_into(self, samples: np.ndarray) -> None:
         """Fill an array of shape (count,) with the next samples."""
@@ -187,6 +192,15 @@ class Excitation(ABC):
         ------
         SceneError
         """
+
+    def _check_knot_spacing(self, longest: float, words: str, origin: str) -> None:
+        """Refuse a `knot_spacing` that is longer than this (s), which the words explain."""
+        spacing = getattr(self, "knot_spacing", None)
+        if spacing is not None and spacing > longest:
+            raise SceneError(
+                f"{origin}: excitation.knot_spacing = {spacing:g}: must be a number in "
+                f"(0, {longest:g}], {words}"
+            )
 
     @abstractmethod
     def spacing(self, longest: float) -> float:

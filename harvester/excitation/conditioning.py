@@ -184,7 +184,8 @@ def even_samples(columns: Columns, mend: Collection[str], file: str, most: int) 
     if lost:
         first = int(np.flatnonzero(~good)[0])
         _refuse(file, "nan", mend, lost, values.size, f"the first is sample {first}")
-        longest = _longest_run(~good)
+        edges = np.flatnonzero(np.diff(np.concatenate([[False], ~good, [False]]).astype(int)))
+        longest = int((edges[1::2] - edges[::2]).max())
         remarks = (
             f"{lost} of {values.size} samples were without a number and are on straight lines: the "
             f"largest gap has {longest} sample{'s' if longest > 1 else ''}",
@@ -279,12 +280,6 @@ def smoothed(values: np.ndarray, factor: int) -> np.ndarray:
     return spline(places) - spline.derivative(2)(places) / (12.0 * factor**2)
 
 
-def faded_in(values: np.ndarray, samples: float) -> np.ndarray:
-    """A record that rises from nothing within so many samples, by half a cosine."""
-    rise = np.clip(np.arange(values.size) / samples, 0.0, 1.0)
-    return values * 0.5 * (1.0 - np.cos(np.pi * rise))
-
-
 def closed(values: np.ndarray) -> np.ndarray:
     """A record that continues at its beginning: its ends are faded into each other.
 
@@ -324,12 +319,6 @@ def flat_crests(values: np.ndarray) -> np.ndarray:
         if np.count_nonzero(crests) >= FLAT_CRESTS:
             clipped |= flat[1:-1]
     return clipped
-
-
-def _longest_run(fault):
-    """Length of the longest gap in samples."""
-    edges = np.flatnonzero(np.diff(np.concatenate([[False], fault, [False]]).astype(int)))
-    return int((edges[1::2] - edges[::2]).max())
 
 
 def _unclip(values, clipped):

@@ -59,7 +59,9 @@ class Hdf5Table(ArraysTable):
                 kind = dataset.dtype[field] if field else dataset.dtype
                 if kind.names != MATLAB_COMPLEX and kind.kind not in NUMBER_KINDS:
                     continue
-                if len(dataset.shape) > 2 or not _is_number(dataset):
+                # Where MATLAB wrote the data set, it says whether these are numbers or a text.
+                sort = _text_attribute(dataset, (MATLAB_CLASS,))
+                if len(dataset.shape) > 2 or (sort and not sort.startswith(NUMBER_CLASSES)):
                     continue
                 name = f"{path}.{field}" if field else path
                 shapes[name], places[name] = dataset.shape, (dataset, field)
@@ -143,12 +145,6 @@ def _refuse_outside(dataset, where):
             f"{where} is packed by a filter that needs a plug-in ({min(codes - FILTERS)}): save it "
             "uncompressed, or with gzip"
         )
-
-
-def _is_number(dataset):
-    """Whether MATLAB, where it wrote the data set, took it for numbers and not for text."""
-    sort = _text_attribute(dataset, (MATLAB_CLASS,))
-    return not sort or sort.startswith(NUMBER_CLASSES)
 
 
 def _text_attribute(dataset, names):

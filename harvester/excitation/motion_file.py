@@ -90,13 +90,10 @@ def refused_as_record(where: str) -> Iterator[None]:
     try:
         yield
     except ValueError as error:
-        undecodable = isinstance(error, UnicodeDecodeError)
-        reason = "it is no text in UTF-8: save it so" if undecodable else named(_one_line(error))
+        reason = named(" ".join(str(error).split()))
+        if isinstance(error, UnicodeDecodeError):
+            reason = "it is no text in UTF-8: save it so"
         raise SceneError(f"{where}: not a readable record: {reason}") from None
-
-
-def _one_line(error):
-    return " ".join(str(error).split())
 
 
 def read_table(file: str, content: bytes) -> Table:

@@ -36,15 +36,12 @@ class OrnsteinUhlenbeck(Excitation):
     kind: str = "ornstein-uhlenbeck"
     knot_spacing: float | None = None
 
+    endless = True
     KEYS: ClassVar[dict] = {
         "intensity": positive(required=True),
         "correlation_time": positive(required=True),
         "knot_spacing": positive(),
     }
-
-    @property
-    def endless(self) -> bool:
-        return True
 
     def spacing(self, longest: float) -> float:
         if self.knot_spacing is None:
@@ -100,12 +97,6 @@ class NoisePath(ExcitationPath):
         self.spacing = spacing
         deviation, decay = math.sqrt(intensity / correlation_time), spacing / correlation_time
         self._sequence = NormalSequence(seed, deviation, decay)
-
-    def read(self, count: int) -> np.ndarray:
-        """The next `count` samples, float64 of shape (count,)."""
-        samples = np.empty(count)
-        self.read_into(samples)
-        return samples
 
     def read_into(self, samples: np.ndarray) -> None:
         self._sequence.write(samples)

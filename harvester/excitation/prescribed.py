@@ -30,23 +30,14 @@ class PrescribedDisplacement(Excitation):
     kind: str = "prescribed_displacement"
     knot_spacing: float | None = None
 
+    prescribes_displacement = True
+    symmetric = False
+    random = False
     KEYS: ClassVar[dict] = {
         "amplitude": positive(required=True),
         "frequency": positive(required=True),
         "knot_spacing": positive(),
     }
-
-    @property
-    def prescribes_displacement(self) -> bool:
-        return True
-
-    @property
-    def symmetric(self) -> bool:
-        return False
-
-    @property
-    def random(self) -> bool:
-        return False
 
     @property
     def period(self) -> float | None:

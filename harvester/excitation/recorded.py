@@ -119,6 +119,7 @@ class RecordedMotion(Excitation):
     knot_spacing: float | None = None
     sha256: str = field(init=False)
 
+    symmetric = False
     KEYS: ClassVar[dict] = {
         "file": Key(kind=str, required=True),
         "unit": Key(kind=str, words=UNITS),
@@ -160,10 +161,6 @@ class RecordedMotion(Excitation):
     @property
     def kept_samples(self) -> int:
         return self.samples.size
-
-    @property
-    def symmetric(self) -> bool:
-        return False
 
     @property
     def lines(self) -> tuple[tuple[float, float], ...]:
@@ -371,7 +368,9 @@ def _read_knots(record, name):
     offset = _offset_remark(values, record, unit)
     values = conditioning.conditioned(values, rate, record.detrend, record.band, name)
     if record.fade_in is not None:
-        values = conditioning.faded_in(values, record.fade_in * rate)
+        # Half a cosine.
+        rise = np.clip(np.arange(values.size) / (record.fade_in * rate), 0.0, 1.0)
+        values = values * 0.5 * (1.0 - np.cos(np.pi * rise))
     smooth = SMOOTH_KNOTS if record.interpolation == "smooth" else 1
     knots_per_sample = smooth / (rate * (record.knot_spacing or 1.0 / rate))
     if not knots_per_sample * values.size <= most_samples():

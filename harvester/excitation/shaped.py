@@ -143,12 +143,6 @@ class ShapedPath(ExcitationPath):
             Bursts(kurtosis, burst_time / spacing, burst_seed) if kurtosis > 3.0 else None
         )
 
-    def read(self, count: int) -> np.ndarray:
-        """The next `count` samples, float64 of shape (count,)."""
-        samples = np.empty(count)
-        self.read_into(samples)
-        return samples
-
     def read_into(self, samples: np.ndarray) -> None:
         done = 0
         while done < samples.size:

@@ -10,7 +10,6 @@ from typing import Any, ClassVar
 import numpy as np
 
 from harvester.device.keys import Key, names_replace, not_negative, positive
-from harvester.errors import SceneError
 from harvester.excitation.base import Excitation, ExcitationPath, Run
 
 KNOTS_PER_PERIOD = 40
@@ -26,13 +25,8 @@ WITHOUT_CHANCE = (
 class Harmonic(Excitation):
     """Base of all sinusoidal excitations, which have `lines` and a phase, and are deterministic."""
 
-    @property
-    def symmetric(self) -> bool:
-        return False
-
-    @property
-    def random(self) -> bool:
-        return False
+    symmetric = False
+    random = False
 
     def density(self, frequencies: np.ndarray) -> np.ndarray:
         """Continuous spectral density: 0, as sines have only its `lines`."""
@@ -81,11 +75,7 @@ class Sine(Harmonic):
 
     def check(self, units: str, run: Run, origin: str) -> None:
         longest = 1.0 / (FEWEST_KNOTS_PER_PERIOD * self.frequency)
-        if self.knot_spacing is not None and self.knot_spacing > longest:
-            raise SceneError(
-                f"{origin}: excitation.knot_spacing = {self.knot_spacing:g}: must be a number in "
-                f"(0, {longest:g}], an eighth of the sine's period"
-            )
+        self._check_knot_spacing(longest, "an eighth of the sine's period", origin)
 
     def spacing(self, longest: float) -> float:
         if self.knot_spacing is not None:

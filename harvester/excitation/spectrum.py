@@ -74,6 +74,7 @@ class Spectrum(Excitation):
     kind: str = "spectrum"
     knot_spacing: float | None = None
 
+    endless = True
     KEYS: ClassVar[dict] = {
         "breakpoints": Key(
             each=Key(each=positive(), count=(2, 2)), count=(2, 10000), required=True
@@ -134,15 +135,8 @@ class Spectrum(Excitation):
                 "would blur the density away"
             )
         longest = 1.0 / (FEWEST_KNOTS_PER_PERIOD * frequencies[-1])
-        if self.knot_spacing is not None and self.knot_spacing > longest:
-            raise SceneError(
-                f"{origin}: excitation.knot_spacing = {self.knot_spacing:g}: must be a number in "
-                f"(0, {longest:g}], a quarter of the highest frequency's period"
-            )
-
-    @property
-    def endless(self) -> bool:
-        return True
+        words = "a quarter of the highest frequency's period"
+        self._check_knot_spacing(longest, words, origin)
 
     def spacing(self, longest: float) -> float:
         period = 1.0 / self.band[1]

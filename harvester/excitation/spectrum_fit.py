@@ -209,6 +209,9 @@ def fit_spectrum(record: RecordedMotion, device_frequency: float) -> SpectrumFit
             "the record's density falls over its whole band and shows no D: a longer record is "
             "needed, or it is no Ornstein–Uhlenbeck noise; simulate"
         )
+    # ∫|P − S| over ∫P, each first averaged over thirds of octaves.
+    thirds = np.floor(3.0 * np.log2(frequency / frequency[0])).astype(int)
+    apart = np.bincount(thirds, density) - np.bincount(thirds, fitted)
     errors = _relative_errors(frequency[in_band], time, weight)
     return SpectrumFit(
         intensity=float(intensity),
@@ -222,7 +225,7 @@ def fit_spectrum(record: RecordedMotion, device_frequency: float) -> SpectrumFit
         highest=float(frequency[in_band][-1]),
         device_frequency=device_frequency,
         decibels=_decibels(frequency, density, fitted, device_frequency),
-        unexplained=_unexplained(frequency, density, fitted),
+        unexplained=float(np.abs(apart).sum() / density.sum()),
         excess_kurtosis=float(stats.kurtosis(values)),
     )
 
@@ -256,13 +259,6 @@ def _decibels(frequency, density, fitted, centre):
     if not frequency[0] <= centre <= frequency[-1] or not near.any():
         return math.nan
     return 10.0 * math.log10(density[near].mean() / fitted[near].mean())
-
-
-def _unexplained(frequency, density, fitted):
-    """∫|P − S| over ∫P, each first averaged over thirds of octaves."""
-    thirds = np.floor(3.0 * np.log2(frequency / frequency[0])).astype(int)
-    apart = np.bincount(thirds, density) - np.bincount(thirds, fitted)
-    return float(np.abs(apart).sum() / density.sum())
 
 
 def _with_error(value, error):

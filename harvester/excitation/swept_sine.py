@@ -33,6 +33,7 @@ class SweptSine(Harmonic):
     kind: str = "swept-sine"
     knot_spacing: float | None = None
 
+    drifts = True
     KEYS: ClassVar[dict] = {
         "amplitude": not_negative(required=True),
         "frequency": positive(required=True),
@@ -40,10 +41,6 @@ class SweptSine(Harmonic):
         "octaves_per_minute": positive(),
         "knot_spacing": positive(),
     }
-
-    @property
-    def drifts(self) -> bool:
-        return True
 
     @property
     def lines(self) -> tuple[tuple[float, float], ...]:
@@ -61,11 +58,7 @@ class SweptSine(Harmonic):
                 'begins; take another, or kind = "sine"'
             )
         longest = 1.0 / (FEWEST_KNOTS_PER_PERIOD * self._highest)
-        if self.knot_spacing is not None and self.knot_spacing > longest:
-            raise SceneError(
-                f"{origin}: excitation.knot_spacing = {self.knot_spacing:g}: must be a number in "
-                f"(0, {longest:g}], an eighth of the sine's shortest period"
-            )
+        self._check_knot_spacing(longest, "an eighth of the sine's shortest period", origin)
 
     def spacing(self, longest: float) -> float:
         return self.knot_spacing or min(1.0 / (KNOTS_PER_PERIOD * self._highest), longest)

@@ -34,11 +34,8 @@ class White(Excitation):
     kind: str = "white"
     knot_spacing: float | None = None
 
+    endless = True
     KEYS: ClassVar[dict] = {"intensity": positive(required=True), "knot_spacing": positive()}
-
-    @property
-    def endless(self) -> bool:
-        return True
 
     def spacing(self, longest: float) -> float:
         if self.knot_spacing is not None:
@@ -87,12 +84,6 @@ class WhitePath(ExcitationPath):
     def __init__(self, intensity: float, spacing: float, seed: SeedSequence) -> None:
         self.spacing = spacing
         self._sequence = NormalSequence(seed, math.sqrt(2.0 * intensity / spacing))
-
-    def read(self, count: int) -> np.ndarray:
-        """The next `count` samples, float64 of shape (count,)."""
-        samples = np.empty(count)
-        self.read_into(samples)
-        return samples
 
     def read_into(self, samples: np.ndarray) -> None:
         self._sequence.write(samples)

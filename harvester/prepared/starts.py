@@ -46,13 +46,9 @@ class EnergyRange(NamedTuple):
     speed: float
 
 
+@functools.lru_cache(maxsize=64)
 def energy_range(ready: Prepared) -> EnergyRange:
     """The range of energies from which starts are drawn."""
-    return _energy_range(ready)
-
-
-@functools.lru_cache(maxsize=64)
-def _energy_range(ready):
     system = ready.system
     wells, saddles = timescales.wells(system), timescales.saddles(system)
     bottoms = [float(potential(system, well)) for well in wells]
@@ -72,12 +68,9 @@ def _energy_range(ready):
         square = timescales.driven_square_velocity(system, timescales.angular_frequency(system))
         if math.isfinite(square):
             highest = max(highest, max(bottoms) + RESOLVED_ENERGY * square)
-    low, high = (_where(system, well, side, highest) for well, side in _outermost(wells))
+    low = _where(system, min(wells), -1.0, highest)
+    high = _where(system, max(wells), 1.0, highest)
     return EnergyRange(highest, low, high, math.sqrt(2.0 * (highest - min(bottoms))))
-
-
-def _outermost(wells):
-    return (min(wells), -1.0), (max(wells), 1.0)
 
 
 def _highest_branch(ready, lines, size):

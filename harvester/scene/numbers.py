@@ -89,13 +89,9 @@ def _collect(collected, name, values, keys_of):
             continue
         if spec.each and spec.each.kind is dict:
             _collect(collected, f"{name}.{key}", values[key], lambda part: KINDS[part["kind"]].KEYS)
-        elif _is_list_of_numbers(spec) and name == "oscillator":
+        elif spec.each and spec.each.kind is float and not spec.each.each and name == "oscillator":
             collected |= {
                 f"{name}.{key}[{n}]": (value, spec.each) for n, value in enumerate(values[key])
             }
         elif spec.kind is float and not spec.words and not spec.each:
             collected[f"{name}.{key}"] = values[key], spec
-
-
-def _is_list_of_numbers(spec):
-    return spec.each is not None and spec.each.kind is float and spec.each.each is None

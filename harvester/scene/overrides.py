@@ -87,8 +87,11 @@ def put(tables: dict[str, Any], dotted: str, value: Any, origin: str) -> None:
     table = tables
     for part in path:
         table = _table(table, part, where)
-    if dotted == "excitation.kind":
-        _leave_out_others(table, value)
+    is_kind = dotted == "excitation.kind" and isinstance(value, str) and value in KINDS
+    if is_kind and value != table.get("kind", next(iter(KINDS))):
+        # The keys that the new kind does not have go.
+        for key in {*table} - {"kind", *KINDS[value].KEYS}:
+            del table[key]
     for other in REPLACED_KEYS.get(dotted, ()) if value is not None else ():
         table.pop(other, None)
     match = PLACED.fullmatch(last)
@@ -101,13 +104,6 @@ def put(tables: dict[str, Any], dotted: str, value: Any, origin: str) -> None:
         table.pop(last, None)
     else:
         table[last] = value
-
-
-def _leave_out_others(table, kind):
-    """Remove the keys from an excitation's table that its new kind does not have."""
-    if isinstance(kind, str) and kind in KINDS and kind != table.get("kind", next(iter(KINDS))):
-        for key in {*table} - {"kind", *KINDS[kind].KEYS}:
-            del table[key]
 
 
 def _is_list_of_values(found):

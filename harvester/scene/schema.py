@@ -172,7 +172,9 @@ def check_tables(
         if name not in names:
             raise SceneError(f"{origin}: unknown key {named(name)}{_instead(name, names)}")
         if name in SEVERAL and isinstance(value, (list, tuple)):
-            _check_several(name, value, origin)
+            most = SEVERAL[name]
+            if not 1 <= len(value) <= most or not all(isinstance(part, dict) for part in value):
+                raise SceneError(f"{origin}: [[{name}]] must be 1 to {most} tables")
         elif (name in every_table) != isinstance(value, dict):
             noun = "a table" if name in every_table else "a value, not a table"
             raise SceneError(f"{origin}: {name} must be {noun}")
@@ -196,12 +198,6 @@ def check_tables(
     _check_transducer(checked, origin)
     _check_physics(checked, origin)
     return checked
-
-
-def _check_several(name, values, origin):
-    most = SEVERAL[name]
-    if not 1 <= len(values) <= most or not all(isinstance(entry, dict) for entry in values):
-        raise SceneError(f"{origin}: [[{name}]] must be 1 to {most} tables")
 
 
 def _check_oscillator(oscillator, units, origin):

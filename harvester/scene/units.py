@@ -1,4 +1,8 @@
-"""The scaled form of a scene (Eqs. 3–6) and the scales that lead back to its units."""
+"""The scaled form of a scene (Eqs. 3–6) and the scales that lead back to its units.
+
+A scene, its oscillator and its stoppers are those of `harvester.scene.model`, which imports this
+module.
+"""
 
 from __future__ import annotations
 
@@ -21,7 +25,6 @@ if TYPE_CHECKING:
     from collections.abc import Iterator
 
     from harvester.device.spring import Spring
-    from harvester.scene.model import Oscillator, Scene, Stopper
 
 # Knots of the noise per period of small oscillations.
 KNOTS_PER_PERIOD = 40
@@ -52,7 +55,7 @@ class Scales:
         return getattr(self, name) ** int(exponent or 1)
 
 
-def scale(scene: Scene) -> tuple[System, Scales]:
+def scale(scene: Any) -> tuple[System, Scales]:
     """The device in scaled form and the scales that lead back (Eq. 3; time is not rescaled).
 
     Parameters
@@ -91,49 +94,49 @@ def scale(scene: Scene) -> tuple[System, Scales]:
             "position in it"
         )
     scales = Scales(displacement=length, voltage=volts, power=mass * length**2)
-    return _with_noise(system, scene.excitation, excitation_unit(scene, length)), scales
+    # The noise is that of the excitation, or the equivalent one, on the mass.
+    intensity, time = scene.excitation.equivalent_noise(
+        timescales.relaxation_time(system), longest_spacing(system)
+    )
+    noise = Noise(intensity / excitation_unit(scene, length) ** 2, time)
+    return system._replace(noise=noise), scales
 
 
-def excitation_unit(scene: Scene, length: float) -> float:
+def excitation_unit(scene: Any, length: float) -> float:
     """Base acceleration for one unit of η, l/μ: on a beam's mode the base's acceleration
     counts μ times."""
     return length / scene.oscillator.base_factor
 
 
-def restoring_spring(oscillator: Oscillator, mass: float = 1.0, length: float = 1.0) -> Spring:
+def restoring_spring(oscillator: Any, mass: float = 1.0, length: float = 1.0) -> Spring:
     """The spring of a scene per mass and length unit; by itself in the scene's own units."""
     spring: Any
     if oscillator.force_table is not None:
         points = [(x / length, force / (mass * length)) for x, force in oscillator.force_table]
         spring = force_table(points, oscillator.force_interpolation)
     else:
-        coefficients: Any = oscillator.coefficients
-        spring = polynomial([k * length ** (n - 1) / mass for n, k in enumerate(coefficients)])
+        powers = enumerate(oscillator.coefficients)
+        spring = polynomial([k * length ** (n - 1) / mass for n, k in powers])
     if oscillator.restoring_force_range is not None:
         low, high = oscillator.restoring_force_range
         spring = ranged(spring, low / length, high / length)
     return spring
 
 
-def rest_stiffness(oscillator: Oscillator) -> float:
+def rest_stiffness(oscillator: Any) -> float:
     """F' at the stiffest rest position of the spring, in the scene's units; 0 without any."""
     spring = restoring_spring(oscillator)
     return max([float(spring.slope(float(x))) for x in spring.roots()], default=0.0)
 
 
-def acting_stoppers(scene: Scene, spring: Spring) -> Iterator[tuple[Stopper, str]]:
+def acting_stoppers(scene: Any, spring: Spring) -> Iterator[tuple[Any, str]]:
     """(stopper, side) of each contact of the scaled device, in its order."""
     for stopper in scene.stoppers:
         if stopper.stiffness > 0.0:
-            for side in _sides(stopper, spring):
+            # A pair is one contact where the spring is symmetric, else one on each side.
+            split = stopper.side == "both" and not spring.symmetric
+            for side in ("right", "left") if split else (stopper.side,):
                 yield stopper, side
-
-
-def _sides(stopper, made):
-    """A pair is one contact where the spring is symmetric, else one on each side."""
-    if stopper.side == "both" and not made.symmetric:
-        return "right", "left"
-    return (stopper.side,)
 
 
 def _contact(stopper, side, mass, length):
@@ -148,29 +151,22 @@ def _contact(stopper, side, mass, length):
     return Contact(SIDES[side], stopper.gap / length, law)
 
 
-def _with_noise(system, excitation, unit):
-    """The system with the D and τ1 of the excitation, or of its equivalent, on the mass."""
-    longest = longest_spacing(system)
-    intensity, time = excitation.equivalent_noise(timescales.relaxation_time(system), longest)
-    return system._replace(noise=Noise(intensity / unit**2, time))
-
-
 def longest_spacing(system: System) -> float:
     """Longest knot spacing (s) that resolves small oscillations; infinite without any."""
     frequency = timescales.angular_frequency(system)
     return 2.0 * math.pi / frequency / KNOTS_PER_PERIOD if frequency > 0.0 else math.inf
 
 
-def load_resistance(scene: Scene) -> float | None:
+def load_resistance(scene: Any) -> float | None:
     """Resistance of a load that is a resistor (Ω), else None."""
     load = scene.load
     return load.circuit.resistance if load.circuit else load.resistance
 
 
-def setting(scene: Scene) -> Setting:
+def setting(scene: Any) -> Setting:
     """The surroundings of a scene's transducer: `harvester.device.terminals.Setting`."""
     scaled = scene.units != "SI"
-    mass: Any = 1.0 if scaled else scene.oscillator.mass
+    mass = 1.0 if scaled else scene.oscillator.mass
     length = 1.0 if scaled else length_scale(scene)
     rests = scene.excitation.prescribes_displacement
     return Setting(
@@ -184,7 +180,7 @@ def setting(scene: Scene) -> Setting:
     )
 
 
-def require_resistor(scene: Scene, method: str) -> None:
+def require_resistor(scene: Any, method: str) -> None:
     """Refuse a load that λ does not describe.
 
     Raises
@@ -199,7 +195,7 @@ def require_resistor(scene: Scene, method: str) -> None:
     require_mass(scene, method)
 
 
-def require_mass(scene: Scene, method: str) -> None:
+def require_mass(scene: Any, method: str) -> None:
     """Refuse an excitation that prescribes the displacement of the mass.
 
     Raises
@@ -213,7 +209,7 @@ def require_mass(scene: Scene, method: str) -> None:
         )
 
 
-def length_scale(scene: Scene) -> float:
+def length_scale(scene: Any) -> float:
     """The scene's length unit l in metres: as given, else the farthest well's distance, else a gap.
 
     A monostable device without stoppers has neither: its rms displacement under white noise
@@ -221,17 +217,15 @@ def length_scale(scene: Scene) -> float:
     """
     if scene.length_scale is not None:
         return scene.length_scale
-    excitation: Any = scene.excitation
-    if excitation.prescribes_displacement:
-        return excitation.amplitude
+    if scene.excitation.prescribes_displacement:
+        return scene.excitation.amplitude
     farthest = _farthest_well(scene.oscillator)
     if farthest > 0.0:
         return farthest
     if scene.stoppers:
         return min(stopper.gap for stopper in scene.stoppers)
-    damping = scene.oscillator.damping
-    mass: Any = scene.oscillator.mass
-    stiffness: Any = abs(restoring_spring(scene.oscillator, mass).linear)
+    damping, mass = scene.oscillator.damping, scene.oscillator.mass
+    stiffness = abs(restoring_spring(scene.oscillator, mass).linear)
     longest = 2.0 * math.pi / math.sqrt(stiffness) / KNOTS_PER_PERIOD if stiffness else math.inf
     relaxation_time = mass / damping if damping else 1.0
     intensity, time = scene.excitation.equivalent_noise(relaxation_time, longest)
