@@ -98,10 +98,7 @@ def merged(function: Callable) -> Callable:
 def numbers_of(part: Any) -> list[float]:
     """All numbers of a nested tuple one after another, as it lies in the memory of compiled code.
 
-    Parameters
-    ----------
-    part : tuple or float
-        A part of a device, such as a `harvester.device.system.System`.
+    `part`: a part of a device, such as a `harvester.device.system.System`.
     """
     if isinstance(part, tuple):
         return [number for element in part for number in numbers_of(element)]
@@ -114,11 +111,7 @@ def address_of(function: Any, *arguments: Any) -> int:
     With the types in its signature it is found again on disk; a function made anew for each kind
     of device, with the kind among its free variables, is not.
 
-    Parameters
-    ----------
-    function : callable
-        A function that `compiled` has decorated.
-    *arguments : numba types
+    `function`: a function that `compiled` has decorated.
     """
     if arguments not in function.overloads:
         function.compile(arguments)

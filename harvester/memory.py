@@ -29,9 +29,7 @@ LIMITS = {
 def load_libraries_early() -> None:
     """Where memory is limited, import what is imported later, or say that it will not fit.
 
-    Raises
-    ------
-    MemoryError
+    Raises MemoryError.
     """
     if not _is_limited():
         return

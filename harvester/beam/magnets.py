@@ -78,13 +78,7 @@ class Magnets:
     }
 
     def moment(self, place: str, origin: str = "magnets") -> float:
-        """The dipole of "tip" or "frame" (A m²).
-
-        Raises
-        ------
-        SceneError
-            It is not given, or twice.
-        """
+        """The dipole of "tip" or "frame" (A m²). Raises SceneError if it is not given, or twice."""
         names = [f"{place}_{name}" for name in ("moment", "volume", "size")]
         moment, volume, size = (getattr(self, name) for name in names)
         if (moment, volume, size).count(None) != 2:
@@ -134,17 +128,8 @@ def magnetic_force(
 ) -> np.ndarray:
     """dU/dx (N), positive where it pulls back: the force across and the torque on the tip.
 
-    Parameters
-    ----------
-    magnets : Magnets
-    slope : float
-        The tip's rotation for a displacement (1/m).
-    displacement : array-like
-        Of the beam's end, within `reach` (m).
-    offset : float
-        Distance of the tip's magnet beyond the beam's end (m).
-    origin : str
-        File or scene name, for messages.
+    `slope`: the tip's rotation for a displacement (1/m). `displacement`: of the beam's end, within
+    `reach` (m). `offset`: distance of the tip's magnet beyond the beam's end (m).
     """
     x = np.asarray(displacement, dtype=float)
     if magnets.sized:
@@ -237,10 +222,8 @@ def _pull(x, slope, offset, tip, charges, frame, others):
 def spring_points(magnets: Magnets, beam: Beam, origin: str = "magnets") -> list[list[float]]:
     """The table (m, N) of the beam's and the magnets' force together.
 
-    Raises
-    ------
-    SceneError
-        A magnet is not given, or the tip would turn by more than the theory holds for.
+    Raises SceneError if a magnet is not given, or the tip would turn by more than the theory holds
+    for.
     """
     stiffness, slope = lumped(beam).stiffness, lumped(beam).tip_slope
     if magnets.reach * slope > math.pi / 4.0:

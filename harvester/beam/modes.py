@@ -75,14 +75,8 @@ def modes(
 ) -> list[Mode]:
     """The lowest modes of the beam.
 
-    Parameters
-    ----------
-    pieces : sequence of Piece
-        The beam's pieces from the clamp to the tip.
-    tip : Tip
-    count : int
-    root_compliance : float
-        Rotation of the clamp by a moment (rad/(N m)); 0: rigid.
+    `pieces`: the beam's pieces from the clamp to the tip. `root_compliance`: rotation of the clamp
+    by a moment (rad/(N m)); 0: rigid.
     """
     lowest: list[Mode] = []
     before, start = SMALLEST_LAMBDA, _mismatch(SMALLEST_LAMBDA, pieces, tip, root_compliance)

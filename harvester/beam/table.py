@@ -316,10 +316,8 @@ def layer_capacitance(beam: Beam) -> float:
 def lumped(beam: Beam, origin: str = "beam") -> LumpedBeam:
     """The first mode at the tip, the others static.
 
-    Raises
-    ------
-    SceneError
-        The drawing is none of a slender cantilever, or a measured value cannot be met.
+    Raises SceneError if the drawing is none of a slender cantilever, or a measured value cannot be
+    met.
     """
     _check(beam, origin)
     pieces, tip = pieces_of(beam), tip_of(beam)

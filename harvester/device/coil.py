@@ -119,15 +119,7 @@ def coil(
     inductance: float,
     load_resistance: float | None,
 ) -> Coil | ResistiveCoil:
-    """The coil with these SI values.
-
-    Parameters
-    ----------
-    mass : kg.
-    constant : Φ (N/A).
-    resistance, inductance : R_coil > 0 (Ω) and L ≥ 0 (H).
-    load_resistance : R (Ω); None where a netlist is the load, taken as an open circuit.
-    """
+    """The coil with these SI values."""
     if inductance == 0.0:
         share = 0.0 if load_resistance is None else resistance / (resistance + load_resistance)
         return ResistiveCoil(constant**2 / (mass * resistance), share)

@@ -20,10 +20,7 @@ Values: TypeAlias = Any
 def equation(name: str) -> Callable:
     """The function that calls the method `name` of its first argument.
 
-    Parameters
-    ----------
-    name : str
-        Name of a method that every part of the same sort has.
+    `name`: name of a method that every part of the same sort has.
 
     Returns
     -------

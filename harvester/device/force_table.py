@@ -284,14 +284,10 @@ def force_table(
 ) -> ForceTable:
     """The spring through a table's points, or nearly through them.
 
-    Parameters
-    ----------
-    points : sequence of (float, float)
-        Displacement and force, the displacements ascending, the first below 0 and the last above.
-    interpolation : str
-        "monotone": through every point, nowhere beyond the two beside it (scipy's PCHIP), of which
-        there are at most `MOST_PIECES` + 1. "smooth": a cubic spline by least squares, which has
-        F'' continuous and, for each of its pieces, at least three points.
+    `points`: displacement and force, the displacements ascending, the first below 0 and the last
+    above. `interpolation`: "monotone": through every point, nowhere beyond the two beside it
+    (scipy's PCHIP), of which there are at most `MOST_PIECES` + 1. "smooth": a cubic spline by least
+    squares, which has F'' continuous and, for each of its pieces, at least three points.
     """
     from scipy.interpolate import PchipInterpolator, PPoly, make_lsq_spline
 

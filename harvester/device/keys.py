@@ -94,19 +94,7 @@ def not_negative(**more: Any) -> Key:
 def check_value(where: str, value: Any, spec: Key, origin: str) -> Any:
     """The value of one key, numbers as float or int.
 
-    Parameters
-    ----------
-    where : str
-        The key's full name, for the message.
-    value : object
-    spec : Key
-    origin : str
-        File or scene name, for the message.
-
-    Raises
-    ------
-    SceneError
-        It is not what the key accepts.
+    Raises SceneError if it is not what the key accepts.
     """
 
     def refuse():

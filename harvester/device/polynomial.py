@@ -175,10 +175,7 @@ class Polynomial(NamedTuple):
 def polynomial(coefficients: Sequence[float]) -> Polynomial:
     """The spring of F(x) = Σ coefficients[n] x^n.
 
-    Parameters
-    ----------
-    coefficients : sequence of float
-        (F0, k1, k2, …), at most eight.
+    `coefficients`: (F0, k1, k2, …), at most eight.
     """
     even = _trimmed(coefficients[0::2])
     odd = _trimmed(coefficients[1::2])

@@ -216,11 +216,7 @@ def base_share(system: System, spacing: float) -> float:
 
     The slope of noise that is linear between samples has the mean square 2 D/(τ1² spacing).
 
-    Parameters
-    ----------
-    system : System
-    spacing : float
-        Time between two samples of the excitation (s).
+    `spacing`: time between two samples of the excitation (s).
     """
     noise = system.noise
     slope = 2.0 * noise.intensity / (noise.correlation_time**2 * spacing)

@@ -23,20 +23,9 @@ class ArraysTable(Table):
 
     A table's columns are named `y[0]`, `y[1]`, … .
 
-    Parameters
-    ----------
-    shapes : mapping of str to tuple of int
-        Shapes of the arrays of numbers in one or two dimensions.
-    load : callable
-        Function of the names of the longest arrays; gives them by name, as ndarrays of those
-        shapes.
-    units : mapping of str to str
-        Units of arrays whose units the file says.
-
-    Raises
-    ------
-    Unreadable
-        They hold too many numbers.
+    `shapes`: shapes of the arrays of numbers in one or two dimensions. `load`: function of the
+    names of the longest arrays; gives them by name, as ndarrays of those shapes. `units`: units of
+    arrays whose units the file says. Raises Unreadable if they hold too many numbers.
     """
 
     def __init__(
@@ -81,15 +70,8 @@ def is_complex(values: np.ndarray) -> bool:
 def rate_of(numbers: Mapping[str, float]) -> float | None:
     """Sampling rate (Hz) that single numbers of a file say by their names, None where none does.
 
-    Parameters
-    ----------
-    numbers : mapping of str to float
-        Single numbers by their names, also behind those of groups or structures.
-
-    Raises
-    ------
-    Unreadable
-        Two of them say different rates.
+    `numbers`: single numbers by their names, also behind those of groups or structures. Raises
+    Unreadable if two of them say different rates.
     """
     last = {name: re.split(r"[./]", name)[-1].lower() for name in numbers}
     rates = {name: value for name, value in numbers.items() if last[name] in RATES}

@@ -55,13 +55,9 @@ class Columns(NamedTuple):
 class MeasuredFile:
     """A file's columns with what their headings say.
 
-    Parameters
-    ----------
-    file : str
-        Name of the file: for messages, and its ending selects the reader.
-    content : bytes
-    expected : sequence of str
-        Quantity of each column of a table of points; empty: any, as the headings say.
+    `file`: name of the file: for messages, and its ending selects the reader. `expected`: quantity
+    of each column of a table of points; empty: any, as the headings say. Raises SceneError if it is
+    no record.
 
     Attributes
     ----------
@@ -70,11 +66,6 @@ class MeasuredFile:
     table : harvester.excitation.table.Table
     headings : list of harvester.excitation.quantities.Heading
         Heading of each column; without a title where the file has no names.
-
-    Raises
-    ------
-    SceneError
-        It is no record.
     """
 
     def __init__(self, file: str, content: bytes, expected: Sequence[str] = ()) -> None:
@@ -90,12 +81,7 @@ class MeasuredFile:
         ]
 
     def take(self, places: list[int]) -> list[np.ndarray]:
-        """The columns at `places`, each float64 of shape (n,).
-
-        Raises
-        ------
-        SceneError
-        """
+        """The columns at `places`, each float64 of shape (n,). Raises SceneError."""
         with refused_as_record(self.where):
             return self.table.take(places)
 
@@ -116,18 +102,7 @@ class MeasuredFile:
         return clocks or columns
 
     def place(self, key: str, wanted: str | int) -> int:
-        """Index of a column from its name, its title or its number.
-
-        Parameters
-        ----------
-        key : str
-            Key of the scene that names the column, for messages.
-        wanted : str or int
-
-        Raises
-        ------
-        SceneError
-        """
+        """Index of a column from its name, its title or its number. Raises SceneError."""
         names = self.table.names
         if isinstance(wanted, str):
             index = column_named(wanted, names)
@@ -150,17 +125,8 @@ class MeasuredFile:
     ) -> tuple[int | None, str | None]:
         """Index of a quantity's column, and the unit that is given for it.
 
-        Parameters
-        ----------
-        quantity : str
-        text : str or None
-            COLUMN:UNIT or COLUMN; None: the only one of those found, if there is any.
-        found : sequence of int
-
-        Raises
-        ------
-        SceneError
-            There is no such column, or several were found.
+        `text`: COLUMN:UNIT or COLUMN; None: the only one of those found, if there is any. Raises
+        SceneError if there is no such column, or several were found.
         """
         names = self.table.names
         if text is not None:
@@ -202,23 +168,12 @@ class MeasuredFile:
     def agreed_unit(self, quantity: str, place: int, key: str, given: str | None) -> str:
         """The unit of a column, in its usual spelling: the heading's, or as given.
 
-        Parameters
-        ----------
-        quantity : str
-        place : int
-        key : str
-            Key of the scene that gives the unit, for messages.
-        given : str or None
+        Raises SceneError if it is unknown, or both say something else.
 
         Returns
         -------
         str
             Empty where nobody says it.
-
-        Raises
-        ------
-        SceneError
-            It is unknown, or both say something else.
         """
         written = self.headings[place].unit
         usual = unit_named(quantity, written) if written else None
@@ -249,22 +204,8 @@ class MeasuredFile:
     ) -> np.ndarray:
         """A column of times as seconds after the first, float64 of shape (n,).
 
-        Parameters
-        ----------
-        values : ndarray, shape (n,)
-        place : int
-            Index of the column.
-        unit : str
-            Unit of time, in its usual spelling; "samples" need a rate.
-        rate : float or None
-            Hz.
-        cure : str
-            How a rate is given, for the message.
-
-        Raises
-        ------
-        SceneError
-            Sample numbers without a rate.
+        `values`: shape (n,). `unit`: unit of time, in its usual spelling; "samples" need a rate.
+        Raises SceneError for sample numbers without a rate.
         """
         if unit == SAMPLES and rate is None:
             raise SceneError(
@@ -290,22 +231,8 @@ class MeasuredFile:
         """Refuse a sampling rate that differs from the time column's; times that never rise have
         none.
 
-        Parameters
-        ----------
-        times : ndarray, shape (n,)
-            s.
-        rate : float
-            Hz, as given.
-        place : int
-            Index of the column of times.
-        factor : float
-            Largest factor by which the two rates may differ.
-        key : str
-            Key of the scene that gives the rate, for the message.
-
-        Raises
-        ------
-        SceneError
+        `times`: shape (n,); s. `rate`: Hz, as given. `factor`: largest factor by which the two
+        rates may differ. Raises SceneError.
         """
         if measured_rate := _other_rate(times, rate, factor):
             raise SceneError(
@@ -333,23 +260,11 @@ def motion_columns(
 ) -> Columns:
     """The column of motion and its times, as the keys of a record's table ask for them.
 
-    Parameters
-    ----------
-    file : str
-    content : bytes
-        Bytes of that file.
-    column, time_column : str, int or None
-        Name, title without unit, or number from 0. Without `column` it is the only one besides
-        time, or the only one whose heading names an acceleration; without `time_column`,
-        `sampling_rate` and a rate of the file it is the only one whose heading names a time.
-    time_unit : str or None
-        A unit of time, "samples" among them; must agree with the heading.
-    sampling_rate : float or None
-        Hz; must agree with the file.
-
-    Raises
-    ------
-    SceneError
+    `column`, `time_column`: name, title without unit, or number from 0. Without `column` it is the
+    only one besides time, or the only one whose heading names an acceleration; without
+    `time_column`, `sampling_rate` and a rate of the file it is the only one whose heading names a
+    time. `time_unit`: a unit of time, "samples" among them; must agree with the heading.
+    `sampling_rate`: Hz; must agree with the file. Raises SceneError.
     """
     measured = MeasuredFile(file, content)
     rate = _agreed_rate(measured, sampling_rate)

@@ -51,18 +51,8 @@ CROSS_FADE_SHARE = 0.05
 def refuse_size(values: np.ndarray, factor: float, unit: str, file: str) -> None:
     """Refuse a record whose samples are no accelerations, whatever the unit.
 
-    Parameters
-    ----------
-    values : ndarray, shape (n,)
-        Samples in the file's unit; NaN and infinite ones are ignored.
-    factor : float
-        Factor from the file's unit to m/s².
-    unit, file : str
-        For messages.
-
-    Raises
-    ------
-    SceneError
+    `values`: shape (n,); samples in the file's unit; NaN and infinite ones are ignored. `factor`:
+    factor from the file's unit to m/s². Raises SceneError.
     """
     finite = np.isfinite(values)
     peak = max(abs(float(find(values, initial=0.0, where=finite))) for find in (np.max, np.min))
@@ -89,12 +79,8 @@ def without_markers(
 
     Loggers write such a number for what they could not measure.
 
-    Parameters
-    ----------
-    values : ndarray, shape (n,)
-        Samples as the file has them, before units and scales.
-    mend : sequence of str
-        Faults to mend; "nan" among them takes markers for gaps.
+    `values`: shape (n,); samples as the file has them, before units and scales. `mend`: faults to
+    mend; "nan" among them takes markers for gaps.
 
     Returns
     -------
@@ -147,27 +133,15 @@ def far_outside(values: np.ndarray) -> np.ndarray:
 def even_samples(columns: Columns, mend: Collection[str], file: str, most: int) -> EvenSamples:
     """Evenly spaced finite samples, and their rate.
 
-    Parameters
-    ----------
-    columns : harvester.excitation.columns.Columns
-        Columns with a sampling rate or with times.
-    mend : sequence of str
-        Faults to mend: "nan" by straight lines over the gap, "uneven" by straight lines onto an
-        even grid, "clipped" by a cubic spline through what was not clipped.
-    file : str
-        For messages.
-    most : int
-        Samples that the even grid may have.
+    `columns`: columns with a sampling rate or with times. `mend`: faults to mend: "nan" by straight
+    lines over the gap, "uneven" by straight lines onto an even grid, "clipped" by a cubic spline
+    through what was not clipped. `most`: samples that the even grid may have. Raises SceneError for
+    a fault that was not to be mended, or cannot be.
 
     Returns
     -------
     EvenSamples
         In the unit of the columns.
-
-    Raises
-    ------
-    SceneError
-        A fault that was not to be mended, or cannot be.
     """
     values = np.array(columns.values)
     # A record without times has a sampling rate.
@@ -212,23 +186,10 @@ def conditioned(
 ) -> np.ndarray:
     """Samples without trend, within a band.
 
-    Parameters
-    ----------
-    values : ndarray, shape (n,)
-    rate : float
-        Hz.
-    detrend : str
-        "none", "mean" or "linear".
-    band : (float, float) or None
-        Hz: Butterworth of fourth order, forward and backward (zero phase, eighth order in all,
-        −6 dB at both ends); 0 as the first leaves a low-pass.
-    file : str
-        For messages.
-
-    Raises
-    ------
-    SceneError
-        The band does not lie below half the sampling rate, or nothing is left.
+    `values`: shape (n,). `detrend`: "none", "mean" or "linear". `band`: Hz: Butterworth of fourth
+    order, forward and backward (zero phase, eighth order in all, −6 dB at both ends); 0 as the
+    first leaves a low-pass. Raises SceneError if the band does not lie below half the sampling
+    rate, or nothing is left.
     """
     from scipy import signal
 

@@ -44,17 +44,8 @@ def shape(text: str) -> str:
 def marks_of(rows: Iterable[Sequence[str]], width: int) -> Iterator[tuple[str, str]]:
     """(decimal mark, thousands separator or "") of each column of numbers.
 
-    Parameters
-    ----------
-    rows : iterable of sequence of str
-        The fields of each line in those columns.
-    width : int
-        Number of those columns.
-
-    Raises
-    ------
-    ValueError
-        A column has two readings, or contradicts itself or another.
+    `rows`: the fields of each line in those columns. Raises ValueError if a column has two
+    readings, or contradicts itself or another.
     """
     shapes: list[dict[str, str]] = [{} for _ in range(width)]
     for fields in rows:

@@ -32,15 +32,8 @@ class Hdf5Table(ArraysTable):
     number named `fs`, `dt` or the like. Packed numbers and gaps are those of the CF conventions
     (`scale_factor`, `add_offset`, `_FillValue`, `missing_value`).
 
-    Parameters
-    ----------
-    content : bytes
-        Bytes of the whole file; links to other files, data in them and plug-ins are refused.
-
-    Raises
-    ------
-    Unreadable
-        It holds no such array, or leads out of the file.
+    `content`: bytes of the whole file; links to other files, data in them and plug-ins are refused.
+    Raises Unreadable if it holds no such array, or leads out of the file.
     """
 
     def __init__(self, content: bytes) -> None:

@@ -22,15 +22,8 @@ ACCELERATION, MICROSECONDS = "Acceleration", 1e-6
 class IdeTable(ArraysTable):
     """The channel of acceleration with the most samples; times, axes and their units.
 
-    Parameters
-    ----------
-    content : bytes
-        Bytes of the whole file; calibrated as it says.
-
-    Raises
-    ------
-    Unreadable
-        It holds no acceleration.
+    `content`: bytes of the whole file; calibrated as it says. Raises Unreadable if it holds no
+    acceleration.
     """
 
     def __init__(self, content: bytes) -> None:

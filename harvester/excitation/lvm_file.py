@@ -16,15 +16,7 @@ COMMENT = "comment"
 class LvmTable(TextTable):
     """Samples by columns; names, units and time step are those of the file's headers.
 
-    Parameters
-    ----------
-    content : bytes
-        Bytes of the whole file.
-
-    Raises
-    ------
-    ValueError
-        It has no end of a header, or several segments.
+    Raises ValueError if it has no end of a header, or several segments.
     """
 
     def __init__(self, content: bytes) -> None:

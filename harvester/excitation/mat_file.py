@@ -34,16 +34,8 @@ class MatTable(ArraysTable):
 
     A single number `fs` or `dt` is the sampling rate or its inverse.
 
-    Parameters
-    ----------
-    content : bytes
-        Bytes of the whole file, in MATLAB's formats 4 to 7.2; scipy reads its numbers and
-        structures of them, and nothing else.
-
-    Raises
-    ------
-    Unreadable
-        It holds no such array.
+    `content`: bytes of the whole file, in MATLAB's formats 4 to 7.2; scipy reads its numbers and
+    structures of them, and nothing else. Raises Unreadable if it holds no such array.
     """
 
     def __init__(self, content: bytes) -> None:
@@ -111,12 +103,7 @@ def _fields(name: str, value: Any) -> Iterator[tuple[str, np.ndarray]]:
 
 
 def _refuse_claims(content):
-    """Refuse structures whose headers claim more data than the file has.
-
-    Raises
-    ------
-    Unreadable
-    """
+    """Refuse structures whose headers claim more data than the file has. Raises Unreadable."""
     order = {b"IM": "<", b"MI": ">"}.get(content[126:128])
     if order is None:
         raise Unreadable("the header of a .mat file with structures is broken: save it again")

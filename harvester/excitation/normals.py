@@ -35,12 +35,7 @@ class NormalSequence:
     x_{k+1} = a x_k + √(1 − a²) ξ_k in units of their deviation, where ξ are the numbers of
     `numpy.random.default_rng(seed).standard_normal`, and the first of them is the first x.
 
-    Parameters
-    ----------
-    seed : numpy.random.SeedSequence
-    deviation : float
-    decay : float
-        −ln a, from one number to the next; inf for independent numbers.
+    `decay`: −ln a, from one number to the next; inf for independent numbers.
     """
 
     def __init__(self, seed: SeedSequence, deviation: float, decay: float = math.inf) -> None:

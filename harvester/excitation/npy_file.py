@@ -14,24 +14,8 @@ from harvester.excitation.table import Table
 class NpyTable(Table):
     """Samples by columns; the fields of a structured array are columns with names.
 
-    Parameters
-    ----------
-    content : bytes
-        Bytes of the whole file; pickled objects in it are not read.
-
-    Attributes
-    ----------
-    names : list of str
-        Names of the fields; empty without any.
-    width, rows : int
-        Columns, samples in each.
-    rate : None
-        The sampling rate: None, as the file does not hold it.
-
-    Raises
-    ------
-    ValueError
-        It holds no such array.
+    `content`: bytes of the whole file; pickled objects in it are not read. Raises ValueError if it
+    holds no such array.
     """
 
     def __init__(self, content: bytes) -> None:

@@ -81,14 +81,8 @@ class NoisePath(ExcitationPath):
     stationary from the first. Engines take η as linear between knots, which lowers the
     variance averaged over time by about spacing/(3 τ1) of itself (`interpolation_loss`).
 
-    Parameters
-    ----------
-    intensity, correlation_time : float
-        D and τ1, scaled units.
-    spacing : float
-        Time between knots (s).
-    seed : numpy.random.SeedSequence
-        Seed of this realization; the same seed gives the same bytes in blocks of any size.
+    `intensity`, `correlation_time`: D and τ1, scaled units. `spacing`: time between knots (s).
+    `seed`: seed of this realization; the same seed gives the same bytes in blocks of any size.
     """
 
     def __init__(

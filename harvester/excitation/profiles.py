@@ -38,16 +38,7 @@ PROFILES = {
 def with_profile(table: dict[str, Any], where: str) -> dict[str, Any]:
     """An excitation's table with its profile's name replaced by the profile's values.
 
-    Parameters
-    ----------
-    table : dict
-    where : str
-        For messages.
-
-    Raises
-    ------
-    SceneError
-        There is no such profile, or the table has values of its own beside it.
+    Raises SceneError if there is no such profile, or the table has values of its own beside it.
     """
     if "profile" not in table or table.get("kind") != "spectrum":
         return table

@@ -151,19 +151,9 @@ def unit_named(quantity: str, text: str) -> str | None:
 def factor_of(quantity: str, unit: str, where: str, cure: str) -> float:
     """Factor of a unit to SI.
 
-    Parameters
-    ----------
-    quantity : str
-        A name in `QUANTITIES`.
-    unit : str
-        The unit, in any spelling.
-    where, cure : str
-        For the message: file and column; what to do.
-
-    Raises
-    ------
-    SceneError
-        The quantity has no such unit, or the unit has two readings.
+    `quantity`: a name in `QUANTITIES`. `unit`: the unit, in any spelling. `where`, `cure`: for the
+    message: file and column; what to do. Raises SceneError if the quantity has no such unit, or the
+    unit has two readings.
     """
     usual = unit_named(quantity, unit)
     if usual is not None:
@@ -250,11 +240,7 @@ SEPARATOR = re.compile(r"\s+in\s+|[\s_,:/-]+")
 def heading(text: str, expected: str = "") -> Heading:
     """Title, unit and quantity of a column's name.
 
-    Parameters
-    ----------
-    text : str
-    expected : str
-        Quantity that the column must hold if its title names none; empty: any.
+    `expected`: quantity that the column must hold if its title names none; empty: any.
 
     Examples
     --------

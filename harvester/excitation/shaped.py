@@ -28,12 +28,8 @@ MOST_TAPS = 2**20
 def filter_length(frequencies: np.ndarray, spacing: float) -> int:
     """Values of the filter, a power of 2: it resolves the lowest frequency, the band and each gap.
 
-    Parameters
-    ----------
-    frequencies : ndarray, shape (n,)
-        Frequencies of the breakpoints, ascending (Hz).
-    spacing : float
-        Time between knots (s).
+    `frequencies`: shape (n,); frequencies of the breakpoints, ascending (Hz). `spacing`: time
+    between knots (s).
     """
     gaps = np.diff(frequencies)
     lowest = min(frequencies[0], frequencies[-1] - frequencies[0])
@@ -44,11 +40,7 @@ def filter_length(frequencies: np.ndarray, spacing: float) -> int:
 def density_between(points: tuple, frequencies: np.ndarray) -> np.ndarray:
     """The density at frequencies: straight between breakpoints on log–log axes, 0 beyond them.
 
-    Parameters
-    ----------
-    points : tuple of (float, float)
-        Frequency (Hz) and density of each breakpoint.
-    frequencies : ndarray of any shape
+    `points`: frequency (Hz) and density of each breakpoint. `frequencies`: of any shape.
     """
     at, density = np.log(np.array(points)).T
     inside = (frequencies >= points[0][0]) & (frequencies <= points[-1][0])
@@ -87,12 +79,7 @@ def _filter(points, spacing):
 def path_density(points: tuple, spacing: float) -> tuple[np.ndarray, np.ndarray]:
     """Frequencies (Hz) of the filter and the density of its path, linear between knots.
 
-    Parameters
-    ----------
-    points : tuple of (float, float)
-        Frequency (Hz) and density of each breakpoint.
-    spacing : float
-        Time between knots (s).
+    `points`: frequency (Hz) and density of each breakpoint. `spacing`: time between knots (s).
 
     Returns
     -------
@@ -169,13 +156,7 @@ class Bursts:
     node to the next and ξ are independent. A Gaussian path times them has the mean square that it
     had and the kurtosis asked for, 3 E[factor⁴]; its density is blurred by about 1/(2 time).
 
-    Parameters
-    ----------
-    kurtosis : float
-        Above 3.
-    knots : float
-        Number of knots from one node to the next.
-    seed : numpy.random.SeedSequence
+    `kurtosis`: above 3. `knots`: number of knots from one node to the next.
     """
 
     def __init__(self, kurtosis: float, knots: float, seed: SeedSequence) -> None:

@@ -136,10 +136,7 @@ class SpectrumFit:
     def from_dict(cls, content: dict[str, Any]) -> SpectrumFit:
         """The fit that `to_dict` made plain values of, without its spectra.
 
-        Raises
-        ------
-        NotAValue, KeyError, TypeError
-            These are no such values.
+        Raises NotAValue, KeyError, TypeError if these are no such values.
         """
         values: dict[str, Any] = dict.fromkeys(("frequency", "density", "fitted"), np.empty(0))
         for name in _PARAMETERS:
@@ -153,20 +150,11 @@ class SpectrumFit:
 def fit_spectrum(record: RecordedMotion, device_frequency: float) -> SpectrumFit:
     """Fit D and τ1 by Whittle's likelihood to an averaged periodogram.
 
-    Parameters
-    ----------
-    record : RecordedMotion
-    device_frequency : float
-        Hz.
+    Raises AveragingError for too short a record, or too narrow a band.
 
     Returns
     -------
     SpectrumFit
-
-    Raises
-    ------
-    AveragingError
-        Too short a record, or too narrow a band.
 
     Notes
     -----

@@ -78,13 +78,7 @@ class SweptSine(Harmonic):
 class SweptPath(ExcitationPath):
     """Samples of a swept sine, whose phase never jumps.
 
-    Parameters
-    ----------
-    sweep : SweptSine
-    spacing : float
-        Time between knots (s).
-    length : float
-        See `Excitation.path`.
+    `spacing`: time between knots (s). `length`: see `Excitation.path`.
     """
 
     def __init__(self, sweep: SweptSine, spacing: float, length: float) -> None:

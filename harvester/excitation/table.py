@@ -20,15 +20,7 @@ class Unreadable(ValueError):
 def broken_file(sort: str, cure: str) -> Iterator[None]:
     """Within the block, turn any exception of a library's parser into `Unreadable`.
 
-    Parameters
-    ----------
-    sort : str
-        Kind of file that was expected, for the message.
-    cure : str
-
-    Raises
-    ------
-    Unreadable
+    Raises Unreadable.
     """
     try:
         with warnings.catch_warnings():

@@ -16,15 +16,7 @@ from harvester.files.libraries import optional_library
 class TdmsTable(ArraysTable):
     """Channels as columns, scaled as the file says; names are `group/channel`.
 
-    Parameters
-    ----------
-    content : bytes
-        Bytes of the whole file.
-
-    Raises
-    ------
-    Unreadable
-        It holds no channel of numbers, or the longest have several rates.
+    Raises Unreadable if it holds no channel of numbers, or the longest have several rates.
     """
 
     def __init__(self, content: bytes) -> None:

@@ -85,15 +85,8 @@ class TextTable(Table):
     may be cut short, and a footer may follow the samples. The names are those of the header, or of
     the comment above the first line, and may have a row of units below them.
 
-    Parameters
-    ----------
-    content : bytes
-        UTF-8; lines that begin with #, % or // are comments.
-
-    Raises
-    ------
-    ValueError
-        It is no text, or its last lines hold no numbers.
+    `content`: UTF-8; lines that begin with #, % or // are comments. Raises ValueError if it is no
+    text, or its last lines hold no numbers.
     """
 
     def __init__(self, content: Any) -> None:

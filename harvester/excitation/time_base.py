@@ -52,19 +52,9 @@ class TimeBase(NamedTuple):
 def time_base(times: np.ndarray, rate: float | None, where: str, cure: str) -> TimeBase | None:
     """The even grid of a record's time stamps; None where samples are missing or taken unevenly.
 
-    Parameters
-    ----------
-    times : ndarray, shape (n,)
-        s, finite.
-    rate : float or None
-        Hz, as given.
-    where, cure : str
-        For messages: the file; what to do about times that do not rise.
-
-    Raises
-    ------
-    SceneError
-        They do not rise, or are no seconds.
+    `times`: shape (n,); s, finite. `rate`: Hz, as given. `where`, `cure`: for messages: the file;
+    what to do about times that do not rise. Raises SceneError if they do not rise, or are no
+    seconds.
     """
     largest = float(np.abs(times).max())
     if not largest <= LARGEST_TIME:

@@ -43,10 +43,7 @@ class StampReader:
     def seconds(self, text: str) -> float:
         """Seconds after the first stamp; NaN for a text that is no time stamp.
 
-        Raises
-        ------
-        ValueError
-            Dates that are not in the order of ISO 8601 change, or zones are mixed.
+        Raises ValueError if dates that are not in the order of ISO 8601 change, or zones are mixed.
         """
         match = STAMP.fullmatch(text.strip())
         if match is None:

@@ -19,24 +19,7 @@ MOST_CHUNKS = 1000
 class WavTable(Table):
     """Channels as columns; full scale of whole numbers is 1, and unsigned bytes are centred.
 
-    Parameters
-    ----------
-    content : bytes
-        Bytes of the whole file.
-
-    Attributes
-    ----------
-    names : list of str
-        Empty.
-    width, rows : int
-        Channels, samples in each.
-    rate : float
-        Hz.
-
-    Raises
-    ------
-    ValueError
-        A part is missing, is cut short or contradicts another.
+    Raises ValueError if a part is missing, is cut short or contradicts another.
     """
 
     def __init__(self, content: bytes) -> None:

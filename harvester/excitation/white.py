@@ -72,13 +72,7 @@ class White(Excitation):
 class WhitePath(ExcitationPath):
     """A stream of independent samples of variance 2 D/spacing.
 
-    Parameters
-    ----------
-    intensity : float
-        D, scaled units.
-    spacing : float
-        Time between knots (s).
-    seed : numpy.random.SeedSequence
+    `intensity`: D, scaled units. `spacing`: time between knots (s).
     """
 
     def __init__(self, intensity: float, spacing: float, seed: SeedSequence) -> None:

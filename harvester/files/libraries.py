@@ -22,19 +22,8 @@ def install_command(extra: str) -> str:
 def optional_library(name: str, purpose: str, extra: str) -> ModuleType:
     """Import a library that belongs to an extra of this project, or say how to install it.
 
-    Parameters
-    ----------
-    name : str
-        Name of the module.
-    purpose : str
-        What the library is needed for, for the message.
-    extra : str
-        Name of the extra in pyproject.toml that installs it.
-
-    Raises
-    ------
-    MissingLibrary
-        It is not installed.
+    `purpose`: what the library is needed for, for the message. `extra`: name of the extra in
+    pyproject.toml that installs it. Raises MissingLibrary if it is not installed.
     """
     try:
         return importlib.import_module(name)

@@ -70,10 +70,7 @@ def name(text: object) -> str:
 def json_text(content: Any, indent: int | None = None) -> str:
     """JSON whose text is printable; no character is lost.
 
-    Raises
-    ------
-    ValueError
-        A number that is not finite.
+    Raises ValueError for a number that is not finite.
     """
     text = json.dumps(content, indent=indent, ensure_ascii=False, allow_nan=False)
     return "".join(

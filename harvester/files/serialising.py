@@ -39,12 +39,8 @@ def key(name: str) -> dict[str, str]:
 def fields_of(instance: Any, units: Callable[[str], str] | None = None) -> dict[str, Any]:
     """The fields of a dataclass by their keys, each as a plain value.
 
-    Parameters
-    ----------
-    instance : dataclass instance
-    units : callable or None
-        Gives the unit of a dimension; every dataclass with a field `dimension` then tells its
-        `unit` instead.
+    `units`: gives the unit of a dimension; every dataclass with a field `dimension` then tells its
+    `unit` instead.
     """
     content = {}
     for field in dataclasses.fields(instance):
@@ -88,16 +84,8 @@ def read(kind: Any, value: Any, where: str) -> Any:
     Null is NaN where a number is read. Fields of a dataclass that JSON does not hold have their
     defaults, and so have those that are missing.
 
-    Parameters
-    ----------
-    kind : type or annotation
-        str, bool, int, float, a dataclass, a dict or a tuple of one kind, or one of these or None.
-    where : str
-        Name of the value in messages.
-
-    Raises
-    ------
-    NotAValue
+    `kind`: str, bool, int, float, a dataclass, a dict or a tuple of one kind, or one of these or
+    None. Raises NotAValue.
     """
     if NoneType in get_args(kind):
         (inner,) = set(get_args(kind)) - {NoneType}

@@ -35,10 +35,7 @@ codecs.register_error("harvester.plain", _plain)
 class GuardedStream:
     """A text stream that remembers its first failure, and takes and drops all that follows.
 
-    Parameters
-    ----------
-    stream : text stream or None
-        None: it was closed when the process began.
+    `stream`: None: it was closed when the process began.
 
     Attributes
     ----------

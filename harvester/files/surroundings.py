@@ -34,10 +34,7 @@ def away_from_working_folder() -> Iterator[None]:
 def who_else_writes(path: str | Path) -> str:
     """Which other user (not this one, not the program's owner) may change the file at a path.
 
-    Parameters
-    ----------
-    path : str or Path
-        A file or a folder; what is not there yet is made by this user.
+    `path`: a file or a folder; what is not there yet is made by this user.
 
     Returns
     -------

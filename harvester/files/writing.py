@@ -43,10 +43,7 @@ def whole_file(path: Path | str) -> Iterator[BytesIO]:
     follows the umask. Devices that take characters, FIFOs and /dev/stdout are written to. `-` is
     standard output.
 
-    Raises
-    ------
-    OutputError
-        Nothing can be written there; what was there stays.
+    Raises OutputError if nothing can be written there; what was there stays.
     """
     content = io.BytesIO()
     yield content
@@ -115,10 +112,7 @@ def check_folder(folder: str | Path) -> None:
 def in_folder(folder: str | Path, file: str) -> Path:
     """Path of a file that the program, not the user, names in a folder.
 
-    Raises
-    ------
-    OutputError
-        Something else than a regular file of that folder has the name.
+    Raises OutputError if something else than a regular file of that folder has the name.
     """
     path = Path(folder) / file
     with _named(path):

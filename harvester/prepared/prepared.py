@@ -53,12 +53,7 @@ class Prepared:
 
 @functools.lru_cache(maxsize=KEPT)
 def prepared(scene: Scene) -> Prepared:
-    """The scene made ready; the only place where it is scaled.
-
-    Parameters
-    ----------
-    scene : harvester.scene.model.Scene
-    """
+    """The scene made ready; the only place where it is scaled."""
     system, scales = scale(scene)
     unit = excitation_unit(scene, scales.displacement)
     return Prepared(scene, system, scales, setting(scene), unit)

@@ -80,10 +80,7 @@ STEPS_OF_SLAVED_VELOCITY = 4
 def knot_spacing(ready: Prepared) -> float:
     """Spacing of the excitation's knots (s): the scene's, else what its kind chooses.
 
-    Raises
-    ------
-    SceneError
-        The scene's own does not fit its noise, or the run is shorter than it.
+    Raises SceneError if the scene's own does not fit its noise, or the run is shorter than it.
     """
     scene, system = ready.scene, ready.system
     spacing, duration = scene.excitation.spacing(longest_spacing(system)), scene.run.duration
@@ -116,18 +113,8 @@ def resolving(scene: Scene) -> Scene:
 def steps_per_knot(ready: Prepared, step: str | float = "default", engine: str = "circuit") -> int:
     """Steps of an engine between two knots of the noise, away from the stoppers.
 
-    Parameters
-    ----------
-    ready : Prepared
-    step : str or float
-        A name in `STEP_LEVELS`, or the longest step in s.
-    engine : str
-        A key of `STEPS_PER_PERIOD`.
-
-    Raises
-    ------
-    HarvesterError
-        A step so short that no run of it ends.
+    `step`: a name in `STEP_LEVELS`, or the longest step in s. `engine`: a key of
+    `STEPS_PER_PERIOD`. Raises HarvesterError for a step so short that no run of it ends.
     """
     scene, system = ready.scene, ready.system
     spacing = knot_spacing(ready)
@@ -165,10 +152,7 @@ def step_error(ready: Prepared, step: str | float = "default", engine: str = "ci
     changes most, and a few times the frequency's own error for what the load does in a period, its
     switches included. Contacts add their own.
 
-    Parameters
-    ----------
-    ready, step, engine
-        See `steps_per_knot`.
+    `ready`, `step`, `engine`: see `steps_per_knot`.
     """
     scene, system = ready.scene, ready.system
     omega = lines.line_frequency(ready) or timescales.angular_frequency(system)
@@ -226,10 +210,7 @@ def steps_per_contact(
 ) -> int:
     """Fewest steps of an engine in a contact: a shorter step makes these as much shorter.
 
-    Parameters
-    ----------
-    ready, step, engine
-        See `steps_per_knot`.
+    `ready`, `step`, `engine`: see `steps_per_knot`.
     """
     even = engine == "monte-carlo" and ready.scene.load.is_resistor
     fewest = EVEN_STEPS_PER_CONTACT if even else STEPS_PER_CONTACT
@@ -248,13 +229,7 @@ def stop_time(ready: Prepared) -> float:
 def knot_blocks(path: ExcitationPath, stop: float, most: int) -> Iterator[tuple[int, np.ndarray]]:
     """The noise from the beginning to the first knot at or after the end, in blocks.
 
-    Parameters
-    ----------
-    path : harvester.excitation.base.ExcitationPath
-    stop : float
-        End time (s).
-    most : int
-        Segments between knots in a block.
+    `stop`: end time (s). `most`: segments between knots in a block.
 
     Yields
     ------

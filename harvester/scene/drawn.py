@@ -23,10 +23,8 @@ DRAWN = {
 def with_drawing(tables: dict[str, Any], origin: str) -> dict[str, Any]:
     """A scene's tables with the lumped values computed from its drawing.
 
-    Raises
-    ------
-    SceneError
-        A key of the drawing is not usable, or a value that it gives is given beside it.
+    Raises SceneError if a key of the drawing is not usable, or a value that it gives is given
+    beside it.
     """
     if "beam" not in tables:
         if "magnets" in tables:

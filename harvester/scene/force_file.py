@@ -30,11 +30,8 @@ def with_points(tables: dict[str, Any], origin: str) -> dict[str, Any]:
     `oscillator.force_table`, and `breakpoints` of an excitation or of a part of one. A profile
     that is named is written out.
 
-    Raises
-    ------
-    SceneError
-        The file cannot be read, a line of it holds no two numbers, or its heading contradicts the
-        scene.
+    Raises SceneError if the file cannot be read, a line of it holds no two numbers, or its heading
+    contradicts the scene.
     """
     tables = dict(tables)
     for table, key in (("oscillator", "force_table"), ("excitation", "breakpoints")):

@@ -24,10 +24,6 @@ def numbers(scene: Scene) -> dict[str, Any]:
     One of several tables, or of a list of numbers, is named by its place, as in `stoppers[1].gap`
     and `oscillator.restoring_force[2]`.
 
-    Parameters
-    ----------
-    scene : harvester.scene.model.Scene
-
     Returns
     -------
     dict of str to (float, harvester.device.keys.Key)
@@ -54,20 +50,11 @@ def numbers(scene: Scene) -> dict[str, Any]:
 def number(scene: Scene, key: str, option: str) -> tuple[float, Key]:
     """One of them, or a refusal with the nearest key.
 
-    Parameters
-    ----------
-    scene : harvester.scene.model.Scene
-    key : str
-    option : str
-        Option of the command line, for the message.
+    Raises HarvesterError.
 
     Returns
     -------
     float, harvester.device.keys.Key
-
-    Raises
-    ------
-    HarvesterError
     """
     available = numbers(scene)
     if key not in available:

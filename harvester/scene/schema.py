@@ -143,25 +143,14 @@ def check_tables(
 ) -> dict[str, Any]:
     """Checked copy of a scene's nested dictionaries.
 
-    Parameters
-    ----------
-    tables : dict
-        The scene as read from TOML: top-level keys and tables.
-    origin : str
-        File or scene name, for messages.
-    kinds : dict of str to dict
-        Keys of the tables whose `kind` decides which keys they have: {table: {kind: class with
-        KEYS}}.
+    `tables`: the scene as read from TOML: top-level keys and tables. `kinds`: keys of the tables
+    whose `kind` decides which keys they have: {table: {kind: class with KEYS}}. Raises SceneError
+    for unknown, missing or misplaced key, wrong type, value out of range.
 
     Returns
     -------
     dict
         The same with numbers as float or int.
-
-    Raises
-    ------
-    SceneError
-        Unknown, missing or misplaced key, wrong type, value out of range.
     """
     for name in {*tables} - {*TOP, *OTHER_KEYS}:
         # Another package's transducer is looked up by the name of its table.
@@ -314,12 +303,7 @@ def check_table(
     origin: str,
     kinds: Any = None,
 ) -> dict[str, Any]:
-    """The values of one table, each checked by its key.
-
-    Raises
-    ------
-    SceneError
-    """
+    """The values of one table, each checked by its key. Raises SceneError."""
     checked = {}
     prefix = f"{table}." if table else ""
     for name, value in values.items():

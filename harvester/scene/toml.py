@@ -27,12 +27,7 @@ class NotToml(SceneError):
 
 
 def read_toml(text: str, origin: str) -> dict[str, Any]:
-    """Nested dictionaries of a TOML text.
-
-    Raises
-    ------
-    SceneError
-    """
+    """Nested dictionaries of a TOML text. Raises SceneError."""
     if len(text) > LARGEST_SCENE:
         raise SceneError(f"{origin}: too long: {len(text)} characters; {LARGEST_SCENE} is the most")
     if sum(line.count(".") ** 2 for line in text.split("\n")) > MOST_DOTS_SQUARED:
@@ -53,10 +48,8 @@ def plain_tables(tables: dict[str, Any], origin: str) -> dict[str, Any]:
 
     Values of other types are kept; the check of their key refuses them.
 
-    Raises
-    ------
-    SceneError
-        Nested too deeply, too many values, a text too long, a key that is no text.
+    Raises SceneError for tables nested too deeply, too many values, a text too long, a key that is
+    no text.
     """
     if not isinstance(tables, dict):
         raise SceneError(f"{origin}: a scene is a dictionary of tables, not {shown(tables)}")

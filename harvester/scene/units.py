@@ -58,10 +58,6 @@ class Scales:
 def scale(scene: Any) -> tuple[System, Scales]:
     """The device in scaled form and the scales that lead back (Eq. 3; time is not rescaled).
 
-    Parameters
-    ----------
-    scene : harvester.scene.model.Scene
-
     Returns
     -------
     harvester.device.system.System, Scales
@@ -181,12 +177,7 @@ def setting(scene: Any) -> Setting:
 
 
 def require_resistor(scene: Any, method: str) -> None:
-    """Refuse a load that λ does not describe.
-
-    Raises
-    ------
-    LoadError
-    """
+    """Refuse a load that λ does not describe. Raises LoadError."""
     if not scene.load.is_resistor:
         raise LoadError(
             f"{scene.name}: {method} takes only a resistor as load, and load.netlist is "
@@ -196,12 +187,7 @@ def require_resistor(scene: Any, method: str) -> None:
 
 
 def require_mass(scene: Any, method: str) -> None:
-    """Refuse an excitation that prescribes the displacement of the mass.
-
-    Raises
-    ------
-    LoadError
-    """
+    """Refuse an excitation that prescribes the displacement of the mass. Raises LoadError."""
     if scene.excitation.prescribes_displacement:
         raise LoadError(
             f"{scene.name}: {method} needs a mass that moves by forces, and excitation.kind is "
