@@ -24,14 +24,9 @@ CORE_SHARE = 0.25
 
 
 def core_energies(system: System) -> np.ndarray:
-    """Largest ½X'² + U(X) in the core of each well.
+    """Largest ½X'² + U(X) in the core of each of several wells.
 
-    `system`: a device with several wells.
-
-    Returns
-    -------
-    ndarray, shape (wells,)
-        From the left to the right; scaled energy per mass.
+    From the left to the right, shape (wells,); scaled energy per mass.
     """
     return np.array(
         [

@@ -18,14 +18,10 @@ Values: TypeAlias = Any
 
 
 def equation(name: str) -> Callable:
-    """The function that calls the method `name` of its first argument.
+    """The function that calls a method of its first argument, also in code that numba compiles.
 
-    `name`: name of a method that every part of the same sort has.
-
-    Returns
-    -------
-    callable
-        Of (part, *arguments), also in code that numba compiles.
+    Every part of the same sort has a method of this name. The function is one of
+    (part, *arguments).
     """
 
     def call(part, *arguments):

@@ -121,11 +121,7 @@ class ForceTable(NamedTuple):
         d = np.where(inside, s * x - offsets, 0.0)
         linear = np.sum(s * (2.0 * a + 3.0 * b * d) * d, axis=0)
         square, cube = np.sum(np.where(inside, a + 3.0 * b * d, 0.0), 0), np.sum(s * b * inside, 0)
-        return (
-            k1 + x * (2.0 * k2 + x * 3.0 * k3) + linear,
-            k2 + 3.0 * k3 * x + square,
-            k3 + cube,
-        )
+        return (k1 + x * (2.0 * k2 + x * 3.0 * k3) + linear, k2 + 3.0 * k3 * x + square, k3 + cube)
 
     def breaks(self) -> np.ndarray:
         """Displacements where one piece gives way to the next, ascending, both ends with them."""

@@ -70,11 +70,7 @@ class HertzDamp(NamedTuple):
         return np.sqrt(v * v + 2.0 * energy)
 
     def damping(
-        self,
-        depth: Values,
-        v: Values,
-        spring_energy: Values,
-        held_speed: Values,
+        self, depth: Values, v: Values, spring_energy: Values, held_speed: Values
     ) -> Values:
         """Damping force over velocity (1/s).
 

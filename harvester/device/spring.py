@@ -37,10 +37,8 @@ class Ranged(NamedTuple):
     Attributes
     ----------
     spring : the spring within it.
-    low, high : float
-        Ends of the range.
-    stiffness : float
-        Stiffness of the straight lines beyond the range.
+    low, high : ends of the range.
+    stiffness : stiffness of the straight lines beyond the range.
     """
 
     spring: Any

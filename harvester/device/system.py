@@ -151,10 +151,7 @@ def earliest_contact(
     Its acceleration towards either one is at most `acceleration` towards it plus `margin`.
     """
     earliest = np.inf
-    for outward, distance, towards in (
-        (v, high - x, acceleration),
-        (-v, x - low, -acceleration),
-    ):
+    for outward, distance, towards in ((v, high - x, acceleration), (-v, x - low, -acceleration)):
         gain = max(towards + margin, 0.0)
         closing = outward + np.sqrt(outward * outward + 2.0 * gain * distance)
         if closing > 0.0 and distance < np.inf:

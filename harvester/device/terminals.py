@@ -119,10 +119,8 @@ class TransducerTable:
 
     Attributes
     ----------
-    KEYS : dict of str to harvester.device.keys.Key
-        The keys that the table may hold.
-    takes_voltage : bool
-        Whether a run can start with `start.voltage`, because the state is a voltage.
+    KEYS : the keys that the table may hold.
+    takes_voltage : whether a run can start with `start.voltage`, because the state is a voltage.
     """
 
     KEYS: ClassVar[dict] = {}

@@ -32,12 +32,8 @@ cached = functools.lru_cache(maxsize=256)
 def equilibria(system: System) -> tuple[tuple[float, bool], ...]:
     """Displacements without a force, ascending, and whether each is stable.
 
-    Spring and contacts together, without charge or current in the transducer.
-
-    Returns
-    -------
-    tuple of (float, bool)
-        Stable and unstable ones alternate where the potential is bounded.
+    Spring and contacts together, without charge or current in the transducer. Stable and unstable
+    ones alternate where the potential is bounded.
     """
     reach = _reach(system)
     # Where no contact acts, the roots are those of the spring, exact to the last digit.

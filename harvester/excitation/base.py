@@ -63,8 +63,7 @@ class ExcitationPath:
 
     Attributes
     ----------
-    spacing : float
-        Time between knots (s).
+    spacing : time between knots (s).
     """
 
     spacing: float
@@ -91,8 +90,7 @@ class Excitation(ABC):
 
     Attributes
     ----------
-    KEYS : dict of str to harvester.device.keys.Key
-        The keys that the table may hold besides `kind`.
+    KEYS : the keys that the table may hold besides `kind`.
     """
 
     KEYS: ClassVar[dict] = {}

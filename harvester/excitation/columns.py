@@ -33,16 +33,11 @@ class Columns(NamedTuple):
 
     Attributes
     ----------
-    values : ndarray, shape (n,)
-        NaN where the file holds no number.
-    times : ndarray, shape (n,), or None
-        s after the first.
-    sampling_rate : float or None
-        Hz, as given or as the file says.
-    unit : str
-        Unit of the samples, as the file writes it; empty where it does not say.
-    remarks : tuple of str
-        Remarks on the file that go into a result's notes.
+    values : shape (n,); NaN where the file holds no number.
+    times : shape (n,); s after the first.
+    sampling_rate : Hz, as given or as the file says.
+    unit : unit of the samples, as the file writes it; empty where it does not say.
+    remarks : remarks on the file that go into a result's notes.
     """
 
     values: np.ndarray
@@ -166,14 +161,9 @@ class MeasuredFile:
         return f"column {named(names[place]) if names and names[place] else place}"
 
     def agreed_unit(self, quantity: str, place: int, key: str, given: str | None) -> str:
-        """The unit of a column, in its usual spelling: the heading's, or as given.
+        """The unit of a column, in its usual spelling: the heading's, or as given; else empty.
 
         Raises SceneError if it is unknown, or both say something else.
-
-        Returns
-        -------
-        str
-            Empty where nobody says it.
         """
         written = self.headings[place].unit
         usual = unit_named(quantity, written) if written else None

@@ -28,9 +28,7 @@ PROFILES = {
         f"{_GEVS}, qualification",
     ),
     "gevs-acceptance": Profile(
-        ((20.0, 0.013), (50.0, 0.08), (800.0, 0.08), (2000.0, 0.013)),
-        10.0,
-        f"{_GEVS}, acceptance",
+        ((20.0, 0.013), (50.0, 0.08), (800.0, 0.08), (2000.0, 0.013)), 10.0, f"{_GEVS}, acceptance"
     ),
 }
 

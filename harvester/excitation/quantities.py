@@ -173,12 +173,9 @@ class Heading(NamedTuple):
 
     Attributes
     ----------
-    title : str
-        The name without its unit.
-    unit : str
-        Unit as it is written; empty if there is none.
-    quantity : str
-        A name in `QUANTITIES`, empty where the title is none.
+    title : the name without its unit.
+    unit : unit as it is written; empty if there is none.
+    quantity : a name in `QUANTITIES`, empty where the title is none.
     """
 
     title: str

@@ -61,42 +61,29 @@ class RecordedMotion(Excitation):
 
     Attributes
     ----------
-    file : str
-        Relative to the scene's folder in a scene file, else to the working folder.
-    unit : str or None
-        Unit of the column after scaling: a name in `UNITS`; left out where the column's heading
+    file : relative to the scene's folder in a scene file, else to the working folder.
+    unit : unit of the column after scaling: a name in `UNITS`; left out where the column's heading
         says it, with which it must agree.
-    column, time_column : str, int or None
-        Name or number from 0; see `columns.motion_columns`.
-    time_unit : str or None
-        Unit of the time column; left out where its heading says it.
-    sampling_rate : float or None
-        Hz; left out where the time column or the file itself says it.
-    start : float or None
-        s after the record's first sample: what is before is left out.
-    scale, offset : float or None
-        The acceleration in `unit` is scale · column + offset: volts or raw counts. Left out: 1, 0.
-    full_scale : float
-        Value of full scale in a .wav file, in `unit`.
-    detrend : str
-        "mean" takes the constant part off, such as gravity; "none" or "linear".
-    band : (float, float) or None
-        Hz; see `conditioning.conditioned`.
-    mend : tuple of str
-        Faults to mend: see `conditioning.even_samples`.
-    repetition : str
-        "none": the run is one pass from the record's beginning. "periodic": the record's ends
-        are faded into each other over a twentieth of it, and each realization starts at an
+    column, time_column : name or number from 0; see `columns.motion_columns`.
+    time_unit : unit of the time column; left out where its heading says it.
+    sampling_rate : Hz; left out where the time column or the file itself says it.
+    start : s after the record's first sample: what is before is left out.
+    scale, offset : the acceleration in `unit` is scale · column + offset: volts or raw counts. Left
+        out: 1, 0.
+    full_scale : value of full scale in a .wav file, in `unit`.
+    detrend : "mean" takes the constant part off, such as gravity; "none" or "linear".
+    band : Hz; see `conditioning.conditioned`.
+    mend : faults to mend: see `conditioning.even_samples`.
+    repetition : "none": the run is one pass from the record's beginning. "periodic": the record's
+        ends are faded into each other over a twentieth of it, and each realization starts at an
         offset of its own, drawn from the seed.
-    interpolation : str
-        Between samples: "linear", or "smooth": band-limited, `SMOOTH_KNOTS` knots for a sample.
-    fade_in : float or None
-        s in which the acceleration rises from nothing, so that its first sample is no blow.
-    knot_spacing : float or None
-        s; closer than the samples: band-limited interpolation, rounded down to a whole fraction.
-    sha256 : str
-        SHA-256 of the file when the scene was made: each worker process reads the file for itself,
-        and refuses one that has changed.
+    interpolation : between samples: "linear", or "smooth": band-limited, `SMOOTH_KNOTS` knots for a
+        sample.
+    fade_in : s in which the acceleration rises from nothing, so that its first sample is no blow.
+    knot_spacing : s; closer than the samples: band-limited interpolation, rounded down to a whole
+        fraction.
+    sha256 : SHA-256 of the file when the scene was made: each worker process reads the file for
+        itself, and refuses one that has changed.
     """
 
     file: str

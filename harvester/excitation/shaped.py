@@ -79,12 +79,8 @@ def _filter(points, spacing):
 def path_density(points: tuple, spacing: float) -> tuple[np.ndarray, np.ndarray]:
     """Frequencies (Hz) of the filter and the density of its path, linear between knots.
 
-    `points`: frequency (Hz) and density of each breakpoint. `spacing`: time between knots (s).
-
-    Returns
-    -------
-    ndarray, ndarray
-        The density is that of the breakpoints, blurred by the filter's finite length.
+    `points`: frequency (Hz) and density of each breakpoint. `spacing`: time between knots (s). The
+    density is that of the breakpoints, blurred by the filter's finite length.
     """
     spectrum, taps = _filter(points, spacing)
     frequencies = np.fft.rfftfreq(2 * taps, spacing)

@@ -48,22 +48,16 @@ class Spectrum(Excitation):
 
     Attributes
     ----------
-    breakpoints : tuple of (float, float)
-        Frequency (Hz, ascending) and density of each; nothing lies beyond the first and the last.
-        In a scene also the name of a CSV file with two columns; or `profile`, a name in
+    breakpoints : frequency (Hz, ascending) and density of each; nothing lies beyond the first and
+        the last. In a scene also the name of a CSV file with two columns; or `profile`, a name in
         `harvester.excitation.profiles`, stands in place of these, the unit and the source.
-    unit : str or None
-        Unit of the densities: a name in `UNITS`.
-    kurtosis : float
-        3 is Gaussian. Above, the Gaussian path is multiplied by factors exp(σ z − σ²) that change
-        from one burst to the next; see `harvester.excitation.shaped.Bursts`.
-    burst_time : float or None
-        s; left out, 20 periods of the lowest frequency.
-    source : str
-        The publication that the values come from; results quote it.
-    knot_spacing : float or None
-        s; left out, a twelfth of the highest frequency's period; for a slower device a fortieth of
-        its own period, at most a quarter of the highest frequency's.
+    unit : unit of the densities: a name in `UNITS`.
+    kurtosis : 3 is Gaussian. Above, the Gaussian path is multiplied by factors exp(σ z − σ²) that
+        change from one burst to the next; see `harvester.excitation.shaped.Bursts`.
+    burst_time : s; left out, 20 periods of the lowest frequency.
+    source : the publication that the values come from; results quote it.
+    knot_spacing : s; left out, a twelfth of the highest frequency's period; for a slower device a
+        fortieth of its own period, at most a quarter of the highest frequency's.
     """
 
     breakpoints: tuple

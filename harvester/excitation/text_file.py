@@ -51,12 +51,9 @@ class Form(NamedTuple):
 
     Attributes
     ----------
-    separator : str or None
-        Separator of the fields; None: blanks.
-    decimal : str
-        "." or ",".
-    kinds : tuple of str
-        Kind of each column: `NUMBER`, `STAMP`, `COMPLEX` or `TEXT`.
+    separator : separator of the fields; None: blanks.
+    decimal : "." or ",".
+    kinds : kind of each column: `NUMBER`, `STAMP`, `COMPLEX` or `TEXT`.
     """
 
     separator: str | None

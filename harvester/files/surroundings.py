@@ -34,12 +34,8 @@ def away_from_working_folder() -> Iterator[None]:
 def who_else_writes(path: str | Path) -> str:
     """Which other user (not this one, not the program's owner) may change the file at a path.
 
-    `path`: a file or a folder; what is not there yet is made by this user.
-
-    Returns
-    -------
-    str
-        The place and the reason; empty where nobody may.
+    The path is of a file or a folder; what is not there yet is made by this user. Returns the place
+    and the reason; empty where nobody may.
     """
     path = Path(os.path.realpath(path))
     for entry in (path, *path.parents):

@@ -32,12 +32,9 @@ class EnergyRange(NamedTuple):
 
     Attributes
     ----------
-    highest : float
-        Energy per mass.
-    low, high : float
-        Displacements between which U(X) is below it.
-    speed : float
-        Greatest |X'| in it.
+    highest : energy per mass.
+    low, high : displacements between which U(X) is below it.
+    speed : greatest |X'| in it.
     """
 
     highest: float

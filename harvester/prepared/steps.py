@@ -10,10 +10,7 @@ import numpy as np
 
 from harvester.device import timescales
 from harvester.errors import HarvesterError, SceneError
-from harvester.excitation.ornstein_uhlenbeck import (
-    KNOTS_PER_CORRELATION_TIME,
-    OrnsteinUhlenbeck,
-)
+from harvester.excitation.ornstein_uhlenbeck import KNOTS_PER_CORRELATION_TIME, OrnsteinUhlenbeck
 from harvester.prepared import lines
 from harvester.prepared.passband import misplacement
 from harvester.prepared.prepared import Prepared, prepared

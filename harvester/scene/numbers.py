@@ -23,10 +23,6 @@ def numbers(scene: Scene) -> dict[str, Any]:
 
     One of several tables, or of a list of numbers, is named by its place, as in `stoppers[1].gap`
     and `oscillator.restoring_force[2]`.
-
-    Returns
-    -------
-    dict of str to (float, harvester.device.keys.Key)
     """
     tables = scene.to_tables()
     values: dict[str, Any] = {}
@@ -51,10 +47,6 @@ def number(scene: Scene, key: str, option: str) -> tuple[float, Key]:
     """One of them, or a refusal with the nearest key.
 
     Raises HarvesterError.
-
-    Returns
-    -------
-    float, harvester.device.keys.Key
     """
     available = numbers(scene)
     if key not in available:

@@ -11,12 +11,7 @@ from harvester.beam.magnets import Magnets
 from harvester.beam.table import Beam
 from harvester.device.coil import CoilTable
 from harvester.device.contact import LAWS, SIDES
-from harvester.device.force_table import (
-    INTERPOLATIONS,
-    MOST_PIECES,
-    POINTS_PER_PIECE,
-    force_table,
-)
+from harvester.device.force_table import INTERPOLATIONS, MOST_PIECES, POINTS_PER_PIECE, force_table
 from harvester.device.keys import (
     BOTH,
     NAMED_VALUES,
@@ -43,10 +38,7 @@ MOST_POINTS = 2000
 # Largest seed: numpy draws seeds of 128 bits.
 LARGEST_SEED = 2**128 - 1
 
-TOP = {
-    "units": Key(kind=str, words=BOTH, required=True),
-    "length_scale": positive(units=(SI,)),
-}
+TOP = {"units": Key(kind=str, words=BOTH, required=True), "length_scale": positive(units=(SI,))}
 
 # Keys of all tables but the transducer's, whose class defines its own.
 OTHER_KEYS: dict[str, Any] = {
@@ -145,12 +137,8 @@ def check_tables(
 
     `tables`: the scene as read from TOML: top-level keys and tables. `kinds`: keys of the tables
     whose `kind` decides which keys they have: {table: {kind: class with KEYS}}. Raises SceneError
-    for unknown, missing or misplaced key, wrong type, value out of range.
-
-    Returns
-    -------
-    dict
-        The same with numbers as float or int.
+    for unknown, missing or misplaced key, wrong type, value out of range. The
+    copy has numbers as float or int.
     """
     for name in {*tables} - {*TOP, *OTHER_KEYS}:
         # Another package's transducer is looked up by the name of its table.

@@ -56,12 +56,7 @@ class Scales:
 
 
 def scale(scene: Any) -> tuple[System, Scales]:
-    """The device in scaled form and the scales that lead back (Eq. 3; time is not rescaled).
-
-    Returns
-    -------
-    harvester.device.system.System, Scales
-    """
+    """The device in scaled form and the scales that lead back (Eq. 3; time is not rescaled)."""
     surroundings = setting(scene)
     mass, length = surroundings.mass, surroundings.length
     if scene.excitation.prescribes_displacement:
@@ -72,8 +67,7 @@ def scale(scene: Any) -> tuple[System, Scales]:
         parts = {
             "spring": spring,
             "damper": damper(
-                scene.oscillator.damping / mass,
-                scene.oscillator.quadratic_damping * length / mass,
+                scene.oscillator.damping / mass, scene.oscillator.quadratic_damping * length / mass
             ),
             "contacts": tuple(
                 _contact(stopper, side, mass, length)
