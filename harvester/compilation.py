@@ -126,11 +126,11 @@ def compiled_sources() -> list[Path]:
     them may be an argument of compiled code, and whatever those files import at their head. What a
     function imports as it runs is not compiled.
     """
-    files = {
-        _module_name(file): file
-        for package in PACKAGES
-        for file in sorted((PACKAGE.parent / package).rglob("*.py"))
-    }
+    files = {}
+    for package in PACKAGES:
+        for file in sorted((PACKAGE.parent / package).rglob("*.py")):
+            parts = file.relative_to(PACKAGE.parent).with_suffix("").parts
+            files[".".join(parts[:-1] if parts[-1] == "__init__" else parts)] = file
     texts = {name: file.read_bytes() for name, file in files.items()}
     folders = {files[name].parent for name, text in texts.items() if __name__.encode() in text}
     reached = set()
@@ -142,11 +142,6 @@ def compiled_sources() -> list[Path]:
             reached.add(name)
             left += _imports(texts[name].decode()) & files.keys()
     return [file for name, file in files.items() if name in reached]
-
-
-def _module_name(file):
-    parts = file.relative_to(PACKAGE.parent).with_suffix("").parts
-    return ".".join(parts[:-1] if parts[-1] == "__init__" else parts)
 
 
 def _imports(text):

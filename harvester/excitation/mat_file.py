@@ -52,16 +52,14 @@ class MatTable(ArraysTable):
             loaded = _read("loadmat", content, variable_names=structures, simplify_cells=True)
             fields = dict(_fields("", {name: loaded[name] for name in structures}))
         single = [name for name, shape in arrays.items() if max(shape) == 1]
-        numbers = {
-            name: float(value.ravel()[0])
-            for name, value in _load(content, single).items()
-            if value.dtype.kind in REAL_KINDS
-        } | {
-            name: float(value)
-            for name, value in fields.items()
-            if value.ndim == 0 and value.dtype.kind in REAL_KINDS
-        }
-        self.rate = rate_of(numbers)
+        scalars = {name: value for name, value in fields.items() if value.ndim == 0}
+        self.rate = rate_of(
+            {
+                name: float(value.ravel()[0])
+                for name, value in (_load(content, single) | scalars).items()
+                if value.dtype.kind in REAL_KINDS
+            }
+        )
 
         def load(names: list[str]) -> dict[str, np.ndarray]:
             variables = [name for name in names if name in arrays]

@@ -146,13 +146,6 @@ class Spectrum(Excitation):
         burst = self.burst_time or PERIODS_PER_BURST / self.band[0]
         return ShapedPath(self.points, spacing, seed, self.kurtosis, burst, 1.0 / length)
 
-    def _excess(self, spacing):
-        """Share by which the rms of the knots exceeds that of the straight lines between them."""
-        frequencies = np.linspace(*self.band, EXCESS_FREQUENCIES)
-        density = self.density(frequencies)
-        raised = density / np.sinc(frequencies * spacing) ** 4
-        return math.sqrt(float(raised.sum() / density.sum())) - 1.0
-
     def notes(self, spacing: float, angular_frequency: float, run: Run) -> tuple[str, ...]:
         low, high = self.band
         unit = "" if self.unit == "scaled" else " m/s²"
@@ -163,10 +156,14 @@ class Spectrum(Excitation):
             f"spectrum{source}: {listed}{ellipsis} {self.unit}; rms "
             f"{math.sqrt(mean_square(self.points)):.4g}{unit}"
         ]
-        if self._excess(spacing) > NOTED_EXCESS:
+        frequencies = np.linspace(*self.band, EXCESS_FREQUENCIES)
+        density = self.density(frequencies)
+        raised = density / np.sinc(frequencies * spacing) ** 4
+        excess = math.sqrt(float(raised.sum() / density.sum())) - 1.0
+        if excess > NOTED_EXCESS:
             lines.append(
                 f"knots {spacing:.3g} s apart: the density is right on the straight lines between "
-                f"them; the knots themselves have {self._excess(spacing):.1%} more rms"
+                f"them; the knots themselves have {excess:.1%} more rms"
             )
         frequency = angular_frequency / (2.0 * math.pi)
         if not low <= frequency <= high and 0.0 < frequency < math.inf:

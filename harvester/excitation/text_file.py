@@ -17,7 +17,7 @@ import numpy as np
 from harvester.excitation.decimal_marks import marks_of, plain, shape, ungrouped
 from harvester.excitation.quantities import heading, is_unit
 from harvester.excitation.table import Table
-from harvester.excitation.time_stamps import StampReader, is_stamp
+from harvester.excitation.time_stamps import CLOCK_TIME, StampReader
 
 COMMENTS = ("#", "%", "//")
 SEPARATORS = (";", "\t", ",")
@@ -61,18 +61,17 @@ class Form(NamedTuple):
     kinds: tuple[str, ...]
 
     def fits(self, fields: list[str]) -> bool:
-        """Whether each field of a line is empty or of its column's kind (number, time stamp)."""
+        """Whether each field of a line is empty or of its column's kind (number, time stamp).
+
+        A complex number may be written without its imaginary part.
+        """
         if len(fields) != len(self.kinds):
             return False
         pairs = [pair for pair in zip(fields, self.kinds, strict=True) if pair[1] != TEXT]
         return any(field.strip() for field, _ in pairs) and all(
-            not field.strip() or _kind(field, self.decimal) in (kind, _PARTS.get(kind))
+            not field.strip() or _kind(field, self.decimal) in (kind, kind == COMPLEX and NUMBER)
             for field, kind in pairs
         )
-
-
-# A complex number may be written without its imaginary part.
-_PARTS = {COMPLEX: NUMBER}
 
 
 class TextTable(Table):
@@ -261,15 +260,12 @@ def _form_of(lines):
         (form.separator, form.decimal, len(form.kinds)) for form in reversed(seen)
     ).most_common(1)[0]
     alike = [form.kinds for form in seen if len(form.kinds) == width]
-    return Form(
-        separator, decimal, tuple(_most_common_kind(column) for column in zip(*alike, strict=True))
+    # The most common kind of each column's fields, of which a gap counts as text.
+    counts = (
+        Counter(kind for kind in column if kind != TEXT) for column in zip(*alike, strict=True)
     )
-
-
-def _most_common_kind(kinds):
-    """The most common kind of a column's fields. A gap counts as text."""
-    counted = Counter(kind for kind in kinds if kind != TEXT)
-    return counted.most_common(1)[0][0] if counted else TEXT
+    kinds = (count.most_common(1)[0][0] if count else TEXT for count in counts)
+    return Form(separator, decimal, tuple(kinds))
 
 
 def _fields(line, separator):
@@ -290,7 +286,7 @@ def _kind(field, decimal):
         return NUMBER
     if _complex_match(text, decimal):
         return COMPLEX
-    return STAMP if ":" in text and is_stamp(text) else TEXT
+    return STAMP if ":" in text and CLOCK_TIME.fullmatch(text) else TEXT
 
 
 def _complex(text, decimal):

@@ -7,18 +7,14 @@ from datetime import datetime, timedelta
 from typing import Any
 
 DAY = 86400.0
-STAMP = re.compile(
+# A clock time, with or without a date.
+CLOCK_TIME = re.compile(
     r"(?:(?P<date>\d[\d./-]{5,9}\d)(?:T|,?\s+))?(?P<clock>\d{1,2}:\d{2}(?::\d{2})?)"
     # Python reads microseconds only and some loggers write nanoseconds, so that the fraction is
     # read here.
     r"(?:[.,](?P<fraction>\d+))?\s*(?P<half>[AaPp]\.?[Mm]\.?)?\s*(?P<zone>Z|[+-]\d{2}:?\d{2})?"
 )
 ISO_DATE = re.compile(r"\d{4}-\d{2}-\d{2}|\d{8}")
-
-
-def is_stamp(text: str) -> bool:
-    """Whether a text is a clock time, with or without a date."""
-    return STAMP.fullmatch(text.strip()) is not None
 
 
 class StampReader:
@@ -45,7 +41,7 @@ class StampReader:
 
         Raises ValueError if dates that are not in the order of ISO 8601 change, or zones are mixed.
         """
-        match = STAMP.fullmatch(text.strip())
+        match = CLOCK_TIME.fullmatch(text.strip())
         if match is None:
             return float("nan")
         clock, fraction = _clock(match), float(f"0.{match['fraction'] or 0}")
