@@ -150,12 +150,8 @@ def is_safe() -> bool:
 
     folder = config.CACHE_DIR
     if not folder:
-        if all(_may_write_beside(source) for source in PACKAGE.rglob("*.py")):
+        caches = [source.parent / "__pycache__" for source in PACKAGE.rglob("*.py")]
+        if all(os.access(path if path.exists() else path.parent, os.W_OK) for path in caches):
             return True
         folder = AppDirs("numba", appauthor=False).user_cache_dir
     return not any(map(who_else_writes, [folder, *Path(folder).rglob("*")]))
-
-
-def _may_write_beside(source):
-    beside = source.parent / "__pycache__"
-    return os.access(beside if beside.exists() else source.parent, os.W_OK)

@@ -122,11 +122,11 @@ class Ranged(NamedTuple):
             self.spring.nonlinear_formula(x, rate, number),
         ]
         inside = "+".join(filter(None, parts)) or "0"
-
-        def line(place):
-            return [float(self.spring.force(place)) / rate**2, self.stiffness / rate**2]
-
-        return self._chosen(x, "force", f"({inside})", line, number)
+        lines = [
+            [float(self.spring.force(end)) / rate**2, self.stiffness / rate**2]
+            for end in (self.low, self.high)
+        ]
+        return self._chosen(x, "force", f"({inside})", lines, number)
 
     @property
     def gain_is_product(self) -> bool:
@@ -136,21 +136,20 @@ class Ranged(NamedTuple):
     def gain_formula(self, x: str, place: float, rate: float, number: Callable) -> str:
         """A formula of 2 [U(x) − U(place)]/rate² for netlists."""
         inside = self.spring.gain_formula(x, place, rate, number)
-
-        def parabola(end):
+        parabolas = []
+        for end in (self.low, self.high):
             rise = float(self.spring.energy(end)) - float(self.energy(place))
             rising = rise, float(self.spring.force(end)), 0.5 * self.stiffness
-            return [2.0 * coefficient / rate**2 for coefficient in rising]
-
-        return self._chosen(x, "gain", f"({inside})", parabola, number)
+            parabolas.append([2.0 * coefficient / rate**2 for coefficient in rising])
+        return self._chosen(x, "gain", f"({inside})", parabolas, number)
 
     def _chosen(self, x, name, inside, beyond, number):
-        """The formula within the range, and the polynomials of the distance beyond either end."""
+        """The formula within the range, and the polynomials of the distance beyond both ends."""
 
-        def outside(side, end, place):
+        def outside(side, end, coefficients):
             texts = [
                 number(f"{name}_{side}{n}", value, f"/rate^2 beyond the range, power {n}")
-                for n, value in enumerate(beyond(place))
+                for n, value in enumerate(coefficients)
             ]
             inner = texts.pop()
             for text in reversed(texts):
@@ -159,8 +158,8 @@ class Ranged(NamedTuple):
 
         low = number(f"{name}_lowest", self.low, "end of the range")
         high = number(f"{name}_highest", self.high, "end of the range")
-        above = f"(({x}>{high}) ? {outside('above', high, self.high)} : {inside})"
-        return f"(({x}<{low}) ? {outside('below', low, self.low)} : {above})"
+        above = f"(({x}>{high}) ? {outside('above', high, beyond[1])} : {inside})"
+        return f"(({x}<{low}) ? {outside('below', low, beyond[0])} : {above})"
 
 
 def ranged(spring: Any, low: float, high: float) -> Ranged:

@@ -276,7 +276,10 @@ def quantity_of(title: str, unit: str) -> str:
 
     Letters such as "a" name an acceleration only beside one of its units.
     """
-    bare = _without_label(title)
+    # A place or a channel in brackets behind the title is left out.
+    matches = (bracket.fullmatch(title.strip()) for bracket in BRACKETS)
+    labels = (match for match in matches if match and LABEL.fullmatch(match[2].strip()))
+    bare = next((match[1] for match in labels), title)
     # The quantity may stand behind the names of groups and structures: "data.time", "run
     # 1/acceleration".
     for name in (bare, re.split(r"[./](?=\w)", bare)[-1]):
@@ -288,13 +291,6 @@ def quantity_of(title: str, unit: str) -> str:
             if letters.fullmatch(words) and unit_named(quantity, unit):
                 return quantity
     return "time" if not unit and unit_named("time", words) == SAMPLES else ""
-
-
-def _without_label(title):
-    """A title without a place or channel in brackets behind it."""
-    matches = (bracket.fullmatch(title.strip()) for bracket in BRACKETS)
-    labels = (match for match in matches if match and LABEL.fullmatch(match[2].strip()))
-    return next((match[1] for match in labels), title)
 
 
 def is_unit(text: str) -> bool:

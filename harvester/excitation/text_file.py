@@ -149,10 +149,12 @@ class TextTable(Table):
         """(decimal mark, thousands separator) of each column that has commas or looks grouped."""
         numbers = [k for k, kind in enumerate(self._form.kinds) if kind == NUMBER]
         asked = {*places} & {*numbers} if b"." in self._content else ()
-        if not self._commas and not any(
-            _looks_grouped(fields[k] for fields in self._rows()) for k in asked
-        ):
-            return {}
+        if not self._commas:
+            columns = ((fields[k] for fields in self._rows()) for k in asked)
+            shapes = (itertools.takewhile(".d".__ne__, map(shape, column)) for column in columns)
+            # Points may stand between thousands: 1.286 beside 742.
+            if not any({".?", "mid"} <= {*seen} for seen in shapes):
+                return {}
         rows = ([fields[k] for k in numbers] for fields in self._rows())
         return dict(zip(numbers, marks_of(rows, len(numbers)), strict=True))
 
@@ -264,8 +266,11 @@ def _form_of(lines):
     counts = (
         Counter(kind for kind in column if kind != TEXT) for column in zip(*alike, strict=True)
     )
-    kinds = (count.most_common(1)[0][0] if count else TEXT for count in counts)
-    return Form(separator, decimal, tuple(kinds))
+    return Form(
+        separator,
+        decimal,
+        tuple(count.most_common(1)[0][0] if count else TEXT for count in counts),
+    )
 
 
 def _fields(line, separator):
@@ -312,12 +317,6 @@ def _float(text, decimal):
     except ValueError:
         bare = ungrouped(text)
         return nan if bare == text else float(bare)
-
-
-def _looks_grouped(texts):
-    """Whether a column of points may have them between thousands: 1.286 beside 742."""
-    seen = itertools.takewhile(lambda each: each != ".d", map(shape, texts))
-    return {".?", "mid"} <= {*seen}
 
 
 def _names_and_units(above, form):

@@ -59,7 +59,7 @@ def test_curvature_of_finite_elements(values):
     surface = 0.07e-3 + abs(cut.axis)
     substrate = strain_of_substrate(beam)
     if values is PATCHED:  # The bare part is strained most, at the patch's end.
-        assert substrate.place == 21e-3
+        assert substrate.position == 21e-3
     else:
         assert abs(substrate.per_displacement) == pytest.approx(surface * curvature, rel=1e-4)
     # In the layers by the second derivative of the element where they begin.
@@ -109,7 +109,7 @@ def test_outer_fibre_is_the_layers():
     assert section(Beam(**PATCHED), True).axis == pytest.approx(axis)
     assert section(Beam(**BARE_ROOT), False).axis == pytest.approx(0.0, abs=1e-12)
     layers, substrate = strain_of_layers(Beam(**BARE_ROOT)), strain_of_substrate(Beam(**BARE_ROOT))
-    assert (layers.place, layers.modulus, substrate.modulus) == (4e-3, 66e9, 105e9)
+    assert (layers.position, layers.modulus, substrate.modulus) == (4e-3, 66e9, 105e9)
 
 
 def _driven(frequency, resistance, base):
@@ -268,7 +268,7 @@ def test_an_optimum_keeps_the_limit():
     unit = harvester.simulate(scene, method="monte-carlo", workers=1)["peak_strain"].estimate
     limited = scene.replace({"beam.strain_limit": 4.0 * unit})
     found = harvester.optimum(limited, {"excitation.amplitude": (1.0, 10.0)}, evaluations=16)
-    assert 0.9 * 4.0 < found.parameters[0].place <= 4.0 * (1.0 + 1e-6)
+    assert 0.9 * 4.0 < found.parameters[0].position <= 4.0 * (1.0 + 1e-6)
     assert any("strain_limit" in line for line in found.sentences())
     with pytest.raises(HarvesterError, match="gives no peak strain"):
         harvester.optimum(limited, {"excitation.amplitude": (1.0, 10.0)}, method="spectral")
