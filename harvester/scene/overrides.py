@@ -95,30 +95,29 @@ def put(tables: dict[str, Any], dotted: str, value: Any, origin: str) -> None:
     for other in REPLACED_KEYS.get(dotted, ()) if value is not None else ():
         table.pop(other, None)
     match = PLACED.fullmatch(last)
+    name, index = (match[1], int(match[2])) if match else (last, 0)
+    values = table.get(name)
     if match and value is None:
-        _one_of(table, match.group(1), int(match.group(2)), where)
-        _without(table, match.group(1), int(match.group(2)))
-    elif match and _is_list_of_values(table.get(match.group(1))):
-        _put_in_list(table, match.group(1), int(match.group(2)), value, where)
+        _one_of(table, name, index, where)
+        several = table.pop(name)
+        # Where it is the only one, the key goes too.
+        if not isinstance(several, dict) and len(several) > 1:
+            table[name] = [item for k, item in enumerate(several) if k != index]
+    elif (
+        match
+        and isinstance(values, (list, tuple))
+        and not any(isinstance(item, dict) for item in values)
+    ):
+        # A list such as `restoring_force`, and not one of tables.
+        if index >= len(values):
+            raise SceneError(
+                f"{where}: there are {len(values)} of {named(name)}: {_listed(name, len(values))}"
+            )
+        table[name] = [*values[:index], value, *values[index + 1 :]]
     elif value is None:
         table.pop(last, None)
     else:
         table[last] = value
-
-
-def _is_list_of_values(found):
-    """Whether it is a list such as `restoring_force`, and not one of tables."""
-    return isinstance(found, (list, tuple)) and not any(isinstance(item, dict) for item in found)
-
-
-def _put_in_list(place, name, index, value, where):
-    values = list(place[name])
-    if index >= len(values):
-        raise SceneError(
-            f"{where}: there are {len(values)} of {named(name)}: {_listed(name, len(values))}"
-        )
-    values[index] = value
-    place[name] = values
 
 
 def _table(place, part, where):
@@ -158,11 +157,3 @@ def _listed(name, count):
     """The names of several tables."""
     first, last = f"{named(name)}[0]", f"{named(name)}[{count - 1}]"
     return first if count == 1 else f"{first} {'…' if count > 2 else 'and'} {last}"
-
-
-def _without(place, name, index):
-    """Remove one of several tables; if it is the only one, the key goes too."""
-    several = place.pop(name)
-    if isinstance(several, dict) or len(several) == 1:
-        return
-    place[name] = [item for k, item in enumerate(several) if k != index]

@@ -268,7 +268,7 @@ def test_an_optimum_keeps_the_limit():
     unit = harvester.simulate(scene, method="monte-carlo", workers=1)["peak_strain"].estimate
     limited = scene.replace({"beam.strain_limit": 4.0 * unit})
     found = harvester.optimum(limited, {"excitation.amplitude": (1.0, 10.0)}, evaluations=16)
-    assert 0.9 * 4.0 < found.parameters[0].position <= 4.0 * (1.0 + 1e-6)
+    assert 0.9 * 4.0 < found.parameters[0].place <= 4.0 * (1.0 + 1e-6)
     assert any("strain_limit" in line for line in found.sentences())
     with pytest.raises(HarvesterError, match="gives no peak strain"):
         harvester.optimum(limited, {"excitation.amplitude": (1.0, 10.0)}, method="spectral")
