@@ -240,8 +240,8 @@ def spring_points(magnets: Magnets, beam: Beam, origin: str = "magnets") -> list
     return np.stack([x, force], axis=1).tolist()
 
 
-def polynomial_fit(magnets: Magnets, beam: Beam, degree: int = 7) -> tuple[list[float], float]:
-    """Coefficients (F0, k1, …) fitted within the reach, and the greatest error (N) there."""
+def polynomial_fit(magnets: Magnets, beam: Beam) -> tuple[list[float], float]:
+    """Coefficients (F0, k1, …, k7) fitted within the reach, and the greatest error (N) there."""
     x, force = np.array(spring_points(magnets, beam)).T
-    fitted = np.polynomial.Polynomial.fit(x, force, degree)
+    fitted = np.polynomial.Polynomial.fit(x, force, 7)
     return fitted.convert().coef.tolist(), float(np.max(np.abs(fitted(x) - force)))

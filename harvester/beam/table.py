@@ -7,7 +7,6 @@ from __future__ import annotations
 
 import functools
 import math
-from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any, ClassVar, NamedTuple
 
@@ -369,10 +368,10 @@ def lumped(beam: Beam, origin: str = "beam") -> LumpedBeam:
     )  # fmt: skip
 
 
-def frequencies(beam: Beam, count: int = 3) -> list[float]:
-    """The first short-circuit frequencies (Hz)."""
+def frequencies(beam: Beam) -> list[float]:
+    """The first three short-circuit frequencies (Hz)."""
     compliance = lumped(beam).clamp_compliance
-    lowest: Sequence[Any] = modes(pieces_of(beam), tip_of(beam), count, compliance)
+    lowest = modes(pieces_of(beam), tip_of(beam), 3, compliance)
     return [mode.angular_frequency / (2.0 * math.pi) for mode in lowest]
 
 

@@ -137,27 +137,14 @@ class TransducerTable:
     def equations(self, setting: Setting) -> Any:
         """The transducer with its load, scaled; see `harvester.device.linear_transducer`.
 
-        Raises
-        ------
-        LoadError
-            The load does not go with it.
+        Raises LoadError if the load does not go with it.
         """
         raise NotImplementedError
 
     def network(self, setting: Setting, equations: Any, rate: float) -> Network:
         """The elements of the transducer up to its terminal.
 
-        Parameters
-        ----------
-        setting : Setting
-        equations : named tuple
-            The result of `equations`.
-        rate : float
-            The device's angular frequency (rad/s).
-
-        Returns
-        -------
-        Network
+        `equations` is the result of `equations`, `rate` the device's angular frequency (rad/s).
         """
         raise NotImplementedError
 

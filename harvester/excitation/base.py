@@ -47,6 +47,11 @@ def realization_seed(seed: int, index: int) -> SeedSequence:
     return np.random.SeedSequence(seed, spawn_key=(index,))
 
 
+def child_seed(seed: SeedSequence, index: int) -> SeedSequence:
+    """The child that `seed.spawn` would give at this place, without changing the seed."""
+    return np.random.SeedSequence(seed.entropy, spawn_key=(*seed.spawn_key, index))
+
+
 def kernel_loss(spacing: float, angular_frequency: float) -> float:
     """Share of the spectral density that linear interpolation between knots takes away.
 
@@ -152,15 +157,7 @@ class Excitation(ABC):
     def density(self, frequencies: np.ndarray) -> np.ndarray | None:
         """One-sided density of the base's acceleration, without `lines`; None where no one knows.
 
-        Parameters
-        ----------
-        frequencies : ndarray of any shape
-            Hz.
-
-        Returns
-        -------
-        ndarray or None
-            In (m/s²)²/Hz, or that of η in a scaled scene.
+        At frequencies (Hz) of any shape, in (m/s²)²/Hz, or that of η in a scaled scene.
         """
         return None
 
@@ -178,17 +175,7 @@ class Excitation(ABC):
     def check(self, units: str, run: Run, origin: str) -> None:  # noqa: B027
         """Refuse values that are valid one by one but not together, or not with this run.
 
-        Parameters
-        ----------
-        units : str
-            "scaled" or "SI".
-        run : Run
-        origin : str
-            File or scene name, for messages.
-
-        Raises
-        ------
-        SceneError
+        `origin` is the file's or the scene's name, for the message of the SceneError.
         """
 
     def _check_knot_spacing(self, longest: float, words: str, origin: str) -> None:
@@ -204,24 +191,16 @@ class Excitation(ABC):
     def spacing(self, longest: float) -> float:
         """Spacing of the knots (s).
 
-        Parameters
-        ----------
-        longest : float
-            Longest spacing that resolves the device's own motion (s); infinite where it has no
-            frequency.
+        `longest` is the longest spacing that resolves the device's own motion (s); infinite where
+        it has no frequency.
         """
 
     @abstractmethod
     def equivalent_noise(self, relaxation_time: float, longest: float) -> tuple[float, float]:
         """(D, τ1) of the Ornstein–Uhlenbeck noise that drives about as strongly.
 
-        It sizes steps. Averaging uses it where `averaging_refusal` is empty.
-
-        Parameters
-        ----------
-        relaxation_time, longest : float
-            The device's relaxation time, and longest spacing that resolves its motion (s); see
-            `spacing`.
+        It sizes steps. Averaging uses it where `averaging_refusal` is empty. The arguments are the
+        device's relaxation time and the longest spacing that resolves its motion (s).
         """
 
     @abstractmethod

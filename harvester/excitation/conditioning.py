@@ -247,8 +247,10 @@ def closed(values: np.ndarray) -> np.ndarray:
 
 def _refuse(file, fault, mend, count, total, where):
     """Refuse faulty samples unless `mend` names the fault and they are few enough."""
-    name = {"nan": "without a number", "clipped": "clipped"}[fault]
-    cure = {"nan": "cut the record there", "clipped": "measure in a wider range"}[fault]
+    name, cure = {
+        "nan": ("without a number", "cut the record there"),
+        "clipped": ("clipped", "measure in a wider range"),
+    }[fault]
     if count > LARGEST_MENDED_SHARE * total:
         raise SceneError(
             f"{file}: {count} of {total} samples are {name} ({where}): more than "

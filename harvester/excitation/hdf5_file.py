@@ -73,7 +73,7 @@ class Hdf5Table(ArraysTable):
         def load(names: list[str]) -> dict[str, np.ndarray]:
             pairs = {name: places[name] for name in names}
             return {
-                name: _decoded(_joined(holder[field] if field else holder[()]), holder.attrs)
+                name: _decoded(holder[field] if field else holder[()], holder.attrs)
                 for name, (holder, field) in pairs.items()
             }
 
@@ -81,15 +81,10 @@ class Hdf5Table(ArraysTable):
         super().__init__(filled, load, units)
 
 
-def _joined(values):
-    """MATLAB's pairs of real and imaginary parts as complex numbers; others as they are."""
-    if values.dtype.names != MATLAB_COMPLEX:
-        return values
-    return values["real"] + 1j * values["imag"]
-
-
 def _decoded(values, attributes):
     """Values that a data set's attributes scale, with NaN for those that they call missing."""
+    if values.dtype.names == MATLAB_COMPLEX:
+        values = values["real"] + 1j * values["imag"]
     scale, offset = (attributes.get(name) for name in ("scale_factor", "add_offset"))
     gaps = [np.ravel(attributes[n]).astype(float) for n in FILL_VALUES if n in attributes]
     if scale is None and offset is None and not gaps:

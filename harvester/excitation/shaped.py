@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from harvester.excitation.base import ExcitationPath
+from harvester.excitation.base import ExcitationPath, child_seed
 from harvester.excitation.normals import NormalSequence
 
 if TYPE_CHECKING:
@@ -116,15 +116,13 @@ class ShapedPath(ExcitationPath):
     ) -> None:
         self.spacing = spacing
         self._spectrum, self._taps = _filter(points, spacing)
-        white_seed = np.random.SeedSequence(seed.entropy, spawn_key=(*seed.spawn_key, 0))
-        burst_seed = np.random.SeedSequence(seed.entropy, spawn_key=(*seed.spawn_key, 1))
-        self._white = NormalSequence(white_seed, factor)
+        self._white = NormalSequence(child_seed(seed, 0), factor)
         self._input = np.zeros(2 * self._taps)
         self._white.write(self._input[self._taps :])
         self._block, self._used = np.empty(0), 0
-        self._bursts = (
-            Bursts(kurtosis, burst_time / spacing, burst_seed) if kurtosis > 3.0 else None
-        )
+        self._bursts = None
+        if kurtosis > 3.0:
+            self._bursts = Bursts(kurtosis, burst_time / spacing, child_seed(seed, 1))
 
     def read_into(self, samples: np.ndarray) -> None:
         done = 0

@@ -13,7 +13,7 @@ import numpy as np
 
 from harvester.device.keys import Key, names_replace, positive
 from harvester.errors import SceneError
-from harvester.excitation.base import Excitation, ExcitationPath, Run
+from harvester.excitation.base import Excitation, ExcitationPath, Run, child_seed
 from harvester.excitation.motion_file import most_samples
 from harvester.excitation.sine import WITHOUT_CHANCE, Sine
 
@@ -149,17 +149,11 @@ class Sum(Excitation):
         return intensity, intensity / sum(d / time for d, time in pairs)
 
     def path(self, spacing: float, length: float, seed: SeedSequence) -> ExcitationPath:
-        # The same children that `seed.spawn` would give, without changing the seed.
-        return SumPath(
-            [
-                part.path(
-                    spacing,
-                    length,
-                    np.random.SeedSequence(seed.entropy, spawn_key=(*seed.spawn_key, index)),
-                )
-                for index, part in enumerate(self.parts)
-            ]
-        )
+        paths = [
+            part.path(spacing, length, child_seed(seed, index))
+            for index, part in enumerate(self.parts)
+        ]
+        return SumPath(paths)
 
     def notes(self, spacing: float, angular_frequency: float, run: Run) -> tuple[str, ...]:
         lines = [part.notes(spacing, angular_frequency, run) for part in self.parts]

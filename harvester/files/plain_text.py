@@ -43,13 +43,13 @@ def one_line(text: object) -> str:
     'two lines \\\\x1b[1m'
     """
     text = str(text)
-    return text if text.isprintable() else "".join(map(_shown, text))
-
-
-def _shown(letter):
-    if letter.isprintable():
-        return letter
-    return " " if letter.isspace() else letter.encode("unicode_escape").decode()
+    if text.isprintable():
+        return text
+    letters = (" " if letter.isspace() else letter for letter in text)
+    return "".join(
+        letter if letter.isprintable() else letter.encode("unicode_escape").decode()
+        for letter in letters
+    )
 
 
 def name(text: object) -> str:

@@ -31,9 +31,9 @@ from harvester.scene.source import BUILT_IN, built_in_names, tables_of
 from harvester.scene.toml import plain_tables
 from harvester.scene.units import rest_stiffness, scale
 
-# A scene is written without these keys if they have their default values.
 # Loads whose own values are for scaled scenes, with those that an SI scene has to give.
 SCALED_LOADS = {"bridge_ideal": ("resistance", "storage", "conductance")}
+# A scene is written without these keys if they have their default values.
 RARE_KEYS = (
     "base_charge", "base_factor", "force_interpolation", "quadratic_damping", "side", "exponent",
     "law",
