@@ -68,7 +68,6 @@ class ForceTable(NamedTuple):
 
     @property
     def straight(self) -> bool:
-        """Whether F is a line."""
         bends = (*self.core[2:], *self.squares, *self.cubes)
         return not any(bends)
 
@@ -93,27 +92,22 @@ class ForceTable(NamedTuple):
         return -math.inf, math.inf
 
     def force(self, x: Values) -> Values:
-        """The force F(x)."""
         k0, k1, k2, k3 = self.core
         bent = bends_squared(self.sides, self.offsets, self.squares, self.cubes, x)
         return k0 + x * (k1 + x * (k2 + x * k3)) + bent
 
     def energy(self, x: Values) -> Values:
-        """U(x) = ∫F dx from 0."""
         k0, k1, k2, k3 = self.core
         bent = bends_cubed(self.sides, self.offsets, self.energy_cubes, self.energy_fourths, x)
         return x * (k0 + x * (k1 / 2.0 + x * (k2 / 3.0 + x * k3 / 4.0))) + bent
 
     def greatest_stiffness(self, x: Values) -> Values:
-        """A bound of |F'| at all displacements."""
         return self.steepest + 0.0 * x
 
     def slope(self, x: Values) -> Values:
-        """The stiffness F'(x)."""
         return self.taylor(x)[0]
 
     def taylor(self, x: Values) -> tuple[Values, Values, Values]:
-        """Coefficients of the first three powers of F about a displacement."""
         k1, k2, k3 = self.core[1:]
         rows = (self.sides, self.offsets, self.squares, self.cubes)
         s, offsets, a, b = (np.reshape(row, (-1,) + (1,) * np.ndim(x)) for row in rows)
@@ -139,11 +133,9 @@ class ForceTable(NamedTuple):
         return _pieces(self)
 
     def roots(self) -> np.ndarray:
-        """Displacements without a force, ascending."""
         return _roots(self).copy()
 
     def turning_points(self, energy: float) -> tuple[float, float]:
-        """The outermost displacements that this energy above the deepest well reaches."""
         level = energy + min((float(self.energy(x)) for x in self.roots()), default=0.0)
 
         def excess(origin, force):
@@ -194,7 +186,6 @@ class ForceTable(NamedTuple):
 
     @property
     def gain_is_product(self) -> bool:
-        """Whether rounding leaves `gain_formula` its sign."""
         return False
 
     def gain_formula(self, x: str, place: float, rate: float, number: Callable) -> str:

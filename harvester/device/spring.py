@@ -48,7 +48,6 @@ class Ranged(NamedTuple):
 
     @property
     def symmetric(self) -> bool:
-        """Whether F(−x) = −F(x)."""
         return self.spring.symmetric and self.low == -self.high
 
     @property
@@ -77,23 +76,19 @@ class Ranged(NamedTuple):
         return self.low, self.high
 
     def force(self, x: Values) -> Values:
-        """The force F(x)."""
         inside = np.minimum(np.maximum(x, self.low), self.high)
         return force(self.spring, inside) + self.stiffness * (x - inside)
 
     def energy(self, x: Values) -> Values:
-        """U(x) = ∫F dx from 0."""
         inside = np.minimum(np.maximum(x, self.low), self.high)
         beyond = x - inside
         rise = force(self.spring, inside) + 0.5 * self.stiffness * beyond
         return energy(self.spring, inside) + rise * beyond
 
     def greatest_stiffness(self, x: Values) -> Values:
-        """A bound of |F'| at all displacements up to |x|."""
         return greatest_stiffness(self.spring, x) + self.stiffness
 
     def slope(self, x: Values) -> Values:
-        """The stiffness F'(x)."""
         inside = (self.low <= np.asarray(x)) & (np.asarray(x) <= self.high)
         return np.where(inside, self.spring.slope(x), self.stiffness)[()]
 
@@ -130,7 +125,6 @@ class Ranged(NamedTuple):
 
     @property
     def gain_is_product(self) -> bool:
-        """Whether rounding leaves `gain_formula` its sign."""
         return False
 
     def gain_formula(self, x: str, place: float, rate: float, number: Callable) -> str:

@@ -57,7 +57,6 @@ class ArraysTable(Table):
         ]
 
     def take(self, places: list[int]) -> list[np.ndarray]:
-        """The columns at `places`, each float64 or complex128 of shape (rows,)."""
         columns = [self._columns[self.names[index]] for index in places]
         return [np.array(e, complex) if is_complex(e) else np.array(e.real, float) for e in columns]
 

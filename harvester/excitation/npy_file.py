@@ -30,7 +30,6 @@ class NpyTable(Table):
         self.complexes = [index for index, column in enumerate(columns) if is_complex(column)]
 
     def take(self, places: list[int]) -> list[np.ndarray]:
-        """The columns at `places`, each float64 or complex128 of shape (rows,)."""
         return [self._column(index) for index in places]
 
     def _column(self, place):

@@ -300,7 +300,6 @@ class RecordPath(ExcitationPath):
         self._next = 0
 
     def read(self, count: int) -> np.ndarray:
-        """The next `count` samples, float64 of shape (count,)."""
         places = np.arange(self._next, self._next + count) * self._ratio
         self._next += count
         before = np.floor(places + 1e-9).astype(int)

@@ -161,7 +161,6 @@ class SinePath(ExcitationPath):
         self._next = 0
 
     def read(self, count: int) -> np.ndarray:
-        """The next `count` samples, float64 of shape (count,)."""
         times = np.arange(self._next, self._next + count) * self.spacing
         self._next += count
         last = self._frequencies.size - 1

@@ -101,11 +101,9 @@ class Spectrum(Excitation):
 
     @property
     def corners(self) -> tuple[float, ...]:
-        """Frequencies at which the density bends (Hz)."""
         return tuple(frequency for frequency, _ in self.breakpoints)
 
     def density(self, frequencies: np.ndarray) -> np.ndarray:
-        """See `Excitation.density`."""
         return density_between(self.points, frequencies)
 
     def check(self, units: str, run: Run, origin: str) -> None:

@@ -170,5 +170,4 @@ class SumPath(ExcitationPath):
         self._paths = paths
 
     def read(self, count: int) -> np.ndarray:
-        """The next `count` samples, float64 of shape (count,)."""
         return np.sum([path.read(count) for path in self._paths], axis=0)

@@ -90,7 +90,6 @@ class SweptPath(ExcitationPath):
         self._next = 0
 
     def read(self, count: int) -> np.ndarray:
-        """The next `count` samples, float64 of shape (count,)."""
         times = np.arange(self._next, self._next + count) * self.spacing
         self._next += count
         sweeps, since = np.divmod(times, 2.0 * self._once)

@@ -38,7 +38,6 @@ class WavTable(Table):
         self._bytes = self._bytes.reshape(self.rows, channels, stride // channels)
 
     def take(self, places: Sequence[int]) -> Any:
-        """The columns at `places`, each float64 of shape (rows,)."""
         return [self._column(self._bytes[:, channel]) for channel in places]
 
     def _column(self, raw):
