@@ -77,9 +77,9 @@ class Magnets:
         "spacing": not_negative(units=(SI,), likely=LENGTH),
     }
 
-    def moment(self, place: str, origin: str = "magnets") -> float:
+    def moment(self, end: str, origin: str = "magnets") -> float:
         """The dipole of "tip" or "frame" (A m²). Raises SceneError if it is not given, or twice."""
-        names = [f"{place}_{name}" for name in ("moment", "volume", "size")]
+        names = [f"{end}_{name}" for name in ("moment", "volume", "size")]
         moment, volume, size = (getattr(self, name) for name in names)
         if (moment, volume, size).count(None) != 2:
             raise SceneError(

@@ -237,14 +237,14 @@ def pulled_back(contact: Contact, spring: Spring) -> bool:
 
 
 def arrival_formula(
-    each: Contact, s: float, spring: Spring, x: str, rate: float, number: Callable
+    contact: Contact, s: float, spring: Spring, x: str, rate: float, number: Callable
 ) -> str:
     """2 [U(x) − U(s gap)]/rate² as an expression: what brings the mass to one stopper or back."""
-    return spring.gain_formula(x, s * each.gap, rate, number)
+    return spring.gain_formula(x, s * contact.gap, rate, number)
 
 
 def formulas(
-    each: Contact,
+    contact: Contact,
     spring: Spring,
     x: str,
     u: str,
@@ -259,14 +259,14 @@ def formulas(
     a pair of stoppers takes a symmetric spring. `bounded` asks for a bound of U(x) − U(gap) by 0
     that this spring does without: its numbers may be varied.
     """
-    gap = number("gap", each.gap, "displacement at which it begins", "(0:inf)")
+    gap = number("gap", contact.gap, "displacement at which it begins", "(0:inf)")
     sides = {
         1.0: (f"{x}>{gap}", f"{x}-{gap}", "1.0"),
         -1.0: (f"{x}<-{gap}", f"-{x}-{gap}", "-1.0"),
         0.0: (f"abs({x})>{gap}", f"abs({x})-{gap}", f"sgn({x})"),
     }
-    condition, depth, sign = sides[each.side]
-    gain = arrival_formula(each, each.side or 1.0, spring, x, rate, number)
-    if bounded or not (pulled_back(each, spring) and spring.gain_is_product):
+    condition, depth, sign = sides[contact.side]
+    gain = arrival_formula(contact, contact.side or 1.0, spring, x, rate, number)
+    if bounded or not (pulled_back(contact, spring) and spring.gain_is_product):
         gain = f"((({gain})>0) ? ({gain}) : 0)"
-    return condition, each.law.force_formula(depth, sign, u, gain, number, held, rate)
+    return condition, contact.law.force_formula(depth, sign, u, gain, number, held, rate)

@@ -188,11 +188,11 @@ class ForceTable(NamedTuple):
     def gain_is_product(self) -> bool:
         return False
 
-    def gain_formula(self, x: str, place: float, rate: float, number: Callable) -> str:
-        """A formula of 2 [U(x) − U(place)]/rate² for netlists."""
+    def gain_formula(self, x: str, gap: float, rate: float, number: Callable) -> str:
+        """A formula of 2 [U(x) − U(gap)]/rate² for netlists."""
         pieces = []
         for origin, force in self.pieces():
-            below = float(self.energy(origin)) - float(self.energy(place))
+            below = float(self.energy(origin)) - float(self.energy(gap))
             rising = np.concatenate([[below], force / np.arange(1, 5)])
             pieces.append((origin, 2.0 * rising / rate**2))
         return self._chosen(x, "gain", pieces, "2 [U - U(gap)]/rate^2", number)

@@ -146,8 +146,8 @@ class Polynomial(NamedTuple):
         """Whether rounding leaves `gain_formula` its sign: a product's, not a difference's."""
         return self.odd_cubic is not None
 
-    def gain_formula(self, x: str, place: float, rate: float, number: Callable) -> str:
-        """2 [U(x) − U(place)]/rate².
+    def gain_formula(self, x: str, gap: float, rate: float, number: Callable) -> str:
+        """2 [U(x) − U(gap)]/rate².
 
         For a spring of first and third power a product, because simulators differentiate term by
         term.
@@ -155,12 +155,12 @@ class Polynomial(NamedTuple):
         if self.odd_cubic is not None:
             linear, cubic = self.odd_cubic
             half = 0.5 * cubic / rate**2
-            constant = linear / rate**2 + half * place**2
+            constant = linear / rate**2 + half * gap**2
             slope = number("gain_constant", constant, "(k1 + k3 gap^2/2)/rate^2")
             if half != 0.0:
                 bounds = ["[0:inf)"] if half > 0.0 else []
                 slope += f"+{number('gain_slope', half, 'k3/(2 rate^2)', *bounds)}*({x}*{x})"
-            return f"({x}*{x}-{number('gap_square', place**2, 'gap^2', '(0:inf)')})*({slope})"
+            return f"({x}*{x}-{number('gap_square', gap**2, 'gap^2', '(0:inf)')})*({slope})"
         powers = [2.0 * k / (n + 1) / rate**2 for n, k in enumerate(self.coefficients)]
         named = [
             number(f"gain{n}", k, f"2 k{n - 1}/({n} rate^2)") for n, k in enumerate(powers, start=1)
@@ -168,7 +168,7 @@ class Polynomial(NamedTuple):
         inner = named.pop()
         for text in reversed(named):
             inner = f"({text}+({inner})*{x})"
-        below = number("gain_below", 2.0 * float(self.energy(place)) / rate**2, "2 U(gap)/rate^2")
+        below = number("gain_below", 2.0 * float(self.energy(gap)) / rate**2, "2 U(gap)/rate^2")
         return f"({x}*{inner}-({below}))"
 
 

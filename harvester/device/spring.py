@@ -127,12 +127,12 @@ class Ranged(NamedTuple):
     def gain_is_product(self) -> bool:
         return False
 
-    def gain_formula(self, x: str, place: float, rate: float, number: Callable) -> str:
-        """A formula of 2 [U(x) − U(place)]/rate² for netlists."""
-        inside = self.spring.gain_formula(x, place, rate, number)
+    def gain_formula(self, x: str, gap: float, rate: float, number: Callable) -> str:
+        """A formula of 2 [U(x) − U(gap)]/rate² for netlists."""
+        inside = self.spring.gain_formula(x, gap, rate, number)
         parabolas = []
         for end in (self.low, self.high):
-            rise = float(self.spring.energy(end)) - float(self.energy(place))
+            rise = float(self.spring.energy(end)) - float(self.energy(gap))
             rising = rise, float(self.spring.force(end)), 0.5 * self.stiffness
             parabolas.append([2.0 * coefficient / rate**2 for coefficient in rising])
         return self._chosen(x, "gain", f"({inside})", parabolas, number)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from abc import ABC, abstractmethod
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, ClassVar
+from typing import TYPE_CHECKING, Any, ClassVar, NoReturn
 
 import numpy as np
 
@@ -177,6 +177,15 @@ class Excitation(ABC):
 
         `origin` is the file's or the scene's name, for the message of the SceneError.
         """
+
+    def _refuse_unit(self, units: str, choices: str, origin: str) -> NoReturn:
+        """Refuse the unit of samples or densities, or its absence, in a scene with these units."""
+        unit = getattr(self, "unit", None)
+        stated = f' = "{unit}"' if unit else " is missing"
+        choices = '"scaled"' if units == "scaled" else choices
+        raise SceneError(
+            f'{origin}: excitation.unit{stated}: a scene with units = "{units}" takes {choices}'
+        )
 
     def _check_knot_spacing(self, longest: float, words: str, origin: str) -> None:
         """Refuse a `knot_spacing` that is longer than this (s), which the words explain."""

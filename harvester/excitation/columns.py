@@ -96,27 +96,27 @@ class MeasuredFile:
         clocks = [k for k in columns if unit_named("time", self.headings[k].unit) != SAMPLES]
         return clocks or columns
 
-    def place(self, key: str, wanted: str | int) -> int:
+    def place(self, key: str, column: str | int) -> int:
         """Index of a column from its name, its title or its number. Raises SceneError."""
         names = self.table.names
-        if isinstance(wanted, str):
-            index = column_named(wanted, names)
+        if isinstance(column, str):
+            index = column_named(column, names)
             if index is not None:
                 return self._real(key, index)
             listed = self.listed() if names else "no header, only numbers"
             raise SceneError(
-                f"{self.where}: {key} = {shown(wanted)}: no such column{nearest(wanted, names)}; "
+                f"{self.where}: {key} = {shown(column)}: no such column{nearest(column, names)}; "
                 f"the file has {listed}"
             )
-        if not 0 <= wanted < self.table.width:
+        if not 0 <= column < self.table.width:
             raise SceneError(
-                f"{self.where}: {key} = {shown(wanted)}: the file has columns "
+                f"{self.where}: {key} = {shown(column)}: the file has columns "
                 f"0 … {self.table.width - 1}"
             )
-        return self._real(key, wanted)
+        return self._real(key, column)
 
     def chosen(
-        self, quantity: str, text: str | None, found: Sequence[int]
+        self, quantity: str, text: str | None, candidates: Sequence[int]
     ) -> tuple[int | None, str | None]:
         """Index of a quantity's column, and the unit that is given for it.
 
@@ -130,23 +130,23 @@ class MeasuredFile:
             column = text if bare else column
             number = column not in names and column.isdigit()
             return self.place(quantity, int(column) if number else column), None if bare else unit
-        if len(found) > 1:
-            listed = ", ".join(named(names[index]) for index in found)
+        if len(candidates) > 1:
+            listed = ", ".join(named(names[index]) for index in candidates)
             raise SceneError(
                 f"{self.where}: several columns may be the {quantity} ({listed}): name one by "
                 f"{quantity}=COLUMN:UNIT behind the file"
             )
-        return found[0] if found else None, None
+        return candidates[0] if candidates else None, None
 
-    def _real(self, key, place):
+    def _real(self, key, index):
         """Index of a column; refused if it holds complex numbers and is no response or
         impedance."""
-        if place in self.table.complexes and key not in COMPLEX_QUANTITIES:
+        if index in self.table.complexes and key not in COMPLEX_QUANTITIES:
             raise SceneError(
-                f"{self.where}: {key}: {self.label(place)} holds complex numbers, as a frequency "
+                f"{self.where}: {key}: {self.label(index)} holds complex numbers, as a frequency "
                 "response does (response=COLUMN:UNIT): name a column of real ones"
             )
-        return place
+        return index
 
     def listed(self) -> str:
         """The columns' names, or their numbers."""
@@ -155,42 +155,42 @@ class MeasuredFile:
         shown_names = ", ".join(named(name) for name in names[:SHOWN_NAMES] if name) + ellipsis
         return shown_names or f"0 … {self.table.width - 1}"
 
-    def label(self, place: int) -> str:
+    def label(self, index: int) -> str:
         """A column in messages: its name, or its number."""
         names = self.table.names
-        return f"column {named(names[place]) if names and names[place] else place}"
+        return f"column {named(names[index]) if names and names[index] else index}"
 
-    def agreed_unit(self, quantity: str, place: int, key: str, given: str | None) -> str:
+    def agreed_unit(self, quantity: str, index: int, key: str, stated: str | None) -> str:
         """The unit of a column, in its usual spelling: the heading's, or as given; else empty.
 
         Raises SceneError if it is unknown, or both say something else.
         """
-        written = self.headings[place].unit
+        written = self.headings[index].unit
         usual = unit_named(quantity, written) if written else None
-        if given:
-            factor = factor_of(quantity, given, f"{self.where}: {key}", "write it in one of them")
-            if usual and (usual == SAMPLES) != (unit_named(quantity, given) == SAMPLES):
-                self._refuse_unit(place, key, given)
+        if stated:
+            factor = factor_of(quantity, stated, f"{self.where}: {key}", "write it in one of them")
+            if usual and (usual == SAMPLES) != (unit_named(quantity, stated) == SAMPLES):
+                self._refuse_unit(index, key, stated)
             if usual and QUANTITIES[quantity][usual] != factor:
-                self._refuse_unit(place, key, given)
-            return str(unit_named(quantity, given))
+                self._refuse_unit(index, key, stated)
+            return str(unit_named(quantity, stated))
         if written and not usual:
             factor_of(
                 quantity,
                 written,
-                f"{self.where}: {self.label(place)}",
+                f"{self.where}: {self.label(index)}",
                 f"correct the header, or say it by {key}",
             )
         return usual or ""
 
-    def _refuse_unit(self, place, key, given):
+    def _refuse_unit(self, index, key, stated):
         raise SceneError(
-            f"{self.where}: {key} = {shown(given)}: the heading of {self.label(place)} says "
-            f"{named(self.headings[place].unit)}: leave {key} out, or correct the one that is wrong"
+            f"{self.where}: {key} = {shown(stated)}: the heading of {self.label(index)} says "
+            f"{named(self.headings[index].unit)}: leave {key} out, or correct the one that is wrong"
         )
 
     def seconds(
-        self, values: np.ndarray, place: int, unit: str, rate: float | None, cure: str
+        self, values: np.ndarray, index: int, unit: str, rate: float | None, cure: str
     ) -> np.ndarray:
         """A column of times as seconds after the first, float64 of shape (n,).
 
@@ -199,7 +199,7 @@ class MeasuredFile:
         """
         if unit == SAMPLES and rate is None:
             raise SceneError(
-                f"{self.where}: {self.label(place)} counts samples, and their rate is not known: "
+                f"{self.where}: {self.label(index)} counts samples, and their rate is not known: "
                 f"{cure}"
             )
         finite = np.flatnonzero(np.isfinite(values))
@@ -214,7 +214,7 @@ class MeasuredFile:
         self,
         times: np.ndarray,
         rate: float,
-        place: int,
+        index: int,
         factor: float = RATE_TOLERANCE,
         key: str = "sampling_rate",
     ) -> None:
@@ -226,18 +226,18 @@ class MeasuredFile:
         """
         if measured_rate := _other_rate(times, rate, factor):
             raise SceneError(
-                f"{self.where}: {key} = {rate:g}: {self.label(place)} says "
+                f"{self.where}: {key} = {rate:g}: {self.label(index)} says "
                 f"{measured_rate:.6g} Hz: leave sampling_rate out, say in which unit the "
                 "column is, or name it by time_column to read the rate from it"
             )
 
 
-def _with_unit(own, apart):
+def _with_unit(head, apart):
     """A heading with the unit that stands apart from it, which goes before its own."""
     if not apart:
-        return own
-    quantity = own.quantity or heading(f"{own.title} [{apart}]").quantity
-    return Heading(own.title, apart, quantity)
+        return head
+    quantity = head.quantity or heading(f"{head.title} [{apart}]").quantity
+    return Heading(head.title, apart, quantity)
 
 
 def motion_columns(
@@ -283,21 +283,21 @@ def motion_columns(
     return Columns(values, times, rate, unit, remarks)
 
 
-def _agreed_rate(measured, given):
+def _agreed_rate(measured, stated):
     """Sampling rate as given or as the file says, which must be the same."""
     rate = measured.table.rate
-    if given is not None and rate is not None and not np.isclose(given, rate, rtol=1e-6):
+    if stated is not None and rate is not None and not np.isclose(stated, rate, rtol=1e-6):
         raise SceneError(
-            f"{measured.where}: excitation.sampling_rate = {given:g}: the file says {rate:g} Hz: "
+            f"{measured.where}: excitation.sampling_rate = {stated:g}: the file says {rate:g} Hz: "
             "leave it out"
         )
-    return given if given is not None else rate
+    return stated if stated is not None else rate
 
 
-def _time_place(measured, wanted, needed):
+def _time_place(measured, column, needed):
     """Index of the time column: the named one, else the only one if times are needed."""
-    if wanted is not None:
-        return measured.place("excitation.time_column", wanted)
+    if column is not None:
+        return measured.place("excitation.time_column", column)
     candidates = measured.times() if needed else []
     if len(candidates) > 1:
         names = ", ".join(named(measured.table.names[index]) for index in candidates)
@@ -313,9 +313,9 @@ def _time_place(measured, wanted, needed):
     return candidates[0] if candidates else None
 
 
-def _motion_place(measured, wanted, time_place):
-    if wanted is not None:
-        return measured.place("excitation.column", wanted)
+def _motion_place(measured, column, time_place):
+    if column is not None:
+        return measured.place("excitation.column", column)
     times = measured.of("time") if time_place is None else [time_place]
     others = [
         index
@@ -338,14 +338,14 @@ def _motion_place(measured, wanted, time_place):
     return others[0]
 
 
-def _refuse_other_rate(measured, rate, given):
+def _refuse_other_rate(measured, rate, stated):
     """Refuse a sampling rate, of the scene or the file, that differs from the one time column."""
     clocks = measured.times()
     if len(clocks) != 1:
         return
     (times,) = measured.take(clocks)
     written = measured.headings[clocks[0]].unit
-    key = "excitation.sampling_rate" if given else "the file's sampling rate"
+    key = "excitation.sampling_rate" if stated else "the file's sampling rate"
     # A column without a unit may be in any, also in samples.
     units = [unit_named("time", written)] if written else [*QUANTITIES["time"]]
     seconds = [measured.seconds(times, clocks[0], unit, rate, "") for unit in units if unit]

@@ -57,8 +57,8 @@ class IdeTable(ArraysTable):
         names = ["time", *(axis.name for axis in channel.subchannels)]
         units = ["s", *(_kind(axis.units)[1] for axis in channel.subchannels)]
 
-        def load(kept: list[str]) -> dict[str, Any]:
-            columns = dict(zip(names, events.arraySlice() if kept else [], strict=bool(kept)))
+        def load(asked: list[str]) -> dict[str, Any]:
+            columns = dict(zip(names, events.arraySlice() if asked else [], strict=bool(asked)))
             return {k: MICROSECONDS * v if k == "time" else v for k, v in columns.items()}
 
         super().__init__(dict.fromkeys(names, (count,)), load, dict(zip(names, units, strict=True)))

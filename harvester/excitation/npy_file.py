@@ -32,11 +32,11 @@ class NpyTable(Table):
     def take(self, places: list[int]) -> list[np.ndarray]:
         return [self._column(index) for index in places]
 
-    def _column(self, place):
-        column = self._table[self.names[place]] if self.names else self._table[:, place]
+    def _column(self, index):
+        column = self._table[self.names[index]] if self.names else self._table[:, index]
         if column.dtype.kind not in NUMBER_KINDS or column.ndim != 1:
             raise ValueError(
-                f"column {place} holds {column.dtype.name} and not one real number per sample"
+                f"column {index} holds {column.dtype.name} and not one real number per sample"
             )
         with np.errstate(over="ignore"):
             return column.astype(complex) if is_complex(column) else column.real.astype(float)

@@ -299,13 +299,13 @@ def is_unit(text: str) -> bool:
     return any(unit_named(quantity, bare) for quantity in QUANTITIES)
 
 
-def column_named(wanted: str, names: Collection[str]) -> int | None:
+def column_named(column: str, names: Collection[str]) -> int | None:
     """Index of a column by its whole name, or by its title if only one column has it.
 
     None where there is no such column.
     """
     listed = list(names)
-    if wanted in listed:
-        return listed.index(wanted)
+    if column in listed:
+        return listed.index(column)
     titles = [heading(name).title for name in listed]
-    return titles.index(wanted) if titles.count(wanted) == 1 else None
+    return titles.index(column) if titles.count(column) == 1 else None

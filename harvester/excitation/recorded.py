@@ -175,11 +175,7 @@ class RecordedMotion(Excitation):
 
     def check(self, units: str, run: Run, origin: str) -> None:
         if (self.unit == "scaled") != (units == "scaled"):
-            allowed = '"scaled"' if units == "scaled" else ", ".join(ACCELERATION)
-            stated = f' = "{self.unit}"' if self.unit else " is missing"
-            raise SceneError(
-                f'{origin}: excitation.unit{stated}: a scene with units = "{units}" takes {allowed}'
-            )
+            self._refuse_unit(units, ", ".join(ACCELERATION), origin)
         if self.full_scale != 1.0 and Path(self.file).suffix.lower() != ".wav":
             raise SceneError(f"{origin}: excitation.full_scale belongs to .wav files")
         if self.scale == 0.0:

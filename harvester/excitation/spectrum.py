@@ -108,11 +108,7 @@ class Spectrum(Excitation):
 
     def check(self, units: str, run: Run, origin: str) -> None:
         if (self.unit == "scaled") != (units == "scaled") or (units == "SI" and not self.unit):
-            allowed = '"scaled"' if units == "scaled" else '"g^2/Hz" or "(m/s^2)^2/Hz"'
-            stated = f' = "{self.unit}"' if self.unit else " is missing"
-            raise SceneError(
-                f'{origin}: excitation.unit{stated}: a scene with units = "{units}" takes {allowed}'
-            )
+            self._refuse_unit(units, '"g^2/Hz" or "(m/s^2)^2/Hz"', origin)
         frequencies = [frequency for frequency, _ in self.breakpoints]
         for index, (low, high) in enumerate(itertools.pairwise(frequencies), 1):
             if not low < high:

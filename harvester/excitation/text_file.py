@@ -158,12 +158,12 @@ class TextTable(Table):
         rows = ([fields[k] for k in numbers] for fields in self._rows())
         return dict(zip(numbers, marks_of(rows, len(numbers)), strict=True))
 
-    def _reader(self, place, marks):
-        if self._form.kinds[place] == STAMP:
+    def _reader(self, index, marks):
+        if self._form.kinds[index] == STAMP:
             return StampReader().seconds
-        if self._form.kinds[place] == COMPLEX:
+        if self._form.kinds[index] == COMPLEX:
             return lambda text: _complex(text, self._form.decimal)
-        decimal, group = marks.get(place, (self._form.decimal, ""))
+        decimal, group = marks.get(index, (self._form.decimal, ""))
         return lambda text: _float(plain(text, decimal, group) if group else text, decimal)
 
     def _lines(self) -> Iterator[tuple[int, str, bool]]:

@@ -356,8 +356,8 @@ class Scene:
         """Nested dictionaries of the TOML file's form, without what is left out."""
         return self._tables(lambda field: field.init)
 
-    def _tables(self, kept):
-        """Nested dictionaries of the fields that `kept` says."""
+    def _tables(self, keep):
+        """Nested dictionaries of the fields that `keep` accepts."""
         tables: dict[str, Any] = {"units": self.units}
         if self.length_scale is not None:
             tables["length_scale"] = self.length_scale
@@ -367,12 +367,12 @@ class Scene:
             if attribute == "transducer" and table != transducer:
                 continue
             if isinstance(part, tuple):
-                plain = [_plain(item, kept) for item in part]
+                plain = [_plain(item, keep) for item in part]
                 # One pair of equal stoppers is written as [stoppers], all others as [[stoppers]].
                 part = plain[0] if len(part) == 1 and part[0].side == "both" else plain
                 tables.update({table: part} if part else {})
             elif part is not None:
-                tables[table] = _plain(part, kept)
+                tables[table] = _plain(part, keep)
         for table in DRAWN if self.beam else ():
             left = {key: value for key, value in tables[table].items() if key not in DRAWN[table]}
             tables = {key: content for key, content in tables.items() if key != table}
@@ -533,17 +533,15 @@ def _check_scaled_load(checked, origin):
         )
 
 
-def _plain(part, kept):
+def _plain(part, keep):
     """A dataclass as plain values, without what is left out."""
     values = {}
-    computed = getattr(part, "computed", ())
-    for each_field in dataclasses.fields(part):
-        if each_field.name in computed:
+    for entry in dataclasses.fields(part):
+        name, value = entry.name, getattr(part, entry.name)
+        unused = value is None or (value == entry.default and name in RARE_KEYS)
+        if unused or name == "circuit" or name in getattr(part, "computed", ()) or not keep(entry):
             continue
-        value = getattr(part, each_field.name)
-        unused = value == each_field.default and each_field.name in RARE_KEYS
-        if not unused and value is not None and each_field.name != "circuit" and kept(each_field):
-            value = dict(value) if isinstance(value, dict) else value
-            parts = isinstance(value, tuple) and any(map(dataclasses.is_dataclass, value))
-            values[each_field.name] = [_plain(item, kept) for item in value] if parts else value
+        value = dict(value) if isinstance(value, dict) else value
+        parts = isinstance(value, tuple) and any(map(dataclasses.is_dataclass, value))
+        values[name] = [_plain(item, keep) for item in value] if parts else value
     return values

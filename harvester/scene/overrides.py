@@ -120,14 +120,14 @@ def put(tables: dict[str, Any], dotted: str, value: Any, origin: str) -> None:
         table[last] = value
 
 
-def _table(place, part, where):
+def _table(tables, part, where):
     """The table of a name, or of `name[k]` the k-th of several, one table counting as the first."""
     match = PLACED.fullmatch(part)
     if match:
-        return _one_of(place, match.group(1), int(match.group(2)), where)
-    value = place.setdefault(part, {})
+        return _one_of(tables, match.group(1), int(match.group(2)), where)
+    value = tables.setdefault(part, {})
     if isinstance(value, (list, tuple)) and len(value) == 1:
-        return _one_of(place, part, 0, where)
+        return _one_of(tables, part, 0, where)
     if isinstance(value, (list, tuple)) and value:
         raise SceneError(
             f"{where}: {named(part)} is several tables, {_listed(part, len(value))}; say which"
@@ -137,20 +137,20 @@ def _table(place, part, where):
     return value
 
 
-def _one_of(place, name, index, where):
-    entry = place.get(name)
+def _one_of(tables, name, index, where):
+    entry = tables.get(name)
     if isinstance(entry, dict) and name in SEVERAL and index == 0:
         return entry
     if not isinstance(entry, (list, tuple)):
-        present = f"no {named(name)} here{nearest(name, place)}" if entry is None else "one table"
+        present = f"no {named(name)} here{nearest(name, tables)}" if entry is None else "one table"
         hint = "" if entry is None else f"; write {named(name)}.key"
         raise SceneError(f"{where}: there is {present}{hint}")
     if index >= len(entry) or not all(isinstance(item, dict) for item in entry):
         raise SceneError(
             f"{where}: there are {len(entry)} of {named(name)}: {_listed(name, len(entry))}"
         )
-    place[name] = [dict(item) for item in entry]
-    return place[name][index]
+    tables[name] = [dict(item) for item in entry]
+    return tables[name][index]
 
 
 def _listed(name, count):

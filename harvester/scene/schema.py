@@ -326,9 +326,9 @@ def check_table(
     return checked
 
 
-def _instead(name, known):
+def _instead(name, names):
     """The nearest key, or all keys where none is near."""
-    return nearest(name, known) or f"; there are {', '.join(known)}"
+    return nearest(name, names) or f"; there are {', '.join(names)}"
 
 
 def _check_load(load, units, origin):
