@@ -144,7 +144,7 @@ class TransducerTable:
     def network(self, setting: Setting, equations: Any, rate: float) -> Network:
         """The elements of the transducer up to its terminal.
 
-        `equations` is the result of `equations`, `rate` the device's angular frequency (rad/s).
+        `equations` is what the method of this name returns; `rate` is in rad/s.
         """
         raise NotImplementedError
 
