@@ -35,7 +35,14 @@ def load_libraries_early() -> None:
         return
     for name in IMPORTED_LATER:
         importlib.import_module(name)
-    _use_blas_once()
+    # The libraries' copies of BLAS take their buffers, one thread's, at their first call.
+    import numpy as np
+    from scipy import linalg
+    from threadpoolctl import threadpool_limits
+
+    threadpool_limits(1)
+    square = np.eye(200)
+    linalg.lu_factor(square @ square)
 
 
 def _is_limited():
@@ -71,14 +78,3 @@ def _taken(line):
         if match:
             return 1024 * int(match.group(1))
     return 0
-
-
-def _use_blas_once():
-    """Let the libraries' copies of BLAS take their buffers, one thread's."""
-    import numpy as np
-    from scipy import linalg
-    from threadpoolctl import threadpool_limits
-
-    threadpool_limits(1)
-    square = np.eye(200)
-    linalg.lu_factor(square @ square)

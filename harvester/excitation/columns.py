@@ -99,21 +99,24 @@ class MeasuredFile:
     def place(self, key: str, column: str | int) -> int:
         """Index of a column from its name, its title or its number. Raises SceneError."""
         names = self.table.names
-        if isinstance(column, str):
-            index = column_named(column, names)
-            if index is not None:
-                return self._real(key, index)
+        index = column_named(column, names) if isinstance(column, str) else column
+        if index is None:
             listed = self.listed() if names else "no header, only numbers"
             raise SceneError(
                 f"{self.where}: {key} = {shown(column)}: no such column{nearest(column, names)}; "
                 f"the file has {listed}"
             )
-        if not 0 <= column < self.table.width:
+        if not 0 <= index < self.table.width:
             raise SceneError(
                 f"{self.where}: {key} = {shown(column)}: the file has columns "
                 f"0 … {self.table.width - 1}"
             )
-        return self._real(key, column)
+        if index in self.table.complexes and key not in COMPLEX_QUANTITIES:
+            raise SceneError(
+                f"{self.where}: {key}: {self.label(index)} holds complex numbers, as a frequency "
+                "response does (response=COLUMN:UNIT): name a column of real ones"
+            )
+        return index
 
     def chosen(
         self, quantity: str, text: str | None, candidates: Sequence[int]
@@ -137,16 +140,6 @@ class MeasuredFile:
                 f"{quantity}=COLUMN:UNIT behind the file"
             )
         return candidates[0] if candidates else None, None
-
-    def _real(self, key, index):
-        """Index of a column; refused if it holds complex numbers and is no response or
-        impedance."""
-        if index in self.table.complexes and key not in COMPLEX_QUANTITIES:
-            raise SceneError(
-                f"{self.where}: {key}: {self.label(index)} holds complex numbers, as a frequency "
-                "response does (response=COLUMN:UNIT): name a column of real ones"
-            )
-        return index
 
     def listed(self) -> str:
         """The columns' names, or their numbers."""
