@@ -23,7 +23,7 @@ from harvester.errors import SceneError
 VACUUM_PERMEABILITY = 1.25663706212e-6
 # Sizes that parts have, and the unit that is often given in place of the key's.
 LENGTH, VOLUME = (1e-6, 1.0, 1e-3, "mm"), (1e-15, 1e-2, 1e-9, "mm³")
-SIZE = Key(each=positive(likely=LENGTH), count=(2, 3), units=(SI,))
+SIZE = Key(element=positive(likely=LENGTH), count=(2, 3), units=(SI,))
 # Points of the table of force. A smooth table has at most 32 pieces, whatever the number of points.
 POINTS = 513
 # Points of quadrature along a face's radius, refined until the force changes by less than this

@@ -39,7 +39,7 @@ class Key:
     values.
 
     `kind` is float, int, str, (str, int), `NAMED_VALUES` for a table of numbers or texts, or dict
-    for a table with a `kind` of its own. With `each`, a list of `count` (fewest, most) values of
+    for a table with a `kind` of its own. With `element`, a list of `count` (fewest, most) values of
     that kind. `likely` is the range of sizes that a part can have, with the unit that is often
     given in place of the key's: its factor and name.
     """
@@ -51,16 +51,16 @@ class Key:
     words: Collection[str] = ()
     units: tuple = BOTH
     required: bool = False
-    each: Key | None = None
+    element: Key | None = None
     count: tuple = (0, 0)
     likely: tuple[float, float, float, str] | None = None
 
     def allowed(self) -> str:
         """The accepted values, in words."""
-        if self.each:
+        if self.element:
             few, many = self.count
             number = few if few == many else f"{few} to {many}"
-            return f"a list of {number}, each {self.each.allowed()}"
+            return f"a list of {number}, each {self.element.allowed()}"
         if self.words:
             return "one of " + ", ".join(f'"{word}"' for word in self.words)
         if self.kind in _NOUNS:
@@ -101,12 +101,12 @@ def check_value(where: str, value: Any, spec: Key, origin: str) -> Any:
         hint = nearest(value, spec.words) if isinstance(value, str) else ""
         raise SceneError(f"{origin}: {where} = {shown(value)}: must be {spec.allowed()}{hint}")
 
-    if spec.each:
+    if spec.element:
         few, many = spec.count
         if not isinstance(value, (list, tuple)) or not few <= len(value) <= many:
             refuse()
         return tuple(
-            check_value(f"{where}[{index}]", part, spec.each, origin)
+            check_value(f"{where}[{index}]", part, spec.element, origin)
             for index, part in enumerate(value)
         )
     if spec.kind is NAMED_VALUES:

@@ -71,7 +71,7 @@ class Spectrum(Excitation):
     endless = True
     KEYS: ClassVar[dict] = {
         "breakpoints": Key(
-            each=Key(each=positive(), count=(2, 2)), count=(2, 10000), required=True
+            element=Key(element=positive(), count=(2, 2)), count=(2, 10000), required=True
         ),
         "unit": Key(kind=str, words=tuple(UNITS)),
         "kurtosis": Key(low=3.0, high=30.0),

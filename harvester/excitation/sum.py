@@ -52,7 +52,7 @@ class Sum(Excitation):
     knot_spacing: float | None = None
 
     KEYS: ClassVar[dict] = {
-        "parts": Key(each=Key(kind=dict), count=(1, 100), required=True),
+        "parts": Key(element=Key(kind=dict), count=(1, 100), required=True),
         "knot_spacing": positive(),
     }
 

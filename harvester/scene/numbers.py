@@ -66,11 +66,16 @@ def _collect(collected, name, values, keys_of):
     for key, spec in keys_of(values).items():
         if key not in values or key in NOT_VARIED:
             continue
-        if spec.each and spec.each.kind is dict:
+        if spec.element and spec.element.kind is dict:
             _collect(collected, f"{name}.{key}", values[key], lambda part: KINDS[part["kind"]].KEYS)
-        elif spec.each and spec.each.kind is float and not spec.each.each and name == "oscillator":
+        elif (
+            spec.element
+            and spec.element.kind is float
+            and not spec.element.element
+            and name == "oscillator"
+        ):
             collected |= {
-                f"{name}.{key}[{n}]": (value, spec.each) for n, value in enumerate(values[key])
+                f"{name}.{key}[{n}]": (value, spec.element) for n, value in enumerate(values[key])
             }
-        elif spec.kind is float and not spec.words and not spec.each:
+        elif spec.kind is float and not spec.words and not spec.element:
             collected[f"{name}.{key}"] = values[key], spec

@@ -53,11 +53,11 @@ OTHER_KEYS: dict[str, Any] = {
         "linear_stiffness": Key(),
         "frequency": positive(units=(SI,)),
         "cubic_stiffness": not_negative(),
-        "restoring_force": Key(each=Key(), count=(2, 8)),
+        "restoring_force": Key(element=Key(), count=(2, 8)),
         "base_factor": positive(),
-        "force_table": Key(each=Key(each=Key(), count=(2, 2)), count=(2, MOST_POINTS)),
+        "force_table": Key(element=Key(element=Key(), count=(2, 2)), count=(2, MOST_POINTS)),
         "force_interpolation": Key(kind=str, words=INTERPOLATIONS),
-        "restoring_force_range": Key(each=Key(), count=(2, 2)),
+        "restoring_force_range": Key(element=Key(), count=(2, 2)),
     },
     "stoppers": {
         "gap": positive(required=True),
@@ -308,7 +308,7 @@ def check_table(
             )
         where = f"{prefix}{name}"
         checked[name] = check_value(where, value, spec, origin)
-        if spec.each and spec.each.kind is dict:
+        if spec.element and spec.element.kind is dict:
             checked[name] = tuple(
                 check_table(
                     f"{where}[{index}]",
