@@ -18,7 +18,7 @@ from circuits.loads.measurement import NOTHING, Measurement, measurement_of
 from harvester.device import timescales
 from harvester.device.system import speed_held
 from harvester.errors import NetlistError
-from harvester.excitation import PrescribedDisplacement
+from harvester.excitation.prescribed import PrescribedDisplacement
 from harvester.prepared.paths import start_state
 from harvester.prepared.steps import knot_spacing, steps_per_knot, stop_time
 

@@ -17,7 +17,7 @@ from typing import TYPE_CHECKING
 from harvester.device import contact as contacts
 from harvester.device.damper import drag_formula
 from harvester.device.system import System
-from harvester.device.terminals import GROUND, LOAD_AMMETER, Element, Network
+from harvester.device.terminals import GROUND, LOAD_AMMETER, Component, Network
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Iterator
@@ -224,7 +224,7 @@ def add_speed_hold(circuit: Circuit, s: System, rate: float, step: float, start:
 
 def add_transducer(
     circuit: Circuit,
-    elements: Iterable[Element],
+    elements: Iterable[Component],
     rate: float,
     scales: Scales,
     state: str | None = None,
@@ -242,7 +242,9 @@ def add_transducer(
         _add_element(circuit, element, rate, scales, state or number(0.0))
 
 
-def _add_element(circuit: Circuit, each: Element, rate: float, scales: Scales, state: str) -> None:
+def _add_element(
+    circuit: Circuit, each: Component, rate: float, scales: Scales, state: str
+) -> None:
     gnd, value = circuit.gnd, number(each.value)
     ends = (each.name, each.plus, each.minus)
     if each.kind == "resistor":

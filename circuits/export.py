@@ -20,7 +20,7 @@ from circuits.ltspice import DIFFERENCES, to_ltspice
 from harvester.device import timescales
 from harvester.device.piezo import BASE
 from harvester.errors import NetlistError
-from harvester.files import licence
+from harvester.files.writing import LICENCE
 from harvester.prepared.steps import REJECTING_STEPS, knot_spacing, steps_per_knot
 
 if TYPE_CHECKING:
@@ -135,7 +135,7 @@ def for_ltspice(
         text = text.replace(source, f'{source} file="{noise_file}"', 1)
     header = [
         f"harvester scene {scene.name}, for LTspice: harvester netlist writes it for ngspice",
-        *licence.EXPORTED,
+        *LICENCE,
         *_reading(scene, netlist, scales),
         f"I(Inoise): {_noise_unit(scene, netlist)}",
         "Other than in ngspice:",
@@ -197,7 +197,7 @@ def _header(before, scene, netlist, scales):
     title, remainder = before.split("\n", 1)
     lines = [
         f"Run it with: ngspice -b -r {quote(scene.name + '.raw')} {quote(scene.name + '.cir')}",
-        *licence.EXPORTED,
+        *LICENCE,
         *_reading(scene, netlist, scales),
         f"i(@inoise[current]): {_noise_unit(scene, netlist)}",
     ]

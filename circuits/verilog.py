@@ -17,7 +17,7 @@ from harvester.device.damper import drag_formula
 from harvester.device.piezo import BASE, TERMINAL, PiezoLaw, ShakenPiezo
 from harvester.device.system import System
 from harvester.errors import CompiledDeviceUnavailable
-from harvester.files import licence
+from harvester.files.writing import LICENCE
 
 if TYPE_CHECKING:
     from PySpice.Spice.Netlist import Circuit
@@ -51,7 +51,7 @@ _HEAD = """\
 //     N1 displacement velocity piezo device
 //
 // The impact velocity held from the moment of contact (`event`) and coils stay behavioural.
-""" + "".join(f"// {line}\n" for line in licence.EXPORTED)
+""" + "".join(f"// {line}\n" for line in LICENCE)
 _BASE_NOTE = """\
 //
 // `base` carries the voltage that the base's acceleration adds in series with Cp, -Q a/Cp with a

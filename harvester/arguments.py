@@ -26,46 +26,28 @@ def usual_arithmetic() -> np.errstate:
     """
     import numpy as np
 
-    kept = {name: kind for name, kind in np.geterr().items() if kind in ("ignore", "warn")}
-    return np.errstate(**(USUAL | kept))
+    lenient = {name: kind for name, kind in np.geterr().items() if kind in ("ignore", "warn")}
+    return np.errstate(**(USUAL | lenient))
 
 
 def listed(values: Any, where: str, example: str) -> tuple[Any, ...]:
     """The values of a list, also of a generator or an array.
 
-    Parameters
-    ----------
-    values : iterable
-    where : str
-        The argument, for messages.
-    example : str
-        How it is written.
-
-    Raises
-    ------
-    HarvesterError
-        A text, which is a list of its letters, or no list; or it does not end.
+    `example`: how it is written. Raises HarvesterError for a text, which is a list of its letters,
+    or no list; or it does not end.
     """
     if isinstance(values, (str, bytes, Mapping)) or not isinstance(values, Iterable):
         raise HarvesterError(f"{where} = {shown(values)}: must be a list; write {example}")
-    found = tuple(itertools.islice(values, MOST_VALUES + 1))
-    if len(found) > MOST_VALUES:
+    items = tuple(itertools.islice(values, MOST_VALUES + 1))
+    if len(items) > MOST_VALUES:
         raise HarvesterError(f"{where}: has more than {MOST_VALUES} values; give fewer")
-    return found
+    return items
 
 
 def table(values: Any, where: str, example: str) -> dict[Any, Any]:
     """A dictionary's copy.
 
-    Parameters
-    ----------
-    values, where, example
-        See `listed`.
-
-    Raises
-    ------
-    HarvesterError
-        It is none.
+    `values`, `where`, `example`: see `listed`. Raises HarvesterError if it is none.
     """
     if not isinstance(values, Mapping):
         raise HarvesterError(f"{where} = {shown(values)}: must be a dictionary; write {example}")
@@ -84,9 +66,7 @@ def check_name(what: str, name: str, known: Collection[str]) -> str:
 def checked_options(options: dict[str, Any]) -> dict[str, Any]:
     """Options of a public function with the executor checked, and `progress` guarded.
 
-    Raises
-    ------
-    HarvesterError
+    Raises HarvesterError.
     """
     executor, progress = options.get("executor"), options.get("progress")
     if executor is not None and not hasattr(executor, "submit"):

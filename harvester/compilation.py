@@ -48,20 +48,10 @@ with away_from_working_folder():
     from harvester.numba_patches import INLINE, UNCOUNTED, WITHIN, ziggurat
 
 __all__ = [
-    "CACHED",
-    "address_of",
-    "carray",
-    "cfunc",
-    "cgutils",
-    "compiled",
-    "inlined",
-    "intrinsic",
-    "merged",
-    "merged_once",
-    "njit",
-    "numba",
-]
-__all__ += ["overload", "register_jitable", "summing", "types", "uncounted", "ziggurat"]
+    "CACHED", "address_of", "carray", "cfunc", "cgutils", "compiled", "inlined", "intrinsic",
+    "merged", "merged_once", "njit", "numba", "overload", "register_jitable", "summing", "types",
+    "uncounted", "ziggurat",
+]  # fmt: skip
 
 numba_patches.read_no_settings_file()
 # Vectors of eight numbers if the processor has them: by default LLVM uses four on some of these.
@@ -108,13 +98,10 @@ def merged(function: Callable) -> Callable:
 def numbers_of(part: Any) -> list[float]:
     """All numbers of a nested tuple one after another, as it lies in the memory of compiled code.
 
-    Parameters
-    ----------
-    part : tuple or float
-        A part of a device, such as a `harvester.device.system.System`.
+    `part`: a part of a device, such as a `harvester.device.system.System`.
     """
     if isinstance(part, tuple):
-        return [number for each in part for number in numbers_of(each)]
+        return [number for element in part for number in numbers_of(element)]
     return [float(part)]
 
 
@@ -124,16 +111,12 @@ def address_of(function: Any, *arguments: Any) -> int:
     With the types in its signature it is found again on disk; a function made anew for each kind
     of device, with the kind among its free variables, is not.
 
-    Parameters
-    ----------
-    function : callable
-        A function that `compiled` has decorated.
-    *arguments : numba types
+    `function`: a function that `compiled` has decorated.
     """
     if arguments not in function.overloads:
         function.compile(arguments)
-    found = function.overloads[arguments]
-    return found.library.get_pointer_to_function(found.fndesc.llvm_cfunc_wrapper_name)
+    code = function.overloads[arguments]
+    return code.library.get_pointer_to_function(code.fndesc.llvm_cfunc_wrapper_name)
 
 
 def compiled_sources() -> list[Path]:
@@ -143,11 +126,11 @@ def compiled_sources() -> list[Path]:
     them may be an argument of compiled code, and whatever those files import at their head. What a
     function imports as it runs is not compiled.
     """
-    files = {
-        _module_name(file): file
-        for package in PACKAGES
-        for file in sorted((PACKAGE.parent / package).rglob("*.py"))
-    }
+    files = {}
+    for package in PACKAGES:
+        for file in sorted((PACKAGE.parent / package).rglob("*.py")):
+            parts = file.relative_to(PACKAGE.parent).with_suffix("").parts
+            files[".".join(parts[:-1] if parts[-1] == "__init__" else parts)] = file
     texts = {name: file.read_bytes() for name, file in files.items()}
     folders = {files[name].parent for name, text in texts.items() if __name__.encode() in text}
     reached = set()
@@ -159,11 +142,6 @@ def compiled_sources() -> list[Path]:
             reached.add(name)
             left += _imports(texts[name].decode()) & files.keys()
     return [file for name, file in files.items() if name in reached]
-
-
-def _module_name(file):
-    parts = file.relative_to(PACKAGE.parent).with_suffix("").parts
-    return ".".join(parts[:-1] if parts[-1] == "__init__" else parts)
 
 
 def _imports(text):

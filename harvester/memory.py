@@ -29,15 +29,20 @@ LIMITS = {
 def load_libraries_early() -> None:
     """Where memory is limited, import what is imported later, or say that it will not fit.
 
-    Raises
-    ------
-    MemoryError
+    Raises MemoryError.
     """
     if not _is_limited():
         return
     for name in IMPORTED_LATER:
         importlib.import_module(name)
-    _use_blas_once()
+    # The libraries' copies of BLAS take their buffers, one thread's, at their first call.
+    import numpy as np
+    from scipy import linalg
+    from threadpoolctl import threadpool_limits
+
+    threadpool_limits(1)
+    square = np.eye(200)
+    linalg.lu_factor(square @ square)
 
 
 def _is_limited():
@@ -69,18 +74,7 @@ def _limit(name):
 def _taken(line):
     """Memory that this process uses (bytes); 0 if the system does not report it."""
     with contextlib.suppress(OSError):
-        found = re.search(rf"{line}:\s+(\d+) kB", Path("/proc/self/status").read_text())
-        if found:
-            return 1024 * int(found.group(1))
+        match = re.search(rf"{line}:\s+(\d+) kB", Path("/proc/self/status").read_text())
+        if match:
+            return 1024 * int(match.group(1))
     return 0
-
-
-def _use_blas_once():
-    """Let the libraries' copies of BLAS take their buffers, one thread's."""
-    import numpy as np
-    from scipy import linalg
-    from threadpoolctl import threadpool_limits
-
-    threadpool_limits(1)
-    square = np.eye(200)
-    linalg.lu_factor(square @ square)

@@ -28,7 +28,7 @@ class Method(ABC):
     @property
     def settings(self) -> dict[str, Any]:
         """The fields that differ from their defaults."""
-        values = {each.name: (getattr(self, each.name), each.default) for each in fields(self)}
+        values = {field.name: (getattr(self, field.name), field.default) for field in fields(self)}
         return {name: value for name, (value, default) in values.items() if value != default}
 
     @property
@@ -62,9 +62,9 @@ class Method(ABC):
         options : mapping of str to object
             None stands for an option that is left out.
         """
-        own = {each.name for each in fields(self)}
-        given = {name: value for name, value in options.items() if value is not None}
-        return replace(self, **{name: value for name, value in given.items() if name in own})
+        names = {field.name for field in fields(self)}
+        stated = {name: value for name, value in options.items() if value is not None}
+        return replace(self, **{name: value for name, value in stated.items() if name in names})
 
     def beside_options(self, options: Mapping[str, Any], defaults: Mapping[str, Any]) -> Self:
         """Check that the options of a call do not contradict this method, which was given as an

@@ -102,18 +102,18 @@ def alone(folder: Path, name: str) -> Iterator[None]:
     A byte of one file is locked. The system releases it when the process ends. Where no lock can be
     had, several processes may compile.
     """
-    place = int.from_bytes(hashlib.sha256(name.encode()).digest()[:4])
+    offset = int.from_bytes(hashlib.sha256(name.encode()).digest()[:4])
     handle, fcntl = _lock_file(folder)
     held = False
     if handle is not None:
         with contextlib.suppress(OSError):
-            fcntl.lockf(handle, fcntl.LOCK_EX, 1, place)
+            fcntl.lockf(handle, fcntl.LOCK_EX, 1, offset)
             held = True
     try:
         yield
     finally:
         if held:
-            fcntl.lockf(handle, fcntl.LOCK_UN, 1, place)
+            fcntl.lockf(handle, fcntl.LOCK_UN, 1, offset)
 
 
 @functools.cache
@@ -130,14 +130,14 @@ def _lock_file(folder):
 
 def is_foreign(kind: Any) -> bool:
     """Whether a numba type, or one within it, belongs to a class of another program."""
-    made = getattr(kind, "instance_class", None)
-    if made is not None and made.__module__.partition(".")[0] not in OWN:
+    owner = getattr(kind, "instance_class", None)
+    if owner is not None and owner.__module__.partition(".")[0] not in OWN:
         return True
     inner = kind if isinstance(kind, tuple) else getattr(kind, "types", ())
     # The type is an array or a pointer.
     if hasattr(kind, "dtype"):
         inner = (*inner, kind.dtype)
-    return any(is_foreign(each) for each in inner)
+    return any(is_foreign(part) for part in inner)
 
 
 def is_safe() -> bool:
@@ -150,12 +150,8 @@ def is_safe() -> bool:
 
     folder = config.CACHE_DIR
     if not folder:
-        if all(_may_write_beside(source) for source in PACKAGE.rglob("*.py")):
+        caches = [source.parent / "__pycache__" for source in PACKAGE.rglob("*.py")]
+        if all(os.access(path if path.exists() else path.parent, os.W_OK) for path in caches):
             return True
         folder = AppDirs("numba", appauthor=False).user_cache_dir
     return not any(map(who_else_writes, [folder, *Path(folder).rglob("*")]))
-
-
-def _may_write_beside(source):
-    beside = source.parent / "__pycache__"
-    return os.access(beside if beside.exists() else source.parent, os.W_OK)

@@ -101,8 +101,8 @@ def keep_own_index() -> None:
                 if not numba_cache.begins_with_text(content):
                     numba_cache.on_damage(self._index_path)
                 return {}
-            found = numba_cache.unpickled(content[len(version) :], self._index_path)
-            stamp, overloads = (None, None) if found is None else found
+            index = numba_cache.unpickled(content[len(version) :], self._index_path)
+            stamp, overloads = (None, None) if index is None else index
             return overloads if stamp == self._source_stamp else {}
 
         def _load_data(self, name):

@@ -8,36 +8,32 @@ A package adds a part by an entry point of the kind's group, in its pyproject.to
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, MutableMapping
+from collections import UserDict
+from collections.abc import Mapping
 from importlib import metadata
-from typing import TypeVar
+from typing import Any, TypeVar
 
 Part = TypeVar("Part")
 
 
-class Registry(MutableMapping[str, Part]):
-    """Parts by name.
+class Registry(UserDict[str, Part]):
+    """Parts by name: this program's own, and those of the entry points of a group.
 
     Entry points are looked up when a name is asked for that is not there: reading their list takes
     some hundredths of a second, and loading one imports another package.
-
-    Parameters
-    ----------
-    group : str
-        The entry points' group.
-    own : mapping
-        This program's parts.
     """
 
     def __init__(self, group: str, own: Mapping[str, Part]) -> None:
+        super().__init__(own)
         self._group = group
-        self._parts = dict(own)
 
-    def __getitem__(self, name: str) -> Part:
-        if name not in self._parts and isinstance(name, str):
+    def __missing__(self, name: Any) -> Part:
+        if isinstance(name, str):
             for point in metadata.entry_points(group=self._group, name=name):
-                self._parts[name] = point.load()
-        return self._parts[name]
+                self.data[name] = point.load()
+        if name not in self.data:
+            raise KeyError(name)
+        return self.data[name]
 
     def __contains__(self, name: object) -> bool:
         try:
@@ -45,18 +41,6 @@ class Registry(MutableMapping[str, Part]):
         except (KeyError, TypeError):
             return False
         return True
-
-    def __setitem__(self, name: str, part: Part) -> None:
-        self._parts[name] = part
-
-    def __delitem__(self, name: str) -> None:
-        del self._parts[name]
-
-    def __iter__(self) -> Iterator[str]:
-        return iter(self._parts)
-
-    def __len__(self) -> int:
-        return len(self._parts)
 
     def name_of(self, part: Part) -> str:
         """The name under which a part stands here; a process that was handed it may not know yet.
@@ -66,8 +50,8 @@ class Registry(MutableMapping[str, Part]):
         KeyError
             No package registers it.
         """
-        for name, each in self._parts.items():
-            if each is part:
+        for name, registered in self.data.items():
+            if registered is part:
                 return name
         for point in metadata.entry_points(group=self._group):
             if self[point.name] is part:

@@ -9,7 +9,7 @@ from typing import ClassVar, NamedTuple
 
 from harvester.device.keys import SI, positive
 from harvester.device.linear_transducer import LinearTransducer
-from harvester.device.terminals import GROUND, Element, Network, TransducerTable
+from harvester.device.terminals import GROUND, Component, Network, TransducerTable
 
 
 class Numbers(NamedTuple):
@@ -73,10 +73,10 @@ class SeriesPiezoTable(TransducerTable):
         return Network(
             terminal=terminal,
             elements=(
-                Element("capacitor", "own", inside, GROUND, self.capacitance, holds_state=True),
-                Element("moving current", "charge", inside, GROUND, charge),
-                Element("force of voltage", "back_action", inside, GROUND, equations.coupling),
-                Element("resistor", "electrode", inside, terminal, self.electrode_resistance),
+                Component("capacitor", "own", inside, GROUND, self.capacitance, holds_state=True),
+                Component("moving current", "charge", inside, GROUND, charge),
+                Component("force of voltage", "back_action", inside, GROUND, equations.coupling),
+                Component("resistor", "electrode", inside, terminal, self.electrode_resistance),
             ),
             power_unit=1.0 / (setting.mass * setting.length**2),
             reference_capacitance=self.capacitance,

@@ -4,7 +4,7 @@ from dataclasses import dataclass
 from typing import ClassVar
 
 from harvester.device.keys import positive
-from harvester.excitation import Excitation
+from harvester.excitation.base import Excitation
 from harvester.excitation.white import WhitePath
 
 

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 from circuits.elements import named_contacts, number
 from harvester.device import timescales
 from harvester.device.polynomial import Polynomial
-from harvester.files import licence
+from harvester.files.writing import LICENCE
 
 if TYPE_CHECKING:
     from circuits.block.parameters import Parameters
@@ -37,7 +37,7 @@ def head(ready: Prepared, parameters: Parameters, start: bool = True) -> list[st
     speed = parameters.rate * parameters.length
     lines = [
         f"harvester scene {ready.scene.name}: {_parts(ready)}",
-        *licence.EXPORTED,
+        *LICENCE,
         "",
         "Pins: p, n    terminals, floating; give them a path to ground",
         "      base    acceleration of the base, 1 V for 1 m/s2, against ground",

@@ -13,7 +13,7 @@ if TYPE_CHECKING:
     from collections.abc import Iterator
 
     from circuits.block.parameters import Parameters
-    from harvester.device.terminals import Element, Network
+    from harvester.device.terminals import Component, Network
 
 PINS = ("p", "n", "base", "x")
 
@@ -114,7 +114,7 @@ def nodes_of(network: Network) -> dict[str, str]:
     return {GROUND: "n", network.terminal: terminal, "base": "lifted"}
 
 
-def si_value(each: Element, parameters: Parameters) -> float:
+def si_value(each: Component, parameters: Parameters) -> float:
     """Value of an element in terms of V(velocity), its current or V(base); others unchanged."""
     rate, scales = parameters.rate, parameters.ready.scales
     if each.kind.startswith("moving"):

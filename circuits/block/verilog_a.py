@@ -15,7 +15,7 @@ from circuits.verilog import SIGN, mechanics
 
 if TYPE_CHECKING:
     from circuits.block.parameters import Parameters
-    from harvester.device.terminals import Element, Network
+    from harvester.device.terminals import Component, Network
 
 _TEXT = """\
 {head}
@@ -100,7 +100,7 @@ def _electrical(parameters: Parameters) -> list[str]:
     return ["V(terminal, p) <+ 1e-9*I(terminal, p);", *lines] if metered(network) else lines
 
 
-def _contribution(each: Element, node: dict[str, str], parameters: Parameters) -> str:
+def _contribution(each: Component, node: dict[str, str], parameters: Parameters) -> str:
     ends = f"{node.get(each.plus, each.plus)}, {node.get(each.minus, each.minus)}"
     value = parameters.element(each.name, si_value(each, parameters))
     return {

@@ -33,7 +33,7 @@ class Device(NamedTuple):
 
     Attributes
     ----------
-    transducer : the equations of one of harvester.device.transducer
+    transducer : the equations of a transducer, see harvester.device.terminals
     numbers : ndarray
         The whole `System` as it lies in memory.
     pull : of (whether contacts act, low, high, held speed, x, v)

@@ -242,7 +242,8 @@ def estimates_of(averages: Averages) -> dict[str, Estimate]:
 def _fitted(scene):
     """The fit to the scene's record, and the scene with the fitted noise."""
     from harvester.device import timescales
-    from harvester.excitation import OrnsteinUhlenbeck, RecordedMotion
+    from harvester.excitation.ornstein_uhlenbeck import OrnsteinUhlenbeck
+    from harvester.excitation.recorded import RecordedMotion
     from harvester.excitation.spectrum_fit import fit_spectrum
     from harvester.prepared.prepared import prepared
 

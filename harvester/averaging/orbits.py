@@ -24,8 +24,8 @@ from harvester.device.system import elastic_force, potential
 from harvester.errors import AveragingError
 
 if TYPE_CHECKING:
+    from harvester.device.dispatch import Values
     from harvester.device.system import System
-    from harvester.device.values import Values
 
 # A divisor that has vanished is replaced by this.
 SMALLEST = 1e-150

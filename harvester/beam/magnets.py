@@ -23,7 +23,7 @@ from harvester.errors import SceneError
 VACUUM_PERMEABILITY = 1.25663706212e-6
 # Sizes that parts have, and the unit that is often given in place of the key's.
 LENGTH, VOLUME = (1e-6, 1.0, 1e-3, "mm"), (1e-15, 1e-2, 1e-9, "mm³")
-SIZE = Key(each=positive(likely=LENGTH), count=(2, 3), units=(SI,))
+SIZE = Key(element=positive(likely=LENGTH), count=(2, 3), units=(SI,))
 # Points of the table of force. A smooth table has at most 32 pieces, whatever the number of points.
 POINTS = 513
 # Points of quadrature along a face's radius, refined until the force changes by less than this
@@ -77,15 +77,9 @@ class Magnets:
         "spacing": not_negative(units=(SI,), likely=LENGTH),
     }
 
-    def moment(self, place: str, origin: str = "magnets") -> float:
-        """The dipole of "tip" or "frame" (A m²).
-
-        Raises
-        ------
-        SceneError
-            It is not given, or twice.
-        """
-        names = [f"{place}_{name}" for name in ("moment", "volume", "size")]
+    def moment(self, end: str, origin: str = "magnets") -> float:
+        """The dipole of "tip" or "frame" (A m²). Raises SceneError if it is not given, or twice."""
+        names = [f"{end}_{name}" for name in ("moment", "volume", "size")]
         moment, volume, size = (getattr(self, name) for name in names)
         if (moment, volume, size).count(None) != 2:
             raise SceneError(
@@ -95,8 +89,8 @@ class Magnets:
         if moment is not None:
             return moment
         if self.remanence is None:
-            given = names[1] if size is None else names[2]
-            raise SceneError(f"{origin}: magnets.{given} needs magnets.remanence")
+            size_key = names[1] if size is None else names[2]
+            raise SceneError(f"{origin}: magnets.{size_key} needs magnets.remanence")
         if size is not None:
             disc = math.pi / 4.0 * size[0] if len(size) == 2 else 1.0
             volume = disc * math.prod(size)
@@ -134,17 +128,8 @@ def magnetic_force(
 ) -> np.ndarray:
     """dU/dx (N), positive where it pulls back: the force across and the torque on the tip.
 
-    Parameters
-    ----------
-    magnets : Magnets
-    slope : float
-        The tip's rotation for a displacement (1/m).
-    displacement : array-like
-        Of the beam's end, within `reach` (m).
-    offset : float
-        Distance of the tip's magnet beyond the beam's end (m).
-    origin : str
-        File or scene name, for messages.
+    `slope`: the tip's rotation for a displacement (1/m). `displacement`: of the beam's end, within
+    `reach` (m). `offset`: distance of the tip's magnet beyond the beam's end (m).
     """
     x = np.asarray(displacement, dtype=float)
     if magnets.sized:
@@ -159,8 +144,8 @@ def magnetic_force(
     cos, sin = np.cos(slope * z), np.sin(slope * z)
     # The tip's magnet comes nearer or farther where it lies off the beam's end.
     d = magnets.distance + offset * (1.0 - cos)
-    for place in places:
-        y = place - z - offset * sin
+    for centre in places:
+        y = centre - z - offset * sin
         square = d**2 + y**2
         energy += cos / square**1.5 - 3.0 * d * (d * cos + y * sin) / square**2.5
     return sign * strength * np.imag(energy) / 1e-30
@@ -188,7 +173,7 @@ def _force_of_charges(magnets, slope, offset, origin):
 
 def _pulls(x, magnets, slope, offset, origin, order):
     """The force at several displacements."""
-    moments = [magnets.moment(place, origin) for place in ("tip", "frame")]
+    moments = [magnets.moment(side, origin) for side in ("tip", "frame")]
     tip, charge = _charges(magnets.tip_size, moments[0], order)
     # The beam's plane is one of symmetry: half of the tip's charges, twice.
     tip, charge = tip[tip[:, 2] > 0.0], 2.0 * charge[tip[:, 2] > 0.0]
@@ -208,7 +193,7 @@ def _charges(size, moment, order):
         y, z = np.outer(radius, np.cos(angle)).ravel(), np.outer(radius, np.sin(angle)).ravel()
         share = np.repeat(weight * radius, angle.size)
     else:
-        y, z = (each.ravel() for each in np.meshgrid(node * size[0] / 2.0, node * size[1] / 2.0))
+        y, z = (grid.ravel() for grid in np.meshgrid(node * size[0] / 2.0, node * size[1] / 2.0))
         share = np.outer(weight, weight).ravel()
     share *= moment / size[-1] / share.sum()
     ends = [np.stack([np.full_like(y, side * size[-1] / 2.0), y, z], 1) for side in (1.0, -1.0)]
@@ -237,10 +222,8 @@ def _pull(x, slope, offset, tip, charges, frame, others):
 def spring_points(magnets: Magnets, beam: Beam, origin: str = "magnets") -> list[list[float]]:
     """The table (m, N) of the beam's and the magnets' force together.
 
-    Raises
-    ------
-    SceneError
-        A magnet is not given, or the tip would turn by more than the theory holds for.
+    Raises SceneError if a magnet is not given, or the tip would turn by more than the theory holds
+    for.
     """
     stiffness, slope = lumped(beam).stiffness, lumped(beam).tip_slope
     if magnets.reach * slope > math.pi / 4.0:
@@ -257,8 +240,8 @@ def spring_points(magnets: Magnets, beam: Beam, origin: str = "magnets") -> list
     return np.stack([x, force], axis=1).tolist()
 
 
-def polynomial_fit(magnets: Magnets, beam: Beam, degree: int = 7) -> tuple[list[float], float]:
-    """Coefficients (F0, k1, …) fitted within the reach, and the greatest error (N) there."""
+def polynomial_fit(magnets: Magnets, beam: Beam) -> tuple[list[float], float]:
+    """Coefficients (F0, k1, …, k7) fitted within the reach, and the greatest error (N) there."""
     x, force = np.array(spring_points(magnets, beam)).T
-    fitted = np.polynomial.Polynomial.fit(x, force, degree)
+    fitted = np.polynomial.Polynomial.fit(x, force, 7)
     return fitted.convert().coef.tolist(), float(np.max(np.abs(fitted(x) - force)))

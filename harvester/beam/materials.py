@@ -86,40 +86,20 @@ def _macro_fibre(strain_per_volt, farad_per_area, thickness, source):
 
 PASSIVE = {
     "brass": Material(105e9, 9000.0, f"{_PAPER}: the shim of its bimorph"),
-    "brass C26000": Material(
-        112e9,
-        8530.0,
-        "Olin Brass, C26000 (ASTM B36) Cartridge Brass, Alloy "
-        "Data Specifications, physical properties",
-    ),
+    "brass C26000": Material(112e9, 8530.0, "Olin Brass, C26000 (ASTM B36) Cartridge Brass, Alloy "
+        "Data Specifications, physical properties"),
     "steel": Material(200e9, 7870.0, "mem50212.com, Materials: ferrous metals, CS1020 (AS 1442)"),
-    "stainless steel": Material(
-        193e9, 8000.0, "APAC Infrastructure, Material Specifications: 304 Stainless Steel"
-    ),
-    "aluminium": Material(
-        68.9e9,
-        2700.0,
-        "Glemco, Aluminum 6061-T6 Material Information, typical values of the Aluminum Association",
-    ),
-    "copper": Material(
-        117e9,
-        8940.0,
-        "Lion Metal, C11000 Copper Alloy Technical Data Sheet, "
-        "version 2.0 (2025), physical properties",
-    ),
-    "FR4": Material(
-        24.3e9,
-        1800.0,
-        "Hirosugi-Keiki, Glass epoxy FR4, bending modulus lengthwise "
-        "(ASTM D790) and specific gravity (D792)",
-    ),
-    "PET": Material(
-        4.805e9,
-        1390.0,
-        "DuPont Teijin Films, Mylar polyester film: Physical-Thermal "
-        "Properties (H-37232-3), table 1: 490 kg/mm² in machine direction",
-    ),
-}
+    "stainless steel": Material(193e9, 8000.0, "APAC Infrastructure, Material Specifications: 304 "
+        "Stainless Steel"),
+    "aluminium": Material(68.9e9, 2700.0, "Glemco, Aluminum 6061-T6 Material Information, typical "
+        "values of the Aluminum Association"),
+    "copper": Material(117e9, 8940.0, "Lion Metal, C11000 Copper Alloy Technical Data Sheet, "
+        "version 2.0 (2025), physical properties"),
+    "FR4": Material(24.3e9, 1800.0, "Hirosugi-Keiki, Glass epoxy FR4, bending modulus lengthwise "
+        "(ASTM D790) and specific gravity (D792)"),
+    "PET": Material(4.805e9, 1390.0, "DuPont Teijin Films, Mylar polyester film: Physical-Thermal "
+        "Properties (H-37232-3), table 1: 490 kg/mm² in machine direction"),
+}  # fmt: skip
 ACTIVE = {
     "PZT-5A": _ceramic(1.0 / 16.4e-12, 7750.0, -171e-12, 1700.0, _BOOK),
     "PZT-5H": _ceramic(1.0 / 16.5e-12, 7500.0, -274e-12, 3400.0, _BOOK),

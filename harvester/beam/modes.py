@@ -75,26 +75,20 @@ def modes(
 ) -> list[Mode]:
     """The lowest modes of the beam.
 
-    Parameters
-    ----------
-    pieces : sequence of Piece
-        The beam's pieces from the clamp to the tip.
-    tip : Tip
-    count : int
-    root_compliance : float
-        Rotation of the clamp by a moment (rad/(N m)); 0: rigid.
+    `pieces`: the beam's pieces from the clamp to the tip. `root_compliance`: rotation of the clamp
+    by a moment (rad/(N m)); 0: rigid.
     """
-    found: list[Mode] = []
+    lowest: list[Mode] = []
     before, start = SMALLEST_LAMBDA, _mismatch(SMALLEST_LAMBDA, pieces, tip, root_compliance)
-    while len(found) < count:
+    while len(lowest) < count:
         after = before * FACTOR if before < 1.0 else before + STEP
         end = _mismatch(after, pieces, tip, root_compliance)
         if start * end <= 0.0:
             call = (pieces, tip, root_compliance)
             root = brentq(_mismatch, before, after, args=call, xtol=1e-14, rtol=1e-14)
-            found.append(_mode(root, *call))
+            lowest.append(_mode(root, *call))
         before, start = after, end
-    return found
+    return lowest
 
 
 def clamp_compliance(pieces: Sequence[Piece], tip: Tip, angular_frequency: float) -> float:
@@ -149,9 +143,9 @@ def shape(
 
 def _square_root_scale(pieces):
     """The ω (rad/s) at λ = 1 of a uniform beam with the mean rigidity and mass."""
-    length = sum(each.length for each in pieces)
-    rigidity = length / sum(each.length / each.rigidity for each in pieces)
-    mass = sum(each.mass * each.length for each in pieces) / length
+    length = sum(piece.length for piece in pieces)
+    rigidity = length / sum(piece.length / piece.rigidity for piece in pieces)
+    mass = sum(piece.mass * piece.length for piece in pieces) / length
     return math.sqrt(rigidity / mass) / length**2
 
 
@@ -175,18 +169,18 @@ def _transfer(x, rigidity, wave):
 def _waves(value, pieces):
     """The ω (rad/s) of a λ, and the wave number (1/m) of each piece."""
     frequency = value**2 * _square_root_scale(pieces)
-    return frequency, [(each.mass * frequency**2 / each.rigidity) ** 0.25 for each in pieces]
+    return frequency, [(piece.mass * frequency**2 / piece.rigidity) ** 0.25 for piece in pieces]
 
 
 def _ends(value, pieces, tip):
     """Residuals of the tip's two conditions, for each unit component of the state at the root."""
     frequency, waves = _waves(value, pieces)
-    whole = np.eye(4)
+    transfer = np.eye(4)
     for piece, wave in zip(pieces, waves, strict=True):
-        whole = _transfer(piece.length, piece.rigidity, wave) @ whole
+        transfer = _transfer(piece.length, piece.rigidity, wave) @ transfer
     square, first = frequency**2, tip.mass * tip.offset
-    moment = whole[2] - square * (first * whole[0] + tip.inertia * whole[1])
-    shear = whole[3] + square * (tip.mass * whole[0] + first * whole[1])
+    moment = transfer[2] - square * (first * transfer[0] + tip.inertia * transfer[1])
+    shear = transfer[3] + square * (tip.mass * transfer[0] + first * transfer[1])
     return np.array([moment, shear])
 
 
@@ -219,7 +213,7 @@ def _mode(value, pieces, tip, root_compliance):
     for piece, begin, wave in _walk(value, pieces, tip, root_compliance):
         half = piece.length / 2.0
         inside = [_transfer(half * (1.0 + x), piece.rigidity, wave) @ begin for x in nodes]
-        w = np.array([each[0] for each in inside])
+        w = np.array([inner[0] for inner in inside])
         kinetic += piece.mass * half * float(weights @ w**2)
         forcing += piece.mass * half * float(weights @ w)
         state = _transfer(piece.length, piece.rigidity, wave) @ begin

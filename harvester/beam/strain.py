@@ -19,7 +19,7 @@ class FibreStrain(NamedTuple):
 
     Attributes
     ----------
-    place : from the clamp (m).
+    position : from the clamp (m).
     per_displacement : strain for each metre of the tip (1/m).
     per_volt : strain of the modes left out for each volt (1/V).
     per_acceleration : the same for each m/s² of the base (s²/m).
@@ -27,7 +27,7 @@ class FibreStrain(NamedTuple):
     stress_per_volt : what a layer's field adds to the stress (Pa/V).
     """
 
-    place: float
+    position: float
     per_displacement: float
     per_volt: float
     per_acceleration: float
@@ -38,7 +38,11 @@ class FibreStrain(NamedTuple):
 def strain_of_layers(beam: Beam) -> FibreStrain:
     """Strain of the active layers' outer fibre, where the first mode strains it most."""
     height = beam.thickness / 2.0 + beam.piezo_thickness
-    return _most_strained(beam, (height,), beam.active[0], _stress_per_volt(beam), (True,))
+    modulus, _, d31, _ = beam.active
+    # |e31| times the field of a layer for each volt at the terminals.
+    share = 0.5 if beam.layers == 2 and beam.connection == "series" else 1.0
+    stress = abs(d31) * modulus * share / (beam.electrode_spacing or beam.piezo_thickness)
+    return _most_strained(beam, (height,), modulus, stress, (True,))
 
 
 def strain_of_substrate(beam: Beam) -> FibreStrain:
@@ -52,21 +56,21 @@ def _most_strained(beam, heights, modulus, stress_per_volt, covers):
 
     The first mode's moment falls steadily along a piece, so that only the ends of pieces count.
     """
-    made, pieces = lumped(beam), pieces_of(beam)
+    values, pieces = lumped(beam), pieces_of(beam)
     moments, fibres = rest(pieces, tip_of(beam)).moments, []
     for n, (low, top, covered) in enumerate(spans(beam)):
         if covered not in covers:
             continue
         cut, piece = section(beam, covered), pieces[n]
-        for place, curvature, moment in zip(
-            (low, top), made.curvatures[n], moments[n], strict=True
+        for position, curvature, moment in zip(
+            (low, top), values.curvatures[n], moments[n], strict=True
         ):
             by_volt = piece.moment_per_volt / piece.rigidity
-            by_volt -= curvature * made.coupling / made.stiffness
-            by_base = curvature * made.base_factor * made.mass / made.stiffness
+            by_volt -= curvature * values.coupling / values.stiffness
+            by_base = curvature * values.base_factor * values.mass / values.stiffness
             fibres += [
                 FibreStrain(
-                    place=place,
+                    position=position,
                     per_displacement=(height - cut.axis) * curvature,
                     per_volt=-(height - cut.axis) * by_volt - cut.stretch_per_volt,
                     per_acceleration=-(height - cut.axis) * (moment / piece.rigidity - by_base),
@@ -76,10 +80,3 @@ def _most_strained(beam, heights, modulus, stress_per_volt, covers):
                 for height in heights
             ]
     return max(fibres, key=lambda fibre: abs(fibre.per_displacement))
-
-
-def _stress_per_volt(beam):
-    """|e31| times the field of a layer for each volt at the terminals."""
-    modulus, _, d31, _ = beam.active
-    share = 0.5 if beam.layers == 2 and beam.connection == "series" else 1.0
-    return abs(d31) * modulus * share / (beam.electrode_spacing or beam.piezo_thickness)

@@ -21,67 +21,64 @@ SUBSTRATE, LAYER, TIP, LINE = "0.6", "#d98c3f", "0.25", "#3b6ea5"
 
 def rows(beam: Beam) -> list[tuple[str, str, float, str]]:
     """(name, equation, value, unit) of every lumped value; numbers are those of docs/beams.md."""
-    made = lumped(beam)
+    values = lumped(beam)
     several, strain = frequencies(beam), strain_of_layers(beam)
     substrate = strain_of_substrate(beam)
-    found = [
-        ("mass M", "1/φ(L)² (B4)", made.mass, "kg"),
-        ("stiffness K", "ω² M (B4)", made.stiffness, "N/m"),
-        ("damping C", "2 ζ ω M (B4)", made.damping, "N s/m"),
-        ("base factor μ", "φ(L) γ (B5)", made.base_factor, "1"),
-        ("coupling θ", "χ/φ(L) (B6)", made.coupling, "N/V"),
-        ("capacitance of the layers Cp", "(B7)", made.material_capacitance, "F"),
-        ("capacitance of the modes left out", "Σ χr²/ωr² (B8)", made.rest_capacitance, "F"),
-        ("charge of the modes left out", "Σ χr γr/ωr² (B8)", made.rest_charge, "C s²/m"),
-        ("coupling squared k²", "θ²/(K Cp)", made.coupling_squared, "1"),
-        ("short-circuit frequency", "(B3)", made.short_frequency, "Hz"),
-        ("open-circuit frequency", "with the modes left out", made.open_frequency, "Hz"),
-        ("open-circuit frequency", "of one mode alone", made.one_mode_open_frequency, "Hz"),
+    table = [
+        ("mass M", "1/φ(L)² (B4)", values.mass, "kg"),
+        ("stiffness K", "ω² M (B4)", values.stiffness, "N/m"),
+        ("damping C", "2 ζ ω M (B4)", values.damping, "N s/m"),
+        ("base factor μ", "φ(L) γ (B5)", values.base_factor, "1"),
+        ("coupling θ", "χ/φ(L) (B6)", values.coupling, "N/V"),
+        ("capacitance of the layers Cp", "(B7)", values.material_capacitance, "F"),
+        ("capacitance of the modes left out", "Σ χr²/ωr² (B8)", values.rest_capacitance, "F"),
+        ("charge of the modes left out", "Σ χr γr/ωr² (B8)", values.rest_charge, "C s²/m"),
+        ("coupling squared k²", "θ²/(K Cp)", values.coupling_squared, "1"),
+        ("short-circuit frequency", "(B3)", values.short_frequency, "Hz"),
+        ("open-circuit frequency", "with the modes left out", values.open_frequency, "Hz"),
+        ("open-circuit frequency", "of one mode alone", values.one_mode_open_frequency, "Hz"),
         ("second frequency", "(B3)", several[1], "Hz"),
         ("third frequency", "(B3)", several[2], "Hz"),
         ("strain of the layers per displacement", "(B9)", strain.per_displacement, "1/m"),
-        ("from the clamp to this strain", "(B9)", strain.place, "m"),
+        ("from the clamp to this strain", "(B9)", strain.position, "m"),
         ("strain of the modes left out per volt", "(B9)", strain.per_volt, "1/V"),
         ("strain of the modes left out per acceleration", "(B9)", strain.per_acceleration, "s²/m"),
         ("strain of the substrate per displacement", "(B9)", substrate.per_displacement, "1/m"),
-        ("from the clamp to the substrate's strain", "(B9)", substrate.place, "m"),
+        ("from the clamp to the substrate's strain", "(B9)", substrate.position, "m"),
     ]
     if beam.measured_frequency is not None:
-        found.append(
-            ("clamp's compliance", "from measured_frequency", made.clamp_compliance, "rad/(N m)")
-        )
+        compliance = values.clamp_compliance
+        table.append(("clamp's compliance", "from measured_frequency", compliance, "rad/(N m)"))
     if beam.measured_capacitance is not None:
-        found.append(
-            ("factor on the permittivity", "from measured_capacitance", made.permittivity_factor,
-             "1")
-        )  # fmt: skip
-    return found
+        factor = values.permittivity_factor
+        table.append(("factor on the permittivity", "from measured_capacitance", factor, "1"))
+    return table
 
 
 def remarks(beam: Beam, magnets: Magnets | None = None) -> list[str]:
     """Lines on the theory's limits here, sources of material data, and the magnets as a
     polynomial."""
-    found = notes(beam)
+    lines = notes(beam)
     if beam.tip_material and beam.tip_offset == 0.0:
         flush = replace(beam, tip_offset=-(beam.tip_length or 0.0) / 2.0, measured_frequency=None)
-        found.append(
+        lines.append(
             "tip_offset = 0: the block's middle lies over the beam's end; flush with the end, by "
             f"tip_offset = {flush.tip_offset:g}, the beam has {lumped(flush).short_frequency:.4g} "
             "Hz with a rigid clamp"
         )
-    for name, known in ((beam.material, PASSIVE), (beam.piezo, ACTIVE)):
-        found.append(f"{name}: {known[name].source}")
+    for name, materials in ((beam.material, PASSIVE), (beam.piezo, ACTIVE)):
+        lines.append(f"{name}: {materials[name].source}")
     limit, named = beam.limit
-    found.append(f"greatest strain of the layers: {limit:.3g}, {named}")
+    lines.append(f"greatest strain of the layers: {limit:.3g}, {named}")
     if magnets is not None:
-        found += magnet_notes(magnets)
+        lines += magnet_notes(magnets)
         coefficients, error = polynomial_fit(magnets, beam)
-        listed = ", ".join(f"{each:.5g}" for each in coefficients)
-        found.append(
+        listed = ", ".join(f"{coefficient:.5g}" for coefficient in coefficients)
+        lines.append(
             f"as a polynomial of the seventh degree within ±{magnets.reach:g} m: "
             f"restoring_force = [{listed}], wrong by up to {error:.2g} N"
         )
-    return found
+    return lines
 
 
 def draw(beam: Beam, magnets: Magnets | None = None) -> Figure:
@@ -91,10 +88,10 @@ def draw(beam: Beam, magnets: Magnets | None = None) -> Figure:
     figure = Figure(figsize=(8.0, 5.0 if magnets is None else 7.0), layout="constrained")
     panels = figure.subplots(2 if magnets is None else 3, 1)
     _draw_side(panels[0], beam)
-    made = lumped(beam)
-    places, values = shape(pieces_of(beam), tip_of(beam), made.clamp_compliance)
+    lumped_values = lumped(beam)
+    places, values = shape(pieces_of(beam), tip_of(beam), lumped_values.clamp_compliance)
     panels[1].plot(1e3 * places, values, color=LINE)
-    frequency = made.short_frequency
+    frequency = lumped_values.short_frequency
     panels[1].set(
         xlabel="from the clamp [mm]", ylabel="φ/φ(L)", title=f"mode at {frequency:.4g} Hz"
     )
@@ -111,7 +108,7 @@ def _draw_side(axes: Any, beam: Beam) -> None:
     from matplotlib.patches import Rectangle
 
     half, height = 500.0 * beam.thickness, 1e3 * beam.piezo_thickness
-    begin, end = (1e3 * each for each in beam.patch)
+    begin, end = (1e3 * edge for edge in beam.patch)
     length = 1e3 * beam.length
 
     def block(x, y, width, tall, colour, label=None):

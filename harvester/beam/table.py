@@ -7,7 +7,6 @@ from __future__ import annotations
 
 import functools
 import math
-from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any, ClassVar, NamedTuple
 
@@ -138,8 +137,8 @@ class Beam:
     @property
     def patch(self) -> tuple[float, float]:
         """Where the electrodes begin and end (m from the clamp)."""
-        whole = self.length - self.piezo_start
-        length = whole if self.piezo_length is None else self.piezo_length
+        remaining = self.length - self.piezo_start
+        length = remaining if self.piezo_length is None else self.piezo_length
         return self.piezo_start, self.piezo_start + length
 
     @property
@@ -168,7 +167,7 @@ class Beam:
         return {**values, "piezo_length": self.patch[1] - self.patch[0]}
 
 
-class Lumped(NamedTuple):
+class LumpedBeam(NamedTuple):
     """Lumped values of a drawing at its tip (SI), electrodes short-circuited.
 
     Attributes
@@ -253,16 +252,19 @@ def section(beam: Beam, covered: bool) -> Section:
     modulus, density = beam.substrate
     half, height = beam.thickness / 2.0, beam.piezo_thickness
     stack = [(-half, half, modulus, density)]
+    force = 0.0
     if covered:
-        active, active_density, _, _ = beam.active
+        active, active_density, d31, _ = beam.active
         stack.append((half, half + height, active, active_density))
         if beam.layers == 2:
             stack.append((-half - height, -half, active, active_density))
+        # Axial force of a layer, e31 b (N/V); the field is V/h_p, or V/spacing.
+        field = 1.0 if beam.electrode_spacing is None else height / beam.electrode_spacing
+        force = abs(d31) * active * beam.width * field
     stretch = sum(e * (top - low) for low, top, e, _ in stack)
     axis = sum(e * (top**2 - low**2) / 2.0 for low, top, e, _ in stack) / stretch
     rigidity = sum(e * ((top - axis) ** 3 - (low - axis) ** 3) / 3.0 for low, top, e, _ in stack)
     mass = sum(rho * (top - low) for low, top, _, rho in stack)
-    force = _force_per_volt(beam) if covered else 0.0
     number = 2.0 if beam.layers == 2 and beam.connection == "parallel" else 1.0
     moment = force * (half + height / 2.0 - axis) * number
     strain = force / (beam.width * stretch) if beam.layers == 1 else 0.0
@@ -270,18 +272,11 @@ def section(beam: Beam, covered: bool) -> Section:
     return Section(*sizes, moment, strain, force * strain, axis)
 
 
-def _force_per_volt(beam):
-    """Axial force of a layer, e31 b (N/V); the field is V/h_p, or V/spacing."""
-    active, _, d31, _ = beam.active
-    field = 1.0 if beam.electrode_spacing is None else beam.piezo_thickness / beam.electrode_spacing
-    return abs(d31) * active * beam.width * field
-
-
 def spans(beam: Beam) -> list[tuple[float, float, bool]]:
     """Beginning and end of each uniform piece (m), and whether the layers cover it."""
     begin, end = beam.patch
     every = ((0.0, begin, False), (begin, end, True), (end, beam.length, False))
-    return [each for each in every if each[1] - each[0] > 1e-9 * beam.length]
+    return [span for span in every if span[1] - span[0] > 1e-9 * beam.length]
 
 
 def pieces_of(beam: Beam) -> list[Piece]:
@@ -317,13 +312,11 @@ def layer_capacitance(beam: Beam) -> float:
 
 
 @functools.lru_cache(maxsize=256)
-def lumped(beam: Beam, origin: str = "beam") -> Lumped:
+def lumped(beam: Beam, origin: str = "beam") -> LumpedBeam:
     """The first mode at the tip, the others static.
 
-    Raises
-    ------
-    SceneError
-        The drawing is none of a slender cantilever, or a measured value cannot be met.
+    Raises SceneError if the drawing is none of a slender cantilever, or a measured value cannot be
+    met.
     """
     _check(beam, origin)
     pieces, tip = pieces_of(beam), tip_of(beam)
@@ -339,7 +332,7 @@ def lumped(beam: Beam, origin: str = "beam") -> Lumped:
             f"{GRAVITY / omega**2:.3g} m under its weight, more than the beam's length: check the "
             "units of sizes (m), masses (kg) and moduli (Pa)"
         )
-    own = (first.coupling / omega) ** 2
+    first_capacitance = (first.coupling / omega) ** 2
     capacitance, (begin, end) = layer_capacitance(beam), beam.patch
     stretch = section(beam, True).axial_capacitance * (end - begin)
     factor = 1.0
@@ -358,14 +351,14 @@ def lumped(beam: Beam, origin: str = "beam") -> Lumped:
                 f"the order of the drawing's {capacitance + strained:.3g} F: check the unit (F), "
                 "piezo_thickness and connection"
             )
-    return Lumped(
+    return LumpedBeam(
         mass=mass,
         stiffness=omega**2 * mass,
         damping=2.0 * beam.ratio * omega * mass,
         base_factor=first.tip * first.forcing,
         coupling=first.coupling / first.tip,
         material_capacitance=capacitance * factor + stretch,
-        rest_capacitance=every.capacitance - own,
+        rest_capacitance=every.capacitance - first_capacitance,
         rest_charge=every.charge - first.coupling * first.forcing / omega**2,
         damping_ratio=beam.ratio,
         tip_slope=first.tip_slope / first.tip,
@@ -375,55 +368,55 @@ def lumped(beam: Beam, origin: str = "beam") -> Lumped:
     )  # fmt: skip
 
 
-def frequencies(beam: Beam, count: int = 3) -> list[float]:
-    """The first short-circuit frequencies (Hz)."""
+def frequencies(beam: Beam) -> list[float]:
+    """The first three short-circuit frequencies (Hz)."""
     compliance = lumped(beam).clamp_compliance
-    found: Sequence[Any] = modes(pieces_of(beam), tip_of(beam), count, compliance)
-    return [each.angular_frequency / (2.0 * math.pi) for each in found]
+    lowest = modes(pieces_of(beam), tip_of(beam), 3, compliance)
+    return [mode.angular_frequency / (2.0 * math.pi) for mode in lowest]
 
 
 def _calibrated_clamp(beam, pieces, tip, origin):
     """Compliance of the clamp for which the first short-circuit frequency is the measured one."""
     rigid = modes(pieces, tip)[0].angular_frequency
-    wanted = 2.0 * math.pi * beam.measured_frequency
-    if wanted > rigid:
+    measured = 2.0 * math.pi * beam.measured_frequency
+    if measured > rigid:
         raise SceneError(
             f"{origin}: beam.measured_frequency = {beam.measured_frequency:g}: must be at most the "
             f"{rigid / (2.0 * math.pi):.4g} Hz of a rigid clamp, as a clamp only softens: "
             "check thickness, modulus and tip mass"
         )
-    if wanted < SOFTEST_CLAMP * rigid:
+    if measured < SOFTEST_CLAMP * rigid:
         raise SceneError(
             f"{origin}: beam.measured_frequency = {beam.measured_frequency:g}: must be at least "
             f"{SOFTEST_CLAMP:g} of the {rigid / (2.0 * math.pi):.4g} Hz of a rigid clamp: below, "
             "the clamp would give way more than the beam: check the unit (Hz) and the drawing"
         )
-    return clamp_compliance(pieces, tip, wanted)
+    return clamp_compliance(pieces, tip, measured)
 
 
 def notes(beam: Beam) -> list[str]:
     """Notes on the dimensions for which the theory of slender beams is only approximate."""
-    found = []
+    remarks = []
     thickness = beam.thickness + beam.layers * beam.piezo_thickness
     if thickness > THICK * beam.length:
-        found.append(
+        remarks.append(
             f"thickness/length = {thickness / beam.length:.2g} > {THICK}: shear, left out here, "
             "lowers the frequency by some per cents"
         )
     if beam.width > WIDE * beam.length:
-        found.append(
+        remarks.append(
             f"width/length = {beam.width / beam.length:.2g} > {WIDE}: towards a plate, whose "
             "stiffness is up to 1/(1 − ν²), some 10 %, greater"
         )
     begin, end = beam.patch
     if end - begin < SHORT_PATCH * beam.piezo_thickness:
-        found.append(
+        remarks.append(
             f"the patch is {(end - begin) / beam.piezo_thickness:.2g} thicknesses long, < "
             f"{SHORT_PATCH:g}: at its ends it does not follow the beam, and couples less"
         )
     if beam.ratio == 0.0:
-        found.append("no damping_ratio or quality_factor is given: ζ = 0")
-    return found
+        remarks.append("no damping_ratio or quality_factor is given: ζ = 0")
+    return remarks
 
 
 def _check(beam, origin):
@@ -457,26 +450,26 @@ def _check(beam, origin):
     ):
         if getattr(beam, one) is not None and getattr(beam, other) is not None:
             raise SceneError(f"{origin}: beam.{one} and beam.{other} say the same thing twice")
-    given = [name for name in FATIGUE if getattr(beam, name) is not None]
-    if 0 < len(given) < len(FATIGUE):
-        missing = ", ".join(f"beam.{name}" for name in FATIGUE if name not in given)
+    keys = [name for name in FATIGUE if getattr(beam, name) is not None]
+    if 0 < len(keys) < len(FATIGUE):
+        missing = ", ".join(f"beam.{name}" for name in FATIGUE if name not in keys)
         raise SceneError(
-            f"{origin}: beam.{given[0]} is part of a line of three values; give {missing} too"
+            f"{origin}: beam.{keys[0]} is part of a line of three values; give {missing} too"
         )
     if beam.active[3] <= 0.0:
         raise SceneError(
             f"{origin}: beam: d31² c11 is greater than the free permittivity; check piezo_d31"
         )
     sizes = ("tip_length", "tip_height", "tip_width")
-    given = [name for name in sizes if getattr(beam, name) is not None]
-    if given and beam.tip_material is None:
+    keys = [name for name in sizes if getattr(beam, name) is not None]
+    if keys and beam.tip_material is None:
         raise SceneError(
-            f"{origin}: beam.{given[0]} needs beam.tip_material; a block of known mass has "
+            f"{origin}: beam.{keys[0]} needs beam.tip_material; a block of known mass has "
             "beam.tip_mass, tip_inertia and tip_offset instead of sizes"
         )
     if beam.tip_material is None:
         return
-    if not {"tip_length", "tip_height"} <= {*given}:
+    if not {"tip_length", "tip_height"} <= {*keys}:
         raise SceneError(f"{origin}: beam.tip_material needs beam.tip_length and beam.tip_height")
     if (beam.tip_length or 0.0) > beam.length:
         raise SceneError(

@@ -10,22 +10,22 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import ClassVar, NamedTuple
 
+from harvester.device.dispatch import Values
 from harvester.device.keys import SI, names_replace, not_negative, positive
-from harvester.device.linear_transducer import LinearTransducer, Rates, Unshaken
+from harvester.device.linear_transducer import LinearTransducer, TransducerRates, Unshaken
 from harvester.device.terminals import (
     GROUND,
     LOAD_AMMETER,
-    Element,
+    Component,
     Network,
     Setting,
     TransducerTable,
 )
-from harvester.device.values import Values
 
 TERMINAL = "coil"
 
 
-class Coil(LinearTransducer, Rates):
+class Coil(LinearTransducer, TransducerRates):
     """A coil with inductance: β = Φ²/(M L), λ = (R_coil + R)/L. Unit of voltage: Φ l (1/s)."""
 
     __slots__ = ()
@@ -119,15 +119,7 @@ def coil(
     inductance: float,
     load_resistance: float | None,
 ) -> Coil | ResistiveCoil:
-    """The coil with these SI values.
-
-    Parameters
-    ----------
-    mass : kg.
-    constant : Φ (N/A).
-    resistance, inductance : R_coil > 0 (Ω) and L ≥ 0 (H).
-    load_resistance : R (Ω); None where a netlist is the load, taken as an open circuit.
-    """
+    """The coil with these SI values."""
     if inductance == 0.0:
         share = 0.0 if load_resistance is None else resistance / (resistance + load_resistance)
         return ResistiveCoil(constant**2 / (mass * resistance), share)
@@ -169,16 +161,16 @@ class CoilTable(TransducerTable):
         volts = self.voltage_unit(setting)
         inside = "winding" if self.inductance > 0.0 else TERMINAL
         elements = [
-            Element("moving voltage", "induced", "induced", GROUND, volts),
-            Element("resistor", "winding", "induced", inside, self.resistance),
+            Component("moving voltage", "induced", "induced", GROUND, volts),
+            Component("resistor", "winding", "induced", inside, self.resistance),
         ]
         if self.inductance > 0.0:
             inductance = self.inductance
             elements.append(
-                Element("inductor", "coil", inside, TERMINAL, inductance, holds_state=True)
+                Component("inductor", "coil", inside, TERMINAL, inductance, holds_state=True)
             )
         force = self.coupling / (setting.mass * setting.length)
-        elements.append(Element("force of current", "back_action", LOAD_AMMETER, GROUND, force))
+        elements.append(Component("force of current", "back_action", LOAD_AMMETER, GROUND, force))
         return Network(
             terminal=TERMINAL,
             elements=tuple(elements),

@@ -20,8 +20,8 @@ from harvester.device.hertz import hertz_damp
 from harvester.registry import Registry
 
 if TYPE_CHECKING:
+    from harvester.device.dispatch import Values
     from harvester.device.spring import Spring
-    from harvester.device.values import Values
 
 # Contact laws by the word that a scene's `law` takes. Each is made from a contact's scaled values.
 LAWS: Registry[Callable] = Registry("harvester.contact_laws", {"hertz-damp": hertz_damp})
@@ -90,8 +90,8 @@ def reaction(
 
     Those that act at a displacement are those of the zone from x to x.
     """
-    each = [one_reaction(one, spring, x, v, held_speed, low, high) for one in contacts]
-    return sum(push for push, _ in each), sum(rate for _, rate in each)
+    reactions = [one_reaction(one, spring, x, v, held_speed, low, high) for one in contacts]
+    return sum(push for push, _ in reactions), sum(rate for _, rate in reactions)
 
 
 @overload(reaction)
@@ -101,15 +101,15 @@ def _reaction(contacts, spring, x, v, held_speed, low, high):
 
     def in_turn(contacts, spring, x, v, held_speed, low, high):
         push, rate = 0.0, 0.0
-        for each in contacts:
-            more, faster = one_reaction(each, spring, x, v, held_speed, low, high)
-            push, rate = push + more, rate + faster
+        for contact in contacts:
+            extra_push, extra_rate = one_reaction(contact, spring, x, v, held_speed, low, high)
+            push, rate = push + extra_push, rate + extra_rate
         return push, rate
 
     def add(contacts, spring, x, v, held_speed, low, high):
         push, rate = one_reaction(contacts[0], spring, x, v, held_speed, low, high)
-        more, faster = reaction(contacts[1:], spring, x, v, held_speed, low, high)
-        return push + more, rate + faster
+        extra_push, extra_rate = reaction(contacts[1:], spring, x, v, held_speed, low, high)
+        return push + extra_push, rate + extra_rate
 
     return in_turn if _of_one_sort(contacts) else add
 
@@ -146,7 +146,7 @@ def one_energy(contact: Contact, x: Values) -> Values:
 
 def energy(contacts: tuple[Contact, ...], x: Values) -> Values:
     """Elastic energy in all contacts; `x` a float or an array of any shape."""
-    return sum((one_energy(each, x) for each in contacts), 0.0 * x)
+    return sum((one_energy(contact, x) for contact in contacts), 0.0 * x)
 
 
 @overload(energy)
@@ -156,8 +156,8 @@ def _energy(contacts, x):
 
     def in_turn(contacts, x):
         total = 0.0
-        for each in contacts:
-            total += one_energy(each, x)
+        for contact in contacts:
+            total += one_energy(contact, x)
         return total
 
     def add(contacts, x):
@@ -179,7 +179,8 @@ def step(
 ) -> float:
     """The shortest of `one_step` over all contacts (s)."""
     return min(
-        (one_step(each, x, square_speed, longest, steps) for each in contacts), default=longest
+        (one_step(contact, x, square_speed, longest, steps) for contact in contacts),
+        default=longest,
     )
 
 
@@ -190,8 +191,8 @@ def _step(contacts, x, square_speed, longest, steps):
 
     def in_turn(contacts, x, square_speed, longest, steps):
         least = longest
-        for each in contacts:
-            least = min(least, one_step(each, x, square_speed, longest, steps))
+        for contact in contacts:
+            least = min(least, one_step(contact, x, square_speed, longest, steps))
         return least
 
     def shortest(contacts, x, square_speed, longest, steps):
@@ -204,21 +205,21 @@ def _step(contacts, x, square_speed, longest, steps):
 def elastic_push(contacts: tuple[Contact, ...], x: Values) -> Values:
     """Elastic force of all contacts on x, as Python calls it: float or array of any shape."""
     total = 0.0 * np.asarray(x, dtype=float)
-    for each in contacts:
-        s = np.sign(x) if each.side == 0.0 else each.side
-        depth = np.maximum(s * x - each.gap, 0.0)
-        total = total + s * each.law.elastic_force(depth)
+    for contact in contacts:
+        s = np.sign(x) if contact.side == 0.0 else contact.side
+        depth = np.maximum(s * x - contact.gap, 0.0)
+        total = total + s * contact.law.elastic_force(depth)
     return total
 
 
 def edges(contacts: tuple[Contact, ...]) -> tuple[float, ...]:
     """Displacements at which a contact begins, ascending, between −inf and inf: tuple of float."""
     places = set()
-    for each in contacts:
-        if each.side >= 0.0:
-            places.add(each.gap)
-        if each.side <= 0.0:
-            places.add(-each.gap)
+    for contact in contacts:
+        if contact.side >= 0.0:
+            places.add(contact.gap)
+        if contact.side <= 0.0:
+            places.add(-contact.gap)
     return (-math.inf, *sorted(places), math.inf)
 
 
@@ -236,14 +237,14 @@ def pulled_back(contact: Contact, spring: Spring) -> bool:
 
 
 def arrival_formula(
-    each: Contact, s: float, spring: Spring, x: str, rate: float, number: Callable
+    contact: Contact, s: float, spring: Spring, x: str, rate: float, number: Callable
 ) -> str:
     """2 [U(x) − U(s gap)]/rate² as an expression: what brings the mass to one stopper or back."""
-    return spring.gain_formula(x, s * each.gap, rate, number)
+    return spring.gain_formula(x, s * contact.gap, rate, number)
 
 
 def formulas(
-    each: Contact,
+    contact: Contact,
     spring: Spring,
     x: str,
     u: str,
@@ -258,14 +259,14 @@ def formulas(
     a pair of stoppers takes a symmetric spring. `bounded` asks for a bound of U(x) − U(gap) by 0
     that this spring does without: its numbers may be varied.
     """
-    gap = number("gap", each.gap, "displacement at which it begins", "(0:inf)")
+    gap = number("gap", contact.gap, "displacement at which it begins", "(0:inf)")
     sides = {
         1.0: (f"{x}>{gap}", f"{x}-{gap}", "1.0"),
         -1.0: (f"{x}<-{gap}", f"-{x}-{gap}", "-1.0"),
         0.0: (f"abs({x})>{gap}", f"abs({x})-{gap}", f"sgn({x})"),
     }
-    condition, depth, sign = sides[each.side]
-    gain = arrival_formula(each, each.side or 1.0, spring, x, rate, number)
-    if bounded or not (pulled_back(each, spring) and spring.gain_is_product):
+    condition, depth, sign = sides[contact.side]
+    gain = arrival_formula(contact, contact.side or 1.0, spring, x, rate, number)
+    if bounded or not (pulled_back(contact, spring) and spring.gain_is_product):
         gain = f"((({gain})>0) ? ({gain}) : 0)"
-    return condition, each.law.force_formula(depth, sign, u, gain, number, held, rate)
+    return condition, contact.law.force_formula(depth, sign, u, gain, number, held, rate)

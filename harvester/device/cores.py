@@ -24,17 +24,9 @@ CORE_SHARE = 0.25
 
 
 def core_energies(system: System) -> np.ndarray:
-    """Largest ½X'² + U(X) in the core of each well.
+    """Largest ½X'² + U(X) in the core of each of several wells.
 
-    Parameters
-    ----------
-    system : harvester.device.system.System
-        A device with several wells.
-
-    Returns
-    -------
-    ndarray, shape (wells,)
-        From the left to the right; scaled energy per mass.
+    From the left to the right, shape (wells,); scaled energy per mass.
     """
     return np.array(
         [
@@ -60,12 +52,8 @@ def cores_within(system: System) -> tuple[float, float]:
 def jump_rates(wells: int, alike: bool) -> dict[str, tuple[tuple[int, int], ...]]:
     """Names of the rates of jumps, with the jumps (from, to) that each counts.
 
-    Parameters
-    ----------
-    wells : int
-        More than one; counted from the left, in the names from 1 on.
-    alike : bool
-        Two wells that symmetry makes alike: one rate stands for both ways.
+    `wells`: more than one; counted from the left, in the names from 1 on. `alike`: two wells that
+    symmetry makes alike: one rate stands for both ways.
     """
     pairs = [(a, b) for a in range(wells) for b in range(wells) if a != b]
     if alike:

@@ -20,14 +20,8 @@ def decayed(
 
     Exact for any rate; for a great one it tends to end/rate, what the drive holds.
 
-    Parameters
-    ----------
-    value : float
-        y at the beginning.
-    rate, time : float
-        1/s ≥ 0, and s.
-    start, middle, end : float
-        The drive at the beginning, half-way and at the end.
+    `value`: y at the beginning. `rate`, `time`: 1/s ≥ 0, and s. `start`, `middle`, `end`: the drive
+    at the beginning, half-way and at the end.
     """
     z = rate * time
     constant, linear, square = _shares(z)

@@ -8,22 +8,20 @@ the part's type, so that what a device lacks is not compiled.
 from __future__ import annotations
 
 from collections.abc import Callable
+from typing import Any, TypeAlias
 
 from harvester.compilation import overload, types
 
+# A float or an array of any shape; the result of an equation is of the same kind. No type checker
+# can express this for compiled functions.
+Values: TypeAlias = Any
+
 
 def equation(name: str) -> Callable:
-    """The function that calls the method `name` of its first argument.
+    """The function that calls a method of its first argument, also in code that numba compiles.
 
-    Parameters
-    ----------
-    name : str
-        Name of a method that every part of the same sort has.
-
-    Returns
-    -------
-    callable
-        Of (part, *arguments), also in code that numba compiles.
+    Every part of the same sort has a method of this name. The function is one of
+    (part, *arguments).
     """
 
     def call(part, *arguments):

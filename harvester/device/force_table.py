@@ -19,7 +19,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from harvester.compilation import intrinsic, overload, types
-from harvester.device.values import Values
+from harvester.device.dispatch import Values
 
 MOST_PIECES = 32
 # Every table is filled with zero terms up to this number, so that one compiled code serves all.
@@ -68,7 +68,6 @@ class ForceTable(NamedTuple):
 
     @property
     def straight(self) -> bool:
-        """Whether F is a line."""
         bends = (*self.core[2:], *self.squares, *self.cubes)
         return not any(bends)
 
@@ -93,27 +92,22 @@ class ForceTable(NamedTuple):
         return -math.inf, math.inf
 
     def force(self, x: Values) -> Values:
-        """The force F(x)."""
         k0, k1, k2, k3 = self.core
         bent = bends_squared(self.sides, self.offsets, self.squares, self.cubes, x)
         return k0 + x * (k1 + x * (k2 + x * k3)) + bent
 
     def energy(self, x: Values) -> Values:
-        """U(x) = ∫F dx from 0."""
         k0, k1, k2, k3 = self.core
         bent = bends_cubed(self.sides, self.offsets, self.energy_cubes, self.energy_fourths, x)
         return x * (k0 + x * (k1 / 2.0 + x * (k2 / 3.0 + x * k3 / 4.0))) + bent
 
     def greatest_stiffness(self, x: Values) -> Values:
-        """A bound of |F'| at all displacements."""
         return self.steepest + 0.0 * x
 
     def slope(self, x: Values) -> Values:
-        """The stiffness F'(x)."""
         return self.taylor(x)[0]
 
     def taylor(self, x: Values) -> tuple[Values, Values, Values]:
-        """Coefficients of the first three powers of F about a displacement."""
         k1, k2, k3 = self.core[1:]
         rows = (self.sides, self.offsets, self.squares, self.cubes)
         s, offsets, a, b = (np.reshape(row, (-1,) + (1,) * np.ndim(x)) for row in rows)
@@ -121,11 +115,7 @@ class ForceTable(NamedTuple):
         d = np.where(inside, s * x - offsets, 0.0)
         linear = np.sum(s * (2.0 * a + 3.0 * b * d) * d, axis=0)
         square, cube = np.sum(np.where(inside, a + 3.0 * b * d, 0.0), 0), np.sum(s * b * inside, 0)
-        return (
-            k1 + x * (2.0 * k2 + x * 3.0 * k3) + linear,
-            k2 + 3.0 * k3 * x + square,
-            k3 + cube,
-        )
+        return (k1 + x * (2.0 * k2 + x * 3.0 * k3) + linear, k2 + 3.0 * k3 * x + square, k3 + cube)
 
     def breaks(self) -> np.ndarray:
         """Displacements where one piece gives way to the next, ascending, both ends with them."""
@@ -143,19 +133,17 @@ class ForceTable(NamedTuple):
         return _pieces(self)
 
     def roots(self) -> np.ndarray:
-        """Displacements without a force, ascending."""
         return _roots(self).copy()
 
     def turning_points(self, energy: float) -> tuple[float, float]:
-        """The outermost displacements that this energy above the deepest well reaches."""
         level = energy + min((float(self.energy(x)) for x in self.roots()), default=0.0)
 
         def excess(origin, force):
             rising = force / np.arange(1, 5)
             return np.concatenate([[float(self.energy(origin)) - level], rising])
 
-        found = self._levels(lambda x: self.energy(x) - level, excess, self._outermost(level))
-        return float(found.min()), float(found.max())
+        levels = self._levels(lambda x: self.energy(x) - level, excess, self._outermost(level))
+        return float(levels.min()), float(levels.max())
 
     def _outermost(self, level):
         """Indices of the outermost pieces in which the energy falls to a level, and of both end
@@ -175,17 +163,17 @@ class ForceTable(NamedTuple):
         breaks = self.breaks()
         ends = [-math.inf, *breaks, math.inf]
         least = 1e-12 * (abs(breaks[0]) + abs(breaks[-1]) or 1.0)
-        found = [x for x in breaks if value(x) == 0.0] if some is None else []
+        solutions = [x for x in breaks if value(x) == 0.0] if some is None else []
         for k, (origin, force) in enumerate(self.pieces()):
             if some is not None and k not in some:
                 continue
             low, high = ends[k], ends[k + 1]
             roots = np.polynomial.Polynomial(np.trim_zeros(polynomial(origin, force), "b")).roots()
             real = origin + roots.real[np.abs(roots.imag) < 1e-7 * (least + np.abs(roots.real))]
-            found += [x for x in real if low - least <= x <= high + least]
-        if not found and some is not None:
+            solutions += [x for x in real if low - least <= x <= high + least]
+        if not solutions and some is not None:
             return self._levels(value, polynomial)
-        places = np.sort(found)
+        places = np.sort(solutions)
         # A rest position that differs from zero by rounding would be taken for a length of the
         # device.
         places[np.abs(places) < 10.0 * least] = 0.0
@@ -198,14 +186,13 @@ class ForceTable(NamedTuple):
 
     @property
     def gain_is_product(self) -> bool:
-        """Whether rounding leaves `gain_formula` its sign."""
         return False
 
-    def gain_formula(self, x: str, place: float, rate: float, number: Callable) -> str:
-        """A formula of 2 [U(x) − U(place)]/rate² for netlists."""
+    def gain_formula(self, x: str, gap: float, rate: float, number: Callable) -> str:
+        """A formula of 2 [U(x) − U(gap)]/rate² for netlists."""
         pieces = []
         for origin, force in self.pieces():
-            below = float(self.energy(origin)) - float(self.energy(place))
+            below = float(self.energy(origin)) - float(self.energy(gap))
             rising = np.concatenate([[below], force / np.arange(1, 5)])
             pieces.append((origin, 2.0 * rising / rate**2))
         return self._chosen(x, "gain", pieces, "2 [U - U(gap)]/rate^2", number)
@@ -218,13 +205,13 @@ class ForceTable(NamedTuple):
         def leaf(k):
             coefficients = pieces[k][1]
             way = f"({x}-{ends[max(k - 1, 0)]})"
-            kept = [
-                number(f"{name}{k}_{n}", float(each), f"{meaning}, power {n}")
-                for n, each in enumerate(coefficients)
+            texts = [
+                number(f"{name}{k}_{n}", float(coefficient), f"{meaning}, power {n}")
+                for n, coefficient in enumerate(coefficients)
                 if n < 2 or np.any(coefficients[n:])
             ]
-            inner = kept.pop()
-            for text in reversed(kept):
+            inner = texts.pop()
+            for text in reversed(texts):
                 inner = f"({text}+{way}*{inner})"
             return inner
 
@@ -241,13 +228,13 @@ class ForceTable(NamedTuple):
 @functools.lru_cache(maxsize=64)
 def _pieces(table: ForceTable) -> tuple[tuple[float, np.ndarray], ...]:
     """See `ForceTable.pieces`."""
-    breaks, found = table.breaks(), []
+    breaks, pieces = table.breaks(), []
     middles = 0.5 * (breaks[1:] + breaks[:-1])
     # The straight lines beyond both ends begin at the ends.
     for origin, inside in zip(
         [breaks[0], *breaks], [breaks[0] - 1.0, *middles, breaks[-1] + 1.0], strict=True
     ):
-        linear, square, cube = (float(each) for each in table.taylor(inside))
+        linear, square, cube = (float(term) for term in table.taylor(inside))
         # The same cubic, expanded about the origin. By hand: with
         # numpy's Polynomial a drawn device took 80 ms, and a study of yield makes hundreds.
         away = float(origin) - float(inside)
@@ -258,8 +245,8 @@ def _pieces(table: ForceTable) -> tuple[tuple[float, np.ndarray], ...]:
         if not breaks[0] < inside < breaks[-1]:
             cubic[2:] = 0.0
         cubic.setflags(write=False)
-        found.append((float(origin), cubic))
-    return tuple(found)
+        pieces.append((float(origin), cubic))
+    return tuple(pieces)
 
 
 @functools.lru_cache(maxsize=64)
@@ -284,28 +271,27 @@ def force_table(
 ) -> ForceTable:
     """The spring through a table's points, or nearly through them.
 
-    Parameters
-    ----------
-    points : sequence of (float, float)
-        Displacement and force, the displacements ascending, the first below 0 and the last above.
-    interpolation : str
-        "monotone": through every point, nowhere beyond the two beside it (scipy's PCHIP), of which
-        there are at most `MOST_PIECES` + 1. "smooth": a cubic spline by least squares, which has
-        F'' continuous and, for each of its pieces, at least three points.
+    `points`: displacement and force, the displacements ascending, the first below 0 and the last
+    above. `interpolation`: "monotone": through every point, nowhere beyond the two beside it
+    (scipy's PCHIP), of which there are at most `MOST_PIECES` + 1. "smooth": a cubic spline by least
+    squares, which has F'' continuous and, for each of its pieces, at least three points.
     """
     from scipy.interpolate import PchipInterpolator, PPoly, make_lsq_spline
 
     x, force = np.array(points, dtype=float).T
     if interpolation == "monotone":
-        made = PchipInterpolator(x, force)
-        breaks, coefficients = made.x, made.c
+        interpolant = PchipInterpolator(x, force)
+        breaks, coefficients = interpolant.x, interpolant.c
     else:
         count = min(MOST_PIECES, (x.size - 1) // POINTS_PER_PIECE)
         inner = np.interp(np.arange(1, count) / count, np.linspace(0.0, 1.0, x.size), x)
         knots = np.concatenate([[x[0]] * 4, inner, [x[-1]] * 4])
         piecewise = PPoly.from_spline(make_lsq_spline(x, force, knots, 3))
-        whole = np.diff(piecewise.x) > 0.0
-        breaks, coefficients = np.append(piecewise.x[:-1][whole], x[-1]), piecewise.c[:, whole]
+        nonempty = np.diff(piecewise.x) > 0.0
+        breaks, coefficients = (
+            np.append(piecewise.x[:-1][nonempty], x[-1]),
+            piecewise.c[:, nonempty],
+        )
     return _of_pieces(breaks, coefficients[::-1].T)
 
 
@@ -326,7 +312,7 @@ def _of_pieces(breaks, rising):
     core = np.polynomial.Polynomial(rising[middle])(
         np.polynomial.Polynomial([-breaks[middle], 1.0])
     )
-    made = ForceTable(
+    table = ForceTable(
         core=tuple(map(float, np.append(core.coef, np.zeros(4))[:4])),
         sides=sides,
         offsets=offsets,
@@ -336,18 +322,18 @@ def _of_pieces(breaks, rising):
         energy_fourths=tuple(s * b / 4.0 for s, b in zip(sides, cubes, strict=True)),
         steepest=0.0,
     )
-    return made._replace(steepest=_steepest(breaks, rising))
+    return table._replace(steepest=_steepest(breaks, rising))
 
 
 def _steepest(breaks, rising):
     """Greatest |F'|: at an end of a piece or where F'' vanishes within it."""
-    found = []
+    slopes = []
     for (_, k1, k2, k3), length in zip(rising, np.diff(breaks), strict=True):
         places = [0.0, length]
         if k3 != 0.0:
             places.append(float(np.clip(-k2 / (3.0 * k3), 0.0, length)))
-        found += [abs(k1 + d * (2.0 * k2 + 3.0 * k3 * d)) for d in places]
-    return float(max(found))
+        slopes += [abs(k1 + d * (2.0 * k2 + 3.0 * k3 * d)) for d in places]
+    return float(max(slopes))
 
 
 def _bent(sides, offsets, firsts, seconds, x, power):
@@ -382,11 +368,11 @@ def _sum_of_terms(power):
         rows = (sides, offsets, firsts, seconds)
 
         def code(context, builder, signature, arguments):
-            *tuples, place = arguments
-            zero, total = place.type(0.0), place.type(0.0)
+            *tuples, position = arguments
+            zero, total = position.type(0.0), position.type(0.0)
             for k in range(rows[0].count):
                 s, offset, first, second = (builder.extract_value(row, k) for row in tuples)
-                way = builder.fsub(builder.fmul(s, place), offset)
+                way = builder.fsub(builder.fmul(s, position), offset)
                 d = builder.select(builder.fcmp_ordered(">", way, zero), way, zero)
                 term = builder.fadd(first, builder.fmul(second, d))
                 for _ in range(power):

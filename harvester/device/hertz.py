@@ -14,8 +14,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from harvester.device.dispatch import equation
-from harvester.device.values import Values
+from harvester.device.dispatch import Values, equation
 
 # An elastic Hertz contact lasts 2.943 times its greatest depth over the approach speed.
 HERTZ_EXPONENT, HERTZ_DURATION = 1.5, 2.9432752
@@ -71,11 +70,7 @@ class HertzDamp(NamedTuple):
         return np.sqrt(v * v + 2.0 * energy)
 
     def damping(
-        self,
-        depth: Values,
-        v: Values,
-        spring_energy: Values,
-        held_speed: Values,
+        self, depth: Values, v: Values, spring_energy: Values, held_speed: Values
     ) -> Values:
         """Damping force over velocity (1/s).
 

@@ -39,7 +39,7 @@ class Key:
     values.
 
     `kind` is float, int, str, (str, int), `NAMED_VALUES` for a table of numbers or texts, or dict
-    for a table with a `kind` of its own. With `each`, a list of `count` (fewest, most) values of
+    for a table with a `kind` of its own. With `element`, a list of `count` (fewest, most) values of
     that kind. `likely` is the range of sizes that a part can have, with the unit that is often
     given in place of the key's: its factor and name.
     """
@@ -51,16 +51,16 @@ class Key:
     words: Collection[str] = ()
     units: tuple = BOTH
     required: bool = False
-    each: Key | None = None
+    element: Key | None = None
     count: tuple = (0, 0)
     likely: tuple[float, float, float, str] | None = None
 
     def allowed(self) -> str:
         """The accepted values, in words."""
-        if self.each:
+        if self.element:
             few, many = self.count
             number = few if few == many else f"{few} to {many}"
-            return f"a list of {number}, each {self.each.allowed()}"
+            return f"a list of {number}, each {self.element.allowed()}"
         if self.words:
             return "one of " + ", ".join(f'"{word}"' for word in self.words)
         if self.kind in _NOUNS:
@@ -94,32 +94,20 @@ def not_negative(**more: Any) -> Key:
 def check_value(where: str, value: Any, spec: Key, origin: str) -> Any:
     """The value of one key, numbers as float or int.
 
-    Parameters
-    ----------
-    where : str
-        The key's full name, for the message.
-    value : object
-    spec : Key
-    origin : str
-        File or scene name, for the message.
-
-    Raises
-    ------
-    SceneError
-        It is not what the key accepts.
+    Raises SceneError if it is not what the key accepts.
     """
 
     def refuse():
         hint = nearest(value, spec.words) if isinstance(value, str) else ""
         raise SceneError(f"{origin}: {where} = {shown(value)}: must be {spec.allowed()}{hint}")
 
-    if spec.each:
+    if spec.element:
         few, many = spec.count
         if not isinstance(value, (list, tuple)) or not few <= len(value) <= many:
             refuse()
         return tuple(
-            check_value(f"{where}[{place}]", part, spec.each, origin)
-            for place, part in enumerate(value)
+            check_value(f"{where}[{index}]", part, spec.element, origin)
+            for index, part in enumerate(value)
         )
     if spec.kind is NAMED_VALUES:
         return dict(value) if isinstance(value, dict) and _named_values(value) else refuse()
@@ -149,15 +137,14 @@ def check_value(where: str, value: Any, spec: Key, origin: str) -> Any:
             f"can be computed with: {SMALLEST:g} to {LARGEST:g}"
         )
     if spec.likely and value and not spec.likely[0] <= abs(value) <= spec.likely[1]:
-        raise SceneError(f"{origin}: {where} = {shown(value)}: {_slip(value, *spec.likely)}")
+        least, most, factor, unit = spec.likely
+        meant = value * factor
+        reading = f"; {value:g} {unit} is {meant:g}" if least <= abs(meant) <= most else ""
+        raise SceneError(
+            f"{origin}: {where} = {shown(value)}: no part has such a size: {least:g} to "
+            f"{most:g}{reading}"
+        )
     return spec.kind(value)
-
-
-def _slip(value, least, most, factor, unit):
-    """What a value beyond its likely range was probably meant to be."""
-    meant = value * factor
-    reading = f"; {value:g} {unit} is {meant:g}" if least <= abs(meant) <= most else ""
-    return f"no part has such a size: {least:g} to {most:g}{reading}"
 
 
 def is_word(value: object, words: Collection[str]) -> bool:

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from typing import NamedTuple
 
-from harvester.device.values import Values
+from harvester.device.dispatch import Values
 
 
 class Unshaken:
@@ -36,7 +36,7 @@ class LinearTransducer(Unshaken):
     """Base of the named tuples of such equations; without fields of its own.
 
     Methods take and return floats and are compiled as they stand. A subclass has at least
-    `coupling`, `load_rate` and `own_rate` as in `Rates`, and `voltage` and `loss`.
+    `coupling`, `load_rate` and `own_rate` as in `TransducerRates`, and `voltage` and `loss`.
     """
 
     __slots__ = ()
@@ -89,7 +89,7 @@ class LinearTransducer(Unshaken):
         return self.coupling * rate / (rate**2 + frequency**2)
 
 
-class Rates(NamedTuple):
+class TransducerRates(NamedTuple):
     """The numbers of a transducer whose loss and load both discharge the state.
 
     Attributes

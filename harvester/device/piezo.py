@@ -10,10 +10,10 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Any, ClassVar, NamedTuple
 
+from harvester.device.dispatch import Values
 from harvester.device.keys import SCALED, SI, Key, names_replace, not_negative, positive
-from harvester.device.linear_transducer import LinearTransducer, Rates
-from harvester.device.terminals import GROUND, Element, Network, Setting, TransducerTable
-from harvester.device.values import Values
+from harvester.device.linear_transducer import LinearTransducer, TransducerRates
+from harvester.device.terminals import GROUND, Component, Network, Setting, TransducerTable
 from harvester.errors import LoadError
 
 # The square of a larger λ (1/s) would overflow.
@@ -41,7 +41,7 @@ class PiezoLaw(LinearTransducer):
         return self.coupling
 
 
-class Piezo(PiezoLaw, Rates):
+class Piezo(PiezoLaw, TransducerRates):
     """The state is V; β = θ²/(M Cp), λ = 1/(R Cp) + 1/(R_leak Cp)."""
 
     __slots__ = ()
@@ -170,22 +170,22 @@ class PiezoTable(TransducerTable):
             power_unit = equations.coupling / (capacitance * volts**2)
             charge = self.coupling * setting.length
         behind, current_per_ampere = GROUND, 0.0
-        base: tuple[Element, ...] = ()
+        base: tuple[Component, ...] = ()
         if isinstance(equations, ShakenPiezo):
             behind, current_per_ampere = BASE, 1.0 / charge
             share = equations.base_share * volts
-            base = (Element("base voltage", "base_charge", BASE, GROUND, share),)
+            base = (Component("base voltage", "base_charge", BASE, GROUND, share),)
         elements = [
-            Element("capacitor", "piezo", TERMINAL, behind, capacitance, holds_state=True),
-            Element("moving current", "charge", TERMINAL, GROUND, charge),
+            Component("capacitor", "piezo", TERMINAL, behind, capacitance, holds_state=True),
+            Component("moving current", "charge", TERMINAL, GROUND, charge),
             *base,
         ]
         if equations.coupling > 0.0:
             force = equations.coupling
-            elements.append(Element("force of voltage", "back_action", TERMINAL, GROUND, force))
+            elements.append(Component("force of voltage", "back_action", TERMINAL, GROUND, force))
         if equations.own_rate > 0.0:
             leak = 1.0 / (equations.own_rate * capacitance)
-            elements.append(Element("resistor", "leak", TERMINAL, GROUND, leak))
+            elements.append(Component("resistor", "leak", TERMINAL, GROUND, leak))
         return Network(
             terminal=TERMINAL,
             elements=tuple(elements),

@@ -12,7 +12,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from harvester.compilation import overload
-from harvester.device.values import Values
+from harvester.device.dispatch import Values
 
 
 class Polynomial(NamedTuple):
@@ -41,10 +41,10 @@ class Polynomial(NamedTuple):
     @property
     def coefficients(self) -> tuple[float, ...]:
         """(F0, k1, k2, …) without trailing zeros, as a tuple of float."""
-        whole = [0.0] * 8
-        whole[0 : 2 * len(self.even) : 2] = self.even
-        whole[1 : 2 * len(self.odd) : 2] = self.odd
-        return _trimmed(whole)
+        padded = [0.0] * 8
+        padded[0 : 2 * len(self.even) : 2] = self.even
+        padded[1 : 2 * len(self.odd) : 2] = self.odd
+        return _trimmed(padded)
 
     @property
     def symmetric(self) -> bool:
@@ -146,8 +146,8 @@ class Polynomial(NamedTuple):
         """Whether rounding leaves `gain_formula` its sign: a product's, not a difference's."""
         return self.odd_cubic is not None
 
-    def gain_formula(self, x: str, place: float, rate: float, number: Callable) -> str:
-        """2 [U(x) − U(place)]/rate².
+    def gain_formula(self, x: str, gap: float, rate: float, number: Callable) -> str:
+        """2 [U(x) − U(gap)]/rate².
 
         For a spring of first and third power a product, because simulators differentiate term by
         term.
@@ -155,12 +155,12 @@ class Polynomial(NamedTuple):
         if self.odd_cubic is not None:
             linear, cubic = self.odd_cubic
             half = 0.5 * cubic / rate**2
-            constant = linear / rate**2 + half * place**2
+            constant = linear / rate**2 + half * gap**2
             slope = number("gain_constant", constant, "(k1 + k3 gap^2/2)/rate^2")
             if half != 0.0:
                 bounds = ["[0:inf)"] if half > 0.0 else []
                 slope += f"+{number('gain_slope', half, 'k3/(2 rate^2)', *bounds)}*({x}*{x})"
-            return f"({x}*{x}-{number('gap_square', place**2, 'gap^2', '(0:inf)')})*({slope})"
+            return f"({x}*{x}-{number('gap_square', gap**2, 'gap^2', '(0:inf)')})*({slope})"
         powers = [2.0 * k / (n + 1) / rate**2 for n, k in enumerate(self.coefficients)]
         named = [
             number(f"gain{n}", k, f"2 k{n - 1}/({n} rate^2)") for n, k in enumerate(powers, start=1)
@@ -168,17 +168,14 @@ class Polynomial(NamedTuple):
         inner = named.pop()
         for text in reversed(named):
             inner = f"({text}+({inner})*{x})"
-        below = number("gain_below", 2.0 * float(self.energy(place)) / rate**2, "2 U(gap)/rate^2")
+        below = number("gain_below", 2.0 * float(self.energy(gap)) / rate**2, "2 U(gap)/rate^2")
         return f"({x}*{inner}-({below}))"
 
 
 def polynomial(coefficients: Sequence[float]) -> Polynomial:
     """The spring of F(x) = Σ coefficients[n] x^n.
 
-    Parameters
-    ----------
-    coefficients : sequence of float
-        (F0, k1, k2, …), at most eight.
+    `coefficients`: (F0, k1, k2, …), at most eight.
     """
     even = _trimmed(coefficients[0::2])
     odd = _trimmed(coefficients[1::2])
@@ -193,17 +190,17 @@ def polynomial(coefficients: Sequence[float]) -> Polynomial:
 
 
 def _trimmed(coefficients):
-    kept = [float(k) for k in coefficients]
-    while kept and kept[-1] == 0.0:
-        kept.pop()
-    return tuple(kept)
+    trimmed = [float(k) for k in coefficients]
+    while trimmed and trimmed[-1] == 0.0:
+        trimmed.pop()
+    return tuple(trimmed)
 
 
 def _real_roots(coefficients, tolerance):
     if len(coefficients) < 2:
         return np.empty(0)
-    found = np.polynomial.Polynomial(coefficients).roots()
-    return np.unique(found.real[np.abs(found.imag) < tolerance * (1.0 + np.abs(found.real))])
+    roots = np.polynomial.Polynomial(coefficients).roots()
+    return np.unique(roots.real[np.abs(roots.imag) < tolerance * (1.0 + np.abs(roots.real))])
 
 
 def in_squares(coefficients: tuple[float, ...], square: Values) -> Values:

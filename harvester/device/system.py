@@ -18,8 +18,8 @@ from harvester.device.dispatch import equation
 if TYPE_CHECKING:
     from harvester.device.contact import Contact
     from harvester.device.damper import Damper, QuadraticDamper
+    from harvester.device.dispatch import Values
     from harvester.device.spring import Spring
-    from harvester.device.values import Values
 
 # One step covers at most this share of the shortest time to a contact. The approach then ends in a
 # few ever shorter steps, none of which jumps into the stopper.
@@ -62,7 +62,7 @@ class System(NamedTuple):
     spring : harvester.device.spring.Spring
     damper : harvester.device.damper.Damper or QuadraticDamper
     contacts : tuple of harvester.device.contact.Contact
-    transducer : the equations of one of harvester.device.transducer
+    transducer : the equations of a transducer, see harvester.device.terminals
     noise : Noise
     """
 
@@ -75,7 +75,7 @@ class System(NamedTuple):
     @property
     def symmetric(self) -> bool:
         """Whether the device turned left to right is the same."""
-        mirrored = sorted(each._replace(side=0.0 - each.side) for each in self.contacts)
+        mirrored = sorted(contact._replace(side=0.0 - contact.side) for contact in self.contacts)
         return self.spring.symmetric and mirrored == sorted(self.contacts)
 
     @property
@@ -151,10 +151,7 @@ def earliest_contact(
     Its acceleration towards either one is at most `acceleration` towards it plus `margin`.
     """
     earliest = np.inf
-    for outward, distance, towards in (
-        (v, high - x, acceleration),
-        (-v, x - low, -acceleration),
-    ):
+    for outward, distance, towards in ((v, high - x, acceleration), (-v, x - low, -acceleration)):
         gain = max(towards + margin, 0.0)
         closing = outward + np.sqrt(outward * outward + 2.0 * gain * distance)
         if closing > 0.0 and distance < np.inf:

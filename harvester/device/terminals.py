@@ -1,8 +1,10 @@
 """Interface of every transducer: its table in a scene, and its network in neutral terms.
 
-A transducer is one module with two classes: the named tuple of its scaled equations, which are
-those of `harvester.device.linear_transducer`, and its table, derived from `TransducerTable`. It
-joins the others by an entry in `harvester.device.transducer.TRANSDUCERS`.
+A transducer acts on the mass with a force and hands power to what hangs on its terminals. Its own
+loss (leak, winding) never counts as power. It is one module with two classes: the named tuple of
+its scaled equations, which are those of `harvester.device.linear_transducer`, and its table,
+derived from `TransducerTable`. It joins the others by an entry in
+`harvester.scene.schema.TRANSDUCERS`.
 """
 
 from __future__ import annotations
@@ -38,8 +40,8 @@ class Setting(NamedTuple):
     excitation_unit: float = 1.0
 
 
-class Element(NamedTuple):
-    """One element of a network, between two nodes.
+class Component(NamedTuple):
+    """A component of a network, between two nodes.
 
     Attributes
     ----------
@@ -72,7 +74,7 @@ class Network(NamedTuple):
     Attributes
     ----------
     terminal : node on which the load hangs.
-    elements : tuple of Element
+    elements : tuple of Component
     power_unit : scaled power per watt.
     reference_capacitance : F, of which stray capacitances of a load are a small share.
     state_voltage, state_current : node whose voltage, or name of the ammeter whose current, is the
@@ -96,9 +98,9 @@ class Network(NamedTuple):
         """Names of all nodes but the ground: set of str."""
         ends = {
             node
-            for each in self.elements
-            if each.kind != "force of current"
-            for node in (each.plus, each.minus)
+            for element in self.elements
+            if element.kind != "force of current"
+            for node in (element.plus, element.minus)
         }
         return (ends | {self.terminal}) - {GROUND}
 
@@ -109,7 +111,7 @@ class Network(NamedTuple):
 
     def value(self, name: str) -> float:
         """The value of the element with this name."""
-        return next(each.value for each in self.elements if each.name == name)
+        return next(element.value for element in self.elements if element.name == name)
 
 
 class TransducerTable:
@@ -117,10 +119,8 @@ class TransducerTable:
 
     Attributes
     ----------
-    KEYS : dict of str to harvester.device.keys.Key
-        The keys that the table may hold.
-    takes_voltage : bool
-        Whether a run can start with `start.voltage`, because the state is a voltage.
+    KEYS : the keys that the table may hold.
+    takes_voltage : whether a run can start with `start.voltage`, because the state is a voltage.
     """
 
     KEYS: ClassVar[dict] = {}
@@ -137,27 +137,14 @@ class TransducerTable:
     def equations(self, setting: Setting) -> Any:
         """The transducer with its load, scaled; see `harvester.device.linear_transducer`.
 
-        Raises
-        ------
-        LoadError
-            The load does not go with it.
+        Raises LoadError if the load does not go with it.
         """
         raise NotImplementedError
 
     def network(self, setting: Setting, equations: Any, rate: float) -> Network:
         """The elements of the transducer up to its terminal.
 
-        Parameters
-        ----------
-        setting : Setting
-        equations : named tuple
-            The result of `equations`.
-        rate : float
-            The device's angular frequency (rad/s).
-
-        Returns
-        -------
-        Network
+        `equations` is what the method of this name returns; `rate` is in rad/s.
         """
         raise NotImplementedError
 

@@ -25,19 +25,15 @@ RESOLVED_ENERGY = 5.0
 # exact up to the seventh power.
 SEARCH_POINTS, HARMONIC_NODES = 4001, 16
 
-kept = functools.lru_cache(maxsize=256)
+cached = functools.lru_cache(maxsize=256)
 
 
-@kept
+@cached
 def equilibria(system: System) -> tuple[tuple[float, bool], ...]:
     """Displacements without a force, ascending, and whether each is stable.
 
-    Spring and contacts together, without charge or current in the transducer.
-
-    Returns
-    -------
-    tuple of (float, bool)
-        Stable and unstable ones alternate where the potential is bounded.
+    Spring and contacts together, without charge or current in the transducer. Stable and unstable
+    ones alternate where the potential is bounded.
     """
     reach = _reach(system)
     # Where no contact acts, the roots are those of the spring, exact to the last digit.
@@ -47,7 +43,7 @@ def equilibria(system: System) -> tuple[tuple[float, bool], ...]:
     low, high = system.spring.range
     points = points[(points >= low) & (points <= high)]
     values = elastic_force(system, points)
-    found = []
+    crossings = []
     for k in np.flatnonzero(values[:-1] * values[1:] <= 0.0):
         left, right = points[k], points[k + 1]
         if values[k] == values[k + 1] or (values[k + 1] == 0.0 and k + 2 < points.size):
@@ -55,11 +51,11 @@ def equilibria(system: System) -> tuple[tuple[float, bool], ...]:
         inside = [x for x in exact if left <= x <= right]
         root = inside[0] if len(inside) == 1 else _balance(system, left, right)
         # Adding 0.0 turns −0.0 into 0.0.
-        found.append((_polished(system, root) + 0.0, bool(values[k + 1] > values[k])))
-    return tuple(found)
+        crossings.append((_polished(system, root) + 0.0, bool(values[k + 1] > values[k])))
+    return tuple(crossings)
 
 
-@kept
+@cached
 def wells(system: System) -> tuple[float, ...]:
     """Stable rest positions, from the right to the left: tuple of float."""
     well = _double_well(system)
@@ -68,7 +64,7 @@ def wells(system: System) -> tuple[float, ...]:
     return tuple(x for x, stable in reversed(equilibria(system)) if stable)
 
 
-@kept
+@cached
 def saddles(system: System) -> tuple[float, ...]:
     """Unstable equilibria that part the wells, from the right to the left: tuple of float."""
     well = _double_well(system)
@@ -156,15 +152,15 @@ def _polished(system, x):
     return x
 
 
-@kept
+@cached
 def stiffness(system: System, x: float) -> float:
     """U''(x) of spring and contacts (1/s²); of a contact on the side into which it is pressed."""
     total = float(system.spring.slope(x))
-    for each in system.contacts:
-        s = math.copysign(1.0, x) if each.side == 0.0 else each.side
-        depth = s * x - each.gap
+    for contact in system.contacts:
+        s = math.copysign(1.0, x) if contact.side == 0.0 else contact.side
+        depth = s * x - contact.gap
         if depth > 0.0:
-            total += each.law.elastic_stiffness(depth)
+            total += contact.law.elastic_stiffness(depth)
     return total
 
 
@@ -178,7 +174,7 @@ def well_frequency(system: System, well: float) -> float:
     return math.sqrt(total) if total > 0.0 else 1.0 / system.noise.correlation_time
 
 
-@kept
+@cached
 def angular_frequency(system: System) -> float:
     """Angular frequency (rad/s) of small oscillations about the stiffest well, transducer open."""
     return max(well_frequency(system, well) for well in wells(system))
@@ -216,11 +212,7 @@ def base_share(system: System, spacing: float) -> float:
 
     The slope of noise that is linear between samples has the mean square 2 D/(τ1² spacing).
 
-    Parameters
-    ----------
-    system : System
-    spacing : float
-        Time between two samples of the excitation (s).
+    `spacing`: time between two samples of the excitation (s).
     """
     noise = system.noise
     slope = 2.0 * noise.intensity / (noise.correlation_time**2 * spacing)
@@ -229,7 +221,7 @@ def base_share(system: System, spacing: float) -> float:
     return moved / motion if moved > 0.0 else 0.0
 
 
-@kept
+@cached
 def contact_time(system: System) -> float:
     """Duration of the shortest contact at the rms speed of small oscillations (s); inf if none."""
     speed = math.sqrt(driven_square_velocity(system, angular_frequency(system)))
@@ -237,10 +229,10 @@ def contact_time(system: System) -> float:
         return math.inf
     if not math.isfinite(speed):
         return 0.0
-    return min(each.law.duration(speed) for each in system.contacts)
+    return min(contact.law.duration(speed) for contact in system.contacts)
 
 
-@kept
+@cached
 def fastest_angular_frequency(system: System) -> float:
     """The angular frequency (rad/s) of the fastest motion: small oscillations, or the greatest.
 
@@ -264,27 +256,24 @@ def _driven_stiffness(system, frequency):
         linear = system.spring.linear
         return linear + system.transducer.stiffness(linear)
     low, high = _turning_points(system, energy)
-    balance = _harmonic_stiffness(system.spring, 0.5 * (low + high), 0.5 * (high - low))
+    centre, amplitude = 0.5 * (low + high), 0.5 * (high - low)
+    # Harmonic balance, ∮ F(centre + a cos θ) cos θ dθ/(π a).
+    angle = (np.arange(HARMONIC_NODES) + 0.5) * np.pi / HARMONIC_NODES
+    forces = system.spring.force(centre + amplitude * np.cos(angle))
+    balance = 2.0 * float(np.mean(forces * np.cos(angle))) / amplitude
     return balance + system.transducer.stiffness(balance)
 
 
 def _turning_points(system, energy):
     """The outermost displacements that this energy above the deepest well reaches."""
     low, high = system.spring.turning_points(energy)
-    for each in system.contacts:
-        stop = each.gap + each.law.greatest_depth(energy)
-        if each.side >= 0.0:
+    for contact in system.contacts:
+        stop = contact.gap + contact.law.greatest_depth(energy)
+        if contact.side >= 0.0:
             high = min(high, stop)
-        if each.side <= 0.0:
+        if contact.side <= 0.0:
             low = max(low, -stop)
     return low, high
-
-
-def _harmonic_stiffness(spring, centre, amplitude):
-    """Stiffness of harmonic balance, ∮ F(centre + a cos θ) cos θ dθ/(π a)."""
-    angle = (np.arange(HARMONIC_NODES) + 0.5) * np.pi / HARMONIC_NODES
-    forces = spring.force(centre + amplitude * np.cos(angle))
-    return 2.0 * float(np.mean(forces * np.cos(angle))) / amplitude
 
 
 def barrier(system: System, well: float) -> float:

@@ -5,12 +5,8 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Any
 
-from harvester.excitation.base import Excitation, kernel_loss, realization_seed
-from harvester.excitation.ornstein_uhlenbeck import (
-    NoisePath,
-    OrnsteinUhlenbeck,
-    interpolation_loss,
-)
+from harvester.excitation.base import Excitation
+from harvester.excitation.ornstein_uhlenbeck import OrnsteinUhlenbeck
 from harvester.excitation.prescribed import PrescribedDisplacement
 from harvester.excitation.recorded import RecordedMotion
 from harvester.excitation.sine import Sine
@@ -34,24 +30,6 @@ KINDS: Registry[type[Excitation]] = Registry(
         "prescribed_displacement": PrescribedDisplacement,
     },
 )
-
-__all__ = [
-    "KINDS",
-    "Excitation",
-    "NoisePath",
-    "OrnsteinUhlenbeck",
-    "PrescribedDisplacement",
-    "RecordedMotion",
-    "Sine",
-    "Spectrum",
-    "Sum",
-    "SweptSine",
-    "White",
-    "build",
-    "interpolation_loss",
-    "kernel_loss",
-    "realization_seed",
-]
 
 
 def build(

@@ -23,20 +23,9 @@ class ArraysTable(Table):
 
     A table's columns are named `y[0]`, `y[1]`, … .
 
-    Parameters
-    ----------
-    shapes : mapping of str to tuple of int
-        Shapes of the arrays of numbers in one or two dimensions.
-    load : callable
-        Function of the names of the longest arrays; gives them by name, as ndarrays of those
-        shapes.
-    units : mapping of str to str
-        Units of arrays whose units the file says.
-
-    Raises
-    ------
-    Unreadable
-        They hold too many numbers.
+    `shapes`: shapes of the arrays of numbers in one or two dimensions. `load`: function of the
+    names of the longest arrays; gives them by name, as ndarrays of those shapes. `units`: units of
+    arrays whose units the file says. Raises Unreadable if they hold too many numbers.
     """
 
     def __init__(
@@ -49,27 +38,26 @@ class ArraysTable(Table):
         longest = max(sizes.values(), default=0)
         # A single number is no series of samples.
         self.rows = longest if longest > 1 else 0
-        kept = [name for name, size in sizes.items() if size == self.rows]
-        if sum(int(np.prod(shapes[name], dtype=float)) for name in kept) > MOST_NUMBERS:
+        longest_names = [name for name, size in sizes.items() if size == self.rows]
+        if sum(int(np.prod(shapes[name], dtype=float)) for name in longest_names) > MOST_NUMBERS:
             raise Unreadable(f"its arrays hold more than {MOST_NUMBERS} numbers: shorten it")
         self._columns: dict[str, np.ndarray] = {}
         self.units = []
-        for name, values in load(kept).items():
+        for name, values in load(longest_names).items():
             table = values[:, None] if values.ndim == 1 else values
             table = table.T if table.shape[0] != self.rows else table
-            for place in range(table.shape[1]):
-                label = name if table.shape[1] == 1 else f"{name}[{place}]"
-                self._columns[label] = table[:, place]
+            for column in range(table.shape[1]):
+                label = name if table.shape[1] == 1 else f"{name}[{column}]"
+                self._columns[label] = table[:, column]
                 self.units.append((units or {}).get(name, ""))
         self.names = list(self._columns)
         self.width = len(self.names)
         self.complexes = [
-            place for place, each in enumerate(self._columns.values()) if is_complex(each)
+            index for index, array in enumerate(self._columns.values()) if is_complex(array)
         ]
 
     def take(self, places: list[int]) -> list[np.ndarray]:
-        """The columns at `places`, each float64 or complex128 of shape (rows,)."""
-        columns = [self._columns[self.names[place]] for place in places]
+        columns = [self._columns[self.names[index]] for index in places]
         return [np.array(e, complex) if is_complex(e) else np.array(e.real, float) for e in columns]
 
 
@@ -81,22 +69,15 @@ def is_complex(values: np.ndarray) -> bool:
 def rate_of(numbers: Mapping[str, float]) -> float | None:
     """Sampling rate (Hz) that single numbers of a file say by their names, None where none does.
 
-    Parameters
-    ----------
-    numbers : mapping of str to float
-        Single numbers by their names, also behind those of groups or structures.
-
-    Raises
-    ------
-    Unreadable
-        Two of them say different rates.
+    `numbers`: single numbers by their names, also behind those of groups or structures. Raises
+    Unreadable if two of them say different rates.
     """
     last = {name: re.split(r"[./]", name)[-1].lower() for name in numbers}
     rates = {name: value for name, value in numbers.items() if last[name] in RATES}
     intervals = {name: value for name, value in numbers.items() if last[name] in INTERVALS}
     rates |= {name: 1.0 / value for name, value in intervals.items() if value > 0.0}
-    found = {name: float(rate) for name, rate in rates.items() if 0.0 < rate < np.inf}
-    if found and max(found.values()) > min(found.values()) * (1.0 + 1e-6):
-        listed = ", ".join(f"{name}: {rate:g} Hz" for name, rate in found.items())
+    usable = {name: float(rate) for name, rate in rates.items() if 0.0 < rate < np.inf}
+    if usable and max(usable.values()) > min(usable.values()) * (1.0 + 1e-6):
+        listed = ", ".join(f"{name}: {rate:g} Hz" for name, rate in usable.items())
         raise Unreadable(f"it says several sampling rates ({listed}): keep one of them")
-    return next(iter(found.values()), None)
+    return next(iter(usable.values()), None)

@@ -1,17 +1,42 @@
-"""Base classes of all excitations: their interface to scenes and engines."""
+"""Base classes of all excitations, their interface to scenes and engines; and the table [run]."""
 
 from __future__ import annotations
 
 import math
 from abc import ABC, abstractmethod
-from typing import TYPE_CHECKING, Any, ClassVar
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any, ClassVar, NoReturn
 
 import numpy as np
+
+from harvester.device.keys import names_replace
+from harvester.errors import SceneError
 
 if TYPE_CHECKING:
     from numpy.random.bit_generator import SeedSequence
 
-    from harvester.excitation.run import Run
+
+@names_replace
+@dataclass(frozen=True)
+class Run:
+    """Length of each realization and what is discarded before it (s); seed; how many.
+
+    With `starts` there are as many realizations, each from a start of its own, drawn evenly over
+    the device's energy range; without it they begin in the wells in turn. `orbit` is the one that
+    studies take their quantities from if starts reach different ones: "rest", "best" or "weighted"
+    by the starts (None: "rest").
+    """
+
+    duration: float
+    settle: float = 0.0
+    seed: int = 0
+    realizations: int = 1
+    starts: int | None = None
+    orbit: str | None = None
+
+    def __post_init__(self) -> None:
+        if self.starts is not None:
+            object.__setattr__(self, "realizations", self.starts)
 
 
 def realization_seed(seed: int, index: int) -> SeedSequence:
@@ -20,6 +45,11 @@ def realization_seed(seed: int, index: int) -> SeedSequence:
     It is the child that `SeedSequence(seed).spawn` gives at this place, without its siblings.
     """
     return np.random.SeedSequence(seed, spawn_key=(index,))
+
+
+def child_seed(seed: SeedSequence, index: int) -> SeedSequence:
+    """The child that `seed.spawn` would give at this place, without changing the seed."""
+    return np.random.SeedSequence(seed.entropy, spawn_key=(*seed.spawn_key, index))
 
 
 def kernel_loss(spacing: float, angular_frequency: float) -> float:
@@ -31,23 +61,26 @@ def kernel_loss(spacing: float, angular_frequency: float) -> float:
     return 1.0 - float(np.sinc(0.5 * spacing * angular_frequency / np.pi)) ** 4
 
 
-class ExcitationPath(ABC):
+class ExcitationPath:
     """The samples of η of one realization, one after the other, at equally spaced knots.
+
+    A subclass has `read` or `read_into`.
 
     Attributes
     ----------
-    spacing : float
-        Time between knots (s).
+    spacing : time between knots (s).
     """
 
     spacing: float
 
-    @abstractmethod
     def read(self, count: int) -> np.ndarray:
         """The next `count` samples, float64 of shape (count,), in blocks of any size the same.
 
         An engine may read past the end of the run.
         """
+        samples = np.empty(count)
+        self.read_into(samples)
+        return samples
 
     def read_into(self, samples: np.ndarray) -> None:
         """Fill an array of shape (count,) with the next samples."""
@@ -62,8 +95,7 @@ class Excitation(ABC):
 
     Attributes
     ----------
-    KEYS : dict of str to harvester.device.keys.Key
-        The keys that the table may hold besides `kind`.
+    KEYS : the keys that the table may hold besides `kind`.
     """
 
     KEYS: ClassVar[dict] = {}
@@ -125,15 +157,7 @@ class Excitation(ABC):
     def density(self, frequencies: np.ndarray) -> np.ndarray | None:
         """One-sided density of the base's acceleration, without `lines`; None where no one knows.
 
-        Parameters
-        ----------
-        frequencies : ndarray of any shape
-            Hz.
-
-        Returns
-        -------
-        ndarray or None
-            In (m/s²)²/Hz, or that of η in a scaled scene.
+        At frequencies (Hz) of any shape, in (m/s²)²/Hz, or that of η in a scaled scene.
         """
         return None
 
@@ -151,41 +175,41 @@ class Excitation(ABC):
     def check(self, units: str, run: Run, origin: str) -> None:  # noqa: B027
         """Refuse values that are valid one by one but not together, or not with this run.
 
-        Parameters
-        ----------
-        units : str
-            "scaled" or "SI".
-        run : harvester.scene.model.Run
-        origin : str
-            File or scene name, for messages.
-
-        Raises
-        ------
-        SceneError
+        `origin` is the file's or the scene's name, for the message of the SceneError.
         """
+
+    def _refuse_unit(self, units: str, choices: str, origin: str) -> NoReturn:
+        """Refuse the unit of samples or densities, or its absence, in a scene with these units."""
+        unit = getattr(self, "unit", None)
+        stated = f' = "{unit}"' if unit else " is missing"
+        choices = '"scaled"' if units == "scaled" else choices
+        raise SceneError(
+            f'{origin}: excitation.unit{stated}: a scene with units = "{units}" takes {choices}'
+        )
+
+    def _check_knot_spacing(self, longest: float, words: str, origin: str) -> None:
+        """Refuse a `knot_spacing` that is longer than this (s), which the words explain."""
+        spacing = getattr(self, "knot_spacing", None)
+        if spacing is not None and spacing > longest:
+            raise SceneError(
+                f"{origin}: excitation.knot_spacing = {spacing:g}: must be a number in "
+                f"(0, {longest:g}], {words}"
+            )
 
     @abstractmethod
     def spacing(self, longest: float) -> float:
         """Spacing of the knots (s).
 
-        Parameters
-        ----------
-        longest : float
-            Longest spacing that resolves the device's own motion (s); infinite where it has no
-            frequency.
+        `longest` is the longest spacing that resolves the device's own motion (s); infinite where
+        it has no frequency.
         """
 
     @abstractmethod
     def equivalent_noise(self, relaxation_time: float, longest: float) -> tuple[float, float]:
         """(D, τ1) of the Ornstein–Uhlenbeck noise that drives about as strongly.
 
-        It sizes steps. Averaging uses it where `averaging_refusal` is empty.
-
-        Parameters
-        ----------
-        relaxation_time, longest : float
-            The device's relaxation time, and longest spacing that resolves its motion (s); see
-            `spacing`.
+        It sizes steps. Averaging uses it where `averaging_refusal` is empty. The arguments are the
+        device's relaxation time and the longest spacing that resolves its motion (s).
         """
 
     @abstractmethod

@@ -33,16 +33,11 @@ class Columns(NamedTuple):
 
     Attributes
     ----------
-    values : ndarray, shape (n,)
-        NaN where the file holds no number.
-    times : ndarray, shape (n,), or None
-        s after the first.
-    sampling_rate : float or None
-        Hz, as given or as the file says.
-    unit : str
-        Unit of the samples, as the file writes it; empty where it does not say.
-    remarks : tuple of str
-        Remarks on the file that go into a result's notes.
+    values : shape (n,); NaN where the file holds no number.
+    times : shape (n,); s after the first.
+    sampling_rate : Hz, as given or as the file says.
+    unit : unit of the samples, as the file writes it; empty where it does not say.
+    remarks : remarks on the file that go into a result's notes.
     """
 
     values: np.ndarray
@@ -55,13 +50,9 @@ class Columns(NamedTuple):
 class MeasuredFile:
     """A file's columns with what their headings say.
 
-    Parameters
-    ----------
-    file : str
-        Name of the file: for messages, and its ending selects the reader.
-    content : bytes
-    expected : sequence of str
-        Quantity of each column of a table of points; empty: any, as the headings say.
+    `file`: name of the file: for messages, and its ending selects the reader. `expected`: quantity
+    of each column of a table of points; empty: any, as the headings say. Raises SceneError if it is
+    no record.
 
     Attributes
     ----------
@@ -70,11 +61,6 @@ class MeasuredFile:
     table : harvester.excitation.table.Table
     headings : list of harvester.excitation.quantities.Heading
         Heading of each column; without a title where the file has no names.
-
-    Raises
-    ------
-    SceneError
-        It is no record.
     """
 
     def __init__(self, file: str, content: bytes, expected: Sequence[str] = ()) -> None:
@@ -90,77 +76,55 @@ class MeasuredFile:
         ]
 
     def take(self, places: list[int]) -> list[np.ndarray]:
-        """The columns at `places`, each float64 of shape (n,).
-
-        Raises
-        ------
-        SceneError
-        """
+        """The columns at `places`, each float64 of shape (n,). Raises SceneError."""
         with refused_as_record(self.where):
             return self.table.take(places)
 
     def of(self, quantity: str) -> list[int]:
         """Indices of the numeric columns whose headings name a quantity."""
         return [
-            place
-            for place, each in enumerate(self.headings)
-            if each.quantity == quantity
-            and place not in self.table.texts
-            and (place not in self.table.complexes or quantity in COMPLEX_QUANTITIES)
+            index
+            for index, head in enumerate(self.headings)
+            if head.quantity == quantity
+            and index not in self.table.texts
+            and (index not in self.table.complexes or quantity in COMPLEX_QUANTITIES)
         ]
 
     def times(self) -> list[int]:
         """Indices of the time columns; of columns of sample numbers if there is no other."""
-        found = self.of("time")
-        clocks = [k for k in found if unit_named("time", self.headings[k].unit) != SAMPLES]
-        return clocks or found
+        columns = self.of("time")
+        clocks = [k for k in columns if unit_named("time", self.headings[k].unit) != SAMPLES]
+        return clocks or columns
 
-    def place(self, key: str, wanted: str | int) -> int:
-        """Index of a column from its name, its title or its number.
-
-        Parameters
-        ----------
-        key : str
-            Key of the scene that names the column, for messages.
-        wanted : str or int
-
-        Raises
-        ------
-        SceneError
-        """
+    def place(self, key: str, column: str | int) -> int:
+        """Index of a column from its name, its title or its number. Raises SceneError."""
         names = self.table.names
-        if isinstance(wanted, str):
-            place = column_named(wanted, names)
-            if place is not None:
-                return self._real(key, place)
+        index = column_named(column, names) if isinstance(column, str) else column
+        if index is None:
             listed = self.listed() if names else "no header, only numbers"
             raise SceneError(
-                f"{self.where}: {key} = {shown(wanted)}: no such column{nearest(wanted, names)}; "
+                f"{self.where}: {key} = {shown(column)}: no such column{nearest(column, names)}; "
                 f"the file has {listed}"
             )
-        if not 0 <= wanted < self.table.width:
+        if not 0 <= index < self.table.width:
             raise SceneError(
-                f"{self.where}: {key} = {shown(wanted)}: the file has columns "
+                f"{self.where}: {key} = {shown(column)}: the file has columns "
                 f"0 … {self.table.width - 1}"
             )
-        return self._real(key, wanted)
+        if index in self.table.complexes and key not in COMPLEX_QUANTITIES:
+            raise SceneError(
+                f"{self.where}: {key}: {self.label(index)} holds complex numbers, as a frequency "
+                "response does (response=COLUMN:UNIT): name a column of real ones"
+            )
+        return index
 
     def chosen(
-        self, quantity: str, text: str | None, found: Sequence[int]
+        self, quantity: str, text: str | None, candidates: Sequence[int]
     ) -> tuple[int | None, str | None]:
         """Index of a quantity's column, and the unit that is given for it.
 
-        Parameters
-        ----------
-        quantity : str
-        text : str or None
-            COLUMN:UNIT or COLUMN; None: the only one of those found, if there is any.
-        found : sequence of int
-
-        Raises
-        ------
-        SceneError
-            There is no such column, or several were found.
+        `text`: COLUMN:UNIT or COLUMN; None: the only one of those found, if there is any. Raises
+        SceneError if there is no such column, or several were found.
         """
         names = self.table.names
         if text is not None:
@@ -169,106 +133,66 @@ class MeasuredFile:
             column = text if bare else column
             number = column not in names and column.isdigit()
             return self.place(quantity, int(column) if number else column), None if bare else unit
-        if len(found) > 1:
-            listed = ", ".join(named(names[place]) for place in found)
+        if len(candidates) > 1:
+            listed = ", ".join(named(names[index]) for index in candidates)
             raise SceneError(
                 f"{self.where}: several columns may be the {quantity} ({listed}): name one by "
                 f"{quantity}=COLUMN:UNIT behind the file"
             )
-        return found[0] if found else None, None
-
-    def _real(self, key, place):
-        """Index of a column; refused if it holds complex numbers and is no response or
-        impedance."""
-        if place in self.table.complexes and key not in COMPLEX_QUANTITIES:
-            raise SceneError(
-                f"{self.where}: {key}: {self.label(place)} holds complex numbers, as a frequency "
-                "response does (response=COLUMN:UNIT): name a column of real ones"
-            )
-        return place
+        return candidates[0] if candidates else None, None
 
     def listed(self) -> str:
         """The columns' names, or their numbers."""
         names = self.table.names
-        more = f", … ({len(names)} in all)" if len(names) > SHOWN_NAMES else ""
-        shown_names = ", ".join(named(name) for name in names[:SHOWN_NAMES] if name) + more
+        ellipsis = f", … ({len(names)} in all)" if len(names) > SHOWN_NAMES else ""
+        shown_names = ", ".join(named(name) for name in names[:SHOWN_NAMES] if name) + ellipsis
         return shown_names or f"0 … {self.table.width - 1}"
 
-    def label(self, place: int) -> str:
+    def label(self, index: int) -> str:
         """A column in messages: its name, or its number."""
         names = self.table.names
-        return f"column {named(names[place]) if names and names[place] else place}"
+        return f"column {named(names[index]) if names and names[index] else index}"
 
-    def agreed_unit(self, quantity: str, place: int, key: str, given: str | None) -> str:
-        """The unit of a column, in its usual spelling: the heading's, or as given.
+    def agreed_unit(self, quantity: str, index: int, key: str, stated: str | None) -> str:
+        """The unit of a column, in its usual spelling: the heading's, or as given; else empty.
 
-        Parameters
-        ----------
-        quantity : str
-        place : int
-        key : str
-            Key of the scene that gives the unit, for messages.
-        given : str or None
-
-        Returns
-        -------
-        str
-            Empty where nobody says it.
-
-        Raises
-        ------
-        SceneError
-            It is unknown, or both say something else.
+        Raises SceneError if it is unknown, or both say something else.
         """
-        written = self.headings[place].unit
-        own = unit_named(quantity, written) if written else None
-        if given:
-            factor = factor_of(quantity, given, f"{self.where}: {key}", "write it in one of them")
-            if own and (own == SAMPLES) != (unit_named(quantity, given) == SAMPLES):
-                self._refuse_unit(place, key, given)
-            if own and QUANTITIES[quantity][own] != factor:
-                self._refuse_unit(place, key, given)
-            return str(unit_named(quantity, given))
-        if written and not own:
+        written = self.headings[index].unit
+        usual = unit_named(quantity, written) if written else None
+        if stated:
+            factor = factor_of(quantity, stated, f"{self.where}: {key}", "write it in one of them")
+            if usual and (usual == SAMPLES) != (unit_named(quantity, stated) == SAMPLES):
+                self._refuse_unit(index, key, stated)
+            if usual and QUANTITIES[quantity][usual] != factor:
+                self._refuse_unit(index, key, stated)
+            return str(unit_named(quantity, stated))
+        if written and not usual:
             factor_of(
                 quantity,
                 written,
-                f"{self.where}: {self.label(place)}",
+                f"{self.where}: {self.label(index)}",
                 f"correct the header, or say it by {key}",
             )
-        return own or ""
+        return usual or ""
 
-    def _refuse_unit(self, place, key, given):
+    def _refuse_unit(self, index, key, stated):
         raise SceneError(
-            f"{self.where}: {key} = {shown(given)}: the heading of {self.label(place)} says "
-            f"{named(self.headings[place].unit)}: leave {key} out, or correct the one that is wrong"
+            f"{self.where}: {key} = {shown(stated)}: the heading of {self.label(index)} says "
+            f"{named(self.headings[index].unit)}: leave {key} out, or correct the one that is wrong"
         )
 
     def seconds(
-        self, values: np.ndarray, place: int, unit: str, rate: float | None, cure: str
+        self, values: np.ndarray, index: int, unit: str, rate: float | None, cure: str
     ) -> np.ndarray:
         """A column of times as seconds after the first, float64 of shape (n,).
 
-        Parameters
-        ----------
-        values : ndarray, shape (n,)
-        place : int
-            Index of the column.
-        unit : str
-            Unit of time, in its usual spelling; "samples" need a rate.
-        rate : float or None
-            Hz.
-        cure : str
-            How a rate is given, for the message.
-
-        Raises
-        ------
-        SceneError
-            Sample numbers without a rate.
+        `values`: shape (n,). `unit`: unit of time, in its usual spelling; "samples" need a rate.
+        Raises SceneError for sample numbers without a rate.
         """
         if unit == SAMPLES and rate is None:
             raise SceneError(
-                f"{self.where}: {self.label(place)} counts samples, and their rate is not known: "
+                f"{self.where}: {self.label(index)} counts samples, and their rate is not known: "
                 f"{cure}"
             )
         finite = np.flatnonzero(np.isfinite(values))
@@ -283,44 +207,30 @@ class MeasuredFile:
         self,
         times: np.ndarray,
         rate: float,
-        place: int,
+        index: int,
         factor: float = RATE_TOLERANCE,
         key: str = "sampling_rate",
     ) -> None:
         """Refuse a sampling rate that differs from the time column's; times that never rise have
         none.
 
-        Parameters
-        ----------
-        times : ndarray, shape (n,)
-            s.
-        rate : float
-            Hz, as given.
-        place : int
-            Index of the column of times.
-        factor : float
-            Largest factor by which the two rates may differ.
-        key : str
-            Key of the scene that gives the rate, for the message.
-
-        Raises
-        ------
-        SceneError
+        `times`: shape (n,); s. `rate`: Hz, as given. `factor`: largest factor by which the two
+        rates may differ. Raises SceneError.
         """
-        if own := _other_rate(times, rate, factor):
+        if measured_rate := _other_rate(times, rate, factor):
             raise SceneError(
-                f"{self.where}: {key} = {rate:g}: {self.label(place)} says "
-                f"{own:.6g} Hz: leave sampling_rate out, say in which unit the "
+                f"{self.where}: {key} = {rate:g}: {self.label(index)} says "
+                f"{measured_rate:.6g} Hz: leave sampling_rate out, say in which unit the "
                 "column is, or name it by time_column to read the rate from it"
             )
 
 
-def _with_unit(own, apart):
+def _with_unit(head, apart):
     """A heading with the unit that stands apart from it, which goes before its own."""
     if not apart:
-        return own
-    quantity = own.quantity or heading(f"{own.title} [{apart}]").quantity
-    return Heading(own.title, apart, quantity)
+        return head
+    quantity = head.quantity or heading(f"{head.title} [{apart}]").quantity
+    return Heading(head.title, apart, quantity)
 
 
 def motion_columns(
@@ -333,29 +243,17 @@ def motion_columns(
 ) -> Columns:
     """The column of motion and its times, as the keys of a record's table ask for them.
 
-    Parameters
-    ----------
-    file : str
-    content : bytes
-        Bytes of that file.
-    column, time_column : str, int or None
-        Name, title without unit, or number from 0. Without `column` it is the only one besides
-        time, or the only one whose heading names an acceleration; without `time_column`,
-        `sampling_rate` and a rate of the file it is the only one whose heading names a time.
-    time_unit : str or None
-        A unit of time, "samples" among them; must agree with the heading.
-    sampling_rate : float or None
-        Hz; must agree with the file.
-
-    Raises
-    ------
-    SceneError
+    `column`, `time_column`: name, title without unit, or number from 0. Without `column` it is the
+    only one besides time, or the only one whose heading names an acceleration; without
+    `time_column`, `sampling_rate` and a rate of the file it is the only one whose heading names a
+    time. `time_unit`: a unit of time, "samples" among them; must agree with the heading.
+    `sampling_rate`: Hz; must agree with the file. Raises SceneError.
     """
     measured = MeasuredFile(file, content)
     rate = _agreed_rate(measured, sampling_rate)
     time_place = _time_place(measured, time_column, rate is None)
-    place = _motion_place(measured, column, time_place)
-    unit = measured.headings[place].unit
+    motion = _motion_place(measured, column, time_place)
+    unit = measured.headings[motion].unit
     remarks = measured.table.remarks
     if time_place is None:
         if time_unit is not None:
@@ -364,60 +262,60 @@ def motion_columns(
                 "is read: name it by excitation.time_column"
             )
         _refuse_other_rate(measured, rate, sampling_rate is not None)
-        (values,) = measured.take([place])
+        (values,) = measured.take([motion])
         return Columns(values, None, rate, unit, remarks)
-    values, times = measured.take([place, time_place])
-    known = measured.agreed_unit("time", time_place, "excitation.time_unit", time_unit)
-    if time_column is not None and sampling_rate is None and known != SAMPLES:
+    values, times = measured.take([motion, time_place])
+    agreed = measured.agreed_unit("time", time_place, "excitation.time_unit", time_unit)
+    if time_column is not None and sampling_rate is None and agreed != SAMPLES:
         # The column that the scene names goes before the file's own rate.
         rate = None
     cure = "give excitation.sampling_rate (Hz)"
-    times = measured.seconds(times, time_place, known or "s", rate, cure)
+    times = measured.seconds(times, time_place, agreed or "s", rate, cure)
     if rate is not None:
         measured.compare_rates(times, rate, time_place, RATE_FACTOR, "excitation.sampling_rate")
     return Columns(values, times, rate, unit, remarks)
 
 
-def _agreed_rate(measured, given):
+def _agreed_rate(measured, stated):
     """Sampling rate as given or as the file says, which must be the same."""
-    own = measured.table.rate
-    if given is not None and own is not None and not np.isclose(given, own, rtol=1e-6):
+    rate = measured.table.rate
+    if stated is not None and rate is not None and not np.isclose(stated, rate, rtol=1e-6):
         raise SceneError(
-            f"{measured.where}: excitation.sampling_rate = {given:g}: the file says {own:g} Hz: "
+            f"{measured.where}: excitation.sampling_rate = {stated:g}: the file says {rate:g} Hz: "
             "leave it out"
         )
-    return given if given is not None else own
+    return stated if stated is not None else rate
 
 
-def _time_place(measured, wanted, needed):
+def _time_place(measured, column, needed):
     """Index of the time column: the named one, else the only one if times are needed."""
-    if wanted is not None:
-        return measured.place("excitation.time_column", wanted)
-    found = measured.times() if needed else []
-    if len(found) > 1:
-        names = ", ".join(named(measured.table.names[place]) for place in found)
+    if column is not None:
+        return measured.place("excitation.time_column", column)
+    candidates = measured.times() if needed else []
+    if len(candidates) > 1:
+        names = ", ".join(named(measured.table.names[index]) for index in candidates)
         raise SceneError(
             f"{measured.where}: several columns may be the time ({names}): name one by "
             "excitation.time_column"
         )
-    if needed and not found:
+    if needed and not candidates:
         raise SceneError(
             f"{measured.where}: excitation.sampling_rate is missing (Hz), or time_column to read "
             "it from"
         )
-    return found[0] if found else None
+    return candidates[0] if candidates else None
 
 
-def _motion_place(measured, wanted, time_place):
-    if wanted is not None:
-        return measured.place("excitation.column", wanted)
+def _motion_place(measured, column, time_place):
+    if column is not None:
+        return measured.place("excitation.column", column)
     times = measured.of("time") if time_place is None else [time_place]
     others = [
-        place
-        for place in range(measured.table.width)
-        if place not in times
-        and place not in measured.table.texts
-        and place not in measured.table.complexes
+        index
+        for index in range(measured.table.width)
+        if index not in times
+        and index not in measured.table.texts
+        and index not in measured.table.complexes
     ]
     if not others and measured.table.complexes:
         raise SceneError(
@@ -425,7 +323,7 @@ def _motion_place(measured, wanted, time_place):
             "numbers, which are a frequency response and no motion: `identify` reads them"
         )
     if len(others) != 1:
-        others = [place for place in measured.of("acceleration") if place in others]
+        others = [index for index in measured.of("acceleration") if index in others]
     if len(others) != 1:
         raise SceneError(
             f"{measured.where}: excitation.column is missing; the file has {measured.listed()}"
@@ -433,19 +331,19 @@ def _motion_place(measured, wanted, time_place):
     return others[0]
 
 
-def _refuse_other_rate(measured, rate, given):
+def _refuse_other_rate(measured, rate, stated):
     """Refuse a sampling rate, of the scene or the file, that differs from the one time column."""
-    found = measured.times()
-    if len(found) != 1:
+    clocks = measured.times()
+    if len(clocks) != 1:
         return
-    (times,) = measured.take(found)
-    written = measured.headings[found[0]].unit
-    key = "excitation.sampling_rate" if given else "the file's sampling rate"
+    (times,) = measured.take(clocks)
+    written = measured.headings[clocks[0]].unit
+    key = "excitation.sampling_rate" if stated else "the file's sampling rate"
     # A column without a unit may be in any, also in samples.
     units = [unit_named("time", written)] if written else [*QUANTITIES["time"]]
-    seconds = [measured.seconds(times, found[0], unit, rate, "") for unit in units if unit]
-    if seconds and all(_other_rate(each, rate, RATE_TOLERANCE) for each in seconds):
-        measured.compare_rates(seconds[0], rate, found[0], key=key)
+    seconds = [measured.seconds(times, clocks[0], unit, rate, "") for unit in units if unit]
+    if seconds and all(_other_rate(column, rate, RATE_TOLERANCE) for column in seconds):
+        measured.compare_rates(seconds[0], rate, clocks[0], key=key)
 
 
 def _other_rate(times, rate, factor):

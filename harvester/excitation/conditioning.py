@@ -51,18 +51,8 @@ CROSS_FADE_SHARE = 0.05
 def refuse_size(values: np.ndarray, factor: float, unit: str, file: str) -> None:
     """Refuse a record whose samples are no accelerations, whatever the unit.
 
-    Parameters
-    ----------
-    values : ndarray, shape (n,)
-        Samples in the file's unit; NaN and infinite ones are ignored.
-    factor : float
-        Factor from the file's unit to m/s².
-    unit, file : str
-        For messages.
-
-    Raises
-    ------
-    SceneError
+    `values`: shape (n,); samples in the file's unit; NaN and infinite ones are ignored. `factor`:
+    factor from the file's unit to m/s². Raises SceneError.
     """
     finite = np.isfinite(values)
     peak = max(abs(float(find(values, initial=0.0, where=finite))) for find in (np.max, np.min))
@@ -89,25 +79,17 @@ def without_markers(
 
     Loggers write such a number for what they could not measure.
 
-    Parameters
-    ----------
-    values : ndarray, shape (n,)
-        Samples as the file has them, before units and scales.
-    mend : sequence of str
-        Faults to mend; "nan" among them takes markers for gaps.
-
-    Returns
-    -------
-    ndarray, tuple of str
-        Samples, shape (n,), and a remark where there are markers.
+    `values`: shape (n,); samples as the file has them, before units and scales. `mend`: faults to
+    mend; "nan" among them takes markers for gaps. Returns
+    the samples, shape (n,), and a remark where there are markers.
     """
     remark = marker_remark(values)
     if not remark:
         return values, ()
     if "nan" not in mend:
         return values, (f'{remark}, and taken as acceleration: mend = ["nan"] takes such for gaps',)
-    taken = np.where(far_outside(values), np.nan, values)
-    return taken, (f"{remark}: taken for gaps",)
+    gapped = np.where(far_outside(values), np.nan, values)
+    return gapped, (f"{remark}: taken for gaps",)
 
 
 def marker_remark(values: np.ndarray) -> str:
@@ -115,12 +97,12 @@ def marker_remark(values: np.ndarray) -> str:
     far = far_outside(values)
     if not far.any():
         return ""
-    count, rest = int(np.count_nonzero(far)), values[np.isfinite(values) & ~far]
+    count, others = int(np.count_nonzero(far)), values[np.isfinite(values) & ~far]
     written = ", ".join(f"{value:g}" for value in np.unique(values[far])[:3])
     noun, verb = ("sample", "is") if count == 1 else ("samples", "are")
     return (
         f"{count} of {values.size} {noun} {verb} {written}, far outside the rest "
-        f"({rest.min():.3g} to {rest.max():.3g})"
+        f"({others.min():.3g} to {others.max():.3g})"
     )
 
 
@@ -137,37 +119,21 @@ def far_outside(values: np.ndarray) -> np.ndarray:
     jumps = np.flatnonzero((below > 0.0) & (above / FAR_RATIO > below))
     if not jumps.size:
         return far
-    rest = below[jumps[0]]
-    far[finite] = deviation[finite] > rest
+    reach = below[jumps[0]]
+    far[finite] = deviation[finite] > reach
     count, markers = int(np.count_nonzero(far)), np.unique(values[far]).size
-    alone = count == 1 and deviation[far][0] > FAR_RATIO_OF_ONE * rest
+    alone = count == 1 and deviation[far][0] > FAR_RATIO_OF_ONE * reach
     return far if alone or count >= SAMPLES_PER_MARKER * markers else np.zeros_like(far)
 
 
 def even_samples(columns: Columns, mend: Collection[str], file: str, most: int) -> EvenSamples:
     """Evenly spaced finite samples, and their rate.
 
-    Parameters
-    ----------
-    columns : harvester.excitation.columns.Columns
-        Columns with a sampling rate or with times.
-    mend : sequence of str
-        Faults to mend: "nan" by straight lines over the gap, "uneven" by straight lines onto an
-        even grid, "clipped" by a cubic spline through what was not clipped.
-    file : str
-        For messages.
-    most : int
-        Samples that the even grid may have.
-
-    Returns
-    -------
-    EvenSamples
-        In the unit of the columns.
-
-    Raises
-    ------
-    SceneError
-        A fault that was not to be mended, or cannot be.
+    `columns`: columns with a sampling rate or with times. `mend`: faults to mend: "nan" by straight
+    lines over the gap, "uneven" by straight lines onto an even grid, "clipped" by a cubic spline
+    through what was not clipped. `most`: samples that the even grid may have. Raises SceneError for
+    a fault that was not to be mended, or cannot be. The
+    samples have the unit of the columns.
     """
     values = np.array(columns.values)
     # A record without times has a sampling rate.
@@ -184,7 +150,8 @@ def even_samples(columns: Columns, mend: Collection[str], file: str, most: int) 
     if lost:
         first = int(np.flatnonzero(~good)[0])
         _refuse(file, "nan", mend, lost, values.size, f"the first is sample {first}")
-        longest = _longest_run(~good)
+        edges = np.flatnonzero(np.diff(np.concatenate([[False], ~good, [False]]).astype(int)))
+        longest = int((edges[1::2] - edges[::2]).max())
         remarks = (
             f"{lost} of {values.size} samples were without a number and are on straight lines: the "
             f"largest gap has {longest} sample{'s' if longest > 1 else ''}",
@@ -211,23 +178,10 @@ def conditioned(
 ) -> np.ndarray:
     """Samples without trend, within a band.
 
-    Parameters
-    ----------
-    values : ndarray, shape (n,)
-    rate : float
-        Hz.
-    detrend : str
-        "none", "mean" or "linear".
-    band : (float, float) or None
-        Hz: Butterworth of fourth order, forward and backward (zero phase, eighth order in all,
-        −6 dB at both ends); 0 as the first leaves a low-pass.
-    file : str
-        For messages.
-
-    Raises
-    ------
-    SceneError
-        The band does not lie below half the sampling rate, or nothing is left.
+    `values`: shape (n,). `detrend`: "none", "mean" or "linear". `band`: Hz: Butterworth of fourth
+    order, forward and backward (zero phase, eighth order in all, −6 dB at both ends); 0 as the
+    first leaves a low-pass. Raises SceneError if the band does not lie below half the sampling
+    rate, or nothing is left.
     """
     from scipy import signal
 
@@ -279,12 +233,6 @@ def smoothed(values: np.ndarray, factor: int) -> np.ndarray:
     return spline(places) - spline.derivative(2)(places) / (12.0 * factor**2)
 
 
-def faded_in(values: np.ndarray, samples: float) -> np.ndarray:
-    """A record that rises from nothing within so many samples, by half a cosine."""
-    rise = np.clip(np.arange(values.size) / samples, 0.0, 1.0)
-    return values * 0.5 * (1.0 - np.cos(np.pi * rise))
-
-
 def closed(values: np.ndarray) -> np.ndarray:
     """A record that continues at its beginning: its ends are faded into each other.
 
@@ -299,8 +247,10 @@ def closed(values: np.ndarray) -> np.ndarray:
 
 def _refuse(file, fault, mend, count, total, where):
     """Refuse faulty samples unless `mend` names the fault and they are few enough."""
-    name = {"nan": "without a number", "clipped": "clipped"}[fault]
-    cure = {"nan": "cut the record there", "clipped": "measure in a wider range"}[fault]
+    name, cure = {
+        "nan": ("without a number", "cut the record there"),
+        "clipped": ("clipped", "measure in a wider range"),
+    }[fault]
     if count > LARGEST_MENDED_SHARE * total:
         raise SceneError(
             f"{file}: {count} of {total} samples are {name} ({where}): more than "
@@ -324,12 +274,6 @@ def flat_crests(values: np.ndarray) -> np.ndarray:
         if np.count_nonzero(crests) >= FLAT_CRESTS:
             clipped |= flat[1:-1]
     return clipped
-
-
-def _longest_run(fault):
-    """Length of the longest gap in samples."""
-    edges = np.flatnonzero(np.diff(np.concatenate([[False], fault, [False]]).astype(int)))
-    return int((edges[1::2] - edges[::2]).max())
 
 
 def _unclip(values, clipped):
@@ -371,8 +315,8 @@ def _even(values, times, rate, mend, file, most):
         # Where only whole samples are missing, the others keep their values.
         places = np.append(0.0, np.cumsum(np.maximum(np.round(steps / usual), 1.0)))
         fitted = slope_of(times, places)
-        rest = np.ptp(times - places * fitted)
-        if rest <= max(1.01 * rounded_to(single), 2.0 * LARGEST_JITTER * fitted):
+        scatter = np.ptp(times - places * fitted)
+        if scatter <= max(1.01 * rounded_to(single), 2.0 * LARGEST_JITTER * fitted):
             values = np.interp(np.arange(places[-1] + 1.0), places, values)
             return EvenSamples(values, 1.0 / fitted, (remark,))
     grid = times[0] + np.arange(int(knots + 1e-9) + 1) * spacing
@@ -397,8 +341,10 @@ def _bridged(times, steps, spacing, file):
     """A remark on gaps bridged by straight lines; refused above `LARGEST_MENDED_SHARE`."""
     missing = float(np.sum(np.maximum(np.round(steps / spacing) - 1.0, 0.0)))
     share = missing / (missing + times.size)
-    place = int(np.argmax(steps))
-    largest = f"the largest step is {steps[place]:.4g} s, after t = {times[place] - times[0]:.6g} s"
+    longest = int(np.argmax(steps))
+    largest = (
+        f"the largest step is {steps[longest]:.4g} s, after t = {times[longest] - times[0]:.6g} s"
+    )
     if share > LARGEST_MENDED_SHARE:
         raise SceneError(
             f"{file}: {share:.0%} of the samples are missing between the times ({largest}): more "

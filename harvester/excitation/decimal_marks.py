@@ -44,17 +44,8 @@ def shape(text: str) -> str:
 def marks_of(rows: Iterable[Sequence[str]], width: int) -> Iterator[tuple[str, str]]:
     """(decimal mark, thousands separator or "") of each column of numbers.
 
-    Parameters
-    ----------
-    rows : iterable of sequence of str
-        The fields of each line in those columns.
-    width : int
-        Number of those columns.
-
-    Raises
-    ------
-    ValueError
-        A column has two readings, or contradicts itself or another.
+    `rows`: the fields of each line in those columns. Raises ValueError if a column has two
+    readings, or contradicts itself or another.
     """
     shapes: list[dict[str, str]] = [{} for _ in range(width)]
     for fields in rows:
@@ -62,22 +53,22 @@ def marks_of(rows: Iterable[Sequence[str]], width: int) -> Iterator[tuple[str, s
             # A column of decimals learns nothing from another.
             if not (",d" in seen and "." not in text) and not (".d" in seen and "," not in text):
                 seen.setdefault(shape(text), text)
-    for place, own in enumerate(shapes):
-        others = set(chain(*shapes[:place], *shapes[place + 1 :]))
-        yield _marks(own, others)
+    for index, column in enumerate(shapes):
+        others = set(chain(*shapes[:index], *shapes[index + 1 :]))
+        yield _marks(column, others)
 
 
-def _marks(own, others):
+def _marks(column, others):
     for group, decimal in MARKS:
-        mixed = {f"{group}?", "mid"} <= own.keys() and "long" not in own
-        if f"{group}+" in own or (mixed and f"{group}d" not in own):
-            if f"{group}d" in own or f"{group}d" in others:
-                _refuse(own.get(f"{group}+") or own[f"{group}?"], group)
+        mixed = {f"{group}?", "mid"} <= column.keys() and "long" not in column
+        if f"{group}+" in column or (mixed and f"{group}d" not in column):
+            if f"{group}d" in column or f"{group}d" in others:
+                _refuse(column.get(f"{group}+") or column[f"{group}?"], group)
             return decimal, group
     for decimal, group in MARKS:
-        if f"{decimal}d" in own:
+        if f"{decimal}d" in column:
             return decimal, ""
-        if f"{decimal}?" not in own:
+        if f"{decimal}?" not in column:
             continue
         # All values have three digits behind the mark: the other columns decide.
         if f"{group}d" in others and f"{decimal}d" not in others:
@@ -85,7 +76,7 @@ def _marks(own, others):
         # A point alone is a decimal point, unless another column is as unsure of its comma.
         unsure = decimal == "," or ",?" in others
         if unsure and f"{decimal}d" not in others:
-            _refuse(own[f"{decimal}?"], decimal)
+            _refuse(column[f"{decimal}?"], decimal)
         return decimal, ""
     return ".", ""
 

@@ -32,15 +32,8 @@ class Hdf5Table(ArraysTable):
     number named `fs`, `dt` or the like. Packed numbers and gaps are those of the CF conventions
     (`scale_factor`, `add_offset`, `_FillValue`, `missing_value`).
 
-    Parameters
-    ----------
-    content : bytes
-        Bytes of the whole file; links to other files, data in them and plug-ins are refused.
-
-    Raises
-    ------
-    Unreadable
-        It holds no such array, or leads out of the file.
+    `content`: bytes of the whole file; links to other files, data in them and plug-ins are refused.
+    Raises Unreadable if it holds no such array, or leads out of the file.
     """
 
     def __init__(self, content: bytes) -> None:
@@ -59,7 +52,9 @@ class Hdf5Table(ArraysTable):
                 kind = dataset.dtype[field] if field else dataset.dtype
                 if kind.names != MATLAB_COMPLEX and kind.kind not in NUMBER_KINDS:
                     continue
-                if len(dataset.shape) > 2 or not _is_number(dataset):
+                # Where MATLAB wrote the data set, it says whether these are numbers or a text.
+                sort = _text_attribute(dataset, (MATLAB_CLASS,))
+                if len(dataset.shape) > 2 or (sort and not sort.startswith(NUMBER_CLASSES)):
                     continue
                 name = f"{path}.{field}" if field else path
                 shapes[name], places[name] = dataset.shape, (dataset, field)
@@ -78,23 +73,18 @@ class Hdf5Table(ArraysTable):
         def load(names: list[str]) -> dict[str, np.ndarray]:
             pairs = {name: places[name] for name in names}
             return {
-                name: _decoded(_joined(each[field] if field else each[()]), each.attrs)
-                for name, (each, field) in pairs.items()
+                name: _decoded(holder[field] if field else holder[()], holder.attrs)
+                for name, (holder, field) in pairs.items()
             }
 
         filled = {name: shape for name, shape in shapes.items() if 0 not in shape}
         super().__init__(filled, load, units)
 
 
-def _joined(values):
-    """MATLAB's pairs of real and imaginary parts as complex numbers; others as they are."""
-    if values.dtype.names != MATLAB_COMPLEX:
-        return values
-    return values["real"] + 1j * values["imag"]
-
-
 def _decoded(values, attributes):
     """Values that a data set's attributes scale, with NaN for those that they call missing."""
+    if values.dtype.names == MATLAB_COMPLEX:
+        values = values["real"] + 1j * values["imag"]
     scale, offset = (attributes.get(name) for name in ("scale_factor", "add_offset"))
     gaps = [np.ravel(attributes[n]).astype(float) for n in FILL_VALUES if n in attributes]
     if scale is None and offset is None and not gaps:
@@ -118,18 +108,18 @@ def _datasets(h5py: Any, file: Any) -> Iterator[tuple[str, Any]]:
             # or out of the file.
             if not isinstance(link, h5py.HardLink) or name in MATLAB_GROUPS:
                 continue
-            each = group[name]
-            address = h5py.h5o.get_info(each.id).addr
+            entry = group[name]
+            address = h5py.h5o.get_info(entry.id).addr
             if address in seen:
                 continue
             seen.add(address)
             if len(seen) > MOST_OBJECTS:
                 raise Unreadable(f"it holds more than {MOST_OBJECTS} objects: shorten it")
-            if isinstance(each, h5py.Group):
-                left.append((where, each))
-            elif isinstance(each, h5py.Dataset):
-                _refuse_outside(each, where)
-                yield where, each
+            if isinstance(entry, h5py.Group):
+                left.append((where, entry))
+            elif isinstance(entry, h5py.Dataset):
+                _refuse_outside(entry, where)
+                yield where, entry
 
 
 def _refuse_outside(dataset, where):
@@ -137,18 +127,12 @@ def _refuse_outside(dataset, where):
     if dataset.external or dataset.is_virtual:
         raise Unreadable(f"the data of {where} lie in other files: copy them into this one")
     properties = dataset.id.get_create_plist()
-    codes = {properties.get_filter(place)[0] for place in range(properties.get_nfilters())}
+    codes = {properties.get_filter(index)[0] for index in range(properties.get_nfilters())}
     if codes - FILTERS:
         raise Unreadable(
             f"{where} is packed by a filter that needs a plug-in ({min(codes - FILTERS)}): save it "
             "uncompressed, or with gzip"
         )
-
-
-def _is_number(dataset):
-    """Whether MATLAB, where it wrote the data set, took it for numbers and not for text."""
-    sort = _text_attribute(dataset, (MATLAB_CLASS,))
-    return not sort or sort.startswith(NUMBER_CLASSES)
 
 
 def _text_attribute(dataset, names):
@@ -162,9 +146,9 @@ def _text_attribute(dataset, names):
 
 def _number_attributes(holder, path=""):
     """Attributes that hold a single number, by their names behind a path."""
-    found = {name: np.asarray(holder.attrs[name]) for name in holder.attrs}
+    attributes = {name: np.asarray(holder.attrs[name]) for name in holder.attrs}
     return {
         f"{path}{name}": float(value.ravel()[0])
-        for name, value in found.items()
+        for name, value in attributes.items()
         if value.size == 1 and value.dtype.kind in REAL_KINDS
     }

@@ -22,15 +22,8 @@ ACCELERATION, MICROSECONDS = "Acceleration", 1e-6
 class IdeTable(ArraysTable):
     """The channel of acceleration with the most samples; times, axes and their units.
 
-    Parameters
-    ----------
-    content : bytes
-        Bytes of the whole file; calibrated as it says.
-
-    Raises
-    ------
-    Unreadable
-        It holds no acceleration.
+    `content`: bytes of the whole file; calibrated as it says. Raises Unreadable if it holds no
+    acceleration.
     """
 
     def __init__(self, content: bytes) -> None:
@@ -47,25 +40,25 @@ class IdeTable(ArraysTable):
             logger.disabled = silent
 
     def _read(self, data):
-        found = {}
+        sessions = {}
         for channel in data.channels.values():
             kinds = [_kind(axis.units) for axis in channel.subchannels]
             if any(kind == ACCELERATION for kind, _ in kinds):
                 events = channel.getSession()
-                found[channel.name] = len(events), events, channel
-        if not found:
+                sessions[channel.name] = len(events), events, channel
+        if not sessions:
             raise Unreadable("it holds no channel of acceleration")
-        chosen = max(found, key=lambda name: found[name][0])
-        count, events, channel = found.pop(chosen)
-        if found:
+        chosen = max(sessions, key=lambda name: sessions[name][0])
+        count, events, channel = sessions.pop(chosen)
+        if sessions:
             self.remarks = (
-                f"channel {chosen} is read, and not {', '.join(found)} of the same file",
+                f"channel {chosen} is read, and not {', '.join(sessions)} of the same file",
             )
         names = ["time", *(axis.name for axis in channel.subchannels)]
         units = ["s", *(_kind(axis.units)[1] for axis in channel.subchannels)]
 
-        def load(kept: list[str]) -> dict[str, Any]:
-            columns = dict(zip(names, events.arraySlice() if kept else [], strict=bool(kept)))
+        def load(asked: list[str]) -> dict[str, Any]:
+            columns = dict(zip(names, events.arraySlice() if asked else [], strict=bool(asked)))
             return {k: MICROSECONDS * v if k == "time" else v for k, v in columns.items()}
 
         super().__init__(dict.fromkeys(names, (count,)), load, dict(zip(names, units, strict=True)))
@@ -87,7 +80,7 @@ def _refuse_expressions(content):
 
 def _texts(document: Any) -> Iterator[tuple[str, bytes]]:
     """(name, text) of all that the reader evaluates."""
-    left = [each for each in document if each.name == "RecordingProperties"]
+    left = [part for part in document if part.name == "RecordingProperties"]
     while left:
         element = left.pop()
         if element.name in EVALUATED:

@@ -16,15 +16,7 @@ COMMENT = "comment"
 class LvmTable(TextTable):
     """Samples by columns; names, units and time step are those of the file's headers.
 
-    Parameters
-    ----------
-    content : bytes
-        Bytes of the whole file.
-
-    Raises
-    ------
-    ValueError
-        It has no end of a header, or several segments.
+    Raises ValueError if it has no end of a header, or several segments.
     """
 
     def __init__(self, content: bytes) -> None:
@@ -35,7 +27,8 @@ class LvmTable(TextTable):
                 "segment as a file"
             )
         # Behind the last header stand names and samples.
-        names_line, _, samples = _trimmed(parts[-1]).partition(b"\n")
+        last = parts[-1].partition(b"\n")[2].lstrip(b"\r\n")
+        names_line, _, samples = last.partition(b"\n")
         super().__init__(samples)
         header = b"\n".join(parts[:-1]).decode("utf-8", errors="replace")
         separator = SEPARATORS.get(_value(header, "Separator", r"\s+") or "", "\t")
@@ -52,11 +45,6 @@ class LvmTable(TextTable):
         steps = (_value(header, "Delta_X", separator) or "").replace(",", ".").split()
         if _value(header, "X_Columns", separator) == "No" and steps and float(steps[0]) > 0.0:
             self.rate = 1.0 / float(steps[0])
-
-
-def _trimmed(part):
-    """A part of the file with the rest of its header's last line removed."""
-    return part.partition(b"\n")[2].lstrip(b"\r\n")
 
 
 def _value(header, key, separator):

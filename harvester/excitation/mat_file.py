@@ -34,16 +34,8 @@ class MatTable(ArraysTable):
 
     A single number `fs` or `dt` is the sampling rate or its inverse.
 
-    Parameters
-    ----------
-    content : bytes
-        Bytes of the whole file, in MATLAB's formats 4 to 7.2; scipy reads its numbers and
-        structures of them, and nothing else.
-
-    Raises
-    ------
-    Unreadable
-        It holds no such array.
+    `content`: bytes of the whole file, in MATLAB's formats 4 to 7.2; scipy reads its numbers and
+    structures of them, and nothing else. Raises Unreadable if it holds no such array.
     """
 
     def __init__(self, content: bytes) -> None:
@@ -60,20 +52,20 @@ class MatTable(ArraysTable):
             loaded = _read("loadmat", content, variable_names=structures, simplify_cells=True)
             fields = dict(_fields("", {name: loaded[name] for name in structures}))
         single = [name for name, shape in arrays.items() if max(shape) == 1]
-        numbers = {
-            name: float(value.ravel()[0])
-            for name, value in _load(content, single).items()
-            if value.dtype.kind in REAL_KINDS
-        } | {
-            name: float(value)
-            for name, value in fields.items()
-            if value.ndim == 0 and value.dtype.kind in REAL_KINDS
-        }
-        self.rate = rate_of(numbers)
+        scalars = {name: value for name, value in fields.items() if value.ndim == 0}
+        self.rate = rate_of(
+            {
+                name: float(value.ravel()[0])
+                for name, value in (_load(content, single) | scalars).items()
+                if value.dtype.kind in REAL_KINDS
+            }
+        )
 
         def load(names: list[str]) -> dict[str, np.ndarray]:
-            own = [name for name in names if name in arrays]
-            return _load(content, own) | {name: fields[name] for name in names if name in fields}
+            variables = [name for name in names if name in arrays]
+            return _load(content, variables) | {
+                name: fields[name] for name in names if name in fields
+            }
 
         super().__init__(arrays | {name: value.shape for name, value in fields.items()}, load)
 
@@ -99,9 +91,9 @@ def _fields(name: str, value: Any) -> Iterator[tuple[str, np.ndarray]]:
         for key, part in value.items():
             yield from _fields(f"{name}.{key}" if name else key, part)
     elif isinstance(value, list) or getattr(value, "dtype", np.dtype(float)).kind == "O":
-        for place, part in enumerate(np.ravel(np.array(value, dtype=object))):
+        for index, part in enumerate(np.ravel(np.array(value, dtype=object))):
             if isinstance(part, dict):
-                yield from _fields(f"{name}[{place}]", part)
+                yield from _fields(f"{name}[{index}]", part)
     else:
         array = np.asarray(value)
         if array.dtype.kind in NUMBER_KINDS and array.ndim <= 2 and array.size:
@@ -109,12 +101,7 @@ def _fields(name: str, value: Any) -> Iterator[tuple[str, np.ndarray]]:
 
 
 def _refuse_claims(content):
-    """Refuse structures whose headers claim more data than the file has.
-
-    Raises
-    ------
-    Unreadable
-    """
+    """Refuse structures whose headers claim more data than the file has. Raises Unreadable."""
     order = {b"IM": "<", b"MI": ">"}.get(content[126:128])
     if order is None:
         raise Unreadable("the header of a .mat file with structures is broken: save it again")
@@ -135,15 +122,15 @@ def _refuse_claims(content):
 
 def _elements(data, order):
     """(kind, content) of the elements that follow each other."""
-    place = 0
-    while place + 8 <= len(data):
-        kind, size = struct.unpack_from(f"{order}II", data, place)
+    offset = 0
+    while offset + 8 <= len(data):
+        kind, size = struct.unpack_from(f"{order}II", data, offset)
         # An element of up to four bytes stands within its tag.
         if kind >> 16:
-            kind, size, start, place = kind & 0xFFFF, kind >> 16, place + 4, place + 8
+            kind, size, start, offset = kind & 0xFFFF, kind >> 16, offset + 4, offset + 8
         else:
-            start = place + 8
-            place = start + size + (0 if kind == COMPRESSED else -size % 8)
+            start = offset + 8
+            offset = start + size + (0 if kind == COMPRESSED else -size % 8)
         yield kind, data[start : start + size]
 
 

@@ -69,10 +69,7 @@ FOREIGN = {
 def read_record(file: str) -> tuple[bytes, str]:
     """(content, SHA-256) of a record's file.
 
-    Raises
-    ------
-    SceneError
-        It is no plain file, is too large, or cannot be read.
+    Raises SceneError if it is no plain file, is too large, or cannot be read.
     """
     largest = LARGEST_RECORD if Path(file).suffix.lower() in BINARY_ENDINGS else LARGEST_TEXT
     content = read_input(file, "record", int(min(largest, FILE_SHARE * memory_limit())))
@@ -90,22 +87,16 @@ def refused_as_record(where: str) -> Iterator[None]:
     try:
         yield
     except ValueError as error:
-        undecodable = isinstance(error, UnicodeDecodeError)
-        reason = "it is no text in UTF-8: save it so" if undecodable else named(_one_line(error))
+        reason = named(" ".join(str(error).split()))
+        if isinstance(error, UnicodeDecodeError):
+            reason = "it is no text in UTF-8: save it so"
         raise SceneError(f"{where}: not a readable record: {reason}") from None
-
-
-def _one_line(error):
-    return " ".join(str(error).split())
 
 
 def read_table(file: str, content: bytes) -> Table:
     """A file's table by its reader.
 
-    Raises
-    ------
-    ValueError
-        It is none, or has more samples than fit into memory.
+    Raises ValueError if it is none, or has more samples than fit into memory.
     """
     for start, (sort, cure) in FOREIGN.items():
         if content.startswith(start):

@@ -35,12 +35,7 @@ class NormalSequence:
     x_{k+1} = a x_k + √(1 − a²) ξ_k in units of their deviation, where ξ are the numbers of
     `numpy.random.default_rng(seed).standard_normal`, and the first of them is the first x.
 
-    Parameters
-    ----------
-    seed : numpy.random.SeedSequence
-    deviation : float
-    decay : float
-        −ln a, from one number to the next; inf for independent numbers.
+    `decay`: −ln a, from one number to the next; inf for independent numbers.
     """
 
     def __init__(self, seed: SeedSequence, deviation: float, decay: float = math.inf) -> None:
@@ -53,49 +48,49 @@ class NormalSequence:
         """Write the next numbers into an array, in parts of any size the same."""
         done = 0
         while done < numbers.size:
-            wanted = int((numbers.size - done) * WORDS_FOR_A_NUMBER) + 2 * SPARE_WORDS
-            if wanted > self._words.size:
-                more = self._bits.random_raw(wanted - self._words.size)
-                self._words = np.concatenate([self._words, more])
-            done, self._last, used = _write(self._words, self._law, self._last, numbers, done)
-            self._words = self._words[used:]
+            least_words = int((numbers.size - done) * WORDS_FOR_A_NUMBER) + 2 * SPARE_WORDS
+            if least_words > self._words.size:
+                fresh = self._bits.random_raw(least_words - self._words.size)
+                self._words = np.concatenate([self._words, fresh])
+            done, self._last, consumed = _write(self._words, self._law, self._last, numbers, done)
+            self._words = self._words[consumed:]
 
 
 @uncounted
 def _write(words, law, last, numbers, done):
     """Write numbers while words last; returns how many are written, the last, and words used."""
     deviation, memory, kick = law
-    place = 0
-    while done < numbers.size and place < words.size - SPARE_WORDS:
-        word = words[place]
-        place += 1
+    position = 0
+    while done < numbers.size and position < words.size - SPARE_WORDS:
+        word = words[position]
+        position += 1
         # Eight bits choose the strip, one bit the sign, 52 bits the place in the strip.
         strip, across = word & np.uint64(0xFF), (word >> np.uint64(9)) & np.uint64(2**52 - 1)
         normal = across * WIDTH[strip]
         normal = -normal if (word >> np.uint64(8)) & np.uint64(1) else normal
         if across >= INNER[strip]:
-            normal, place = _beyond(words, place, strip, across, normal)
+            normal, position = _beyond(words, position, strip, across, normal)
             if math.isnan(normal):
                 continue
         last = memory * last + kick * normal if not math.isnan(last) else normal
         numbers[done] = last * deviation
         done += 1
-    return done, last, place
+    return done, last, position
 
 
 @compiled
-def _beyond(words, place, strip, across, normal):
+def _beyond(words, position, strip, across, normal):
     """A number outside the rectangle within a strip, nan if it is refused; and the next place."""
     if strip > 0:
-        density = (HEIGHT[strip - 1] - HEIGHT[strip]) * _unit(words[place]) + HEIGHT[strip]
-        return normal if density < math.exp(-0.5 * normal * normal) else math.nan, place + 1
+        density = (HEIGHT[strip - 1] - HEIGHT[strip]) * _unit(words[position]) + HEIGHT[strip]
+        return normal if density < math.exp(-0.5 * normal * normal) else math.nan, position + 1
     while True:
-        over = -INVERSE_TAIL * math.log1p(-_unit(words[place]))
-        height = -math.log1p(-_unit(words[place + 1]))
-        place += 2
+        over = -INVERSE_TAIL * math.log1p(-_unit(words[position]))
+        height = -math.log1p(-_unit(words[position + 1]))
+        position += 2
         if height + height > over * over:
             tail = TAIL + over
-            return -tail if (across >> np.uint64(8)) & np.uint64(1) else tail, place
+            return -tail if (across >> np.uint64(8)) & np.uint64(1) else tail, position
 
 
 @compiled

@@ -14,24 +14,8 @@ from harvester.excitation.table import Table
 class NpyTable(Table):
     """Samples by columns; the fields of a structured array are columns with names.
 
-    Parameters
-    ----------
-    content : bytes
-        Bytes of the whole file; pickled objects in it are not read.
-
-    Attributes
-    ----------
-    names : list of str
-        Names of the fields; empty without any.
-    width, rows : int
-        Columns, samples in each.
-    rate : None
-        The sampling rate: None, as the file does not hold it.
-
-    Raises
-    ------
-    ValueError
-        It holds no such array.
+    `content`: bytes of the whole file; pickled objects in it are not read. Raises ValueError if it
+    holds no such array.
     """
 
     def __init__(self, content: bytes) -> None:
@@ -43,17 +27,16 @@ class NpyTable(Table):
         self.rows = len(table)
         self.width = len(self.names) or self._table.shape[1]
         columns = [self._table[name] for name in self.names] or list(self._table.T)
-        self.complexes = [place for place, each in enumerate(columns) if is_complex(each)]
+        self.complexes = [index for index, column in enumerate(columns) if is_complex(column)]
 
     def take(self, places: list[int]) -> list[np.ndarray]:
-        """The columns at `places`, each float64 or complex128 of shape (rows,)."""
-        return [self._column(place) for place in places]
+        return [self._column(index) for index in places]
 
-    def _column(self, place):
-        column = self._table[self.names[place]] if self.names else self._table[:, place]
+    def _column(self, index):
+        column = self._table[self.names[index]] if self.names else self._table[:, index]
         if column.dtype.kind not in NUMBER_KINDS or column.ndim != 1:
             raise ValueError(
-                f"column {place} holds {column.dtype.name} and not one real number per sample"
+                f"column {index} holds {column.dtype.name} and not one real number per sample"
             )
         with np.errstate(over="ignore"):
             return column.astype(complex) if is_complex(column) else column.real.astype(float)

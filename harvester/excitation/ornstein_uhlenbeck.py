@@ -10,13 +10,12 @@ import numpy as np
 
 from harvester.device.keys import names_replace, positive
 from harvester.errors import SceneError
-from harvester.excitation.base import Excitation, ExcitationPath
+from harvester.excitation.base import Excitation, ExcitationPath, Run
 from harvester.excitation.normals import NormalSequence
 
 if TYPE_CHECKING:
     from numpy.random.bit_generator import SeedSequence
 
-    from harvester.excitation.run import Run
 
 # Linear interpolation between knots lowers the variance of the noise by the share spacing/(3 τ1),
 # which is 4 % here.
@@ -37,15 +36,12 @@ class OrnsteinUhlenbeck(Excitation):
     kind: str = "ornstein-uhlenbeck"
     knot_spacing: float | None = None
 
+    endless = True
     KEYS: ClassVar[dict] = {
         "intensity": positive(required=True),
         "correlation_time": positive(required=True),
         "knot_spacing": positive(),
     }
-
-    @property
-    def endless(self) -> bool:
-        return True
 
     def spacing(self, longest: float) -> float:
         if self.knot_spacing is None:
@@ -85,14 +81,8 @@ class NoisePath(ExcitationPath):
     stationary from the first. Engines take η as linear between knots, which lowers the
     variance averaged over time by about spacing/(3 τ1) of itself (`interpolation_loss`).
 
-    Parameters
-    ----------
-    intensity, correlation_time : float
-        D and τ1, scaled units.
-    spacing : float
-        Time between knots (s).
-    seed : numpy.random.SeedSequence
-        Seed of this realization; the same seed gives the same bytes in blocks of any size.
+    `intensity`, `correlation_time`: D and τ1, scaled units. `spacing`: time between knots (s).
+    `seed`: seed of this realization; the same seed gives the same bytes in blocks of any size.
     """
 
     def __init__(
@@ -101,12 +91,6 @@ class NoisePath(ExcitationPath):
         self.spacing = spacing
         deviation, decay = math.sqrt(intensity / correlation_time), spacing / correlation_time
         self._sequence = NormalSequence(seed, deviation, decay)
-
-    def read(self, count: int) -> np.ndarray:
-        """The next `count` samples, float64 of shape (count,)."""
-        samples = np.empty(count)
-        self.read_into(samples)
-        return samples
 
     def read_into(self, samples: np.ndarray) -> None:
         self._sequence.write(samples)

@@ -4,16 +4,13 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, ClassVar
+from typing import Any, ClassVar
 
 import numpy as np
 
 from harvester.device.keys import names_replace, positive
-from harvester.excitation.base import Excitation, ExcitationPath
+from harvester.excitation.base import Excitation, ExcitationPath, Run
 from harvester.excitation.sine import WITHOUT_CHANCE
-
-if TYPE_CHECKING:
-    from harvester.excitation.run import Run
 
 # Knots per cycle: so many resolve the switching of a rectifier, not only the sine.
 KNOTS_PER_CYCLE = 200
@@ -33,23 +30,14 @@ class PrescribedDisplacement(Excitation):
     kind: str = "prescribed_displacement"
     knot_spacing: float | None = None
 
+    prescribes_displacement = True
+    symmetric = False
+    random = False
     KEYS: ClassVar[dict] = {
         "amplitude": positive(required=True),
         "frequency": positive(required=True),
         "knot_spacing": positive(),
     }
-
-    @property
-    def prescribes_displacement(self) -> bool:
-        return True
-
-    @property
-    def symmetric(self) -> bool:
-        return False
-
-    @property
-    def random(self) -> bool:
-        return False
 
     @property
     def period(self) -> float | None:
@@ -62,14 +50,14 @@ class PrescribedDisplacement(Excitation):
         return 0.0, 1.0 / (2.0 * math.pi * self.frequency)
 
     def path(self, spacing: float, length: float, seed: Any) -> ExcitationPath:
-        return _Nothing(spacing)
+        return _ZeroPath(spacing)
 
     def notes(self, spacing: float, angular_frequency: float, run: Run) -> tuple[str, ...]:
         return (WITHOUT_CHANCE,)
 
 
 @dataclass(frozen=True)
-class _Nothing(ExcitationPath):
+class _ZeroPath(ExcitationPath):
     """A path of zeros: the prescribed motion is part of the netlist itself."""
 
     spacing: float

@@ -28,9 +28,7 @@ PROFILES = {
         f"{_GEVS}, qualification",
     ),
     "gevs-acceptance": Profile(
-        ((20.0, 0.013), (50.0, 0.08), (800.0, 0.08), (2000.0, 0.013)),
-        10.0,
-        f"{_GEVS}, acceptance",
+        ((20.0, 0.013), (50.0, 0.08), (800.0, 0.08), (2000.0, 0.013)), 10.0, f"{_GEVS}, acceptance"
     ),
 }
 
@@ -38,16 +36,7 @@ PROFILES = {
 def with_profile(table: dict[str, Any], where: str) -> dict[str, Any]:
     """An excitation's table with its profile's name replaced by the profile's values.
 
-    Parameters
-    ----------
-    table : dict
-    where : str
-        For messages.
-
-    Raises
-    ------
-    SceneError
-        There is no such profile, or the table has values of its own beside it.
+    Raises SceneError if there is no such profile, or the table has values of its own beside it.
     """
     if "profile" not in table or table.get("kind") != "spectrum":
         return table

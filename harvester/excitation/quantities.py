@@ -117,15 +117,15 @@ AMBIGUOUS |= {
 
 def _spellings(quantity: str) -> dict[str, str]:
     """Usual spelling of a quantity's units by every spelling without capitals."""
-    known = {unit.lower(): unit for unit in QUANTITIES[quantity]}
+    spellings = {unit.lower(): unit for unit in QUANTITIES[quantity]}
     for unit, words in WORDS.get(quantity, {}).items():
-        known |= dict.fromkeys(words, unit)
+        spellings |= dict.fromkeys(words, unit)
     ends = {"acceleration": PER_SECOND_SQUARED, "velocity": PER_SECOND}.get(quantity, ())
     usual = {"acceleration": "/s^2", "velocity": "/s"}.get(quantity, "")
     for length in LENGTHS:
         if f"{length}{usual}" in QUANTITIES[quantity]:
-            known |= dict.fromkeys((f"{length}{end}" for end in ends), f"{length}{usual}")
-    return known
+            spellings |= dict.fromkeys((f"{length}{end}" for end in ends), f"{length}{usual}")
+    return spellings
 
 
 SPELLINGS = {quantity: _spellings(quantity) for quantity in QUANTITIES}
@@ -151,30 +151,20 @@ def unit_named(quantity: str, text: str) -> str | None:
 def factor_of(quantity: str, unit: str, where: str, cure: str) -> float:
     """Factor of a unit to SI.
 
-    Parameters
-    ----------
-    quantity : str
-        A name in `QUANTITIES`.
-    unit : str
-        The unit, in any spelling.
-    where, cure : str
-        For the message: file and column; what to do.
-
-    Raises
-    ------
-    SceneError
-        The quantity has no such unit, or the unit has two readings.
+    `quantity`: a name in `QUANTITIES`. `unit`: the unit, in any spelling. `where`, `cure`: for the
+    message: file and column; what to do. Raises SceneError if the quantity has no such unit, or the
+    unit has two readings.
     """
     usual = unit_named(quantity, unit)
     if usual is not None:
         return QUANTITIES[quantity][usual]
-    known = QUANTITIES[quantity]
+    factors = QUANTITIES[quantity]
     both = AMBIGUOUS.get((quantity, unit.strip()))
     if both:
         raise SceneError(f"{where}: {named(unit)} is ambiguous: {both}? {cure}")
     raise SceneError(
-        f"{where}: unknown unit {named(unit)}{nearest(unit, known)}; units of {quantity} are "
-        f"{', '.join(known)}: {cure}"
+        f"{where}: unknown unit {named(unit)}{nearest(unit, factors)}; units of {quantity} are "
+        f"{', '.join(factors)}: {cure}"
     )
 
 
@@ -183,12 +173,9 @@ class Heading(NamedTuple):
 
     Attributes
     ----------
-    title : str
-        The name without its unit.
-    unit : str
-        Unit as it is written; empty if there is none.
-    quantity : str
-        A name in `QUANTITIES`, empty where the title is none.
+    title : the name without its unit.
+    unit : unit as it is written; empty if there is none.
+    quantity : a name in `QUANTITIES`, empty where the title is none.
     """
 
     title: str
@@ -250,11 +237,7 @@ SEPARATOR = re.compile(r"\s+in\s+|[\s_,:/-]+")
 def heading(text: str, expected: str = "") -> Heading:
     """Title, unit and quantity of a column's name.
 
-    Parameters
-    ----------
-    text : str
-    expected : str
-        Quantity that the column must hold if its title names none; empty: any.
+    `expected`: quantity that the column must hold if its title names none; empty: any.
 
     Examples
     --------
@@ -293,7 +276,10 @@ def quantity_of(title: str, unit: str) -> str:
 
     Letters such as "a" name an acceleration only beside one of its units.
     """
-    bare = _without_label(title)
+    # A place or a channel in brackets behind the title is left out.
+    matches = (bracket.fullmatch(title.strip()) for bracket in BRACKETS)
+    labels = (match for match in matches if match and LABEL.fullmatch(match[2].strip()))
+    bare = next((match[1] for match in labels), title)
     # The quantity may stand behind the names of groups and structures: "data.time", "run
     # 1/acceleration".
     for name in (bare, re.split(r"[./](?=\w)", bare)[-1]):
@@ -307,26 +293,19 @@ def quantity_of(title: str, unit: str) -> str:
     return "time" if not unit and unit_named("time", words) == SAMPLES else ""
 
 
-def _without_label(title):
-    """A title without a place or channel in brackets behind it."""
-    matches = (bracket.fullmatch(title.strip()) for bracket in BRACKETS)
-    labels = (match for match in matches if match and LABEL.fullmatch(match[2].strip()))
-    return next((match[1] for match in labels), title)
-
-
 def is_unit(text: str) -> bool:
     """Whether a text, in brackets or without, is a unit of any quantity."""
     bare = text.strip().strip("[](){}").strip()
     return any(unit_named(quantity, bare) for quantity in QUANTITIES)
 
 
-def column_named(wanted: str, names: Collection[str]) -> int | None:
+def column_named(column: str, names: Collection[str]) -> int | None:
     """Index of a column by its whole name, or by its title if only one column has it.
 
     None where there is no such column.
     """
     listed = list(names)
-    if wanted in listed:
-        return listed.index(wanted)
+    if column in listed:
+        return listed.index(column)
     titles = [heading(name).title for name in listed]
-    return titles.index(wanted) if titles.count(wanted) == 1 else None
+    return titles.index(column) if titles.count(column) == 1 else None

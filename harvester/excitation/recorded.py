@@ -13,7 +13,7 @@ import numpy as np
 from harvester.device.keys import Key, names_replace, not_negative, positive
 from harvester.errors import SceneError
 from harvester.excitation import conditioning
-from harvester.excitation.base import Excitation, ExcitationPath, kernel_loss
+from harvester.excitation.base import Excitation, ExcitationPath, Run, kernel_loss
 from harvester.excitation.columns import motion_columns
 from harvester.excitation.motion_file import most_samples, read_record
 from harvester.excitation.quantities import ACCELERATION, QUANTITIES, unit_named
@@ -23,7 +23,6 @@ from harvester.files.plain_text import named, nearest
 if TYPE_CHECKING:
     from numpy.random.bit_generator import SeedSequence
 
-    from harvester.excitation.run import Run
 
 UNITS = (*ACCELERATION, "scaled")
 # The band that holds this share of the record's power misses the device if it lies beyond the
@@ -62,42 +61,29 @@ class RecordedMotion(Excitation):
 
     Attributes
     ----------
-    file : str
-        Relative to the scene's folder in a scene file, else to the working folder.
-    unit : str or None
-        Unit of the column after scaling: a name in `UNITS`; left out where the column's heading
+    file : relative to the scene's folder in a scene file, else to the working folder.
+    unit : unit of the column after scaling: a name in `UNITS`; left out where the column's heading
         says it, with which it must agree.
-    column, time_column : str, int or None
-        Name or number from 0; see `columns.motion_columns`.
-    time_unit : str or None
-        Unit of the time column; left out where its heading says it.
-    sampling_rate : float or None
-        Hz; left out where the time column or the file itself says it.
-    start : float or None
-        s after the record's first sample: what is before is left out.
-    scale, offset : float or None
-        The acceleration in `unit` is scale · column + offset: volts or raw counts. Left out: 1, 0.
-    full_scale : float
-        Value of full scale in a .wav file, in `unit`.
-    detrend : str
-        "mean" takes the constant part off, such as gravity; "none" or "linear".
-    band : (float, float) or None
-        Hz; see `conditioning.conditioned`.
-    mend : tuple of str
-        Faults to mend: see `conditioning.even_samples`.
-    repetition : str
-        "none": the run is one pass from the record's beginning. "periodic": the record's ends
-        are faded into each other over a twentieth of it, and each realization starts at an
+    column, time_column : name or number from 0; see `columns.motion_columns`.
+    time_unit : unit of the time column; left out where its heading says it.
+    sampling_rate : Hz; left out where the time column or the file itself says it.
+    start : s after the record's first sample: what is before is left out.
+    scale, offset : the acceleration in `unit` is scale · column + offset: volts or raw counts. Left
+        out: 1, 0.
+    full_scale : value of full scale in a .wav file, in `unit`.
+    detrend : "mean" takes the constant part off, such as gravity; "none" or "linear".
+    band : Hz; see `conditioning.conditioned`.
+    mend : faults to mend: see `conditioning.even_samples`.
+    repetition : "none": the run is one pass from the record's beginning. "periodic": the record's
+        ends are faded into each other over a twentieth of it, and each realization starts at an
         offset of its own, drawn from the seed.
-    interpolation : str
-        Between samples: "linear", or "smooth": band-limited, `SMOOTH_KNOTS` knots for a sample.
-    fade_in : float or None
-        s in which the acceleration rises from nothing, so that its first sample is no blow.
-    knot_spacing : float or None
-        s; closer than the samples: band-limited interpolation, rounded down to a whole fraction.
-    sha256 : str
-        SHA-256 of the file when the scene was made: each worker process reads the file for itself,
-        and refuses one that has changed.
+    interpolation : between samples: "linear", or "smooth": band-limited, `SMOOTH_KNOTS` knots for a
+        sample.
+    fade_in : s in which the acceleration rises from nothing, so that its first sample is no blow.
+    knot_spacing : s; closer than the samples: band-limited interpolation, rounded down to a whole
+        fraction.
+    sha256 : SHA-256 of the file when the scene was made: each worker process reads the file for
+        itself, and refuses one that has changed.
     """
 
     file: str
@@ -120,6 +106,7 @@ class RecordedMotion(Excitation):
     knot_spacing: float | None = None
     sha256: str = field(init=False)
 
+    symmetric = False
     KEYS: ClassVar[dict] = {
         "file": Key(kind=str, required=True),
         "unit": Key(kind=str, words=UNITS),
@@ -132,8 +119,8 @@ class RecordedMotion(Excitation):
         "offset": Key(),
         "full_scale": positive(),
         "detrend": Key(kind=str, words=("none", "mean", "linear")),
-        "band": Key(each=not_negative(), count=(2, 2)),
-        "mend": Key(each=Key(kind=str, words=conditioning.FAULTS), count=(0, 3)),
+        "band": Key(element=not_negative(), count=(2, 2)),
+        "mend": Key(element=Key(kind=str, words=conditioning.FAULTS), count=(0, 3)),
         "repetition": Key(kind=str, words=("none", "periodic")),
         "interpolation": Key(kind=str, words=("linear", "smooth")),
         "fade_in": positive(),
@@ -163,10 +150,6 @@ class RecordedMotion(Excitation):
         return self.samples.size
 
     @property
-    def symmetric(self) -> bool:
-        return False
-
-    @property
     def lines(self) -> tuple[tuple[float, float], ...]:
         return _lines(self)
 
@@ -192,11 +175,7 @@ class RecordedMotion(Excitation):
 
     def check(self, units: str, run: Run, origin: str) -> None:
         if (self.unit == "scaled") != (units == "scaled"):
-            known = '"scaled"' if units == "scaled" else ", ".join(ACCELERATION)
-            given = f' = "{self.unit}"' if self.unit else " is missing"
-            raise SceneError(
-                f'{origin}: excitation.unit{given}: a scene with units = "{units}" takes {known}'
-            )
+            self._refuse_unit(units, ", ".join(ACCELERATION), origin)
         if self.full_scale != 1.0 and Path(self.file).suffix.lower() != ".wav":
             raise SceneError(f"{origin}: excitation.full_scale belongs to .wav files")
         if self.scale == 0.0:
@@ -317,7 +296,6 @@ class RecordPath(ExcitationPath):
         self._next = 0
 
     def read(self, count: int) -> np.ndarray:
-        """The next `count` samples, float64 of shape (count,)."""
         places = np.arange(self._next, self._next + count) * self._ratio
         self._next += count
         before = np.floor(places + 1e-9).astype(int)
@@ -372,7 +350,9 @@ def _read_knots(record, name):
     offset = _offset_remark(values, record, unit)
     values = conditioning.conditioned(values, rate, record.detrend, record.band, name)
     if record.fade_in is not None:
-        values = conditioning.faded_in(values, record.fade_in * rate)
+        # Half a cosine.
+        rise = np.clip(np.arange(values.size) / (record.fade_in * rate), 0.0, 1.0)
+        values = values * 0.5 * (1.0 - np.cos(np.pi * rise))
     smooth = SMOOTH_KNOTS if record.interpolation == "smooth" else 1
     knots_per_sample = smooth / (rate * (record.knot_spacing or 1.0 / rate))
     if not knots_per_sample * values.size <= most_samples():
@@ -398,9 +378,9 @@ def _offset_remark(values, record, unit):
     mean = float(values.mean())
     if record.detrend != "mean" or not abs(mean) > NOTED_OFFSET * values.std():
         return ()
-    said = f"{mean:.4g} m/s²" if unit != "scaled" else f"{mean:.4g}"
+    amount = f"{mean:.4g} m/s²" if unit != "scaled" else f"{mean:.4g}"
     return (
-        f'its constant part, {said} (gravity or an offset), was taken off; detrend = "none" '
+        f'its constant part, {amount} (gravity or an offset), was taken off; detrend = "none" '
         "keeps it",
     )
 
@@ -440,27 +420,27 @@ def _from_start(columns, record, name):
 
 def _unit_and_factor(record, written, name):
     """Unit of the scaled column and its factor to m/s², by the heading and the scene."""
-    own = unit_named("acceleration", written) if written else None
+    heading_unit = unit_named("acceleration", written) if written else None
     if record.unit == "scaled":
-        if own:
+        if heading_unit:
             raise SceneError(
                 f'{name}: the heading says {named(written)}, and the scene has units = "scaled": '
                 'take one with units = "SI", or a record in scaled units'
             )
         return "scaled", 1.0
-    if written and own is None and record.scale is None:
+    if written and heading_unit is None and record.scale is None:
         raise SceneError(
             f"{name}: the heading says {named(written)}, which is no unit of acceleration"
             f"{nearest(written, ACCELERATION)}: give excitation.scale, the acceleration of one "
             f"{named(written)}, with its unit, or choose another excitation.column"
         )
-    unit = record.unit or own
+    unit = record.unit or heading_unit
     if unit is None:
         raise SceneError(
             f"{name}: excitation.unit is missing, and the file says none: it is one of "
             f"{', '.join(ACCELERATION)}"
         )
-    if own and ACCELERATION[own] != ACCELERATION[unit]:
+    if heading_unit and ACCELERATION[heading_unit] != ACCELERATION[unit]:
         raise SceneError(
             f'{name}: excitation.unit = "{unit}": the heading says {named(written)}: leave unit '
             "out, or correct the one that is wrong"
@@ -511,22 +491,22 @@ def _lines(record):
     density = np.abs(np.fft.rfft(stretches, axis=1)) ** 2
     # The remainder of the mean at frequency 0 is no sine.
     density[:, 0] = 0.0
-    whole = density.sum(axis=1)
-    if np.median(whole) <= SILENT * whole.max():
+    total_power = density.sum(axis=1)
+    if np.median(total_power) <= SILENT * total_power.max():
         return ()
-    found: list[tuple[float, float]] = []
+    sines: list[tuple[float, float]] = []
     bins = np.arange(density.shape[1])
-    for place in range(min(LINES_AT_ONCE, max(1, bins.size // BINS_PER_LINE))):
+    for removed in range(min(LINES_AT_ONCE, max(1, bins.size // BINS_PER_LINE))):
         peaks = density.argmax(axis=1)
         nearby = np.abs(bins - peaks[:, None]) <= LINE_BINS
         power = (density * nearby).sum(axis=1)
         # Hann's window reduces the mean square to 3/8.
         amplitudes = np.sqrt(4.0 * power / (0.375 * size**2))
-        found += zip((peaks / (size * interval)).tolist(), amplitudes.tolist(), strict=True)
+        sines += zip((peaks / (size * interval)).tolist(), amplitudes.tolist(), strict=True)
         density[nearby] = 0.0
-        share = SHARE_OF_SEVERAL if place else LINE_SHARE
-        if np.median(density.sum(axis=1)) < (1.0 - share) * np.median(whole):
-            return tuple(found)
+        share = SHARE_OF_SEVERAL if removed else LINE_SHARE
+        if np.median(density.sum(axis=1)) < (1.0 - share) * np.median(total_power):
+            return tuple(sines)
     return ()
 
 

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from harvester.excitation.base import ExcitationPath
+from harvester.excitation.base import ExcitationPath, child_seed
 from harvester.excitation.normals import NormalSequence
 
 if TYPE_CHECKING:
@@ -28,12 +28,8 @@ MOST_TAPS = 2**20
 def filter_length(frequencies: np.ndarray, spacing: float) -> int:
     """Values of the filter, a power of 2: it resolves the lowest frequency, the band and each gap.
 
-    Parameters
-    ----------
-    frequencies : ndarray, shape (n,)
-        Frequencies of the breakpoints, ascending (Hz).
-    spacing : float
-        Time between knots (s).
+    `frequencies`: shape (n,); frequencies of the breakpoints, ascending (Hz). `spacing`: time
+    between knots (s).
     """
     gaps = np.diff(frequencies)
     lowest = min(frequencies[0], frequencies[-1] - frequencies[0])
@@ -44,11 +40,7 @@ def filter_length(frequencies: np.ndarray, spacing: float) -> int:
 def density_between(points: tuple, frequencies: np.ndarray) -> np.ndarray:
     """The density at frequencies: straight between breakpoints on log–log axes, 0 beyond them.
 
-    Parameters
-    ----------
-    points : tuple of (float, float)
-        Frequency (Hz) and density of each breakpoint.
-    frequencies : ndarray of any shape
+    `points`: frequency (Hz) and density of each breakpoint. `frequencies`: of any shape.
     """
     at, density = np.log(np.array(points)).T
     inside = (frequencies >= points[0][0]) & (frequencies <= points[-1][0])
@@ -87,17 +79,8 @@ def _filter(points, spacing):
 def path_density(points: tuple, spacing: float) -> tuple[np.ndarray, np.ndarray]:
     """Frequencies (Hz) of the filter and the density of its path, linear between knots.
 
-    Parameters
-    ----------
-    points : tuple of (float, float)
-        Frequency (Hz) and density of each breakpoint.
-    spacing : float
-        Time between knots (s).
-
-    Returns
-    -------
-    ndarray, ndarray
-        The density is that of the breakpoints, blurred by the filter's finite length.
+    `points`: frequency (Hz) and density of each breakpoint. `spacing`: time between knots (s). The
+    density is that of the breakpoints, blurred by the filter's finite length.
     """
     spectrum, taps = _filter(points, spacing)
     frequencies = np.fft.rfftfreq(2 * taps, spacing)
@@ -133,19 +116,13 @@ class ShapedPath(ExcitationPath):
     ) -> None:
         self.spacing = spacing
         self._spectrum, self._taps = _filter(points, spacing)
-        own = np.random.SeedSequence(seed.entropy, spawn_key=(*seed.spawn_key, 0))
-        other = np.random.SeedSequence(seed.entropy, spawn_key=(*seed.spawn_key, 1))
-        self._white = NormalSequence(own, factor)
+        self._white = NormalSequence(child_seed(seed, 0), factor)
         self._input = np.zeros(2 * self._taps)
         self._white.write(self._input[self._taps :])
         self._block, self._used = np.empty(0), 0
-        self._bursts = Bursts(kurtosis, burst_time / spacing, other) if kurtosis > 3.0 else None
-
-    def read(self, count: int) -> np.ndarray:
-        """The next `count` samples, float64 of shape (count,)."""
-        samples = np.empty(count)
-        self.read_into(samples)
-        return samples
+        self._bursts = None
+        if kurtosis > 3.0:
+            self._bursts = Bursts(kurtosis, burst_time / spacing, child_seed(seed, 1))
 
     def read_into(self, samples: np.ndarray) -> None:
         done = 0
@@ -173,13 +150,7 @@ class Bursts:
     node to the next and ξ are independent. A Gaussian path times them has the mean square that it
     had and the kurtosis asked for, 3 E[factor⁴]; its density is blurred by about 1/(2 time).
 
-    Parameters
-    ----------
-    kurtosis : float
-        Above 3.
-    knots : float
-        Number of knots from one node to the next.
-    seed : numpy.random.SeedSequence
+    `kurtosis`: above 3. `knots`: number of knots from one node to the next.
     """
 
     def __init__(self, kurtosis: float, knots: float, seed: SeedSequence) -> None:
@@ -193,14 +164,14 @@ class Bursts:
     def read(self, count: int) -> np.ndarray:
         """The next factors, shape (count,)."""
         places = np.arange(self._next, self._next + count)
-        at, rest = np.divmod(places, self._knots)
+        at, offset = np.divmod(places, self._knots)
         missing = int(at[-1]) + 2 - self._nodes.size
         self._nodes = np.append(self._nodes, self._generator.standard_normal(max(missing, 0)))
-        angle = 0.5 * math.pi * rest / self._knots
+        angle = 0.5 * math.pi * offset / self._knots
         normal = self._nodes[at] * np.cos(angle) + self._nodes[at + 1] * np.sin(angle)
         passed, self._next = divmod(self._next + count, self._knots)
         self._nodes = self._nodes[passed:]
         if self._nodes.size < 2:
-            more = self._generator.standard_normal(2 - self._nodes.size)
-            self._nodes = np.append(self._nodes, more)
+            fresh = self._generator.standard_normal(2 - self._nodes.size)
+            self._nodes = np.append(self._nodes, fresh)
         return np.exp(math.sqrt(self._variance) * normal - self._variance)

@@ -5,16 +5,12 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, ClassVar
+from typing import Any, ClassVar
 
 import numpy as np
 
 from harvester.device.keys import Key, names_replace, not_negative, positive
-from harvester.errors import SceneError
-from harvester.excitation.base import Excitation, ExcitationPath
-
-if TYPE_CHECKING:
-    from harvester.excitation.run import Run
+from harvester.excitation.base import Excitation, ExcitationPath, Run
 
 KNOTS_PER_PERIOD = 40
 # Straight lines through fewer points per period do not resemble a sine.
@@ -29,13 +25,8 @@ WITHOUT_CHANCE = (
 class Harmonic(Excitation):
     """Base of all sinusoidal excitations, which have `lines` and a phase, and are deterministic."""
 
-    @property
-    def symmetric(self) -> bool:
-        return False
-
-    @property
-    def random(self) -> bool:
-        return False
+    symmetric = False
+    random = False
 
     def density(self, frequencies: np.ndarray) -> np.ndarray:
         """Continuous spectral density: 0, as sines have only its `lines`."""
@@ -84,11 +75,7 @@ class Sine(Harmonic):
 
     def check(self, units: str, run: Run, origin: str) -> None:
         longest = 1.0 / (FEWEST_KNOTS_PER_PERIOD * self.frequency)
-        if self.knot_spacing is not None and self.knot_spacing > longest:
-            raise SceneError(
-                f"{origin}: excitation.knot_spacing = {self.knot_spacing:g}: must be a number in "
-                f"(0, {longest:g}], an eighth of the sine's period"
-            )
+        self._check_knot_spacing(longest, "an eighth of the sine's period", origin)
 
     def spacing(self, longest: float) -> float:
         if self.knot_spacing is not None:
@@ -174,7 +161,6 @@ class SinePath(ExcitationPath):
         self._next = 0
 
     def read(self, count: int) -> np.ndarray:
-        """The next `count` samples, float64 of shape (count,)."""
         times = np.arange(self._next, self._next + count) * self.spacing
         self._next += count
         last = self._frequencies.size - 1

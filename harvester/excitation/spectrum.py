@@ -11,7 +11,7 @@ import numpy as np
 
 from harvester.device.keys import Key, names_replace, positive
 from harvester.errors import SceneError
-from harvester.excitation.base import Excitation, ExcitationPath
+from harvester.excitation.base import Excitation, ExcitationPath, Run
 from harvester.excitation.quantities import ACCELERATION
 from harvester.excitation.shaped import (
     ShapedPath,
@@ -24,7 +24,6 @@ from harvester.excitation.shaped import (
 if TYPE_CHECKING:
     from numpy.random.bit_generator import SeedSequence
 
-    from harvester.excitation.run import Run
 
 UNITS = {"g^2/Hz": ACCELERATION["g"] ** 2, "(m/s^2)^2/Hz": 1.0, "scaled": 1.0}
 # Knots per period of the spectrum's highest frequency: the usual number, and the least. With the
@@ -49,22 +48,16 @@ class Spectrum(Excitation):
 
     Attributes
     ----------
-    breakpoints : tuple of (float, float)
-        Frequency (Hz, ascending) and density of each; nothing lies beyond the first and the last.
-        In a scene also the name of a CSV file with two columns; or `profile`, a name in
+    breakpoints : frequency (Hz, ascending) and density of each; nothing lies beyond the first and
+        the last. In a scene also the name of a CSV file with two columns; or `profile`, a name in
         `harvester.excitation.profiles`, stands in place of these, the unit and the source.
-    unit : str or None
-        Unit of the densities: a name in `UNITS`.
-    kurtosis : float
-        3 is Gaussian. Above, the Gaussian path is multiplied by factors exp(σ z − σ²) that change
-        from one burst to the next; see `harvester.excitation.shaped.Bursts`.
-    burst_time : float or None
-        s; left out, 20 periods of the lowest frequency.
-    source : str
-        The publication that the values come from; results quote it.
-    knot_spacing : float or None
-        s; left out, a twelfth of the highest frequency's period; for a slower device a fortieth of
-        its own period, at most a quarter of the highest frequency's.
+    unit : unit of the densities: a name in `UNITS`.
+    kurtosis : 3 is Gaussian. Above, the Gaussian path is multiplied by factors exp(σ z − σ²) that
+        change from one burst to the next; see `harvester.excitation.shaped.Bursts`.
+    burst_time : s; left out, 20 periods of the lowest frequency.
+    source : the publication that the values come from; results quote it.
+    knot_spacing : s; left out, a twelfth of the highest frequency's period; for a slower device a
+        fortieth of its own period, at most a quarter of the highest frequency's.
     """
 
     breakpoints: tuple
@@ -75,9 +68,10 @@ class Spectrum(Excitation):
     kind: str = "spectrum"
     knot_spacing: float | None = None
 
+    endless = True
     KEYS: ClassVar[dict] = {
         "breakpoints": Key(
-            each=Key(each=positive(), count=(2, 2)), count=(2, 10000), required=True
+            element=Key(element=positive(), count=(2, 2)), count=(2, 10000), required=True
         ),
         "unit": Key(kind=str, words=tuple(UNITS)),
         "kurtosis": Key(low=3.0, high=30.0),
@@ -107,25 +101,19 @@ class Spectrum(Excitation):
 
     @property
     def corners(self) -> tuple[float, ...]:
-        """Frequencies at which the density bends (Hz)."""
         return tuple(frequency for frequency, _ in self.breakpoints)
 
     def density(self, frequencies: np.ndarray) -> np.ndarray:
-        """See `Excitation.density`."""
         return density_between(self.points, frequencies)
 
     def check(self, units: str, run: Run, origin: str) -> None:
         if (self.unit == "scaled") != (units == "scaled") or (units == "SI" and not self.unit):
-            known = '"scaled"' if units == "scaled" else '"g^2/Hz" or "(m/s^2)^2/Hz"'
-            given = f' = "{self.unit}"' if self.unit else " is missing"
-            raise SceneError(
-                f'{origin}: excitation.unit{given}: a scene with units = "{units}" takes {known}'
-            )
+            self._refuse_unit(units, '"g^2/Hz" or "(m/s^2)^2/Hz"', origin)
         frequencies = [frequency for frequency, _ in self.breakpoints]
-        for place, (low, high) in enumerate(itertools.pairwise(frequencies), 1):
+        for index, (low, high) in enumerate(itertools.pairwise(frequencies), 1):
             if not low < high:
                 raise SceneError(
-                    f"{origin}: excitation.breakpoints[{place}] = {high:g} Hz after {low:g} Hz: "
+                    f"{origin}: excitation.breakpoints[{index}] = {high:g} Hz after {low:g} Hz: "
                     "frequencies must ascend; write a jump as two that lie close together"
                 )
         if self.burst_time is not None and self.burst_time < 1.0 / frequencies[0]:
@@ -135,15 +123,8 @@ class Spectrum(Excitation):
                 "would blur the density away"
             )
         longest = 1.0 / (FEWEST_KNOTS_PER_PERIOD * frequencies[-1])
-        if self.knot_spacing is not None and self.knot_spacing > longest:
-            raise SceneError(
-                f"{origin}: excitation.knot_spacing = {self.knot_spacing:g}: must be a number in "
-                f"(0, {longest:g}], a quarter of the highest frequency's period"
-            )
-
-    @property
-    def endless(self) -> bool:
-        return True
+        words = "a quarter of the highest frequency's period"
+        self._check_knot_spacing(longest, words, origin)
 
     def spacing(self, longest: float) -> float:
         period = 1.0 / self.band[1]
@@ -159,27 +140,24 @@ class Spectrum(Excitation):
         burst = self.burst_time or PERIODS_PER_BURST / self.band[0]
         return ShapedPath(self.points, spacing, seed, self.kurtosis, burst, 1.0 / length)
 
-    def _excess(self, spacing):
-        """Share by which the rms of the knots exceeds that of the straight lines between them."""
-        frequencies = np.linspace(*self.band, EXCESS_FREQUENCIES)
-        density = self.density(frequencies)
-        raised = density / np.sinc(frequencies * spacing) ** 4
-        return math.sqrt(float(raised.sum() / density.sum())) - 1.0
-
     def notes(self, spacing: float, angular_frequency: float, run: Run) -> tuple[str, ...]:
         low, high = self.band
         unit = "" if self.unit == "scaled" else " m/s²"
         listed = ", ".join(f"{f:g} Hz {g:g}" for f, g in self.breakpoints[:20])
-        more = f" and {len(self.breakpoints) - 20} more" if len(self.breakpoints) > 20 else ""
+        ellipsis = f" and {len(self.breakpoints) - 20} more" if len(self.breakpoints) > 20 else ""
         source = f" after {self.source}" if self.source else ""
         lines = [
-            f"spectrum{source}: {listed}{more} {self.unit}; rms "
+            f"spectrum{source}: {listed}{ellipsis} {self.unit}; rms "
             f"{math.sqrt(mean_square(self.points)):.4g}{unit}"
         ]
-        if self._excess(spacing) > NOTED_EXCESS:
+        frequencies = np.linspace(*self.band, EXCESS_FREQUENCIES)
+        density = self.density(frequencies)
+        raised = density / np.sinc(frequencies * spacing) ** 4
+        excess = math.sqrt(float(raised.sum() / density.sum())) - 1.0
+        if excess > NOTED_EXCESS:
             lines.append(
                 f"knots {spacing:.3g} s apart: the density is right on the straight lines between "
-                f"them; the knots themselves have {self._excess(spacing):.1%} more rms"
+                f"them; the knots themselves have {excess:.1%} more rms"
             )
         frequency = angular_frequency / (2.0 * math.pi)
         if not low <= frequency <= high and 0.0 < frequency < math.inf:

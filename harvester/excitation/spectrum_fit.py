@@ -50,24 +50,18 @@ class SpectrumFit:
 
     Attributes
     ----------
-    intensity, correlation_time : float
-        D (m²/s³ in SI) and τ1 (s) of S(ω) = D/(π (1 + ω² τ1²)).
-    intensity_error, correlation_time_error : float
-        Standard errors for stationary Gaussian noise of this spectrum; infinite where the
-        fitted band does not show the parameter.
-    frequency, density, fitted : ndarray, shape (n,)
-        Hz; the record's density and the fit, over the compared band.
-    lowest, highest : float
-        Hz; the fit takes what lies between, which holds nearly all of the variance.
-    device_frequency : float
-        Hz, of small oscillations.
-    decibels : float
-        The record's density over the fit's in the octave around the device's frequency; nan
+    intensity, correlation_time : D (m²/s³ in SI) and τ1 (s) of S(ω) = D/(π (1 + ω² τ1²)).
+    intensity_error, correlation_time_error : standard errors for stationary Gaussian noise of this
+        spectrum; infinite where the fitted band does not show the parameter.
+    frequency, density, fitted : shape (n,); Hz; the record's density and the fit, over the compared
+        band.
+    lowest, highest : Hz; the fit takes what lies between, which holds nearly all of the variance.
+    device_frequency : Hz, of small oscillations.
+    decibels : the record's density over the fit's in the octave around the device's frequency; nan
         where the compared band does not hold it.
-    unexplained : float
-        Share of the band's variance that lies apart from the fit, in thirds of octaves.
-    excess_kurtosis : float
-        Excess kurtosis of the samples: 0 for Gaussian noise, high for a record with an envelope.
+    unexplained : share of the band's variance that lies apart from the fit, in thirds of octaves.
+    excess_kurtosis : excess kurtosis of the samples: 0 for Gaussian noise, high for a record with
+        an envelope.
     """
 
     intensity: float
@@ -87,21 +81,23 @@ class SpectrumFit:
     @property
     def reasons(self) -> tuple[str, ...]:
         """Why the record is far from Ornstein–Uhlenbeck noise; empty where it is not."""
-        found = []
+        differences = []
         if math.isnan(self.decibels):
-            found.append(
+            differences.append(
                 f"the device's {self.device_frequency:.3g} Hz lie outside what the record shows"
             )
         elif abs(self.decibels) > FAR_DECIBELS:
-            found.append(
+            differences.append(
                 f"its density around the device's {self.device_frequency:.3g} Hz is "
                 f"{self.decibels:+.1f} dB from the fit"
             )
         if self.unexplained > FAR_SHARE:
-            found.append(f"{self.unexplained:.0%} of its variance lies apart from the fit")
+            differences.append(f"{self.unexplained:.0%} of its variance lies apart from the fit")
         if abs(self.excess_kurtosis) > FAR_KURTOSIS:
-            found.append(f"its excess kurtosis is {self.excess_kurtosis:.1f}, and noise has 0")
-        return tuple(found)
+            differences.append(
+                f"its excess kurtosis is {self.excess_kurtosis:.1f}, and noise has 0"
+            )
+        return tuple(differences)
 
     def notes(self) -> tuple[str, ...]:
         """The fit and its distance, one line each."""
@@ -134,10 +130,7 @@ class SpectrumFit:
     def from_dict(cls, content: dict[str, Any]) -> SpectrumFit:
         """The fit that `to_dict` made plain values of, without its spectra.
 
-        Raises
-        ------
-        NotAValue, KeyError, TypeError
-            These are no such values.
+        Raises NotAValue, KeyError, TypeError if these are no such values.
         """
         values: dict[str, Any] = dict.fromkeys(("frequency", "density", "fitted"), np.empty(0))
         for name in _PARAMETERS:
@@ -151,20 +144,7 @@ class SpectrumFit:
 def fit_spectrum(record: RecordedMotion, device_frequency: float) -> SpectrumFit:
     """Fit D and τ1 by Whittle's likelihood to an averaged periodogram.
 
-    Parameters
-    ----------
-    record : RecordedMotion
-    device_frequency : float
-        Hz.
-
-    Returns
-    -------
-    SpectrumFit
-
-    Raises
-    ------
-    AveragingError
-        Too short a record, or too narrow a band.
+    Raises AveragingError for too short a record, or too narrow a band.
 
     Notes
     -----
@@ -178,36 +158,39 @@ def fit_spectrum(record: RecordedMotion, device_frequency: float) -> SpectrumFit
     values, interval, _ = one_pass(record)
     length = values.size // STRETCHES
     frequency, density = signal.welch(values, 1.0 / interval, nperseg=max(length, 8))
-    used = _band(record, frequency, FITTED_SHARE * 0.5 / interval)
-    below = np.cumsum(density * used) / max(np.sum(density * used), 1e-300)
-    used &= (below > LEFT_OUT_SHARE) & (below < 1.0 - LEFT_OUT_SHARE)
-    if np.count_nonzero(used) < FEWEST_FREQUENCIES:
+    in_band = _band(record, frequency, FITTED_SHARE * 0.5 / interval)
+    below = np.cumsum(density * in_band) / max(np.sum(density * in_band), 1e-300)
+    in_band &= (below > LEFT_OUT_SHARE) & (below < 1.0 - LEFT_OUT_SHARE)
+    if np.count_nonzero(in_band) < FEWEST_FREQUENCIES:
         raise AveragingError(
-            f"the record shows only {np.count_nonzero(used)} frequencies to fit, and "
+            f"the record shows only {np.count_nonzero(in_band)} frequencies to fit, and "
             f"{FEWEST_FREQUENCIES} are the fewest: a longer record, or a wider excitation.band"
         )
     compared = _band(record, frequency, COMPARED_SHARE * 0.5 / interval)
-    used, frequency, density = used[compared], frequency[compared], density[compared]
+    in_band, frequency, density = in_band[compared], frequency[compared], density[compared]
     # Independent values in the band per frequency of the periodogram: the weight of each frequency
     # in the likelihood.
     weight = values.size * interval * (frequency[1] - frequency[0])
 
     def misfit(logarithms):
-        share = density[used] / _model(frequency[used], *np.exp(logarithms))
+        share = density[in_band] / _model(frequency[in_band], *np.exp(logarithms))
         return weight * float(np.sum(share - np.log(share)))
 
     strongest = density.max() / 4.0
     start = np.log([strongest, strongest / np.mean(values**2)])
     options = {"xatol": 1e-8, "fatol": 1e-8, "maxiter": 4000, "maxfev": 4000}
-    found = optimize.minimize(misfit, start, method="Nelder-Mead", options=options)
-    intensity, time = np.exp(found.x)
+    minimum = optimize.minimize(misfit, start, method="Nelder-Mead", options=options)
+    intensity, time = np.exp(minimum.x)
     fitted = _model(frequency, intensity, time)
-    if 2.0 * np.pi * frequency[used][0] * time > FALLING_CORNER_RATIO:
+    if 2.0 * np.pi * frequency[in_band][0] * time > FALLING_CORNER_RATIO:
         raise AveragingError(
             "the record's density falls over its whole band and shows no D: a longer record is "
             "needed, or it is no Ornstein–Uhlenbeck noise; simulate"
         )
-    errors = _relative_errors(frequency[used], time, weight)
+    # ∫|P − S| over ∫P, each first averaged over thirds of octaves.
+    thirds = np.floor(3.0 * np.log2(frequency / frequency[0])).astype(int)
+    apart = np.bincount(thirds, density) - np.bincount(thirds, fitted)
+    errors = _relative_errors(frequency[in_band], time, weight)
     return SpectrumFit(
         intensity=float(intensity),
         correlation_time=float(time),
@@ -216,11 +199,11 @@ def fit_spectrum(record: RecordedMotion, device_frequency: float) -> SpectrumFit
         frequency=frequency,
         density=density,
         fitted=fitted,
-        lowest=float(frequency[used][0]),
-        highest=float(frequency[used][-1]),
+        lowest=float(frequency[in_band][0]),
+        highest=float(frequency[in_band][-1]),
         device_frequency=device_frequency,
         decibels=_decibels(frequency, density, fitted, device_frequency),
-        unexplained=_unexplained(frequency, density, fitted),
+        unexplained=float(np.abs(apart).sum() / density.sum()),
         excess_kurtosis=float(stats.kurtosis(values)),
     )
 
@@ -254,13 +237,6 @@ def _decibels(frequency, density, fitted, centre):
     if not frequency[0] <= centre <= frequency[-1] or not near.any():
         return math.nan
     return 10.0 * math.log10(density[near].mean() / fitted[near].mean())
-
-
-def _unexplained(frequency, density, fitted):
-    """∫|P − S| over ∫P, each first averaged over thirds of octaves."""
-    thirds = np.floor(3.0 * np.log2(frequency / frequency[0])).astype(int)
-    apart = np.bincount(thirds, density) - np.bincount(thirds, fitted)
-    return float(np.abs(apart).sum() / density.sum())
 
 
 def _with_error(value, error):

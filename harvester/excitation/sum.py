@@ -13,14 +13,13 @@ import numpy as np
 
 from harvester.device.keys import Key, names_replace, positive
 from harvester.errors import SceneError
-from harvester.excitation.base import Excitation, ExcitationPath
+from harvester.excitation.base import Excitation, ExcitationPath, Run, child_seed
 from harvester.excitation.motion_file import most_samples
 from harvester.excitation.sine import WITHOUT_CHANCE, Sine
 
 if TYPE_CHECKING:
     from numpy.random.bit_generator import SeedSequence
 
-    from harvester.excitation.run import Run
 
 # Sines have a common period if the ratio of their frequencies equals a fraction with at most the
 # first as denominator, to within the second.
@@ -30,9 +29,9 @@ MOST_REPEATS, SAME_RATIO = 1000, 1e-9
 def common_period(periods: Sequence[float]) -> float | None:
     """The shortest time of whole periods of each (s), where their ratios are simple; else None."""
     first = periods[0]
-    ratios = [Fraction(each / first).limit_denominator(MOST_REPEATS) for each in periods]
+    ratios = [Fraction(period / first).limit_denominator(MOST_REPEATS) for period in periods]
     pairs = zip(periods, ratios, strict=True)
-    if any(not r or abs(each / first / r - 1.0) > SAME_RATIO for each, r in pairs):
+    if any(not r or abs(period / first / r - 1.0) > SAME_RATIO for period, r in pairs):
         return None
     # The least common multiple of the periods.
     upper = math.lcm(*(ratio.numerator for ratio in ratios))
@@ -53,7 +52,7 @@ class Sum(Excitation):
     knot_spacing: float | None = None
 
     KEYS: ClassVar[dict] = {
-        "parts": Key(each=Key(kind=dict), count=(1, 100), required=True),
+        "parts": Key(element=Key(kind=dict), count=(1, 100), required=True),
         "knot_spacing": positive(),
     }
 
@@ -109,8 +108,8 @@ class Sum(Excitation):
 
     def density(self, frequencies: np.ndarray) -> np.ndarray | None:
         """The sum of the parts' densities, which are independent."""
-        each = [part.density(frequencies) for part in self.parts]
-        return None if any(part is None for part in each) else np.sum(each, axis=0)
+        densities = [part.density(frequencies) for part in self.parts]
+        return None if any(part is None for part in densities) else np.sum(densities, axis=0)
 
     @property
     def drifts(self) -> bool:
@@ -121,13 +120,13 @@ class Sum(Excitation):
         return not self.random and any(part.transient(run) for part in self.parts)
 
     def check(self, units: str, run: Run, origin: str) -> None:
-        for place, part in enumerate(self._on_common_knots()):
+        for index, part in enumerate(self._on_common_knots()):
             if part.prescribes_displacement:
                 raise SceneError(
-                    f"{origin}: excitation.parts[{place}] is a prescribed_displacement, beside "
+                    f"{origin}: excitation.parts[{index}] is a prescribed_displacement, beside "
                     "which no other part acts: make it the whole excitation, or take it out"
                 )
-            part.check(units, run, f"{origin}: parts[{place}]")
+            part.check(units, run, f"{origin}: parts[{index}]")
         if self.kept_samples > most_samples():
             raise SceneError(
                 f"{origin}: excitation.parts: the records have {self.kept_samples} samples in all, "
@@ -150,17 +149,11 @@ class Sum(Excitation):
         return intensity, intensity / sum(d / time for d, time in pairs)
 
     def path(self, spacing: float, length: float, seed: SeedSequence) -> ExcitationPath:
-        # The same children that `seed.spawn` would give, without changing the seed.
-        return SumPath(
-            [
-                part.path(
-                    spacing,
-                    length,
-                    np.random.SeedSequence(seed.entropy, spawn_key=(*seed.spawn_key, place)),
-                )
-                for place, part in enumerate(self.parts)
-            ]
-        )
+        paths = [
+            part.path(spacing, length, child_seed(seed, index))
+            for index, part in enumerate(self.parts)
+        ]
+        return SumPath(paths)
 
     def notes(self, spacing: float, angular_frequency: float, run: Run) -> tuple[str, ...]:
         lines = [part.notes(spacing, angular_frequency, run) for part in self.parts]
@@ -177,5 +170,4 @@ class SumPath(ExcitationPath):
         self._paths = paths
 
     def read(self, count: int) -> np.ndarray:
-        """The next `count` samples, float64 of shape (count,)."""
         return np.sum([path.read(count) for path in self._paths], axis=0)

@@ -4,17 +4,14 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, ClassVar
+from typing import Any, ClassVar
 
 import numpy as np
 
 from harvester.device.keys import names_replace, not_negative, positive
 from harvester.errors import SceneError
-from harvester.excitation.base import ExcitationPath
+from harvester.excitation.base import ExcitationPath, Run
 from harvester.excitation.sine import FEWEST_KNOTS_PER_PERIOD, KNOTS_PER_PERIOD, Harmonic
-
-if TYPE_CHECKING:
-    from harvester.excitation.run import Run
 
 # The choice of the step examines the resonance at so many frequencies of the sweep.
 LINES = 24
@@ -36,6 +33,7 @@ class SweptSine(Harmonic):
     kind: str = "swept-sine"
     knot_spacing: float | None = None
 
+    drifts = True
     KEYS: ClassVar[dict] = {
         "amplitude": not_negative(required=True),
         "frequency": positive(required=True),
@@ -43,10 +41,6 @@ class SweptSine(Harmonic):
         "octaves_per_minute": positive(),
         "knot_spacing": positive(),
     }
-
-    @property
-    def drifts(self) -> bool:
-        return True
 
     @property
     def lines(self) -> tuple[tuple[float, float], ...]:
@@ -64,11 +58,7 @@ class SweptSine(Harmonic):
                 'begins; take another, or kind = "sine"'
             )
         longest = 1.0 / (FEWEST_KNOTS_PER_PERIOD * self._highest)
-        if self.knot_spacing is not None and self.knot_spacing > longest:
-            raise SceneError(
-                f"{origin}: excitation.knot_spacing = {self.knot_spacing:g}: must be a number in "
-                f"(0, {longest:g}], an eighth of the sine's shortest period"
-            )
+        self._check_knot_spacing(longest, "an eighth of the sine's shortest period", origin)
 
     def spacing(self, longest: float) -> float:
         return self.knot_spacing or min(1.0 / (KNOTS_PER_PERIOD * self._highest), longest)
@@ -88,13 +78,7 @@ class SweptSine(Harmonic):
 class SweptPath(ExcitationPath):
     """Samples of a swept sine, whose phase never jumps.
 
-    Parameters
-    ----------
-    sweep : SweptSine
-    spacing : float
-        Time between knots (s).
-    length : float
-        See `Excitation.path`.
+    `spacing`: time between knots (s). `length`: see `Excitation.path`.
     """
 
     def __init__(self, sweep: SweptSine, spacing: float, length: float) -> None:
@@ -106,15 +90,14 @@ class SweptPath(ExcitationPath):
         self._next = 0
 
     def read(self, count: int) -> np.ndarray:
-        """The next `count` samples, float64 of shape (count,)."""
         times = np.arange(self._next, self._next + count) * self.spacing
         self._next += count
         sweeps, since = np.divmod(times, 2.0 * self._once)
         back = since > self._once
         since = np.where(back, 2.0 * self._once - since, since)
-        whole = self._first * math.expm1(self._rate * self._once) / self._rate
+        one_way = self._first * math.expm1(self._rate * self._once) / self._rate
         turns = self._first * np.expm1(self._rate * since) / self._rate
-        turns = np.where(back, 2.0 * whole - turns, turns) + np.mod(2.0 * whole * sweeps, 1.0)
+        turns = np.where(back, 2.0 * one_way - turns, turns) + np.mod(2.0 * one_way * sweeps, 1.0)
         frequency = self._first * np.exp(self._rate * since)
         heights = self._amplitude / np.sinc(frequency * self.spacing) ** 2
         return heights * np.sin(2.0 * math.pi * np.mod(turns, 1.0))

@@ -20,15 +20,7 @@ class Unreadable(ValueError):
 def broken_file(sort: str, cure: str) -> Iterator[None]:
     """Within the block, turn any exception of a library's parser into `Unreadable`.
 
-    Parameters
-    ----------
-    sort : str
-        Kind of file that was expected, for the message.
-    cure : str
-
-    Raises
-    ------
-    Unreadable
+    Raises Unreadable.
     """
     try:
         with warnings.catch_warnings():
@@ -45,21 +37,14 @@ class Table(ABC):
 
     Attributes
     ----------
-    names : list of str
-        Names of the columns; empty where the file has none.
-    units : sequence of str
-        Units of the columns where they stand apart from the names ("" where none does); may be
+    names : names of the columns; empty where the file has none.
+    units : units of the columns where they stand apart from the names ("" where none does); may be
         empty.
-    width, rows : int
-        Columns, samples in each.
-    rate : float or None
-        Hz, where the file itself says it.
-    texts : collection of int
-        Places of columns that hold words.
-    complexes : sequence of int
-        Places of columns of complex numbers.
-    remarks : tuple of str
-        Remarks on the file that go into a result's notes.
+    width, rows : columns, samples in each.
+    rate : Hz, where the file itself says it.
+    texts : places of columns that hold words.
+    complexes : places of columns of complex numbers.
+    remarks : remarks on the file that go into a result's notes.
     """
 
     names: list[str]

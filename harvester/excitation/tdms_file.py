@@ -16,15 +16,7 @@ from harvester.files.libraries import optional_library
 class TdmsTable(ArraysTable):
     """Channels as columns, scaled as the file says; names are `group/channel`.
 
-    Parameters
-    ----------
-    content : bytes
-        Bytes of the whole file.
-
-    Raises
-    ------
-    Unreadable
-        It holds no channel of numbers, or the longest have several rates.
+    Raises Unreadable if it holds no channel of numbers, or the longest have several rates.
     """
 
     def __init__(self, content: bytes) -> None:
@@ -40,34 +32,36 @@ class TdmsTable(ArraysTable):
     def _read(self, file, most):
         groups = file.groups()
         channels = {
-            each.name if len(groups) == 1 else f"{group.name}/{each.name}": each
+            channel.name if len(groups) == 1 else f"{group.name}/{channel.name}": channel
             for group in groups
-            for each in group.channels()
+            for channel in group.channels()
         }
         # Samples are not compressed: a file cannot hold more of them than bytes.
-        if any(len(each) > most for each in channels.values()):
+        if any(len(channel) > most for channel in channels.values()):
             raise Unreadable("it claims more samples than it holds: it is cut short")
         read = {
-            name: each
-            for name, each in channels.items()
-            if each.dtype is not None and each.dtype.kind in REAL_KINDS + "M" and len(each)
+            name: channel
+            for name, channel in channels.items()
+            if channel.dtype is not None and channel.dtype.kind in REAL_KINDS + "M" and len(channel)
         }
-        longest = max((len(each) for each in read.values()), default=0)
+        longest = max((len(channel) for channel in read.values()), default=0)
         steps = {
-            name: float(each.properties["wf_increment"])
-            for name, each in read.items()
-            if len(each) == longest and each.properties.get("wf_increment", 0.0)
+            name: float(channel.properties["wf_increment"])
+            for name, channel in read.items()
+            if len(channel) == longest and channel.properties.get("wf_increment", 0.0)
         }
         if len(set(steps.values())) > 1:
             raise Unreadable("its longest channels have several sampling rates: save one by itself")
         self.rate = rate_of({"wf_increment": next(iter(steps.values()), 0.0)})
-        units = {name: str(each.properties.get("unit_string", "")) for name, each in read.items()}
-        units |= {name: "s" for name, each in read.items() if each.dtype.kind == "M"}
+        units = {
+            name: str(channel.properties.get("unit_string", "")) for name, channel in read.items()
+        }
+        units |= {name: "s" for name, channel in read.items() if channel.dtype.kind == "M"}
 
         def load(names: list[str]) -> dict[str, np.ndarray]:
             return {name: _numbers(read[name][:]) for name in names}
 
-        super().__init__({name: (len(each),) for name, each in read.items()}, load, units)
+        super().__init__({name: (len(channel),) for name, channel in read.items()}, load, units)
 
 
 def _numbers(values):

@@ -17,7 +17,7 @@ import numpy as np
 from harvester.excitation.decimal_marks import marks_of, plain, shape, ungrouped
 from harvester.excitation.quantities import heading, is_unit
 from harvester.excitation.table import Table
-from harvester.excitation.time_stamps import StampReader, is_stamp
+from harvester.excitation.time_stamps import CLOCK_TIME, StampReader
 
 COMMENTS = ("#", "%", "//")
 SEPARATORS = (";", "\t", ",")
@@ -51,12 +51,9 @@ class Form(NamedTuple):
 
     Attributes
     ----------
-    separator : str or None
-        Separator of the fields; None: blanks.
-    decimal : str
-        "." or ",".
-    kinds : tuple of str
-        Kind of each column: `NUMBER`, `STAMP`, `COMPLEX` or `TEXT`.
+    separator : separator of the fields; None: blanks.
+    decimal : "." or ",".
+    kinds : kind of each column: `NUMBER`, `STAMP`, `COMPLEX` or `TEXT`.
     """
 
     separator: str | None
@@ -64,18 +61,17 @@ class Form(NamedTuple):
     kinds: tuple[str, ...]
 
     def fits(self, fields: list[str]) -> bool:
-        """Whether each field of a line is empty or of its column's kind (number, time stamp)."""
+        """Whether each field of a line is empty or of its column's kind (number, time stamp).
+
+        A complex number may be written without its imaginary part.
+        """
         if len(fields) != len(self.kinds):
             return False
         pairs = [pair for pair in zip(fields, self.kinds, strict=True) if pair[1] != TEXT]
         return any(field.strip() for field, _ in pairs) and all(
-            not field.strip() or _kind(field, self.decimal) in (kind, _PARTS.get(kind))
+            not field.strip() or _kind(field, self.decimal) in (kind, kind == COMPLEX and NUMBER)
             for field, kind in pairs
         )
-
-
-# A complex number may be written without its imaginary part.
-_PARTS = {COMPLEX: NUMBER}
 
 
 class TextTable(Table):
@@ -85,15 +81,8 @@ class TextTable(Table):
     may be cut short, and a footer may follow the samples. The names are those of the header, or of
     the comment above the first line, and may have a row of units below them.
 
-    Parameters
-    ----------
-    content : bytes
-        UTF-8; lines that begin with #, % or // are comments.
-
-    Raises
-    ------
-    ValueError
-        It is no text, or its last lines hold no numbers.
+    `content`: UTF-8; lines that begin with #, % or // are comments. Raises ValueError if it is no
+    text, or its last lines hold no numbers.
     """
 
     def __init__(self, content: Any) -> None:
@@ -110,8 +99,8 @@ class TextTable(Table):
             self._form = self._form._replace(decimal=",")
         kinds = self._form.kinds
         self.width = len(kinds)
-        self.texts = [place for place, kind in enumerate(kinds) if kind == TEXT]
-        self.complexes = [place for place, kind in enumerate(kinds) if kind == COMPLEX]
+        self.texts = [index for index, kind in enumerate(kinds) if kind == TEXT]
+        self.complexes = [index for index, kind in enumerate(kinds) if kind == COMPLEX]
         self.rows, self._first = 0, 0
         above, left_out = self._scan()
         if self.rows > 1 and not left_out and self._is_cut_short(last_lines):
@@ -131,14 +120,14 @@ class TextTable(Table):
         Time stamps are seconds after the first; a column of numbers such as 1-2i is complex128.
         """
         marks = self._marks(places)
-        columns: list[Any] = [[] if place in self.complexes else array("d") for place in places]
+        columns: list[Any] = [[] if index in self.complexes else array("d") for index in places]
         readers = [
-            (column.append, place, self._reader(place, marks))
-            for column, place in zip(columns, places, strict=True)
+            (column.append, index, self._reader(index, marks))
+            for column, index in zip(columns, places, strict=True)
         ]
         for fields in self._rows():
-            for append, place, read in readers:
-                append(read(fields[place]))
+            for append, index, read in readers:
+                append(read(fields[index]))
         return [
             np.array(column, complex) if isinstance(column, list) else np.frombuffer(column)
             for column in columns
@@ -160,19 +149,21 @@ class TextTable(Table):
         """(decimal mark, thousands separator) of each column that has commas or looks grouped."""
         numbers = [k for k, kind in enumerate(self._form.kinds) if kind == NUMBER]
         asked = {*places} & {*numbers} if b"." in self._content else ()
-        if not self._commas and not any(
-            _looks_grouped(fields[k] for fields in self._rows()) for k in asked
-        ):
-            return {}
+        if not self._commas:
+            columns = ((fields[k] for fields in self._rows()) for k in asked)
+            shapes = (itertools.takewhile(".d".__ne__, map(shape, column)) for column in columns)
+            # Points may stand between thousands: 1.286 beside 742.
+            if not any({".?", "mid"} <= {*seen} for seen in shapes):
+                return {}
         rows = ([fields[k] for k in numbers] for fields in self._rows())
         return dict(zip(numbers, marks_of(rows, len(numbers)), strict=True))
 
-    def _reader(self, place, marks):
-        if self._form.kinds[place] == STAMP:
+    def _reader(self, index, marks):
+        if self._form.kinds[index] == STAMP:
             return StampReader().seconds
-        if self._form.kinds[place] == COMPLEX:
+        if self._form.kinds[index] == COMPLEX:
             return lambda text: _complex(text, self._form.decimal)
-        decimal, group = marks.get(place, (self._form.decimal, ""))
+        decimal, group = marks.get(index, (self._form.decimal, ""))
         return lambda text: _float(plain(text, decimal, group) if group else text, decimal)
 
     def _lines(self) -> Iterator[tuple[int, str, bool]]:
@@ -194,8 +185,10 @@ class TextTable(Table):
         end = self._content[-BYTES_SEEN:].decode("utf-8-sig", errors="replace")
         lines = re.split(r"\r\n|\r|\n", end)
         lines = lines[1:] if len(self._content) > BYTES_SEEN and len(lines) > 2 else lines
-        kept = [line for line in lines if line.strip() and not line.lstrip().startswith(COMMENTS)]
-        return kept[-LINES_SEEN:]
+        samples = [
+            line for line in lines if line.strip() and not line.lstrip().startswith(COMMENTS)
+        ]
+        return samples[-LINES_SEEN:]
 
     def _scan(self):
         """Count the rows: (lines above the first, with whether they are comments; lines behind)."""
@@ -269,15 +262,15 @@ def _form_of(lines):
         (form.separator, form.decimal, len(form.kinds)) for form in reversed(seen)
     ).most_common(1)[0]
     alike = [form.kinds for form in seen if len(form.kinds) == width]
-    return Form(
-        separator, decimal, tuple(_most_common_kind(column) for column in zip(*alike, strict=True))
+    # The most common kind of each column's fields, of which a gap counts as text.
+    counts = (
+        Counter(kind for kind in column if kind != TEXT) for column in zip(*alike, strict=True)
     )
-
-
-def _most_common_kind(kinds):
-    """The most common kind of a column's fields. A gap counts as text."""
-    counted = Counter(kind for kind in kinds if kind != TEXT)
-    return counted.most_common(1)[0][0] if counted else TEXT
+    return Form(
+        separator,
+        decimal,
+        tuple(count.most_common(1)[0][0] if count else TEXT for count in counts),
+    )
 
 
 def _fields(line, separator):
@@ -298,7 +291,7 @@ def _kind(field, decimal):
         return NUMBER
     if _complex_match(text, decimal):
         return COMPLEX
-    return STAMP if ":" in text and is_stamp(text) else TEXT
+    return STAMP if ":" in text and CLOCK_TIME.fullmatch(text) else TEXT
 
 
 def _complex(text, decimal):
@@ -326,12 +319,6 @@ def _float(text, decimal):
         return nan if bare == text else float(bare)
 
 
-def _looks_grouped(texts):
-    """Whether a column of points may have them between thousands: 1.286 beside 742."""
-    seen = itertools.takewhile(lambda each: each != ".d", map(shape, texts))
-    return {".?", "mid"} <= {*seen}
-
-
 def _names_and_units(above, form):
     """Names of the columns (none without a header) and the units in a row below them."""
     rows = [_header_row(line, form) for line, comment in above if not comment]
@@ -344,9 +331,9 @@ def _names_and_units(above, form):
     if not rows:
         _refuse_unquoted_commas(above, form)
         return [], without
-    for place in range(len(rows) - 1, 0, -1):
-        if _is_unit_row(rows[place]):
-            return rows[place - 1], [unit.strip("[](){} ") for unit in rows[place]]
+    for index in range(len(rows) - 1, 0, -1):
+        if _is_unit_row(rows[index]):
+            return rows[index - 1], [unit.strip("[](){} ") for unit in rows[index]]
     return rows[-1], without
 
 

@@ -52,19 +52,9 @@ class TimeBase(NamedTuple):
 def time_base(times: np.ndarray, rate: float | None, where: str, cure: str) -> TimeBase | None:
     """The even grid of a record's time stamps; None where samples are missing or taken unevenly.
 
-    Parameters
-    ----------
-    times : ndarray, shape (n,)
-        s, finite.
-    rate : float or None
-        Hz, as given.
-    where, cure : str
-        For messages: the file; what to do about times that do not rise.
-
-    Raises
-    ------
-    SceneError
-        They do not rise, or are no seconds.
+    `times`: shape (n,); s, finite. `rate`: Hz, as given. `where`, `cure`: for messages: the file;
+    what to do about times that do not rise. Raises SceneError if they do not rise, or are no
+    seconds.
     """
     largest = float(np.abs(times).max())
     if not largest <= LARGEST_TIME:
@@ -76,16 +66,16 @@ def time_base(times: np.ndarray, rate: float | None, where: str, cure: str) -> T
     if rising and np.abs(times - times[0] - numbers * spacing).max() <= LARGEST_JITTER * spacing:
         return TimeBase(float(spacing))
     rounding = rounded_to(steps)
-    found = None
+    grid = None
     if rising or (steps.min() == 0.0 and (rate or rounding <= RATE_ERROR * length)):
-        found = _fitted(times, rate, steps, rounding)
-    if found is None and not rising:
-        place = int(np.argmin(steps > SHORTEST_STEP))
+        grid = _fitted(times, rate, steps, rounding)
+    if grid is None and not rising:
+        index = int(np.argmin(steps > SHORTEST_STEP))
         raise SceneError(
-            f"{where}: the time column does not rise after sample {place} (t = {times[place]:g}): "
+            f"{where}: the time column does not rise after sample {index} (t = {times[index]:g}): "
             f"{cure}"
         )
-    return found
+    return grid
 
 
 def _fitted(times, rate, steps, rounding):
@@ -94,8 +84,10 @@ def _fitted(times, rate, steps, rounding):
     spacing = slope_of(times, numbers) if rate is None else 1.0 / rate
     late = times - numbers * spacing
     if np.ptp(late) <= rounding * (1.0 + TWO_LENGTHS):
-        said = f"times are rounded to {rounding:.3g} s: a fit of them gives {1.0 / spacing:.6g} Hz"
-        return TimeBase(float(spacing), None, (said,) if rate is None else ())
+        remark = (
+            f"times are rounded to {rounding:.3g} s: a fit of them gives {1.0 / spacing:.6g} Hz"
+        )
+        return TimeBase(float(spacing), None, (remark,) if rate is None else ())
     return None if rate is not None else _drifting(late, spacing, rounding, steps)
 
 
@@ -133,8 +125,8 @@ def _drifting(late, spacing, rounding, steps):
     numbers = np.arange(late.size)
     clock = numbers * spacing + drift
     grid = np.arange(clock[0], clock[-1] + 1e-9 * spacing, spacing)
-    said = (
+    remark = (
         f"its clock drifts by {np.ptp(drift) / spacing:.2g} spacings over the file: resampled at "
         f"{1.0 / spacing:.6g} Hz"
     )
-    return TimeBase(float(spacing), np.interp(grid, clock, numbers), (said,))
+    return TimeBase(float(spacing), np.interp(grid, clock, numbers), (remark,))

@@ -7,18 +7,14 @@ from datetime import datetime, timedelta
 from typing import Any
 
 DAY = 86400.0
-STAMP = re.compile(
+# A clock time, with or without a date.
+CLOCK_TIME = re.compile(
     r"(?:(?P<date>\d[\d./-]{5,9}\d)(?:T|,?\s+))?(?P<clock>\d{1,2}:\d{2}(?::\d{2})?)"
     # Python reads microseconds only and some loggers write nanoseconds, so that the fraction is
     # read here.
     r"(?:[.,](?P<fraction>\d+))?\s*(?P<half>[AaPp]\.?[Mm]\.?)?\s*(?P<zone>Z|[+-]\d{2}:?\d{2})?"
 )
 ISO_DATE = re.compile(r"\d{4}-\d{2}-\d{2}|\d{8}")
-
-
-def is_stamp(text: str) -> bool:
-    """Whether a text is a clock time, with or without a date."""
-    return STAMP.fullmatch(text.strip()) is not None
 
 
 class StampReader:
@@ -43,26 +39,23 @@ class StampReader:
     def seconds(self, text: str) -> float:
         """Seconds after the first stamp; NaN for a text that is no time stamp.
 
-        Raises
-        ------
-        ValueError
-            Dates that are not in the order of ISO 8601 change, or zones are mixed.
+        Raises ValueError if dates that are not in the order of ISO 8601 change, or zones are mixed.
         """
-        match = STAMP.fullmatch(text.strip())
+        match = CLOCK_TIME.fullmatch(text.strip())
         if match is None:
             return float("nan")
         clock, fraction = _clock(match), float(f"0.{match['fraction'] or 0}")
         date = match["date"] or ""
-        whole: Any
+        moment: Any
         if ISO_DATE.fullmatch(date):
             midnight = datetime.fromisoformat(f"{date}T00:00:00{match['zone'] or ''}")
-            whole = midnight + timedelta(seconds=clock)
+            moment = midnight + timedelta(seconds=clock)
         else:
-            whole = timedelta(seconds=self._on_one_day(date, clock))
+            moment = timedelta(seconds=self._on_one_day(date, clock))
         if self._first is None:
-            self._first = whole, fraction
+            self._first = moment, fraction
         try:
-            passed = whole - self._first[0]
+            passed = moment - self._first[0]
         except TypeError:
             raise ValueError("its time stamps are partly with and partly without a zone") from None
         return passed.total_seconds() + (fraction - self._first[1])

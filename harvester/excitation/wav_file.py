@@ -19,24 +19,7 @@ MOST_CHUNKS = 1000
 class WavTable(Table):
     """Channels as columns; full scale of whole numbers is 1, and unsigned bytes are centred.
 
-    Parameters
-    ----------
-    content : bytes
-        Bytes of the whole file.
-
-    Attributes
-    ----------
-    names : list of str
-        Empty.
-    width, rows : int
-        Channels, samples in each.
-    rate : float
-        Hz.
-
-    Raises
-    ------
-    ValueError
-        A part is missing, is cut short or contradicts another.
+    Raises ValueError if a part is missing, is cut short or contradicts another.
     """
 
     def __init__(self, content: bytes) -> None:
@@ -55,8 +38,7 @@ class WavTable(Table):
         self._bytes = self._bytes.reshape(self.rows, channels, stride // channels)
 
     def take(self, places: Sequence[int]) -> Any:
-        """The columns at `places`, each float64 of shape (rows,)."""
-        return [self._column(self._bytes[:, place]) for place in places]
+        return [self._column(self._bytes[:, channel]) for channel in places]
 
     def _column(self, raw):
         size = self._dtype.itemsize
@@ -78,22 +60,22 @@ def _parts(content):
     if kind not in (b"RIFF", b"RIFX", b"RF64") or content[8:12] != b"WAVE":
         raise ValueError("it does not begin as a .wav file does (RIFF … WAVE)")
     order = ">" if kind == b"RIFX" else "<"
-    form, long_size, place = None, None, 12
+    form, long_size, offset = None, None, 12
     for _ in range(MOST_CHUNKS):
-        if place + 8 > len(content):
+        if offset + 8 > len(content):
             raise ValueError("it ends before its samples (no data chunk)")
-        name, size = struct.unpack_from(f"{order}4sI", content, place)
-        place += 8
+        name, size = struct.unpack_from(f"{order}4sI", content, offset)
+        offset += 8
         if name == b"data":
             if form is None:
                 raise ValueError("the format of its samples is missing (no fmt chunk)")
-            rest = len(content) - place if long_size is None else long_size
-            return order, form, place, rest if size == UNKNOWN_SIZE else size
+            remaining = len(content) - offset if long_size is None else long_size
+            return order, form, offset, remaining if size == UNKNOWN_SIZE else size
         if name == b"fmt ":
-            form = content[place : place + size]
-        elif name == b"ds64" and len(content) >= place + 16:
-            (long_size,) = struct.unpack_from("<Q", content, place + 8)
-        place += size + size % 2
+            form = content[offset : offset + size]
+        elif name == b"ds64" and len(content) >= offset + 16:
+            (long_size,) = struct.unpack_from("<Q", content, offset + 8)
+        offset += size + size % 2
     raise ValueError(f"it has no samples within {MOST_CHUNKS} chunks")
 
 
@@ -115,5 +97,5 @@ def _layout(order, form):
             f"its header says {bits} bits in {stride} bytes for {channels} channels: convert it "
             "to PCM of 8, 16, 24 or 32 bits, or float"
         )
-    whole = "u1" if size == 1 else f"{order}i{next(n for n in (2, 4, 8) if n >= size)}"
-    return channels, rate, stride, np.dtype(whole if tag == PCM else f"{order}f{size}")
+    integer = "u1" if size == 1 else f"{order}i{next(n for n in (2, 4, 8) if n >= size)}"
+    return channels, rate, stride, np.dtype(integer if tag == PCM else f"{order}f{size}")

@@ -10,13 +10,11 @@ import numpy as np
 
 from harvester.device.keys import names_replace, positive
 from harvester.errors import SceneError
-from harvester.excitation.base import Excitation, ExcitationPath, kernel_loss
+from harvester.excitation.base import Excitation, ExcitationPath, Run, kernel_loss
 from harvester.excitation.normals import NormalSequence
 
 if TYPE_CHECKING:
     from numpy.random.bit_generator import SeedSequence
-
-    from harvester.excitation.run import Run
 
 
 @names_replace
@@ -36,11 +34,8 @@ class White(Excitation):
     kind: str = "white"
     knot_spacing: float | None = None
 
+    endless = True
     KEYS: ClassVar[dict] = {"intensity": positive(required=True), "knot_spacing": positive()}
-
-    @property
-    def endless(self) -> bool:
-        return True
 
     def spacing(self, longest: float) -> float:
         if self.knot_spacing is not None:
@@ -77,24 +72,12 @@ class White(Excitation):
 class WhitePath(ExcitationPath):
     """A stream of independent samples of variance 2 D/spacing.
 
-    Parameters
-    ----------
-    intensity : float
-        D, scaled units.
-    spacing : float
-        Time between knots (s).
-    seed : numpy.random.SeedSequence
+    `intensity`: D, scaled units. `spacing`: time between knots (s).
     """
 
     def __init__(self, intensity: float, spacing: float, seed: SeedSequence) -> None:
         self.spacing = spacing
         self._sequence = NormalSequence(seed, math.sqrt(2.0 * intensity / spacing))
-
-    def read(self, count: int) -> np.ndarray:
-        """The next `count` samples, float64 of shape (count,)."""
-        samples = np.empty(count)
-        self.read_into(samples)
-        return samples
 
     def read_into(self, samples: np.ndarray) -> None:
         self._sequence.write(samples)

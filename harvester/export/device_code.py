@@ -19,7 +19,7 @@ from harvester.device.damper import drag_formula
 from harvester.device.piezo import PiezoTable
 from harvester.errors import ExportError
 from harvester.export.block import folder_of, write_files
-from harvester.files import licence
+from harvester.files.writing import LICENCE
 from harvester.prepared.paths import start_state
 from harvester.prepared.prepared import prepared
 
@@ -28,7 +28,7 @@ if TYPE_CHECKING:
     from harvester.prepared.prepared import Prepared
     from harvester.scene.model import Scene
 
-HEAD = "/* " + "\n * ".join(licence.EXPORTED) + "\n */\n"
+HEAD = "/* " + "\n * ".join(LICENCE) + "\n */\n"
 SIGN = "static double sgn(double value) { return (value > 0.0) - (value < 0.0); }\n"
 STEPPER = ("harvester_device.h", "harvester_device.c")
 

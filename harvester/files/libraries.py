@@ -14,7 +14,7 @@ def install_command(extra: str) -> str:
     metadata of the one whose command is ours. Without metadata, a clone is meant: ".".
     """
     commands = importlib.metadata.entry_points(group="console_scripts", name="harvester")
-    ours = (each.dist for each in commands if each.value == "harvester.__main__:main")
+    ours = (command.dist for command in commands if command.value == "harvester.__main__:main")
     name = next((distribution.name for distribution in ours if distribution), ".")
     return f"pip install '{name}[{extra}]'"
 
@@ -22,19 +22,8 @@ def install_command(extra: str) -> str:
 def optional_library(name: str, purpose: str, extra: str) -> ModuleType:
     """Import a library that belongs to an extra of this project, or say how to install it.
 
-    Parameters
-    ----------
-    name : str
-        Name of the module.
-    purpose : str
-        What the library is needed for, for the message.
-    extra : str
-        Name of the extra in pyproject.toml that installs it.
-
-    Raises
-    ------
-    MissingLibrary
-        It is not installed.
+    `purpose`: what the library is needed for, for the message. `extra`: name of the extra in
+    pyproject.toml that installs it. Raises MissingLibrary if it is not installed.
     """
     try:
         return importlib.import_module(name)

@@ -18,9 +18,7 @@ class NotANumber(ValueError):
 def number(text: str) -> float:
     """The number of a text such as "306e3", "200k" or "4.7meg".
 
-    Raises
-    ------
-    NotANumber
+    Raises NotANumber.
 
     Examples
     --------

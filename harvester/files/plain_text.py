@@ -43,13 +43,13 @@ def one_line(text: object) -> str:
     'two lines \\\\x1b[1m'
     """
     text = str(text)
-    return text if text.isprintable() else "".join(map(_shown, text))
-
-
-def _shown(letter):
-    if letter.isprintable():
-        return letter
-    return " " if letter.isspace() else letter.encode("unicode_escape").decode()
+    if text.isprintable():
+        return text
+    letters = (" " if letter.isspace() else letter for letter in text)
+    return "".join(
+        letter if letter.isprintable() else letter.encode("unicode_escape").decode()
+        for letter in letters
+    )
 
 
 def name(text: object) -> str:
@@ -61,19 +61,16 @@ def name(text: object) -> str:
     'run_.control _x_1_'
     """
     letters = (letter if letter.isprintable() else "_" for letter in str(text))
-    kept = _MEANT.sub("_", "".join(letters)).strip()
+    cleaned = _MEANT.sub("_", "".join(letters)).strip()
     # A name that begins so would be an option, a formula or a continued line somewhere.
-    kept = re.sub(r"^[-+=@.]", "_", kept)
-    return kept.encode()[:LONGEST_NAME].decode(errors="ignore") or "_"
+    cleaned = re.sub(r"^[-+=@.]", "_", cleaned)
+    return cleaned.encode()[:LONGEST_NAME].decode(errors="ignore") or "_"
 
 
 def json_text(content: Any, indent: int | None = None) -> str:
     """JSON whose text is printable; no character is lost.
 
-    Raises
-    ------
-    ValueError
-        A number that is not finite.
+    Raises ValueError for a number that is not finite.
     """
     text = json.dumps(content, indent=indent, ensure_ascii=False, allow_nan=False)
     return "".join(
@@ -126,6 +123,6 @@ def nearest(word: object, known: Iterable[str]) -> str:
     """
     if not isinstance(word, str) or len(word) > LONGEST_MISSPELT:
         return ""
-    near = [each for each in known if len(each) <= 2 * LONGEST_MISSPELT]
+    near = [candidate for candidate in known if len(candidate) <= 2 * LONGEST_MISSPELT]
     close = difflib.get_close_matches(word, near[:MOST_COMPARED], n=1, cutoff=LEAST_COMMON_SHARE)
     return f" (did you mean {named(close[0][:LONGEST_SHOWN])}?)" if close else ""

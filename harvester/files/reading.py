@@ -31,18 +31,8 @@ def memory_limit() -> int:
 def read_input(file: Path | str, noun: str, largest: int) -> bytes:
     """The bytes of a plain file.
 
-    Parameters
-    ----------
-    file : str or Path
-    noun : str
-        Kind of file that is expected, for messages.
-    largest : int
-        Largest size in bytes.
-
-    Raises
-    ------
-    SceneError
-        It is no plain file (a device or a pipe has no end), is larger, or cannot be read.
+    Raises SceneError if it is no plain file (a device or a pipe has no end), is larger, or cannot
+    be read.
     """
     where = named(str(file))
     try:

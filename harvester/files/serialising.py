@@ -39,17 +39,13 @@ def key(name: str) -> dict[str, str]:
 def fields_of(instance: Any, units: Callable[[str], str] | None = None) -> dict[str, Any]:
     """The fields of a dataclass by their keys, each as a plain value.
 
-    Parameters
-    ----------
-    instance : dataclass instance
-    units : callable or None
-        Gives the unit of a dimension; every dataclass with a field `dimension` then tells its
-        `unit` instead.
+    `units`: gives the unit of a dimension; every dataclass with a field `dimension` then tells its
+    `unit` instead.
     """
     content = {}
-    for each in dataclasses.fields(instance):
-        name, value = each.metadata.get(_KEY, each.name), getattr(instance, each.name)
-        if units is not None and each.name == "dimension":
+    for field in dataclasses.fields(instance):
+        name, value = field.metadata.get(_KEY, field.name), getattr(instance, field.name)
+        if units is not None and field.name == "dimension":
             name, value = "unit", units(value)
         if name is not None:
             content[name] = plain(value, units)
@@ -68,9 +64,9 @@ def plain(value: Any, units: Callable[[str], str] | None = None) -> Any:
     if isinstance(value, float):
         return finite(value)
     if isinstance(value, Mapping):
-        return {str(name): plain(each, units) for name, each in value.items()}
+        return {str(name): plain(item, units) for name, item in value.items()}
     if isinstance(value, list | tuple | set | frozenset):
-        return [plain(each, units) for each in value]
+        return [plain(item, units) for item in value]
     if hasattr(value, "to_dict"):
         return value.to_dict()
     if dataclasses.is_dataclass(value):
@@ -88,16 +84,8 @@ def read(kind: Any, value: Any, where: str) -> Any:
     Null is NaN where a number is read. Fields of a dataclass that JSON does not hold have their
     defaults, and so have those that are missing.
 
-    Parameters
-    ----------
-    kind : type or annotation
-        str, bool, int, float, a dataclass, a dict or a tuple of one kind, or one of these or None.
-    where : str
-        Name of the value in messages.
-
-    Raises
-    ------
-    NotAValue
+    `kind`: str, bool, int, float, a dataclass, a dict or a tuple of one kind, or one of these or
+    None. Raises NotAValue.
     """
     if NoneType in get_args(kind):
         (inner,) = set(get_args(kind)) - {NoneType}
@@ -108,12 +96,12 @@ def read(kind: Any, value: Any, where: str) -> Any:
         key_kind, value_kind = get_args(kind)
         _require(isinstance(value, Mapping), value, where, "a table")
         return {
-            _read_key(key_kind, name, where): read(value_kind, each, f"{where}.{name}")
-            for name, each in value.items()
+            _read_key(key_kind, name, where): read(value_kind, item, f"{where}.{name}")
+            for name, item in value.items()
         }
     if get_origin(kind) is tuple:
         _require(isinstance(value, list | tuple), value, where, "a list")
-        return tuple(read(get_args(kind)[0], each, where) for each in value)
+        return tuple(read(get_args(kind)[0], item, where) for item in value)
     if kind is str:
         _require(isinstance(value, str), value, where, "a text")
     elif kind is float and value is None:
@@ -130,11 +118,11 @@ def read(kind: Any, value: Any, where: str) -> Any:
 def _read_fields(kind, content, where):
     _require(isinstance(content, Mapping), content, where, "a table")
     hints, values = get_type_hints(kind), {}
-    for each in dataclasses.fields(kind):
-        name = each.metadata.get(_KEY, each.name)
+    for field in dataclasses.fields(kind):
+        name = field.metadata.get(_KEY, field.name)
         if name in content:
-            values[each.name] = read(hints[each.name], content[name], f"{where}.{name}")
-        elif each.default is each.default_factory is dataclasses.MISSING:
+            values[field.name] = read(hints[field.name], content[name], f"{where}.{name}")
+        elif field.default is field.default_factory is dataclasses.MISSING:
             raise NotAValue(f"{where}.{name} is missing")
     return kind(**values)
 

@@ -9,10 +9,7 @@ import io
 import os
 import sys
 from collections.abc import Callable, Iterator
-from typing import TYPE_CHECKING, Any, TextIO
-
-if TYPE_CHECKING:
-    pass
+from typing import Any, TextIO
 
 OUTPUT_LOST = 2
 # Replacements for a terminal that lacks these letters. All other letters are shown by their escape.
@@ -38,10 +35,7 @@ codecs.register_error("harvester.plain", _plain)
 class GuardedStream:
     """A text stream that remembers its first failure, and takes and drops all that follows.
 
-    Parameters
-    ----------
-    stream : text stream or None
-        None: it was closed when the process began.
+    `stream`: None: it was closed when the process began.
 
     Attributes
     ----------
@@ -79,13 +73,10 @@ class GuardedStream:
                 action()
             except OSError as error:
                 self.failure = error
-                self._drop()
-
-    def _drop(self):
-        """Send what the stream still holds nowhere, or Python would fail on it at the end."""
-        with contextlib.suppress(OSError):
-            _open_nowhere(self._stream.fileno())
-            self._stream.flush()
+                # What the stream still holds goes nowhere, or Python would fail on it at the end.
+                with contextlib.suppress(OSError):
+                    _open_nowhere(self._stream.fileno())
+                    self._stream.flush()
 
 
 class _GuardedBuffer:

@@ -34,31 +34,24 @@ def away_from_working_folder() -> Iterator[None]:
 def who_else_writes(path: str | Path) -> str:
     """Which other user (not this one, not the program's owner) may change the file at a path.
 
-    Parameters
-    ----------
-    path : str or Path
-        A file or a folder; what is not there yet is made by this user.
-
-    Returns
-    -------
-    str
-        The place and the reason; empty where nobody may.
+    The path is of a file or a folder; what is not there yet is made by this user. Returns the place
+    and the reason; empty where nobody may.
     """
     path = Path(os.path.realpath(path))
-    for place in (path, *path.parents):
+    for entry in (path, *path.parents):
         try:
-            about = os.stat(place)
+            about = os.stat(entry)
         except FileNotFoundError:
             continue
         foreign = other_writers(about)
         if "belongs" in foreign:
-            return f"{place} {foreign}"
+            return f"{entry} {foreign}"
         # In a folder with the sticky bit everyone may add files, but only the owner may replace
         # them.
-        if place != path and about.st_mode & stat.S_ISVTX:
+        if entry != path and about.st_mode & stat.S_ISVTX:
             continue
         if foreign:
-            return f"{place} {foreign}"
+            return f"{entry} {foreign}"
     return ""
 
 

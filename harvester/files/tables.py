@@ -27,21 +27,13 @@ class Tabular(ABC):
         """Header and rows."""
 
     def to_csv(self, path: str | Path) -> None:
-        """Write the rows of `data`.
-
-        Raises
-        ------
-        OutputError
-        """
+        """Write the rows of `data`. Raises OutputError."""
         write_csv(path, *self.data())
 
     def to_pandas(self) -> DataFrame:
         """The rows of `data` as a DataFrame.
 
-        Raises
-        ------
-        MissingLibrary
-            pandas, of the extra `study`.
+        Raises MissingLibrary without pandas, of the extra `study`.
         """
         header, rows = self.data()
         name = f"{type(self).__name__}.to_pandas"
@@ -51,9 +43,7 @@ class Tabular(ABC):
 def write_csv(path: str | Path, header: Sequence[str], rows: Iterable[Sequence]) -> None:
     """Write a table, whole or not at all; an empty cell stands for what is not a number.
 
-    Raises
-    ------
-    OutputError
+    Raises OutputError.
     """
     text = io.StringIO()
     writer = csv.writer(text, lineterminator="\n")
@@ -65,21 +55,14 @@ def write_csv(path: str | Path, header: Sequence[str], rows: Iterable[Sequence])
 def write_netcdf(path: str | Path, dataset: Any) -> None:
     """Write an xarray Dataset as NetCDF (classic, 64-bit offsets), whole or not at all.
 
-    Raises
-    ------
-    OutputError
+    Raises OutputError.
     """
     with whole_file(path) as file:
         file.write(dataset.to_netcdf(engine="scipy", format="NETCDF3_64BIT"))
 
 
 def xarray_or_say() -> ModuleType:
-    """The module xarray; without it, a MissingLibrary error says how to install it.
-
-    Raises
-    ------
-    MissingLibrary
-    """
+    """The module xarray; without it, a MissingLibrary error says how to install it."""
     return optional_library("xarray", "NetCDF", "study")
 
 

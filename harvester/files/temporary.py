@@ -22,10 +22,7 @@ class TemporaryFolder:
     A process that is killed leaves its folder behind. The system then releases the folder's lock,
     by which the next process that makes one knows that nobody owns it.
 
-    Parameters
-    ----------
-    within : str or Path or None
-        Folder in which it is made; None: the system's folder for temporary files.
+    `within`: folder in which it is made; None: the system's folder for temporary files.
 
     Attributes
     ----------
@@ -34,11 +31,11 @@ class TemporaryFolder:
     """
 
     def __init__(self, within: str | Path | None = None) -> None:
-        place = str(within or tempfile.gettempdir())
-        clear_abandoned(place)
-        unlocked = tempfile.mkdtemp(prefix=UNLOCKED, dir=place)
+        parent = str(within or tempfile.gettempdir())
+        clear_abandoned(parent)
+        unlocked = tempfile.mkdtemp(prefix=UNLOCKED, dir=parent)
         lock = _lock(unlocked)
-        self.name = os.path.join(place, os.path.basename(unlocked).replace(UNLOCKED, IN_USE, 1))
+        self.name = os.path.join(parent, os.path.basename(unlocked).replace(UNLOCKED, IN_USE, 1))
         os.rename(unlocked, self.name)
         self._end = weakref.finalize(self, _remove, self.name, lock)
 
@@ -62,10 +59,7 @@ class TemporaryFolder:
 def clear_abandoned(place: str) -> None:
     """Remove this user's folders there that no process owns; once in each process.
 
-    Parameters
-    ----------
-    place : str
-        Folder in which `TemporaryFolder` makes its own.
+    `place`: folder in which `TemporaryFolder` makes its own.
     """
     with contextlib.suppress(OSError), os.scandir(place) as entries:
         for entry in entries:

@@ -20,6 +20,11 @@ from harvester.files.plain_text import json_text
 if TYPE_CHECKING:
     from _io import BytesIO
 
+# The licence text at the head of every file that is written for other programs.
+LICENCE = (
+    "Made by harvester. You may use, change and pass on this file under any terms: its lines of",
+    "harvester are free of the program's own licence, see LICENSE-EXCEPTION there.",
+)
 STANDARD_OUTPUT = 1
 # Folders whose entries are this process's own open files.
 OPEN_FILES = ("/dev/fd", "/proc/self/fd", "/proc/thread-self/fd")
@@ -38,10 +43,7 @@ def whole_file(path: Path | str) -> Iterator[BytesIO]:
     follows the umask. Devices that take characters, FIFOs and /dev/stdout are written to. `-` is
     standard output.
 
-    Raises
-    ------
-    OutputError
-        Nothing can be written there; what was there stays.
+    Raises OutputError if nothing can be written there; what was there stays.
     """
     content = io.BytesIO()
     yield content
@@ -97,21 +99,20 @@ def check_writable(path: str | Path) -> None:
 def check_folder(folder: str | Path) -> None:
     """Refuse early a folder that cannot be made or written; one that is missing stays so."""
     with _named(folder):
-        missing = [each for each in (Path(folder), *Path(folder).parents) if not each.exists()]
+        missing = [
+            parent for parent in (Path(folder), *Path(folder).parents) if not parent.exists()
+        ]
         Path(folder).mkdir(parents=True, exist_ok=True)
         tempfile.TemporaryFile(dir=folder).close()
         with contextlib.suppress(OSError):
-            for each in missing:
-                each.rmdir()
+            for parent in missing:
+                parent.rmdir()
 
 
 def in_folder(folder: str | Path, file: str) -> Path:
     """Path of a file that the program, not the user, names in a folder.
 
-    Raises
-    ------
-    OutputError
-        Something else than a regular file of that folder has the name.
+    Raises OutputError if something else than a regular file of that folder has the name.
     """
     path = Path(folder) / file
     with _named(path):
@@ -131,8 +132,8 @@ def _named(path):
         yield
     except (OSError, ValueError) as error:
         reason = getattr(error, "strerror", None) or error
-        shown = "standard output" if str(path) == "-" else path
-        raise OutputError(f"{shown}: cannot be written: {reason}") from None
+        where = "standard output" if str(path) == "-" else path
+        raise OutputError(f"{where}: cannot be written: {reason}") from None
 
 
 def _open_file(path):

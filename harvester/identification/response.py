@@ -13,7 +13,7 @@ import numpy as np
 from harvester.device import system as device
 from harvester.device.damper import QuadraticDamper
 from harvester.device.polynomial import Polynomial
-from harvester.device.ranged import Ranged
+from harvester.device.spring import Ranged
 from harvester.errors import HarvesterError, IdentificationError
 from harvester.excitation.conditioning import smoothed
 from harvester.identification.sensors import (

@@ -91,14 +91,10 @@ def receptance(system: System, omega: Any) -> Any:
 
     Complex; real where nothing damps. Between both resonances it is that of a resonance.
     """
-    low, high = _resonances(system)
+    # Frequencies of small oscillations about the stiffest well, without and with the transducer.
+    stiffest = max(timescales.wells(system), key=lambda well: timescales.stiffness(system, well))
+    low = math.sqrt(max(timescales.stiffness(system, stiffest), 0.0))
+    high = max(low, timescales.angular_frequency(system))
     away = np.maximum(low**2 - omega**2, 0.0) - np.maximum(omega**2 - high**2, 0.0)
     damped = np.hypot(omega * timescales.loss_rate(system, omega), 1e-9 * omega**2)
     return 1.0 / (away + 1j * damped)
-
-
-def _resonances(system: System) -> tuple[float, float]:
-    """Frequencies (rad/s) of small oscillations, stiffest well, without and with transducer."""
-    stiffest = max(timescales.wells(system), key=lambda well: timescales.stiffness(system, well))
-    short = math.sqrt(max(timescales.stiffness(system, stiffest), 0.0))
-    return short, max(short, timescales.angular_frequency(system))

@@ -31,12 +31,7 @@ def misplacement(ready: Prepared, spacing: float, order: int) -> float:
     integrator is exact at a line, what it leaves counts. Sines are the matter of
     `harvester.prepared.lines`, and add to E[X²] alone.
 
-    Parameters
-    ----------
-    ready : Prepared
-    spacing : float
-        Time between two samples of the excitation (s).
-    order : int
+    `spacing`: time between two samples of the excitation (s).
 
     Notes
     -----

@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 from harvester.device import timescales
-from harvester.excitation import realization_seed
+from harvester.excitation.base import realization_seed
 from harvester.prepared.starts import drawn_start
 from harvester.prepared.steps import knot_spacing
 

@@ -26,16 +26,11 @@ class Prepared:
 
     Attributes
     ----------
-    scene : Scene
-        The scene as the caller gave it.
-    system : harvester.device.system.System
-        The device in scaled form (Eqs. 3–6).
-    scales : Scales
-        Factors from scaled values to the scene's units.
-    setting : harvester.device.terminals.Setting
-        Mass, length unit and load, which the transducer's equations need.
-    excitation_unit : float
-        The base's acceleration for one unit of η, in the scene's units.
+    scene : the scene as the caller gave it.
+    system : the device in scaled form (Eqs. 3–6).
+    scales : factors from scaled values to the scene's units.
+    setting : mass, length unit and load, which the transducer's equations need.
+    excitation_unit : the base's acceleration for one unit of η, in the scene's units.
     """
 
     scene: Scene
@@ -53,12 +48,7 @@ class Prepared:
 
 @functools.lru_cache(maxsize=KEPT)
 def prepared(scene: Scene) -> Prepared:
-    """The scene made ready; the only place where it is scaled.
-
-    Parameters
-    ----------
-    scene : harvester.scene.model.Scene
-    """
+    """The scene made ready; the only place where it is scaled."""
     system, scales = scale(scene)
     unit = excitation_unit(scene, scales.displacement)
     return Prepared(scene, system, scales, setting(scene), unit)

@@ -32,12 +32,9 @@ class EnergyRange(NamedTuple):
 
     Attributes
     ----------
-    highest : float
-        Energy per mass.
-    low, high : float
-        Displacements between which U(X) is below it.
-    speed : float
-        Greatest |X'| in it.
+    highest : energy per mass.
+    low, high : displacements between which U(X) is below it.
+    speed : greatest |X'| in it.
     """
 
     highest: float
@@ -46,19 +43,15 @@ class EnergyRange(NamedTuple):
     speed: float
 
 
+@functools.lru_cache(maxsize=64)
 def energy_range(ready: Prepared) -> EnergyRange:
     """The range of energies from which starts are drawn."""
-    return _energy_range(ready)
-
-
-@functools.lru_cache(maxsize=64)
-def _energy_range(ready):
     system = ready.system
     wells, saddles = timescales.wells(system), timescales.saddles(system)
-    bottoms = [float(potential(system, each)) for each in wells]
+    bottoms = [float(potential(system, well)) for well in wells]
     highest = min(bottoms)
-    for each in saddles:
-        top = float(potential(system, each))
+    for saddle in saddles:
+        top = float(potential(system, saddle))
         # The range reaches as far above the saddle as the deepest well lies below it.
         highest = max(highest, 2.0 * top - min(bottoms))
     middle = 0.5 * (min(wells) + max(wells))
@@ -72,12 +65,9 @@ def _energy_range(ready):
         square = timescales.driven_square_velocity(system, timescales.angular_frequency(system))
         if math.isfinite(square):
             highest = max(highest, max(bottoms) + RESOLVED_ENERGY * square)
-    low, high = (_where(system, each, side, highest) for each, side in _outermost(wells))
+    low = _where(system, min(wells), -1.0, highest)
+    high = _where(system, max(wells), 1.0, highest)
     return EnergyRange(highest, low, high, math.sqrt(2.0 * (highest - min(bottoms))))
-
-
-def _outermost(wells):
-    return (min(wells), -1.0), (max(wells), 1.0)
 
 
 def _highest_branch(ready, lines, size):
@@ -96,11 +86,11 @@ def _highest_branch(ready, lines, size):
             elastic_force(system, amplitudes), -np.asarray(elastic_force(system, -amplitudes))
         )
         below = np.flatnonzero(force < inertia)
-        found = float(amplitudes[below[-1]]) if below.size else 0.0
+        largest = float(amplitudes[below[-1]]) if below.size else 0.0
         damping = system.damper.damping
         if damping > 0.0:
-            found = min(found, drive / (damping * omega))
-        highest = max(highest, found)
+            largest = min(largest, drive / (damping * omega))
+        highest = max(highest, largest)
     return highest
 
 

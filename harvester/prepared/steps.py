@@ -11,10 +11,7 @@ import numpy as np
 from circuits.loads.load_watch import may_jump
 from harvester.device import timescales
 from harvester.errors import HarvesterError, SceneError
-from harvester.excitation.ornstein_uhlenbeck import (
-    KNOTS_PER_CORRELATION_TIME,
-    OrnsteinUhlenbeck,
-)
+from harvester.excitation.ornstein_uhlenbeck import KNOTS_PER_CORRELATION_TIME, OrnsteinUhlenbeck
 from harvester.prepared import lines
 from harvester.prepared.passband import misplacement
 from harvester.prepared.prepared import Prepared, prepared
@@ -81,16 +78,13 @@ STEPS_OF_SLAVED_VELOCITY = 4
 def knot_spacing(ready: Prepared) -> float:
     """Spacing of the excitation's knots (s): the scene's, else what its kind chooses.
 
-    Raises
-    ------
-    SceneError
-        The scene's own does not fit its noise, or the run is shorter than it.
+    Raises SceneError if the scene's own does not fit its noise, or the run is shorter than it.
     """
     scene, system = ready.scene, ready.system
     spacing, duration = scene.excitation.spacing(longest_spacing(system)), scene.run.duration
     if spacing > duration:
-        own = getattr(scene.excitation, "knot_spacing", None) is not None
-        name = "one knot_spacing" if own else "the time between two knots of the excitation"
+        explicit = getattr(scene.excitation, "knot_spacing", None) is not None
+        name = "one knot_spacing" if explicit else "the time between two knots of the excitation"
         raise SceneError(
             f"{scene.name}: run.duration = {duration:g}: must be at least {name}, {spacing:.4g} s"
         )
@@ -117,18 +111,8 @@ def resolving(scene: Scene) -> Scene:
 def steps_per_knot(ready: Prepared, step: str | float = "default", engine: str = "circuit") -> int:
     """Steps of an engine between two knots of the noise, away from the stoppers.
 
-    Parameters
-    ----------
-    ready : Prepared
-    step : str or float
-        A name in `STEP_LEVELS`, or the longest step in s.
-    engine : str
-        A key of `STEPS_PER_PERIOD`.
-
-    Raises
-    ------
-    HarvesterError
-        A step so short that no run of it ends.
+    `step`: a name in `STEP_LEVELS`, or the longest step in s. `engine`: a key of
+    `STEPS_PER_PERIOD`. Raises HarvesterError for a step so short that no run of it ends.
     """
     scene, system = ready.scene, ready.system
     spacing = knot_spacing(ready)
@@ -166,10 +150,7 @@ def step_error(ready: Prepared, step: str | float = "default", engine: str = "ci
     changes most, and a few times the frequency's own error for what the load does in a period, its
     switches included. Contacts add their own.
 
-    Parameters
-    ----------
-    ready, step, engine
-        See `steps_per_knot`.
+    `ready`, `step`, `engine`: see `steps_per_knot`.
     """
     scene, system = ready.scene, ready.system
     omega = lines.line_frequency(ready) or timescales.angular_frequency(system)
@@ -183,13 +164,13 @@ def step_error(ready: Prepared, step: str | float = "default", engine: str = "ci
     flank = left * error / max(lines.half_width(ready), error) if left > 0.0 else 0.0
     load = scene.load.circuit
     switched = engine == "circuit" and load is not None and load.switches
-    own = (SWITCHED_LOAD_ERRORS if switched else LOAD_ERRORS) * error
+    period_error = (SWITCHED_LOAD_ERRORS if switched else LOAD_ERRORS) * error
     if system.contacts:
-        own += CONTACT_ERROR / steps_per_contact(ready, step, engine) ** 2
+        period_error += CONTACT_ERROR / steps_per_contact(ready, step, engine) ** 2
     misplaced, _ = _noise_error(ready, engine, length)
     if misplaced > NOTED_ERROR:
-        own = max(own, misplaced)
-    return flank + own
+        period_error = max(period_error, misplaced)
+    return flank + period_error
 
 
 def _noise_error(ready, engine, length):
@@ -218,8 +199,8 @@ def _near_lines(ready, engine, longest):
     allowed = lines.SHARE_OF_HALF_WIDTH * lines.half_width(ready)
     if left * constant * (omega * longest) ** order <= allowed:
         return longest
-    wanted = (allowed / (constant * left)) ** (1.0 / order) / omega
-    return max(wanted, longest / FINER_NEAR_LINES)
+    step = (allowed / (constant * left)) ** (1.0 / order) / omega
+    return max(step, longest / FINER_NEAR_LINES)
 
 
 def steps_per_contact(
@@ -227,10 +208,7 @@ def steps_per_contact(
 ) -> int:
     """Fewest steps of an engine in a contact: a shorter step makes these as much shorter.
 
-    Parameters
-    ----------
-    ready, step, engine
-        See `steps_per_knot`.
+    `ready`, `step`, `engine`: see `steps_per_knot`.
     """
     even = engine == "monte-carlo" and ready.scene.load.is_resistor
     fewest = EVEN_STEPS_PER_CONTACT if even else STEPS_PER_CONTACT
@@ -249,13 +227,7 @@ def stop_time(ready: Prepared) -> float:
 def knot_blocks(path: ExcitationPath, stop: float, most: int) -> Iterator[tuple[int, np.ndarray]]:
     """The noise from the beginning to the first knot at or after the end, in blocks.
 
-    Parameters
-    ----------
-    path : harvester.excitation.base.ExcitationPath
-    stop : float
-        End time (s).
-    most : int
-        Segments between knots in a block.
+    `stop`: end time (s). `most`: segments between knots in a block.
 
     Yields
     ------

@@ -29,20 +29,20 @@ def device_line(scene: Scene) -> tuple[str, ...]:
         return ()
     rate = math.sqrt(stiffness / mass)
     ratio = 0.5 * oscillator.damping / (mass * rate)
-    said = [
+    parts = [
         f"device: {quantity(1e3 * mass, 'g', 3)}",
         f"{quantity(rate / (2.0 * math.pi), 'Hz')} at rest",
         f"stiffness {stiffness:.4g} N/m",
         f"damping {oscillator.damping:.3g} N s/m",
     ]
     if ratio > 0.0:
-        said.append(f"Q = {0.5 / ratio:.3g}, damping ratio {ratio:.3g}")
+        parts.append(f"Q = {0.5 / ratio:.3g}, damping ratio {ratio:.3g}")
     transducer: Any = scene.transducer
     if getattr(transducer, "capacitance", None):
         coupling = transducer.coupling**2 / (stiffness * transducer.capacitance)
-        said.append(f"k² = {coupling:.3g}")
+        parts.append(f"k² = {coupling:.3g}")
     matched = transducer.matched_resistance(rate)
-    return (f"{', '.join(said)}, matched load about {quantity(matched, 'Ω', 3)}",)
+    return (f"{', '.join(parts)}, matched load about {quantity(matched, 'Ω', 3)}",)
 
 
 def scene_rows(scene: Scene) -> list[tuple[str, str]]:

@@ -23,10 +23,8 @@ DRAWN = {
 def with_drawing(tables: dict[str, Any], origin: str) -> dict[str, Any]:
     """A scene's tables with the lumped values computed from its drawing.
 
-    Raises
-    ------
-    SceneError
-        A key of the drawing is not usable, or a value that it gives is given beside it.
+    Raises SceneError if a key of the drawing is not usable, or a value that it gives is given
+    beside it.
     """
     if "beam" not in tables:
         if "magnets" in tables:
@@ -36,7 +34,7 @@ def with_drawing(tables: dict[str, Any], origin: str) -> dict[str, Any]:
         raise SceneError(f'{origin}: [beam] is a drawing in metres and needs units = "SI"')
     beam = Beam(**_checked("beam", tables, origin))
     values = lumped(beam, origin)
-    given = {name: _beside(name, tables, origin) for name in DRAWN}
+    extra = {name: _beside(name, tables, origin) for name in DRAWN}
     oscillator: dict[str, Any] = {
         "mass": values.mass, "damping": values.damping, "base_factor": values.base_factor,
     }  # fmt: skip
@@ -52,8 +50,8 @@ def with_drawing(tables: dict[str, Any], origin: str) -> dict[str, Any]:
     }  # fmt: skip
     return {
         **tables,
-        "oscillator": given["oscillator"] | oscillator,
-        "piezo": given["piezo"] | piezo,
+        "oscillator": extra["oscillator"] | oscillator,
+        "piezo": extra["piezo"] | piezo,
     }
 
 
@@ -66,13 +64,13 @@ def _checked(name, tables, origin):
 
 def _beside(name, tables, origin):
     """A table's own keys; a key that follows from the drawing is refused."""
-    given = tables.get(name, {})
-    if not isinstance(given, dict):
+    table = tables.get(name, {})
+    if not isinstance(table, dict):
         raise SceneError(f"{origin}: {name} must be a table")
     for key in DRAWN[name]:
-        if key in given:
+        if key in table:
             raise SceneError(
                 f"{origin}: {name}.{key} is what [beam] gives: take one of them out, or change the "
                 "beam's own keys"
             )
-    return given
+    return table

@@ -30,11 +30,8 @@ def with_points(tables: dict[str, Any], origin: str) -> dict[str, Any]:
     `oscillator.force_table`, and `breakpoints` of an excitation or of a part of one. A profile
     that is named is written out.
 
-    Raises
-    ------
-    SceneError
-        The file cannot be read, a line of it holds no two numbers, or its heading contradicts the
-        scene.
+    Raises SceneError if the file cannot be read, a line of it holds no two numbers, or its heading
+    contradicts the scene.
     """
     tables = dict(tables)
     for table, key in (("oscillator", "force_table"), ("excitation", "breakpoints")):
@@ -76,7 +73,7 @@ def _points(file, key, unit, scaled):
         raise SceneError(f"{named(file)}: 0 {few}")
     measured = MeasuredFile(file, "\n".join([*lines, ""]).encode(), quantities)
     table = measured.table
-    titles = [quantity_of(each.title, "") for each in measured.headings]
+    titles = [quantity_of(heading.title, "") for heading in measured.headings]
     if titles == [*reversed(quantities)]:
         raise SceneError(f"{named(file)}: its columns stand in the wrong order: must be {pair}")
     if line := _wrong_line(table):
@@ -84,23 +81,23 @@ def _points(file, key, unit, scaled):
     columns = table.take([0, 1])
     if table.rows < 2:
         raise SceneError(f"{named(file)}: {table.rows} {few}")
-    found = {}
-    for place, quantity in enumerate(quantities):
-        where = f"{named(file)}: {measured.label(place)}"
-        if written := measured.headings[place].unit:
+    units = {}
+    for index, quantity in enumerate(quantities):
+        where = f"{named(file)}: {measured.label(index)}"
+        if written := measured.headings[index].unit:
             square = " (square an amplitude density first)" if quantity == "density" else ""
             factor_of(quantity, written, where, f"correct it{square}")
-        given = unit if quantity == "density" and unit != "scaled" else None
-        said = measured.agreed_unit(quantity, place, "unit", given) if written else ""
-        factor = QUANTITIES[quantity][said] if said else 1.0
-        if scaled and (factor != 1.0 or (said and quantity == "density")):
+        scene_unit = unit if quantity == "density" and unit != "scaled" else None
+        file_unit = measured.agreed_unit(quantity, index, "unit", scene_unit) if written else ""
+        factor = QUANTITIES[quantity][file_unit] if file_unit else 1.0
+        if scaled and (factor != 1.0 or (file_unit and quantity == "density")):
             raise SceneError(f'{where}: the scene has units = "scaled": take SI, or scaled values')
-        if quantity == "density" and said:
+        if quantity == "density" and file_unit:
             # The scene keeps the densities in one of the units that it knows.
-            found["unit"] = unit or ("g^2/Hz" if "g^2" in said else "(m/s^2)^2/Hz")
-            factor /= QUANTITIES[quantity][found["unit"]]
-        columns[place] = factor * columns[place]
-    return {key: np.column_stack(columns).tolist(), **found}
+            units["unit"] = unit or ("g^2/Hz" if "g^2" in file_unit else "(m/s^2)^2/Hz")
+            factor /= QUANTITIES[quantity][units["unit"]]
+        columns[index] = factor * columns[index]
+    return {key: np.column_stack(columns).tolist(), **units}
 
 
 def _wrong_line(table):

@@ -17,25 +17,23 @@ from harvester.beam.table import Beam
 from harvester.device import timescales
 from harvester.device.keys import SI, names_replace
 from harvester.device.terminals import TransducerTable
-from harvester.device.transducer import TRANSDUCERS
 from harvester.errors import SceneError
-from harvester.excitation import KINDS, Excitation, build
+from harvester.excitation import KINDS, build
+from harvester.excitation.base import Excitation, Run
 from harvester.excitation.recorded import RecordedMotion
-from harvester.excitation.run import Run
 from harvester.files import plain_text
 from harvester.files.plain_text import named, shown
 from harvester.scene.drawn import DRAWN, with_drawing
 from harvester.scene.force_file import with_points
-from harvester.scene.named_values import NamedValues
 from harvester.scene.overrides import put
-from harvester.scene.schema import check_tables
+from harvester.scene.schema import TRANSDUCERS, check_tables
 from harvester.scene.source import BUILT_IN, built_in_names, tables_of
 from harvester.scene.toml import plain_tables
 from harvester.scene.units import rest_stiffness, scale
 
-# A scene is written without these keys if they have their default values.
 # Loads whose own values are for scaled scenes, with those that an SI scene has to give.
 SCALED_LOADS = {"bridge_ideal": ("resistance", "storage", "conductance")}
+# A scene is written without these keys if they have their default values.
 RARE_KEYS = (
     "base_charge", "base_factor", "force_interpolation", "quadratic_damping", "side", "exponent",
     "law",
@@ -77,14 +75,14 @@ class Oscillator:
     def computed(self) -> tuple[str, ...]:
         """Names of the values that others were given for."""
         spring = ("linear_stiffness",) if self.frequency is not None else ()
-        given = (self.quality_factor, self.damping_ratio)
-        return (*spring, *(() if given == (None, None) else ("damping",)))
+        ratios = (self.quality_factor, self.damping_ratio)
+        return (*spring, *(() if ratios == (None, None) else ("damping",)))
 
     @property
     def is_short_form(self) -> bool:
         """Whether the spring is one of `linear_stiffness` and `cubic_stiffness` alone."""
-        given = (self.restoring_force, self.force_table, self.restoring_force_range)
-        return all(each is None for each in given)
+        others = (self.restoring_force, self.force_table, self.restoring_force_range)
+        return all(form is None for form in others)
 
     @property
     def coefficients(self) -> tuple[float | None, ...]:
@@ -124,6 +122,26 @@ class Start:
     displacement: float | None = None
     velocity: float = 0.0
     voltage: float = 0.0
+
+
+class NamedValues(dict):
+    """A dictionary that cannot be changed; equal to any with the same names and values.
+
+    >>> {NamedValues(resistance=1e5): "a load"}[NamedValues({"resistance": 1e5})]
+    'a load'
+    """
+
+    def __hash__(self) -> int:  # type: ignore[override]
+        return hash(frozenset(self.items()))
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        return NamedValues, (dict(self),)
+
+    def _refuse(self, *_, **__):
+        raise TypeError("these values are fixed: make a changed copy, dict(values)")
+
+    __setitem__ = __delitem__ = __ior__ = _refuse
+    clear = pop = popitem = setdefault = update = _refuse
 
 
 @names_replace
@@ -284,9 +302,9 @@ class Scene:
         if "stoppers" in parts and isinstance(parts["stoppers"], Stopper):
             parts["stoppers"] = (parts["stoppers"],)
         scene = cls(name=plain_text.name(name), folder=folder, **top, **parts)
-        known = _records(changed.excitation) if changed else {}
+        digests = _records(changed.excitation) if changed else {}
         for file, digest in _records(scene.excitation).items():
-            if known.get(file, digest) != digest:
+            if digests.get(file, digest) != digest:
                 raise SceneError(f"{named(file)}: the record has changed since the scene was read")
         scene.excitation.check(scene.units, scene.run, origin)
         if scene.run.starts is not None and scene.excitation.random:
@@ -338,8 +356,8 @@ class Scene:
         """Nested dictionaries of the TOML file's form, without what is left out."""
         return self._tables(lambda field: field.init)
 
-    def _tables(self, kept):
-        """Nested dictionaries of the fields that `kept` says."""
+    def _tables(self, keep):
+        """Nested dictionaries of the fields that `keep` accepts."""
         tables: dict[str, Any] = {"units": self.units}
         if self.length_scale is not None:
             tables["length_scale"] = self.length_scale
@@ -349,15 +367,15 @@ class Scene:
             if attribute == "transducer" and table != transducer:
                 continue
             if isinstance(part, tuple):
-                plain = [_plain(each, kept) for each in part]
+                plain = [_plain(item, keep) for item in part]
                 # One pair of equal stoppers is written as [stoppers], all others as [[stoppers]].
                 part = plain[0] if len(part) == 1 and part[0].side == "both" else plain
                 tables.update({table: part} if part else {})
             elif part is not None:
-                tables[table] = _plain(part, kept)
+                tables[table] = _plain(part, keep)
         for table in DRAWN if self.beam else ():
             left = {key: value for key, value in tables[table].items() if key not in DRAWN[table]}
-            tables = {key: each for key, each in tables.items() if key != table}
+            tables = {key: content for key, content in tables.items() if key != table}
             tables.update({table: left} if left else {})
         return tables
 
@@ -403,7 +421,7 @@ class Scene:
         text = json.dumps(self._tables(lambda field: field.name != "file"), sort_keys=True)
         if self.load.circuit:
             text += self.load.circuit.text
-            text += "".join(each.text for each in self.load.circuit.measures)
+            text += "".join(measure.text for measure in self.load.circuit.measures)
         return hashlib.sha256(text.encode()).hexdigest()
 
 
@@ -434,15 +452,15 @@ def _own_duration(checked, origin):
 
 def _check_range(scene, origin):
     """Refuse a range without a rest position, and a start outside."""
-    known = scene.oscillator.restoring_force_range
-    if known is None:
+    limits = scene.oscillator.restoring_force_range
+    if limits is None:
         return
     scale(scene)
     start = scene.start.displacement if scene.start else None
-    if start is not None and not known[0] <= start <= known[1]:
+    if start is not None and not limits[0] <= start <= limits[1]:
         raise SceneError(
             f"{origin}: start.displacement = {start:g}: must lie within "
-            f"oscillator.restoring_force_range = {list(known)}"
+            f"oscillator.restoring_force_range = {list(limits)}"
         )
 
 
@@ -464,17 +482,19 @@ def _check_sampling(scene, origin):
 def _without_computed(table: dict[str, Any]) -> dict[str, Any]:
     """An excitation's table without the fields that were computed from its files."""
     kinds: Iterable[Any] = KINDS.values()
-    computed = {each.name for kind in kinds for each in dataclasses.fields(kind) if not each.init}
-    kept = {key: value for key, value in table.items() if key not in computed}
-    if "parts" in kept:
-        kept["parts"] = [_without_computed(part) for part in kept["parts"]]
-    return kept
+    computed = {
+        entry.name for kind in kinds for entry in dataclasses.fields(kind) if not entry.init
+    }
+    stated = {key: value for key, value in table.items() if key not in computed}
+    if "parts" in stated:
+        stated["parts"] = [_without_computed(part) for part in stated["parts"]]
+    return stated
 
 
 def _made(make, table):
     """A part from its table, or a tuple of parts from several."""
     if isinstance(table, tuple):
-        return tuple(make(**each) for each in table)
+        return tuple(make(**item) for item in table)
     return make(**table)
 
 
@@ -482,15 +502,17 @@ def _folders(folder):
     """Where a load's netlist is looked for: a copy of the scene may be made in another folder."""
     if isinstance(folder, tuple):
         return folder
-    here = str(Path.cwd())
-    return tuple(dict.fromkeys((folder or here, here)))
+    current = str(Path.cwd())
+    return tuple(dict.fromkeys((folder or current, current)))
 
 
 def _read_netlist(load, folders, before):
     from circuits.loads.subcircuits import find_netlist, read_load
 
-    kept = before is not None and before.netlist == load["netlist"]
-    file, cards = before.circuit.source if kept else (find_netlist(load["netlist"], folders), None)
+    unchanged = before is not None and before.netlist == load["netlist"]
+    file, cards = (
+        before.circuit.source if unchanged else (find_netlist(load["netlist"], folders), None)
+    )
     return read_load(file, load.get("subcircuit"), load.get("parameters"), cards)
 
 
@@ -511,17 +533,15 @@ def _check_scaled_load(checked, origin):
         )
 
 
-def _plain(part, kept):
+def _plain(part, keep):
     """A dataclass as plain values, without what is left out."""
     values = {}
-    computed = getattr(part, "computed", ())
-    for each_field in dataclasses.fields(part):
-        if each_field.name in computed:
+    for entry in dataclasses.fields(part):
+        name, value = entry.name, getattr(part, entry.name)
+        unused = value is None or (value == entry.default and name in RARE_KEYS)
+        if unused or name == "circuit" or name in getattr(part, "computed", ()) or not keep(entry):
             continue
-        value = getattr(part, each_field.name)
-        unused = value == each_field.default and each_field.name in RARE_KEYS
-        if not unused and value is not None and each_field.name != "circuit" and kept(each_field):
-            value = dict(value) if isinstance(value, dict) else value
-            parts = isinstance(value, tuple) and any(map(dataclasses.is_dataclass, value))
-            values[each_field.name] = [_plain(each, kept) for each in value] if parts else value
+        value = dict(value) if isinstance(value, dict) else value
+        parts = isinstance(value, tuple) and any(map(dataclasses.is_dataclass, value))
+        values[name] = [_plain(item, keep) for item in value] if parts else value
     return values

@@ -23,77 +23,59 @@ def numbers(scene: Scene) -> dict[str, Any]:
 
     One of several tables, or of a list of numbers, is named by its place, as in `stoppers[1].gap`
     and `oscillator.restoring_force[2]`.
-
-    Parameters
-    ----------
-    scene : harvester.scene.model.Scene
-
-    Returns
-    -------
-    dict of str to (float, harvester.device.keys.Key)
     """
     tables = scene.to_tables()
-    found: dict[str, Any] = {}
+    values: dict[str, Any] = {}
     for name, keys in {**table_keys(), "excitation": scene.excitation.KEYS}.items():
         if name != "run":
-            _collect(found, name, tables.get(name, {}), lambda _, keys=keys: keys)
+            _collect(values, name, tables.get(name, {}), lambda _, keys=keys: keys)
     # Every scene without a drawing has this key. It is left out where it is 1.
     if scene.beam:
         for name, value in scene.beam.default_values().items():
-            found.setdefault(f"beam.{name}", (value, OTHER_KEYS["beam"][name]))
+            values.setdefault(f"beam.{name}", (value, OTHER_KEYS["beam"][name]))
     else:
         factor = scene.oscillator.base_factor, OTHER_KEYS["oscillator"]["base_factor"]
-        found.setdefault("oscillator.base_factor", factor)
+        values.setdefault("oscillator.base_factor", factor)
     circuit = scene.load.circuit
     if circuit:
         for name, value in {**dict(circuit.defaults), **dict(circuit.parameters)}.items():
-            found[f"load.parameters.{name}"] = value, Key()
-    return found
+            values[f"load.parameters.{name}"] = value, Key()
+    return values
 
 
 def number(scene: Scene, key: str, option: str) -> tuple[float, Key]:
     """One of them, or a refusal with the nearest key.
 
-    Parameters
-    ----------
-    scene : harvester.scene.model.Scene
-    key : str
-    option : str
-        Option of the command line, for the message.
-
-    Returns
-    -------
-    float, harvester.device.keys.Key
-
-    Raises
-    ------
-    HarvesterError
+    Raises HarvesterError.
     """
-    known = numbers(scene)
-    if key not in known:
+    available = numbers(scene)
+    if key not in available:
         raise HarvesterError(
-            f"{option} {named(key)}: no number of this scene{nearest(key, known)}; there are "
-            f"{', '.join(known)}"
+            f"{option} {named(key)}: no number of this scene{nearest(key, available)}; there are "
+            f"{', '.join(available)}"
         )
-    return known[key]
+    return available[key]
 
 
-def _collect(found, name, values, keys_of):
+def _collect(collected, name, values, keys_of):
     """Add what a table, or each of several, holds; `keys_of` gives the keys of one."""
     if isinstance(values, (list, tuple)):
-        for place, each in enumerate(values):
-            _collect(found, f"{name}[{place}]", each, keys_of)
+        for index, table in enumerate(values):
+            _collect(collected, f"{name}[{index}]", table, keys_of)
         return
     for key, spec in keys_of(values).items():
         if key not in values or key in NOT_VARIED:
             continue
-        if spec.each and spec.each.kind is dict:
-            _collect(found, f"{name}.{key}", values[key], lambda part: KINDS[part["kind"]].KEYS)
-        elif _is_list_of_numbers(spec) and name == "oscillator":
-            found |= {f"{name}.{key}[{n}]": (each, spec.each) for n, each in enumerate(values[key])}
-        elif spec.kind is float and not spec.words and not spec.each:
-            found[f"{name}.{key}"] = values[key], spec
-
-
-def _is_list_of_numbers(spec):
-    return spec.each is not None and spec.each.kind is float and spec.each.each is None
+        if spec.element and spec.element.kind is dict:
+            _collect(collected, f"{name}.{key}", values[key], lambda part: KINDS[part["kind"]].KEYS)
+        elif (
+            spec.element
+            and spec.element.kind is float
+            and not spec.element.element
+            and name == "oscillator"
+        ):
+            collected |= {
+                f"{name}.{key}[{n}]": (value, spec.element) for n, value in enumerate(values[key])
+            }
+        elif spec.kind is float and not spec.words and not spec.element:
+            collected[f"{name}.{key}"] = values[key], spec

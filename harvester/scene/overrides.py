@@ -29,13 +29,13 @@ NO_DIGIT_BEFORE, NO_DIGIT_AFTER = (
 def texts(overrides: Any) -> list[str]:
     """A list of `table.key=value`, checked to be texts."""
     try:
-        found = [overrides] if isinstance(overrides, str) else list(overrides)
+        listed = [overrides] if isinstance(overrides, str) else list(overrides)
     except TypeError:
-        found = [overrides]
-    for text in found:
+        listed = [overrides]
+    for text in listed:
         if not isinstance(text, str):
             raise SceneError(f"--set {shown(text)}: write it as table.key=value")
-    return found
+    return listed
 
 
 def parsed(text: str) -> tuple[str, Any]:
@@ -59,8 +59,8 @@ def parsed(text: str) -> tuple[str, Any]:
 def _with_digits(text):
     """The text with 0.1 for .1 and 1.0 for 1. outside its quotes, as TOML writes them."""
     parts = QUOTED.split(text)
-    for place in range(0, len(parts), 2):
-        parts[place] = NO_DIGIT_AFTER.sub(".0", NO_DIGIT_BEFORE.sub("0.", parts[place]))
+    for index in range(0, len(parts), 2):
+        parts[index] = NO_DIGIT_AFTER.sub(".0", NO_DIGIT_BEFORE.sub("0.", parts[index]))
     return "".join(parts)
 
 
@@ -84,89 +84,76 @@ def put(tables: dict[str, Any], dotted: str, value: Any, origin: str) -> None:
     *path, last = dotted.split(".")
     if len(path) > 1 and ".".join(path) not in NESTED_TABLES and "[" not in dotted:
         raise SceneError(f"{where}: too many dots; write it as table.key=value")
-    place = tables
+    table = tables
     for part in path:
-        place = _table(place, part, where)
-    if dotted == "excitation.kind":
-        _leave_out_others(place, value)
-    for other in REPLACED_KEYS.get(dotted, ()) if value is not None else ():
-        place.pop(other, None)
-    match = PLACED.fullmatch(last)
-    if match and value is None:
-        _one_of(place, match.group(1), int(match.group(2)), where)
-        _without(place, match.group(1), int(match.group(2)))
-    elif match and _is_list_of_values(place.get(match.group(1))):
-        _put_in_list(place, match.group(1), int(match.group(2)), value, where)
-    elif value is None:
-        place.pop(last, None)
-    else:
-        place[last] = value
-
-
-def _leave_out_others(table, kind):
-    """Remove the keys from an excitation's table that its new kind does not have."""
-    if isinstance(kind, str) and kind in KINDS and kind != table.get("kind", next(iter(KINDS))):
-        for key in {*table} - {"kind", *KINDS[kind].KEYS}:
+        table = _table(table, part, where)
+    is_kind = dotted == "excitation.kind" and isinstance(value, str) and value in KINDS
+    if is_kind and value != table.get("kind", next(iter(KINDS))):
+        # The keys that the new kind does not have go.
+        for key in {*table} - {"kind", *KINDS[value].KEYS}:
             del table[key]
+    for other in REPLACED_KEYS.get(dotted, ()) if value is not None else ():
+        table.pop(other, None)
+    match = PLACED.fullmatch(last)
+    name, index = (match[1], int(match[2])) if match else (last, 0)
+    values = table.get(name)
+    if match and value is None:
+        _one_of(table, name, index, where)
+        several = table.pop(name)
+        # Where it is the only one, the key goes too.
+        if not isinstance(several, dict) and len(several) > 1:
+            table[name] = [item for k, item in enumerate(several) if k != index]
+    elif (
+        match
+        and isinstance(values, (list, tuple))
+        and not any(isinstance(item, dict) for item in values)
+    ):
+        # A list such as `restoring_force`, and not one of tables.
+        if index >= len(values):
+            raise SceneError(
+                f"{where}: there are {len(values)} of {named(name)}: {_listed(name, len(values))}"
+            )
+        table[name] = [*values[:index], value, *values[index + 1 :]]
+    elif value is None:
+        table.pop(last, None)
+    else:
+        table[last] = value
 
 
-def _is_list_of_values(found):
-    """Whether it is a list such as `restoring_force`, and not one of tables."""
-    return isinstance(found, (list, tuple)) and not any(isinstance(each, dict) for each in found)
-
-
-def _put_in_list(place, name, index, value, where):
-    values = list(place[name])
-    if index >= len(values):
-        raise SceneError(
-            f"{where}: there are {len(values)} of {named(name)}: {_listed(name, len(values))}"
-        )
-    values[index] = value
-    place[name] = values
-
-
-def _table(place, part, where):
+def _table(tables, part, where):
     """The table of a name, or of `name[k]` the k-th of several, one table counting as the first."""
     match = PLACED.fullmatch(part)
     if match:
-        return _one_of(place, match.group(1), int(match.group(2)), where)
-    found = place.setdefault(part, {})
-    if isinstance(found, (list, tuple)) and len(found) == 1:
-        return _one_of(place, part, 0, where)
-    if isinstance(found, (list, tuple)) and found:
+        return _one_of(tables, match.group(1), int(match.group(2)), where)
+    value = tables.setdefault(part, {})
+    if isinstance(value, (list, tuple)) and len(value) == 1:
+        return _one_of(tables, part, 0, where)
+    if isinstance(value, (list, tuple)) and value:
         raise SceneError(
-            f"{where}: {named(part)} is several tables, {_listed(part, len(found))}; say which"
+            f"{where}: {named(part)} is several tables, {_listed(part, len(value))}; say which"
         )
-    if not isinstance(found, dict):
+    if not isinstance(value, dict):
         raise SceneError(f"{where}: {named(part)} is not a table{nearest(part, table_keys())}")
-    return found
+    return value
 
 
-def _one_of(place, name, index, where):
-    found = place.get(name)
-    if isinstance(found, dict) and name in SEVERAL and index == 0:
-        return found
-    if not isinstance(found, (list, tuple)):
-        there = f"no {named(name)} here{nearest(name, place)}" if found is None else "one table"
-        hint = "" if found is None else f"; write {named(name)}.key"
-        raise SceneError(f"{where}: there is {there}{hint}")
-    if index >= len(found) or not all(isinstance(each, dict) for each in found):
+def _one_of(tables, name, index, where):
+    entry = tables.get(name)
+    if isinstance(entry, dict) and name in SEVERAL and index == 0:
+        return entry
+    if not isinstance(entry, (list, tuple)):
+        present = f"no {named(name)} here{nearest(name, tables)}" if entry is None else "one table"
+        hint = "" if entry is None else f"; write {named(name)}.key"
+        raise SceneError(f"{where}: there is {present}{hint}")
+    if index >= len(entry) or not all(isinstance(item, dict) for item in entry):
         raise SceneError(
-            f"{where}: there are {len(found)} of {named(name)}: {_listed(name, len(found))}"
+            f"{where}: there are {len(entry)} of {named(name)}: {_listed(name, len(entry))}"
         )
-    place[name] = [dict(each) for each in found]
-    return place[name][index]
+    tables[name] = [dict(item) for item in entry]
+    return tables[name][index]
 
 
 def _listed(name, count):
     """The names of several tables."""
     first, last = f"{named(name)}[0]", f"{named(name)}[{count - 1}]"
     return first if count == 1 else f"{first} {'…' if count > 2 else 'and'} {last}"
-
-
-def _without(place, name, index):
-    """Remove one of several tables; if it is the only one, the key goes too."""
-    several = place.pop(name)
-    if isinstance(several, dict) or len(several) == 1:
-        return
-    place[name] = [each for k, each in enumerate(several) if k != index]

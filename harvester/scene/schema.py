@@ -9,13 +9,9 @@ from typing import Any
 
 from harvester.beam.magnets import Magnets
 from harvester.beam.table import Beam
+from harvester.device.coil import CoilTable
 from harvester.device.contact import LAWS, SIDES
-from harvester.device.force_table import (
-    INTERPOLATIONS,
-    MOST_PIECES,
-    POINTS_PER_PIECE,
-    force_table,
-)
+from harvester.device.force_table import INTERPOLATIONS, MOST_PIECES, POINTS_PER_PIECE, force_table
 from harvester.device.keys import (
     BOTH,
     NAMED_VALUES,
@@ -27,19 +23,22 @@ from harvester.device.keys import (
     not_negative,
     positive,
 )
-from harvester.device.transducer import TRANSDUCERS
+from harvester.device.piezo import PiezoTable
+from harvester.device.terminals import TransducerTable
 from harvester.errors import SceneError
 from harvester.files.plain_text import named, nearest, shown
+from harvester.registry import Registry
 
+# The transducers that a scene may have, by the name of their table.
+TRANSDUCERS: Registry[type[TransducerTable]] = Registry(
+    "harvester.transducers", {"piezo": PiezoTable, "coil": CoilTable}
+)
 # Largest number of points in a force table. With more than `MOST_PIECES` + 1 it must be smoothed.
 MOST_POINTS = 2000
 # Largest seed: numpy draws seeds of 128 bits.
 LARGEST_SEED = 2**128 - 1
 
-TOP = {
-    "units": Key(kind=str, words=BOTH, required=True),
-    "length_scale": positive(units=(SI,)),
-}
+TOP = {"units": Key(kind=str, words=BOTH, required=True), "length_scale": positive(units=(SI,))}
 
 # Keys of all tables but the transducer's, whose class defines its own.
 OTHER_KEYS: dict[str, Any] = {
@@ -54,11 +53,11 @@ OTHER_KEYS: dict[str, Any] = {
         "linear_stiffness": Key(),
         "frequency": positive(units=(SI,)),
         "cubic_stiffness": not_negative(),
-        "restoring_force": Key(each=Key(), count=(2, 8)),
+        "restoring_force": Key(element=Key(), count=(2, 8)),
         "base_factor": positive(),
-        "force_table": Key(each=Key(each=Key(), count=(2, 2)), count=(2, MOST_POINTS)),
+        "force_table": Key(element=Key(element=Key(), count=(2, 2)), count=(2, MOST_POINTS)),
         "force_interpolation": Key(kind=str, words=INTERPOLATIONS),
-        "restoring_force_range": Key(each=Key(), count=(2, 2)),
+        "restoring_force_range": Key(element=Key(), count=(2, 2)),
     },
     "stoppers": {
         "gap": positive(required=True),
@@ -136,36 +135,23 @@ def check_tables(
 ) -> dict[str, Any]:
     """Checked copy of a scene's nested dictionaries.
 
-    Parameters
-    ----------
-    tables : dict
-        The scene as read from TOML: top-level keys and tables.
-    origin : str
-        File or scene name, for messages.
-    kinds : dict of str to dict
-        Keys of the tables whose `kind` decides which keys they have: {table: {kind: class with
-        KEYS}}.
-
-    Returns
-    -------
-    dict
-        The same with numbers as float or int.
-
-    Raises
-    ------
-    SceneError
-        Unknown, missing or misplaced key, wrong type, value out of range.
+    `tables`: the scene as read from TOML: top-level keys and tables. `kinds`: keys of the tables
+    whose `kind` decides which keys they have: {table: {kind: class with KEYS}}. Raises SceneError
+    for unknown, missing or misplaced key, wrong type, value out of range. The
+    copy has numbers as float or int.
     """
     for name in {*tables} - {*TOP, *OTHER_KEYS}:
         # Another package's transducer is looked up by the name of its table.
         name in TRANSDUCERS  # noqa: B015
     every_table = table_keys()
-    known = [*TOP, *every_table]
+    names = [*TOP, *every_table]
     for name, value in tables.items():
-        if name not in known:
-            raise SceneError(f"{origin}: unknown key {named(name)}{_instead(name, known)}")
+        if name not in names:
+            raise SceneError(f"{origin}: unknown key {named(name)}{_instead(name, names)}")
         if name in SEVERAL and isinstance(value, (list, tuple)):
-            _check_several(name, value, origin)
+            most = SEVERAL[name]
+            if not 1 <= len(value) <= most or not all(isinstance(part, dict) for part in value):
+                raise SceneError(f"{origin}: [[{name}]] must be 1 to {most} tables")
         elif (name in every_table) != isinstance(value, dict):
             noun = "a table" if name in every_table else "a value, not a table"
             raise SceneError(f"{origin}: {name} must be {noun}")
@@ -175,8 +161,8 @@ def check_tables(
     for table, keys in every_table.items():
         if isinstance(tables.get(table), (list, tuple)):
             checked[table] = tuple(
-                check_table(f"{table}[{place}]", values, keys, units, origin)
-                for place, values in enumerate(tables[table])
+                check_table(f"{table}[{index}]", values, keys, units, origin)
+                for index, values in enumerate(tables[table])
             )
         elif table in tables:
             values = tables[table]
@@ -189,12 +175,6 @@ def check_tables(
     _check_transducer(checked, origin)
     _check_physics(checked, origin)
     return checked
-
-
-def _check_several(name, values, origin):
-    most = SEVERAL[name]
-    if not 1 <= len(values) <= most or not all(isinstance(each, dict) for each in values):
-        raise SceneError(f"{origin}: [[{name}]] must be 1 to {most} tables")
 
 
 def _check_oscillator(oscillator, units, origin):
@@ -222,15 +202,19 @@ def _check_oscillator(oscillator, units, origin):
 
 def _only(oscillator, names, units, origin):
     """The one of several keys for the same thing that the oscillator has."""
-    found = [name for name in names if name in oscillator]
-    if len(found) > 1:
-        raise _twice(origin, *found[:2])
-    if not found:
+    present = [name for name in names if name in oscillator]
+    if len(present) > 1:
+        raise _twice(origin, *present[:2])
+    if not present:
         first, *others = (n for n in names if units in OTHER_KEYS["oscillator"][n].units)
-        said = "" if not others else f", or give oscillator.{' or oscillator.'.join(others)}"
+        alternatives = (
+            "" if not others else f", or give oscillator.{' or oscillator.'.join(others)}"
+        )
         allowed = OTHER_KEYS["oscillator"][first].allowed()
-        raise SceneError(f"{origin}: oscillator.{first} is missing; it takes {allowed}{said}")
-    return found[0]
+        raise SceneError(
+            f"{origin}: oscillator.{first} is missing; it takes {allowed}{alternatives}"
+        )
+    return present[0]
 
 
 def _twice(origin, first, second):
@@ -244,10 +228,10 @@ def _check_force_table(oscillator, origin):
     """Displacements that ascend through 0, and as many as the interpolation takes."""
     points = oscillator["force_table"]
     where = f"{origin}: oscillator.force_table"
-    for place, (before, after) in enumerate(pairwise(points), start=1):
+    for index, (before, after) in enumerate(pairwise(points), start=1):
         if not after[0] > before[0]:
             raise SceneError(
-                f"{where}[{place}] = {list(after)}: displacements must ascend, and the one before "
+                f"{where}[{index}] = {list(after)}: displacements must ascend, and the one before "
                 f"is {before[0]:g}"
             )
     if not points[0][0] < 0.0 < points[-1][0]:
@@ -274,14 +258,14 @@ def _transducer_of(scene):
 
 def _check_transducer(scene, origin):
     """One transducer and no other; and what a start says of it."""
-    found = [f"[{name}]" for name in TRANSDUCERS if name in scene]
+    present = [f"[{name}]" for name in TRANSDUCERS if name in scene]
     first, *others = (f"[{name}]" for name in TRANSDUCERS)
-    if not found:
+    if not present:
         raise SceneError(f"{origin}: table {first} is missing (or {', '.join(others)})")
-    if len(found) > 1:
+    if len(present) > 1:
         raise SceneError(
-            f"{origin}: {' and '.join(found)}: a device has one of them; take the other out "
-            f"(--set {found[0][1:-1]}=none)"
+            f"{origin}: {' and '.join(present)}: a device has one of them; take the other out "
+            f"(--set {present[0][1:-1]}=none)"
         )
     name = _transducer_of(scene)
     voltage = scene.get("start", {}).get("voltage", 0.0)
@@ -307,12 +291,7 @@ def check_table(
     origin: str,
     kinds: Any = None,
 ) -> dict[str, Any]:
-    """The values of one table, each checked by its key.
-
-    Raises
-    ------
-    SceneError
-    """
+    """The values of one table, each checked by its key. Raises SceneError."""
     checked = {}
     prefix = f"{table}." if table else ""
     for name, value in values.items():
@@ -329,17 +308,17 @@ def check_table(
             )
         where = f"{prefix}{name}"
         checked[name] = check_value(where, value, spec, origin)
-        if spec.each and spec.each.kind is dict:
+        if spec.element and spec.element.kind is dict:
             checked[name] = tuple(
                 check_table(
-                    f"{where}[{place}]",
+                    f"{where}[{index}]",
                     part,
-                    _keys_of_kind(f"{where}[{place}]", part, kinds, origin),
+                    _keys_of_kind(f"{where}[{index}]", part, kinds, origin),
                     units,
                     origin,
                     kinds,
                 )
-                for place, part in enumerate(checked[name])
+                for index, part in enumerate(checked[name])
             )
     for name, spec in keys.items():
         if spec.required and units in spec.units and name not in checked:
@@ -347,9 +326,9 @@ def check_table(
     return checked
 
 
-def _instead(name, known):
+def _instead(name, names):
     """The nearest key, or all keys where none is near."""
-    return nearest(name, known) or f"; there are {', '.join(known)}"
+    return nearest(name, names) or f"; there are {', '.join(names)}"
 
 
 def _check_load(load, units, origin):
@@ -402,10 +381,10 @@ def _check_physics(scene, origin):
 def _check_held(stoppers, origin):
     """One impact speed is held at a time: `event` takes one stopper on a side."""
     for side in ("right", "left"):
-        there = [each for each in stoppers if each.get("side", "both") in (side, "both")]
-        if len(there) > 1 and any(each.get("impact_velocity") == "event" for each in there):
+        facing = [stopper for stopper in stoppers if stopper.get("side", "both") in (side, "both")]
+        if len(facing) > 1 and any(stopper.get("impact_velocity") == "event" for stopper in facing):
             raise SceneError(
-                f'{origin}: stoppers.impact_velocity = "event" with {len(there)} stoppers on the '
+                f'{origin}: stoppers.impact_velocity = "event" with {len(facing)} stoppers on the '
                 f'{side}: one impact speed is held there; choose "energy", or take the others out'
             )
 
@@ -415,12 +394,12 @@ def _check_bounded(oscillator, stoppers, origin):
     if "restoring_force_range" in oscillator:
         return
     if "force_table" in oscillator:
-        made = force_table(
+        spring = force_table(
             oscillator["force_table"], oscillator.get("force_interpolation", INTERPOLATIONS[0])
         )
-        ends = made.breaks()[[0, -1]]
+        ends = spring.breaks()[[0, -1]]
         for side, sign, end in (("left", -1.0, ends[0]), ("right", 1.0, ends[1])):
-            order, slope, force = 1, made.slope(end), sign * made.force(end)
+            order, slope, force = 1, spring.slope(end), sign * spring.force(end)
             if slope > 0.0 or (slope == 0.0 and force > 0.0) or _stopped(stoppers, side, order):
                 continue
             raise SceneError(
@@ -453,8 +432,8 @@ def _check_bounded(oscillator, stoppers, origin):
 def _stopped(stoppers, side, order):
     """Whether a stopper on this side grows faster with depth than a force of this power."""
     return any(
-        each["stiffness"] > 0.0
-        and each.get("side", "both") in (side, "both")
-        and each.get("exponent", 1.5) > order
-        for each in stoppers
+        stopper["stiffness"] > 0.0
+        and stopper.get("side", "both") in (side, "both")
+        and stopper.get("exponent", 1.5) > order
+        for stopper in stoppers
     )

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import numbers
 import tomllib
 from typing import Any
@@ -27,12 +28,7 @@ class NotToml(SceneError):
 
 
 def read_toml(text: str, origin: str) -> dict[str, Any]:
-    """Nested dictionaries of a TOML text.
-
-    Raises
-    ------
-    SceneError
-    """
+    """Nested dictionaries of a TOML text. Raises SceneError."""
     if len(text) > LARGEST_SCENE:
         raise SceneError(f"{origin}: too long: {len(text)} characters; {LARGEST_SCENE} is the most")
     if sum(line.count(".") ** 2 for line in text.split("\n")) > MOST_DOTS_SQUARED:
@@ -53,47 +49,38 @@ def plain_tables(tables: dict[str, Any], origin: str) -> dict[str, Any]:
 
     Values of other types are kept; the check of their key refuses them.
 
-    Raises
-    ------
-    SceneError
-        Nested too deeply, too many values, a text too long, a key that is no text.
+    Raises SceneError for tables nested too deeply, too many values, a text too long, a key that is
+    no text.
     """
     if not isinstance(tables, dict):
         raise SceneError(f"{origin}: a scene is a dictionary of tables, not {shown(tables)}")
-    return _Copy(origin).of(tables, "", 0)
+    count = itertools.count(1)
 
-
-class _Copy:
-    def __init__(self, origin):
-        self._origin = origin
-        self._count = 0
-
-    def of(self, value, where, depth):
-        self._count += 1
-        if self._count > MOST_VALUES or depth > DEEPEST:
+    def copy(value, where, depth):
+        if next(count) > MOST_VALUES or depth > DEEPEST:
             limit = f"more than {MOST_VALUES} values" if depth <= DEEPEST else "nested too deeply"
-            raise SceneError(f"{self._origin}: {limit}, at {named(where)}")
+            raise SceneError(f"{origin}: {limit}, at {named(where)}")
         if isinstance(value, dict):
-            names = [self._key(key, where) for key in value]
+            for key in value:
+                if not isinstance(key, str) or named(key) != key:
+                    owner = named(where) if where else "the scene"
+                    raise SceneError(
+                        f"{origin}: {owner} has the key {shown(key)}, which is no name"
+                    )
             return {
-                name: self.of(each, f"{where}.{name}" if where else name, depth + 1)
-                for name, each in zip(names, value.values(), strict=True)
+                str(name): copy(item, f"{where}.{name}" if where else name, depth + 1)
+                for name, item in value.items()
             }
         if isinstance(value, (list, tuple)):
-            return [self.of(each, f"{where}[{k}]", depth + 1) for k, each in enumerate(value)]
-        return self._text(value, where) if isinstance(value, str) else _plain_number(value)
-
-    def _key(self, key, where):
-        if not isinstance(key, str) or named(key) != key:
-            place = named(where) if where else "the scene"
-            raise SceneError(f"{self._origin}: {place} has the key {shown(key)}, which is no name")
-        return str(key)
-
-    def _text(self, value, where):
+            return [copy(item, f"{where}[{k}]", depth + 1) for k, item in enumerate(value)]
+        if not isinstance(value, str):
+            return _plain_number(value)
         if len(value) > LONGEST_TEXT or "\0" in value:
             fault = "holds a NUL character" if "\0" in value else f"is longer than {LONGEST_TEXT}"
-            raise SceneError(f"{self._origin}: {named(where)} = {shown(value)}: the text {fault}")
+            raise SceneError(f"{origin}: {named(where)} = {shown(value)}: the text {fault}")
         return str(value)
+
+    return copy(tables, "", 0)
 
 
 def _plain_number(value):

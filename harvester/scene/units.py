@@ -1,4 +1,8 @@
-"""The scaled form of a scene (Eqs. 3–6) and the scales that lead back to its units."""
+"""The scaled form of a scene (Eqs. 3–6) and the scales that lead back to its units.
+
+A scene, its oscillator and its stoppers are those of `harvester.scene.model`, which imports this
+module.
+"""
 
 from __future__ import annotations
 
@@ -12,7 +16,7 @@ from harvester.device.damper import damper
 from harvester.device.force_table import force_table
 from harvester.device.hertz import HERTZ_EXPONENT
 from harvester.device.polynomial import polynomial
-from harvester.device.ranged import ranged
+from harvester.device.spring import ranged
 from harvester.device.system import Noise, System
 from harvester.device.terminals import Setting
 from harvester.errors import LoadError, SceneError
@@ -21,7 +25,6 @@ if TYPE_CHECKING:
     from collections.abc import Iterator
 
     from harvester.device.spring import Spring
-    from harvester.scene.model import Oscillator, Scene, Stopper
 
 # Knots of the noise per period of small oscillations.
 KNOTS_PER_PERIOD = 40
@@ -52,36 +55,27 @@ class Scales:
         return getattr(self, name) ** int(exponent or 1)
 
 
-def scale(scene: Scene) -> tuple[System, Scales]:
-    """The device in scaled form and the scales that lead back (Eq. 3; time is not rescaled).
-
-    Parameters
-    ----------
-    scene : harvester.scene.model.Scene
-
-    Returns
-    -------
-    harvester.device.system.System, Scales
-    """
-    place = setting(scene)
-    mass, length = place.mass, place.length
+def scale(scene: Any) -> tuple[System, Scales]:
+    """The device in scaled form and the scales that lead back (Eq. 3; time is not rescaled)."""
+    surroundings = setting(scene)
+    mass, length = surroundings.mass, surroundings.length
     if scene.excitation.prescribes_displacement:
         # Without spring and damper only the transducer is left; its η drives the mass.
         parts: dict[str, Any] = {"spring": polynomial(()), "damper": damper(0.0), "contacts": ()}
     else:
-        made = restoring_spring(scene.oscillator, mass, length)
+        spring = restoring_spring(scene.oscillator, mass, length)
         parts = {
-            "spring": made,
+            "spring": spring,
             "damper": damper(
-                scene.oscillator.damping / mass,
-                scene.oscillator.quadratic_damping * length / mass,
+                scene.oscillator.damping / mass, scene.oscillator.quadratic_damping * length / mass
             ),
             "contacts": tuple(
-                _contact(each, side, mass, length) for each, side in acting_stoppers(scene, made)
+                _contact(stopper, side, mass, length)
+                for stopper, side in acting_stoppers(scene, spring)
             ),
         }
-    transducer = scene.transducer.equations(place)
-    volts = scene.transducer.voltage_unit(place)
+    transducer = scene.transducer.equations(surroundings)
+    volts = scene.transducer.voltage_unit(surroundings)
     system = System(**parts, transducer=transducer, noise=Noise(math.nan, math.inf))
     if not math.isinf(system.spring.range[0]) and not timescales.wells(system):
         raise SceneError(
@@ -90,49 +84,49 @@ def scale(scene: Scene) -> tuple[System, Scales]:
             "position in it"
         )
     scales = Scales(displacement=length, voltage=volts, power=mass * length**2)
-    return _with_noise(system, scene.excitation, excitation_unit(scene, length)), scales
+    # The noise is that of the excitation, or the equivalent one, on the mass.
+    intensity, time = scene.excitation.equivalent_noise(
+        timescales.relaxation_time(system), longest_spacing(system)
+    )
+    noise = Noise(intensity / excitation_unit(scene, length) ** 2, time)
+    return system._replace(noise=noise), scales
 
 
-def excitation_unit(scene: Scene, length: float) -> float:
+def excitation_unit(scene: Any, length: float) -> float:
     """Base acceleration for one unit of η, l/μ: on a beam's mode the base's acceleration
     counts μ times."""
     return length / scene.oscillator.base_factor
 
 
-def restoring_spring(oscillator: Oscillator, mass: float = 1.0, length: float = 1.0) -> Spring:
+def restoring_spring(oscillator: Any, mass: float = 1.0, length: float = 1.0) -> Spring:
     """The spring of a scene per mass and length unit; by itself in the scene's own units."""
-    made: Any
+    spring: Any
     if oscillator.force_table is not None:
         points = [(x / length, force / (mass * length)) for x, force in oscillator.force_table]
-        made = force_table(points, oscillator.force_interpolation)
+        spring = force_table(points, oscillator.force_interpolation)
     else:
-        coefficients: Any = oscillator.coefficients
-        made = polynomial([k * length ** (n - 1) / mass for n, k in enumerate(coefficients)])
+        powers = enumerate(oscillator.coefficients)
+        spring = polynomial([k * length ** (n - 1) / mass for n, k in powers])
     if oscillator.restoring_force_range is not None:
         low, high = oscillator.restoring_force_range
-        made = ranged(made, low / length, high / length)
-    return made
+        spring = ranged(spring, low / length, high / length)
+    return spring
 
 
-def rest_stiffness(oscillator: Oscillator) -> float:
+def rest_stiffness(oscillator: Any) -> float:
     """F' at the stiffest rest position of the spring, in the scene's units; 0 without any."""
-    made = restoring_spring(oscillator)
-    return max([float(made.slope(float(x))) for x in made.roots()], default=0.0)
+    spring = restoring_spring(oscillator)
+    return max([float(spring.slope(float(x))) for x in spring.roots()], default=0.0)
 
 
-def acting_stoppers(scene: Scene, spring: Spring) -> Iterator[tuple[Stopper, str]]:
+def acting_stoppers(scene: Any, spring: Spring) -> Iterator[tuple[Any, str]]:
     """(stopper, side) of each contact of the scaled device, in its order."""
-    for each in scene.stoppers:
-        if each.stiffness > 0.0:
-            for side in _sides(each, spring):
-                yield each, side
-
-
-def _sides(stopper, made):
-    """A pair is one contact where the spring is symmetric, else one on each side."""
-    if stopper.side == "both" and not made.symmetric:
-        return "right", "left"
-    return (stopper.side,)
+    for stopper in scene.stoppers:
+        if stopper.stiffness > 0.0:
+            # A pair is one contact where the spring is symmetric, else one on each side.
+            split = stopper.side == "both" and not spring.symmetric
+            for side in ("right", "left") if split else (stopper.side,):
+                yield stopper, side
 
 
 def _contact(stopper, side, mass, length):
@@ -147,29 +141,22 @@ def _contact(stopper, side, mass, length):
     return Contact(SIDES[side], stopper.gap / length, law)
 
 
-def _with_noise(system, excitation, unit):
-    """The system with the D and τ1 of the excitation, or of its equivalent, on the mass."""
-    longest = longest_spacing(system)
-    intensity, time = excitation.equivalent_noise(timescales.relaxation_time(system), longest)
-    return system._replace(noise=Noise(intensity / unit**2, time))
-
-
 def longest_spacing(system: System) -> float:
     """Longest knot spacing (s) that resolves small oscillations; infinite without any."""
     frequency = timescales.angular_frequency(system)
     return 2.0 * math.pi / frequency / KNOTS_PER_PERIOD if frequency > 0.0 else math.inf
 
 
-def load_resistance(scene: Scene) -> float | None:
+def load_resistance(scene: Any) -> float | None:
     """Resistance of a load that is a resistor (Ω), else None."""
     load = scene.load
     return load.circuit.resistance if load.circuit else load.resistance
 
 
-def setting(scene: Scene) -> Setting:
+def setting(scene: Any) -> Setting:
     """The surroundings of a scene's transducer: `harvester.device.terminals.Setting`."""
     scaled = scene.units != "SI"
-    mass: Any = 1.0 if scaled else scene.oscillator.mass
+    mass = 1.0 if scaled else scene.oscillator.mass
     length = 1.0 if scaled else length_scale(scene)
     rests = scene.excitation.prescribes_displacement
     return Setting(
@@ -183,13 +170,8 @@ def setting(scene: Scene) -> Setting:
     )
 
 
-def require_resistor(scene: Scene, method: str) -> None:
-    """Refuse a load that λ does not describe.
-
-    Raises
-    ------
-    LoadError
-    """
+def require_resistor(scene: Any, method: str) -> None:
+    """Refuse a load that λ does not describe. Raises LoadError."""
     if not scene.load.is_resistor:
         raise LoadError(
             f"{scene.name}: {method} takes only a resistor as load, and load.netlist is "
@@ -198,13 +180,8 @@ def require_resistor(scene: Scene, method: str) -> None:
     require_mass(scene, method)
 
 
-def require_mass(scene: Scene, method: str) -> None:
-    """Refuse an excitation that prescribes the displacement of the mass.
-
-    Raises
-    ------
-    LoadError
-    """
+def require_mass(scene: Any, method: str) -> None:
+    """Refuse an excitation that prescribes the displacement of the mass. Raises LoadError."""
     if scene.excitation.prescribes_displacement:
         raise LoadError(
             f"{scene.name}: {method} needs a mass that moves by forces, and excitation.kind is "
@@ -212,7 +189,7 @@ def require_mass(scene: Scene, method: str) -> None:
         )
 
 
-def length_scale(scene: Scene) -> float:
+def length_scale(scene: Any) -> float:
     """The scene's length unit l in metres: as given, else the farthest well's distance, else a gap.
 
     A monostable device without stoppers has neither: its rms displacement under white noise
@@ -220,17 +197,15 @@ def length_scale(scene: Scene) -> float:
     """
     if scene.length_scale is not None:
         return scene.length_scale
-    excitation: Any = scene.excitation
-    if excitation.prescribes_displacement:
-        return excitation.amplitude
+    if scene.excitation.prescribes_displacement:
+        return scene.excitation.amplitude
     farthest = _farthest_well(scene.oscillator)
     if farthest > 0.0:
         return farthest
     if scene.stoppers:
-        return min(each.gap for each in scene.stoppers)
-    damping = scene.oscillator.damping
-    mass: Any = scene.oscillator.mass
-    stiffness: Any = abs(restoring_spring(scene.oscillator, mass).linear)
+        return min(stopper.gap for stopper in scene.stoppers)
+    damping, mass = scene.oscillator.damping, scene.oscillator.mass
+    stiffness = abs(restoring_spring(scene.oscillator, mass).linear)
     longest = 2.0 * math.pi / math.sqrt(stiffness) / KNOTS_PER_PERIOD if stiffness else math.inf
     relaxation_time = mass / damping if damping else 1.0
     intensity, time = scene.excitation.equivalent_noise(relaxation_time, longest)

@@ -192,7 +192,7 @@ def require_noise(scene: Scene, command: str) -> None:
     ------
     HarvesterError
     """
-    from harvester.excitation import OrnsteinUhlenbeck
+    from harvester.excitation.ornstein_uhlenbeck import OrnsteinUhlenbeck
 
     if not isinstance(scene.excitation, OrnsteinUhlenbeck):
         raise HarvesterError(

@@ -19,7 +19,7 @@ from harvester.device.force_table import ForceTable
 from harvester.device.hertz import HertzDamp
 from harvester.device.piezo import PiezoLaw
 from harvester.device.polynomial import Polynomial
-from harvester.device.ranged import Ranged
+from harvester.device.spring import Ranged
 from harvester.errors import SceneError
 from harvester.prepared.prepared import prepared
 from harvester.prepared.steps import knot_spacing

@@ -12,11 +12,11 @@ from truths import assert_near
 from circuits.export import for_ltspice, stand_alone
 from circuits.schematic.drawing import schematic
 from harvester.averaging.of_scene import average
-from harvester.device.transducer import TRANSDUCERS
 from harvester.errors import AveragingError, SceneError
 from harvester.prepared.paths import noise_path
 from harvester.prepared.prepared import prepared
 from harvester.scene.model import Scene
+from harvester.scene.schema import TRANSDUCERS
 from harvester.simulation.simulate import simulate
 
 MASS, DAMPING, STIFFNESS = 0.02, 0.05, 120.0

@@ -7,8 +7,7 @@ import pickle
 import numpy as np
 import pytest
 
-from harvester.scene.model import Scene
-from harvester.scene.named_values import NamedValues
+from harvester.scene.model import NamedValues, Scene
 
 ONE = '{{side = "{}", gap = {}, stiffness = 10.0, restitution = 0.7}}'
 VARIED = [

@@ -38,18 +38,6 @@ def test_no_module_takes_the_place_of_a_name():
     assert not [name for name in PUBLIC if inspect.ismodule(getattr(harvester, name))]
 
 
-def test_type_checkers_see_the_same_names():
-    tree = ast.parse(Path(harvester.__file__).read_text("utf-8"))
-    seen = {
-        alias.asname: node.module
-        for node in ast.walk(tree)
-        if isinstance(node, ast.ImportFrom)
-        for alias in node.names
-        if alias.asname
-    }
-    assert seen == harvester._WHERE
-
-
 def test_every_named_error_is_public():
     kinds = {
         name

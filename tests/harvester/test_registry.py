@@ -7,10 +7,10 @@ import pytest
 
 from harvester.averaging import CLOSURES
 from harvester.device.contact import LAWS
-from harvester.device.transducer import TRANSDUCERS
 from harvester.errors import SceneError
 from harvester.excitation import KINDS
 from harvester.scene.model import Scene
+from harvester.scene.schema import TRANSDUCERS
 
 
 @pytest.fixture
@@ -18,7 +18,7 @@ def installed(tmp_path, monkeypatch):
     entry_points.install(tmp_path)
     monkeypatch.syspath_prepend(tmp_path)
     for registry in (CLOSURES, LAWS, TRANSDUCERS, KINDS):
-        monkeypatch.setattr(registry, "_parts", dict(registry._parts))
+        monkeypatch.setattr(registry, "data", dict(registry.data))
     (tmp_path / "scene.toml").write_text(entry_points.SCENE)
     return tmp_path / "scene.toml"
 

@@ -96,8 +96,8 @@ FAULTS = [
     Fault(
         "spring: the gain formula has another sign at the gap",
         SPRING,
-        "constant = linear / rate**2 + half * place**2",
-        "constant = linear / rate**2 - half * place**2",
+        "constant = linear / rate**2 + half * gap**2",
+        "constant = linear / rate**2 - half * gap**2",
         ALL_FORMS,
     ),
     Fault(

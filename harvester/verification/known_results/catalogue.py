@@ -4,8 +4,8 @@ import math
 
 from harvester.device import timescales
 from harvester.device.piezo import PiezoTable
-from harvester.excitation import OrnsteinUhlenbeck
 from harvester.excitation.base import kernel_loss
+from harvester.excitation.ornstein_uhlenbeck import OrnsteinUhlenbeck
 from harvester.prepared.prepared import prepared
 from harvester.prepared.steps import knot_spacing
 from harvester.running import Request, Task

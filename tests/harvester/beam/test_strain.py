@@ -59,7 +59,7 @@ def test_curvature_of_finite_elements(values):
     surface = 0.07e-3 + abs(cut.axis)
     substrate = strain_of_substrate(beam)
     if values is PATCHED:  # The bare part is strained most, at the patch's end.
-        assert substrate.place == 21e-3
+        assert substrate.position == 21e-3
     else:
         assert abs(substrate.per_displacement) == pytest.approx(surface * curvature, rel=1e-4)
     # In the layers by the second derivative of the element where they begin.
@@ -109,7 +109,7 @@ def test_outer_fibre_is_the_layers():
     assert section(Beam(**PATCHED), True).axis == pytest.approx(axis)
     assert section(Beam(**BARE_ROOT), False).axis == pytest.approx(0.0, abs=1e-12)
     layers, substrate = strain_of_layers(Beam(**BARE_ROOT)), strain_of_substrate(Beam(**BARE_ROOT))
-    assert (layers.place, layers.modulus, substrate.modulus) == (4e-3, 66e9, 105e9)
+    assert (layers.position, layers.modulus, substrate.modulus) == (4e-3, 66e9, 105e9)
 
 
 def _driven(frequency, resistance, base):

@@ -11,7 +11,7 @@ from scipy.integrate import quad
 from harvester.device import timescales
 from harvester.device.force_table import force_table
 from harvester.device.polynomial import polynomial
-from harvester.device.ranged import ranged
+from harvester.device.spring import ranged
 from harvester.prepared.prepared import prepared
 from harvester.scene.model import Scene
 

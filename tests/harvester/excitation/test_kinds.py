@@ -8,8 +8,9 @@ from truths import flat
 
 from harvester.averaging.of_scene import average
 from harvester.errors import AveragingError, HarvesterError, SceneError
-from harvester.excitation import KINDS, White, realization_seed
-from harvester.excitation.base import kernel_loss
+from harvester.excitation import KINDS
+from harvester.excitation.base import kernel_loss, realization_seed
+from harvester.excitation.white import White
 from harvester.prepared.paths import noise_path
 from harvester.prepared.prepared import prepared
 from harvester.prepared.steps import knot_spacing

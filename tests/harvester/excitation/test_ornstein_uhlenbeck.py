@@ -1,7 +1,8 @@
 import numpy as np
 import pytest
 
-from harvester.excitation import NoisePath, interpolation_loss, realization_seed
+from harvester.excitation.base import realization_seed
+from harvester.excitation.ornstein_uhlenbeck import NoisePath, interpolation_loss
 
 
 def path(seed=1, spacing=0.05):

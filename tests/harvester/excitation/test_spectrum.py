@@ -9,7 +9,7 @@ from scipy.integrate import quad
 from scipy.signal import welch
 
 from harvester.errors import SceneError
-from harvester.excitation import realization_seed
+from harvester.excitation.base import realization_seed
 from harvester.excitation.profiles import PROFILES
 from harvester.excitation.shaped import ShapedPath, density_between, mean_square, path_density
 from harvester.excitation.spectrum import Spectrum

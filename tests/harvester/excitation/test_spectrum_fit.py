@@ -5,7 +5,7 @@ from truths import flat
 
 from harvester.averaging.of_scene import average
 from harvester.device import timescales
-from harvester.excitation import NoisePath
+from harvester.excitation.ornstein_uhlenbeck import NoisePath
 from harvester.excitation.spectrum_fit import fit_spectrum
 from harvester.scene.model import Scene
 

@@ -6,7 +6,7 @@ from scipy.linalg import expm
 from truths import Keep, drop_scene, flat, records_of, reference_path
 
 from harvester.errors import SolutionDiverged
-from harvester.excitation import NoisePath
+from harvester.excitation.ornstein_uhlenbeck import NoisePath
 from harvester.monte_carlo.engine import integrate, record_of
 from harvester.prepared.paths import noise_path, start_state
 from harvester.prepared.prepared import prepared
