@@ -125,12 +125,12 @@ def _parsed(arguments):
     options, unknown = parser.parse_known_args(arguments)
     if unknown:
         command = commands.choices[options.command.name]
-        known = [word for action in command._actions for word in action.option_strings]
+        spellings = [word for action in command._actions for word in action.option_strings]
         word = unknown[0].partition("=")[0]
-        if word in known:
+        if word in spellings:
             command.error(f"argument {word} goes behind {options.command.name}")
         former = FORMER_OPTIONS.get(word)
-        hint = f" (did you mean {former}?)" if former in known else nearest(word, known)
+        hint = f" (did you mean {former}?)" if former in spellings else nearest(word, spellings)
         command.error(f"unknown argument {word}{hint}")
     return options
 
@@ -177,17 +177,17 @@ def build_parser(wanted: str | None = None) -> tuple[Parser, Any]:
         # Completion scripts list the commands that have a help text. `--help` lists all of them in
         # groups.
         listed: dict[str, Any] = {"help": first.replace("%", "%%")} if wanted is None else {}
-        own = commands.add_parser(
+        subparser = commands.add_parser(
             command.name,
             **listed,
             description=text,
             epilog=f"example: harvester {command.example}",
         )
-        command.fill(own)
-        own.add_argument(
+        command.fill(subparser)
+        subparser.add_argument(
             "--quiet", action="store_true", help="show errors only, and what goes to -"
         )
-        own.set_defaults(command=command)
+        subparser.set_defaults(command=command)
     # argparse can print one list of commands only; the groups stand in its epilog.
     parser.epilog = f"{_in_groups(summaries)}\n\n{EPILOG}"
     return parser, commands

@@ -44,22 +44,24 @@ class Drawing:
         from harvester.scene.described import device_line
         from harvester.show.numbers import quantity
 
-        ready = prepared(self.scene)
-        system, length = ready.system, ready.scales.displacement
+        prepared_scene = prepared(self.scene)
+        system, length = prepared_scene.system, prepared_scene.scales.displacement
         wells, saddles = timescales.wells(system), timescales.saddles(system)
-        places = ", ".join(quantity(length * each, "m") for each in sorted(wells))
-        found = [
+        places = ", ".join(quantity(length * well, "m") for well in sorted(wells))
+        sentences = [
             "the table is of the beam without its magnets",
             *(line.replace("device:", "with magnets:", 1) for line in device_line(self.scene)),
             f"with magnets the tip rests at {places}",
         ]
         if saddles:
-            top = max(float(potential(system, each)) for each in saddles)
-            bottom = min(float(potential(system, each)) for each in wells)
+            top = max(float(potential(system, saddle)) for saddle in saddles)
+            bottom = min(float(potential(system, well)) for well in wells)
             mass: Any = self.scene.oscillator.mass
             energy = mass * length**2 * (top - bottom)
-            found[-1] += f"; the highest barrier is {quantity(energy, 'J')} above the deepest well"
-        return found
+            sentences[-1] += (
+                f"; the highest barrier is {quantity(energy, 'J')} above the deepest well"
+            )
+        return sentences
 
     def to_dict(self) -> dict[str, Any]:
         """Plain values for JSON."""

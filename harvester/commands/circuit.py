@@ -122,14 +122,14 @@ def load(
 
     check_writable(output)
     text = read_text(Path(file))
-    given = nodes or _asked(candidates(text))
+    node_names = nodes or _asked(candidates(text))
     stem = Path(file if is_stream(output) else output).stem
-    made = imported(text, re.sub(r"\W", "_", stem).lower(), _words(given), _words(remove))
+    converted = imported(text, re.sub(r"\W", "_", stem).lower(), _words(node_names), _words(remove))
     target = Path(file).with_suffix(".lib") if is_stream(output) else Path(output)
-    cards = [tidy(card) for card in read_cards(target, made.text)]
+    cards = [tidy(card) for card in read_cards(target, converted.text)]
     notes = following_notes(read_load(target, cards=cards), RECORD)
-    write_text(output, made.text)
-    for line in (*made.rewritten, *notes):
+    write_text(output, converted.text)
+    for line in (*converted.rewritten, *notes):
         say(line)
     if not is_stream(output):
         say(f"written: {output}; now try: harvester simulate device --set load.netlist={output}")
@@ -187,7 +187,7 @@ def engine(*, json: File | None = None) -> None:
     if json:
         check_writable(json)
     with closing(Worker()) as worker:
-        found = worker.call(describe, {}, time_limit=60.0)
-    show_engine(found, to_stderr=is_standard_output(json))
+        description = worker.call(describe, {}, time_limit=60.0)
+    show_engine(description, to_stderr=is_standard_output(json))
     if json:
-        write_json(json, found)
+        write_json(json, description)

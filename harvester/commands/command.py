@@ -46,8 +46,8 @@ class Command:
     @property
     def name(self) -> str:
         """The function's name as the command line has it."""
-        own = self.function if isinstance(self.function, str) else self.function.__name__
-        return own.replace("_", "-")
+        function_name = self.function if isinstance(self.function, str) else self.function.__name__
+        return function_name.replace("_", "-")
 
     @property
     def found(self) -> Callable:
@@ -75,8 +75,10 @@ class Command:
             return None
         from harvester.scene.model import Scene
 
-        given = {name: getattr(options, name) for name in ("overrides", "seed") if name in options}
-        return Scene.load(options.scene, overrides_of(**given))
+        changes = {
+            name: getattr(options, name) for name in ("overrides", "seed") if name in options
+        }
+        return Scene.load(options.scene, overrides_of(**changes))
 
     def _call(self, scene: Scene | None, values: dict[str, Any]) -> Any:
         """Call the function; the scene and the words of the call are its positional arguments."""
@@ -171,7 +173,7 @@ class Study(Command):
         stem = (self.stem or self.name).format(**defaults | values)
         name = named_after(scene.name, stem) if scene else stem
         kinds = ("json", "output", "report", "waveform")
-        places = {each: getattr(options, each, None) for each in kinds}
+        places = {kind: getattr(options, kind, None) for kind in kinds}
         check_places(**places, files=self.files or result_files(name))
         if places["output"] and any(file.endswith(".nc") for file in self.files):
             # Raised now rather than after a long run: the library of these files is missing.
@@ -226,9 +228,9 @@ class Study(Command):
         """Add to the options what runs the study; gives the runner where there is one."""
         from harvester.commands.console import progress
 
-        known, runner = options_of(self.found), None
+        parameters, runner = options_of(self.found), None
         with contextlib.ExitStack() as opened:
-            if "progress" in known and (self.bar or not self._takes_runner()):
+            if "progress" in parameters and (self.bar or not self._takes_runner()):
                 follow = opened.enter_context(progress())
                 values["progress"] = follow(label, scene if self.bar == "simulated time" else None)
             elif not self._takes_runner():
@@ -245,4 +247,4 @@ class Study(Command):
     def _takes_runner(self):
         """Whether the function takes `**running`, the options of a study's runner."""
         parameters = inspect.signature(self.found).parameters.values()
-        return any(each.kind is each.VAR_KEYWORD for each in parameters)
+        return any(parameter.kind is parameter.VAR_KEYWORD for parameter in parameters)

@@ -54,7 +54,7 @@ def progress() -> Iterator[Callable]:
         transient=True,
     )
     # The delay begins now and not at the first report: compilation before it may take long.
-    shown = threading.Timer(SHOW_AFTER_SECONDS, bar.start)
+    delayed_start = threading.Timer(SHOW_AFTER_SECONDS, bar.start)
 
     def follow(label, scene):
         total = scene and (scene.run.settle + scene.run.duration) * scene.run.realizations
@@ -68,13 +68,13 @@ def progress() -> Iterator[Callable]:
 
         return update
 
-    shown.daemon = True
-    shown.start()
+    delayed_start.daemon = True
+    delayed_start.start()
     try:
         yield follow
     finally:
-        shown.cancel()
-        shown.join()
+        delayed_start.cancel()
+        delayed_start.join()
         bar.stop()
 
 
@@ -157,8 +157,8 @@ def show_table(
     if content.scene is not None:
         title = f"{content.scene.name}: {title}"
     table = Table(title=title, box=box.SIMPLE_HEAD, title_justify="left")
-    for place, name in enumerate(header):
-        words = place < 2
+    for column, name in enumerate(header):
+        words = column < 2
         table.add_column(one_line(name), justify="left" if words else "right", no_wrap=True)
     for row in rows:
         table.add_row(*map(one_line, row))

@@ -240,12 +240,12 @@ def _read(answer, question, keys, units):
     """The key that an answer is for, and its number in the key's unit, or its name."""
     if question.names:
         return keys[0], answer.strip("\"'")
-    name, equals, rest = (part.strip() for part in answer.partition("="))
+    name, equals, number_text = (part.strip() for part in answer.partition("="))
     if equals:
-        known = {key.partition(".")[2]: key for key in keys}
-        if name not in known:
-            raise NotANumber(f"no {name} here{nearest(name, known)}")
-        return known[name], number(rest)
+        key_by_name = {key.partition(".")[2]: key for key in keys}
+        if name not in key_by_name:
+            raise NotANumber(f"no {name} here{nearest(name, key_by_name)}")
+        return key_by_name[name], number(number_text)
     for unit, factor in sorted(question.units.items(), key=lambda each: -len(each[0])):
         if units == "SI" and answer.endswith(unit):
             return keys[0], factor * number(answer.removesuffix(unit).replace(" ", ""))

@@ -39,8 +39,8 @@ def study_runner(label: str | None, **running: Unpack[RunnerOptions]) -> Iterato
                 if runner.out_of_time:
                     complain("the time budget was spent: the same command goes on where it ended")
     except KeyboardInterrupt as interrupt:
-        kept = "what is finished is kept: the same command goes on" if running.get("output") else ""
-        raise KeyboardInterrupt(str(interrupt) or kept) from None
+        hint = "what is finished is kept: the same command goes on" if running.get("output") else ""
+        raise KeyboardInterrupt(str(interrupt) or hint) from None
 
 
 def check_places(

@@ -111,7 +111,7 @@ COMMANDS = (
         "load-study device --load bridge --load sece "
         "--sweep load.parameters.resistance=1e4:1e7:log:7 --precision 0.03 --output study",
         title="load study",
-        failed=lambda study: not any(each.estimates for each in study.evaluations),
+        failed=lambda study: not any(evaluation.estimates for evaluation in study.evaluations),
         json=False,
         files=LOAD_STUDY_FILES,
         running=lambda options: {"time_budget": TIME_BUDGET} if options.get("precision") else {},

@@ -111,18 +111,18 @@ def accuracy(
     from harvester.verification.accuracy.both import accuracy
 
     output, name = os.fspath(running.get("output") or ""), f"{scene.name}-accuracy.json"
-    pictures = {each: f"{scene.name}-{each}.png" for each in PICTURES}
+    pictures = {picture: f"{scene.name}-{picture}.png" for picture in PICTURES}
     check_places(json, output, files=[name, *pictures.values()])
     with study_runner("accuracy", **running) as runner:
-        found = accuracy(scene, thorough=thorough, runner=runner)
-        pair = found.work_precision, found.time_to_accuracy
+        measured = accuracy(scene, thorough=thorough, runner=runner)
+        pair = measured.work_precision, measured.time_to_accuracy
         views: dict[str, Any] = dict(zip(PICTURES, pair, strict=True))
         for title, view in views.items():
             show(view, title.replace("-", " "), json)
         if json:
-            write_json(json, found.to_dict())
+            write_json(json, measured.to_dict())
         if output:
-            write_json(in_folder(output, name), found.to_dict())
+            write_json(in_folder(output, name), measured.to_dict())
             for title, view in views.items():
                 figures.write(view.figure(), in_folder(output, pictures[title]))
             say(f"written to {output}: {name}, {scene.name}-*.png")
@@ -203,9 +203,9 @@ def reproduce(
                 on_figure=keep,
             )
     except KeyboardInterrupt as interrupt:
-        kept = f"finished figures are in {output}: {', '.join(finished)}" if finished else ""
+        hint = f"finished figures are in {output}: {', '.join(finished)}" if finished else ""
         raise KeyboardInterrupt(
-            f"{kept}; the same command goes on" if kept else interrupt
+            f"{hint}; the same command goes on" if hint else interrupt
         ) from None
     finally:
         for name in (name for name in names if name in finished):

@@ -30,10 +30,10 @@ def load_matplotlib() -> None:
 
 def _choose_backend(matplotlib):
     """Use the backend that MPLBACKEND names, if matplotlib has it."""
-    wanted = os.environ.get("MPLBACKEND")
+    backend = os.environ.get("MPLBACKEND")
     with contextlib.suppress(ValueError):
-        if wanted:
-            matplotlib.rcParams["backend"] = wanted
+        if backend:
+            matplotlib.rcParams["backend"] = backend
 
 
 def _import_styles():

@@ -89,16 +89,16 @@ def prefixed(value: float, unit: str) -> tuple[float, str]:
     ((1000000.0, 'µW'), (1000000.0, 'mV²'), (1.0, 'scaled power'))
     """
     base, _, raised = unit.partition("^")
-    power, own = int(raised or 1), base.strip("()")
-    if own not in PREFIXED or power not in (1, 2) or not value or not math.isfinite(value):
+    power, symbol = int(raised or 1), base.strip("()")
+    if symbol not in PREFIXED or power not in (1, 2) or not value or not math.isfinite(value):
         return 1.0, in_print(unit)
     # A prefix of a squared unit counts twice, so that squares between 0.001 and 1000 have none.
     decades = math.floor(math.log10(abs(value)) + 1e-9) + (0 if power == 1 else 3)
     exponent = min(max(3 * (decades // (3 * power)), min(PREFIXES)), max(PREFIXES))
-    if own == "s":
+    if symbol == "s":
         exponent = min(exponent, 0)
     letter = PREFIXES[exponent]
-    return 10.0 ** (-exponent * power), in_print(unit.replace(own, letter + own, 1))
+    return 10.0 ** (-exponent * power), in_print(unit.replace(symbol, letter + symbol, 1))
 
 
 def in_print(unit: str) -> str:

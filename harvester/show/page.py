@@ -122,10 +122,10 @@ def figure_of(svg: bytes, alternative: str, caption: str, least_scale: float = 0
     """
     data = base64.b64encode(svg).decode()
     size = f"min-width: {NARROWEST_FIGURE}"
-    own = re.search(rb'<svg[^>]* width="([\d.]+)pt"', svg)
-    if own:
-        widest = f"{LARGEST_SCALE * float(own[1]):.0f}pt"
-        least = f"{least_scale * float(own[1]):.0f}pt" if least_scale else NARROWEST_FIGURE
+    svg_width = re.search(rb'<svg[^>]* width="([\d.]+)pt"', svg)
+    if svg_width:
+        widest = f"{LARGEST_SCALE * float(svg_width[1]):.0f}pt"
+        least = f"{least_scale * float(svg_width[1]):.0f}pt" if least_scale else NARROWEST_FIGURE
         size = f"min-width: min({least}, {widest}); max-width: {widest}"
     return (
         f'<figure><div class="wide" tabindex="0"><img style="{size}" '

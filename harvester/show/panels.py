@@ -126,9 +126,9 @@ def draw_panels(
     figure = Figure(figsize=(wide, 0.6 + size[1] * rows))
     places = figure.subplots(rows, columns, squeeze=False, **shared).ravel()
     same = len({panel.y_label for panel in panels}) == 1
-    for place, (axes, panel) in enumerate(zip(places, panels, strict=False)):
+    for index, (axes, panel) in enumerate(zip(places, panels, strict=False)):
         _draw_panel(axes, panel)
-        if same and place % columns:
+        if same and index % columns:
             axes.set_ylabel("")
     for axes in places[len(panels) :]:
         axes.remove()

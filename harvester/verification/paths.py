@@ -47,9 +47,10 @@ def states_at_knots(scene: Scene, realizations: Sequence[Realization]) -> np.nda
         In the order of `STATES`.
     """
     times = knot_times(scene)
-    waveforms: Any = [each.waveform for each in realizations]
+    waveforms: Any = [realization.waveform for realization in realizations]
     states = [
-        [np.interp(times, each.time, getattr(each, name)) for name in STATES] for each in waveforms
+        [np.interp(times, waveform.time, getattr(waveform, name)) for name in STATES]
+        for waveform in waveforms
     ]
     return np.array(states).transpose(0, 2, 1)
 

@@ -183,8 +183,8 @@ def by_own_length(
         True: _brief_scene(scene, BRIEF_REALIZATIONS * factor),
     }
     asked = [
-        Request(each, reference.engine, step=reference.step(each), moments=True)
-        for each in scenes.values()
+        Request(run_scene, reference.engine, step=reference.step(run_scene), moments=True)
+        for run_scene in scenes.values()
     ]
     answers = dict(zip(scenes, _there(runner.answer(asked)), strict=True))
     runs = _runs(scenes, methods, runner)
@@ -265,9 +265,9 @@ def _out_of_time():
 
 def _there(outcomes):
     """The outcomes; raises the error of one that failed, or OutOfTime for a missing one."""
-    for each in outcomes:
-        if each is None or isinstance(each, HarvesterError):
-            raise each or _out_of_time()
+    for outcome in outcomes:
+        if outcome is None or isinstance(outcome, HarvesterError):
+            raise outcome or _out_of_time()
     return outcomes
 
 
@@ -293,20 +293,20 @@ def _speeds(scene, measured, runner):
 
 def _brief_scene(scene, realizations):
     """Runs for slow methods: half of each for the transient, or less where the scene says so."""
-    ready = prepared(scene)
-    half = BRIEF_KNOTS // 2 * knot_spacing(ready)
+    prepared_scene = prepared(scene)
+    half = BRIEF_KNOTS // 2 * knot_spacing(prepared_scene)
     run = {"duration": min(scene.run.duration, half), "settle": min(scene.run.settle, half)}
     return scene.replace(
         run={**run, "realizations": realizations},
-        excitation={"knot_spacing": knot_spacing(ready)},
+        excitation={"knot_spacing": knot_spacing(prepared_scene)},
     )
 
 
 def _short_scene(scene, paths):
     """Some periods from rest: short enough that paths do not separate."""
-    ready = prepared(scene)
-    spacing = knot_spacing(ready)
-    period = 2.0 * math.pi / timescales.angular_frequency(ready.system)
+    prepared_scene = prepared(scene)
+    spacing = knot_spacing(prepared_scene)
+    period = 2.0 * math.pi / timescales.angular_frequency(prepared_scene.system)
     changes = {
         "run.duration": min(math.ceil(PERIODS * period / spacing), MOST_KNOTS) * spacing,
         "run.settle": 0.0,
@@ -323,7 +323,7 @@ def _exact_paths(scene, with_load, runner):
         tasks = [
             realizations_task(scene, LOAD_PATHS, [index], runner, paths_at_knots) for index in paths
         ]
-        return np.concatenate([each["states"] for each in _there(runner.run(tasks))])
+        return np.concatenate([answer["states"] for answer in _there(runner.run(tasks))])
     tasks = [Task(exact_paths.run, {"scene": scene, "index": index}) for index in paths]
     return np.array(_there(runner.run(tasks)))
 
@@ -339,7 +339,7 @@ def _strong_errors(scene, methods, exact, runner):
         for method in methods
     ]
     spacing = knot_spacing(prepared(scene))
-    return [_strong_error(spacing, found, exact) for found in _answers(groups, runner)]
+    return [_strong_error(spacing, outcomes, exact) for outcomes in _answers(groups, runner)]
 
 
 def _answers(groups, runner):
@@ -352,9 +352,9 @@ def _strong_error(spacing, outcomes, exact):
     good, ended = good_ones(outcomes)
     if ended:
         return math.nan, dict.fromkeys(STATES, math.nan)
-    squares = np.square(np.concatenate([each["states"] for each in good]) - exact)
+    squares = np.square(np.concatenate([answer["states"] for answer in good]) - exact)
     errors = np.sqrt(squares.mean(axis=(0, 1))).tolist()
-    points = sum(each["points"] for each in good)
+    points = sum(answer["points"] for answer in good)
     mean_step = exact.shape[1] * spacing * len(exact) / points
     return mean_step, dict(zip(STATES, errors, strict=True))
 
@@ -394,11 +394,11 @@ def _runs_by_time(scene, methods, seconds, runner):
         return _answers(groups, runner)
 
     first = answers([range(1)] * len(methods))
-    counts = _counts(sizes, [found for (found,) in first], seconds)
-    rest = answers([range(1, count) for count in counts])
+    counts = _counts(sizes, [outcome for (outcome,) in first], seconds)
+    remaining = answers([range(1, count) for count in counts])
     outcomes: list[Any] = []
-    for found, others in zip(first, rest, strict=True):
-        good, ended = good_ones([*found, *others])
+    for first_outcomes, others in zip(first, remaining, strict=True):
+        good, ended = good_ones([*first_outcomes, *others])
         failed = ended if isinstance(ended, HarvesterError) else None
         outcomes.append(Timed(scene, good) if good else failed)
     return outcomes
@@ -407,14 +407,14 @@ def _runs_by_time(scene, methods, seconds, runner):
 def _counts(sizes, first, seconds):
     """Number of tasks for each method within its time, from the seconds of its first task."""
     counts = []
-    for place, (size, found) in enumerate(zip(sizes, first, strict=True)):
-        budget = seconds * (1.0 if place else REFERENCE_SHARE)
-        taken = found["seconds"] if isinstance(found, dict) else math.inf
+    for index, (size, outcome) in enumerate(zip(sizes, first, strict=True)):
+        budget = seconds * (1.0 if index else REFERENCE_SHARE)
+        task_seconds = outcome["seconds"] if isinstance(outcome, dict) else math.inf
         most = max(MOST_REALIZATIONS // size, 1)
-        counts.append(min(max(int(budget / max(taken, 1e-9)), FEWEST_TASKS), most))
+        counts.append(min(max(int(budget / max(task_seconds, 1e-9)), FEWEST_TASKS), most))
     # The reference has every realization of the other methods, on the same noise.
-    wanted = max(count * size for count, size in zip(counts, sizes, strict=True))
-    counts[0] = max(counts[0], math.ceil(wanted / sizes[0]))
+    needed = max(count * size for count, size in zip(counts, sizes, strict=True))
+    counts[0] = max(counts[0], math.ceil(needed / sizes[0]))
     return counts
 
 

@@ -45,8 +45,10 @@ class Method:
 
     def step(self, scene: Scene) -> float:
         """Longest step (s)."""
-        ready = prepared(scene)
-        return knot_spacing(ready) / (steps_per_knot(ready, engine=self.engine) * self.refinement)
+        prepared_scene = prepared(scene)
+        return knot_spacing(prepared_scene) / (
+            steps_per_knot(prepared_scene, engine=self.engine) * self.refinement
+        )
 
     def together(self, scene: Scene) -> int:
         """Realizations in one netlist: as many as pay where `copies` is None."""
@@ -79,21 +81,24 @@ class Method:
 def _own_steps(scheme, *tolerances):
     family = f"PWL in the netlist, {scheme}"
     return tuple(
-        Method(family, "circuit", 2, source="pwl", scheme=scheme, tolerance=each, brief=True)
-        for each in tolerances
+        Method(family, "circuit", 2, source="pwl", scheme=scheme, tolerance=tolerance, brief=True)
+        for tolerance in tolerances
     )
 
 
 def _fixed_steps(scheme, *refinements, brief=False):
     family = f"external source, {scheme}"
     return tuple(
-        Method(family, "circuit", 2, each, scheme=scheme, brief=brief) for each in refinements
+        Method(family, "circuit", 2, refinement, scheme=scheme, brief=brief)
+        for refinement in refinements
     )
 
 
 def _local_error(*tolerances, brief=False):
     family = "external source, local error"
-    return tuple(Method(family, "circuit", 2, tolerance=each, brief=brief) for each in tolerances)
+    return tuple(
+        Method(family, "circuit", 2, tolerance=tolerance, brief=brief) for tolerance in tolerances
+    )
 
 
 def _batched(name, device):
@@ -104,8 +109,8 @@ def _monte_carlo(scheme, *refinements):
     orders = {"Runge–Kutta": 4, "Heun": 2, "TR-BDF2": 2}
     option = "heun" if scheme == "Heun" else None
     return tuple(
-        Method(f"Monte Carlo, {scheme}", "monte-carlo", orders[scheme], each, scheme=option)
-        for each in refinements
+        Method(f"Monte Carlo, {scheme}", "monte-carlo", orders[scheme], refinement, scheme=option)
+        for refinement in refinements
     )
 
 

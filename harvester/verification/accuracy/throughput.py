@@ -121,11 +121,11 @@ def ratios(rows: list[Throughput]) -> dict[str, float]:
     if not rows:
         return {}
     pwl, external, single = rows[:3]
-    found = {f"{external.name} / {pwl.name}": external.rate / pwl.rate}
+    speed_ratios = {f"{external.name} / {pwl.name}": external.rate / pwl.rate}
     for row in rows[3:]:
         name = f"{row.copies} × {row.name}" if row.copies > 1 else row.name
-        found[f"{name} / {single.name}"] = row.rate / single.rate
-    return found
+        speed_ratios[f"{name} / {single.name}"] = row.rate / single.rate
+    return speed_ratios
 
 
 def _measured(scene, pool, knots, name, copies, processes, options):

@@ -84,18 +84,18 @@ class TimeToAccuracy:
     def of(cls, measured: Measured) -> TimeToAccuracy:
         """Times to reach given errors, derived from a measurement."""
         exact = measured.references[False]
-        whole = exact.quantities()
-        last = OUTPUT_POWER if OUTPUT_POWER in whole else VOLTAGE
+        means = exact.quantities()
+        last = OUTPUT_POWER if OUTPUT_POWER in means else VOLTAGE
         quantities = (last, EFFICIENCY)
         scatter = {name: scatter_of(exact, name) for name in quantities}
         none = Estimate(0.0, 0.0, None, "1")
-        errors = {name: TotalError(none, each, exact.cost) for name, each in scatter.items()}
+        errors = {name: TotalError(none, spread, exact.cost) for name, spread in scatter.items()}
         lines = [
             _line(row, measured.references[row.method.brief], scatter) for row in measured.rows
         ]
         points = [
-            Point(name, found["seconds"], {n: _deviation(found, whole, n) for n in quantities})
-            for name, found in measured.closures.items()
+            Point(name, answer["seconds"], {n: _deviation(answer, means, n) for n in quantities})
+            for name, answer in measured.closures.items()
         ]
         first = Line(measured.reference.family, errors, exact.measured_time, exact.cost)
         return cls(measured.scene, quantities, first, lines, points, measured.refused)
@@ -110,18 +110,18 @@ class TimeToAccuracy:
             if line.errors:
                 rows.append([line.name, duration(line.cost)])
                 for error in line.errors.values():
-                    rows[-1] += [share(error.bias), *(reached(error, each) for each in LIMITS)]
+                    rows[-1] += [share(error.bias), *(reached(error, limit) for limit in LIMITS)]
         for point in self.points:
             rows.append([f"averaging, {point.name}", "—"])
-            for each in point.deviations.values():
-                holds = [abs(each.estimate) <= limit for limit in LIMITS]
+            for deviation in point.deviations.values():
+                holds = [abs(deviation.estimate) <= limit for limit in LIMITS]
                 times = [duration(point.seconds) if held else "never" for held in holds]
-                rows[-1] += [share(each), *times]
+                rows[-1] += [share(deviation), *times]
         return header, rows
 
     def sentences(self) -> list[str]:
         """Sentences on the runs behind the numbers, one line each."""
-        known = ", ".join(
+        precision = ", ".join(
             f"{SYMBOLS[name]} {error.scatter / math.sqrt(self.reference.simulated_time):.2%}"
             for name, error in self.reference.errors.items()
         )
@@ -130,7 +130,7 @@ class TimeToAccuracy:
             "without the start of the program; never: the bias alone is larger; (?): the bias is "
             "not known well enough to say that this error is reached",
             f"bias: against {self.reference.name}, {self.reference.simulated_time:.3g} s on the "
-            f"same noise, known to {known}; standard errors",
+            f"same noise, known to {precision}; standard errors",
         ]
         lines += [f"{line.name}: {line.note}" for line in self.lines if line.note]
         return [*lines, *(f"closure {name} refused: {why}" for name, why in self.refused.items())]
@@ -185,8 +185,8 @@ def _line(row, reference, scatter):
     if run is None:
         return Line(name, note=row.note)
     errors = {
-        quantity: TotalError(bias_of(quantity, run, reference), each, run.cost)
-        for quantity, each in scatter.items()
+        quantity: TotalError(bias_of(quantity, run, reference), spread, run.cost)
+        for quantity, spread in scatter.items()
     }
     return Line(name, errors, run.measured_time, run.cost)
 
@@ -195,9 +195,9 @@ def _deviation(found, whole, quantity):
     """A closure's deviation from the reference, as a share with both errors."""
     ours, theirs = found["quantities"][quantity], whole[quantity]
     ratio = ours.estimate / theirs.estimate
-    own = (ours.standard_error or 0.0) / abs(theirs.estimate)
+    closure_error = (ours.standard_error or 0.0) / abs(theirs.estimate)
     far = abs(ratio) * (theirs.standard_error or 0.0) / abs(theirs.estimate)
-    return Estimate(ratio - 1.0, math.hypot(own, far), None, "1")
+    return Estimate(ratio - 1.0, math.hypot(closure_error, far), None, "1")
 
 
 def reached(error: TotalError, limit: float) -> str:

@@ -200,13 +200,13 @@ def coupled_bridge_power(omega: float, resistance: float, device: Driven) -> flo
 def best_coupled_bridge(device: Driven) -> tuple[float, float, float]:
     """(ω, R, P) where `coupled_bridge_power` is largest."""
     capacitance = device.capacitance
-    found = minimize(
+    optimum = minimize(
         lambda z: -coupled_bridge_power(z[0], math.exp(z[1]) / capacitance, device),
         [1.02, 0.5],
         method="Nelder-Mead",
         options={"xatol": 1e-8, "fatol": 1e-16},
     )
-    return float(found.x[0]), math.exp(found.x[1]) / capacitance, float(-found.fun)
+    return float(optimum.x[0]), math.exp(optimum.x[1]) / capacitance, float(-optimum.fun)
 
 
 def coupled_sece_share(figure_of_merit: float) -> float:

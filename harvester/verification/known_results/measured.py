@@ -99,25 +99,25 @@ class MeasuredDevice:
 
     def truths(self) -> list[Truth]:
         """The known results of this device, one for each measured point."""
-        found = []
+        truths = []
         for frequency, (resistances, powers) in self.series.items():
-            own = self.own_scatter(frequency)
+            scatter = self.own_scatter(frequency)
             for kilo, power in zip(resistances, powers, strict=True):
                 load, quantity = self._load(frequency, 1e3 * kilo, power)
                 scene = self.lumped.scene(frequency, self.acceleration, load)
-                found.append(
+                truths.append(
                     Truth(
                         f"{self.name}, {frequency:g} Hz, {kilo:g} kΩ",
                         self.source,
                         power,
-                        (self.reading + SIGNIFICANT_SIGMAS * own) * power,
+                        (self.reading + SIGNIFICANT_SIGMAS * scatter) * power,
                         {method: Request(scene, method) for method in self.methods},
                         quantity,
                         "W",
                         self.name,
                     )
                 )
-        return found
+        return truths
 
     def own_scatter(self, frequency: float) -> float:
         """Relative rms of the points about the curve of a linear device."""
@@ -150,7 +150,7 @@ def linear_scatter(resistances: Sequence[float], powers: Sequence[float]) -> flo
 
 def _halves(unit: float, peaks: Sequence[float]) -> tuple[float, ...]:
     """Mean powers (W) of published peak powers |V|²/R."""
-    return tuple(0.5 * unit * each for each in peaks)
+    return tuple(0.5 * unit * peak for peak in peaks)
 
 
 _BARE = (0.47, 1.2, 6.7, 9.9, 21.5, 44.9, 90.0, 246.0, 317.0, 398.0, 491.0, 995.0)
@@ -221,8 +221,8 @@ DEVICES = (
         ),
         Lumped(0.96895e-3, 107.0465, 3.6265e-4, 42.51e-9, 1.3266, 0.01),
         0.006,
-        {53.7: (_RECTIFIED, tuple(1e-6 * each for each in (24.4, 32.5, 40.0, 51.2, 61.0, 68.9, 68.8,
-                                                           66.5, 62.9)))},
+        {53.7: (_RECTIFIED, tuple(1e-6 * power for power in (24.4, 32.5, 40.0, 51.2, 61.0, 68.9,
+                                                             68.8, 66.5, 62.9)))},
         1.856,
         ("circuit", "monte-carlo"),
         0.005,
@@ -232,4 +232,4 @@ DEVICES = (
 
 def measured() -> list[Truth]:
     """All points, and the sets that the reader has downloaded."""
-    return [*(truth for each in DEVICES for truth in each.truths()), *downloaded()]
+    return [*(truth for device in DEVICES for truth in device.truths()), *downloaded()]

@@ -38,18 +38,18 @@ def measured_page(rows: Sequence[TruthRow], date: str) -> str:
         OPENING,
     ]
     for device in DEVICES:
-        own = [row for row in rows if row.truth.device == device.name]
-        if not own:
+        device_rows = [row for row in rows if row.truth.device == device.name]
+        if not device_rows:
             continue
         scatters = ", ".join(
             f"{device.own_scatter(frequency):.2%} at {frequency:g} Hz"
             for frequency in device.series
         )
-        said = [*device.said, f"Scatter: {scatters}.", f"Source: {device.source}."]
+        remarks = [*device.said, f"Scatter: {scatters}.", f"Source: {device.source}."]
         parts += [
             f"## {device.name[0].upper()}{device.name[1:]}",
-            "\n".join(f"- {each}" for each in (*said, f"Predicted: {summary(own)}")),
-            markdown_table(_lines(own)),
+            "\n".join(f"- {remark}" for remark in (*remarks, f"Predicted: {summary(device_rows)}")),
+            markdown_table(_lines(device_rows)),
         ]
     cures = how_to_get()
     downloaded = [row for row in rows if row.truth.device in cures]
@@ -75,10 +75,10 @@ def _lines(rows):
     methods = list(dict.fromkeys(row.method for row in rows))
     lines = [["point", "measured, mean power [µW]", *methods, "allowed", "verdict"]]
     for title in dict.fromkeys(row.truth.title for row in rows):
-        own = {row.method: row for row in rows if row.truth.title == title}
-        truth = next(iter(own.values())).truth
-        cells = [_found(own[method]) for method in methods if method in own]
-        verdicts = dict.fromkeys(row.verdict for row in own.values())
+        by_method = {row.method: row for row in rows if row.truth.title == title}
+        truth = next(iter(by_method.values())).truth
+        cells = [_found(by_method[method]) for method in methods if method in by_method]
+        verdicts = dict.fromkeys(row.verdict for row in by_method.values())
         share = f"± {truth.allowance / truth.exact:.1%}"
         point = title.partition(", ")[2]
         lines.append([point, f"{1e6 * truth.exact:.4g}", *cells, share, ", ".join(verdicts)])

@@ -50,6 +50,8 @@ def highest(
     """The largest value of a quantity (scaled) among some scenes without noise."""
     values = []
     for scene in scenes:
-        [found] = run(scene, engine_of(engine), [0], None, report)
-        values.append(run_estimates(prepared(scene), [found.moments]).whole[quantity].estimate)
+        [realization] = run(scene, engine_of(engine), [0], None, report)
+        values.append(
+            run_estimates(prepared(scene), [realization.moments]).whole[quantity].estimate
+        )
     return float(max(values)), 0.0

@@ -163,13 +163,13 @@ class Verification:
             "scatter of the measurement allow",
         ]
         for name in dict.fromkeys(row.truth.device for row in self.measured):
-            own = [row for row in self.measured if row.truth.device == name]
-            reason = next((row.reason for row in own if row.reason), "")
+            device_rows = [row for row in self.measured if row.truth.device == name]
+            reason = next((row.reason for row in device_rows if row.reason), "")
             # A set that was downloaded is one row.
-            first = own[0]
+            first = device_rows[0]
             single = f"{first.value:.2%} {first.truth.unit}, {first.verdict}"
-            found = f"predicted {summary(own)}" if len(own) > 1 else single
-            lines.append(f"{name}: {reason or found}")
+            prediction = f"predicted {summary(device_rows)}" if len(device_rows) > 1 else single
+            lines.append(f"{name}: {reason or prediction}")
         return lines
 
     def _said_of_exact(self):
@@ -196,7 +196,7 @@ class Verification:
             named = cells if row.truth is not before else ["", *cells[1:3], "", *cells[4:]]
             lines.append([*named, str(1 + sources.index(row.truth.source))])
             before = row.truth
-        said = [
+        parts = [
             "# Verified against others",
             "*For whoever asks why to believe a number.*",
             f"Written by `harvester verify`, harvester {__version__}, {self.date}: closed forms, "
@@ -204,9 +204,9 @@ class Verification:
             "\n".join(f"- {line}" for line in self._said_of_exact()),
             markdown_table(lines),
             "## Sources",
-            "\n".join(f"{place}. {each}" for place, each in enumerate(sources, 1)),
+            "\n".join(f"{number}. {source}" for number, source in enumerate(sources, 1)),
         ]
-        return "\n\n".join(said) + "\n"
+        return "\n\n".join(parts) + "\n"
 
     def texts(self) -> dict[str, str]:
         """The page of the measured devices."""
@@ -249,15 +249,17 @@ def verify(
 
         chosen = [*catalogue(), *measured()]
     clock = time.perf_counter()
-    asked = [(truth, method, each) for truth in chosen for method, each in truth.asked.items()]
-    requests = [each for *_, each in asked if isinstance(each, Request)]
-    tasks = [each for *_, each in asked if isinstance(each, Task)]
+    asked = [
+        (truth, method, question) for truth in chosen for method, question in truth.asked.items()
+    ]
+    requests = [question for *_, question in asked if isinstance(question, Request)]
+    tasks = [question for *_, question in asked if isinstance(question, Task)]
     with usual_arithmetic(), open_runner(**checked_options(dict(running))) as runner:
         answers = iter(runner.answer(requests))
-        found = iter(runner.run(tasks))
+        results = iter(runner.run(tasks))
     rows = [
-        row_of(truth, method, next(answers if isinstance(each, Request) else found))
-        for truth, method, each in asked
+        row_of(truth, method, next(answers if isinstance(question, Request) else results))
+        for truth, method, question in asked
     ]
     today = datetime.date.today().isoformat()
     return Verification(rows, time.perf_counter() - clock, today)

@@ -89,7 +89,7 @@ class StatementTest:
 
     def scenes(self, condition: Changes) -> list[Changes]:
         """The changes of the scene whose answers this test needs."""
-        return [with_value(condition, *place) for place in self.places()] or [condition]
+        return [with_value(condition, *setting) for setting in self.places()] or [condition]
 
     def findings(self, *arguments: Any) -> list[Finding]:
         """Findings from the answers of one method at a condition."""
@@ -112,7 +112,9 @@ class Along(StatementTest):
         """(value, answer) of the values for which there is an answer that has the quantity."""
         answers = [read(changes) for changes in self.scenes(condition)]
         pairs = zip(self.values, answers, strict=True)
-        return [(value, each) for value, each in pairs if each and _has(each, self.quantity)]
+        return [
+            (value, answer) for value, answer in pairs if answer and _has(answer, self.quantity)
+        ]
 
     def change(
         self, condition: Changes, first: Any, last: Any, favours: int = 1, decisive: bool = True
@@ -131,12 +133,15 @@ class Trend(Along):
 
     def findings(self, condition: Changes, read: Read) -> list[Finding]:
         """Every step between neighbours, and the whole."""
-        known, favours = self.known(condition, read), 1 if self.rises else -1
-        if len(known) < 2:
+        points, favours = self.known(condition, read), 1 if self.rises else -1
+        if len(points) < 2:
             return []
-        steps = itertools.pairwise(known) if len(known) > 2 else ()
-        found = [self.change(condition, *step, favours, decisive=False) for step in steps]
-        return [*itertools.chain(*found), *self.change(condition, known[0], known[-1], favours)]
+        steps = itertools.pairwise(points) if len(points) > 2 else ()
+        findings = [self.change(condition, *step, favours, decisive=False) for step in steps]
+        return [
+            *itertools.chain(*findings),
+            *self.change(condition, points[0], points[-1], favours),
+        ]
 
 
 @dataclass(frozen=True)
@@ -149,11 +154,11 @@ class InteriorMaximum(Along):
 
     def findings(self, condition: Changes, read: Read) -> list[Finding]:
         """The best interior point against either end."""
-        known = self.known(condition, read)
-        if len(known) < 3:
+        points = self.known(condition, read)
+        if len(points) < 3:
             return []
-        best = max(known[1:-1], key=lambda point: point[1].quantities[self.quantity].estimate)
-        ends = (self.change(condition, end, best) for end in (known[0], known[-1]))
+        best = max(points[1:-1], key=lambda point: point[1].quantities[self.quantity].estimate)
+        ends = (self.change(condition, end, best) for end in (points[0], points[-1]))
         return [*itertools.chain(*ends)]
 
 
@@ -163,15 +168,15 @@ class SingleHump(Along):
 
     def findings(self, condition: Changes, read: Read) -> list[Finding]:
         """Every step, in the direction it should have."""
-        known = self.known(condition, read)
-        if len(known) < 3:
+        points = self.known(condition, read)
+        if len(points) < 3:
             return []
-        values = [answer.quantities[self.quantity].estimate for _, answer in known]
+        values = [answer.quantities[self.quantity].estimate for _, answer in points]
         # A rise up to the edge is no maximum either: the last step before the edge has to fall.
-        top = min(max(int(np.argmax(values)), 1), len(known) - 2)
+        top = min(max(int(np.argmax(values)), 1), len(points) - 2)
         steps = (
             self.change(condition, *step, 1 if k < top else -1)
-            for k, step in enumerate(itertools.pairwise(known))
+            for k, step in enumerate(itertools.pairwise(points))
         )
         return [*itertools.chain(*steps)]
 
@@ -209,7 +214,7 @@ class Stronger(Ranges):
 
     def findings(self, condition: Changes, read: Read) -> list[Finding]:
         """For every strong and every weak key: the difference of the sizes of their changes."""
-        found = []
+        findings = []
         for (strong, ends), (weak, others) in itertools.product(self.ranges, self.weak):
             ours = self.change(condition, read, strong, ends)
             theirs = self.change(condition, read, weak, others)
@@ -217,8 +222,8 @@ class Stronger(Ranges):
                 where = f"{KEY_SYMBOLS[strong]} against {KEY_SYMBOLS[weak]}"
                 where += f" at {name_of(condition)}" if condition else ""
                 effect = abs(ours[0]) - abs(theirs[0])
-                found.append(Finding(where, effect, math.hypot(ours[1], theirs[1])))
-        return found
+                findings.append(Finding(where, effect, math.hypot(ours[1], theirs[1])))
+        return findings
 
 
 @dataclass(frozen=True)
@@ -229,13 +234,13 @@ class Unchanged(Ranges):
 
     def findings(self, condition: Changes, read: Read) -> list[Finding]:
         """A finding for each key, with the margin by which its change stays below the limit."""
-        found = []
+        findings = []
         for key, ends in self.ranges:
             change = self.change(condition, read, key, ends)
             if change:
                 margin = self.limit - abs(change[0])
-                found.append(Finding(_range(condition, key, *ends), *change, margin=margin))
-        return found
+                findings.append(Finding(_range(condition, key, *ends), *change, margin=margin))
+        return findings
 
 
 @dataclass(frozen=True)
@@ -258,16 +263,16 @@ class Opposed(Ranges):
 
         As sure as the less sure of the two signs.
         """
-        found = []
+        findings = []
         for key, ends in self.ranges:
             one = self.change(condition, read, key, ends)
             other = self.change(condition, read, key, ends, self.other)
             if one and other:
-                sure = min(abs(Finding("", *each).sigmas) for each in (one, other))
+                sure = min(abs(Finding("", *change).sigmas) for change in (one, other))
                 error = abs(other[0]) / sure if sure > 0.0 else math.inf
                 favours = -1 if one[0] > 0.0 else 1
-                found.append(Finding(_range(condition, key, *ends), other[0], error, favours))
-        return found
+                findings.append(Finding(_range(condition, key, *ends), other[0], error, favours))
+        return findings
 
 
 @dataclass(frozen=True)
@@ -299,13 +304,13 @@ class Agreement(StatementTest):
         ours, theirs = read(condition), reference(condition)
         if ours is None or theirs is None:
             return []
-        found = []
+        findings = []
         for name in self.quantities:
             change = independent_change(theirs, ours, name)
             if change:
                 where = f"{name.replace('_', ' ')} at {name_of(condition)}"
-                found.append(Finding(where, *change, margin=self.limit - abs(change[0])))
-        return found
+                findings.append(Finding(where, *change, margin=self.limit - abs(change[0])))
+        return findings
 
 
 @dataclass(frozen=True)

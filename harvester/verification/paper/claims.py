@@ -51,10 +51,10 @@ class Opinion:
         pro = [f for f in pro if f.decisive]
         undecided = self.word == UNDECIDED
         sigmas = [abs(f.sigmas) for f in (open_ if undecided else pro + contra)]
-        told = [each for each in sigmas if each < WITHOUT_CHANCE]
+        finite = [sigma for sigma in sigmas if sigma < WITHOUT_CHANCE]
         words = []
-        if told and self.word != UNTESTED:
-            words.append(f"≤ {max(told):.0f} σ" if undecided else f"≥ {min(told):.0f} σ")
+        if finite and self.word != UNTESTED:
+            words.append(f"≤ {max(finite):.0f} σ" if undecided else f"≥ {min(finite):.0f} σ")
         if self.word == IN_PART and not contra:
             # Nothing contradicts the statement: it may hold with more data.
             words.append(f"{len(open_)} of {len(pro) + len(open_)} undecided")
@@ -190,8 +190,8 @@ class Judgement:
                     "conditions": [dict(condition) for condition in claim.conditions],
                     "verdicts": plain(verdicts),
                     "disagreements": [
-                        plain(dict(zip(names, each, strict=True)))
-                        for each in disagreements(verdicts)
+                        plain(dict(zip(names, disagreement, strict=True)))
+                        for disagreement in disagreements(verdicts)
                     ],
                 }
                 for claim, verdicts in self.judged
@@ -213,10 +213,10 @@ def disagreements(verdicts: dict[str, Opinion]) -> list[tuple[str, float, float]
     simulated = {f.where: f for f in verdicts["monte-carlo"].findings}
     pairs = [(f, simulated[f.where]) for f in verdicts["paper"].findings if f.where in simulated]
     return [
-        (printed.where, printed.effect, found.effect)
-        for printed, found in pairs
-        if min(abs(printed.sigmas), abs(found.sigmas)) >= SIGNIFICANT_SIGMAS
-        and (printed.sigmas > 0.0) != (found.sigmas > 0.0)
+        (printed.where, printed.effect, counterpart.effect)
+        for printed, counterpart in pairs
+        if min(abs(printed.sigmas), abs(counterpart.sigmas)) >= SIGNIFICANT_SIGMAS
+        and (printed.sigmas > 0.0) != (counterpart.sigmas > 0.0)
     ]
 
 
@@ -241,11 +241,11 @@ def claims(
     """
     clock = time.perf_counter()
     chosen = tuple(chosen)
-    wanted = _wanted(with_knots(scene), chosen, thorough)
-    requests = costly_first(dict.fromkeys(wanted.values()))
+    request_of_point = _wanted(with_knots(scene), chosen, thorough)
+    requests = costly_first(dict.fromkeys(request_of_point.values()))
     with open_runner(**running) as runner:
         outcomes = dict(zip(requests, runner.answer(requests), strict=True))
-    answers = {place: outcomes[request] for place, request in wanted.items()}
+    answers = {point: outcomes[request] for point, request in request_of_point.items()}
     verdicts = [{m: _opinion(scene, claim, m, answers) for m in METHODS} for claim in chosen]
     return Judgement(scene, chosen, verdicts, answers, thorough, time.perf_counter() - clock)
 

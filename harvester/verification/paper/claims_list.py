@@ -91,7 +91,7 @@ CORRELATION_TIMES = (0.1, 0.4, 1.1)
 
 def _claims(section, sentence, *tested):
     """Statements that one sentence makes: what is tested, by what, under which conditions."""
-    return tuple(Claim(section, sentence, *each) for each in tested)
+    return tuple(Claim(section, sentence, *test) for test in tested)
 
 
 CLAIMS = (

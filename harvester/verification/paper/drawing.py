@@ -75,14 +75,14 @@ def _draw_sweeps(content):
     width = 3.3 * columns + (2.0 if columns == 1 else 0.0)
     figure = _figure(content, content.layout.title, width, 2.6 * rows + 1.1)
     axes = figure.subplots(rows, columns, sharex="col", squeeze=False)
-    for place, (panel, lines) in enumerate(zip(content.layout.panels, content.lines, strict=True)):
+    for column, (panel, lines) in enumerate(zip(content.layout.panels, content.lines, strict=True)):
         for row, quantity in enumerate(content.layout.quantities):
-            _draw_curves(axes[row, place], panel, lines, quantity)
-            axes[row, place].set_ylabel(NAMES[quantity] if place == 0 else "")
+            _draw_curves(axes[row, column], panel, lines, quantity)
+            axes[row, column].set_ylabel(NAMES[quantity] if column == 0 else "")
         if columns > 1:
-            axes[0, place].set_title(f"({LETTERS[place]})")
-        axes[-1, place].set_xlabel(f"${_tex(panel.swept)}$")
-        _curve_legend(axes[0, place], panel)
+            axes[0, column].set_title(f"({LETTERS[column]})")
+        axes[-1, column].set_xlabel(f"${_tex(panel.swept)}$")
+        _curve_legend(axes[0, column], panel)
     _method_legend(figure, content)
     return figure
 
@@ -132,7 +132,7 @@ def _draw_densities(content):
     columns = len(content.layout.panels)
     figure = _figure(content, content.layout.title, 3.4 * columns, 3.6)
     axes = figure.subplots(1, columns, squeeze=False)[0]
-    for place, (panel, lines) in enumerate(zip(content.layout.panels, content.lines, strict=True)):
+    for column, (panel, lines) in enumerate(zip(content.layout.panels, content.lines, strict=True)):
         highest, reach = 0.0, 0.0
         for colour, line in zip(COLOURS, lines, strict=False):
             for method, ((_, outcome),) in line.items():
@@ -140,20 +140,20 @@ def _draw_densities(content):
                     continue
                 density: Any = outcome.density
                 if method in MARKS:
-                    _density_symbols(axes[place], method, density, colour)
+                    _density_symbols(axes[column], method, density, colour)
                     seen = density.density > WORTH_DRAWING * density.density.max()
                     reach = max(reach, np.abs(density.centre[seen]).max())
                     highest = max(highest, density.density.max())
                 else:
                     style = _style(method)
-                    axes[place].plot(density.centre, density.density, style, color=colour)
+                    axes[column].plot(density.centre, density.density, style, color=colour)
         if highest > 0.0:
-            axes[place].set_xlim(-1.05 * reach, 1.05 * reach)
-            axes[place].set_ylim(0.0, min(axes[place].get_ylim()[1], HEADROOM * highest))
-        axes[place].set_title(f"({LETTERS[place]})")
-        axes[place].set_xlabel("$X$")
-        axes[place].set_ylabel("$p(X)$" if place == 0 else "")
-        _curve_legend(axes[place], panel)
+            axes[column].set_xlim(-1.05 * reach, 1.05 * reach)
+            axes[column].set_ylim(0.0, min(axes[column].get_ylim()[1], HEADROOM * highest))
+        axes[column].set_title(f"({LETTERS[column]})")
+        axes[column].set_xlabel("$X$")
+        axes[column].set_ylabel("$p(X)$" if column == 0 else "")
+        _curve_legend(axes[column], panel)
     _method_legend(figure, content)
     return figure
 
@@ -224,12 +224,12 @@ def _draw_surfaces(content):
         (content.energy, "$H$", ""),
         (np.maximum(content.frequency, TRENCH), r"$\omega$", f"cut off below {TRENCH:g} rad/s"),
     )
-    for place, (surface, label, words) in enumerate(panels):
-        axes = figure.add_subplot(1, 2, place + 1, projection="3d")
+    for index, (surface, label, words) in enumerate(panels):
+        axes = figure.add_subplot(1, 2, index + 1, projection="3d")
         axes.plot_surface(
             x, v, surface, cmap="viridis", linewidth=0, antialiased=False, rcount=121, ccount=121
         )
-        axes.set_title(f"({LETTERS[place]}) {words}")
+        axes.set_title(f"({LETTERS[index]}) {words}")
         axes.set_xlabel("$X$")
         axes.set_ylabel(r"$\dot X$")
         axes.set_zlabel(label)

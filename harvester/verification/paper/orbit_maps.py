@@ -158,8 +158,8 @@ def surfaces(scene: Scene) -> Surfaces:
         scene=scene,
         displacement=x,
         velocity=v,
-        energy=_over_plane(x, v, [(each, each.height) for each in (wells, outer)]),
-        frequency=_over_plane(x, v, [(each, each.frequency) for each in (wells, outer)]),
+        energy=_over_plane(x, v, [(orbits, orbits.height) for orbits in (wells, outer)]),
+        frequency=_over_plane(x, v, [(orbits, orbits.frequency) for orbits in (wells, outer)]),
         wall_seconds=time.perf_counter() - clock,
     )
 

@@ -153,10 +153,18 @@ class Reproduction:
         """Header and rows of numbers, one a point and quantity."""
         header = ["panel", "curve", "method", "value", "quantity", "estimate", "standard_error"]
         rows = [
-            [panel.swept, curve.label, method, value, name, each.estimate, each.standard_error]
+            [
+                panel.swept,
+                curve.label,
+                method,
+                value,
+                name,
+                estimate.estimate,
+                estimate.standard_error,
+            ]
             for panel, curve, method, value, outcome in self.points()
             if answered(outcome)
-            for name, each in outcome.quantities.items()
+            for name, estimate in outcome.quantities.items()
         ]
         return header, rows
 
@@ -216,14 +224,16 @@ def reproduce(
         check_name("figure", name, FIGURES)
     plans = {name: _plan(scene, FIGURES[name], quick, precision) for name in names}
     requests = {name: costly_first(_requests(plan)) for name, plan in plans.items()}
-    missing = {name: set(wanted) for name, wanted in requests.items()}
-    ordered = list(dict.fromkeys(r for wanted in requests.values() for r in wanted))
+    missing = {name: set(figure_requests) for name, figure_requests in requests.items()}
+    ordered = list(
+        dict.fromkeys(r for figure_requests in requests.values() for r in figure_requests)
+    )
     answers, contents = {}, {}
 
     def collect(index, outcome):
         one = ordered[index]
         answers[one] = outcome
-        for name in [name for name, wanted in missing.items() if one in wanted]:
+        for name in [name for name, unanswered in missing.items() if one in unanswered]:
             missing[name].remove(one)
             if not missing[name]:
                 lines, seconds = _answered(plans[name], answers), time.perf_counter() - clock
@@ -264,11 +274,13 @@ def _plan(scene, figure, quick, precision=None):
 
     def line(panel, place, curve):
         device = scene.replace(dict(curve.changes))
-        wanted = values(panel, place, curve, quick)
-        return {m: [(v, asked(device, panel, v, m)) for v in at] for m, at in wanted.items()}
+        values_by_method = values(panel, place, curve, quick)
+        return {
+            m: [(v, asked(device, panel, v, m)) for v in at] for m, at in values_by_method.items()
+        }
 
     return [
-        [line(panel, place, curve) for place, curve in enumerate(panel.curves)]
+        [line(panel, index, curve) for index, curve in enumerate(panel.curves)]
         for panel in figure.panels
     ]
 

@@ -177,7 +177,7 @@ def _reference_length(scene):
     wells = [abs(x) for x in bare.roots() if bare.slope(x) > 0.0]
     if any(wells):
         return float(max(wells))
-    return min((each.gap for each in system.contacts), default=1.0)
+    return min((contact.gap for contact in system.contacts), default=1.0)
 
 
 def _scene_value(scene, name, value):
@@ -221,8 +221,8 @@ def _capacitance(scene, symbol):
 
 def run_length(scene: Scene) -> tuple[float, float]:
     """Settling and measured time (s) of Monte Carlo's realizations within the budget of steps."""
-    ready = prepared(scene)
-    step = knot_spacing(ready) / steps_per_knot(ready, engine="monte-carlo")
+    prepared_scene = prepared(scene)
+    step = knot_spacing(prepared_scene) / steps_per_knot(prepared_scene, engine="monte-carlo")
     affordable = STEP_BUDGET * step / scene.run.realizations
     settle = min(SETTLED_TIMES * slowest_time(scene), LARGEST_SETTLED_SHARE * affordable)
     return settle, affordable - settle

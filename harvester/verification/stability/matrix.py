@@ -79,12 +79,14 @@ class StabilityMatrix:
 
     def _cells_of(self, row):
         answers = [row.answer(method) for method in self.methods]
-        residuals = [each.residual for each in answers if each and each.residual is not None]
+        residuals = [
+            answer.residual for answer in answers if answer and answer.residual is not None
+        ]
         return [
             row.case.title,
             *(cell_text(row.cells[method]) for method in self.methods),
             " | ".join(f"{residual:+.2%}" for residual in residuals) or "—",
-            f"{sum(each.seconds for each in answers if each):.1f}",
+            f"{sum(answer.seconds for answer in answers if answer):.1f}",
         ]
 
     def sentences(self) -> list[str]:
@@ -170,10 +172,10 @@ def stability(
     clock = time.perf_counter()
     cases = default_cases() if cases is None else tuple(cases)
     scenes = [_changed_or_refused(scene, case) for case in cases]
-    possible = [each for each in scenes if isinstance(each, Scene)]
+    possible = [varied for varied in scenes if isinstance(varied, Scene)]
     running.setdefault("time_limit", TIME_LIMIT)
     with open_runner(**running) as runner:
-        tasks = [_task(each, method, step, runner) for each in possible for method in METHODS]
+        tasks = [_task(varied, method, step, runner) for varied in possible for method in METHODS]
         outcomes = iter(runner.run(tasks))
     rows = []
     for case, changed_scene in zip(cases, scenes, strict=True):
@@ -194,7 +196,9 @@ def cell_text(cell: Cell) -> str:
     """The verdict's word, or who judged and how sharply."""
     if cell.word != RIGHT:
         return cell.word
-    return ", ".join(f"{_short(each.judge)} {_percent(each.sharpness)}" for each in cell.judges)
+    return ", ".join(
+        f"{_short(evidence.judge)} {_percent(evidence.sharpness)}" for evidence in cell.judges
+    )
 
 
 def _short(judge):

@@ -103,20 +103,21 @@ def path_deviation(
     In a worker process; of the scene's run only the seed counts.
     """
     brief = path_scene(scene)
-    ready = prepared(brief)
+    prepared_scene = prepared(brief)
     reference = reference_engine(scene)
     fine = states_at_knots(brief, _paths(brief, reference, "fine"))
     sizes = _root_mean_square(fine - fine[:, :1] * (1.0, 0.0, 0.0))
     comparable = _comparable(brief, reference, fine, sizes)
-    own_step = knot_spacing(ready) / steps_per_knot(ready, step, engine)
+    own_step = knot_spacing(prepared_scene) / steps_per_knot(prepared_scene, step, engine)
     runs = _paths(brief, engine, step), _paths(brief, engine, own_step / FINER)
-    at_step, at_finer = (states_at_knots(brief, each) for each in runs)
+    at_step, at_finer = (states_at_knots(brief, realizations) for realizations in runs)
     step_errors = (at_step - at_finer) / sizes
     compared = comparable & _close(step_errors, LARGEST_STEP_ERROR)
     times = [
-        knot_spacing(ready) * float(each.sum(axis=1).mean()) for each in (compared, comparable)
+        knot_spacing(prepared_scene) * float(knots.sum(axis=1).mean())
+        for knots in (compared, comparable)
     ]
-    stiff = side_by_side.contacts_shorten_steps(ready, step)
+    stiff = side_by_side.contacts_shorten_steps(prepared_scene, step)
     least = LEAST_OF_STIFF_CONTACTS if stiff else LEAST_DEVIATION
     deviation = PathDeviation(
         reference=reference,
@@ -142,8 +143,8 @@ def _of_mechanics(scene, runs, states, compared):
     if reference_engine(scene) != "circuit" or not can_replay(scene) or not compared.any():
         return np.nan
     apart = [
-        place[..., 0] - replayed(scene, [each.waveform for each in ours])
-        for ours, place in zip(runs, states, strict=True)
+        path_states[..., 0] - replayed(scene, [realization.waveform for realization in ours])
+        for ours, path_states in zip(runs, states, strict=True)
     ]
     size = np.sqrt(np.mean(np.square(states[1][..., 0] - states[1][:, :1, 0])))
     return float(np.sqrt(np.mean(np.square(_limit(*apart)[compared]))) / size)
@@ -151,9 +152,9 @@ def _of_mechanics(scene, runs, states, compared):
 
 def path_scene(scene: Scene) -> Scene:
     """The scene for so many steps, from a typical state."""
-    ready = prepared(scene)
-    spacing, period = knot_spacing(ready), _period(scene)
-    step = spacing / steps_per_knot(ready)
+    prepared_scene = prepared(scene)
+    spacing, period = knot_spacing(prepared_scene), _period(scene)
+    step = spacing / steps_per_knot(prepared_scene)
     periods = PATH_STEPS * step / (MOST_PATHS * period)
     length = min(max(periods, FEWEST_PERIODS), MOST_PERIODS) * period
     paths = min(max(int(PATH_STEPS * step / length), FEWEST_PATHS), MOST_PATHS)
@@ -187,24 +188,24 @@ def _typical_start(scene):
     """A state in which Monte Carlo is after many steps, in no contact, as keys of the scene."""
     if scene.start or reference_engine(scene) != "monte-carlo":
         return {}
-    ready = prepared(scene)
-    settling = _from_rest(scene, max(round(SETTLING_STEPS / steps_per_knot(ready)), 1), 1)
+    prepared_scene = prepared(scene)
+    settling = _from_rest(scene, max(round(SETTLING_STEPS / steps_per_knot(prepared_scene)), 1), 1)
     stop = settling.run.duration
     window = (stop - _period(scene), 2.0 * stop)
     [settled] = run(settling, MonteCarlo(), [0], window, ignore)
-    system, scales = ready.system, ready.scales
+    system, scales = prepared_scene.system, prepared_scene.scales
     last: Any = settled.waveform
     low, high = timescales.free_zone(system)
     # A mass that is pressed against a stopper is never free: the last point is taken.
     free = np.flatnonzero((last.displacement > low) & (last.displacement < high))
-    place = free[-1] if free.size else -1
+    last_free = free[-1] if free.size else -1
     start = {
-        "start.displacement": float(last.displacement[place] * scales.displacement),
-        "start.velocity": float(last.velocity[place] * scales.displacement),
+        "start.displacement": float(last.displacement[last_free] * scales.displacement),
+        "start.velocity": float(last.velocity[last_free] * scales.displacement),
     }
     # A coil with inductance has a current, which no scene can start with.
     if isinstance(scene.transducer, PiezoTable):
-        start["start.voltage"] = float(last.voltage[place] * scales.voltage)
+        start["start.voltage"] = float(last.voltage[last_free] * scales.voltage)
     return start
 
 
@@ -248,5 +249,5 @@ def _mean_squares(paths, fine, compared):
     """Largest deviation of the mean squares of X' and V over the compared knots, as a share."""
     if not compared.any():
         return np.nan
-    ours, theirs = (np.mean(np.square(each[compared][:, 1:]), axis=0) for each in (paths, fine))
+    ours, theirs = (np.mean(np.square(states[compared][:, 1:]), axis=0) for states in (paths, fine))
     return float(np.abs(ours / np.where(theirs > 0.0, theirs, 1.0) - 1.0)[theirs > 0.0].max())

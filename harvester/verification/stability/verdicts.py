@@ -95,8 +95,8 @@ class Cell:
         """The first evidence of each judge that is sharp enough (on E[V²] if there is any),
         sharpest first."""
         first: dict[str, Evidence] = {}
-        for each in self.evidence:
-            first.setdefault(each.judge, each)
+        for evidence in self.evidence:
+            first.setdefault(evidence.judge, evidence)
         return sorted((e for e in first.values() if e.sharp), key=lambda each: each.sharpness)
 
 
@@ -117,26 +117,26 @@ class CaseRow:
 
     def answer(self, method: str) -> CaseAnswer | None:
         """The method's answer; None if it has none."""
-        found = self.answers[method]
-        return found if isinstance(found, CaseAnswer) else None
+        answer = self.answers[method]
+        return answer if isinstance(answer, CaseAnswer) else None
 
     def to_dict(self) -> dict[str, Any]:
         """Plain values for JSON."""
-        given = {method: self.answer(method) for method in self.answers}
+        answered = {method: self.answer(method) for method in self.answers}
         return {
             **fields_of(self.case),
             "verdicts": plain(self.cells),
-            "answers": plain({method: each for method, each in given.items() if each}),
+            "answers": plain({method: answer for method, answer in answered.items() if answer}),
         }
 
 
 def judged(case: Case, scene: Scene | None, answers: dict[str, Any]) -> CaseRow:
     """The row of one case from what engines and closures said; `scene` is that of the case."""
     cells = {method: _without_answer(outcome) for method, outcome in answers.items()}
-    given = {method: answers[method] for method, cell in cells.items() if cell is None}
-    for method, found in given.items():
-        evidence = _of_engine(found) if method in ENGINES else _of_closure(method, found)
-        cells[method] = _weighed(found, (*evidence, *_of_means(method, scene, given)))
+    answered = {method: answers[method] for method, cell in cells.items() if cell is None}
+    for method, answer in answered.items():
+        evidence = _of_engine(answer) if method in ENGINES else _of_closure(method, answer)
+        cells[method] = _weighed(answer, (*evidence, *_of_means(method, scene, answered)))
     return CaseRow(case, answers, cells)
 
 
@@ -156,7 +156,7 @@ def _without_answer(outcome):
 def _weighed(found, evidence):
     if found.residual is not None and not abs(found.residual) < LARGEST_RESIDUAL:
         return Cell(WRONG, f"energy balance residual {found.residual:.2%}", evidence)
-    objections = [str(each) for each in evidence if not each.agrees]
+    objections = [str(comparison) for comparison in evidence if not comparison.agrees]
     if objections:
         return Cell(WRONG, "; ".join(objections), evidence)
     cell = Cell(RIGHT, "", evidence)
@@ -165,7 +165,7 @@ def _weighed(found, evidence):
 
 def _why_not(found, evidence):
     if evidence:
-        return f"known to {min(each.sharpness for each in evidence):.0%} only"
+        return f"known to {min(comparison.sharpness for comparison in evidence):.0%} only"
     if found.path and found.path.comparable_periods < FEWEST_PERIODS:
         return f"paths can be compared for {found.path.comparable_periods:.1f} periods only"
     if found.path:
@@ -199,8 +199,8 @@ def _of_closure(closure, found):
     largest = LARGEST_NUMERICAL_ERROR.get(closure, USUAL_NUMERICAL_ERROR)
     evidence = []
     for name in MEANS:
-        each = found.estimates[name]
-        share = _share(each.standard_error, each.estimate)
+        estimate = found.estimates[name]
+        share = _share(estimate.standard_error, estimate.estimate)
         evidence.append(Evidence("coarser grid", _words(name), share, share, largest))
     return evidence
 
@@ -219,23 +219,25 @@ def _of_means(method, scene, given):
     if method == SOLVER:
         return list(_of_pair(simulated, solved, "Monte Carlo")) if solved else []
     evidence = [
-        each
+        comparison
         for form, means in closed_forms(scene, simulated.realizations).items()
         for name, (value, error) in means.items()
-        for each in _of_mean(form, name, simulated.estimates[name], value, error)
+        for comparison in _of_mean(form, name, simulated.estimates[name], value, error)
     ]
     if solved:
         # If circuit and Monte Carlo follow the same path, the stationary solution is the one that
         # is wrong.
         pair = _of_pair(simulated, solved, SOLVER)
-        evidence += [each for each in pair if each.agrees or not _same_path(given)]
+        evidence += [
+            comparison for comparison in pair if comparison.agrees or not _same_path(given)
+        ]
     return evidence
 
 
 def _same_path(given):
     """Whether the circuit follows Monte Carlo's path."""
     evidence = _of_engine(given["circuit"]) if "circuit" in given else ()
-    return bool(evidence) and all(each.agrees for each in evidence)
+    return bool(evidence) and all(comparison.agrees for comparison in evidence)
 
 
 def _of_pair(simulated, solved, judge):
