@@ -46,6 +46,11 @@ LEAST_FOLLOWED = 0.1
 LARGEST_NUMERICAL_ERROR = {"fokker_planck": 2e-2}
 USUAL_NUMERICAL_ERROR = 1e-3
 SOLVER = "fokker_planck"
+SHORT_NAMES = {
+    "coarser grid": "grid",
+    "fokker_planck": "stationary",
+    "the mass under the recorded voltage": "mass",
+}
 
 
 @dataclass(frozen=True)
@@ -83,7 +88,7 @@ class Evidence:
 
 
 @dataclass(frozen=True)
-class Cell:
+class CaseVerdict:
     """The verdict on one case by one method: one of `WORDS`, why, and what it rests on."""
 
     word: str = field(metadata=key("verdict"))
@@ -97,7 +102,13 @@ class Cell:
         first: dict[str, Evidence] = {}
         for evidence in self.evidence:
             first.setdefault(evidence.judge, evidence)
-        return sorted((e for e in first.values() if e.sharp), key=lambda each: each.sharpness)
+        return sorted((e for e in first.values() if e.sharp), key=lambda e: e.sharpness)
+
+    def text(self) -> str:
+        """The verdict's word, or who judged and how sharply."""
+        if self.word != RIGHT:
+            return self.word
+        return ", ".join(f"{_short(e.judge)} {_percent(e.sharpness)}" for e in self.judges)
 
 
 @dataclass(frozen=True)
@@ -108,12 +119,12 @@ class CaseRow:
     ----------
     answers : dict of str to CaseAnswer, HarvesterError or None
         Answers by engine and closure; None if time ran out before one.
-    cells : dict of str to Cell
+    cells : dict of str to CaseVerdict
     """
 
     case: Case
     answers: dict[str, Any]
-    cells: dict[str, Cell]
+    cells: dict[str, CaseVerdict]
 
     def answer(self, method: str) -> CaseAnswer | None:
         """The method's answer; None if it has none."""
@@ -145,22 +156,22 @@ def _without_answer(outcome):
     if isinstance(outcome, CaseAnswer):
         return None
     if outcome is None:
-        return Cell(UNFINISHED, "the time budget ended before it")
+        return CaseVerdict(UNFINISHED, "the time budget ended before it")
     if isinstance(outcome, SimulatorTimeout):
-        return Cell(UNFINISHED, str(outcome))
+        return CaseVerdict(UNFINISHED, str(outcome))
     if isinstance(outcome, REFUSALS):
-        return Cell(REFUSED, str(outcome))
-    return Cell(WRONG, f"{type(outcome).__name__}: {outcome}")
+        return CaseVerdict(REFUSED, str(outcome))
+    return CaseVerdict(WRONG, f"{type(outcome).__name__}: {outcome}")
 
 
 def _weighed(found, evidence):
     if found.residual is not None and not abs(found.residual) < LARGEST_RESIDUAL:
-        return Cell(WRONG, f"energy balance residual {found.residual:.2%}", evidence)
+        return CaseVerdict(WRONG, f"energy balance residual {found.residual:.2%}", evidence)
     objections = [str(comparison) for comparison in evidence if not comparison.agrees]
     if objections:
-        return Cell(WRONG, "; ".join(objections), evidence)
-    cell = Cell(RIGHT, "", evidence)
-    return cell if cell.judges else Cell(NOT_JUDGED, _why_not(found, evidence), evidence)
+        return CaseVerdict(WRONG, "; ".join(objections), evidence)
+    cell = CaseVerdict(RIGHT, "", evidence)
+    return cell if cell.judges else CaseVerdict(NOT_JUDGED, _why_not(found, evidence), evidence)
 
 
 def _why_not(found, evidence):
@@ -265,3 +276,12 @@ def _share(part, whole):
 
 def _words(name):
     return name.replace("_", " ")
+
+
+def _short(judge):
+    return "path" if judge.endswith("path") else SHORT_NAMES.get(judge, judge)
+
+
+def _percent(share):
+    """A percentage with one digit, or two if the first is 1."""
+    return f"{100.0 * share:.2g} %" if share >= 1e-4 else "<0.01 %"
