@@ -108,7 +108,7 @@ class Along(StatementTest):
         """(key, value) for each value of the key."""
         return [(self.swept, value) for value in self.values]
 
-    def known(self, condition: Changes, read: Read) -> list[tuple[float, Answer]]:
+    def answered_points(self, condition: Changes, read: Read) -> list[tuple[float, Answer]]:
         """(value, answer) of the values for which there is an answer that has the quantity."""
         answers = [read(changes) for changes in self.scenes(condition)]
         pairs = zip(self.values, answers, strict=True)
@@ -133,7 +133,7 @@ class Trend(Along):
 
     def findings(self, condition: Changes, read: Read) -> list[Finding]:
         """Every step between neighbours, and the whole."""
-        points, favours = self.known(condition, read), 1 if self.rises else -1
+        points, favours = self.answered_points(condition, read), 1 if self.rises else -1
         if len(points) < 2:
             return []
         steps = itertools.pairwise(points) if len(points) > 2 else ()
@@ -154,7 +154,7 @@ class InteriorMaximum(Along):
 
     def findings(self, condition: Changes, read: Read) -> list[Finding]:
         """The best interior point against either end."""
-        points = self.known(condition, read)
+        points = self.answered_points(condition, read)
         if len(points) < 3:
             return []
         best = max(points[1:-1], key=lambda point: point[1].quantities[self.quantity].estimate)
@@ -168,7 +168,7 @@ class SingleHump(Along):
 
     def findings(self, condition: Changes, read: Read) -> list[Finding]:
         """Every step, in the direction it should have."""
-        points = self.known(condition, read)
+        points = self.answered_points(condition, read)
         if len(points) < 3:
             return []
         values = [answer.quantities[self.quantity].estimate for _, answer in points]
@@ -343,7 +343,7 @@ def relative_change(first: Answer, second: Answer, quantity: str) -> tuple[float
     Paired on the common noise where both have their moments; None of nothing.
     """
     if first.moments and second.moments:
-        paired = _paired(first, second).get(quantity)
+        paired = paired_difference(second, first).get(quantity)
         if paired is not None and paired.standard_error is not None:
             return paired.estimate, paired.standard_error
     return independent_change(first, second, quantity)
@@ -355,10 +355,6 @@ def independent_change(first: Answer, second: Answer, quantity: str) -> tuple[fl
     if not a:
         return None
     return b / a - 1.0, math.hypot(error_b, error_a * b / a) / abs(a)
-
-
-def _paired(first, second):
-    return paired_difference(second, first)
 
 
 def _has(answer, quantity):

@@ -15,8 +15,7 @@ from harvester.scene.model import Scene
 from harvester.verification.paper.claim_tests import Finding, Trend, name_of
 from harvester.verification.paper.claims_list import CLAIMS, JUMPING, Claim
 from harvester.verification.paper.density_features import FEATURES
-from harvester.verification.paper.reproduce import answered, reason
-from harvester.verification.paper.runs import costly_first, request
+from harvester.verification.paper.runs import answered, costly_first, reason, request
 from harvester.verification.quantities import SIGNIFICANT_SIGMAS
 
 HOLDS, IN_PART, FAILS = "holds", "holds in part", "does not hold"

@@ -8,10 +8,8 @@ import numpy as np
 
 from harvester.averaging import NOISE_CLOSURES
 from harvester.results.drawing import WORTH_DRAWING
-from harvester.show.figures import drawn
 from harvester.verification.paper.figures_list import KEY_SYMBOLS
-from harvester.verification.paper.orbit_maps import OrbitVoltages, Surfaces
-from harvester.verification.paper.reproduce import Reproduction, answered
+from harvester.verification.paper.runs import answered
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -35,28 +33,17 @@ SYMBOLS_ACROSS = 36
 FADED = 0.35
 # Width of a legend entry below a figure, in inches.
 LEGEND_ENTRY = 1.9
-# In Fig. 2 the frequency falls to 0 at the separatrix. Below this value, in rad/s, the dip is
-# narrower than the grid.
-TRENCH = 1.0
 # The axis ends at this multiple of the highest simulated value; higher curves are cut off.
 HEADROOM = 2.2
 
 
-def draw(content: Reproduction | Surfaces | OrbitVoltages) -> Figure:
-    """Figure of a Reproduction, Surfaces or OrbitVoltages."""
-    if isinstance(content, Surfaces):
-        return _draw_surfaces(content)
-    if isinstance(content, OrbitVoltages):
-        return _draw_orbit_voltages(content)
+def draw(content: Any) -> Figure:
+    """Figure of a `Reproduction`."""
     return _draw_densities(content) if content.layout.kind == "density" else _draw_sweeps(content)
 
 
-def figure_of(content: Reproduction | Surfaces | OrbitVoltages) -> Figure:
-    """The figure of `draw` in the project's style."""
-    return drawn(draw, content)
-
-
-def _figure(content, title, width, height):
+def titled_figure(content: Any, title: str, width: float, height: float) -> Figure:
+    """An empty figure of a size in inches, with the paper's number and a title."""
     from matplotlib.figure import Figure
 
     figure = Figure(figsize=(width, height))
@@ -73,7 +60,7 @@ def _draw_sweeps(content):
     """A row of axes for each quantity, a column for each panel."""
     rows, columns = len(content.layout.quantities), len(content.layout.panels)
     width = 3.3 * columns + (2.0 if columns == 1 else 0.0)
-    figure = _figure(content, content.layout.title, width, 2.6 * rows + 1.1)
+    figure = titled_figure(content, content.layout.title, width, 2.6 * rows + 1.1)
     axes = figure.subplots(rows, columns, sharex="col", squeeze=False)
     for column, (panel, lines) in enumerate(zip(content.layout.panels, content.lines, strict=True)):
         for row, quantity in enumerate(content.layout.quantities):
@@ -130,7 +117,7 @@ def _symbols(axes, method, x, y, errors, colour, opacity=1.0):
 
 def _draw_densities(content):
     columns = len(content.layout.panels)
-    figure = _figure(content, content.layout.title, 3.4 * columns, 3.6)
+    figure = titled_figure(content, content.layout.title, 3.4 * columns, 3.6)
     axes = figure.subplots(1, columns, squeeze=False)[0]
     for column, (panel, lines) in enumerate(zip(content.layout.panels, content.lines, strict=True)):
         highest, reach = 0.0, 0.0
@@ -215,63 +202,3 @@ def _tex(key):
         "λ": r"\lambda",
         "β": r"\beta",
     }.get(KEY_SYMBOLS[key], KEY_SYMBOLS[key])
-
-
-def _draw_surfaces(content):
-    figure = _figure(content, "energy and frequency of the undisturbed system", 9.0, 4.2)
-    x, v = np.meshgrid(content.displacement, content.velocity)
-    panels = (
-        (content.energy, "$H$", ""),
-        (np.maximum(content.frequency, TRENCH), r"$\omega$", f"cut off below {TRENCH:g} rad/s"),
-    )
-    for index, (surface, label, words) in enumerate(panels):
-        axes = figure.add_subplot(1, 2, index + 1, projection="3d")
-        axes.plot_surface(
-            x, v, surface, cmap="viridis", linewidth=0, antialiased=False, rcount=121, ccount=121
-        )
-        axes.set_title(f"({LETTERS[index]}) {words}")
-        axes.set_xlabel("$X$")
-        axes.set_ylabel(r"$\dot X$")
-        axes.set_zlabel(label)
-        axes.set_box_aspect((1.0, 1.0, 0.75), zoom=0.9)
-    return figure
-
-
-def _draw_orbit_voltages(content):
-    figure = _figure(content, "voltage over frequency with and without impact", 6.0, 4.2)
-    axes = figure.add_subplot()
-    looks = {
-        "without": ("black", "--", "without impact, $K = 0$"),
-        "with stoppers": (COLOURS[1], "-", f"with impact, $K = {_stiffness(content):g}$"),
-    }
-    for device, (colour, style, label) in looks.items():
-        for name, response in content.responses[device].items():
-            frequency = np.concatenate([response.frequency, response.frequency[::-1]])
-            outline = np.concatenate([response.highest, response.lowest[::-1]])
-            text = label if name == "wells" else None
-            axes.fill(frequency, outline, facecolor=colour, alpha=0.08)
-            axes.plot(frequency, outline, style, color=colour, label=text)
-            for column in (1, 2):
-                axes.plot(
-                    response.checked[:, 0],
-                    response.checked[:, column],
-                    "o" if device == "with stoppers" else "s",
-                    color=colour,
-                    markersize=4,
-                    markerfacecolor="white",
-                )
-    axes.set_xlabel(r"$\omega$ [rad/s]")
-    axes.set_ylabel("$V$")
-    figure.legend(
-        loc="outside lower center",
-        ncols=2,
-        title="lines: Eq. 10 along each orbit; symbols: Eq. 4b itself, whose V has no mean:\n"
-        "inside a well Eq. 10 measures it from the well's bottom",
-        title_fontsize=8,
-    )
-    return figure
-
-
-def _stiffness(content):
-    (pair,) = content.scene.stoppers
-    return pair.stiffness
