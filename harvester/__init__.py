@@ -92,7 +92,7 @@ if TYPE_CHECKING:
         time_to_accuracy as time_to_accuracy,
     )
     from harvester.verification.accuracy.work_precision import work_precision as work_precision
-    from harvester.verification.known_results.truth import verify as verify
+    from harvester.verification.known_results.verify import verify as verify
     from harvester.verification.paper.claims import claims as claims
     from harvester.verification.paper.reproduce import reproduce as reproduce
     from harvester.verification.stability.matrix import stability as stability
@@ -131,7 +131,7 @@ _WHERE = {
     "work_precision": "harvester.verification.accuracy.work_precision",
     "time_to_accuracy": "harvester.verification.accuracy.time_to_accuracy",
     "stability": "harvester.verification.stability.matrix",
-    "verify": "harvester.verification.known_results.truth",
+    "verify": "harvester.verification.known_results.verify",
     "reproduce": "harvester.verification.paper.reproduce",
     "claims": "harvester.verification.paper.claims",
     "schematic": "circuits.schematic.drawing",

@@ -27,7 +27,7 @@ if TYPE_CHECKING:
     from harvester.calling import SceneOrName
     from harvester.scene.model import Scene
     from harvester.verification.accuracy.work_precision import WorkPrecision
-    from harvester.verification.known_results.truth import Verification
+    from harvester.verification.known_results.verify import Verification
     from harvester.verification.paper.claims import Judgement
     from harvester.verification.stability.matrix import StabilityMatrix
 
@@ -47,7 +47,7 @@ def verify(**running: Unpack[RunnerOptions]) -> Verification:
     Closed forms, limits, published powers and other integrators stand beside the circuit, Monte
     Carlo and the stationary solver; exit code 1 where one disagrees.
     """
-    from harvester.verification.known_results.truth import verify
+    from harvester.verification.known_results.verify import verify
 
     return verify(**running)
 

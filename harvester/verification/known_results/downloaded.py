@@ -36,6 +36,11 @@ GET_BISTABLEX = (
     "BISTABLEX names no folder: clone americocunhajr/BistableX from GitHub, and set "
     "BISTABLEX=BistableX/DataExperimental"
 )
+# By the set's name, what to do.
+HOW_TO_GET = {
+    SILVERBOX: GET_SILVERBOX.partition(": ")[2],
+    BISTABLEX: GET_BISTABLEX.partition(": ")[2],
+}
 # Tilts of the base (degrees) and, by frequency (Hz), the levels of the shaker (mV) with turned
 # magnets left out. At 9.1 Hz and 200 mV there is one record, of another frequency than its name's.
 TILTS, LEVELS = (0, 10, 25, 45), {6.3: (25, 50, 100, 150, 200), 9.1: (25, 50, 100, 150)}
@@ -47,12 +52,6 @@ CONSTANT_FORCE = "oscillator.restoring_force[0]"
 def downloaded() -> list[Truth]:
     """A row of each set, which says how to get it where it is not there."""
     return [_silverbox(), _bistable_beam()]
-
-
-def how_to_get() -> dict[str, str]:
-    """By the set's name, what to do."""
-    instructions = {SILVERBOX: GET_SILVERBOX, BISTABLEX: GET_BISTABLEX}
-    return {name: text.partition(": ")[2] for name, text in instructions.items()}
 
 
 def _silverbox():

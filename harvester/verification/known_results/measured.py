@@ -29,7 +29,7 @@ STORED, RECTIFIED = 10.0, 260.0
 
 
 @dataclass(frozen=True)
-class Lumped:
+class LumpedCantilever:
     """A cantilever's first mode, in SI: M, K, θ, Cp, μ and ζ."""
 
     mass: float
@@ -73,9 +73,9 @@ class MeasuredDevice:
     ----------
     name : str
     source : str
-    said : tuple of str
+    remarks : tuple of str
         Sentences on what the paper states, what is inferred, and how the limit is set.
-    lumped : Lumped
+    lumped : LumpedCantilever
     reading : float
         Relative error of a power as it was read, and of what was taken from such a point.
     series : dict of float to (resistances, powers)
@@ -89,8 +89,8 @@ class MeasuredDevice:
 
     name: str
     source: str
-    said: tuple[str, ...]
-    lumped: Lumped
+    remarks: tuple[str, ...]
+    lumped: LumpedCantilever
     reading: float
     series: dict[float, tuple[tuple[float, ...], tuple[float, ...]]]
     acceleration: float = GRAVITY
@@ -170,7 +170,7 @@ DEVICES = (
             "Limit: 2 % for the reading, 2 % for that of the point that gave ζ, and three times "
             "the scatter.",
         ),
-        Lumped(0.20546e-3, 2048.98, 1.20724e-3, 7.568e-9, 1.5660, 0.0088),
+        LumpedCantilever(0.20546e-3, 2048.98, 1.20724e-3, 7.568e-9, 1.5660, 0.0088),
         0.04,
         {
             502.5: (
@@ -197,7 +197,7 @@ DEVICES = (
             "Limit: 2 % for the reading, 2 % for that of the point that gave ζ, and three times "
             "the scatter. The scatter is large: these points test the prediction to a third only.",
         ),
-        Lumped(14.04e-3, 1157.9, 2.327e-3, 41.26e-9, 1.0854, 0.027),
+        LumpedCantilever(14.04e-3, 1157.9, 2.327e-3, 41.26e-9, 1.0854, 0.027),
         0.04,
         {
             45.6: (_TIPPED, _halves(1e-3, (2.473, 15.39, 19.59, 21.92, 24.10, 18.61, 17.37, 4.64))),
@@ -219,7 +219,7 @@ DEVICES = (
             "V²/R about the power, as both were read, 0.5 %. What is inferred and assumed is not "
             "in it: the misses show what that is worth.",
         ),
-        Lumped(0.96895e-3, 107.0465, 3.6265e-4, 42.51e-9, 1.3266, 0.01),
+        LumpedCantilever(0.96895e-3, 107.0465, 3.6265e-4, 42.51e-9, 1.3266, 0.01),
         0.006,
         {53.7: (_RECTIFIED, tuple(1e-6 * power for power in (24.4, 32.5, 40.0, 51.2, 61.0, 68.9,
                                                              68.8, 66.5, 62.9)))},

@@ -22,10 +22,9 @@ from harvester.verification.known_results.truth import (
     HOLDS,
     NOT_HERE,
     TruthRow,
-    Verification,
     row_of,
-    verify,
 )
+from harvester.verification.known_results.verify import Verification, verify
 from harvester.verification.paths import ignore
 
 # By title, of each kind that takes no second: a drop, loads on a prescribed sine, an orbit.
