@@ -8,7 +8,7 @@ from contextlib import closing
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
-from harvester.commands.quiet import say
+from harvester.commands.shown import say
 from harvester.errors import HarvesterError
 from harvester.export.formats import write
 from harvester.signatures import File, Hertz, Kind, Metres, Seconds, Step

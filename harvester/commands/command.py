@@ -12,9 +12,8 @@ from typing import TYPE_CHECKING, Any
 
 import harvester
 from harvester.commands.parsing import add_extra, add_options, is_scene, overrides_of, values_of
-from harvester.commands.quiet import say
-from harvester.commands.result_files import result_files, write_result
-from harvester.commands.running import check_places, show, study_runner
+from harvester.commands.shown import say
+from harvester.commands.steps import check_places, result_files, show, study_runner, write_result
 from harvester.errors import SimulationError
 from harvester.files.tables import xarray_or_say
 from harvester.signatures import File, Folder, RunnerOptions, options_of
@@ -115,7 +114,7 @@ def _say_costs(scene):
 
 
 @dataclass(frozen=True)
-class Study(Command):
+class StudyCommand(Command):
     """A command that computes a result, shows it and writes its files.
 
     A function with `**running: Unpack[RunnerOptions]` is given an open runner, one with `progress`

@@ -14,8 +14,7 @@ from rich.console import Console
 from rich.progress import BarColumn, Progress, SpinnerColumn, TextColumn, TimeRemainingColumn
 from rich.table import Table
 
-from harvester.commands.quiet import is_quiet
-from harvester.commands.shown import Tabled
+from harvester.commands.shown import Tabled, is_quiet
 from harvester.commands.sketch import densities
 from harvester.files.plain_text import one_line
 

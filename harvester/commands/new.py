@@ -10,7 +10,7 @@ import sys
 from typing import TYPE_CHECKING, Annotated, Any, NamedTuple
 
 from harvester.beam.materials import ACTIVE, PASSIVE
-from harvester.commands.quiet import say
+from harvester.commands.shown import say
 from harvester.errors import OutputError, SceneError
 from harvester.files.numbers import NotANumber, number
 from harvester.files.plain_text import named, nearest, one_line

@@ -7,9 +7,8 @@ from collections.abc import Sequence
 from typing import TYPE_CHECKING, Annotated, Any, Unpack
 
 from harvester.commands.parsing import overrides_of
-from harvester.commands.quiet import say
-from harvester.commands.result_files import result_files, write_result
-from harvester.commands.running import check_places, show, study_runner
+from harvester.commands.shown import say
+from harvester.commands.steps import check_places, result_files, show, study_runner, write_result
 from harvester.errors import HarvesterError
 from harvester.files.plain_text import nearest
 from harvester.signatures import (

@@ -8,8 +8,8 @@ from typing import Annotated, Unpack
 
 import pytest
 
-from harvester.command_line import COMMANDS, build_parser
 from harvester.commands.parsing import about, add_options, described, values_of
+from harvester.commands.table import COMMANDS, build_parser
 from harvester.errors import HarvesterError
 from harvester.signatures import File, Grids, Kind, RunnerOptions, Seconds, Share, options_of
 
