@@ -6,8 +6,8 @@ import contextlib
 import sys
 import threading
 import time
-from collections.abc import Callable, Iterator, Sequence
-from typing import Any
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from typing import TYPE_CHECKING, Any
 
 from rich import box
 from rich.console import Console
@@ -15,14 +15,20 @@ from rich.progress import BarColumn, Progress, SpinnerColumn, TextColumn, TimeRe
 from rich.table import Table
 
 from harvester.commands.shown import Tabled, is_quiet
-from harvester.commands.sketch import densities
 from harvester.files.plain_text import one_line
+
+if TYPE_CHECKING:
+    from harvester.results.result import Result
 
 # A progress bar appears after so many seconds; a shorter one would only flicker.
 SHOW_AFTER_SECONDS = 0.5
 SAY_AFTER_SECONDS = 5.0
 # Width of a line in characters. It is so large that tables are never folded.
 TABLE_WIDTH = 1000
+# A sketch of a density: bars in steps of an eighth of the height, letters of a line, samples of the
+# density within each, and the share of the peak below which its ends are left out.
+HEIGHTS = " ▁▂▃▄▅▆▇█"
+LETTERS, FINER, VISIBLE_SHARE = 56, 32, 0.01
 # Remaining times above this (s) are shown as "centuries".
 LONGEST_TOLD_SECONDS = 1e10
 
@@ -162,8 +168,44 @@ def show_table(
     for row in rows:
         table.add_row(*map(one_line, row))
     by_method = getattr(content, "results_by_method", None)
-    sketch = densities(by_method()) if by_method else []
+    sketch = density_sketch(by_method()) if by_method else []
     _print(table, content.sentences(), to_stderr, alarms, sketch)
+
+
+def density_sketch(results: Mapping[str, Result]) -> list[str]:
+    """A line of letters for each method that knows the density of X, and one with the range.
+
+    All lines have the same range and the same height.
+    """
+    import numpy as np
+
+    curves = {
+        name: result.densities["displacement"]
+        for name, result in results.items()
+        if "displacement" in result.densities
+    }
+    if not curves:
+        return []
+    visible = [c.centre[c.density >= VISIBLE_SHARE * c.density.max()] for c in curves.values()]
+    low, high = min(centre[0] for centre in visible), max(centre[-1] for centre in visible)
+    samples = low + (high - low) * (np.arange(LETTERS * FINER) + 0.5) / (LETTERS * FINER)
+    heights = {
+        name: np.interp(samples, c.centre, c.density).reshape(LETTERS, FINER).mean(axis=1)
+        for name, c in curves.items()
+    }
+    top = max(row.max() for row in heights.values())
+    names = max(map(len, heights))
+    first = results[next(iter(curves))]
+    scale, unit = first.scales.of("displacement"), first.unit("displacement")
+    ends = f"{low * scale:.3g}", f"{high * scale:.3g} {unit}"
+    middle = f"{'density of displacement':^{LETTERS - len(ends[0]) - len(ends[1])}}"
+    return [
+        *(
+            f"  {name:{names}}  {''.join(HEIGHTS[round(8 * share)] for share in row / top)}"
+            for name, row in heights.items()
+        ),
+        f"  {'':{names}}  {ends[0]}{middle}{ends[1]}",
+    ]
 
 
 def show_engine(found: dict[str, Any], to_stderr: bool = False) -> None:
@@ -187,10 +229,6 @@ def _print(table, lines, to_stderr, alarms=(), sketch=()):
         console.print(table)
     for line in alarms:
         console.print(one_line(line), soft_wrap=True, style="bold red")
-    for line in [*(sketch if _draws(console) else ()), *lines]:
+    shows_blocks = stream.isatty() and not console.no_color and not console.options.ascii_only
+    for line in [*(sketch if shows_blocks else ()), *lines]:
         console.print(one_line(line), soft_wrap=True)
-
-
-def _draws(console):
-    """Whether the terminal is one, shows blocks of Unicode and was not asked for plain text."""
-    return console.file.isatty() and not console.no_color and not console.options.ascii_only
