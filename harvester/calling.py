@@ -63,17 +63,17 @@ def takes_scene(
             )
         for option in options:
             if option not in accepted:
-                raise UnknownOption(f"{name}: no option {option}{_meant(option, list(accepted))}")
+                former = FORMER_NAMES.get(option)
+                hint = (
+                    f" (did you mean {former}?)"
+                    if former in accepted
+                    else nearest(option, accepted)
+                )
+                hint = hint or f"; there are {', '.join([*accepted][1:])}"
+                raise UnknownOption(f"{name}: no option {option}{hint}")
         with usual_arithmetic():
             scene = scene_of(scene)
             check_options(function, options)
             return function(scene, *arguments, **checked_options(options))
 
     return called
-
-
-def _meant(option: str, known: list[str]) -> str:
-    """Text for an error message: the option that was probably meant, or a list of all options."""
-    former = FORMER_NAMES.get(option)
-    hint = f" (did you mean {former}?)" if former in known else nearest(option, known)
-    return hint or f"; there are {', '.join(known[1:])}"

@@ -108,22 +108,6 @@ def line_of(text: str, option: str) -> list[float]:
     )
 
 
-def values_of_key(text: str, option: str) -> list[float]:
-    """Numbers from FIRST:LAST:log:NUMBER and the like, or from LOW:HIGH:NUMBER.
-
-    Raises
-    ------
-    HarvesterError
-    """
-    return line_of(text, option) if text.count(":") == 2 else grid_of(text, option)
-
-
-def grids_of(texts: list[str], option: str) -> dict[str, list[float]]:
-    """Keys to numbers, from table.key=0.1:2:log:40 for each key."""
-    pairs = by_key(texts, option, "table.key=LIST")
-    return {key: grid_of(values, f"{option} {key}") for key, values in pairs.items()}
-
-
 def over_of(texts: list[str], option: str) -> dict[str, list[Any]]:
     """Keys to lists of numbers or words, from table.key=LIST: load.netlist=bridge,sece."""
     pairs = by_key(texts, option, "table.key=LIST")
@@ -131,11 +115,6 @@ def over_of(texts: list[str], option: str) -> dict[str, list[Any]]:
         key: values.split(",") if values[:1].isalpha() else grid_of(values, f"{option} {key}")
         for key, values in pairs.items()
     }
-
-
-def distributions_of(texts: list[str], option: str) -> dict[str, str]:
-    """Keys to distributions, from TABLE.KEY=±10% for each key."""
-    return by_key(texts, option, "TABLE.KEY=±10%")
 
 
 def ranges_of(texts: list[str], option: str) -> dict[str, tuple[float, float] | None]:
@@ -228,10 +207,6 @@ def _positive(value: Any) -> bool:
     return isinstance(value, numbers.Real) and float(value) > 0.0
 
 
-def _one_value(value: Any) -> bool:
-    return isinstance(value, (str, numbers.Real)) or getattr(value, "ndim", None) == 0
-
-
 def _counts(value: Any) -> bool:
     return isinstance(value, numbers.Integral) and int(value) >= 1
 
@@ -243,7 +218,12 @@ def _share(value: Any) -> bool:
 # A name at the command line; in Python also an object.
 MethodOrName = Annotated[str | Method, Kind("NAME")]
 Step = Annotated[
-    str | float, Kind("STEP", "default, fine, finest or a number of seconds > 0", _one_value)
+    str | float,
+    Kind(
+        "STEP",
+        "default, fine, finest or a number of seconds > 0",
+        lambda value: isinstance(value, (str, numbers.Real)) or getattr(value, "ndim", None) == 0,
+    ),
 ]
 Seed = Annotated[int, Kind("SEED")]
 Seconds = Annotated[float, Kind("SECONDS", "a number of seconds > 0", _positive)]
@@ -255,11 +235,26 @@ File = Annotated[str, Kind("FILE")]
 Folder = Annotated[str | os.PathLike, Kind("DIR")]
 Grid = Annotated[Sequence[float], Kind("LIST", read=grid_of)]
 Line = Annotated[Sequence[float], Kind("LOW:HIGH:NUMBER", read=line_of)]
-Values = Annotated[Sequence[float], Kind("LIST", read=values_of_key)]
+# Of a key: a grid, or evenly spaced numbers LOW:HIGH:NUMBER.
+Values = Annotated[
+    Sequence[float],
+    Kind(
+        "LIST",
+        read=lambda text, option: (line_of if text.count(":") == 2 else grid_of)(text, option),
+    ),
+]
 Count = Annotated[int, Kind("N", "a whole number ≥ 1", _counts)]
 Grids = Annotated[
     Mapping[str, Sequence[float]],
-    Kind("TABLE.KEY=LIST", option="sweep", read=grids_of, again=True),
+    Kind(
+        "TABLE.KEY=LIST",
+        option="sweep",
+        read=lambda texts, option: {
+            key: grid_of(values, f"{option} {key}")
+            for key, values in by_key(texts, option, "table.key=LIST").items()
+        },
+        again=True,
+    ),
 ]
 Over = Annotated[
     Mapping[str, Sequence[float | str]],
@@ -268,7 +263,12 @@ Over = Annotated[
 Methods = Annotated[Sequence[str | Method], Kind("NAME", option="method", again=True)]
 Quantities = Annotated[Sequence[str], Kind("NAME", option="quantity", again=True)]
 Distributions = Annotated[
-    Mapping[str, str], Kind("TABLE.KEY=DISTRIBUTION", read=distributions_of, again=True)
+    Mapping[str, str],
+    Kind(
+        "TABLE.KEY=DISTRIBUTION",
+        read=lambda texts, option: by_key(texts, option, "TABLE.KEY=±10%"),
+        again=True,
+    ),
 ]
 Ranges = Annotated[
     str | Mapping[str, tuple | None],

@@ -170,10 +170,13 @@ def _changed(text, name):
 
     scene, answered = Scene.load(name), False
     for question in QUESTIONS:
-        keys = _fitting(question.keys, scene)
-        lines = filter(None, (_line_of(text, key) for key in keys))
-        line = next(lines, None)
-        if line is None or ("oscillator.frequency" in keys and _is_bistable(scene)):
+        # A scaled scene has damping and intensity alone of the alternatives to them.
+        scaled = {"oscillator.damping", "excitation.intensity"} & {*question.keys}
+        keys = tuple(scaled) if scaled and scene.units != "SI" else question.keys
+        line = next(filter(None, (_line_of(text, key) for key in keys)), None)
+        stiffness = scene.oscillator.linear_stiffness
+        is_bistable = not stiffness or stiffness < 0.0
+        if line is None or ("oscillator.frequency" in keys and is_bistable):
             continue
         key, value, scene = _accepted(scene, question, keys, line)
         if key is not None:
@@ -187,21 +190,9 @@ def _changed(text, name):
 def _with_units_only(text, name):
     """The text without what the comments of the built-in scene say of its own device."""
     body = re.sub(r"^#.*\n+", "", text, flags=re.MULTILINE)
-
-    def unit_only(line):
-        return line["value"] + (f"  # {line['unit']}" if line["unit"] else "")
-
-    return OWN_HEAD.format(scene=name) + COMMENTED.sub(unit_only, body)
-
-
-def _fitting(keys, scene):
-    """The keys of a question that a scene with such units can have."""
-    scaled = {"oscillator.damping", "excitation.intensity"} & {*keys}
-    return keys if scene.units == "SI" else tuple(scaled or keys)
-
-
-def _is_bistable(scene):
-    return not scene.oscillator.linear_stiffness or scene.oscillator.linear_stiffness < 0.0
+    return OWN_HEAD.format(scene=name) + COMMENTED.sub(
+        lambda line: line["value"] + (f"  # {line['unit']}" if line["unit"] else ""), body
+    )
 
 
 def _line_of(text, key):

@@ -67,7 +67,9 @@ def value_and_error(value: float, error: float | None) -> str:
         return f"{value:.{most}f} ± {bound}"
     # The error is rounded first, so that 0.0996 is shown as 0.10.
     places = max(0, 1 - math.floor(math.log10(float(f"{error:.1e}"))))
-    return f"{_without_sign_of_zero(value, places)} ± {error:.{places}f}"
+    text = f"{value:.{places}f}"
+    # No sign before a zero.
+    return f"{text.lstrip('-') if float(text) == 0.0 else text} ± {error:.{places}f}"
 
 
 def share_with_error(estimate: Estimated, sign: bool = True) -> str:
@@ -138,8 +140,3 @@ def count(size: float | None) -> str:
 def is_share(name: str) -> bool:
     """Whether a quantity is printed in percent, by its name."""
     return any(word in name for word in SHARES)
-
-
-def _without_sign_of_zero(value, places):
-    text = f"{value:.{places}f}"
-    return text.lstrip("-") if float(text) == 0.0 else text

@@ -52,7 +52,8 @@ def page(title: str, about: str, sections: dict[str, str]) -> str:
 
 def verdict_list(found: Iterable[Verdict]) -> str:
     """Sentences with their colours."""
-    items = "\n".join(map(_verdict, found))
+    kinds = {True: "agrees", False: "differs", None: "neutral"}
+    items = "\n".join(f'<li class="{kinds[v.good]}">{_escaped(v.text)}</li>' for v in found)
     return f'<ul class="verdict">\n{items}\n</ul>'
 
 
@@ -82,11 +83,6 @@ def _folded(summary, content, is_open=False):
 
 def _escaped(text):
     return html.escape(one_line(text))
-
-
-def _verdict(verdict):
-    kind = {True: "agrees", False: "differs", None: "neutral"}[verdict.good]
-    return f'<li class="{kind}">{_escaped(verdict.text)}</li>'
 
 
 def table_of(header: Sequence[str], rows: Iterable[Sequence[str]], kind: str = "numbers") -> str:

@@ -86,7 +86,11 @@ def _draw_panel(axes, result, name, marks):
     ticks = {at: text for at, text in TICKS.items() if first <= at <= last}
     axes.set_xticks(list(ticks), list(ticks.values()))
     axes.tick_params(which="minor", bottom=False, labelbottom=False, labelleft=False)
-    axes.set_title(f"{_title(result.scene)}: {SYMBOLS[name]}")
+    load = result.scene.to_tables().get("load", {})
+    device = (
+        f"{result.scene.name} with {load['netlist']}" if "netlist" in load else result.scene.name
+    )
+    axes.set_title(f"{device}: {SYMBOLS[name]}")
 
 
 def _draw_line(axes, line, name, seconds, mark, limits):
@@ -123,11 +127,6 @@ def _span(result, name):
     times += [point.seconds for point in result.points]
     times = [time for time in times if math.isfinite(time) and time > 0.0] or [1.0]
     return 0.3 * min(times), 5.0 * max(times)
-
-
-def _title(scene):
-    load = scene.to_tables().get("load", {})
-    return f"{scene.name} with {load['netlist']}" if "netlist" in load else scene.name
 
 
 def draw_work_precision(diagram: Any) -> Figure:

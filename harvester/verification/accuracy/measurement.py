@@ -189,7 +189,10 @@ def by_own_length(
     answers = dict(zip(scenes, _there(runner.answer(asked)), strict=True))
     runs = _runs(scenes, methods, runner)
     averaged, refused = closures(scene, runner)
-    references = {brief: _timed(scenes[brief], answer) for brief, answer in answers.items()}
+    references = {
+        brief: Timed(scenes[brief], [{"moments": answer.moments, "seconds": answer.seconds}])
+        for brief, answer in answers.items()
+    }
     rows = [
         _row(method, run, errors, references[method.brief], answers[False])
         for method, run, errors in zip(methods, runs, strong, strict=True)
@@ -269,10 +272,6 @@ def _there(outcomes):
         if outcome is None or isinstance(outcome, HarvesterError):
             raise outcome or _out_of_time()
     return outcomes
-
-
-def _timed(scene, answer):
-    return Timed(scene, [{"moments": answer.moments, "seconds": answer.seconds}])
 
 
 def _has_load(scene):

@@ -238,13 +238,13 @@ def _loads():
         "inversion_time": period / 400.0,
         "sense_time": period / 1000.0,
     }
-    for name, source, power in (
-        ("sshi_parallel", "Guyomar et al. 2005", formulas.parallel_sshi_power(unit, QUALITY)),
-        ("sshi_series", "Lefeuvre et al. 2006", formulas.series_sshi_power(unit, QUALITY)),
-        ("sece", "Lefeuvre et al. 2005", formulas.sece_power(unit)),
+    for name, source in (
+        ("sshi_parallel", "Guyomar et al. 2005"),
+        ("sshi_series", "Lefeuvre et al. 2006"),
+        ("sece", "Lefeuvre et al. 2005"),
     ):
         quality = 1000.0 if name == "sece" else QUALITY
-        share = formulas.best_resistance(name, QUALITY)
+        share, power = formulas.switched_load(name, unit, QUALITY)
         yield truth(name, source, share, power, quality=quality, **switched)
 
 

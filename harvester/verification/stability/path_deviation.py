@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 
 from harvester.device import timescales
-from harvester.device.piezo import PiezoTable
+from harvester.device.piezo import Piezo, PiezoTable
 from harvester.prepared.prepared import prepared
 from harvester.prepared.steps import knot_spacing, steps_per_knot
 from harvester.running.codec import register
@@ -23,7 +23,7 @@ from harvester.simulation.methods import MonteCarlo
 from harvester.simulation.realization import Realization, run
 from harvester.verification.paths import ignore, recorded, states_at_knots
 from harvester.verification.quantities import STATES
-from harvester.verification.stability.replay import can_replay, replayed
+from harvester.verification.stability.replay import replayed
 
 # The circuit takes this many steps along all paths together, if no contact shortens them.
 PATH_STEPS = 20_000
@@ -106,7 +106,9 @@ def path_deviation(
     prepared_scene = prepared(brief)
     reference = reference_engine(scene)
     fine = states_at_knots(brief, _paths(brief, reference, "fine"))
-    sizes = _root_mean_square(fine - fine[:, :1] * (1.0, 0.0, 0.0))
+    # RMS of each state over paths and knots; 1 where it stays 0.
+    sizes = np.sqrt(np.mean(np.square(fine - fine[:, :1] * (1.0, 0.0, 0.0)), axis=(0, 1)))
+    sizes = np.where(sizes > 0.0, sizes, 1.0)
     comparable = _comparable(brief, reference, fine, sizes)
     own_step = knot_spacing(prepared_scene) / steps_per_knot(prepared_scene, step, engine)
     runs = _paths(brief, engine, step), _paths(brief, engine, own_step / FINER)
@@ -140,7 +142,11 @@ def _limit(at_step, at_finer):
 
 def _of_mechanics(scene, runs, states, compared):
     """Deviation of X from the replayed mass in the limit for short steps; nan where not needed."""
-    if reference_engine(scene) != "circuit" or not can_replay(scene) or not compared.any():
+    system = prepared(scene).system
+    holds_speeds = any(getattr(contact.law, "holds", 0.0) for contact in system.contacts)
+    # State and voltage say what acts on the mass.
+    replayable = isinstance(system.transducer, Piezo) and not holds_speeds
+    if reference_engine(scene) != "circuit" or not replayable or not compared.any():
         return np.nan
     apart = [
         path_states[..., 0] - replayed(scene, [realization.waveform for realization in ours])
@@ -231,12 +237,6 @@ def _close(shares, largest):
     """Knots of each path before X or V differs by more than this share of its size."""
     shares = np.abs(shares[..., SMOOTH]).max(axis=2)
     return np.maximum.accumulate(shares, axis=1) <= largest
-
-
-def _root_mean_square(states):
-    """RMS of each state over paths and knots; 1 where it stays 0."""
-    sizes = np.sqrt(np.mean(np.square(states), axis=(0, 1)))
-    return np.where(sizes > 0.0, sizes, 1.0)
 
 
 def _largest(shares, compared):

@@ -12,7 +12,6 @@ import numpy as np
 from scipy.integrate import cumulative_trapezoid
 
 from harvester.device import spring as springs
-from harvester.device.piezo import Piezo
 from harvester.device.system import elastic_force
 from harvester.prepared.prepared import prepared
 from harvester.prepared.steps import knot_spacing, steps_per_knot
@@ -24,13 +23,6 @@ from harvester.verification.paths import noise_at_knots
 # The integrator takes so many steps for each of the engine's, and more with stoppers, for which it
 # does not shorten its steps.
 FINER, FINER_IN_CONTACT = 2, 8
-
-
-def can_replay(scene: Scene) -> bool:
-    """Whether the state and the voltage say what acts on the mass: a piezo, no held speeds."""
-    system = prepared(scene).system
-    held = any(getattr(contact.law, "holds", 0.0) for contact in system.contacts)
-    return isinstance(system.transducer, Piezo) and not held
 
 
 def replayed(scene: Scene, waveforms: Sequence[Record]) -> np.ndarray:

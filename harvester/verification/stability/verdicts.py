@@ -238,17 +238,11 @@ def _of_means(method, scene, given):
     if solved:
         # If circuit and Monte Carlo follow the same path, the stationary solution is the one that
         # is wrong.
+        by_path = _of_engine(given["circuit"]) if "circuit" in given else ()
+        same_path = bool(by_path) and all(comparison.agrees for comparison in by_path)
         pair = _of_pair(simulated, solved, SOLVER)
-        evidence += [
-            comparison for comparison in pair if comparison.agrees or not _same_path(given)
-        ]
+        evidence += [comparison for comparison in pair if comparison.agrees or not same_path]
     return evidence
-
-
-def _same_path(given):
-    """Whether the circuit follows Monte Carlo's path."""
-    evidence = _of_engine(given["circuit"]) if "circuit" in given else ()
-    return bool(evidence) and all(comparison.agrees for comparison in evidence)
 
 
 def _of_pair(simulated, solved, judge):
