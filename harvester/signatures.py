@@ -257,8 +257,7 @@ Grids = Annotated[
     ),
 ]
 Over = Annotated[
-    Mapping[str, Sequence[float | str]],
-    Kind("TABLE.KEY=LIST", read=over_of, again=True),
+    Mapping[str, Sequence[float | str]], Kind("TABLE.KEY=LIST", read=over_of, again=True)
 ]
 Methods = Annotated[Sequence[str | Method], Kind("NAME", option="method", again=True)]
 Quantities = Annotated[Sequence[str], Kind("NAME", option="quantity", again=True)]
@@ -271,8 +270,7 @@ Distributions = Annotated[
     ),
 ]
 Ranges = Annotated[
-    str | Mapping[str, tuple | None],
-    Kind("TABLE.KEY[=LOW:HIGH]", read=ranges_of, again=True),
+    str | Mapping[str, tuple | None], Kind("TABLE.KEY[=LOW:HIGH]", read=ranges_of, again=True)
 ]
 Window = Annotated[tuple[float, float] | str, Kind("START:END|all", read=window_of)]
 Nodes = Annotated[Sequence[str], Kind("NAME", option="node", again=True)]

@@ -44,8 +44,8 @@ class Drawing:
         from harvester.scene.described import device_line
         from harvester.show.numbers import quantity
 
-        prepared_scene = prepared(self.scene)
-        system, length = prepared_scene.system, prepared_scene.scales.displacement
+        model = prepared(self.scene)
+        system, length = model.system, model.scales.displacement
         wells, saddles = timescales.wells(system), timescales.saddles(system)
         places = ", ".join(quantity(length * well, "m") for well in sorted(wells))
         sentences = [

@@ -93,14 +93,7 @@ def export(
         say(f"written: {path}")
 
 
-def load(
-    file: File,
-    /,
-    *,
-    nodes: str | None = None,
-    remove: str = "",
-    output: File = "-",
-) -> None:
+def load(file: File, /, *, nodes: str | None = None, remove: str = "", output: File = "-") -> None:
     """Make a load of a schematic's netlist, as LTspice writes it (.net, .cir).
 
     Parameters

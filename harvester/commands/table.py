@@ -235,10 +235,7 @@ def build_parser(wanted: str | None = None) -> tuple[CommandParser, Any]:
         # groups.
         listed: dict[str, Any] = {"help": first.replace("%", "%%")} if wanted is None else {}
         subparser = commands.add_parser(
-            command.name,
-            **listed,
-            description=text,
-            epilog=f"example: harvester {command.example}",
+            command.name, **listed, description=text, epilog=f"example: harvester {command.example}"
         )
         command.fill(subparser)
         subparser.add_argument(

@@ -11,16 +11,7 @@ from harvester.commands.shown import say
 from harvester.commands.steps import check_places, result_files, show, study_runner, write_result
 from harvester.errors import HarvesterError
 from harvester.files.plain_text import nearest
-from harvester.signatures import (
-    File,
-    Kind,
-    Overrides,
-    RunnerOptions,
-    Seconds,
-    Seed,
-    Share,
-    Step,
-)
+from harvester.signatures import File, Kind, Overrides, RunnerOptions, Seconds, Seed, Share, Step
 
 if TYPE_CHECKING:
     from harvester.calling import SceneOrName
@@ -32,10 +23,7 @@ if TYPE_CHECKING:
 
 # Default scenes: the source paper's device at an intensity at which it jumps, and one with a
 # rectifier.
-SCENES = (
-    ("paper", ("excitation.intensity=0.1",)),
-    ("device", ("load.netlist=bridge",)),
-)
+SCENES = (("paper", ("excitation.intensity=0.1",)), ("device", ("load.netlist=bridge",)))
 ACCURACY = "time-to-accuracy"
 PICTURES = ("work-precision", "time-to-accuracy")
 
@@ -52,10 +40,7 @@ def verify(**running: Unpack[RunnerOptions]) -> Verification:
 
 
 def stability(
-    scene: SceneOrName = "paper",
-    *,
-    step: Step = "default",
-    **running: Unpack[RunnerOptions],
+    scene: SceneOrName = "paper", *, step: Step = "default", **running: Unpack[RunnerOptions]
 ) -> StabilityMatrix:
     """Judge stiff and extreme variations of one scene; exit code 1 where one is wrong.
 

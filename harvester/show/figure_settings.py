@@ -77,10 +77,6 @@ def figure_settings(*styles: str | Path) -> Iterator[None]:
     load_matplotlib()
     from matplotlib import style
 
-    with (
-        usual_arithmetic(),
-        style.context(["default", *styles]),
-        warnings.catch_warnings(),
-    ):
+    with usual_arithmetic(), style.context(["default", *styles]), warnings.catch_warnings():
         warnings.filterwarnings("ignore", "Glyph .* missing from")
         yield

@@ -38,10 +38,10 @@ def run(scene: Scene, index: int, report: Callable = ignore) -> np.ndarray:
     ndarray, shape (knots, 3)
         X, X', terminal voltage.
     """
-    prepared_scene = prepared(scene)
-    equations = Equations(prepared_scene.system)
-    noise, spacing = noise_at_knots(scene, index), knot_spacing(prepared_scene)
-    state = np.array(start_state(prepared_scene, index), dtype=float)
+    model = prepared(scene)
+    equations = Equations(model.system)
+    noise, spacing = noise_at_knots(scene, index), knot_spacing(model)
+    state = np.array(start_state(model, index), dtype=float)
     equations.begin(state, noise[0])
     states = np.empty((noise.size - 1, 3))
     for knot in range(noise.size - 1):

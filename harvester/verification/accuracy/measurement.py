@@ -37,12 +37,7 @@ from harvester.verification.accuracy.methods import (
     Method,
     with_compiled,
 )
-from harvester.verification.accuracy.timed import (
-    Timed,
-    closures,
-    paths_at_knots,
-    realizations_task,
-)
+from harvester.verification.accuracy.timed import Timed, closures, paths_at_knots, realizations_task
 from harvester.verification.quantities import MEANS, STATES
 
 # Number of paths from which the errors of paths are measured.
@@ -292,20 +287,19 @@ def _speeds(scene, measured, runner):
 
 def _brief_scene(scene, realizations):
     """Runs for slow methods: half of each for the transient, or less where the scene says so."""
-    prepared_scene = prepared(scene)
-    half = BRIEF_KNOTS // 2 * knot_spacing(prepared_scene)
+    model = prepared(scene)
+    half = BRIEF_KNOTS // 2 * knot_spacing(model)
     run = {"duration": min(scene.run.duration, half), "settle": min(scene.run.settle, half)}
     return scene.replace(
-        run={**run, "realizations": realizations},
-        excitation={"knot_spacing": knot_spacing(prepared_scene)},
+        run={**run, "realizations": realizations}, excitation={"knot_spacing": knot_spacing(model)}
     )
 
 
 def _short_scene(scene, paths):
     """Some periods from rest: short enough that paths do not separate."""
-    prepared_scene = prepared(scene)
-    spacing = knot_spacing(prepared_scene)
-    period = 2.0 * math.pi / timescales.angular_frequency(prepared_scene.system)
+    model = prepared(scene)
+    spacing = knot_spacing(model)
+    period = 2.0 * math.pi / timescales.angular_frequency(model.system)
     changes = {
         "run.duration": min(math.ceil(PERIODS * period / spacing), MOST_KNOTS) * spacing,
         "run.settle": 0.0,

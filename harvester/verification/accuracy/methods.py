@@ -45,10 +45,8 @@ class Method:
 
     def step(self, scene: Scene) -> float:
         """Longest step (s)."""
-        prepared_scene = prepared(scene)
-        return knot_spacing(prepared_scene) / (
-            steps_per_knot(prepared_scene, engine=self.engine) * self.refinement
-        )
+        model = prepared(scene)
+        return knot_spacing(model) / (steps_per_knot(model, engine=self.engine) * self.refinement)
 
     def together(self, scene: Scene) -> int:
         """Realizations in one netlist: as many as pay where `copies` is None."""

@@ -149,10 +149,7 @@ class TimeToAccuracy:
 
 @takes_scene
 def time_to_accuracy(
-    scene: Scene,
-    *,
-    seconds: float = SECONDS,
-    **running: Unpack[RunnerOptions],
+    scene: Scene, *, seconds: float = SECONDS, **running: Unpack[RunnerOptions]
 ) -> TimeToAccuracy:
     """Measure how the error of every method falls with its wall time.
 

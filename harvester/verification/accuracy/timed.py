@@ -54,11 +54,7 @@ def paths_at_knots(
 
 
 def realizations_task(
-    scene: Scene,
-    method: Method,
-    indices: Sequence[int],
-    runner: Runner,
-    function: Callable = timed,
+    scene: Scene, method: Method, indices: Sequence[int], runner: Runner, function: Callable = timed
 ) -> Task:
     """The task of some realizations that run together; `function` takes what `timed` takes."""
     arguments = {"scene": scene, "method": method.options(scene), "indices": list(indices)}

@@ -145,9 +145,9 @@ def _spectrum():
 
 def _white_loss(scene):
     """Share that white noise lacks between knots: of its density, and to the device's memory."""
-    prepared_scene = prepared(scene)
-    system = prepared_scene.system
-    spacing, frequency = knot_spacing(prepared_scene), timescales.angular_frequency(system)
+    model = prepared(scene)
+    system = model.system
+    spacing, frequency = knot_spacing(model), timescales.angular_frequency(system)
     damping = system.damper.damping + system.transducer.damping()
     return kernel_loss(spacing, frequency) + damping * spacing / math.sqrt(6.0)
 

@@ -55,12 +55,7 @@ class LumpedCantilever:
             "piezo": {"coupling": self.coupling, "capacitance": self.capacitance},
             "load": load,
             "excitation": {"kind": "sine", "amplitude": acceleration, "frequency": frequency},
-            "run": {
-                "seed": 1,
-                "realizations": 1,
-                "settle": waits,
-                "duration": PERIODS / frequency,
-            },
+            "run": {"seed": 1, "realizations": 1, "settle": waits, "duration": PERIODS / frequency},
         }
         return Scene.from_tables(tables, name="measured device")
 

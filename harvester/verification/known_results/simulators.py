@@ -94,9 +94,9 @@ def read_raw(path: Path) -> dict[str, np.ndarray]:
 
 
 def _exported(scene):
-    prepared_scene = prepared(scene)
-    start = start_state(prepared_scene, 0)
-    return stand_alone(prepared_scene, noise_path(prepared_scene, 0), start, "finest", TOLERANCE)
+    model = prepared(scene)
+    start = start_state(model, 0)
+    return stand_alone(model, noise_path(model, 0), start, "finest", TOLERANCE)
 
 
 def _for_vacask(netlist):

@@ -77,10 +77,7 @@ DENSITIES = (
     LONG,
 )
 NOISES = ((INTENSITY, (0.03, 0.1)), (CORRELATION_TIME, (0.4, 1.0)))
-ALL_NOISES = (
-    *_each(INTENSITY, 0.005, 0.02, 0.08, 0.125),
-    *_each(CORRELATION_TIME, 0.1, 1.1),
-)
+ALL_NOISES = (*_each(INTENSITY, 0.005, 0.02, 0.08, 0.125), *_each(CORRELATION_TIME, 0.1, 1.1))
 # A peak counts as changed if it changes by more than this share.
 LITTLE = 0.05
 GAPS, RESTITUTIONS, STIFFNESSES = (0.95, 1.1, 1.25), (0.3, 0.7, 1.0), (5.0, 10.0, 13.0)

@@ -196,9 +196,6 @@ def _method_legend(figure, content):
 
 
 def _tex(key):
-    return {
-        "δr": r"\delta_r",
-        "τ1": r"\tau_1",
-        "λ": r"\lambda",
-        "β": r"\beta",
-    }.get(KEY_SYMBOLS[key], KEY_SYMBOLS[key])
+    return {"δr": r"\delta_r", "τ1": r"\tau_1", "λ": r"\lambda", "β": r"\beta"}.get(
+        KEY_SYMBOLS[key], KEY_SYMBOLS[key]
+    )

@@ -25,11 +25,7 @@ Outcome: TypeAlias = Answer | HarvesterError | None
 
 
 def request(
-    scene: Scene,
-    method: str,
-    realizations: dict[str, int],
-    density: bool = False,
-    **options: Any,
+    scene: Scene, method: str, realizations: dict[str, int], density: bool = False, **options: Any
 ) -> Request:
     """One scene by one method.
 

@@ -116,8 +116,8 @@ def _run(scene, step):
 def _affordable(scene, step):
     """The scene with a run so short that its contacts, too, keep to the budget of steps."""
     length = scene.run.settle + scene.run.duration
-    prepared_scene = prepared(scene)
-    engine_step = knot_spacing(prepared_scene) / steps_per_knot(prepared_scene, step, "monte-carlo")
+    model = prepared(scene)
+    engine_step = knot_spacing(model) / steps_per_knot(model, step, "monte-carlo")
     brief = min(TRIAL_STEPS * engine_step, length)
     one = {"run.settle": 0.0, "run.duration": brief, "run.realizations": 1}
     [first] = _run(scene.replace(one), step)

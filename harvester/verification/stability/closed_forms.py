@@ -39,13 +39,13 @@ def closed_forms(scene: Scene, realizations: int) -> dict[str, Means]:
     """
     if not scene.load.is_resistor:
         return {}
-    prepared_scene = prepared(scene)
-    system = prepared_scene.system
+    model = prepared(scene)
+    system = model.system
     if isinstance(system.transducer, ShakenPiezo):
         # Neither form has the charge that the base moves.
         return {}
     forms = {
-        "small motion": small_motion(system, knot_spacing(prepared_scene), realizations),
+        "small motion": small_motion(system, knot_spacing(model), realizations),
         "Gibbs": gibbs(system),
     }
     return {name: means for name, means in forms.items() if means}

@@ -103,23 +103,22 @@ def path_deviation(
     In a worker process; of the scene's run only the seed counts.
     """
     brief = path_scene(scene)
-    prepared_scene = prepared(brief)
+    model = prepared(brief)
     reference = reference_engine(scene)
     fine = states_at_knots(brief, _paths(brief, reference, "fine"))
     # RMS of each state over paths and knots; 1 where it stays 0.
     sizes = np.sqrt(np.mean(np.square(fine - fine[:, :1] * (1.0, 0.0, 0.0)), axis=(0, 1)))
     sizes = np.where(sizes > 0.0, sizes, 1.0)
     comparable = _comparable(brief, reference, fine, sizes)
-    own_step = knot_spacing(prepared_scene) / steps_per_knot(prepared_scene, step, engine)
+    own_step = knot_spacing(model) / steps_per_knot(model, step, engine)
     runs = _paths(brief, engine, step), _paths(brief, engine, own_step / FINER)
     at_step, at_finer = (states_at_knots(brief, realizations) for realizations in runs)
     step_errors = (at_step - at_finer) / sizes
     compared = comparable & _close(step_errors, LARGEST_STEP_ERROR)
     times = [
-        knot_spacing(prepared_scene) * float(knots.sum(axis=1).mean())
-        for knots in (compared, comparable)
+        knot_spacing(model) * float(knots.sum(axis=1).mean()) for knots in (compared, comparable)
     ]
-    stiff = side_by_side.contacts_shorten_steps(prepared_scene, step)
+    stiff = side_by_side.contacts_shorten_steps(model, step)
     least = LEAST_OF_STIFF_CONTACTS if stiff else LEAST_DEVIATION
     deviation = PathDeviation(
         reference=reference,
@@ -158,9 +157,9 @@ def _of_mechanics(scene, runs, states, compared):
 
 def path_scene(scene: Scene) -> Scene:
     """The scene for so many steps, from a typical state."""
-    prepared_scene = prepared(scene)
-    spacing, period = knot_spacing(prepared_scene), _period(scene)
-    step = spacing / steps_per_knot(prepared_scene)
+    model = prepared(scene)
+    spacing, period = knot_spacing(model), _period(scene)
+    step = spacing / steps_per_knot(model)
     periods = PATH_STEPS * step / (MOST_PATHS * period)
     length = min(max(periods, FEWEST_PERIODS), MOST_PERIODS) * period
     paths = min(max(int(PATH_STEPS * step / length), FEWEST_PATHS), MOST_PATHS)
@@ -194,12 +193,12 @@ def _typical_start(scene):
     """A state in which Monte Carlo is after many steps, in no contact, as keys of the scene."""
     if scene.start or reference_engine(scene) != "monte-carlo":
         return {}
-    prepared_scene = prepared(scene)
-    settling = _from_rest(scene, max(round(SETTLING_STEPS / steps_per_knot(prepared_scene)), 1), 1)
+    model = prepared(scene)
+    settling = _from_rest(scene, max(round(SETTLING_STEPS / steps_per_knot(model)), 1), 1)
     stop = settling.run.duration
     window = (stop - _period(scene), 2.0 * stop)
     [settled] = run(settling, MonteCarlo(), [0], window, ignore)
-    system, scales = prepared_scene.system, prepared_scene.scales
+    system, scales = model.system, model.scales
     last: Any = settled.waveform
     low, high = timescales.free_zone(system)
     # A mass that is pressed against a stopper is never free: the last point is taken.

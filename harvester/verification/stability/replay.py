@@ -31,15 +31,15 @@ def replayed(scene: Scene, waveforms: Sequence[Record]) -> np.ndarray:
     Runge–Kutta of fourth order; `waveforms` are those of the realizations 0, 1, … from their
     beginning.
     """
-    prepared_scene = prepared(scene)
-    system = prepared_scene.system
-    spacing, count = knot_spacing(prepared_scene), len(waveforms)
+    model = prepared(scene)
+    system = model.system
+    spacing, count = knot_spacing(model), len(waveforms)
     noise = [noise_at_knots(scene, index) for index in range(count)]
     knots = noise[0].size - 1
     finer = FINER_IN_CONTACT if system.contacts else FINER
-    steps = finer * steps_per_knot(prepared_scene, "default")
+    steps = finer * steps_per_knot(model, "default")
     times = np.linspace(0.0, knots * spacing, 2 * steps * knots + 1)
-    starts = np.array([start_state(prepared_scene, index) for index in range(count)])
+    starts = np.array([start_state(model, index) for index in range(count)])
     drive = np.array([np.interp(times, times[:: 2 * steps], path) for path in noise]).T
     # A load that switches empties the piezo within a step: the mean of the voltage over the step is
     # used.
