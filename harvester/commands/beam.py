@@ -22,7 +22,6 @@ class Drawing:
     beam: Beam
 
     def table(self) -> tuple[list[str], list[list[str]]]:
-        """Header and rows as text."""
         header = ["quantity", "equation", "value", "unit"]
         return header, [
             [name, equation, f"{value:.5g}", unit] for name, equation, value, unit in self._rows()
@@ -64,7 +63,6 @@ class Drawing:
         return sentences
 
     def to_dict(self) -> dict[str, Any]:
-        """Plain values for JSON."""
         keys = ("quantity", "equation", "value", "unit")
         values = [dict(zip(keys, row, strict=True)) for row in self._rows()]
         return {"scene": self.scene.to_dict(), "values": values, "notes": self.sentences()}

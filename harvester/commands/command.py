@@ -56,7 +56,6 @@ class Command:
         return self.function
 
     def fill(self, parser: ArgumentParser) -> None:
-        """Give the command's parser its options."""
         add_options(parser, self.found)
 
     def run(self, options: Namespace) -> int | None:
@@ -152,7 +151,6 @@ class StudyCommand(Command):
     running: Callable[[dict[str, Any]], RunnerOptions] | None = None
 
     def fill(self, parser: ArgumentParser) -> None:
-        """Give the command's parser the options of its function, and where the result goes."""
         super().fill(parser)
         if self.json:
             add_extra(parser, "json", File, "write JSON; - for standard output")
@@ -165,7 +163,6 @@ class StudyCommand(Command):
         add_extra(parser, "report", File, text)
 
     def run(self, options: Namespace) -> int:
-        """Compute, show and write; returns the exit code."""
         scene, values = self._scene(options), values_of(options, self.found)
         _say_costs(scene)
         defaults = {name: option.default for name, option in options_of(self.found).items()}
@@ -198,7 +195,6 @@ class StudyCommand(Command):
             raise
 
     def _deliver(self, result, name, folder, json, output, report, waveform):
-        """Show the result, and write the files that were asked for."""
         title = self.title(result) if callable(self.title) else self.title
         show(result, title, json)
         try:

@@ -100,7 +100,6 @@ class _Lines:
         threading.Thread(target=self._watch, daemon=True).start()
 
     def close(self):
-        """Say nothing any more."""
         self._closed.set()
 
     def _watch(self):
@@ -132,7 +131,6 @@ class _Lines:
 
 
 def _duration(seconds):
-    """A duration as text in seconds, minutes, hours or days."""
     if seconds > LONGEST_TOLD_SECONDS:
         return "centuries"
     for size, unit in ((86400.0, "days"), (3600.0, "h"), (60.0, "min")):

@@ -62,7 +62,6 @@ def options_shown(function: Callable) -> list[tuple[Option, str]]:
 
 
 def add_options(parser: ArgumentParser, function: Callable) -> None:
-    """Give a command's parser the options of its function."""
     for option, text in options_shown(function):
         if is_scene(option):
             _add_scene(parser, option)
@@ -79,7 +78,6 @@ def add_extra(parser: ArgumentParser, name: str, kind: Any, text: str) -> None:
 
 
 def is_scene(option: Option) -> bool:
-    """Whether it is the scene that a command is about."""
     return option.name == "scene" and option.passing is not inspect.Parameter.KEYWORD_ONLY
 
 
@@ -92,7 +90,6 @@ def _add_scene(parser, option):
 
 
 def add_option(parser: ArgumentParser, option: Option, text: str) -> None:
-    """Give a parser one option."""
     # argparse replaces a percent sign by values, so that it is doubled.
     words: dict[str, Any] = {"default": SUPPRESS, "help": _with_default(option, text)}
     kind = option.kind or Kind("NAME" if option.type is str else "N")

@@ -58,7 +58,6 @@ def _verdicts(content: Any) -> list[Verdict]:
 
 
 def _pictures(content: Any, title: str) -> Iterator[str]:
-    """Every figure that the result has."""
     drawings: list[Figure | None] = content.figures() if hasattr(content, "figures") else []
     drawings = drawings or [content.figure()]
     for name in ("joint_figure", "waveform"):

@@ -201,7 +201,6 @@ class CommandParser(argparse.ArgumentParser):
         self._negative_number_matcher = re.compile(r"^-\.?\d")
 
     def error(self, message: str) -> NoReturn:
-        """End with the usage and the mistake."""
         super().error(one_line(message))
 
 

@@ -51,7 +51,6 @@ def page(title: str, about: str, sections: dict[str, str]) -> str:
 
 
 def verdict_list(found: Iterable[Verdict]) -> str:
-    """Sentences with their colours."""
     kinds = {True: "agrees", False: "differs", None: "neutral"}
     items = "\n".join(f'<li class="{kinds[v.good]}">{_escaped(v.text)}</li>' for v in found)
     return f'<ul class="verdict">\n{items}\n</ul>'

@@ -10,7 +10,7 @@ from harvester.prepared.steps import knot_spacing
 from harvester.scene.model import Scene
 from harvester.simulation.methods import engine_of
 from harvester.simulation.realization import Realization, noise_path, run
-from harvester.verification.quantities import STATES
+from harvester.verification import STATES
 
 
 def knot_times(scene: Scene) -> np.ndarray:

@@ -23,7 +23,7 @@ from harvester.running import Answer, Request, Runner, Task
 from harvester.running.request import good_ones, told
 from harvester.scene.model import Scene
 from harvester.scene.units import require_resistor
-from harvester.verification import exact_paths
+from harvester.verification import MEANS, STATES, exact_paths
 from harvester.verification.accuracy import throughput
 from harvester.verification.accuracy.methods import (
     LOAD_METHODS,
@@ -34,11 +34,10 @@ from harvester.verification.accuracy.methods import (
     THOROUGH_METHODS,
     TIMED_LOAD_METHODS,
     TIMED_METHODS,
-    Method,
+    ComparedMethod,
     with_compiled,
 )
 from harvester.verification.accuracy.timed import Timed, closures, paths_at_knots, realizations_task
-from harvester.verification.quantities import MEANS, STATES
 
 # Number of paths from which the errors of paths are measured.
 PATHS = 4
@@ -87,7 +86,7 @@ class MethodRow:
         Standard error of each mean itself in a run of this length, as a share: σ/√N.
     """
 
-    method: Method = field(metadata=LEFT_OUT)
+    method: ComparedMethod = field(metadata=LEFT_OUT)
     run: Timed | None = field(metadata=LEFT_OUT)
     note: str = ""
     mean_step: float = math.nan
@@ -112,10 +111,10 @@ class Measured:
 
     Attributes
     ----------
-    reference : Method
+    reference : ComparedMethod
         The method from whose runs biases are measured.
     references : dict of bool to Timed
-        The reference's runs, by `Method.brief`.
+        The reference's runs, by `ComparedMethod.brief`.
     closures : dict of str to dict
         For each closure that holds `quantities`, scaled, and `seconds`.
     refused : dict of str to str
@@ -133,7 +132,7 @@ class Measured:
 
     scene: Scene
     rows: list[MethodRow]
-    reference: Method
+    reference: ComparedMethod
     references: dict[bool, Timed]
     closures: dict
     refused: dict
@@ -145,7 +144,11 @@ class Measured:
 
 
 def by_own_length(
-    scene: Scene, runner: Runner, *, thorough: bool = False, methods: Sequence[Method] | None = None
+    scene: Scene,
+    runner: Runner,
+    *,
+    thorough: bool = False,
+    methods: Sequence[ComparedMethod] | None = None,
 ) -> Measured:
     """Measure the methods by paths, and by the means of the scene's own run.
 
@@ -153,7 +156,7 @@ def by_own_length(
     ----------
     thorough : bool
         More paths, steps and realizations.
-    methods : sequence of Method or None
+    methods : sequence of ComparedMethod or None
         None: all of them, and the throughput of every way to run the circuit.
 
     Raises
@@ -336,7 +339,6 @@ def _strong_errors(scene, methods, exact, runner):
 
 
 def _answers(groups, runner):
-    """Answers to groups of tasks, in groups."""
     outcomes = iter(runner.run([task for tasks in groups for task in tasks]))
     return [[next(outcomes) for _ in tasks] for tasks in groups]
 
@@ -353,7 +355,7 @@ def _strong_error(spacing, outcomes, exact):
 
 
 def _runs(scenes, methods, runner):
-    """Each method's run for the means, or why there is none; `scenes` by `Method.brief`."""
+    """Each method's run for the means, or why there is none; `scenes` by `ComparedMethod.brief`."""
     groups = []
     for method in methods:
         scene = scenes[method.brief]
@@ -412,7 +414,6 @@ def _counts(sizes, first, seconds):
 
 
 def _together(scene, method):
-    """Realizations in one task."""
     if method.engine == "monte-carlo":
         return REALIZATIONS_TOGETHER
     return method.together(scene.replace({"run.realizations": LONG_RUN}))

@@ -17,7 +17,7 @@ if TYPE_CHECKING:
 
 
 @dataclass(frozen=True)
-class Method:
+class ComparedMethod:
     """One way to solve a scene; those of one family differ in their steps only.
 
     Attributes
@@ -79,7 +79,9 @@ class Method:
 def _own_steps(scheme, *tolerances):
     family = f"PWL in the netlist, {scheme}"
     return tuple(
-        Method(family, "circuit", 2, source="pwl", scheme=scheme, tolerance=tolerance, brief=True)
+        ComparedMethod(
+            family, "circuit", 2, source="pwl", scheme=scheme, tolerance=tolerance, brief=True
+        )
         for tolerance in tolerances
     )
 
@@ -87,7 +89,7 @@ def _own_steps(scheme, *tolerances):
 def _fixed_steps(scheme, *refinements, brief=False):
     family = f"external source, {scheme}"
     return tuple(
-        Method(family, "circuit", 2, refinement, scheme=scheme, brief=brief)
+        ComparedMethod(family, "circuit", 2, refinement, scheme=scheme, brief=brief)
         for refinement in refinements
     )
 
@@ -95,19 +97,22 @@ def _fixed_steps(scheme, *refinements, brief=False):
 def _local_error(*tolerances, brief=False):
     family = "external source, local error"
     return tuple(
-        Method(family, "circuit", 2, tolerance=tolerance, brief=brief) for tolerance in tolerances
+        ComparedMethod(family, "circuit", 2, tolerance=tolerance, brief=brief)
+        for tolerance in tolerances
     )
 
 
 def _batched(name, device):
-    return Method(name, "circuit", 2, scheme="trapezoidal", device=device, copies=None)
+    return ComparedMethod(name, "circuit", 2, scheme="trapezoidal", device=device, copies=None)
 
 
 def _monte_carlo(scheme, *refinements):
     orders = {"Runge–Kutta": 4, "Heun": 2, "TR-BDF2": 2}
     option = "heun" if scheme == "Heun" else None
     return tuple(
-        Method(f"Monte Carlo, {scheme}", "monte-carlo", orders[scheme], refinement, scheme=option)
+        ComparedMethod(
+            f"Monte Carlo, {scheme}", "monte-carlo", orders[scheme], refinement, scheme=option
+        )
         for refinement in refinements
     )
 
@@ -160,12 +165,12 @@ TIMED_LOAD_METHODS = (
     *_monte_carlo("TR-BDF2", 1),
 )
 # The reference of all biases.
-REFERENCE = Method("Monte Carlo, Runge–Kutta, a quarter of the step", "monte-carlo", 4, 4)
-LOAD_REFERENCE = Method("Monte Carlo, TR-BDF2, a quarter of the step", "monte-carlo", 2, 4)
+REFERENCE = ComparedMethod("Monte Carlo, Runge–Kutta, a quarter of the step", "monte-carlo", 4, 4)
+LOAD_REFERENCE = ComparedMethod("Monte Carlo, TR-BDF2, a quarter of the step", "monte-carlo", 2, 4)
 # The reference of paths with a netlist as load, which no independent integrator runs.
-LOAD_PATHS = Method("Monte Carlo, TR-BDF2, a 32nd of the step", "monte-carlo", 2, 32)
+LOAD_PATHS = ComparedMethod("Monte Carlo, TR-BDF2, a 32nd of the step", "monte-carlo", 2, 32)
 
 
-def with_compiled(methods: Sequence[Method], runner: Runner) -> tuple[Method, ...]:
+def with_compiled(methods: Sequence[ComparedMethod], runner: Runner) -> tuple[ComparedMethod, ...]:
     """The methods, and those of the compiled device where it is on."""
     return (*methods, *(COMPILED_METHODS if "compiled" in runner.version("circuit") else ()))

@@ -65,7 +65,6 @@ def measured_alone(
 
 
 def machine() -> dict[str, Any]:
-    """Description of the machine, and the date of the measurement."""
     return {
         "date": datetime.date.today().isoformat(),
         "cores": os.cpu_count(),

@@ -14,10 +14,10 @@ from harvester.running import RunnerOptions, open_runner
 from harvester.scene.model import Scene
 from harvester.show.symbols import SYMBOLS
 from harvester.simulation.simulate import require_noise
+from harvester.verification import EFFICIENCY, OUTPUT_POWER, VOLTAGE
 from harvester.verification.accuracy.measurement import Measured, by_time
 from harvester.verification.accuracy.total_error import LIMITS, TotalError, bias_of, scatter_of
 from harvester.verification.accuracy.work_precision import share
-from harvester.verification.quantities import EFFICIENCY, OUTPUT_POWER, VOLTAGE
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -52,7 +52,7 @@ class Line:
 
 
 @dataclass(frozen=True)
-class Point:
+class ClosurePoint:
     """A closure's answer: its wall time, and its deviation from the reference by quantity."""
 
     name: str = field(metadata=key("closure"))
@@ -76,13 +76,12 @@ class TimeToAccuracy:
     quantities: tuple[str, ...]
     reference: Line
     lines: list[Line] = field(metadata=key("methods"))
-    points: list[Point] = field(metadata=key("closures"))
+    points: list[ClosurePoint] = field(metadata=key("closures"))
     refused: dict[str, str]
     limits: ClassVar = LIMITS
 
     @classmethod
     def of(cls, measured: Measured) -> TimeToAccuracy:
-        """Times to reach given errors, derived from a measurement."""
         exact = measured.references[False]
         means = exact.quantities()
         last = OUTPUT_POWER if OUTPUT_POWER in means else VOLTAGE
@@ -94,14 +93,15 @@ class TimeToAccuracy:
             _line(row, measured.references[row.method.brief], scatter) for row in measured.rows
         ]
         points = [
-            Point(name, answer["seconds"], {n: _deviation(answer, means, n) for n in quantities})
+            ClosurePoint(
+                name, answer["seconds"], {n: _deviation(answer, means, n) for n in quantities}
+            )
             for name, answer in measured.closures.items()
         ]
         first = Line(measured.reference.family, errors, exact.measured_time, exact.cost)
         return cls(measured.scene, quantities, first, lines, points, measured.refused)
 
     def table(self) -> tuple[list[str], list[list[str]]]:
-        """Header and rows of the table, as text."""
         header = ["method", "wall time per second"]
         for name in self.quantities:
             header += [f"bias of {SYMBOLS[name]}", *(f"to {limit:.0%}" for limit in LIMITS)]
@@ -136,14 +136,12 @@ class TimeToAccuracy:
         return [*lines, *(f"closure {name} refused: {why}" for name, why in self.refused.items())]
 
     def figure(self) -> Figure:
-        """Total error over wall time."""
         from harvester.show import figures
         from harvester.verification.accuracy import drawing as accuracy_figure
 
         return figures.drawn(accuracy_figure.draw, [self])
 
     def to_dict(self) -> dict[str, Any]:
-        """Plain values for JSON."""
         return fields_of(self)
 
 

@@ -17,7 +17,7 @@ from harvester.running.realizations import averages
 from harvester.scene.model import Scene
 from harvester.simulation.methods import engine_of
 from harvester.simulation.realization import run
-from harvester.verification.accuracy.methods import Method
+from harvester.verification.accuracy.methods import ComparedMethod
 from harvester.verification.paths import recorded, states_at_knots
 
 WARM_UP_KNOTS = 20
@@ -28,7 +28,7 @@ def timed(
 ) -> dict[str, Any]:
     """Moments of a few realizations, and the seconds of this core that they took.
 
-    In a worker process; `method` holds what `Method.options` gives.
+    In a worker process; `method` holds what `ComparedMethod.options` gives.
     """
     # A brief run compiles and loads everything before the clock starts.
     brief = scene.replace(
@@ -54,7 +54,11 @@ def paths_at_knots(
 
 
 def realizations_task(
-    scene: Scene, method: Method, indices: Sequence[int], runner: Runner, function: Callable = timed
+    scene: Scene,
+    method: ComparedMethod,
+    indices: Sequence[int],
+    runner: Runner,
+    function: Callable = timed,
 ) -> Task:
     """The task of some realizations that run together; `function` takes what `timed` takes."""
     arguments = {"scene": scene, "method": method.options(scene), "indices": list(indices)}

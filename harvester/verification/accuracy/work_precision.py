@@ -17,15 +17,15 @@ from harvester.scene.model import Scene
 from harvester.show.numbers import share_with_error
 from harvester.show.symbols import SYMBOLS
 from harvester.simulation.simulate import require_noise
+from harvester.verification import MEANS, SIGNIFICANT_SIGMAS, STATES, VOLTAGE
 from harvester.verification.accuracy.measurement import (
     Measured,
     MethodRow,
     by_own_length,
     sampling_error,
 )
-from harvester.verification.accuracy.methods import Method
+from harvester.verification.accuracy.methods import ComparedMethod
 from harvester.verification.accuracy.throughput import ratios
-from harvester.verification.quantities import MEANS, SIGNIFICANT_SIGMAS, STATES, VOLTAGE
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -63,12 +63,10 @@ class WorkPrecision:
 
     @property
     def rows(self) -> list[MethodRow]:
-        """Measured errors and times of each method."""
         return self.measured.rows
 
     @property
     def scene(self) -> Scene:
-        """The scene as it was asked for."""
         return self.measured.scene
 
     def needed_time(self) -> float:
@@ -89,7 +87,6 @@ class WorkPrecision:
         return row.seconds_per_unit * self.needed_time()
 
     def table(self) -> tuple[list[str], list[list[str]]]:
-        """Header and rows of the table, as text."""
         header = ["method", "setting", *(f"error {SYMBOLS[name]}" for name in STATES)]
         header += ["order of X (theory)", *(f"bias {SYMBOLS[name]}" for name in MEANS)]
         header += ["µs per unit", "s to 1 %"]
@@ -113,7 +110,6 @@ class WorkPrecision:
         ]
 
     def sentences(self) -> list[str]:
-        """Sentences on the findings, one line each."""
         reference, data, method = self.reference, self.measured, self.measured.reference
         machine, speeds = data.speeds["machine"], data.speeds["rows"]
         sampling = ", ".join(f"{SYMBOLS[n]} {sampling_error(reference, n):.2%}" for n in MEANS)
@@ -174,7 +170,6 @@ class WorkPrecision:
         return [f"{name} at {', '.join(settings)}" for name, settings in families.items()]
 
     def figure(self) -> Figure:
-        """Error over run time."""
         from harvester.show import figures
         from harvester.verification.accuracy.drawing import draw_work_precision
 
@@ -224,7 +219,7 @@ def work_precision(
     scene: Scene,
     *,
     thorough: bool = False,
-    methods: Sequence[Method] | None = None,
+    methods: Sequence[ComparedMethod] | None = None,
     **running: Unpack[RunnerOptions],
 ) -> WorkPrecision:
     """Measure the error and the run time of every method on a scene.
@@ -235,7 +230,7 @@ def work_precision(
         The scene; means are compared over its own [run].
     thorough : bool
         More paths, steps and realizations.
-    methods : sequence of Method or None
+    methods : sequence of ComparedMethod or None
         None: all of them, and the throughput of every way to run the circuit.
     **running
         See `harvester.running.open_runner`. What is kept holds the times that were measured.

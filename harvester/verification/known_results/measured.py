@@ -16,9 +16,9 @@ import numpy as np
 
 from harvester.running import Request
 from harvester.scene.model import Scene
+from harvester.verification import SIGNIFICANT_SIGMAS
 from harvester.verification.known_results.downloaded import downloaded
 from harvester.verification.known_results.truth import Truth
-from harvester.verification.quantities import SIGNIFICANT_SIGMAS
 
 GRAVITY = 9.80665
 # A run settles for so many time constants of the device, and averages so many periods.

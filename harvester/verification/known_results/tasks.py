@@ -9,10 +9,9 @@ from harvester.prepared.prepared import prepared
 from harvester.scene.model import Scene
 from harvester.simulation.methods import engine_of
 from harvester.simulation.realization import run
-from harvester.verification import exact_paths
+from harvester.verification import STATES, exact_paths
 from harvester.verification.known_results import radau, simulators
 from harvester.verification.paths import recorded, states_at_knots
-from harvester.verification.quantities import STATES
 
 # Other programs that run a scene's first path. Each gives X and the terminal voltage, scaled, at
 # the knots 1, 2, …

@@ -8,7 +8,7 @@ from harvester.errors import HarvesterError, ProgramNotFound
 from harvester.files.serialising import plain
 from harvester.running import Request, Task
 from harvester.running.request import told
-from harvester.verification.quantities import SIGNIFICANT_SIGMAS
+from harvester.verification import SIGNIFICANT_SIGMAS
 
 # Agreement is meaningful if that error is at most this share of the exact value.
 SHARPEST_NEEDED = 0.15
@@ -102,7 +102,6 @@ class TruthRow:
         return f"{difference / abs(self.truth.exact):{sign}.2%}"
 
     def to_dict(self) -> dict[str, Any]:
-        """Plain values for JSON."""
         ours = ("method", "value", "standard_error", "verdict", "reason")
         theirs = ("source", "unit", "exact", "allowance", "device")
         return {

@@ -12,10 +12,10 @@ from harvester.arguments import checked_options, usual_arithmetic
 from harvester.files.serialising import plain
 from harvester.files.tables import markdown_table
 from harvester.running import Request, RunnerOptions, Task, open_runner
+from harvester.verification import SIGNIFICANT_SIGMAS
 from harvester.verification.known_results.downloaded import HOW_TO_GET
 from harvester.verification.known_results.measured import DEVICES
 from harvester.verification.known_results.truth import FAILS, HOLDS, MISSES, Truth, TruthRow, row_of
-from harvester.verification.quantities import SIGNIFICANT_SIGMAS
 from harvester.version import __version__
 
 OPENING = (
@@ -55,11 +55,9 @@ class Verification:
 
     @property
     def measured(self) -> list[TruthRow]:
-        """Rows of measured devices."""
         return [row for row in self.rows if row.truth.device]
 
     def table(self) -> tuple[list[str], list[list[str]]]:
-        """Header and rows of the table, as text."""
         header = ["result", "by", "verdict", "exact", "ours", "difference", "allowed"]
         return header, [row.cells() for row in self.rows]
 
@@ -129,7 +127,6 @@ class Verification:
         """The table says it all."""
 
     def to_dict(self) -> dict[str, Any]:
-        """Plain values for JSON."""
         return {
             "agreeing_sigmas": SIGNIFICANT_SIGMAS,
             "wall_seconds": self.wall_seconds,

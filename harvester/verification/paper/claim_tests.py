@@ -14,14 +14,18 @@ from typing import Any, TypeAlias
 
 import numpy as np
 
+from harvester.estimates.estimate import Density
 from harvester.files.serialising import LEFT_OUT, fields_of
 from harvester.files.writing import finite
 from harvester.results.paired import paired_difference
 from harvester.running import Answer
 from harvester.scene.model import Scene
-from harvester.verification.paper.density_features import FEATURES, middle_of, peak_of
 from harvester.verification.paper.figures_list import KEY_SYMBOLS, Changes
 
+# The peak of a density is its mean over this width of X.
+PEAK_WIDTH = 0.1
+# |X| is beyond the reach of the motion with this probability.
+BEYOND = 0.01
 # Gives a method's answer for some changes of the scene, or None if it has none.
 Read: TypeAlias = Callable[[Changes], Answer | None]
 
@@ -58,7 +62,6 @@ class Finding:
         return signed / self.error if self.error > 0.0 else math.copysign(math.inf, signed)
 
     def to_dict(self) -> dict[str, Any]:
-        """Plain values for JSON."""
         return {**fields_of(self), "standard_errors": finite(self.sigmas)}
 
 
@@ -105,7 +108,6 @@ class Along(StatementTest):
     values: tuple[float, ...]
 
     def places(self) -> list[tuple[str, float]]:
-        """(key, value) for each value of the key."""
         return [(self.swept, value) for value in self.values]
 
     def answered_points(self, condition: Changes, read: Read) -> list[tuple[float, Answer]]:
@@ -209,7 +211,6 @@ class Stronger(Ranges):
     weak: tuple
 
     def places(self) -> list[tuple[str, float]]:
-        """Both ends of every range."""
         return [(key, value) for key, ends in (*self.ranges, *self.weak) for value in ends]
 
     def findings(self, condition: Changes, read: Read) -> list[Finding]:
@@ -320,7 +321,6 @@ class WiderBand(StatementTest):
     of_orbits = True
 
     def scenes(self, condition: Changes) -> list[Changes]:
-        """No scenes: the test needs no simulation."""
         return []
 
     def findings(self, scene: Scene) -> list[Finding]:
@@ -372,3 +372,50 @@ def _value(answer, quantity):
 def _range(condition, key, first, last):
     text = f"{KEY_SYMBOLS[key]} {first:g} → {last:g}"
     return f"{text} at {name_of(condition)}" if condition else text
+
+
+def _smooth(density):
+    """Averages over `PEAK_WIDTH`."""
+    reach, step = max(np.abs(density.centre).max(), 2.0 * PEAK_WIDTH), PEAK_WIDTH / 16
+    centre = np.arange(-reach, reach + step, step)
+    errors = density.standard_error
+    errors = np.zeros_like(density.density) if errors is None else errors
+    window = np.full(16, 1.0 / 16)
+    return centre, *(
+        np.convolve(np.interp(centre, density.centre, column, 0.0, 0.0), window, "same")
+        for column in (density.density, errors)
+    )
+
+
+# Numbers that statements read off a density p(X), each with its error. Bins that are summed count
+# as fully correlated, which is cautious.
+def peak_of(density: Density) -> tuple[float, float]:
+    """(highest average of p(X) over a width of X, its error), whatever the grid."""
+    centre, values, errors = _smooth(density)
+    top = int(np.argmax(np.where(centre >= 0.0, values, 0.0)))
+    return values[top], errors[top]
+
+
+def middle_of(density: Density) -> tuple[float, float]:
+    """(average of p(X) about X = 0, its error)."""
+    centre, values, errors = _smooth(density)
+    middle = int(np.argmin(np.abs(centre)))
+    return values[middle], errors[middle]
+
+
+def reach_of(density: Density) -> tuple[float, float]:
+    """(distance from X = 0 that the motion exceeds for `BEYOND` of the time, its error)."""
+    centre = density.centre
+    order = np.argsort(-np.abs(centre))
+    width = np.gradient(centre)[order]
+    beyond = np.cumsum(density.density[order] * width)
+    last = int(np.searchsorted(beyond, BEYOND))
+    distance = np.interp(BEYOND, beyond, np.abs(centre[order]))
+    if density.standard_error is None:
+        return distance, 0.0
+    error = (density.standard_error[order] * width)[: last + 1].sum()
+    # The two sides together give the slope of the tail's probability.
+    return distance, error / (2.0 * density.density[order][last])
+
+
+FEATURES = {"peak": peak_of, "reach": reach_of}

@@ -12,11 +12,10 @@ from harvester.files.tables import markdown_table
 from harvester.prepared.steps import with_knots
 from harvester.running import RunnerOptions, open_runner
 from harvester.scene.model import Scene
-from harvester.verification.paper.claim_tests import Finding, Trend, name_of
+from harvester.verification import SIGNIFICANT_SIGMAS
+from harvester.verification.paper.claim_tests import FEATURES, Finding, Trend, name_of
 from harvester.verification.paper.claims_list import CLAIMS, JUMPING, Claim
-from harvester.verification.paper.density_features import FEATURES
 from harvester.verification.paper.runs import answered, costly_first, reason, request
-from harvester.verification.quantities import SIGNIFICANT_SIGMAS
 
 HOLDS, IN_PART, FAILS = "holds", "holds in part", "does not hold"
 UNDECIDED, UNTESTED = "not significant", "not tested"
@@ -71,7 +70,6 @@ class Opinion:
         )
 
     def to_dict(self) -> dict[str, Any]:
-        """Plain values for JSON."""
         return {**fields_of(self), "where": self.where()}
 
 
@@ -110,11 +108,9 @@ class Judgement:
 
     @property
     def judged(self) -> list[tuple[Claim, dict[str, Opinion]]]:
-        """Each claim with the methods' verdicts."""
         return list(zip(self.claims, self.verdicts, strict=True))
 
     def table(self) -> tuple[list[str], list[list[str]]]:
-        """Header and rows of the table, as text."""
         header = ["section", "statement", *METHODS]
         return header, [[c.section, c.says, *_texts(verdicts)] for c, verdicts in self.judged]
 
@@ -175,7 +171,6 @@ class Judgement:
         """None: statements have no figure."""
 
     def to_dict(self) -> dict[str, Any]:
-        """Plain values for JSON."""
         names = ("where", "paper", "monte-carlo")
         return {
             "scene": self.scene.to_dict(),

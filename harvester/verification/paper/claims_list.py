@@ -7,6 +7,7 @@ general, so they are tried at D = 0.08 too, where jumps between the wells are fr
 from dataclasses import dataclass, field
 
 from harvester.files.serialising import LEFT_OUT, key
+from harvester.verification import EFFICIENCY, POWER, VOLTAGE
 from harvester.verification.paper.claim_tests import (
     Agreement,
     Bimodal,
@@ -30,7 +31,6 @@ from harvester.verification.paper.figures_list import (
     STIFFNESS,
     Changes,
 )
-from harvester.verification.quantities import EFFICIENCY, POWER, VOLTAGE
 
 PEAK, REACH, CROSSINGS = "peak", "reach", "well_crossing_rate"
 

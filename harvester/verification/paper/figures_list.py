@@ -9,7 +9,7 @@ from typing import Any, TypeAlias
 
 import numpy as np
 
-from harvester.verification.quantities import EFFICIENCY, POWER, VOLTAGE
+from harvester.verification import EFFICIENCY, POWER, VOLTAGE
 
 # Keys of a scene, with the values that they get.
 Changes: TypeAlias = tuple[tuple[str, Any], ...]

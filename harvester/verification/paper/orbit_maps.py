@@ -75,7 +75,6 @@ class Surfaces(_PaperMap):
     computed = "H and ω(H) of Eqs. 14-17 over X and X', N2(H) solved for on each orbit"
 
     def table(self) -> tuple[list[str], list[list[str]]]:
-        """Header and one row for each surface."""
         fastest, highest = np.nanmax(self.frequency), np.nanmax(self.energy)
         return ["figure", "what", "greatest"], [
             [self.name, "H", f"{highest:.3g}"],
@@ -83,7 +82,6 @@ class Surfaces(_PaperMap):
         ]
 
     def sentences(self) -> list[str]:
-        """Sentences on what was computed."""
         return [f"{self.name}: orbits of Eq. 13 up to H − U(0) = {HIGHEST:g}; no noise enters"]
 
     def figure(self) -> "Figure":
@@ -145,7 +143,6 @@ class OrbitVoltages(_PaperMap):
         return header, rows
 
     def sentences(self) -> list[str]:
-        """Sentences on what was computed."""
         return [
             f"{self.name}: extremes of V (Eq. 10) along the orbits of Eq. 13 up to H − U(0) = "
             f"{HIGHEST:g}; symbols: Eq. 4b itself along the same orbits; no noise enters",

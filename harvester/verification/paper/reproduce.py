@@ -87,7 +87,6 @@ class Reproduction:
 
     @property
     def failed_runs(self) -> int:
-        """Number of simulations that failed."""
         return sum(isinstance(outcome, SimulationError) for *_, outcome in self.points())
 
     def table(self) -> tuple[list[str], list[list[str]]]:
@@ -118,14 +117,12 @@ class Reproduction:
         ]
 
     def figure(self) -> "Figure":
-        """Drawn as the paper draws it."""
         from harvester.show.figures import drawn
         from harvester.verification.paper.drawing import draw
 
         return drawn(draw, self)
 
     def to_dict(self) -> dict[str, Any]:
-        """Plain values for JSON."""
         return {
             "figure": self.name,
             "title": self.layout.title,

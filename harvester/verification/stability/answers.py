@@ -66,7 +66,6 @@ class CaseAnswer:
     path: PathDeviation | None = None
 
     def to_dict(self) -> dict:
-        """Plain values for JSON."""
         content = fields_of(self)
         return {**content, "path": content["path"] or {}}
 
@@ -109,7 +108,6 @@ def _simulated(scene, engine, step):
 
 
 def _run(scene, step):
-    """Run all realizations of a case by Monte Carlo."""
     return run(scene, MonteCarlo(step), range(scene.run.realizations), None, ignore)
 
 

@@ -50,7 +50,6 @@ class Case:
 
     @property
     def title(self) -> str:
-        """Family and name of the case."""
         return f"{self.family}: {self.name}" if self.family != "corner" else self.name
 
 

@@ -16,8 +16,8 @@ from harvester.device.system import System, elastic_force, potential
 from harvester.prepared.prepared import prepared
 from harvester.prepared.steps import knot_spacing
 from harvester.scene.model import Scene
+from harvester.verification import EFFICIENCY, VELOCITY, VOLTAGE
 from harvester.verification.known_results.formulas import gibbs_mean
-from harvester.verification.quantities import EFFICIENCY, VELOCITY, VOLTAGE
 
 # A closed form is used if its own error is at most this share of a mean: by the change of the
 # stiffness within the motion, or by the colour of the noise.

@@ -64,7 +64,6 @@ class StabilityMatrix:
 
     @property
     def methods(self) -> list[str]:
-        """Names of the engines and closures."""
         return list(self.rows[0].cells)
 
     def cells(self, word: str) -> list[tuple[str, str, CaseVerdict]]:
@@ -82,7 +81,6 @@ class StabilityMatrix:
         return [(title, method, verdict.reason) for title, method, verdict in self.cells(WRONG)]
 
     def table(self) -> tuple[list[str], list[list[str]]]:
-        """Header and rows of the table, as text."""
         header = ["case", *self.methods, "residuals", "seconds"]
         return header, [self._cells_of(row) for row in self.rows]
 
@@ -120,19 +118,16 @@ class StabilityMatrix:
         return lines
 
     def figure(self) -> Figure:
-        """The coloured grid of all cases."""
         from harvester.show.figures import drawn
 
         return drawn(_draw, self)
 
     def figures(self) -> list[Figure]:
-        """The grid's figures, in pages that can be read in print."""
         from harvester.show.figures import drawn
 
         return drawn(_draw_pages, self)
 
     def to_dict(self) -> dict[str, Any]:
-        """Plain values for JSON."""
         return {
             "scene": self.scene.to_dict(),
             "seed": self.scene.run.seed,

@@ -21,8 +21,8 @@ from harvester.scene.model import Scene
 from harvester.simulation import side_by_side
 from harvester.simulation.methods import MonteCarlo
 from harvester.simulation.realization import Realization, run
+from harvester.verification import STATES
 from harvester.verification.paths import ignore, recorded, states_at_knots
-from harvester.verification.quantities import STATES
 from harvester.verification.stability.replay import replayed
 
 # The circuit takes this many steps along all paths together, if no contact shortens them.
@@ -215,7 +215,6 @@ def _typical_start(scene):
 
 
 def _paths(scene, engine, step):
-    """Realizations with their whole waveforms."""
     count = scene.run.realizations
     shared = engine == "circuit" and side_by_side.share_steps(prepared(scene), step)
     together = [range(count)] if shared else [[index] for index in range(count)]

@@ -17,7 +17,7 @@ from harvester.files.serialising import fields_of, key, plain
 from harvester.prepared.prepared import prepared
 from harvester.scene.model import Scene
 from harvester.simulation.methods import ENGINES
-from harvester.verification.quantities import MEANS
+from harvester.verification import MEANS
 from harvester.verification.stability.answers import CaseAnswer
 from harvester.verification.stability.cases import Case
 from harvester.verification.stability.closed_forms import closed_forms
@@ -127,12 +127,10 @@ class CaseRow:
     cells: dict[str, CaseVerdict]
 
     def answer(self, method: str) -> CaseAnswer | None:
-        """The method's answer; None if it has none."""
         answer = self.answers[method]
         return answer if isinstance(answer, CaseAnswer) else None
 
     def to_dict(self) -> dict[str, Any]:
-        """Plain values for JSON."""
         answered = {method: self.answer(method) for method in self.answers}
         return {
             **fields_of(self.case),

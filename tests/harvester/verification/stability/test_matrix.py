@@ -16,8 +16,8 @@ from harvester.running import open_runner
 from harvester.scene.model import Scene
 from harvester.show.page import all_facts, table_in_pages
 from harvester.simulation.simulate import simulate
+from harvester.verification import MEANS
 from harvester.verification.known_results.formulas import rebound_speed
-from harvester.verification.quantities import MEANS
 from harvester.verification.stability import matrix as module
 from harvester.verification.stability.cases import (
     STEP_BUDGET,
