@@ -132,9 +132,9 @@ def _words(text):
     return [word.strip() for word in text.split(",") if word.strip()]
 
 
-def _asked(found):
+def _asked(node_names):
     """Ask at the terminal which nodes of the netlist are the harvester's."""
-    listed = f"nodes: {', '.join(found)}"
+    listed = f"nodes: {', '.join(node_names)}"
     if not sys.stdin.isatty():
         raise HarvesterError(f"--nodes P,N,OUT,REF: say which are the harvester's; {listed}")
     print(f"{listed}\nharvester's two and the output's two, P,N,OUT,REF: ", end="", file=sys.stderr)

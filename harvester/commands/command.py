@@ -49,14 +49,14 @@ class Command:
         return function_name.replace("_", "-")
 
     @property
-    def found(self) -> Callable:
+    def target(self) -> Callable:
         """The function that the command calls, imported if it was given by name."""
         if isinstance(self.function, str):
             return getattr(harvester, self.function)
         return self.function
 
     def fill(self, parser: ArgumentParser) -> None:
-        add_options(parser, self.found)
+        add_options(parser, self.target)
 
     def run(self, options: Namespace) -> int | None:
         """Carry the command out; returns the exit code, or None for 0."""
@@ -65,11 +65,11 @@ class Command:
         with progress() if self.bar else contextlib.nullcontext() as follow:
             if follow:
                 follow(self.bar, None)
-            return self._call(self._scene(options), values_of(options, self.found))
+            return self._call(self._scene(options), values_of(options, self.target))
 
     def _scene(self, options: Namespace) -> Scene | None:
         """The scene that the call names, overrides and seed put in; None where there is none."""
-        if not any(map(is_scene, options_of(self.found).values())):
+        if not any(map(is_scene, options_of(self.target).values())):
             return None
         from harvester.scene.model import Scene
 
@@ -82,10 +82,10 @@ class Command:
         """Call the function; the scene and the words of the call are its positional arguments."""
         words = [
             values.pop(option.name)
-            for option in options_of(self.found).values()
+            for option in options_of(self.target).values()
             if option.passing is inspect.Parameter.POSITIONAL_ONLY and option.name in values
         ]
-        return self.found(*([] if scene is None else [scene]), *words, **values)
+        return self.target(*([] if scene is None else [scene]), *words, **values)
 
 
 def named_after(scene: str, stem: str) -> str:
@@ -163,9 +163,9 @@ class StudyCommand(Command):
         add_extra(parser, "report", File, text)
 
     def run(self, options: Namespace) -> int:
-        scene, values = self._scene(options), values_of(options, self.found)
+        scene, values = self._scene(options), values_of(options, self.target)
         _say_costs(scene)
-        defaults = {name: option.default for name, option in options_of(self.found).items()}
+        defaults = {name: option.default for name, option in options_of(self.target).items()}
         stem = (self.stem or self.name).format(**defaults | values)
         name = named_after(scene.name, stem) if scene else stem
         kinds = ("json", "output", "report", "waveform")
@@ -223,7 +223,7 @@ class StudyCommand(Command):
         """Add to the options what runs the study; gives the runner where there is one."""
         from harvester.commands.console import progress
 
-        parameters, runner = options_of(self.found), None
+        parameters, runner = options_of(self.target), None
         with contextlib.ExitStack() as opened:
             if "progress" in parameters and (self.bar or not self._takes_runner()):
                 follow = opened.enter_context(progress())
@@ -241,5 +241,5 @@ class StudyCommand(Command):
 
     def _takes_runner(self):
         """Whether the function takes `**running`, the options of a study's runner."""
-        parameters = inspect.signature(self.found).parameters.values()
+        parameters = inspect.signature(self.target).parameters.values()
         return any(parameter.kind is parameter.VAR_KEYWORD for parameter in parameters)

@@ -206,13 +206,13 @@ def density_sketch(results: Mapping[str, Result]) -> list[str]:
     ]
 
 
-def show_engine(found: dict[str, Any], to_stderr: bool = False) -> None:
+def show_engine(engine: dict[str, Any], to_stderr: bool = False) -> None:
     """The library that was found, its features, and whether the compiled device is on."""
-    features = [name for name in ("xspice", "cider", "osdi", "klu") if found[name]]
+    features = [name for name in ("xspice", "cider", "osdi", "klu") if engine[name]]
     lines = [
-        f"{found['version']} from {found['library']}",
+        f"{engine['version']} from {engine['library']}",
         f"features: {', '.join(features) or 'none of XSPICE, CIDER, OSDI, KLU'}",
-        f"compiled device: {found['compiled_device_off'] or 'on'}",
+        f"compiled device: {engine['compiled_device_off'] or 'on'}",
     ]
     _print(None, lines, to_stderr)
 

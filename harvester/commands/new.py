@@ -237,7 +237,7 @@ def _read(answer, question, keys, units):
         if name not in key_by_name:
             raise NotANumber(f"no {name} here{nearest(name, key_by_name)}")
         return key_by_name[name], number(number_text)
-    for unit, factor in sorted(question.units.items(), key=lambda each: -len(each[0])):
+    for unit, factor in sorted(question.units.items(), key=lambda item: -len(item[0])):
         if units == "SI" and answer.endswith(unit):
             return keys[0], factor * number(answer.removesuffix(unit).replace(" ", ""))
     value = number(answer)

@@ -94,7 +94,7 @@ COMMANDS = (
     StudyCommand(
         "spectrum",
         "spectrum truck.csv --unit g --device device --breakpoints 12 --output truck",
-        title=lambda found: f"spectrum of {found.name}",
+        title=lambda result: f"spectrum of {result.name}",
         stem="spectrum",
     ),
     Command(verification.accuracy, "accuracy paper --output results"),
@@ -115,20 +115,20 @@ COMMANDS = (
         verification.verify,
         "verify --output results",
         title="known results",
-        failed=lambda found: found.failed,
+        failed=lambda result: result.failed,
     ),
     StudyCommand(
         "basins",
         """basins device --set 'excitation={kind="sine", amplitude=6.0, frequency=8.0}' """
         "--points 60 --output basins",
-        title=lambda found: f"orbits of {found.scene.name}",
+        title=lambda result: f"orbits of {result.scene.name}",
     ),
     StudyCommand(
         "bifurcation",
         """bifurcation device --set 'excitation={kind="sine", amplitude=6.0, frequency=8.0}' """
         "--over excitation.amplitude --values 1:12:linear:100",
         title="bifurcation",
-        failed=lambda found: len(found.failures) == len(found.values) * len(found.branches),
+        failed=lambda result: len(result.failures) == len(result.values) * len(result.branches),
     ),
     StudyCommand(
         "residence",
@@ -146,7 +146,7 @@ COMMANDS = (
         "optimum",
         "optimum device --maximise mean_power --over load.resistance=1e4:1e7 "
         "--over oscillator.linear_stiffness=-100:-20",
-        title=lambda found: f"optimum over {', '.join(found.keys)}",
+        title=lambda result: f"optimum over {', '.join(result.keys)}",
         bar="function",
     ),
     StudyCommand(
@@ -170,7 +170,7 @@ COMMANDS = (
     StudyCommand(
         "identify",
         "identify device --record shaker.csv load.resistance=1e5 --output identified",
-        title=lambda found: f"identified from {', '.join(r.name for r in found.measurements)}",
+        title=lambda result: f"identified from {', '.join(r.name for r in result.measurements)}",
         stem="identified",
     ),
     Command(verification.reproduce, "reproduce fig6 fig9 --quick --output results"),
@@ -204,12 +204,12 @@ class CommandParser(argparse.ArgumentParser):
         super().error(one_line(message))
 
 
-def build_parser(wanted: str | None = None) -> tuple[CommandParser, Any]:
+def build_parser(command_name: str | None = None) -> tuple[CommandParser, Any]:
     """The parser of the command line, and its sub-parsers' action.
 
     Parameters
     ----------
-    wanted : str or None
+    command_name : str or None
         A command: only it gets its options. Of another word or None: all get them. None is for
         scripts of shells: each command has its help then.
     """
@@ -223,16 +223,16 @@ def build_parser(wanted: str | None = None) -> tuple[CommandParser, Any]:
     title = "commands, each with an example in its own --help"
     commands = parser.add_subparsers(title=title, required=True, metavar="COMMAND")
     summaries: dict[str, str] = {}
-    only = wanted if wanted in {command.name for command in COMMANDS} else None
+    only = command_name if command_name in {command.name for command in COMMANDS} else None
     for command in COMMANDS:
         if only not in (None, command.name):
             commands.add_parser(command.name)
             continue
-        first, text = about(command.found)
+        first, text = about(command.target)
         summaries[command.name] = first
         # Completion scripts list the commands that have a help text. `--help` lists all of them in
         # groups.
-        listed: dict[str, Any] = {"help": first.replace("%", "%%")} if wanted is None else {}
+        listed: dict[str, Any] = {"help": first.replace("%", "%%")} if command_name is None else {}
         subparser = commands.add_parser(
             command.name, **listed, description=text, epilog=f"example: harvester {command.example}"
         )

@@ -204,14 +204,14 @@ def _paper(seed):
     return Scene.load("paper", overrides_of(seed=seed))
 
 
-def _chosen(wanted, known):
+def _chosen(figures, names):
     """Names of figures in the paper's order."""
-    for name in wanted:
-        if name not in (*known, "all"):
+    for name in figures:
+        if name not in (*names, "all"):
             raise HarvesterError(
-                f"{name}: no such figure{nearest(name, known)}; there are {', '.join(known)}, all"
+                f"{name}: no such figure{nearest(name, names)}; there are {', '.join(names)}, all"
             )
-    return [name for name in known if name in wanted or "all" in wanted]
+    return [name for name in names if name in figures or "all" in figures]
 
 
 def time_to_accuracy(

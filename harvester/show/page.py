@@ -50,9 +50,9 @@ def page(title: str, about: str, sections: dict[str, str]) -> str:
     )
 
 
-def verdict_list(found: Iterable[Verdict]) -> str:
+def verdict_list(verdicts: Iterable[Verdict]) -> str:
     kinds = {True: "agrees", False: "differs", None: "neutral"}
-    items = "\n".join(f'<li class="{kinds[v.good]}">{_escaped(v.text)}</li>' for v in found)
+    items = "\n".join(f'<li class="{kinds[v.good]}">{_escaped(v.text)}</li>' for v in verdicts)
     return f'<ul class="verdict">\n{items}\n</ul>'
 
 

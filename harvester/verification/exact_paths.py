@@ -181,8 +181,8 @@ def _spring_equations(spring):
         raise _not_written_out(spring)
     return (
         lambda x: sum(k * x**n for n, k in powers),
-        lambda place, stop: sum(
-            k * (place ** (n + 1) - stop ** (n + 1)) / (n + 1) for n, k in powers
+        lambda start, stop: sum(
+            k * (start ** (n + 1) - stop ** (n + 1)) / (n + 1) for n, k in powers
         ),
     )
 
@@ -206,7 +206,7 @@ def _table_equations(table):
         end, edge_force, steep = line(x)
         return float(integral(end)) + (edge_force + 0.5 * steep * (x - end)) * (x - end)
 
-    return force, lambda place, stop: energy(place) - energy(stop)
+    return force, lambda start, stop: energy(start) - energy(stop)
 
 
 def _stored(law, depth):

@@ -24,6 +24,18 @@ def noise_at_knots(scene: Scene, index: int) -> np.ndarray:
     return noise_path(prepared(scene), index).read(knot_times(scene).size + 1)
 
 
+def from_rest(scene: Scene, knots: int, realizations: int) -> Scene:
+    """The scene for so many knots of its noise, measured from its beginning."""
+    spacing = knot_spacing(prepared(scene))
+    changes = {
+        "run.duration": knots * spacing,
+        "run.settle": 0.0,
+        "run.realizations": realizations,
+        "excitation.knot_spacing": spacing,
+    }
+    return scene.replace(changes)
+
+
 def recorded(
     scene: Scene, engine: str, indices: Sequence[int], step: str | float, **options: Any
 ) -> list[Realization]:

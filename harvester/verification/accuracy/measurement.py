@@ -38,6 +38,7 @@ from harvester.verification.accuracy.methods import (
     with_compiled,
 )
 from harvester.verification.accuracy.timed import Timed, closures, paths_at_knots, realizations_task
+from harvester.verification.paths import from_rest
 
 # Number of paths from which the errors of paths are measured.
 PATHS = 4
@@ -301,15 +302,9 @@ def _brief_scene(scene, realizations):
 def _short_scene(scene, paths):
     """Some periods from rest: short enough that paths do not separate."""
     model = prepared(scene)
-    spacing = knot_spacing(model)
     period = 2.0 * math.pi / timescales.angular_frequency(model.system)
-    changes = {
-        "run.duration": min(math.ceil(PERIODS * period / spacing), MOST_KNOTS) * spacing,
-        "run.settle": 0.0,
-        "run.realizations": paths,
-        "excitation.knot_spacing": spacing,
-    }
-    return scene.replace(changes)
+    knots = min(math.ceil(PERIODS * period / knot_spacing(model)), MOST_KNOTS)
+    return from_rest(scene, knots, paths)
 
 
 def _exact_paths(scene, with_load, runner):

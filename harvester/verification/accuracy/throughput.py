@@ -16,6 +16,7 @@ from harvester.scene.model import Scene
 from harvester.simulation.methods import Circuit
 from harvester.simulation.realization import run
 from harvester.simulation.side_by_side import MOST_COPIES
+from harvester.verification.paths import from_rest
 from harvester.workers.pools import WorkerPool, Workers
 
 # Knots of a realization. The cost of a PWL source depends on their number, since ngspice scans it
@@ -132,10 +133,7 @@ def _measured(scene, pool, knots, name, copies, processes, options):
     spacing = knot_spacing(prepared(scene))
     # Enough knots to be timed accurately; fewer if there are more copies.
     knots = math.ceil(knots / math.sqrt(copies))
-    brief = scene.replace(
-        run={"duration": knots * spacing, "settle": 0.0, "realizations": copies * processes},
-        excitation={"knot_spacing": spacing},
-    )
+    brief = from_rest(scene, knots, copies * processes)
     engine = Circuit(**{"device": "behavioural", **options})
     call = {"scene": brief, "engine": engine, "window": None}
     firsts = range(0, copies * processes, copies)

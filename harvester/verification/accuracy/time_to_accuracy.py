@@ -186,9 +186,9 @@ def _line(row, reference, scatter):
     return Line(name, errors, run.measured_time, run.cost)
 
 
-def _deviation(found, whole, quantity):
+def _deviation(answer, means, quantity):
     """A closure's deviation from the reference, as a share with both errors."""
-    ours, theirs = found["quantities"][quantity], whole[quantity]
+    ours, theirs = answer["quantities"][quantity], means[quantity]
     ratio = ours.estimate / theirs.estimate
     closure_error = (ours.standard_error or 0.0) / abs(theirs.estimate)
     far = abs(ratio) * (theirs.standard_error or 0.0) / abs(theirs.estimate)

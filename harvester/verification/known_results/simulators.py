@@ -113,7 +113,7 @@ def _for_vacask(netlist):
     text = re.sub(r"^\.(save|options|tran).*\n", "", text, flags=re.MULTILINE)
     text = re.sub(r"^(B\w+ \w+ \w+ i=)(.*)$", r"\1{\2}", text, flags=re.MULTILINE)
     suffix = "|".join(_SUFFIXES)
-    text = re.sub(rf"(?<=\d)({suffix})\b", lambda found: _SUFFIXES[found[1]], text)
+    text = re.sub(rf"(?<=\d)({suffix})\b", lambda match: _SUFFIXES[match[1]], text)
     initial = ", ".join(f'"{node}", {float(value)!r}' for node, value in starts)
     deck = f"""{netlist.text.splitlines()[0]}
 ground 0

@@ -80,7 +80,7 @@ class Reproduction:
     def refused(self) -> list[tuple[str, str, str]]:
         """(method, where, reason) of every point without an answer."""
         return [
-            (method, place(panel, curve, value), reason(outcome))
+            (method, point_name(panel, curve, value), reason(outcome))
             for panel, curve, method, value, outcome in self.points()
             if not answered(outcome)
         ]
@@ -110,7 +110,7 @@ class Reproduction:
             for note in outcome.notes if answered(outcome) else ():
                 # The note on the interpolation of the noise stands once, in the caption's JSON.
                 if not note.startswith("noise linear"):
-                    short.setdefault((method, note), []).append(place(panel, curve, value))
+                    short.setdefault((method, note), []).append(point_name(panel, curve, value))
         return lines + [
             f"{self.name}: {method} at {'; '.join(places)}: {note}"
             for (method, note), places in short.items()
@@ -248,7 +248,7 @@ def reproduce(
     return [contents[name] for name in names]
 
 
-def place(panel: FigurePanel, curve: Curve, value: float) -> str:
+def point_name(panel: FigurePanel, curve: Curve, value: float) -> str:
     """ "δr = 1.1, D = 0.02": where a point lies."""
     swept = f"{KEY_SYMBOLS[panel.swept]} = {value:g}"
     return swept if dict(curve.changes).get(panel.swept) == value else f"{curve.label}, {swept}"

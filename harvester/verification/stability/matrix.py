@@ -173,11 +173,20 @@ def stability(
     require_noise(scene, "stability")
     clock = time.perf_counter()
     cases = default_cases() if cases is None else tuple(cases)
-    scenes = [_changed_or_refused(scene, case) for case in cases]
-    possible = [varied for varied in scenes if isinstance(varied, Scene)]
+    scenes: list[Any] = []
+    for case in cases:
+        try:
+            scenes.append(changed(scene, case))
+        except SceneError as error:
+            scenes.append(error)
     running.setdefault("time_limit", TIME_LIMIT)
     with open_runner(**running) as runner:
-        tasks = [_task(varied, method, step, runner) for varied in possible for method in METHODS]
+        tasks = [
+            Task(answer, {"scene": s, "method": m, "step": step}, runner.version(m), m)
+            for s in scenes
+            if isinstance(s, Scene)
+            for m in METHODS
+        ]
         outcomes = iter(runner.run(tasks))
     rows = []
     for case, changed_scene in zip(cases, scenes, strict=True):
@@ -187,18 +196,6 @@ def stability(
             answers = dict.fromkeys(METHODS, changed_scene)
         rows.append(judged(case, changed_scene, answers))
     return StabilityMatrix(scene, rows, time.perf_counter() - clock)
-
-
-def _task(scene, method, step, runner):
-    arguments = {"scene": scene, "method": method, "step": step}
-    return Task(answer, arguments, runner.version(method), method)
-
-
-def _changed_or_refused(scene, case):
-    try:
-        return changed(scene, case)
-    except SceneError as error:
-        return error
 
 
 def _draw(matrix):

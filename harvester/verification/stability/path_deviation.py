@@ -22,7 +22,7 @@ from harvester.simulation import side_by_side
 from harvester.simulation.methods import MonteCarlo
 from harvester.simulation.realization import Realization, run
 from harvester.verification import STATES
-from harvester.verification.paths import ignore, recorded, states_at_knots
+from harvester.verification.paths import from_rest, ignore, recorded, states_at_knots
 from harvester.verification.stability.replay import replayed
 
 # The circuit takes this many steps along all paths together, if no contact shortens them.
@@ -163,7 +163,7 @@ def path_scene(scene: Scene) -> Scene:
     periods = PATH_STEPS * step / (MOST_PATHS * period)
     length = min(max(periods, FEWEST_PERIODS), MOST_PERIODS) * period
     paths = min(max(int(PATH_STEPS * step / length), FEWEST_PATHS), MOST_PATHS)
-    brief = _from_rest(scene, max(round(length / spacing), 1), paths)
+    brief = from_rest(scene, max(round(length / spacing), 1), paths)
     return brief.replace(_typical_start(scene))
 
 
@@ -177,24 +177,12 @@ def _period(scene):
     return 2.0 * np.pi / timescales.angular_frequency(prepared(scene).system)
 
 
-def _from_rest(scene, knots, realizations):
-    """The scene with so many knots, measured from its beginning."""
-    spacing = knot_spacing(prepared(scene))
-    changes = {
-        "run.duration": knots * spacing,
-        "run.settle": 0.0,
-        "run.realizations": realizations,
-        "excitation.knot_spacing": spacing,
-    }
-    return scene.replace(changes)
-
-
 def _typical_start(scene):
     """A state in which Monte Carlo is after many steps, in no contact, as keys of the scene."""
     if scene.start or reference_engine(scene) != "monte-carlo":
         return {}
     model = prepared(scene)
-    settling = _from_rest(scene, max(round(SETTLING_STEPS / steps_per_knot(model)), 1), 1)
+    settling = from_rest(scene, max(round(SETTLING_STEPS / steps_per_knot(model)), 1), 1)
     stop = settling.run.duration
     window = (stop - _period(scene), 2.0 * stop)
     [settled] = run(settling, MonteCarlo(), [0], window, ignore)

@@ -162,29 +162,29 @@ def _without_answer(outcome):
     return CaseVerdict(WRONG, f"{type(outcome).__name__}: {outcome}")
 
 
-def _weighed(found, evidence):
-    if found.residual is not None and not abs(found.residual) < LARGEST_RESIDUAL:
-        return CaseVerdict(WRONG, f"energy balance residual {found.residual:.2%}", evidence)
+def _weighed(answer, evidence):
+    if answer.residual is not None and not abs(answer.residual) < LARGEST_RESIDUAL:
+        return CaseVerdict(WRONG, f"energy balance residual {answer.residual:.2%}", evidence)
     objections = [str(comparison) for comparison in evidence if not comparison.agrees]
     if objections:
         return CaseVerdict(WRONG, "; ".join(objections), evidence)
     cell = CaseVerdict(RIGHT, "", evidence)
-    return cell if cell.judges else CaseVerdict(NOT_JUDGED, _why_not(found, evidence), evidence)
+    return cell if cell.judges else CaseVerdict(NOT_JUDGED, _why_not(answer, evidence), evidence)
 
 
-def _why_not(found, evidence):
+def _why_not(answer, evidence):
     if evidence:
         return f"known to {min(comparison.sharpness for comparison in evidence):.0%} only"
-    if found.path and found.path.comparable_periods < FEWEST_PERIODS:
-        return f"paths can be compared for {found.path.comparable_periods:.1f} periods only"
-    if found.path:
-        return f"its path can be compared for {found.path.compared_periods:.1f} periods only"
+    if answer.path and answer.path.comparable_periods < FEWEST_PERIODS:
+        return f"paths can be compared for {answer.path.comparable_periods:.1f} periods only"
+    if answer.path:
+        return f"its path can be compared for {answer.path.compared_periods:.1f} periods only"
     return "nothing to compare it with"
 
 
-def _of_engine(found):
+def _of_engine(answer):
     """Evidence on an engine, from its paths compared with fine ones."""
-    path = found.path
+    path = answer.path
     if not path.comparable_periods >= FEWEST_PERIODS:
         return ()
     judge = f"fine {path.reference} path"
@@ -203,23 +203,23 @@ def _of_engine(found):
     return (*evidence, bias)
 
 
-def _of_closure(closure, found):
+def _of_closure(closure, answer):
     """Evidence from the coarser grid: how well the closure solves its own equations."""
     largest = LARGEST_NUMERICAL_ERROR.get(closure, USUAL_NUMERICAL_ERROR)
     evidence = []
     for name in MEANS:
-        estimate = found.estimates[name]
+        estimate = answer.estimates[name]
         share = _share(estimate.standard_error, estimate.estimate)
         evidence.append(Evidence("coarser grid", _words(name), share, share, largest))
     return evidence
 
 
-def _of_means(method, scene, given):
+def _of_means(method, scene, answered):
     """Evidence on means: Monte Carlo against the stationary solution, and against closed forms.
 
     Only these two claim to solve the equations themselves.
     """
-    simulated, solved = given.get("monte-carlo"), given.get(SOLVER)
+    simulated, solved = answered.get("monte-carlo"), answered.get(SOLVER)
     if isinstance(prepared(scene).system.transducer, ShakenPiezo):
         # The stationary solution omits the charge that the base's motion moves.
         solved = None
@@ -236,7 +236,7 @@ def _of_means(method, scene, given):
     if solved:
         # If circuit and Monte Carlo follow the same path, the stationary solution is the one that
         # is wrong.
-        by_path = _of_engine(given["circuit"]) if "circuit" in given else ()
+        by_path = _of_engine(answered["circuit"]) if "circuit" in answered else ()
         same_path = bool(by_path) and all(comparison.agrees for comparison in by_path)
         pair = _of_pair(simulated, solved, SOLVER)
         evidence += [comparison for comparison in pair if comparison.agrees or not same_path]
@@ -259,11 +259,11 @@ def _of_mean(judge, name, ours, value, error):
     yield Evidence(judge, _words(name), deviation, joint, LARGEST_SIGMAS * joint)
 
 
-def _share(part, whole):
-    """part/whole, and 0 if both vanish."""
+def _share(part, total):
+    """part/total, and 0 if both vanish."""
     if part == 0.0:
         return 0.0
-    return part / abs(whole) if whole else math.inf
+    return part / abs(total) if total else math.inf
 
 
 def _words(name):
