@@ -142,19 +142,9 @@ def _duration(seconds):
 def show_table(
     content: Tabled, title: str, to_stderr: bool = False, alarms: Sequence[str] = ()
 ) -> None:
-    """A result, a comparison or a study as a table with its sentences.
+    """Print a result as a table, its alarms in red, and its sentences.
 
-    Densities are sketched between the two on a terminal that has the letters for it.
-
-    Parameters
-    ----------
-    content : Tabled
-    title : str
-        Shown after the scene's name, where it is about one.
-    to_stderr : bool
-        Leave standard output to JSON.
-    alarms : sequence of str
-        Sentences in red, behind the table.
+    On a terminal that has the letters for it, densities are sketched before the sentences.
     """
     header, rows = content.table()
     if content.scene is not None:

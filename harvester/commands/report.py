@@ -24,14 +24,7 @@ if TYPE_CHECKING:
 
 
 def page_of(content: Shown, title: str) -> str:
-    """A result as a page of HTML: its own `page()` where it has one.
-
-    Parameters
-    ----------
-    content : Shown
-    title : str
-        Shown behind the scene's name.
-    """
+    """A result as a page of HTML: its own `page()` where it has one."""
     own_page = getattr(content, "page", None)
     if own_page:
         return own_page()

@@ -23,12 +23,7 @@ TEXT_FILES = (".toml", "-proposed.toml", "-measured.md", ".html", "-profile.csv"
 def study_runner(label: str | None, **running: Unpack[RunnerOptions]) -> Iterator[Runner]:
     """A runner for the block, with a progress bar; afterwards says what to do next.
 
-    Parameters
-    ----------
-    label : str or None
-        Label of the progress bar; None: the study draws its own.
-    **running
-        See `harvester.running.open_runner`.
+    Without a label the study draws a progress bar of its own. See `harvester.running.open_runner`.
     """
     from harvester.commands.console import progress
     from harvester.running import open_runner
@@ -54,17 +49,7 @@ def check_places(
     waveform: str | None = None,
     files: Iterable[str] = (),
 ) -> None:
-    """Refuse places that cannot be written to, before anything runs.
-
-    Parameters
-    ----------
-    json, report, waveform : str or None
-        Files that the user named.
-    output : str or None
-        A folder.
-    files : iterable of str
-        Names of the files that will be written there.
-    """
+    """Refuse files, and a folder with its future `files`, that cannot be written to."""
     from harvester.files.writing import check_folder, check_writable, in_folder
     from harvester.results.waveform import check_ending
 

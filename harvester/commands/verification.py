@@ -1,4 +1,7 @@
-"""Commands that judge the program: known results, accuracy, stiff cases, the source paper."""
+"""Commands that judge the program: known results, accuracy, stiff cases, the source paper.
+
+Each imports its study when it is called, since the help of a command must not import numba.
+"""
 
 from __future__ import annotations
 
@@ -241,7 +244,10 @@ def time_to_accuracy(
     json : str or None
         Write JSON; - for standard output.
     """
+    from harvester.files.writing import in_folder, write_json
     from harvester.scene.model import Scene
+    from harvester.show import figures
+    from harvester.verification.accuracy.drawing import draw
     from harvester.verification.accuracy.time_to_accuracy import SECONDS, time_to_accuracy
 
     named = [(scene, ()) for scene in scenes] or SCENES
@@ -255,19 +261,10 @@ def time_to_accuracy(
         ]
         for result in results:
             show(result, "time to accuracy", json)
-        _write_accuracy(results, json, output)
-
-
-def _write_accuracy(results, json, output):
-    """Write the JSON and the figure that all scenes share."""
-    from harvester.files.writing import in_folder, write_json
-    from harvester.show import figures
-    from harvester.verification.accuracy import drawing as accuracy_figure
-
-    content = {"results": [result.to_dict() for result in results]}
-    if json:
-        write_json(json, content)
-    if output:
-        write_json(in_folder(output, f"{ACCURACY}.json"), content)
-        figures.save(accuracy_figure.draw, results, in_folder(output, f"{ACCURACY}.png"))
-        say(f"written to {output}: {ACCURACY}.*")
+        content = {"results": [result.to_dict() for result in results]}
+        if json:
+            write_json(json, content)
+        if output:
+            write_json(in_folder(output, f"{ACCURACY}.json"), content)
+            figures.save(draw, results, in_folder(output, f"{ACCURACY}.png"))
+            say(f"written to {output}: {ACCURACY}.*")

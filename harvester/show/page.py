@@ -31,16 +31,7 @@ class Verdict(NamedTuple):
 
 
 def page(title: str, about: str, sections: dict[str, str]) -> str:
-    """A self-contained page of HTML.
-
-    Parameters
-    ----------
-    title : str
-    about : str
-        Stands below it, behind date and version.
-    sections : dict of str to str
-        HTML by its heading.
-    """
+    """A self-contained page of HTML: title, date, version and `about`, and HTML by its heading."""
     template = resources.files("harvester.show").joinpath("page.html").read_text(encoding="utf-8")
     date = datetime.now().astimezone().strftime("%Y-%m-%d %H:%M %Z")
     return Template(template).substitute(

@@ -78,25 +78,15 @@ def machine() -> dict[str, Any]:
 def measure(
     scene: Scene, pool: Workers, compiled: bool, knots: int, repeats: int
 ) -> list[Throughput]:
-    """Measure every way to run a scene's circuit, at its default step where none is named.
+    """Measure every way to run a scene's circuit; of `repeats` measurements the best counts.
 
-    Parameters
-    ----------
-    pool : harvester.workers.pools.WorkerPool
-        Pool of workers; the ratio of two processes to one needs at least two.
-    compiled : bool
-        Whether the compiled device is on.
-    knots, repeats : int
-        Knots of a realization, and number of measurements of which the best counts.
-
-    Returns
-    -------
-    list of Throughput
-        The first is a source in the netlist, the second one realization by the external source,
-        both with one knot as the longest step; the third one realization at the default step.
+    The first is a source in the netlist, the second one realization by the external source, both
+    with one knot as the longest step; the others take the default step. The ratio of two processes
+    to one needs two workers.
     """
     most, many = MOST_COPIES["behavioural"], MOST_COPIES["compiled"]
-    knot = {"step": knot_spacing(prepared(scene))}
+    spacing = knot_spacing(prepared(scene))
+    knot = {"step": spacing}
     ways: list[tuple[str, int, int, dict[str, Any]]] = [
         ("external source, a step a knot", 1, 1, knot),
         ("one realization", 1, 1, {}),
@@ -108,7 +98,18 @@ def measure(
         ways += [("compiled device", copies, 1, option) for copies in (1, most, many)]
 
     def rate(name, copies, processes, options):
-        return _measured(scene, pool, knots, name, copies, processes, options)
+        """So many netlists at a time, each with so many copies; fewer knots if there are more."""
+        count = math.ceil(knots / math.sqrt(copies))
+        call = {
+            "scene": from_rest(scene, count, copies * processes),
+            "engine": Circuit(**{"device": "behavioural", **options}),
+            "window": None,
+        }
+        firsts = range(0, copies * processes, copies)
+        calls = [{**call, "indices": list(range(first, first + copies))} for first in firsts]
+        done = [realization for netlist in pool.map(run, calls) for realization in netlist]
+        seconds = max(r.ended for r in done) - min(r.started for r in done)
+        return Throughput(name, copies, processes, len(done) * count * spacing / seconds)
 
     pwl = rate("PWL in the netlist", 1, 1, {**knot, "source": "pwl"})
     # The ways are measured in turn, so that other work on the machine affects all of them alike.
@@ -126,18 +127,3 @@ def ratios(rows: list[Throughput]) -> dict[str, float]:
         name = f"{row.copies} × {row.name}" if row.copies > 1 else row.name
         speed_ratios[f"{name} / {single.name}"] = row.rate / single.rate
     return speed_ratios
-
-
-def _measured(scene, pool, knots, name, copies, processes, options):
-    """Rate of so many netlists at a time, each with so many copies."""
-    spacing = knot_spacing(prepared(scene))
-    # Enough knots to be timed accurately; fewer if there are more copies.
-    knots = math.ceil(knots / math.sqrt(copies))
-    brief = from_rest(scene, knots, copies * processes)
-    engine = Circuit(**{"device": "behavioural", **options})
-    call = {"scene": brief, "engine": engine, "window": None}
-    firsts = range(0, copies * processes, copies)
-    calls = [{**call, "indices": list(range(first, first + copies))} for first in firsts]
-    done = [realization for netlist in pool.map(run, calls) for realization in netlist]
-    seconds = max(r.ended for r in done) - min(r.started for r in done)
-    return Throughput(name, copies, processes, len(done) * knots * spacing / seconds)

@@ -18,8 +18,11 @@ if TYPE_CHECKING:
 COLOURS = ("#0077BB", "#CC3311", "#009988")
 # Line styles of the closures from the last, which is the default, to the first.
 STYLES = ("-", "--", ":", "-.")
-# Markers of the two engines.
+# Names and marks of the two engines. The smaller circle lies inside the square, so that both are
+# visible where they agree.
+ENGINE_NAMES = {"monte-carlo": "Monte Carlo", "circuit": "circuit"}
 MARKS = {"monte-carlo": "o", "circuit": "s"}
+SIZES = {"monte-carlo": 4.0, "circuit": 6.0}
 NAMES = {
     "mean_square_voltage": "$E[V^2]$",
     "mean_power": "$E[P]$",
@@ -98,20 +101,20 @@ def _draw_curves(axes, panel, lines, quantity):
 
 def _symbols(axes, method, x, y, errors, colour, opacity=1.0):
     """Hollow circles for Monte Carlo, filled squares for the circuit, bars of ± `errors`."""
+    filled = method == "circuit"
     axes.errorbar(
         x,
         y,
         errors,
         fmt=MARKS[method],
         color=colour,
-        # The smaller circle lies inside the square, so that both are visible where they agree.
-        markersize=4.0 if method == "monte-carlo" else 6.0,
-        markerfacecolor="white" if method == "monte-carlo" else colour,
-        markeredgecolor=colour if method == "monte-carlo" else "black",
+        markersize=SIZES[method],
+        markerfacecolor=colour if filled else "white",
+        markeredgecolor="black" if filled else colour,
         elinewidth=0.9,
         capsize=2,
         alpha=opacity,
-        zorder=4 if method == "monte-carlo" else 3,
+        zorder=3 if filled else 4,
     )
 
 
@@ -172,13 +175,9 @@ def _method_legend(figure, content):
     handles = []
     for method in content.lines[0][0]:
         if method in MARKS:
-            hollow = "white" if method == "monte-carlo" else "0.2"
-            label = {"monte-carlo": "Monte Carlo", "circuit": "circuit"}[method]
-            mark: dict[str, Any] = {
-                "marker": MARKS[method],
-                "linestyle": "none",
-                "markerfacecolor": hollow,
-            }
+            label = ENGINE_NAMES[method]
+            mark: dict[str, Any] = {"marker": MARKS[method], "linestyle": "none"}
+            mark["markerfacecolor"] = "0.2" if method == "circuit" else "white"
         else:
             label, mark = f"averaging, {method}", {"linestyle": _style(method)}
         handles.append(Line2D([], [], color="0.2", label=label, **mark))
