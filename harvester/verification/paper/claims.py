@@ -235,7 +235,7 @@ def claims(
     """
     clock = time.perf_counter()
     chosen = tuple(chosen)
-    request_of_point = _wanted(with_knots(scene), chosen, thorough)
+    request_of_point = _requests_by_point(with_knots(scene), chosen, thorough)
     requests = costly_first(dict.fromkeys(request_of_point.values()))
     with open_runner(**running) as runner:
         outcomes = dict(zip(requests, runner.answer(requests), strict=True))
@@ -244,12 +244,12 @@ def claims(
     return Judgement(scene, chosen, verdicts, answers, thorough, time.perf_counter() - clock)
 
 
-def _wanted(scene, chosen, thorough):
+def _requests_by_point(scene, chosen, thorough):
     """{(method, changes): Request} of everything that the statements need."""
     needed, dense = {}, set()
     for claim in chosen:
         for method in METHODS:
-            for changes in _needed(claim, method, thorough):
+            for changes in _changes_of(claim, method, thorough):
                 needed[method, changes] = scene.replace(dict(changes))
                 if getattr(claim.test, "quantity", None) in FEATURES:
                     dense.add((method, needed[method, changes]))
@@ -267,7 +267,7 @@ def _wanted(scene, chosen, thorough):
     }
 
 
-def _needed(claim, method, thorough):
+def _changes_of(claim, method, thorough):
     """Changes of the scene that one method is asked for."""
     conditions, brief = claim.conditions, method == "circuit" and not thorough
     if brief:
