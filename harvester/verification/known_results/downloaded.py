@@ -54,17 +54,26 @@ def downloaded() -> list[Truth]:
     return [_silverbox(), _bistable_beam()]
 
 
+def _call(name, place, files):
+    """Arguments of a set's task: its place, empty if a file is missing, and the files' digest."""
+    exists = bool(place) and all(file.is_file() for file in files)
+    content = b"".join(file.read_bytes() for file in files) if exists else b""
+    digest = hashlib.sha256(content).hexdigest()
+    return {name: os.path.abspath(place) if exists else "", "digest": digest}
+
+
 def _silverbox():
     file = os.environ.get("SILVERBOX", "")
-    exists = bool(file) and Path(file).is_file()
-    digest = hashlib.sha256(Path(file).read_bytes()).hexdigest() if exists else ""
-    call = {"file": os.path.abspath(file) if exists else "", "digest": digest}
     return Truth(
         "error of the multisine's test part by a cubic spring, identified from its training part",
         SILVERBOX_SOURCE,
         0.0,
         PUBLISHED_CUBIC,
-        {"identify": Task(silverbox_error, call, label="silverbox", time_limits=4)},
+        {
+            "identify": Task(
+                silverbox_error, _call("file", file, [Path(file)]), label="silverbox", time_limits=4
+            )
+        },
         unit="NRMSE",
         device=SILVERBOX,
     )
@@ -110,12 +119,7 @@ def silverbox_error(file: str, digest: str, report: Callable) -> tuple[float, fl
 def _bistable_beam():
     folder = os.environ.get("BISTABLEX", "")
     files = [_beam_file(folder, *settings) for settings in _beam_records()]
-    exists = bool(folder) and all(file.is_file() for file in files)
-    parts = [file.read_bytes() for file in files] if exists else []
-    call = {
-        "folder": os.path.abspath(folder) if exists else "",
-        "digest": hashlib.sha256(b"".join(parts)).hexdigest(),
-    }
+    call = _call("folder", folder, files)
     return Truth(
         "share of the claimed records, of 32 kept aside at four tilts, that lie within their "
         "intervals: fitted to four of the upright base",
