@@ -251,7 +251,7 @@ def time_to_accuracy(
     from harvester.verification.accuracy.time_to_accuracy import SECONDS, time_to_accuracy
 
     named = [(scene, ()) for scene in scenes] or SCENES
-    output = running.get("output")
+    output = os.fspath(running.get("output") or "")
     changes = overrides_of(overrides, seed)
     loaded = [Scene.load(scene, [*values, *changes]) for scene, values in named]
     check_places(json, output, files=[f"{ACCURACY}.json", f"{ACCURACY}.png"])
