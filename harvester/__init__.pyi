@@ -33,7 +33,7 @@ from harvester.verification.accuracy.both import accuracy as accuracy
 from harvester.verification.accuracy.work_precision import work_precision as work_precision
 from harvester.verification.accuracy.time_to_accuracy import time_to_accuracy as time_to_accuracy
 from harvester.verification.stability.matrix import stability as stability
-from harvester.verification.known_results.truth import verify as verify
+from harvester.verification.known_results.verify import verify as verify
 from harvester.verification.paper.reproduce import reproduce as reproduce
 from harvester.verification.paper.claims import claims as claims
 from circuits.schematic.drawing import schematic as schematic

@@ -50,11 +50,11 @@ def takes_scene(
 
     @functools.wraps(function)
     def called(scene: SceneOrName, *arguments: Any, **options: Any) -> Answer:
-        known = options_of(function)
+        accepted = options_of(function)
         by_keyword = [
-            n for n, each in known.items() if each.passing is inspect.Parameter.KEYWORD_ONLY
+            n for n, item in accepted.items() if item.passing is inspect.Parameter.KEYWORD_ONLY
         ]
-        by_place = len(known) - len(by_keyword)
+        by_place = len(accepted) - len(by_keyword)
         surplus = arguments[by_place - 1 :]
         if surplus:
             raise UnknownOption(
@@ -62,18 +62,18 @@ def takes_scene(
                 f"{[*by_keyword, 'none'][0]}=…; there are {', '.join(by_keyword)}"
             )
         for option in options:
-            if option not in known:
-                raise UnknownOption(f"{name}: no option {option}{_meant(option, list(known))}")
+            if option not in accepted:
+                former = FORMER_NAMES.get(option)
+                hint = (
+                    f" (did you mean {former}?)"
+                    if former in accepted
+                    else nearest(option, accepted)
+                )
+                hint = hint or f"; there are {', '.join([*accepted][1:])}"
+                raise UnknownOption(f"{name}: no option {option}{hint}")
         with usual_arithmetic():
             scene = scene_of(scene)
             check_options(function, options)
             return function(scene, *arguments, **checked_options(options))
 
     return called
-
-
-def _meant(option: str, known: list[str]) -> str:
-    """Text for an error message: the option that was probably meant, or a list of all options."""
-    former = FORMER_NAMES.get(option)
-    hint = f" (did you mean {former}?)" if former in known else nearest(option, known)
-    return hint or f"; there are {', '.join(known[1:])}"

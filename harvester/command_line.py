@@ -3,20 +3,15 @@
 from __future__ import annotations
 
 import _thread
-import argparse
-import re
 import sys
 import threading
 import warnings
-from typing import Any, NoReturn
 
-from harvester.commands.parsing import about
-from harvester.commands.quiet import complain, quiet
-from harvester.commands.table import COMMANDS, FIRST, PROOF
+from harvester.commands.shown import complain, quiet
+from harvester.commands.table import build_parser
 from harvester.errors import EngineNotFound, HarvesterError, LoadChatters, SimulationError
-from harvester.files.plain_text import nearest, one_line
+from harvester.files.plain_text import nearest
 from harvester.files.streams import guarded_streams
-from harvester.version import __version__
 
 # Former names of options, with the present ones.
 FORMER_OPTIONS = {"--engine": "--method", "--closure": "--method"}
@@ -38,15 +33,6 @@ harvester simulates vibration energy harvesters. What to try first:
 
 What proves the program: verify, claims, stability, accuracy, work-precision, time-to-accuracy,
 reproduce. `harvester --help` lists all commands; each has an example in its own --help."""
-EPILOG = """\
-exit codes:
-  0    done
-  1    a run failed or was judged wrong, or ngspice is missing
-  2    a mistake in the call, the scene or a file, or a method that does not hold for the scene
-  130  interrupted
-
-Colours appear on a terminal only, and never with NO_COLOR set.
-example: harvester validate paper --output results"""
 
 
 def main(arguments: list[str] | None = None) -> int:
@@ -125,82 +111,11 @@ def _parsed(arguments):
     options, unknown = parser.parse_known_args(arguments)
     if unknown:
         command = commands.choices[options.command.name]
-        known = [word for action in command._actions for word in action.option_strings]
+        spellings = [word for action in command._actions for word in action.option_strings]
         word = unknown[0].partition("=")[0]
-        if word in known:
+        if word in spellings:
             command.error(f"argument {word} goes behind {options.command.name}")
         former = FORMER_OPTIONS.get(word)
-        hint = f" (did you mean {former}?)" if former in known else nearest(word, known)
+        hint = f" (did you mean {former}?)" if former in spellings else nearest(word, spellings)
         command.error(f"unknown argument {word}{hint}")
     return options
-
-
-class Parser(argparse.ArgumentParser):
-    """Says what is wrong with a call in printable text."""
-
-    def __init__(self, *arguments: Any, **options: Any) -> None:
-        super().__init__(*arguments, **options)
-        # A range such as -0.02:0.02:60 is a value and not an option.
-        self._negative_number_matcher = re.compile(r"^-\.?\d")
-
-    def error(self, message: str) -> NoReturn:
-        """End with the usage and the mistake."""
-        super().error(one_line(message))
-
-
-def build_parser(wanted: str | None = None) -> tuple[Parser, Any]:
-    """The parser of the command line, and its sub-parsers' action.
-
-    Parameters
-    ----------
-    wanted : str or None
-        A command: only it gets its options. Of another word or None: all get them. None is for
-        scripts of shells: each command has its help then.
-    """
-    parser = Parser(
-        prog="harvester",
-        description="Vibration energy harvesters as circuits: ngspice, Monte Carlo and\n"
-        "stochastic averaging of one scene, with error bars.",
-        formatter_class=argparse.RawDescriptionHelpFormatter,
-    )
-    parser.add_argument("--version", action="version", version=f"harvester {__version__}")
-    title = "commands, each with an example in its own --help"
-    commands = parser.add_subparsers(title=title, required=True, metavar="COMMAND")
-    summaries: dict[str, str] = {}
-    only = wanted if wanted in {command.name for command in COMMANDS} else None
-    for command in COMMANDS:
-        if only not in (None, command.name):
-            commands.add_parser(command.name)
-            continue
-        first, text = about(command.found)
-        summaries[command.name] = first
-        # Completion scripts list the commands that have a help text. `--help` lists all of them in
-        # groups.
-        listed: dict[str, Any] = {"help": first.replace("%", "%%")} if wanted is None else {}
-        own = commands.add_parser(
-            command.name,
-            **listed,
-            description=text,
-            epilog=f"example: harvester {command.example}",
-        )
-        command.fill(own)
-        own.add_argument(
-            "--quiet", action="store_true", help="show errors only, and what goes to -"
-        )
-        own.set_defaults(command=command)
-    # argparse can print one list of commands only; the groups stand in its epilog.
-    parser.epilog = f"{_in_groups(summaries)}\n\n{EPILOG}"
-    return parser, commands
-
-
-def _in_groups(summaries):
-    """The commands with what each does: the newcomer's, the others, and what proves the program."""
-    between = [name for name in summaries if name not in (*FIRST, *PROOF)]
-    groups = {"to begin with": FIRST, "further": between, "what proves the program": PROOF}
-    width = max(map(len, summaries)) + 2
-    return "\n\n".join(
-        "\n".join(
-            [f"{title}:", *(f"  {n:<{width}}{summaries[n]}" for n in names if n in summaries)]
-        )
-        for title, names in groups.items()
-    )

@@ -69,15 +69,15 @@ def grid_of(text: str, option: str) -> list[float]:
     """
     import numpy as np
 
-    first, *rest = text.split(":")
+    first, *others = text.split(":")
     try:
-        if not rest:
-            return [number(each) for each in text.split(",")]
-        last, spacing, points = rest
+        if not others:
+            return [number(part) for part in text.split(",")]
+        last, spacing, points = others
         grid: Any = {"log": np.geomspace, "linear": np.linspace}[spacing]
         low, high, count = number(first), number(last), int(points)
         if 0.0 < low < high < math.inf and 1 < count <= MOST_NUMBERS:
-            return [float(each) for each in grid(low, high, count)]
+            return [float(value) for value in grid(low, high, count)]
     except (ValueError, KeyError) as error:
         reason = f" ({error})" if isinstance(error, NotANumber) else ""
     else:
@@ -108,22 +108,6 @@ def line_of(text: str, option: str) -> list[float]:
     )
 
 
-def values_of_key(text: str, option: str) -> list[float]:
-    """Numbers from FIRST:LAST:log:NUMBER and the like, or from LOW:HIGH:NUMBER.
-
-    Raises
-    ------
-    HarvesterError
-    """
-    return line_of(text, option) if text.count(":") == 2 else grid_of(text, option)
-
-
-def grids_of(texts: list[str], option: str) -> dict[str, list[float]]:
-    """Keys to numbers, from table.key=0.1:2:log:40 for each key."""
-    pairs = by_key(texts, option, "table.key=LIST")
-    return {key: grid_of(values, f"{option} {key}") for key, values in pairs.items()}
-
-
 def over_of(texts: list[str], option: str) -> dict[str, list[Any]]:
     """Keys to lists of numbers or words, from table.key=LIST: load.netlist=bridge,sece."""
     pairs = by_key(texts, option, "table.key=LIST")
@@ -133,17 +117,12 @@ def over_of(texts: list[str], option: str) -> dict[str, list[Any]]:
     }
 
 
-def distributions_of(texts: list[str], option: str) -> dict[str, str]:
-    """Keys to distributions, from TABLE.KEY=±10% for each key."""
-    return by_key(texts, option, "TABLE.KEY=±10%")
-
-
 def ranges_of(texts: list[str], option: str) -> dict[str, tuple[float, float] | None]:
     """Keys to ranges, from TABLE.KEY or TABLE.KEY=LOW:HIGH for each key."""
-    found: dict[str, tuple[float, float] | None] = {}
+    ranges: dict[str, tuple[float, float] | None] = {}
     for text in texts:
         key, separator, ends = (part.strip() for part in text.partition("="))
-        if key in found:
+        if key in ranges:
             raise HarvesterError(f"{option} {named(key)}: is there twice")
         try:
             low, high = map(number, ends.split(":")) if separator else (math.nan, math.nan)
@@ -153,8 +132,8 @@ def ranges_of(texts: list[str], option: str) -> dict[str, tuple[float, float] | 
                 f"{option} {named(text)}: write it as TABLE.KEY=LOW:HIGH, such as "
                 f"load.resistance=10k:1meg{reason}"
             ) from None
-        found[key] = (low, high) if separator else None
-    return found
+        ranges[key] = (low, high) if separator else None
+    return ranges
 
 
 def window_of(text: str, option: str) -> tuple[float, float]:
@@ -174,8 +153,8 @@ def records_of(groups: list[list[str]], option: str) -> list[tuple[str, dict[str
     """Files with their settings: words with = belong to the file before them."""
     files: list[tuple[str, dict[str, Any]]] = []
     for group in groups:
-        for place, word in enumerate(group):
-            if place == 0 or "=" not in word:
+        for index, word in enumerate(group):
+            if index == 0 or "=" not in word:
                 files.append((word, {}))
                 continue
             name, _, value = (part.strip() for part in word.partition("="))
@@ -201,10 +180,10 @@ def records_of(groups: list[list[str]], option: str) -> list[tuple[str, dict[str
 
 def one_record_of(words: list[str], option: str) -> tuple[str, dict[str, Any]]:
     """One file with its settings."""
-    found = records_of([words], option)
-    if len(found) > 1:
-        raise HarvesterError(f"{option} {named(found[1][0])}: one file is read, with NAME=VALUE")
-    return found[0]
+    records = records_of([words], option)
+    if len(records) > 1:
+        raise HarvesterError(f"{option} {named(records[1][0])}: one file is read, with NAME=VALUE")
+    return records[0]
 
 
 def by_key(texts: list[str], option: str, example: str) -> dict[str, str]:
@@ -215,21 +194,17 @@ def by_key(texts: list[str], option: str, example: str) -> dict[str, str]:
     HarvesterError
         No equals sign, nothing behind it, or a key that was there.
     """
-    found: dict[str, str] = {}
+    value_by_key: dict[str, str] = {}
     for text in texts:
         key, _, value = (part.strip() for part in text.partition("="))
-        if not value or key in found:
+        if not value or key in value_by_key:
             raise HarvesterError(f"{option} {named(text)}: write it as {example}, each key once")
-        found[key] = value
-    return found
+        value_by_key[key] = value
+    return value_by_key
 
 
 def _positive(value: Any) -> bool:
     return isinstance(value, numbers.Real) and float(value) > 0.0
-
-
-def _one_value(value: Any) -> bool:
-    return isinstance(value, (str, numbers.Real)) or getattr(value, "ndim", None) == 0
 
 
 def _counts(value: Any) -> bool:
@@ -243,7 +218,12 @@ def _share(value: Any) -> bool:
 # A name at the command line; in Python also an object.
 MethodOrName = Annotated[str | Method, Kind("NAME")]
 Step = Annotated[
-    str | float, Kind("STEP", "default, fine, finest or a number of seconds > 0", _one_value)
+    str | float,
+    Kind(
+        "STEP",
+        "default, fine, finest or a number of seconds > 0",
+        lambda value: isinstance(value, (str, numbers.Real)) or getattr(value, "ndim", None) == 0,
+    ),
 ]
 Seed = Annotated[int, Kind("SEED")]
 Seconds = Annotated[float, Kind("SECONDS", "a number of seconds > 0", _positive)]
@@ -255,24 +235,42 @@ File = Annotated[str, Kind("FILE")]
 Folder = Annotated[str | os.PathLike, Kind("DIR")]
 Grid = Annotated[Sequence[float], Kind("LIST", read=grid_of)]
 Line = Annotated[Sequence[float], Kind("LOW:HIGH:NUMBER", read=line_of)]
-Values = Annotated[Sequence[float], Kind("LIST", read=values_of_key)]
+# Of a key: a grid, or evenly spaced numbers LOW:HIGH:NUMBER.
+Values = Annotated[
+    Sequence[float],
+    Kind(
+        "LIST",
+        read=lambda text, option: (line_of if text.count(":") == 2 else grid_of)(text, option),
+    ),
+]
 Count = Annotated[int, Kind("N", "a whole number ≥ 1", _counts)]
 Grids = Annotated[
     Mapping[str, Sequence[float]],
-    Kind("TABLE.KEY=LIST", option="sweep", read=grids_of, again=True),
+    Kind(
+        "TABLE.KEY=LIST",
+        option="sweep",
+        read=lambda texts, option: {
+            key: grid_of(values, f"{option} {key}")
+            for key, values in by_key(texts, option, "table.key=LIST").items()
+        },
+        again=True,
+    ),
 ]
 Over = Annotated[
-    Mapping[str, Sequence[float | str]],
-    Kind("TABLE.KEY=LIST", read=over_of, again=True),
+    Mapping[str, Sequence[float | str]], Kind("TABLE.KEY=LIST", read=over_of, again=True)
 ]
 Methods = Annotated[Sequence[str | Method], Kind("NAME", option="method", again=True)]
 Quantities = Annotated[Sequence[str], Kind("NAME", option="quantity", again=True)]
 Distributions = Annotated[
-    Mapping[str, str], Kind("TABLE.KEY=DISTRIBUTION", read=distributions_of, again=True)
+    Mapping[str, str],
+    Kind(
+        "TABLE.KEY=DISTRIBUTION",
+        read=lambda texts, option: by_key(texts, option, "TABLE.KEY=±10%"),
+        again=True,
+    ),
 ]
 Ranges = Annotated[
-    str | Mapping[str, tuple | None],
-    Kind("TABLE.KEY[=LOW:HIGH]", read=ranges_of, again=True),
+    str | Mapping[str, tuple | None], Kind("TABLE.KEY[=LOW:HIGH]", read=ranges_of, again=True)
 ]
 Window = Annotated[tuple[float, float] | str, Kind("START:END|all", read=window_of)]
 Nodes = Annotated[Sequence[str], Kind("NAME", option="node", again=True)]
@@ -345,8 +343,8 @@ class Option(NamedTuple):
     @property
     def spelling(self) -> str:
         """Name at the command line, without dashes in front."""
-        own = self.kind.option if self.kind else ""
-        return own or self.name.replace("_", "-")
+        option_name = self.kind.option if self.kind else ""
+        return option_name or self.name.replace("_", "-")
 
     def check(self, value: Any) -> None:
         """Refuse a value that is out of range.
@@ -365,20 +363,24 @@ class Option(NamedTuple):
 def options_of(function: Callable) -> dict[str, Option]:
     """A function's parameters by name, with those of the typed dictionary that collects others."""
     function = inspect.unwrap(function)
-    found: dict[str, Option] = {}
-    for each in inspect.signature(function).parameters.values():
-        if each.kind is each.VAR_KEYWORD:
-            (collected,) = get_args(_evaluated(each.annotation, function.__globals__))
-            there = vars(sys.modules[collected.__module__])
+    options: dict[str, Option] = {}
+    for parameter in inspect.signature(function).parameters.values():
+        if parameter.kind is parameter.VAR_KEYWORD:
+            (collected,) = get_args(_evaluated(parameter.annotation, function.__globals__))
+            module_names = vars(sys.modules[collected.__module__])
             for name, annotation in collected.__annotations__.items():
-                if name not in found:
+                if name not in options:
                     text = getattr(annotation, "__forward_arg__", annotation)
-                    found[name] = _option(name, text, there, None, each.KEYWORD_ONLY)
+                    options[name] = _option(name, text, module_names, None, parameter.KEYWORD_ONLY)
         else:
-            found[each.name] = _option(
-                each.name, each.annotation, function.__globals__, each.default, each.kind
+            options[parameter.name] = _option(
+                parameter.name,
+                parameter.annotation,
+                function.__globals__,
+                parameter.default,
+                parameter.kind,
             )
-    return found
+    return options
 
 
 def check_options(function: Callable, values: Mapping[str, Any]) -> None:
@@ -388,22 +390,22 @@ def check_options(function: Callable, values: Mapping[str, Any]) -> None:
     ------
     HarvesterError
     """
-    known = options_of(function)
+    options = options_of(function)
     for name, value in values.items():
-        known[name].check(value)
+        options[name].check(value)
 
 
 def _option(name, annotation, names, default, passing):
     """The option that an annotation, which may be text, describes."""
     kind, may_be_none = None, False
-    wanted = _evaluated(annotation, names)
-    parts = [part for part in get_args(wanted) if part is not type(None)]
-    if type(None) in get_args(wanted):
+    value_type = _evaluated(annotation, names)
+    parts = [part for part in get_args(value_type) if part is not type(None)]
+    if type(None) in get_args(value_type):
         may_be_none = True
-        wanted = parts[0] if len(parts) == 1 else wanted
-    if get_origin(wanted) is Annotated:
-        wanted, kind = get_args(wanted)
-    return Option(name, wanted, kind, default, passing, may_be_none)
+        value_type = parts[0] if len(parts) == 1 else value_type
+    if get_origin(value_type) is Annotated:
+        value_type, kind = get_args(value_type)
+    return Option(name, value_type, kind, default, passing, may_be_none)
 
 
 def _evaluated(annotation, names):

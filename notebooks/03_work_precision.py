@@ -25,9 +25,9 @@ import matplotlib.pyplot as plt
 
 import harvester
 from harvester.show import figures
-from harvester.verification.accuracy.methods import Method
+from harvester.verification import MEANS
+from harvester.verification.accuracy.methods import ComparedMethod
 from harvester.verification.accuracy.work_precision import judged, work_precision
-from harvester.verification.quantities import MEANS
 
 plt.style.use(figures.STYLE)
 
@@ -49,10 +49,12 @@ scene = harvester.Scene.load("paper").replace(
     }
 )
 circuit = [
-    Method("circuit, trapezoidal", "circuit", 2, refinement, scheme="trapezoidal", copies=None)
+    ComparedMethod(
+        "circuit, trapezoidal", "circuit", 2, refinement, scheme="trapezoidal", copies=None
+    )
     for refinement in (0.5, 1, 2, 4)
 ]
-monte_carlo = [Method("Monte Carlo", "monte-carlo", 4, refinement) for refinement in (1, 2)]
+monte_carlo = [ComparedMethod("Monte Carlo", "monte-carlo", 4, refinement) for refinement in (1, 2)]
 diagram = work_precision(scene, methods=[*circuit, *monte_carlo])
 
 # %% [markdown]

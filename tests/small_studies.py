@@ -9,7 +9,7 @@ from harvester.scene.model import Scene
 from harvester.studies.optimum import line
 from harvester.studies.public import frequency_response, load_study, optimum, sensitivity
 from harvester.verification.accuracy import measurement, throughput, timed
-from harvester.verification.accuracy.methods import Method
+from harvester.verification.accuracy.methods import ComparedMethod
 from harvester.verification.accuracy.work_precision import work_precision
 from harvester.verification.paper import claims, reproduce, runs
 from harvester.verification.paper.claim_tests import Trend
@@ -91,8 +91,8 @@ def precision(**options):
     throughput.KNOTS, throughput.REPEATS = 200, 1
     measurement.PERIODS, measurement.BRIEF_KNOTS = 1, 400
     timed.NOISE_CLOSURES = ("paper",)
-    circuit = Method("circuit", "circuit", 2, brief=True)
-    measurement.METHODS = (circuit, Method("MC", "monte-carlo", 4))
+    circuit = ComparedMethod("circuit", "circuit", 2, brief=True)
+    measurement.METHODS = (circuit, ComparedMethod("MC", "monte-carlo", 4))
     return work_precision(BRIEF, **options).to_dict()
 
 

@@ -10,7 +10,7 @@ import pytest
 import harvester
 import harvester.errors
 from circuits.loads.subcircuits import read_load
-from harvester.command_line import COMMANDS, build_parser
+from harvester.commands.table import COMMANDS, build_parser
 
 ROOT = Path(__file__).parents[1]
 PAGES = [ROOT / "README.md", ROOT / "CONTRIBUTING.md", *sorted((ROOT / "docs").glob("*.md"))]

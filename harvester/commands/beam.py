@@ -22,7 +22,6 @@ class Drawing:
     beam: Beam
 
     def table(self) -> tuple[list[str], list[list[str]]]:
-        """Header and rows as text."""
         header = ["quantity", "equation", "value", "unit"]
         return header, [
             [name, equation, f"{value:.5g}", unit] for name, equation, value, unit in self._rows()
@@ -44,25 +43,26 @@ class Drawing:
         from harvester.scene.described import device_line
         from harvester.show.numbers import quantity
 
-        ready = prepared(self.scene)
-        system, length = ready.system, ready.scales.displacement
+        model = prepared(self.scene)
+        system, length = model.system, model.scales.displacement
         wells, saddles = timescales.wells(system), timescales.saddles(system)
-        places = ", ".join(quantity(length * each, "m") for each in sorted(wells))
-        found = [
+        places = ", ".join(quantity(length * well, "m") for well in sorted(wells))
+        sentences = [
             "the table is of the beam without its magnets",
             *(line.replace("device:", "with magnets:", 1) for line in device_line(self.scene)),
             f"with magnets the tip rests at {places}",
         ]
         if saddles:
-            top = max(float(potential(system, each)) for each in saddles)
-            bottom = min(float(potential(system, each)) for each in wells)
+            top = max(float(potential(system, saddle)) for saddle in saddles)
+            bottom = min(float(potential(system, well)) for well in wells)
             mass: Any = self.scene.oscillator.mass
             energy = mass * length**2 * (top - bottom)
-            found[-1] += f"; the highest barrier is {quantity(energy, 'J')} above the deepest well"
-        return found
+            sentences[-1] += (
+                f"; the highest barrier is {quantity(energy, 'J')} above the deepest well"
+            )
+        return sentences
 
     def to_dict(self) -> dict[str, Any]:
-        """Plain values for JSON."""
         keys = ("quantity", "equation", "value", "unit")
         values = [dict(zip(keys, row, strict=True)) for row in self._rows()]
         return {"scene": self.scene.to_dict(), "values": values, "notes": self.sentences()}

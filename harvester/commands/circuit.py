@@ -8,7 +8,7 @@ from contextlib import closing
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
-from harvester.commands.quiet import say
+from harvester.commands.shown import say
 from harvester.errors import HarvesterError
 from harvester.export.formats import write
 from harvester.signatures import File, Hertz, Kind, Metres, Seconds, Step
@@ -93,14 +93,7 @@ def export(
         say(f"written: {path}")
 
 
-def load(
-    file: File,
-    /,
-    *,
-    nodes: str | None = None,
-    remove: str = "",
-    output: File = "-",
-) -> None:
+def load(file: File, /, *, nodes: str | None = None, remove: str = "", output: File = "-") -> None:
     """Make a load of a schematic's netlist, as LTspice writes it (.net, .cir).
 
     Parameters
@@ -122,14 +115,14 @@ def load(
 
     check_writable(output)
     text = read_text(Path(file))
-    given = nodes or _asked(candidates(text))
+    node_names = nodes or _asked(candidates(text))
     stem = Path(file if is_stream(output) else output).stem
-    made = imported(text, re.sub(r"\W", "_", stem).lower(), _words(given), _words(remove))
+    converted = imported(text, re.sub(r"\W", "_", stem).lower(), _words(node_names), _words(remove))
     target = Path(file).with_suffix(".lib") if is_stream(output) else Path(output)
-    cards = [tidy(card) for card in read_cards(target, made.text)]
+    cards = [tidy(card) for card in read_cards(target, converted.text)]
     notes = following_notes(read_load(target, cards=cards), RECORD)
-    write_text(output, made.text)
-    for line in (*made.rewritten, *notes):
+    write_text(output, converted.text)
+    for line in (*converted.rewritten, *notes):
         say(line)
     if not is_stream(output):
         say(f"written: {output}; now try: harvester simulate device --set load.netlist={output}")
@@ -139,9 +132,9 @@ def _words(text):
     return [word.strip() for word in text.split(",") if word.strip()]
 
 
-def _asked(found):
+def _asked(node_names):
     """Ask at the terminal which nodes of the netlist are the harvester's."""
-    listed = f"nodes: {', '.join(found)}"
+    listed = f"nodes: {', '.join(node_names)}"
     if not sys.stdin.isatty():
         raise HarvesterError(f"--nodes P,N,OUT,REF: say which are the harvester's; {listed}")
     print(f"{listed}\nharvester's two and the output's two, P,N,OUT,REF: ", end="", file=sys.stderr)
@@ -187,7 +180,7 @@ def engine(*, json: File | None = None) -> None:
     if json:
         check_writable(json)
     with closing(Worker()) as worker:
-        found = worker.call(describe, {}, time_limit=60.0)
-    show_engine(found, to_stderr=is_standard_output(json))
+        description = worker.call(describe, {}, time_limit=60.0)
+    show_engine(description, to_stderr=is_standard_output(json))
     if json:
-        write_json(json, found)
+        write_json(json, description)

@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Sequence
+import tomllib
+from importlib import resources
 from pathlib import Path
+from typing import Any
 
 from harvester.errors import HarvesterError
 from harvester.signatures import File
@@ -21,16 +23,49 @@ def cite(result: File | None = None, /) -> None:
     result : str or None
         JSON of simulate, average or validate (default: the sources of all methods).
     """
-    from harvester.commands.citations import SOURCES, sources_of
+    try:
+        sources = sources_of(_read(result)) if result else all_sources()
+    except HarvesterError as error:
+        raise HarvesterError(f"{result}: {error}") from None
+    for source in sources:
+        print(f"{source['method']}:\n    {source['reference']}")
 
-    found: Sequence = SOURCES
-    if result:
-        try:
-            found = sources_of(_read(result))
-        except HarvesterError as error:
-            raise HarvesterError(f"{result}: {error}") from None
-    for source in found:
-        print(f"{source.method}:\n    {source.reference}")
+
+def all_sources() -> list[dict[str, Any]]:
+    """All sources: `method`, `reference` and what decides whether a result rests on them."""
+    text = resources.files("harvester.commands").joinpath("sources.toml").read_text("utf-8")
+    return tomllib.loads(text)["source"]
+
+
+def sources_of(content: Any) -> list[dict[str, Any]]:
+    """Sources of the methods behind the JSON of a result or a comparison.
+
+    Raises
+    ------
+    HarvesterError
+        It is no such JSON.
+    """
+    content = content if isinstance(content, dict) else {}
+    scene, results = content.get("scene"), content.get("results")
+    engines = [*results] if isinstance(results, dict) and results else [content.get("engine")]
+    if not isinstance(scene, dict) or not all(isinstance(engine, str) for engine in engines):
+        raise HarvesterError(
+            "holds no scene and engine; give the JSON of simulate, average or validate"
+        )
+    return [source for source in all_sources() if _is_used(source, scene, engines)]
+
+
+def _is_used(source, scene, engines):
+    """Whether a result of these engines on this scene rests on a source of `sources.toml`."""
+    value = scene
+    for name in source["key"].split(".") if "key" in source else ():
+        value = value.get(name) if isinstance(value, dict) else None
+    return (
+        value is not None
+        and value in source.get("values", [value])
+        and scene.get("name") != source.get("not_scene", "")
+        and any(part in engine for part in source.get("engines", [""]) for engine in engines)
+    )
 
 
 def _read(name):

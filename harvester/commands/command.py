@@ -12,9 +12,8 @@ from typing import TYPE_CHECKING, Any
 
 import harvester
 from harvester.commands.parsing import add_extra, add_options, is_scene, overrides_of, values_of
-from harvester.commands.quiet import say
-from harvester.commands.result_files import result_files, write_result
-from harvester.commands.running import check_places, show, study_runner
+from harvester.commands.shown import say
+from harvester.commands.steps import check_places, result_files, show, study_runner, write_result
 from harvester.errors import SimulationError
 from harvester.files.tables import xarray_or_say
 from harvester.signatures import File, Folder, RunnerOptions, options_of
@@ -46,19 +45,18 @@ class Command:
     @property
     def name(self) -> str:
         """The function's name as the command line has it."""
-        own = self.function if isinstance(self.function, str) else self.function.__name__
-        return own.replace("_", "-")
+        function_name = self.function if isinstance(self.function, str) else self.function.__name__
+        return function_name.replace("_", "-")
 
     @property
-    def found(self) -> Callable:
+    def target(self) -> Callable:
         """The function that the command calls, imported if it was given by name."""
         if isinstance(self.function, str):
             return getattr(harvester, self.function)
         return self.function
 
     def fill(self, parser: ArgumentParser) -> None:
-        """Give the command's parser its options."""
-        add_options(parser, self.found)
+        add_options(parser, self.target)
 
     def run(self, options: Namespace) -> int | None:
         """Carry the command out; returns the exit code, or None for 0."""
@@ -67,25 +65,27 @@ class Command:
         with progress() if self.bar else contextlib.nullcontext() as follow:
             if follow:
                 follow(self.bar, None)
-            return self._call(self._scene(options), values_of(options, self.found))
+            return self._call(self._scene(options), values_of(options, self.target))
 
     def _scene(self, options: Namespace) -> Scene | None:
         """The scene that the call names, overrides and seed put in; None where there is none."""
-        if not any(map(is_scene, options_of(self.found).values())):
+        if not any(map(is_scene, options_of(self.target).values())):
             return None
         from harvester.scene.model import Scene
 
-        given = {name: getattr(options, name) for name in ("overrides", "seed") if name in options}
-        return Scene.load(options.scene, overrides_of(**given))
+        changes = {
+            name: getattr(options, name) for name in ("overrides", "seed") if name in options
+        }
+        return Scene.load(options.scene, overrides_of(**changes))
 
     def _call(self, scene: Scene | None, values: dict[str, Any]) -> Any:
         """Call the function; the scene and the words of the call are its positional arguments."""
         words = [
             values.pop(option.name)
-            for option in options_of(self.found).values()
+            for option in options_of(self.target).values()
             if option.passing is inspect.Parameter.POSITIONAL_ONLY and option.name in values
         ]
-        return self.found(*([] if scene is None else [scene]), *words, **values)
+        return self.target(*([] if scene is None else [scene]), *words, **values)
 
 
 def named_after(scene: str, stem: str) -> str:
@@ -113,7 +113,7 @@ def _say_costs(scene):
 
 
 @dataclass(frozen=True)
-class Study(Command):
+class StudyCommand(Command):
     """A command that computes a result, shows it and writes its files.
 
     A function with `**running: Unpack[RunnerOptions]` is given an open runner, one with `progress`
@@ -151,7 +151,6 @@ class Study(Command):
     running: Callable[[dict[str, Any]], RunnerOptions] | None = None
 
     def fill(self, parser: ArgumentParser) -> None:
-        """Give the command's parser the options of its function, and where the result goes."""
         super().fill(parser)
         if self.json:
             add_extra(parser, "json", File, "write JSON; - for standard output")
@@ -164,14 +163,13 @@ class Study(Command):
         add_extra(parser, "report", File, text)
 
     def run(self, options: Namespace) -> int:
-        """Compute, show and write; returns the exit code."""
-        scene, values = self._scene(options), values_of(options, self.found)
+        scene, values = self._scene(options), values_of(options, self.target)
         _say_costs(scene)
-        defaults = {name: option.default for name, option in options_of(self.found).items()}
+        defaults = {name: option.default for name, option in options_of(self.target).items()}
         stem = (self.stem or self.name).format(**defaults | values)
         name = named_after(scene.name, stem) if scene else stem
         kinds = ("json", "output", "report", "waveform")
-        places = {each: getattr(options, each, None) for each in kinds}
+        places = {kind: getattr(options, kind, None) for kind in kinds}
         check_places(**places, files=self.files or result_files(name))
         if places["output"] and any(file.endswith(".nc") for file in self.files):
             # Raised now rather than after a long run: the library of these files is missing.
@@ -197,7 +195,6 @@ class Study(Command):
             raise
 
     def _deliver(self, result, name, folder, json, output, report, waveform):
-        """Show the result, and write the files that were asked for."""
         title = self.title(result) if callable(self.title) else self.title
         show(result, title, json)
         try:
@@ -226,9 +223,9 @@ class Study(Command):
         """Add to the options what runs the study; gives the runner where there is one."""
         from harvester.commands.console import progress
 
-        known, runner = options_of(self.found), None
+        parameters, runner = options_of(self.target), None
         with contextlib.ExitStack() as opened:
-            if "progress" in known and (self.bar or not self._takes_runner()):
+            if "progress" in parameters and (self.bar or not self._takes_runner()):
                 follow = opened.enter_context(progress())
                 values["progress"] = follow(label, scene if self.bar == "simulated time" else None)
             elif not self._takes_runner():
@@ -244,5 +241,5 @@ class Study(Command):
 
     def _takes_runner(self):
         """Whether the function takes `**running`, the options of a study's runner."""
-        parameters = inspect.signature(self.found).parameters.values()
-        return any(each.kind is each.VAR_KEYWORD for each in parameters)
+        parameters = inspect.signature(self.target).parameters.values()
+        return any(parameter.kind is parameter.VAR_KEYWORD for parameter in parameters)

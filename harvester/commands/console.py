@@ -6,24 +6,29 @@ import contextlib
 import sys
 import threading
 import time
-from collections.abc import Callable, Iterator, Sequence
-from typing import Any
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from typing import TYPE_CHECKING, Any
 
 from rich import box
 from rich.console import Console
 from rich.progress import BarColumn, Progress, SpinnerColumn, TextColumn, TimeRemainingColumn
 from rich.table import Table
 
-from harvester.commands.quiet import is_quiet
-from harvester.commands.shown import Tabled
-from harvester.commands.sketch import densities
+from harvester.commands.shown import Tabled, is_quiet
 from harvester.files.plain_text import one_line
+
+if TYPE_CHECKING:
+    from harvester.results.result import Result
 
 # A progress bar appears after so many seconds; a shorter one would only flicker.
 SHOW_AFTER_SECONDS = 0.5
 SAY_AFTER_SECONDS = 5.0
 # Width of a line in characters. It is so large that tables are never folded.
 TABLE_WIDTH = 1000
+# A sketch of a density: bars in steps of an eighth of the height, letters of a line, samples of the
+# density within each, and the share of the peak below which its ends are left out.
+HEIGHTS = " ▁▂▃▄▅▆▇█"
+LETTERS, FINER, VISIBLE_SHARE = 56, 32, 0.01
 # Remaining times above this (s) are shown as "centuries".
 LONGEST_TOLD_SECONDS = 1e10
 
@@ -54,7 +59,7 @@ def progress() -> Iterator[Callable]:
         transient=True,
     )
     # The delay begins now and not at the first report: compilation before it may take long.
-    shown = threading.Timer(SHOW_AFTER_SECONDS, bar.start)
+    delayed_start = threading.Timer(SHOW_AFTER_SECONDS, bar.start)
 
     def follow(label, scene):
         total = scene and (scene.run.settle + scene.run.duration) * scene.run.realizations
@@ -68,13 +73,13 @@ def progress() -> Iterator[Callable]:
 
         return update
 
-    shown.daemon = True
-    shown.start()
+    delayed_start.daemon = True
+    delayed_start.start()
     try:
         yield follow
     finally:
-        shown.cancel()
-        shown.join()
+        delayed_start.cancel()
+        delayed_start.join()
         bar.stop()
 
 
@@ -95,7 +100,6 @@ class _Lines:
         threading.Thread(target=self._watch, daemon=True).start()
 
     def close(self):
-        """Say nothing any more."""
         self._closed.set()
 
     def _watch(self):
@@ -127,7 +131,6 @@ class _Lines:
 
 
 def _duration(seconds):
-    """A duration as text in seconds, minutes, hours or days."""
     if seconds > LONGEST_TOLD_SECONDS:
         return "centuries"
     for size, unit in ((86400.0, "days"), (3600.0, "h"), (60.0, "min")):
@@ -139,41 +142,67 @@ def _duration(seconds):
 def show_table(
     content: Tabled, title: str, to_stderr: bool = False, alarms: Sequence[str] = ()
 ) -> None:
-    """A result, a comparison or a study as a table with its sentences.
+    """Print a result as a table, its alarms in red, and its sentences.
 
-    Densities are sketched between the two on a terminal that has the letters for it.
-
-    Parameters
-    ----------
-    content : Tabled
-    title : str
-        Shown after the scene's name, where it is about one.
-    to_stderr : bool
-        Leave standard output to JSON.
-    alarms : sequence of str
-        Sentences in red, behind the table.
+    On a terminal that has the letters for it, densities are sketched before the sentences.
     """
     header, rows = content.table()
     if content.scene is not None:
         title = f"{content.scene.name}: {title}"
     table = Table(title=title, box=box.SIMPLE_HEAD, title_justify="left")
-    for place, name in enumerate(header):
-        words = place < 2
+    for column, name in enumerate(header):
+        words = column < 2
         table.add_column(one_line(name), justify="left" if words else "right", no_wrap=True)
     for row in rows:
         table.add_row(*map(one_line, row))
     by_method = getattr(content, "results_by_method", None)
-    sketch = densities(by_method()) if by_method else []
+    sketch = density_sketch(by_method()) if by_method else []
     _print(table, content.sentences(), to_stderr, alarms, sketch)
 
 
-def show_engine(found: dict[str, Any], to_stderr: bool = False) -> None:
+def density_sketch(results: Mapping[str, Result]) -> list[str]:
+    """A line of letters for each method that knows the density of X, and one with the range.
+
+    All lines have the same range and the same height.
+    """
+    import numpy as np
+
+    curves = {
+        name: result.densities["displacement"]
+        for name, result in results.items()
+        if "displacement" in result.densities
+    }
+    if not curves:
+        return []
+    visible = [c.centre[c.density >= VISIBLE_SHARE * c.density.max()] for c in curves.values()]
+    low, high = min(centre[0] for centre in visible), max(centre[-1] for centre in visible)
+    samples = low + (high - low) * (np.arange(LETTERS * FINER) + 0.5) / (LETTERS * FINER)
+    heights = {
+        name: np.interp(samples, c.centre, c.density).reshape(LETTERS, FINER).mean(axis=1)
+        for name, c in curves.items()
+    }
+    top = max(row.max() for row in heights.values())
+    names = max(map(len, heights))
+    first = results[next(iter(curves))]
+    scale, unit = first.scales.of("displacement"), first.unit("displacement")
+    ends = f"{low * scale:.3g}", f"{high * scale:.3g} {unit}"
+    middle = f"{'density of displacement':^{LETTERS - len(ends[0]) - len(ends[1])}}"
+    return [
+        *(
+            f"  {name:{names}}  {''.join(HEIGHTS[round(8 * share)] for share in row / top)}"
+            for name, row in heights.items()
+        ),
+        f"  {'':{names}}  {ends[0]}{middle}{ends[1]}",
+    ]
+
+
+def show_engine(engine: dict[str, Any], to_stderr: bool = False) -> None:
     """The library that was found, its features, and whether the compiled device is on."""
-    features = [name for name in ("xspice", "cider", "osdi", "klu") if found[name]]
+    features = [name for name in ("xspice", "cider", "osdi", "klu") if engine[name]]
     lines = [
-        f"{found['version']} from {found['library']}",
+        f"{engine['version']} from {engine['library']}",
         f"features: {', '.join(features) or 'none of XSPICE, CIDER, OSDI, KLU'}",
-        f"compiled device: {found['compiled_device_off'] or 'on'}",
+        f"compiled device: {engine['compiled_device_off'] or 'on'}",
     ]
     _print(None, lines, to_stderr)
 
@@ -188,10 +217,6 @@ def _print(table, lines, to_stderr, alarms=(), sketch=()):
         console.print(table)
     for line in alarms:
         console.print(one_line(line), soft_wrap=True, style="bold red")
-    for line in [*(sketch if _draws(console) else ()), *lines]:
+    shows_blocks = stream.isatty() and not console.no_color and not console.options.ascii_only
+    for line in [*(sketch if shows_blocks else ()), *lines]:
         console.print(one_line(line), soft_wrap=True)
-
-
-def _draws(console):
-    """Whether the terminal is one, shows blocks of Unicode and was not asked for plain text."""
-    return console.file.isatty() and not console.no_color and not console.options.ascii_only

@@ -10,7 +10,7 @@ import sys
 from typing import TYPE_CHECKING, Annotated, Any, NamedTuple
 
 from harvester.beam.materials import ACTIVE, PASSIVE
-from harvester.commands.quiet import say
+from harvester.commands.shown import say
 from harvester.errors import OutputError, SceneError
 from harvester.files.numbers import NotANumber, number
 from harvester.files.plain_text import named, nearest, one_line
@@ -170,10 +170,13 @@ def _changed(text, name):
 
     scene, answered = Scene.load(name), False
     for question in QUESTIONS:
-        keys = _fitting(question.keys, scene)
-        lines = filter(None, (_line_of(text, key) for key in keys))
-        line = next(lines, None)
-        if line is None or ("oscillator.frequency" in keys and _is_bistable(scene)):
+        # A scaled scene has damping and intensity alone of the alternatives to them.
+        scaled = {"oscillator.damping", "excitation.intensity"} & {*question.keys}
+        keys = tuple(scaled) if scaled and scene.units != "SI" else question.keys
+        line = next(filter(None, (_line_of(text, key) for key in keys)), None)
+        stiffness = scene.oscillator.linear_stiffness
+        is_bistable = not stiffness or stiffness < 0.0
+        if line is None or ("oscillator.frequency" in keys and is_bistable):
             continue
         key, value, scene = _accepted(scene, question, keys, line)
         if key is not None:
@@ -187,21 +190,9 @@ def _changed(text, name):
 def _with_units_only(text, name):
     """The text without what the comments of the built-in scene say of its own device."""
     body = re.sub(r"^#.*\n+", "", text, flags=re.MULTILINE)
-
-    def unit_only(line):
-        return line["value"] + (f"  # {line['unit']}" if line["unit"] else "")
-
-    return OWN_HEAD.format(scene=name) + COMMENTED.sub(unit_only, body)
-
-
-def _fitting(keys, scene):
-    """The keys of a question that a scene with such units can have."""
-    scaled = {"oscillator.damping", "excitation.intensity"} & {*keys}
-    return keys if scene.units == "SI" else tuple(scaled or keys)
-
-
-def _is_bistable(scene):
-    return not scene.oscillator.linear_stiffness or scene.oscillator.linear_stiffness < 0.0
+    return OWN_HEAD.format(scene=name) + COMMENTED.sub(
+        lambda line: line["value"] + (f"  # {line['unit']}" if line["unit"] else ""), body
+    )
 
 
 def _line_of(text, key):
@@ -240,13 +231,13 @@ def _read(answer, question, keys, units):
     """The key that an answer is for, and its number in the key's unit, or its name."""
     if question.names:
         return keys[0], answer.strip("\"'")
-    name, equals, rest = (part.strip() for part in answer.partition("="))
+    name, equals, number_text = (part.strip() for part in answer.partition("="))
     if equals:
-        known = {key.partition(".")[2]: key for key in keys}
-        if name not in known:
-            raise NotANumber(f"no {name} here{nearest(name, known)}")
-        return known[name], number(rest)
-    for unit, factor in sorted(question.units.items(), key=lambda each: -len(each[0])):
+        key_by_name = {key.partition(".")[2]: key for key in keys}
+        if name not in key_by_name:
+            raise NotANumber(f"no {name} here{nearest(name, key_by_name)}")
+        return key_by_name[name], number(number_text)
+    for unit, factor in sorted(question.units.items(), key=lambda item: -len(item[0])):
         if units == "SI" and answer.endswith(unit):
             return keys[0], factor * number(answer.removesuffix(unit).replace(" ", ""))
     value = number(answer)

@@ -27,15 +27,15 @@ _EMPTY = inspect.Parameter.empty
 def about(function: Callable) -> tuple[str, str]:
     """The first sentence of a docstring, and all that stands above its sections."""
     text = re.split(r"^[A-Z][A-Za-z ]+\n-+$", inspect.getdoc(function) or "", flags=re.M)[0]
-    first, _, rest = text.partition("\n\n")
-    return _small(first), ". ".join(filter(None, (_small(first), " ".join(rest.split()))))
+    first, _, details = text.partition("\n\n")
+    return _small(first), ". ".join(filter(None, (_small(first), " ".join(details.split()))))
 
 
 def described(documented: Any, section: str = "Parameters") -> dict[str, str]:
     """Names in a section of a numpydoc docstring, each with its text on one line."""
     text = (inspect.getdoc(documented) or "") + "\n"
-    found = re.search(rf"^{section}\n-+\n(.*?)(?=^[A-Z][A-Za-z ]+\n-+$|\Z)", text, re.M | re.S)
-    entries = re.findall(r"^(\S[^\n]*)\n((?:(?: .*)?\n?)*)", found[1] if found else "", re.M)
+    match = re.search(rf"^{section}\n-+\n(.*?)(?=^[A-Z][A-Za-z ]+\n-+$|\Z)", text, re.M | re.S)
+    entries = re.findall(r"^(\S[^\n]*)\n((?:(?: .*)?\n?)*)", match[1] if match else "", re.M)
     return {
         name.strip(): _small(body)
         for names, body in entries
@@ -51,15 +51,17 @@ def _small(text):
 
 def options_shown(function: Callable) -> list[tuple[Option, str]]:
     """Options that a command has, each with its help, in the docstring's order."""
-    known, own = options_of(function), described(function)
+    options, documented = options_of(function), described(function)
     hidden = described(function, "Other Parameters")
-    texts = described(RunnerOptions) | own
-    names = [*own, *(name for name in texts if name not in own and name not in hidden)]
-    return [(known[name], texts[name]) for name in names if name in known]
+    texts = described(RunnerOptions) | documented
+    names = [
+        *documented,
+        *(name for name in texts if name not in documented and name not in hidden),
+    ]
+    return [(options[name], texts[name]) for name in names if name in options]
 
 
 def add_options(parser: ArgumentParser, function: Callable) -> None:
-    """Give a command's parser the options of its function."""
     for option, text in options_shown(function):
         if is_scene(option):
             _add_scene(parser, option)
@@ -69,12 +71,13 @@ def add_options(parser: ArgumentParser, function: Callable) -> None:
 
 def add_extra(parser: ArgumentParser, name: str, kind: Any, text: str) -> None:
     """Give a parser an option that is the command's own, not its function's."""
-    value, own = get_args(kind)
-    add_option(parser, Option(name, value, own, None, inspect.Parameter.KEYWORD_ONLY, True), text)
+    value, properties = get_args(kind)
+    add_option(
+        parser, Option(name, value, properties, None, inspect.Parameter.KEYWORD_ONLY, True), text
+    )
 
 
 def is_scene(option: Option) -> bool:
-    """Whether it is the scene that a command is about."""
     return option.name == "scene" and option.passing is not inspect.Parameter.KEYWORD_ONLY
 
 
@@ -87,7 +90,6 @@ def _add_scene(parser, option):
 
 
 def add_option(parser: ArgumentParser, option: Option, text: str) -> None:
-    """Give a parser one option."""
     # argparse replaces a percent sign by values, so that it is doubled.
     words: dict[str, Any] = {"default": SUPPRESS, "help": _with_default(option, text)}
     kind = option.kind or Kind("NAME" if option.type is str else "N")
@@ -128,8 +130,8 @@ def _with_default(option, text):
     """The help, with the default where there is one that the text does not name."""
     plain = isinstance(option.default, (str, int, float)) and not isinstance(option.default, bool)
     if plain and option.default != "" and "default" not in text.replace(f'"{option.default}"', ""):
-        shown = option.default if isinstance(option.default, str) else f"{option.default:g}"
-        text += f" (default: {shown})"
+        default_text = option.default if isinstance(option.default, str) else f"{option.default:g}"
+        text += f" (default: {default_text})"
     return text.replace("%", "%%")
 
 

@@ -24,17 +24,10 @@ if TYPE_CHECKING:
 
 
 def page_of(content: Shown, title: str) -> str:
-    """A result as a page of HTML: its own `page()` where it has one.
-
-    Parameters
-    ----------
-    content : Shown
-    title : str
-        Shown behind the scene's name.
-    """
-    own = getattr(content, "page", None)
-    if own:
-        return own()
+    """A result as a page of HTML: its own `page()` where it has one."""
+    own_page = getattr(content, "page", None)
+    if own_page:
+        return own_page()
     scene = content.scene
     sections = {
         "Result": verdict_list(_verdicts(content)),
@@ -52,18 +45,17 @@ def page_of(content: Shown, title: str) -> str:
 
 def _verdicts(content: Any) -> list[Verdict]:
     """Sentences at the top of the page: the headline and the alarms."""
-    said = content.headline() if hasattr(content, "headline") else content.sentences()[0]
+    headline = content.headline() if hasattr(content, "headline") else content.sentences()[0]
     alarms = content.alarms() if hasattr(content, "alarms") else ()
-    return [Verdict(said), *(Verdict(alarm, False) for alarm in alarms)]
+    return [Verdict(headline), *(Verdict(alarm, False) for alarm in alarms)]
 
 
 def _pictures(content: Any, title: str) -> Iterator[str]:
-    """Every figure that the result has."""
-    found: list[Figure | None] = content.figures() if hasattr(content, "figures") else []
-    found = found or [content.figure()]
+    drawings: list[Figure | None] = content.figures() if hasattr(content, "figures") else []
+    drawings = drawings or [content.figure()]
     for name in ("joint_figure", "waveform"):
         part = getattr(content, name, None)
-        found.append(part and (part() if callable(part) else part.figure()))
-    for each in filter(None, found):
+        drawings.append(part and (part() if callable(part) else part.figure()))
+    for drawing in filter(None, drawings):
         # This one is a figure already.
-        yield figure_of(figures.picture(lambda drawn: drawn, each), title, "")
+        yield figure_of(figures.picture(lambda drawn: drawn, drawing), title, "")

@@ -1,13 +1,21 @@
-"""Interfaces by which results, comparisons and studies are shown and written."""
+"""What a command shows: the interfaces of results, and lines on standard error."""
 
 from __future__ import annotations
 
+import contextlib
+import sys
+from collections.abc import Iterator
+from contextvars import ContextVar
 from typing import TYPE_CHECKING, Any, Protocol
+
+from harvester.files.plain_text import one_line
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
     from harvester.scene.model import Scene
+
+_QUIET = ContextVar("quiet", default=False)
 
 
 class Tabled(Protocol):
@@ -32,3 +40,29 @@ class Shown(Tabled, Protocol):
 
     def figure(self) -> Figure | None:
         """A drawing in the project's style; None where there is nothing to draw."""
+
+
+@contextlib.contextmanager
+def quiet(silent: bool = True) -> Iterator[None]:
+    """No tables, progress or remarks within the block."""
+    token = _QUIET.set(bool(silent))
+    try:
+        yield
+    finally:
+        _QUIET.reset(token)
+
+
+def is_quiet() -> bool:
+    """Whether the program runs inside a `quiet` block."""
+    return _QUIET.get()
+
+
+def say(text: object) -> None:
+    """One line on standard error, unless the command line is quiet."""
+    if not is_quiet():
+        print(one_line(text), file=sys.stderr)
+
+
+def complain(text: object) -> None:
+    """One line on standard error on what went wrong."""
+    print(f"harvester: {one_line(text)}", file=sys.stderr)

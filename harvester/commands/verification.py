@@ -1,4 +1,7 @@
-"""Commands that judge the program: known results, accuracy, stiff cases, the source paper."""
+"""Commands that judge the program: known results, accuracy, stiff cases, the source paper.
+
+Each imports its study when it is called, since the help of a command must not import numba.
+"""
 
 from __future__ import annotations
 
@@ -7,36 +10,23 @@ from collections.abc import Sequence
 from typing import TYPE_CHECKING, Annotated, Any, Unpack
 
 from harvester.commands.parsing import overrides_of
-from harvester.commands.quiet import say
-from harvester.commands.result_files import result_files, write_result
-from harvester.commands.running import check_places, show, study_runner
+from harvester.commands.shown import say
+from harvester.commands.steps import check_places, result_files, show, study_runner, write_result
 from harvester.errors import HarvesterError
 from harvester.files.plain_text import nearest
-from harvester.signatures import (
-    File,
-    Kind,
-    Overrides,
-    RunnerOptions,
-    Seconds,
-    Seed,
-    Share,
-    Step,
-)
+from harvester.signatures import File, Kind, Overrides, RunnerOptions, Seconds, Seed, Share, Step
 
 if TYPE_CHECKING:
     from harvester.calling import SceneOrName
     from harvester.scene.model import Scene
     from harvester.verification.accuracy.work_precision import WorkPrecision
-    from harvester.verification.known_results.truth import Verification
+    from harvester.verification.known_results.verify import Verification
     from harvester.verification.paper.claims import Judgement
     from harvester.verification.stability.matrix import StabilityMatrix
 
 # Default scenes: the source paper's device at an intensity at which it jumps, and one with a
 # rectifier.
-SCENES = (
-    ("paper", ("excitation.intensity=0.1",)),
-    ("device", ("load.netlist=bridge",)),
-)
+SCENES = (("paper", ("excitation.intensity=0.1",)), ("device", ("load.netlist=bridge",)))
 ACCURACY = "time-to-accuracy"
 PICTURES = ("work-precision", "time-to-accuracy")
 
@@ -47,16 +37,13 @@ def verify(**running: Unpack[RunnerOptions]) -> Verification:
     Closed forms, limits, published powers and other integrators stand beside the circuit, Monte
     Carlo and the stationary solver; exit code 1 where one disagrees.
     """
-    from harvester.verification.known_results.truth import verify
+    from harvester.verification.known_results.verify import verify
 
     return verify(**running)
 
 
 def stability(
-    scene: SceneOrName = "paper",
-    *,
-    step: Step = "default",
-    **running: Unpack[RunnerOptions],
+    scene: SceneOrName = "paper", *, step: Step = "default", **running: Unpack[RunnerOptions]
 ) -> StabilityMatrix:
     """Judge stiff and extreme variations of one scene; exit code 1 where one is wrong.
 
@@ -111,18 +98,18 @@ def accuracy(
     from harvester.verification.accuracy.both import accuracy
 
     output, name = os.fspath(running.get("output") or ""), f"{scene.name}-accuracy.json"
-    pictures = {each: f"{scene.name}-{each}.png" for each in PICTURES}
+    pictures = {picture: f"{scene.name}-{picture}.png" for picture in PICTURES}
     check_places(json, output, files=[name, *pictures.values()])
     with study_runner("accuracy", **running) as runner:
-        found = accuracy(scene, thorough=thorough, runner=runner)
-        pair = found.work_precision, found.time_to_accuracy
+        measured = accuracy(scene, thorough=thorough, runner=runner)
+        pair = measured.work_precision, measured.time_to_accuracy
         views: dict[str, Any] = dict(zip(PICTURES, pair, strict=True))
         for title, view in views.items():
             show(view, title.replace("-", " "), json)
         if json:
-            write_json(json, found.to_dict())
+            write_json(json, measured.to_dict())
         if output:
-            write_json(in_folder(output, name), found.to_dict())
+            write_json(in_folder(output, name), measured.to_dict())
             for title, view in views.items():
                 figures.write(view.figure(), in_folder(output, pictures[title]))
             say(f"written to {output}: {name}, {scene.name}-*.png")
@@ -203,9 +190,9 @@ def reproduce(
                 on_figure=keep,
             )
     except KeyboardInterrupt as interrupt:
-        kept = f"finished figures are in {output}: {', '.join(finished)}" if finished else ""
+        hint = f"finished figures are in {output}: {', '.join(finished)}" if finished else ""
         raise KeyboardInterrupt(
-            f"{kept}; the same command goes on" if kept else interrupt
+            f"{hint}; the same command goes on" if hint else interrupt
         ) from None
     finally:
         for name in (name for name in names if name in finished):
@@ -220,14 +207,14 @@ def _paper(seed):
     return Scene.load("paper", overrides_of(seed=seed))
 
 
-def _chosen(wanted, known):
+def _chosen(figures, names):
     """Names of figures in the paper's order."""
-    for name in wanted:
-        if name not in (*known, "all"):
+    for name in figures:
+        if name not in (*names, "all"):
             raise HarvesterError(
-                f"{name}: no such figure{nearest(name, known)}; there are {', '.join(known)}, all"
+                f"{name}: no such figure{nearest(name, names)}; there are {', '.join(names)}, all"
             )
-    return [name for name in known if name in wanted or "all" in wanted]
+    return [name for name in names if name in figures or "all" in figures]
 
 
 def time_to_accuracy(
@@ -257,11 +244,14 @@ def time_to_accuracy(
     json : str or None
         Write JSON; - for standard output.
     """
+    from harvester.files.writing import in_folder, write_json
     from harvester.scene.model import Scene
+    from harvester.show import figures
+    from harvester.verification.accuracy.drawing import draw
     from harvester.verification.accuracy.time_to_accuracy import SECONDS, time_to_accuracy
 
     named = [(scene, ()) for scene in scenes] or SCENES
-    output = running.get("output")
+    output = os.fspath(running.get("output") or "")
     changes = overrides_of(overrides, seed)
     loaded = [Scene.load(scene, [*values, *changes]) for scene, values in named]
     check_places(json, output, files=[f"{ACCURACY}.json", f"{ACCURACY}.png"])
@@ -271,19 +261,10 @@ def time_to_accuracy(
         ]
         for result in results:
             show(result, "time to accuracy", json)
-        _write_accuracy(results, json, output)
-
-
-def _write_accuracy(results, json, output):
-    """Write the JSON and the figure that all scenes share."""
-    from harvester.files.writing import in_folder, write_json
-    from harvester.show import figures
-    from harvester.verification.accuracy import drawing as accuracy_figure
-
-    content = {"results": [result.to_dict() for result in results]}
-    if json:
-        write_json(json, content)
-    if output:
-        write_json(in_folder(output, f"{ACCURACY}.json"), content)
-        figures.save(accuracy_figure.draw, results, in_folder(output, f"{ACCURACY}.png"))
-        say(f"written to {output}: {ACCURACY}.*")
+        content = {"results": [result.to_dict() for result in results]}
+        if json:
+            write_json(json, content)
+        if output:
+            write_json(in_folder(output, f"{ACCURACY}.json"), content)
+            figures.save(draw, results, in_folder(output, f"{ACCURACY}.png"))
+            say(f"written to {output}: {ACCURACY}.*")

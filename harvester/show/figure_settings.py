@@ -30,10 +30,10 @@ def load_matplotlib() -> None:
 
 def _choose_backend(matplotlib):
     """Use the backend that MPLBACKEND names, if matplotlib has it."""
-    wanted = os.environ.get("MPLBACKEND")
+    backend = os.environ.get("MPLBACKEND")
     with contextlib.suppress(ValueError):
-        if wanted:
-            matplotlib.rcParams["backend"] = wanted
+        if backend:
+            matplotlib.rcParams["backend"] = backend
 
 
 def _import_styles():
@@ -77,10 +77,6 @@ def figure_settings(*styles: str | Path) -> Iterator[None]:
     load_matplotlib()
     from matplotlib import style
 
-    with (
-        usual_arithmetic(),
-        style.context(["default", *styles]),
-        warnings.catch_warnings(),
-    ):
+    with usual_arithmetic(), style.context(["default", *styles]), warnings.catch_warnings():
         warnings.filterwarnings("ignore", "Glyph .* missing from")
         yield

@@ -18,14 +18,7 @@ STYLE = Path(__file__).parent / "house.mplstyle"
 
 
 def save(draw: Callable, result: Any, path: str | Path) -> None:
-    """Draw a result into a file, whole; the suffix chooses the format.
-
-    Parameters
-    ----------
-    draw : callable
-        `draw_result`, `draw_comparison` or `draw_work_precision`.
-    result : Result, Comparison or WorkPrecision
-    path : Path
+    """Call `draw` on a result and write the figure, whole; the suffix chooses the format.
 
     Raises
     ------

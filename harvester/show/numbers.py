@@ -67,7 +67,9 @@ def value_and_error(value: float, error: float | None) -> str:
         return f"{value:.{most}f} ± {bound}"
     # The error is rounded first, so that 0.0996 is shown as 0.10.
     places = max(0, 1 - math.floor(math.log10(float(f"{error:.1e}"))))
-    return f"{_without_sign_of_zero(value, places)} ± {error:.{places}f}"
+    text = f"{value:.{places}f}"
+    # No sign before a zero.
+    return f"{text.lstrip('-') if float(text) == 0.0 else text} ± {error:.{places}f}"
 
 
 def share_with_error(estimate: Estimated, sign: bool = True) -> str:
@@ -89,16 +91,16 @@ def prefixed(value: float, unit: str) -> tuple[float, str]:
     ((1000000.0, 'µW'), (1000000.0, 'mV²'), (1.0, 'scaled power'))
     """
     base, _, raised = unit.partition("^")
-    power, own = int(raised or 1), base.strip("()")
-    if own not in PREFIXED or power not in (1, 2) or not value or not math.isfinite(value):
+    power, symbol = int(raised or 1), base.strip("()")
+    if symbol not in PREFIXED or power not in (1, 2) or not value or not math.isfinite(value):
         return 1.0, in_print(unit)
     # A prefix of a squared unit counts twice, so that squares between 0.001 and 1000 have none.
     decades = math.floor(math.log10(abs(value)) + 1e-9) + (0 if power == 1 else 3)
     exponent = min(max(3 * (decades // (3 * power)), min(PREFIXES)), max(PREFIXES))
-    if own == "s":
+    if symbol == "s":
         exponent = min(exponent, 0)
     letter = PREFIXES[exponent]
-    return 10.0 ** (-exponent * power), in_print(unit.replace(own, letter + own, 1))
+    return 10.0 ** (-exponent * power), in_print(unit.replace(symbol, letter + symbol, 1))
 
 
 def in_print(unit: str) -> str:
@@ -138,8 +140,3 @@ def count(size: float | None) -> str:
 def is_share(name: str) -> bool:
     """Whether a quantity is printed in percent, by its name."""
     return any(word in name for word in SHARES)
-
-
-def _without_sign_of_zero(value, places):
-    text = f"{value:.{places}f}"
-    return text.lstrip("-") if float(text) == 0.0 else text

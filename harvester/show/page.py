@@ -31,16 +31,7 @@ class Verdict(NamedTuple):
 
 
 def page(title: str, about: str, sections: dict[str, str]) -> str:
-    """A self-contained page of HTML.
-
-    Parameters
-    ----------
-    title : str
-    about : str
-        Stands below it, behind date and version.
-    sections : dict of str to str
-        HTML by its heading.
-    """
+    """A self-contained page of HTML: title, date, version and `about`, and HTML by its heading."""
     template = resources.files("harvester.show").joinpath("page.html").read_text(encoding="utf-8")
     date = datetime.now().astimezone().strftime("%Y-%m-%d %H:%M %Z")
     return Template(template).substitute(
@@ -50,9 +41,9 @@ def page(title: str, about: str, sections: dict[str, str]) -> str:
     )
 
 
-def verdict_list(found: Iterable[Verdict]) -> str:
-    """Sentences with their colours."""
-    items = "\n".join(map(_verdict, found))
+def verdict_list(verdicts: Iterable[Verdict]) -> str:
+    kinds = {True: "agrees", False: "differs", None: "neutral"}
+    items = "\n".join(f'<li class="{kinds[v.good]}">{_escaped(v.text)}</li>' for v in verdicts)
     return f'<ul class="verdict">\n{items}\n</ul>'
 
 
@@ -82,11 +73,6 @@ def _folded(summary, content, is_open=False):
 
 def _escaped(text):
     return html.escape(one_line(text))
-
-
-def _verdict(verdict):
-    kind = {True: "agrees", False: "differs", None: "neutral"}[verdict.good]
-    return f'<li class="{kind}">{_escaped(verdict.text)}</li>'
 
 
 def table_of(header: Sequence[str], rows: Iterable[Sequence[str]], kind: str = "numbers") -> str:
@@ -122,10 +108,10 @@ def figure_of(svg: bytes, alternative: str, caption: str, least_scale: float = 0
     """
     data = base64.b64encode(svg).decode()
     size = f"min-width: {NARROWEST_FIGURE}"
-    own = re.search(rb'<svg[^>]* width="([\d.]+)pt"', svg)
-    if own:
-        widest = f"{LARGEST_SCALE * float(own[1]):.0f}pt"
-        least = f"{least_scale * float(own[1]):.0f}pt" if least_scale else NARROWEST_FIGURE
+    svg_width = re.search(rb'<svg[^>]* width="([\d.]+)pt"', svg)
+    if svg_width:
+        widest = f"{LARGEST_SCALE * float(svg_width[1]):.0f}pt"
+        least = f"{least_scale * float(svg_width[1]):.0f}pt" if least_scale else NARROWEST_FIGURE
         size = f"min-width: min({least}, {widest}); max-width: {widest}"
     return (
         f'<figure><div class="wide" tabindex="0"><img style="{size}" '

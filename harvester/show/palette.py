@@ -29,6 +29,6 @@ _SPARE = tuple(zip(("#44AA99", "#DDCC77", "#AA4499", "#88CCEE"), "8H12", strict=
 
 def styles(families: Iterable[str]) -> dict[str, tuple[str, str]]:
     """(colour, marker) of each of these families; those not met before take spare ones in turn."""
-    wanted = dict.fromkeys(families)
+    names = dict.fromkeys(families)
     spare = cycle(_SPARE)
-    return {name: _FAMILIES.get(name) or next(spare) for name in wanted}
+    return {name: _FAMILIES.get(name) or next(spare) for name in names}

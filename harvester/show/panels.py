@@ -126,9 +126,9 @@ def draw_panels(
     figure = Figure(figsize=(wide, 0.6 + size[1] * rows))
     places = figure.subplots(rows, columns, squeeze=False, **shared).ravel()
     same = len({panel.y_label for panel in panels}) == 1
-    for place, (axes, panel) in enumerate(zip(places, panels, strict=False)):
+    for index, (axes, panel) in enumerate(zip(places, panels, strict=False)):
         _draw_panel(axes, panel)
-        if same and place % columns:
+        if same and index % columns:
             axes.set_ylabel("")
     for axes in places[len(panels) :]:
         axes.remove()
@@ -236,13 +236,9 @@ def _draw_series(axes, series):
             zorder=line.get_zorder() + 0.1,
         )
     if series.shift:
+        from matplotlib.transforms import ScaledTranslation
+
         # After the drawing: the axes' limits follow marks in their own places only.
+        shift = ScaledTranslation(series.shift / 72.0, 0.0, axes.figure.dpi_scale_trans)
         for artist in (line, *caps, *stems, *empty):
-            artist.set_transform(axes.transData + _to_the_right(axes, series.shift))
-
-
-def _to_the_right(axes, points):
-    """The transform that moves a drawing by points of print."""
-    from matplotlib.transforms import ScaledTranslation
-
-    return ScaledTranslation(points / 72.0, 0.0, axes.figure.dpi_scale_trans)
+            artist.set_transform(axes.transData + shift)

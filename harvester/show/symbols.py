@@ -51,9 +51,9 @@ EFFICIENCIES = {
 
 def key_words(key: str, units: str) -> tuple[str, str]:
     """Words for a key of a scene, and its unit: empty where it is not known or scaled."""
-    table, _, own = key.rpartition(".")
-    place = f" ({table})" if "[" in table else ""
-    words, unit = KEYS.get(key, (own.replace("_", " ") + place, ""))
+    table, _, name = key.rpartition(".")
+    table_note = f" ({table})" if "[" in table else ""
+    words, unit = KEYS.get(key, (name.replace("_", " ") + table_note, ""))
     return words, unit if units == "SI" or unit in ALWAYS else ""
 
 

@@ -1,1 +1,10 @@
 """Checks of the program against closed forms, other integrators, the source paper and itself."""
+
+# Quantities by which methods are compared: states of a path, and means.
+STATES = ("displacement", "velocity", "voltage")
+VOLTAGE, VELOCITY = "mean_square_voltage", "mean_square_velocity"
+POWER, OUTPUT_POWER = "mean_power", "mean_output_power"
+EFFICIENCY = "power_conversion_efficiency"
+MEANS = (VOLTAGE, VELOCITY, EFFICIENCY)
+# A difference counts from so many standard errors on. By chance alone one in 370 does.
+SIGNIFICANT_SIGMAS = 3.0

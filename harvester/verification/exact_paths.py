@@ -38,10 +38,10 @@ def run(scene: Scene, index: int, report: Callable = ignore) -> np.ndarray:
     ndarray, shape (knots, 3)
         X, X', terminal voltage.
     """
-    ready = prepared(scene)
-    equations = Equations(ready.system)
-    noise, spacing = noise_at_knots(scene, index), knot_spacing(ready)
-    state = np.array(start_state(ready, index), dtype=float)
+    model = prepared(scene)
+    equations = Equations(model.system)
+    noise, spacing = noise_at_knots(scene, index), knot_spacing(model)
+    state = np.array(start_state(model, index), dtype=float)
     equations.begin(state, noise[0])
     states = np.empty((noise.size - 1, 3))
     for knot in range(noise.size - 1):
@@ -160,8 +160,8 @@ class Equations:
         push = law.stiffness * depth**law.exponent
         speed = max(held, abs(v), 1e-300)
         if not law.holds:
-            place, stop = side * (gap + depth), side * gap
-            gain = self._gain(place, stop)
+            position, stop = side * (gap + depth), side * gap
+            gain = self._gain(position, stop)
             speed = math.sqrt(v * v + 2.0 * (max(gain, 0.0) + _stored(law, depth)))
         return push * (side + law.damping_factor / speed * v)
 
@@ -181,32 +181,32 @@ def _spring_equations(spring):
         raise _not_written_out(spring)
     return (
         lambda x: sum(k * x**n for n, k in powers),
-        lambda place, stop: sum(
-            k * (place ** (n + 1) - stop ** (n + 1)) / (n + 1) for n, k in powers
+        lambda start, stop: sum(
+            k * (start ** (n + 1) - stop ** (n + 1)) / (n + 1) for n, k in powers
         ),
     )
 
 
 def _table_equations(table):
     breaks = table.breaks()
-    rows = np.array([each for _, each in list(table.pieces())[1:-1]])[:, ::-1].T
-    made = PPoly(rows, breaks)
-    slope, integral = made.derivative(), made.antiderivative()
+    rows = np.array([coefficients for _, coefficients in list(table.pieces())[1:-1]])[:, ::-1].T
+    polynomial = PPoly(rows, breaks)
+    slope, integral = polynomial.derivative(), polynomial.antiderivative()
 
     def line(x):
         """The end of the table that is nearest, or x within it, and force and slope there."""
         end = min(max(x, breaks[0]), breaks[-1])
-        return end, float(made(end)), float(slope(end))
+        return end, float(polynomial(end)), float(slope(end))
 
     def force(x):
-        end, there, steep = line(x)
-        return there + steep * (x - end)
+        end, edge_force, steep = line(x)
+        return edge_force + steep * (x - end)
 
     def energy(x):
-        end, there, steep = line(x)
-        return float(integral(end)) + (there + 0.5 * steep * (x - end)) * (x - end)
+        end, edge_force, steep = line(x)
+        return float(integral(end)) + (edge_force + 0.5 * steep * (x - end)) * (x - end)
 
-    return force, lambda place, stop: energy(place) - energy(stop)
+    return force, lambda start, stop: energy(start) - energy(stop)
 
 
 def _stored(law, depth):
@@ -227,10 +227,10 @@ def _electrical_equations(transducer):
         raise _not_written_out(transducer)
     coupling, load = transducer.coupling, transducer.load_rate
     decay = load + transducer.own_rate
-    shown = load if isinstance(transducer, Coil) else 1.0
+    voltage_factor = load if isinstance(transducer, Coil) else 1.0
     return (
         lambda v, state: (coupling * state, v - decay * state),
-        lambda v, state: shown * state,
+        lambda v, state: voltage_factor * state,
     )
 
 

@@ -10,7 +10,7 @@ from harvester.prepared.steps import knot_spacing
 from harvester.scene.model import Scene
 from harvester.simulation.methods import engine_of
 from harvester.simulation.realization import Realization, noise_path, run
-from harvester.verification.quantities import STATES
+from harvester.verification import STATES
 
 
 def knot_times(scene: Scene) -> np.ndarray:
@@ -22,6 +22,18 @@ def knot_times(scene: Scene) -> np.ndarray:
 def noise_at_knots(scene: Scene, index: int) -> np.ndarray:
     """The noise of one realization at the knots 0, 1, 2, …, scaled."""
     return noise_path(prepared(scene), index).read(knot_times(scene).size + 1)
+
+
+def from_rest(scene: Scene, knots: int, realizations: int) -> Scene:
+    """The scene for so many knots of its noise, measured from its beginning."""
+    spacing = knot_spacing(prepared(scene))
+    changes = {
+        "run.duration": knots * spacing,
+        "run.settle": 0.0,
+        "run.realizations": realizations,
+        "excitation.knot_spacing": spacing,
+    }
+    return scene.replace(changes)
 
 
 def recorded(
@@ -47,9 +59,10 @@ def states_at_knots(scene: Scene, realizations: Sequence[Realization]) -> np.nda
         In the order of `STATES`.
     """
     times = knot_times(scene)
-    waveforms: Any = [each.waveform for each in realizations]
+    waveforms: Any = [realization.waveform for realization in realizations]
     states = [
-        [np.interp(times, each.time, getattr(each, name)) for name in STATES] for each in waveforms
+        [np.interp(times, waveform.time, getattr(waveform, name)) for name in STATES]
+        for waveform in waveforms
     ]
     return np.array(states).transpose(0, 2, 1)
 

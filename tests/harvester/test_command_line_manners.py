@@ -10,9 +10,10 @@ import time
 import pytest
 
 import harvester
-from harvester.command_line import COMMANDS, build_parser, main
+from harvester.command_line import main
 from harvester.commands import console
 from harvester.commands.command import Command
+from harvester.commands.table import COMMANDS, build_parser
 from harvester.errors import EngineNotFound, SceneError, SimulatorTimeout
 
 COMMAND_NAMES = sorted(build_parser()[1].choices)

@@ -16,7 +16,7 @@ from harvester.verification.accuracy import (
     throughput,
     timed,
 )
-from harvester.verification.accuracy.methods import Method
+from harvester.verification.accuracy.methods import ComparedMethod
 from harvester.verification.stability import matrix
 from harvester.verification.stability.cases import Case
 from harvester.workers.process import Worker
@@ -28,8 +28,11 @@ FEW_CASES = (
     Case("scene", "as it is", {}),
     Case("corner", "all", {"stiffness": 100.0, "gap_in_wells": 1.2, "decay_rate": 0.1}),
 )
-FEW_METHODS = (Method("circuit", "circuit", 2), Method("Monte Carlo", "monte-carlo", 4))
-FEW_LOAD_METHODS = (FEW_METHODS[0], Method("Monte Carlo", "monte-carlo", 2))
+FEW_METHODS = (
+    ComparedMethod("circuit", "circuit", 2),
+    ComparedMethod("Monte Carlo", "monte-carlo", 4),
+)
+FEW_LOAD_METHODS = (FEW_METHODS[0], ComparedMethod("Monte Carlo", "monte-carlo", 2))
 
 
 @pytest.fixture(scope="module")

@@ -12,7 +12,7 @@ from harvester.running import RunnerOptions, open_runner
 from harvester.scene.model import Scene
 from harvester.simulation.simulate import require_noise
 from harvester.verification.accuracy.measurement import by_own_length
-from harvester.verification.accuracy.methods import Method
+from harvester.verification.accuracy.methods import ComparedMethod
 from harvester.verification.accuracy.time_to_accuracy import TimeToAccuracy
 from harvester.verification.accuracy.work_precision import WorkPrecision
 
@@ -25,7 +25,6 @@ class Accuracy:
     time_to_accuracy: TimeToAccuracy
 
     def to_dict(self) -> dict[str, Any]:
-        """Plain values for JSON."""
         return fields_of(self)
 
 
@@ -34,7 +33,7 @@ def accuracy(
     scene: Scene,
     *,
     thorough: bool = False,
-    methods: Sequence[Method] | None = None,
+    methods: Sequence[ComparedMethod] | None = None,
     **running: Unpack[RunnerOptions],
 ) -> Accuracy:
     """Measure the error of every method on a scene, and how it falls with time.

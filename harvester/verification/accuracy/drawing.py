@@ -31,10 +31,10 @@ def draw(results: Sequence[Any]) -> Figure:
     """Total error over wall time: one row of panels for each of some `TimeToAccuracy`."""
     from matplotlib.figure import Figure
 
-    rows, columns = len(results), max(len(each.quantities) for each in results)
+    rows, columns = len(results), max(len(study.quantities) for study in results)
     figure = Figure(figsize=(3.6 * columns, 2.8 * rows + 1.4))
     panels = figure.subplots(rows, columns, squeeze=False)
-    marks = styles(line.name for each in results for line in each.lines)
+    marks = styles(line.name for study in results for line in study.lines)
     legend: dict[str, Any] = {}
     for row, result in zip(panels, results, strict=True):
         for axes, name in zip(row, result.quantities, strict=False):
@@ -86,7 +86,11 @@ def _draw_panel(axes, result, name, marks):
     ticks = {at: text for at, text in TICKS.items() if first <= at <= last}
     axes.set_xticks(list(ticks), list(ticks.values()))
     axes.tick_params(which="minor", bottom=False, labelbottom=False, labelleft=False)
-    axes.set_title(f"{_title(result.scene)}: {SYMBOLS[name]}")
+    load = result.scene.to_tables().get("load", {})
+    device = (
+        f"{result.scene.name} with {load['netlist']}" if "netlist" in load else result.scene.name
+    )
+    axes.set_title(f"{device}: {SYMBOLS[name]}")
 
 
 def _draw_line(axes, line, name, seconds, mark, limits):
@@ -94,21 +98,21 @@ def _draw_line(axes, line, name, seconds, mark, limits):
     colour, marker, width, size = mark
     error = line.errors[name]
     total = 100.0 * error.after(seconds)
-    known = 2.0 * (error.bias.standard_error if error.bias.standard_error else math.inf)
+    uncertainty = 2.0 * (error.bias.standard_error if error.bias.standard_error else math.inf)
     if error.bias.estimate == error.bias.standard_error == 0.0:
-        known = 0.0
-    solid = total >= 100.0 * min(known, 1e3)
+        uncertainty = 0.0
+    solid = total >= 100.0 * min(uncertainty, 1e3)
     axes.plot(seconds, np.where(solid, total, np.nan), color=colour, linewidth=width)
     dashed = {"linestyle": (0, (2, 2)), "linewidth": width}
     axes.plot(seconds, np.where(solid, np.nan, total), color=colour, **dashed)
-    if abs(error.bias.estimate) > known:
+    if abs(error.bias.estimate) > uncertainty:
         sampling = 1e4 * error.scatter**2 * error.cost / seconds
         high = np.sqrt(sampling + (100.0 * error.largest_bias) ** 2)
-        low = max(abs(error.bias.estimate) - known, 0.0)
+        low = max(abs(error.bias.estimate) - uncertainty, 0.0)
         low = np.sqrt(sampling + (100.0 * low) ** 2)
         axes.fill_between(seconds, low, high, color=colour, alpha=0.08, linewidth=0)
     read = [(error.seconds_to(limit), 100.0 * limit) for limit in limits]
-    read = [each for each in read if math.isfinite(each[0])]
+    read = [pair for pair in read if math.isfinite(pair[0])]
     places = tuple(zip(*read, strict=True)) or ((), ())
     axes.plot(*places, marker, color=colour, markersize=size)
     key = {"marker": marker, "markersize": size, "linewidth": width}
@@ -125,11 +129,6 @@ def _span(result, name):
     return 0.3 * min(times), 5.0 * max(times)
 
 
-def _title(scene):
-    load = scene.to_tables().get("load", {})
-    return f"{scene.name} with {load['netlist']}" if "netlist" in load else scene.name
-
-
 def draw_work_precision(diagram: Any) -> Figure:
     """Strong error and bias of every method over its seconds per simulated unit."""
     from matplotlib.figure import Figure
@@ -140,10 +139,10 @@ def draw_work_precision(diagram: Any) -> Figure:
     marks = styles(row.method.family for row in diagram.rows)
     _draw_strong_errors(left, diagram, marks)
     right: Any = None
-    for place, name in enumerate(diagram.means):
-        right = figure.add_subplot(grid[place, 1], sharex=right)
+    for grid_row, name in enumerate(diagram.means):
+        right = figure.add_subplot(grid[grid_row, 1], sharex=right)
         _draw_biases(right, diagram, name, marks)
-        right.tick_params(labelbottom=place == 2)
+        right.tick_params(labelbottom=grid_row == 2)
     right.set_xlabel("seconds per simulated second, one core")
     machine = diagram.measured.speeds["machine"]
     figure.suptitle(
@@ -178,8 +177,8 @@ def _draw_strong_errors(axes, diagram, marks):
     axes.grid(alpha=0.2)
     axes.set_xlabel("seconds per simulated second, one core")
     axes.set_ylabel("RMS error of X [scaled]")
-    found = diagram.measured
-    axes.set_title(f"strong error over {found.horizon:.3g} s, {found.paths} paths")
+    measured = diagram.measured
+    axes.set_title(f"strong error over {measured.horizon:.3g} s, {measured.paths} paths")
 
 
 def _draw_biases(axes, diagram, name, marks):

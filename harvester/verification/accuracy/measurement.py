@@ -23,7 +23,7 @@ from harvester.running import Answer, Request, Runner, Task
 from harvester.running.request import good_ones, told
 from harvester.scene.model import Scene
 from harvester.scene.units import require_resistor
-from harvester.verification import exact_paths
+from harvester.verification import MEANS, STATES, exact_paths
 from harvester.verification.accuracy import throughput
 from harvester.verification.accuracy.methods import (
     LOAD_METHODS,
@@ -34,16 +34,11 @@ from harvester.verification.accuracy.methods import (
     THOROUGH_METHODS,
     TIMED_LOAD_METHODS,
     TIMED_METHODS,
-    Method,
+    ComparedMethod,
     with_compiled,
 )
-from harvester.verification.accuracy.timed import (
-    Timed,
-    closures,
-    paths_at_knots,
-    realizations_task,
-)
-from harvester.verification.quantities import MEANS, STATES
+from harvester.verification.accuracy.timed import Timed, closures, paths_at_knots, realizations_task
+from harvester.verification.paths import from_rest
 
 # Number of paths from which the errors of paths are measured.
 PATHS = 4
@@ -92,7 +87,7 @@ class MethodRow:
         Standard error of each mean itself in a run of this length, as a share: σ/√N.
     """
 
-    method: Method = field(metadata=LEFT_OUT)
+    method: ComparedMethod = field(metadata=LEFT_OUT)
     run: Timed | None = field(metadata=LEFT_OUT)
     note: str = ""
     mean_step: float = math.nan
@@ -117,10 +112,10 @@ class Measured:
 
     Attributes
     ----------
-    reference : Method
+    reference : ComparedMethod
         The method from whose runs biases are measured.
     references : dict of bool to Timed
-        The reference's runs, by `Method.brief`.
+        The reference's runs, by `ComparedMethod.brief`.
     closures : dict of str to dict
         For each closure that holds `quantities`, scaled, and `seconds`.
     refused : dict of str to str
@@ -138,7 +133,7 @@ class Measured:
 
     scene: Scene
     rows: list[MethodRow]
-    reference: Method
+    reference: ComparedMethod
     references: dict[bool, Timed]
     closures: dict
     refused: dict
@@ -150,7 +145,11 @@ class Measured:
 
 
 def by_own_length(
-    scene: Scene, runner: Runner, *, thorough: bool = False, methods: Sequence[Method] | None = None
+    scene: Scene,
+    runner: Runner,
+    *,
+    thorough: bool = False,
+    methods: Sequence[ComparedMethod] | None = None,
 ) -> Measured:
     """Measure the methods by paths, and by the means of the scene's own run.
 
@@ -158,7 +157,7 @@ def by_own_length(
     ----------
     thorough : bool
         More paths, steps and realizations.
-    methods : sequence of Method or None
+    methods : sequence of ComparedMethod or None
         None: all of them, and the throughput of every way to run the circuit.
 
     Raises
@@ -183,13 +182,16 @@ def by_own_length(
         True: _brief_scene(scene, BRIEF_REALIZATIONS * factor),
     }
     asked = [
-        Request(each, reference.engine, step=reference.step(each), moments=True)
-        for each in scenes.values()
+        Request(run_scene, reference.engine, step=reference.step(run_scene), moments=True)
+        for run_scene in scenes.values()
     ]
     answers = dict(zip(scenes, _there(runner.answer(asked)), strict=True))
     runs = _runs(scenes, methods, runner)
     averaged, refused = closures(scene, runner)
-    references = {brief: _timed(scenes[brief], answer) for brief, answer in answers.items()}
+    references = {
+        brief: Timed(scenes[brief], [{"moments": answer.moments, "seconds": answer.seconds}])
+        for brief, answer in answers.items()
+    }
     rows = [
         _row(method, run, errors, references[method.brief], answers[False])
         for method, run, errors in zip(methods, runs, strong, strict=True)
@@ -265,14 +267,10 @@ def _out_of_time():
 
 def _there(outcomes):
     """The outcomes; raises the error of one that failed, or OutOfTime for a missing one."""
-    for each in outcomes:
-        if each is None or isinstance(each, HarvesterError):
-            raise each or _out_of_time()
+    for outcome in outcomes:
+        if outcome is None or isinstance(outcome, HarvesterError):
+            raise outcome or _out_of_time()
     return outcomes
-
-
-def _timed(scene, answer):
-    return Timed(scene, [{"moments": answer.moments, "seconds": answer.seconds}])
 
 
 def _has_load(scene):
@@ -293,27 +291,20 @@ def _speeds(scene, measured, runner):
 
 def _brief_scene(scene, realizations):
     """Runs for slow methods: half of each for the transient, or less where the scene says so."""
-    ready = prepared(scene)
-    half = BRIEF_KNOTS // 2 * knot_spacing(ready)
+    model = prepared(scene)
+    half = BRIEF_KNOTS // 2 * knot_spacing(model)
     run = {"duration": min(scene.run.duration, half), "settle": min(scene.run.settle, half)}
     return scene.replace(
-        run={**run, "realizations": realizations},
-        excitation={"knot_spacing": knot_spacing(ready)},
+        run={**run, "realizations": realizations}, excitation={"knot_spacing": knot_spacing(model)}
     )
 
 
 def _short_scene(scene, paths):
     """Some periods from rest: short enough that paths do not separate."""
-    ready = prepared(scene)
-    spacing = knot_spacing(ready)
-    period = 2.0 * math.pi / timescales.angular_frequency(ready.system)
-    changes = {
-        "run.duration": min(math.ceil(PERIODS * period / spacing), MOST_KNOTS) * spacing,
-        "run.settle": 0.0,
-        "run.realizations": paths,
-        "excitation.knot_spacing": spacing,
-    }
-    return scene.replace(changes)
+    model = prepared(scene)
+    period = 2.0 * math.pi / timescales.angular_frequency(model.system)
+    knots = min(math.ceil(PERIODS * period / knot_spacing(model)), MOST_KNOTS)
+    return from_rest(scene, knots, paths)
 
 
 def _exact_paths(scene, with_load, runner):
@@ -323,7 +314,7 @@ def _exact_paths(scene, with_load, runner):
         tasks = [
             realizations_task(scene, LOAD_PATHS, [index], runner, paths_at_knots) for index in paths
         ]
-        return np.concatenate([each["states"] for each in _there(runner.run(tasks))])
+        return np.concatenate([answer["states"] for answer in _there(runner.run(tasks))])
     tasks = [Task(exact_paths.run, {"scene": scene, "index": index}) for index in paths]
     return np.array(_there(runner.run(tasks)))
 
@@ -339,11 +330,10 @@ def _strong_errors(scene, methods, exact, runner):
         for method in methods
     ]
     spacing = knot_spacing(prepared(scene))
-    return [_strong_error(spacing, found, exact) for found in _answers(groups, runner)]
+    return [_strong_error(spacing, outcomes, exact) for outcomes in _answers(groups, runner)]
 
 
 def _answers(groups, runner):
-    """Answers to groups of tasks, in groups."""
     outcomes = iter(runner.run([task for tasks in groups for task in tasks]))
     return [[next(outcomes) for _ in tasks] for tasks in groups]
 
@@ -352,15 +342,15 @@ def _strong_error(spacing, outcomes, exact):
     good, ended = good_ones(outcomes)
     if ended:
         return math.nan, dict.fromkeys(STATES, math.nan)
-    squares = np.square(np.concatenate([each["states"] for each in good]) - exact)
+    squares = np.square(np.concatenate([answer["states"] for answer in good]) - exact)
     errors = np.sqrt(squares.mean(axis=(0, 1))).tolist()
-    points = sum(each["points"] for each in good)
+    points = sum(answer["points"] for answer in good)
     mean_step = exact.shape[1] * spacing * len(exact) / points
     return mean_step, dict(zip(STATES, errors, strict=True))
 
 
 def _runs(scenes, methods, runner):
-    """Each method's run for the means, or why there is none; `scenes` by `Method.brief`."""
+    """Each method's run for the means, or why there is none; `scenes` by `ComparedMethod.brief`."""
     groups = []
     for method in methods:
         scene = scenes[method.brief]
@@ -394,11 +384,11 @@ def _runs_by_time(scene, methods, seconds, runner):
         return _answers(groups, runner)
 
     first = answers([range(1)] * len(methods))
-    counts = _counts(sizes, [found for (found,) in first], seconds)
-    rest = answers([range(1, count) for count in counts])
+    counts = _counts(sizes, [outcome for (outcome,) in first], seconds)
+    remaining = answers([range(1, count) for count in counts])
     outcomes: list[Any] = []
-    for found, others in zip(first, rest, strict=True):
-        good, ended = good_ones([*found, *others])
+    for first_outcomes, others in zip(first, remaining, strict=True):
+        good, ended = good_ones([*first_outcomes, *others])
         failed = ended if isinstance(ended, HarvesterError) else None
         outcomes.append(Timed(scene, good) if good else failed)
     return outcomes
@@ -407,19 +397,18 @@ def _runs_by_time(scene, methods, seconds, runner):
 def _counts(sizes, first, seconds):
     """Number of tasks for each method within its time, from the seconds of its first task."""
     counts = []
-    for place, (size, found) in enumerate(zip(sizes, first, strict=True)):
-        budget = seconds * (1.0 if place else REFERENCE_SHARE)
-        taken = found["seconds"] if isinstance(found, dict) else math.inf
+    for index, (size, outcome) in enumerate(zip(sizes, first, strict=True)):
+        budget = seconds * (1.0 if index else REFERENCE_SHARE)
+        task_seconds = outcome["seconds"] if isinstance(outcome, dict) else math.inf
         most = max(MOST_REALIZATIONS // size, 1)
-        counts.append(min(max(int(budget / max(taken, 1e-9)), FEWEST_TASKS), most))
+        counts.append(min(max(int(budget / max(task_seconds, 1e-9)), FEWEST_TASKS), most))
     # The reference has every realization of the other methods, on the same noise.
-    wanted = max(count * size for count, size in zip(counts, sizes, strict=True))
-    counts[0] = max(counts[0], math.ceil(wanted / sizes[0]))
+    needed = max(count * size for count, size in zip(counts, sizes, strict=True))
+    counts[0] = max(counts[0], math.ceil(needed / sizes[0]))
     return counts
 
 
 def _together(scene, method):
-    """Realizations in one task."""
     if method.engine == "monte-carlo":
         return REALIZATIONS_TOGETHER
     return method.together(scene.replace({"run.realizations": LONG_RUN}))

@@ -17,7 +17,7 @@ if TYPE_CHECKING:
 
 
 @dataclass(frozen=True)
-class Method:
+class ComparedMethod:
     """One way to solve a scene; those of one family differ in their steps only.
 
     Attributes
@@ -45,8 +45,8 @@ class Method:
 
     def step(self, scene: Scene) -> float:
         """Longest step (s)."""
-        ready = prepared(scene)
-        return knot_spacing(ready) / (steps_per_knot(ready, engine=self.engine) * self.refinement)
+        model = prepared(scene)
+        return knot_spacing(model) / (steps_per_knot(model, engine=self.engine) * self.refinement)
 
     def together(self, scene: Scene) -> int:
         """Realizations in one netlist: as many as pay where `copies` is None."""
@@ -79,33 +79,41 @@ class Method:
 def _own_steps(scheme, *tolerances):
     family = f"PWL in the netlist, {scheme}"
     return tuple(
-        Method(family, "circuit", 2, source="pwl", scheme=scheme, tolerance=each, brief=True)
-        for each in tolerances
+        ComparedMethod(
+            family, "circuit", 2, source="pwl", scheme=scheme, tolerance=tolerance, brief=True
+        )
+        for tolerance in tolerances
     )
 
 
 def _fixed_steps(scheme, *refinements, brief=False):
     family = f"external source, {scheme}"
     return tuple(
-        Method(family, "circuit", 2, each, scheme=scheme, brief=brief) for each in refinements
+        ComparedMethod(family, "circuit", 2, refinement, scheme=scheme, brief=brief)
+        for refinement in refinements
     )
 
 
 def _local_error(*tolerances, brief=False):
     family = "external source, local error"
-    return tuple(Method(family, "circuit", 2, tolerance=each, brief=brief) for each in tolerances)
+    return tuple(
+        ComparedMethod(family, "circuit", 2, tolerance=tolerance, brief=brief)
+        for tolerance in tolerances
+    )
 
 
 def _batched(name, device):
-    return Method(name, "circuit", 2, scheme="trapezoidal", device=device, copies=None)
+    return ComparedMethod(name, "circuit", 2, scheme="trapezoidal", device=device, copies=None)
 
 
 def _monte_carlo(scheme, *refinements):
     orders = {"Runge–Kutta": 4, "Heun": 2, "TR-BDF2": 2}
     option = "heun" if scheme == "Heun" else None
     return tuple(
-        Method(f"Monte Carlo, {scheme}", "monte-carlo", orders[scheme], each, scheme=option)
-        for each in refinements
+        ComparedMethod(
+            f"Monte Carlo, {scheme}", "monte-carlo", orders[scheme], refinement, scheme=option
+        )
+        for refinement in refinements
     )
 
 
@@ -157,12 +165,12 @@ TIMED_LOAD_METHODS = (
     *_monte_carlo("TR-BDF2", 1),
 )
 # The reference of all biases.
-REFERENCE = Method("Monte Carlo, Runge–Kutta, a quarter of the step", "monte-carlo", 4, 4)
-LOAD_REFERENCE = Method("Monte Carlo, TR-BDF2, a quarter of the step", "monte-carlo", 2, 4)
+REFERENCE = ComparedMethod("Monte Carlo, Runge–Kutta, a quarter of the step", "monte-carlo", 4, 4)
+LOAD_REFERENCE = ComparedMethod("Monte Carlo, TR-BDF2, a quarter of the step", "monte-carlo", 2, 4)
 # The reference of paths with a netlist as load, which no independent integrator runs.
-LOAD_PATHS = Method("Monte Carlo, TR-BDF2, a 32nd of the step", "monte-carlo", 2, 32)
+LOAD_PATHS = ComparedMethod("Monte Carlo, TR-BDF2, a 32nd of the step", "monte-carlo", 2, 32)
 
 
-def with_compiled(methods: Sequence[Method], runner: Runner) -> tuple[Method, ...]:
+def with_compiled(methods: Sequence[ComparedMethod], runner: Runner) -> tuple[ComparedMethod, ...]:
     """The methods, and those of the compiled device where it is on."""
     return (*methods, *(COMPILED_METHODS if "compiled" in runner.version("circuit") else ()))

@@ -16,6 +16,7 @@ from harvester.scene.model import Scene
 from harvester.simulation.methods import Circuit
 from harvester.simulation.realization import run
 from harvester.simulation.side_by_side import MOST_COPIES
+from harvester.verification.paths import from_rest
 from harvester.workers.pools import WorkerPool, Workers
 
 # Knots of a realization. The cost of a PWL source depends on their number, since ngspice scans it
@@ -65,7 +66,6 @@ def measured_alone(
 
 
 def machine() -> dict[str, Any]:
-    """Description of the machine, and the date of the measurement."""
     return {
         "date": datetime.date.today().isoformat(),
         "cores": os.cpu_count(),
@@ -78,25 +78,15 @@ def machine() -> dict[str, Any]:
 def measure(
     scene: Scene, pool: Workers, compiled: bool, knots: int, repeats: int
 ) -> list[Throughput]:
-    """Measure every way to run a scene's circuit, at its default step where none is named.
+    """Measure every way to run a scene's circuit; of `repeats` measurements the best counts.
 
-    Parameters
-    ----------
-    pool : harvester.workers.pools.WorkerPool
-        Pool of workers; the ratio of two processes to one needs at least two.
-    compiled : bool
-        Whether the compiled device is on.
-    knots, repeats : int
-        Knots of a realization, and number of measurements of which the best counts.
-
-    Returns
-    -------
-    list of Throughput
-        The first is a source in the netlist, the second one realization by the external source,
-        both with one knot as the longest step; the third one realization at the default step.
+    The first is a source in the netlist, the second one realization by the external source, both
+    with one knot as the longest step; the others take the default step. The ratio of two processes
+    to one needs two workers.
     """
     most, many = MOST_COPIES["behavioural"], MOST_COPIES["compiled"]
-    knot = {"step": knot_spacing(prepared(scene))}
+    spacing = knot_spacing(prepared(scene))
+    knot = {"step": spacing}
     ways: list[tuple[str, int, int, dict[str, Any]]] = [
         ("external source, a step a knot", 1, 1, knot),
         ("one realization", 1, 1, {}),
@@ -108,7 +98,18 @@ def measure(
         ways += [("compiled device", copies, 1, option) for copies in (1, most, many)]
 
     def rate(name, copies, processes, options):
-        return _measured(scene, pool, knots, name, copies, processes, options)
+        """So many netlists at a time, each with so many copies; fewer knots if there are more."""
+        count = math.ceil(knots / math.sqrt(copies))
+        call = {
+            "scene": from_rest(scene, count, copies * processes),
+            "engine": Circuit(**{"device": "behavioural", **options}),
+            "window": None,
+        }
+        firsts = range(0, copies * processes, copies)
+        calls = [{**call, "indices": list(range(first, first + copies))} for first in firsts]
+        done = [realization for netlist in pool.map(run, calls) for realization in netlist]
+        seconds = max(r.ended for r in done) - min(r.started for r in done)
+        return Throughput(name, copies, processes, len(done) * count * spacing / seconds)
 
     pwl = rate("PWL in the netlist", 1, 1, {**knot, "source": "pwl"})
     # The ways are measured in turn, so that other work on the machine affects all of them alike.
@@ -121,26 +122,8 @@ def ratios(rows: list[Throughput]) -> dict[str, float]:
     if not rows:
         return {}
     pwl, external, single = rows[:3]
-    found = {f"{external.name} / {pwl.name}": external.rate / pwl.rate}
+    speed_ratios = {f"{external.name} / {pwl.name}": external.rate / pwl.rate}
     for row in rows[3:]:
         name = f"{row.copies} × {row.name}" if row.copies > 1 else row.name
-        found[f"{name} / {single.name}"] = row.rate / single.rate
-    return found
-
-
-def _measured(scene, pool, knots, name, copies, processes, options):
-    """Rate of so many netlists at a time, each with so many copies."""
-    spacing = knot_spacing(prepared(scene))
-    # Enough knots to be timed accurately; fewer if there are more copies.
-    knots = math.ceil(knots / math.sqrt(copies))
-    brief = scene.replace(
-        run={"duration": knots * spacing, "settle": 0.0, "realizations": copies * processes},
-        excitation={"knot_spacing": spacing},
-    )
-    engine = Circuit(**{"device": "behavioural", **options})
-    call = {"scene": brief, "engine": engine, "window": None}
-    firsts = range(0, copies * processes, copies)
-    calls = [{**call, "indices": list(range(first, first + copies))} for first in firsts]
-    done = [realization for netlist in pool.map(run, calls) for realization in netlist]
-    seconds = max(r.ended for r in done) - min(r.started for r in done)
-    return Throughput(name, copies, processes, len(done) * knots * spacing / seconds)
+        speed_ratios[f"{name} / {single.name}"] = row.rate / single.rate
+    return speed_ratios

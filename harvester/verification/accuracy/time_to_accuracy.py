@@ -14,10 +14,10 @@ from harvester.running import RunnerOptions, open_runner
 from harvester.scene.model import Scene
 from harvester.show.symbols import SYMBOLS
 from harvester.simulation.simulate import require_noise
+from harvester.verification import EFFICIENCY, OUTPUT_POWER, VOLTAGE
 from harvester.verification.accuracy.measurement import Measured, by_time
 from harvester.verification.accuracy.total_error import LIMITS, TotalError, bias_of, scatter_of
 from harvester.verification.accuracy.work_precision import share
-from harvester.verification.quantities import EFFICIENCY, OUTPUT_POWER, VOLTAGE
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -52,7 +52,7 @@ class Line:
 
 
 @dataclass(frozen=True)
-class Point:
+class ClosurePoint:
     """A closure's answer: its wall time, and its deviation from the reference by quantity."""
 
     name: str = field(metadata=key("closure"))
@@ -76,32 +76,32 @@ class TimeToAccuracy:
     quantities: tuple[str, ...]
     reference: Line
     lines: list[Line] = field(metadata=key("methods"))
-    points: list[Point] = field(metadata=key("closures"))
+    points: list[ClosurePoint] = field(metadata=key("closures"))
     refused: dict[str, str]
     limits: ClassVar = LIMITS
 
     @classmethod
     def of(cls, measured: Measured) -> TimeToAccuracy:
-        """Times to reach given errors, derived from a measurement."""
         exact = measured.references[False]
-        whole = exact.quantities()
-        last = OUTPUT_POWER if OUTPUT_POWER in whole else VOLTAGE
+        means = exact.quantities()
+        last = OUTPUT_POWER if OUTPUT_POWER in means else VOLTAGE
         quantities = (last, EFFICIENCY)
         scatter = {name: scatter_of(exact, name) for name in quantities}
         none = Estimate(0.0, 0.0, None, "1")
-        errors = {name: TotalError(none, each, exact.cost) for name, each in scatter.items()}
+        errors = {name: TotalError(none, spread, exact.cost) for name, spread in scatter.items()}
         lines = [
             _line(row, measured.references[row.method.brief], scatter) for row in measured.rows
         ]
         points = [
-            Point(name, found["seconds"], {n: _deviation(found, whole, n) for n in quantities})
-            for name, found in measured.closures.items()
+            ClosurePoint(
+                name, answer["seconds"], {n: _deviation(answer, means, n) for n in quantities}
+            )
+            for name, answer in measured.closures.items()
         ]
         first = Line(measured.reference.family, errors, exact.measured_time, exact.cost)
         return cls(measured.scene, quantities, first, lines, points, measured.refused)
 
     def table(self) -> tuple[list[str], list[list[str]]]:
-        """Header and rows of the table, as text."""
         header = ["method", "wall time per second"]
         for name in self.quantities:
             header += [f"bias of {SYMBOLS[name]}", *(f"to {limit:.0%}" for limit in LIMITS)]
@@ -110,18 +110,18 @@ class TimeToAccuracy:
             if line.errors:
                 rows.append([line.name, duration(line.cost)])
                 for error in line.errors.values():
-                    rows[-1] += [share(error.bias), *(reached(error, each) for each in LIMITS)]
+                    rows[-1] += [share(error.bias), *(reached(error, limit) for limit in LIMITS)]
         for point in self.points:
             rows.append([f"averaging, {point.name}", "—"])
-            for each in point.deviations.values():
-                holds = [abs(each.estimate) <= limit for limit in LIMITS]
+            for deviation in point.deviations.values():
+                holds = [abs(deviation.estimate) <= limit for limit in LIMITS]
                 times = [duration(point.seconds) if held else "never" for held in holds]
-                rows[-1] += [share(each), *times]
+                rows[-1] += [share(deviation), *times]
         return header, rows
 
     def sentences(self) -> list[str]:
         """Sentences on the runs behind the numbers, one line each."""
-        known = ", ".join(
+        precision = ", ".join(
             f"{SYMBOLS[name]} {error.scatter / math.sqrt(self.reference.simulated_time):.2%}"
             for name, error in self.reference.errors.items()
         )
@@ -130,29 +130,24 @@ class TimeToAccuracy:
             "without the start of the program; never: the bias alone is larger; (?): the bias is "
             "not known well enough to say that this error is reached",
             f"bias: against {self.reference.name}, {self.reference.simulated_time:.3g} s on the "
-            f"same noise, known to {known}; standard errors",
+            f"same noise, known to {precision}; standard errors",
         ]
         lines += [f"{line.name}: {line.note}" for line in self.lines if line.note]
         return [*lines, *(f"closure {name} refused: {why}" for name, why in self.refused.items())]
 
     def figure(self) -> Figure:
-        """Total error over wall time."""
         from harvester.show import figures
         from harvester.verification.accuracy import drawing as accuracy_figure
 
         return figures.drawn(accuracy_figure.draw, [self])
 
     def to_dict(self) -> dict[str, Any]:
-        """Plain values for JSON."""
         return fields_of(self)
 
 
 @takes_scene
 def time_to_accuracy(
-    scene: Scene,
-    *,
-    seconds: float = SECONDS,
-    **running: Unpack[RunnerOptions],
+    scene: Scene, *, seconds: float = SECONDS, **running: Unpack[RunnerOptions]
 ) -> TimeToAccuracy:
     """Measure how the error of every method falls with its wall time.
 
@@ -185,19 +180,19 @@ def _line(row, reference, scatter):
     if run is None:
         return Line(name, note=row.note)
     errors = {
-        quantity: TotalError(bias_of(quantity, run, reference), each, run.cost)
-        for quantity, each in scatter.items()
+        quantity: TotalError(bias_of(quantity, run, reference), spread, run.cost)
+        for quantity, spread in scatter.items()
     }
     return Line(name, errors, run.measured_time, run.cost)
 
 
-def _deviation(found, whole, quantity):
+def _deviation(answer, means, quantity):
     """A closure's deviation from the reference, as a share with both errors."""
-    ours, theirs = found["quantities"][quantity], whole[quantity]
+    ours, theirs = answer["quantities"][quantity], means[quantity]
     ratio = ours.estimate / theirs.estimate
-    own = (ours.standard_error or 0.0) / abs(theirs.estimate)
+    closure_error = (ours.standard_error or 0.0) / abs(theirs.estimate)
     far = abs(ratio) * (theirs.standard_error or 0.0) / abs(theirs.estimate)
-    return Estimate(ratio - 1.0, math.hypot(own, far), None, "1")
+    return Estimate(ratio - 1.0, math.hypot(closure_error, far), None, "1")
 
 
 def reached(error: TotalError, limit: float) -> str:

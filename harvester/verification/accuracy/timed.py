@@ -17,7 +17,7 @@ from harvester.running.realizations import averages
 from harvester.scene.model import Scene
 from harvester.simulation.methods import engine_of
 from harvester.simulation.realization import run
-from harvester.verification.accuracy.methods import Method
+from harvester.verification.accuracy.methods import ComparedMethod
 from harvester.verification.paths import recorded, states_at_knots
 
 WARM_UP_KNOTS = 20
@@ -28,7 +28,7 @@ def timed(
 ) -> dict[str, Any]:
     """Moments of a few realizations, and the seconds of this core that they took.
 
-    In a worker process; `method` holds what `Method.options` gives.
+    In a worker process; `method` holds what `ComparedMethod.options` gives.
     """
     # A brief run compiles and loads everything before the clock starts.
     brief = scene.replace(
@@ -37,10 +37,10 @@ def timed(
     settings = dict(method)
     engine = engine_of(settings.pop("engine"), **settings)
     run(brief, engine, indices[:1], None, report)
-    found = run(scene, engine, indices, None, report)
+    realizations = run(scene, engine, indices, None, report)
     return {
-        "moments": [each.moments for each in found],
-        "seconds": sum(each.seconds for each in found),
+        "moments": [realization.moments for realization in realizations],
+        "seconds": sum(realization.seconds for realization in realizations),
     }
 
 
@@ -48,14 +48,14 @@ def paths_at_knots(
     scene: Scene, method: dict[str, Any], indices: list[int], report: Callable
 ) -> dict[str, Any]:
     """States of a few realizations at the knots, and the number of points of all their records."""
-    found = recorded(scene, indices=indices, **method)
-    points = sum(each.moments.points for each in found)
-    return {"states": states_at_knots(scene, found), "points": points}
+    realizations = recorded(scene, indices=indices, **method)
+    points = sum(realization.moments.points for realization in realizations)
+    return {"states": states_at_knots(scene, realizations), "points": points}
 
 
 def realizations_task(
     scene: Scene,
-    method: Method,
+    method: ComparedMethod,
     indices: Sequence[int],
     runner: Runner,
     function: Callable = timed,
@@ -83,11 +83,13 @@ class Timed:
     """
 
     def __init__(self, scene: Scene, answers: Sequence[dict[str, Any]]) -> None:
-        self.moments: list[Moments] = [each for found in answers for each in found["moments"]]
+        self.moments: list[Moments] = [
+            moments for answer in answers for moments in answer["moments"]
+        ]
         self.measured_time = _measured_time(self.moments)
-        self.simulated_time = sum(each.time_reached for each in self.moments)
-        self.seconds = sum(found["seconds"] for found in answers)
-        self.cost = min(found["seconds"] / _measured_time(found["moments"]) for found in answers)
+        self.simulated_time = sum(moments.time_reached for moments in self.moments)
+        self.seconds = sum(answer["seconds"] for answer in answers)
+        self.cost = min(answer["seconds"] / _measured_time(answer["moments"]) for answer in answers)
         self.scene = scene
         self._estimates: dict[int, dict[str, Estimate]] = {}
 
@@ -95,8 +97,8 @@ class Timed:
         """Estimates from all realizations, or from the first few."""
         moments = self.moments[:count]
         if len(moments) not in self._estimates:
-            found = estimate_all(moments, self._system) | estimate_output(moments)
-            self._estimates[len(moments)] = found
+            estimates = estimate_all(moments, self._system) | estimate_output(moments)
+            self._estimates[len(moments)] = estimates
         return self._estimates[len(moments)]
 
     @cached_property
@@ -105,14 +107,14 @@ class Timed:
 
 
 def _measured_time(moments):
-    return sum(each.time_reached - each.start for each in moments)
+    return sum(realization.time_reached - realization.start for realization in moments)
 
 
 def averages_once_more(scene: Scene, closure: str, report: Callable) -> dict[str, Any]:
     """A scene by a closure, timed with its code compiled (in a worker process)."""
     for _ in range(2):
-        found = averages(scene, closure, None, False, report)
-    return found
+        answer = averages(scene, closure, None, False, report)
+    return answer
 
 
 def closures(scene: Scene, runner: Runner) -> tuple[dict[str, dict], dict[str, str]]:
@@ -122,10 +124,10 @@ def closures(scene: Scene, runner: Runner) -> tuple[dict[str, dict], dict[str, s
     An answer holds `quantities`, scaled, and the `seconds` of one core.
     """
     tasks = [
-        Task(averages_once_more, {"scene": scene, "closure": each}, label=each)
-        for each in NOISE_CLOSURES
+        Task(averages_once_more, {"scene": scene, "closure": closure}, label=closure)
+        for closure in NOISE_CLOSURES
     ]
     outcomes = dict(zip(NOISE_CLOSURES, runner.run(tasks), strict=True))
-    found = {name: each for name, each in outcomes.items() if isinstance(each, dict)}
+    answers = {name: outcome for name, outcome in outcomes.items() if isinstance(outcome, dict)}
     refused = {name: str(e) for name, e in outcomes.items() if isinstance(e, HarvesterError)}
-    return found, refused
+    return answers, refused

@@ -87,10 +87,10 @@ class TotalError:
 
 def scatter_of(run: Timed, name: str) -> float:
     """Relative standard error times the root of the simulated time; nan without an error bar."""
-    each = run.quantities()[name]
-    if each.standard_error is None or not each.estimate:
+    estimate = run.quantities()[name]
+    if estimate.standard_error is None or not estimate.estimate:
         return math.nan
-    return abs(each.standard_error / each.estimate) * math.sqrt(run.measured_time)
+    return abs(estimate.standard_error / estimate.estimate) * math.sqrt(run.measured_time)
 
 
 def bias_of(name: str, run: Timed, reference: Timed) -> Estimate:
@@ -112,16 +112,16 @@ def bias_of(name: str, run: Timed, reference: Timed) -> Estimate:
         As a share of the reference's mean.
     """
     count = min(len(run.moments), len(reference.moments))
-    each = (run.quantities(count), reference.quantities(count), reference.quantities())
-    mean, paired, whole = (quantities[name] for quantities in each)
-    own = deviations(run.moments[:count], name)
+    estimates = (run.quantities(count), reference.quantities(count), reference.quantities())
+    mean, paired, overall = (quantities[name] for quantities in estimates)
+    run_deviations = deviations(run.moments[:count], name)
     common = deviations(reference.moments[:count], name)
     square = float(np.sum(common**2))
-    slope = float(np.sum(own * common)) / square if square > 0.0 else 0.0
+    slope = float(np.sum(run_deviations * common)) / square if square > 0.0 else 0.0
     slope = min(max(slope, 0.0), 1.0)
-    bias = mean.estimate - slope * paired.estimate - (1.0 - slope) * whole.estimate
-    error, far = standard_error(own - slope * common), whole.standard_error
+    bias = mean.estimate - slope * paired.estimate - (1.0 - slope) * overall.estimate
+    error, far = standard_error(run_deviations - slope * common), overall.standard_error
     if error is None or far is None:
-        return Estimate(bias / whole.estimate, None, None, "1", TOO_SHORT)
+        return Estimate(bias / overall.estimate, None, None, "1", TOO_SHORT)
     error = math.hypot(error, (1.0 - slope) * far)
-    return Estimate(bias / whole.estimate, error / abs(whole.estimate), None, "1")
+    return Estimate(bias / overall.estimate, error / abs(overall.estimate), None, "1")

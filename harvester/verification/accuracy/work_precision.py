@@ -17,15 +17,15 @@ from harvester.scene.model import Scene
 from harvester.show.numbers import share_with_error
 from harvester.show.symbols import SYMBOLS
 from harvester.simulation.simulate import require_noise
+from harvester.verification import MEANS, SIGNIFICANT_SIGMAS, STATES, VOLTAGE
 from harvester.verification.accuracy.measurement import (
     Measured,
     MethodRow,
     by_own_length,
     sampling_error,
 )
-from harvester.verification.accuracy.methods import Method
+from harvester.verification.accuracy.methods import ComparedMethod
 from harvester.verification.accuracy.throughput import ratios
-from harvester.verification.quantities import MEANS, SIGNIFICANT_SIGMAS, STATES, VOLTAGE
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -63,12 +63,10 @@ class WorkPrecision:
 
     @property
     def rows(self) -> list[MethodRow]:
-        """Measured errors and times of each method."""
         return self.measured.rows
 
     @property
     def scene(self) -> Scene:
-        """The scene as it was asked for."""
         return self.measured.scene
 
     def needed_time(self) -> float:
@@ -89,14 +87,13 @@ class WorkPrecision:
         return row.seconds_per_unit * self.needed_time()
 
     def table(self) -> tuple[list[str], list[list[str]]]:
-        """Header and rows of the table, as text."""
         header = ["method", "setting", *(f"error {SYMBOLS[name]}" for name in STATES)]
         header += ["order of X (theory)", *(f"bias {SYMBOLS[name]}" for name in MEANS)]
         header += ["µs per unit", "s to 1 %"]
         rows = [self._cells(row) for row in self.rows]
-        for closure, found in self.measured.closures.items():
+        for closure, answer in self.measured.closures.items():
             biases = [_percent(self.deviation(closure, name)) for name in MEANS]
-            seconds = _number(found["seconds"], ".3g")
+            seconds = _number(answer["seconds"], ".3g")
             rows.append([f"averaging, {closure}", *5 * [""], *biases, "", seconds])
         return header, rows
 
@@ -113,13 +110,12 @@ class WorkPrecision:
         ]
 
     def sentences(self) -> list[str]:
-        """Sentences on the findings, one line each."""
-        reference, found, method = self.reference, self.measured, self.measured.reference
-        machine, speeds = found.speeds["machine"], found.speeds["rows"]
+        reference, data, method = self.reference, self.measured, self.measured.reference
+        machine, speeds = data.speeds["machine"], data.speeds["rows"]
         sampling = ", ".join(f"{SYMBOLS[n]} {sampling_error(reference, n):.2%}" for n in MEANS)
         lines = [
-            f"error: root mean square over {found.paths} paths of {found.horizon:g} s against "
-            f"{found.exact_paths}, in scaled units; order: least squares over the mean steps, none "
+            f"error: root mean square over {data.paths} paths of {data.horizon:g} s against "
+            f"{data.exact_paths}, in scaled units; order: least squares over the mean steps, none "
             "where these follow the restarts of a PWL run",
             f"bias: against {method.family} ({method.step(reference.scene):g} s), on the "
             f"same noise, with the error of the paired difference; {reference.realizations} × "
@@ -134,7 +130,7 @@ class WorkPrecision:
             f"{machine['date']}, {machine['cores']} cores, {machine['processor']}",
         ]
         lines += [f"{row.method.family}: {row.note}" for row in self.rows if row.note]
-        refused = found.refused.items()
+        refused = data.refused.items()
         return [*lines, *(f"closure {name} refused: {why}" for name, why in refused)]
 
     def verdicts(self) -> list[str]:
@@ -174,7 +170,6 @@ class WorkPrecision:
         return [f"{name} at {', '.join(settings)}" for name, settings in families.items()]
 
     def figure(self) -> Figure:
-        """Error over run time."""
         from harvester.show import figures
         from harvester.verification.accuracy.drawing import draw_work_precision
 
@@ -182,13 +177,13 @@ class WorkPrecision:
 
     def to_dict(self) -> dict[str, Any]:
         """Plain values for JSON; NaN becomes null."""
-        found, speeds = self.measured, self.measured.speeds
+        measured, speeds = self.measured, self.measured.speeds
         return {
             "scene": self.reference.scene.to_dict(),
             "machine": speeds["machine"],
             "strong": {
-                "paths": found.paths,
-                "duration": found.horizon,
+                "paths": measured.paths,
+                "duration": measured.horizon,
                 "orders": plain(self.orders),
             },
             "reference": self.reference.to_dict(),
@@ -196,10 +191,10 @@ class WorkPrecision:
             "methods": [self._entry(row) for row in self.rows],
             "closures": {
                 closure: {
-                    "seconds": found["seconds"],
+                    "seconds": answer["seconds"],
                     "bias": {name: self.deviation(closure, name).to_dict("1") for name in MEANS},
                 }
-                for closure, found in self.measured.closures.items()
+                for closure, answer in self.measured.closures.items()
             },
             "refused": dict(self.measured.refused),
             "verdicts": self.verdicts(),
@@ -212,7 +207,7 @@ class WorkPrecision:
             **fields_of(row),
             "setting": row.method.setting(self.scene),
             "longest_step": row.method.step(self.scene),
-            "bias": {name: each.to_dict("1") for name, each in row.bias.items()},
+            "bias": {name: estimate.to_dict("1") for name, estimate in row.bias.items()},
             "simulated_time": plain(row.simulated_time),
             "seconds_per_unit": plain(row.seconds_per_unit),
             "seconds_to_one_percent": plain(self.answer_seconds(row)),
@@ -224,7 +219,7 @@ def work_precision(
     scene: Scene,
     *,
     thorough: bool = False,
-    methods: Sequence[Method] | None = None,
+    methods: Sequence[ComparedMethod] | None = None,
     **running: Unpack[RunnerOptions],
 ) -> WorkPrecision:
     """Measure the error and the run time of every method on a scene.
@@ -235,7 +230,7 @@ def work_precision(
         The scene; means are compared over its own [run].
     thorough : bool
         More paths, steps and realizations.
-    methods : sequence of Method or None
+    methods : sequence of ComparedMethod or None
         None: all of them, and the throughput of every way to run the circuit.
     **running
         See `harvester.running.open_runner`. What is kept holds the times that were measured.

@@ -105,9 +105,8 @@ def _linear_piezo():
         methods = (*ENGINES, SOLVER) if decay_rate < 10.0 else ENGINES
         coupling, noise = system.transducer.coupling, scene.excitation
         assert isinstance(noise, OrnsteinUhlenbeck)
-        intensity = noise.intensity
         exact = formulas.linear_piezo_power(
-            system.damper.damping, 4.0, coupling, decay_rate, intensity, memory
+            system.damper.damping, 4.0, coupling, decay_rate, noise.intensity, memory
         )
         title = f"power of a linear piezo harvester, lambda = {decay_rate:g}, tau1 = {memory:g}"
         # Straight lines between knots lower the variance of the noise by 1/120.
@@ -145,9 +144,9 @@ def _spectrum():
 
 def _white_loss(scene):
     """Share that white noise lacks between knots: of its density, and to the device's memory."""
-    ready = prepared(scene)
-    system = ready.system
-    spacing, frequency = knot_spacing(ready), timescales.angular_frequency(system)
+    model = prepared(scene)
+    system = model.system
+    spacing, frequency = knot_spacing(model), timescales.angular_frequency(system)
     damping = system.damper.damping + system.transducer.damping()
     return kernel_loss(spacing, frequency) + damping * spacing / math.sqrt(6.0)
 
@@ -238,19 +237,20 @@ def _loads():
         "inversion_time": period / 400.0,
         "sense_time": period / 1000.0,
     }
-    for name, source, power in (
-        ("sshi_parallel", "Guyomar et al. 2005", formulas.parallel_sshi_power(unit, QUALITY)),
-        ("sshi_series", "Lefeuvre et al. 2006", formulas.series_sshi_power(unit, QUALITY)),
-        ("sece", "Lefeuvre et al. 2005", formulas.sece_power(unit)),
+    for name, source in (
+        ("sshi_parallel", "Guyomar et al. 2005"),
+        ("sshi_series", "Lefeuvre et al. 2006"),
+        ("sece", "Lefeuvre et al. 2005"),
     ):
         quality = 1000.0 if name == "sece" else QUALITY
-        share = formulas.best_resistance(name, QUALITY)
+        share, power = formulas.switched_load(name, unit, QUALITY)
         yield truth(name, source, share, power, quality=quality, **switched)
 
 
-def _unit_device(device, omega, load, settle, duration):
-    """The scene of a `Driven` device, in SI with units of 1."""
+def _unit_device(device, omega, load, settle, duration=None):
+    """The scene of a `Driven` device, in SI with units of 1, measured for 100 periods."""
     frequency = omega / (2.0 * math.pi)
+    duration = duration or 200.0 * math.pi / omega
     tables = {
         "units": "SI",
         "length_scale": 1.0,
@@ -273,9 +273,7 @@ def _coupled_bridges():
     for ratio in (0.01, 0.09, 0.3):
         device = formulas.Driven(3.0, 0.08, coupling, coupling**2 / ratio)
         omega, resistance, exact = formulas.best_coupled_bridge(device)
-        scene = _unit_device(
-            device, omega, _ideal_bridge(resistance), 600.0, 200.0 * math.pi / omega
-        )
+        scene = _unit_device(device, omega, _ideal_bridge(resistance), 600.0)
         title = f"coupled bridge at its best frequency and resistance, theta^2/(k Cp) = {ratio:g}"
         asked = _by(scene, MONTE_CARLO)
         yield _within(TWO_DIGITS, title, SHU_LIEN, exact, asked, "mean_output_power", "W")
@@ -287,9 +285,7 @@ def _flanks_of_a_resistor():
     resistance, damping = 0.2 / device.capacitance, device.damping
     for side, words in FLANKS:
         omega = 1.0 + side * 0.5 * damping
-        scene = _unit_device(
-            device, omega, {"resistance": resistance}, 25.0 / damping, 200.0 * math.pi / omega
-        )
+        scene = _unit_device(device, omega, {"resistance": resistance}, 25.0 / damping)
         exact = formulas.resistor_power_at(omega, resistance, device)
         title = f"resistor at Q = 1000, {words}"
         asked = _by(scene, *ENGINES)
@@ -307,9 +303,7 @@ def _flanks_of_a_bridge():
     peak = max((1.0 + ratio * k / 1000.0 for k in range(1001)), key=power)
     for side, words in FLANKS:
         omega = peak * (1.0 + side * 0.5 * damping)
-        scene = _unit_device(
-            device, omega, _ideal_bridge(resistance), 40.0 / damping, 200.0 * math.pi / omega
-        )
+        scene = _unit_device(device, omega, _ideal_bridge(resistance), 40.0 / damping)
         title = f"bridge at Q = 100, {words}"
         asked = _by(scene, *ENGINES)
         yield _within(TWO_DIGITS, title, SHU_LIEN, power(omega), asked, "mean_output_power", "W")

@@ -36,6 +36,11 @@ GET_BISTABLEX = (
     "BISTABLEX names no folder: clone americocunhajr/BistableX from GitHub, and set "
     "BISTABLEX=BistableX/DataExperimental"
 )
+# By the set's name, what to do.
+HOW_TO_GET = {
+    SILVERBOX: GET_SILVERBOX.partition(": ")[2],
+    BISTABLEX: GET_BISTABLEX.partition(": ")[2],
+}
 # Tilts of the base (degrees) and, by frequency (Hz), the levels of the shaker (mV) with turned
 # magnets left out. At 9.1 Hz and 200 mV there is one record, of another frequency than its name's.
 TILTS, LEVELS = (0, 10, 25, 45), {6.3: (25, 50, 100, 150, 200), 9.1: (25, 50, 100, 150)}
@@ -49,23 +54,26 @@ def downloaded() -> list[Truth]:
     return [_silverbox(), _bistable_beam()]
 
 
-def how_to_get() -> dict[str, str]:
-    """By the set's name, what to do."""
-    found = {SILVERBOX: GET_SILVERBOX, BISTABLEX: GET_BISTABLEX}
-    return {name: text.partition(": ")[2] for name, text in found.items()}
+def _call(name, place, files):
+    """Arguments of a set's task: its place, empty if a file is missing, and the files' digest."""
+    exists = bool(place) and all(file.is_file() for file in files)
+    content = b"".join(file.read_bytes() for file in files) if exists else b""
+    digest = hashlib.sha256(content).hexdigest()
+    return {name: os.path.abspath(place) if exists else "", "digest": digest}
 
 
 def _silverbox():
     file = os.environ.get("SILVERBOX", "")
-    there = bool(file) and Path(file).is_file()
-    digest = hashlib.sha256(Path(file).read_bytes()).hexdigest() if there else ""
-    call = {"file": os.path.abspath(file) if there else "", "digest": digest}
     return Truth(
         "error of the multisine's test part by a cubic spring, identified from its training part",
         SILVERBOX_SOURCE,
         0.0,
         PUBLISHED_CUBIC,
-        {"identify": Task(silverbox_error, call, label="silverbox", time_limits=4)},
+        {
+            "identify": Task(
+                silverbox_error, _call("file", file, [Path(file)]), label="silverbox", time_limits=4
+            )
+        },
         unit="NRMSE",
         device=SILVERBOX,
     )
@@ -95,28 +103,23 @@ def silverbox_error(file: str, digest: str, report: Callable) -> tuple[float, fl
         "run": {"duration": 10.0},
     }
     scene = Scene.from_tables(tables, name="silverbox")
-    (u, y), (tried, wanted) = (values[slice(*part)].T for part in (TRAINED, TESTED))
+    (u, y), (tried, response) = (values[slice(*part)].T for part in (TRAINED, TESTED))
     free = [f"oscillator.{key}" for key in ("damping", "restoring_force[1]", "restoring_force[3]")]
-    found = identify(
+    identification = identify(
         scene,
         Measurement(u, RATE, displacement=y),
         free=[*free, "sensor.acceleration_scale"],
         compare=False,
     )
-    seen = found.simulated(Measurement(tried, RATE, displacement=wanted))["displacement"]
-    error = (seen - wanted)[LEFT_OUT:]
-    return float(np.sqrt(np.mean(error**2)) / np.std(wanted[LEFT_OUT:])), 0.0
+    seen = identification.simulated(Measurement(tried, RATE, displacement=response))["displacement"]
+    error = (seen - response)[LEFT_OUT:]
+    return float(np.sqrt(np.mean(error**2)) / np.std(response[LEFT_OUT:])), 0.0
 
 
 def _bistable_beam():
     folder = os.environ.get("BISTABLEX", "")
-    files = [_beam_file(folder, *each) for each in _beam_records()]
-    there = bool(folder) and all(each.is_file() for each in files)
-    parts = [each.read_bytes() for each in files] if there else []
-    call = {
-        "folder": os.path.abspath(folder) if there else "",
-        "digest": hashlib.sha256(b"".join(parts)).hexdigest(),
-    }
+    files = [_beam_file(folder, *settings) for settings in _beam_records()]
+    call = _call("folder", folder, files)
     return Truth(
         "share of the claimed records, of 32 kept aside at four tilts, that lie within their "
         "intervals: fitted to four of the upright base",
@@ -135,8 +138,8 @@ def _beam_records():
 
 
 def _beam_file(folder, tilt, frequency, level):
-    place = f"base_rotation_phi={tilt}/single_freq/freq_{frequency:g}Hz/mag_vr=0_vl=0"
-    return Path(folder) / place / f"amplitude_{level}mV.csv"
+    subfolder = f"base_rotation_phi={tilt}/single_freq/freq_{frequency:g}Hz/mag_vr=0_vl=0"
+    return Path(folder) / subfolder / f"amplitude_{level}mV.csv"
 
 
 def beam_claims(folder: str, digest: str, report: Callable) -> tuple[float, float]:
@@ -161,8 +164,8 @@ def beam_claims(folder: str, digest: str, report: Callable) -> tuple[float, floa
         # A resistor's voltage has no mean: what is there is the channel's offset.
         offset = float(np.loadtxt(file, delimiter=",", usecols=3).mean())
         settings = {"time": "0:s", "acceleration": "1:g", "voltage": "3:V"}
-        own = {CONSTANT_FORCE: "free"} if tilt else {}
-        return read_measurement(file, {**settings, "sensor.voltage_offset": offset, **own})
+        tilt_force = {CONSTANT_FORCE: "free"} if tilt else {}
+        return read_measurement(file, {**settings, "sensor.voltage_offset": offset, **tilt_force})
 
     tables = {
         "units": "SI",
@@ -178,14 +181,14 @@ def beam_claims(folder: str, digest: str, report: Callable) -> tuple[float, floa
         "run": {"duration": 30.0, "seed": 1},
     }
     scene = Scene.from_tables(tables, name="bistable beam")
-    fitted = [(TILTS[0], *each) for each in FITTED]
-    aside = [each for each in _beam_records() if each not in fitted]
-    found = identify(
+    fitted = [(TILTS[0], *keys) for keys in FITTED]
+    aside = [keys for keys in _beam_records() if keys not in fitted]
+    identification = identify(
         scene,
-        [record(*each) for each in fitted],
-        keep_aside=[record(*each) for each in aside],
+        [record(*keys) for keys in fitted],
+        keep_aside=[record(*keys) for keys in aside],
         compare=False,
     )
-    claimed = [each for each in found.kept_aside if each.claimed]
-    held = sum(each.holds for each in claimed)
+    claimed = [prediction for prediction in identification.kept_aside if prediction.claimed]
+    held = sum(prediction.holds for prediction in claimed)
     return held / len(claimed) if claimed else 0.0, 0.0

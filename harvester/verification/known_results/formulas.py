@@ -153,34 +153,20 @@ def bridge_power(unit: float, share: float) -> float:
     return 2.0 * unit / math.pi * share / (1.0 + share) ** 2
 
 
-def parallel_sshi_power(unit: float, quality: float) -> float:
-    """Power of parallel SSHI at its best resistance π/[(1 − γ) ωC], γ = e^(−π/2Q)."""
-    return unit / (math.pi * (1.0 - _left_of_inversion(quality)))
+def switched_load(kind: str, unit: float, quality: float) -> tuple[float, float]:
+    """Best resistance of a switched load, times ωC, and the power there; γ = e^(−π/2Q).
 
-
-def series_sshi_power(unit: float, quality: float) -> float:
-    """Power of series SSHI at its best resistance π/2 (1 − γ)/(1 + γ)/ωC."""
-    left = _left_of_inversion(quality)
-    return unit / (2.0 * math.pi) * (1.0 + left) / (1.0 - left)
-
-
-def sece_power(unit: float) -> float:
-    """Power of synchronous charge extraction without loss, at any resistance."""
-    return 2.0 / math.pi * unit
-
-
-def best_resistance(kind: str, quality: float) -> float:
-    """Best resistance of a switched load, times ωC."""
-    left = _left_of_inversion(quality)
+    Synchronous charge extraction (sece) is without loss, and takes its power at any resistance.
+    """
+    left = math.exp(-math.pi / (2.0 * quality))
     return {
-        "sshi_parallel": math.pi / (1.0 - left),
-        "sshi_series": math.pi / 2.0 * (1.0 - left) / (1.0 + left),
-        "sece": math.pi / 2.0,
+        "sshi_parallel": (math.pi / (1.0 - left), unit / (math.pi * (1.0 - left))),
+        "sshi_series": (
+            math.pi / 2.0 * (1.0 - left) / (1.0 + left),
+            unit / (2.0 * math.pi) * (1.0 + left) / (1.0 - left),
+        ),
+        "sece": (math.pi / 2.0, 2.0 / math.pi * unit),
     }[kind]
-
-
-def _left_of_inversion(quality):
-    return math.exp(-math.pi / (2.0 * quality))
 
 
 def coupled_bridge_power(omega: float, resistance: float, device: Driven) -> float:
@@ -200,13 +186,13 @@ def coupled_bridge_power(omega: float, resistance: float, device: Driven) -> flo
 def best_coupled_bridge(device: Driven) -> tuple[float, float, float]:
     """(ω, R, P) where `coupled_bridge_power` is largest."""
     capacitance = device.capacitance
-    found = minimize(
+    optimum = minimize(
         lambda z: -coupled_bridge_power(z[0], math.exp(z[1]) / capacitance, device),
         [1.02, 0.5],
         method="Nelder-Mead",
         options={"xatol": 1e-8, "fatol": 1e-16},
     )
-    return float(found.x[0]), math.exp(found.x[1]) / capacitance, float(-found.fun)
+    return float(optimum.x[0]), math.exp(optimum.x[1]) / capacitance, float(-optimum.fun)
 
 
 def coupled_sece_share(figure_of_merit: float) -> float:

@@ -16,9 +16,9 @@ import numpy as np
 
 from harvester.running import Request
 from harvester.scene.model import Scene
+from harvester.verification import SIGNIFICANT_SIGMAS
 from harvester.verification.known_results.downloaded import downloaded
 from harvester.verification.known_results.truth import Truth
-from harvester.verification.quantities import SIGNIFICANT_SIGMAS
 
 GRAVITY = 9.80665
 # A run settles for so many time constants of the device, and averages so many periods.
@@ -29,7 +29,7 @@ STORED, RECTIFIED = 10.0, 260.0
 
 
 @dataclass(frozen=True)
-class Lumped:
+class LumpedCantilever:
     """A cantilever's first mode, in SI: M, K, θ, Cp, μ and ζ."""
 
     mass: float
@@ -55,12 +55,7 @@ class Lumped:
             "piezo": {"coupling": self.coupling, "capacitance": self.capacitance},
             "load": load,
             "excitation": {"kind": "sine", "amplitude": acceleration, "frequency": frequency},
-            "run": {
-                "seed": 1,
-                "realizations": 1,
-                "settle": waits,
-                "duration": PERIODS / frequency,
-            },
+            "run": {"seed": 1, "realizations": 1, "settle": waits, "duration": PERIODS / frequency},
         }
         return Scene.from_tables(tables, name="measured device")
 
@@ -73,9 +68,9 @@ class MeasuredDevice:
     ----------
     name : str
     source : str
-    said : tuple of str
+    remarks : tuple of str
         Sentences on what the paper states, what is inferred, and how the limit is set.
-    lumped : Lumped
+    lumped : LumpedCantilever
     reading : float
         Relative error of a power as it was read, and of what was taken from such a point.
     series : dict of float to (resistances, powers)
@@ -89,8 +84,8 @@ class MeasuredDevice:
 
     name: str
     source: str
-    said: tuple[str, ...]
-    lumped: Lumped
+    remarks: tuple[str, ...]
+    lumped: LumpedCantilever
     reading: float
     series: dict[float, tuple[tuple[float, ...], tuple[float, ...]]]
     acceleration: float = GRAVITY
@@ -99,25 +94,25 @@ class MeasuredDevice:
 
     def truths(self) -> list[Truth]:
         """The known results of this device, one for each measured point."""
-        found = []
+        truths = []
         for frequency, (resistances, powers) in self.series.items():
-            own = self.own_scatter(frequency)
+            scatter = self.own_scatter(frequency)
             for kilo, power in zip(resistances, powers, strict=True):
                 load, quantity = self._load(frequency, 1e3 * kilo, power)
                 scene = self.lumped.scene(frequency, self.acceleration, load)
-                found.append(
+                truths.append(
                     Truth(
                         f"{self.name}, {frequency:g} Hz, {kilo:g} kΩ",
                         self.source,
                         power,
-                        (self.reading + SIGNIFICANT_SIGMAS * own) * power,
+                        (self.reading + SIGNIFICANT_SIGMAS * scatter) * power,
                         {method: Request(scene, method) for method in self.methods},
                         quantity,
                         "W",
                         self.name,
                     )
                 )
-        return found
+        return truths
 
     def own_scatter(self, frequency: float) -> float:
         """Relative rms of the points about the curve of a linear device."""
@@ -150,7 +145,7 @@ def linear_scatter(resistances: Sequence[float], powers: Sequence[float]) -> flo
 
 def _halves(unit: float, peaks: Sequence[float]) -> tuple[float, ...]:
     """Mean powers (W) of published peak powers |V|²/R."""
-    return tuple(0.5 * unit * each for each in peaks)
+    return tuple(0.5 * unit * peak for peak in peaks)
 
 
 _BARE = (0.47, 1.2, 6.7, 9.9, 21.5, 44.9, 90.0, 246.0, 317.0, 398.0, 491.0, 995.0)
@@ -170,7 +165,7 @@ DEVICES = (
             "Limit: 2 % for the reading, 2 % for that of the point that gave ζ, and three times "
             "the scatter.",
         ),
-        Lumped(0.20546e-3, 2048.98, 1.20724e-3, 7.568e-9, 1.5660, 0.0088),
+        LumpedCantilever(0.20546e-3, 2048.98, 1.20724e-3, 7.568e-9, 1.5660, 0.0088),
         0.04,
         {
             502.5: (
@@ -197,7 +192,7 @@ DEVICES = (
             "Limit: 2 % for the reading, 2 % for that of the point that gave ζ, and three times "
             "the scatter. The scatter is large: these points test the prediction to a third only.",
         ),
-        Lumped(14.04e-3, 1157.9, 2.327e-3, 41.26e-9, 1.0854, 0.027),
+        LumpedCantilever(14.04e-3, 1157.9, 2.327e-3, 41.26e-9, 1.0854, 0.027),
         0.04,
         {
             45.6: (_TIPPED, _halves(1e-3, (2.473, 15.39, 19.59, 21.92, 24.10, 18.61, 17.37, 4.64))),
@@ -219,10 +214,10 @@ DEVICES = (
             "V²/R about the power, as both were read, 0.5 %. What is inferred and assumed is not "
             "in it: the misses show what that is worth.",
         ),
-        Lumped(0.96895e-3, 107.0465, 3.6265e-4, 42.51e-9, 1.3266, 0.01),
+        LumpedCantilever(0.96895e-3, 107.0465, 3.6265e-4, 42.51e-9, 1.3266, 0.01),
         0.006,
-        {53.7: (_RECTIFIED, tuple(1e-6 * each for each in (24.4, 32.5, 40.0, 51.2, 61.0, 68.9, 68.8,
-                                                           66.5, 62.9)))},
+        {53.7: (_RECTIFIED, tuple(1e-6 * power for power in (24.4, 32.5, 40.0, 51.2, 61.0, 68.9,
+                                                             68.8, 66.5, 62.9)))},
         1.856,
         ("circuit", "monte-carlo"),
         0.005,
@@ -232,4 +227,4 @@ DEVICES = (
 
 def measured() -> list[Truth]:
     """All points, and the sets that the reader has downloaded."""
-    return [*(truth for each in DEVICES for truth in each.truths()), *downloaded()]
+    return [*(truth for device in DEVICES for truth in device.truths()), *downloaded()]

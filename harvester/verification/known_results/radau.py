@@ -33,9 +33,9 @@ def bridge_path(scene: Scene) -> np.ndarray:
     The scene is in SI, with `bridge` of 1N4148s as load, its `resistance` and `storage` given, a
     piezo, spring and damper of the source paper's form, and no contacts.
     """
-    ready = prepared(scene)
-    noise, spacing = noise_at_knots(scene, 0), knot_spacing(ready)
-    state = np.array([*start_state(ready, 0)[:2], 0.0, 0.0, 0.0])
+    model = prepared(scene)
+    noise, spacing = noise_at_knots(scene, 0), knot_spacing(model)
+    state = np.array([*start_state(model, 0)[:2], 0.0, 0.0, 0.0])
     derivative = _equations(scene)
     points = np.empty((noise.size - 1, 2))
     for k in range(noise.size - 1):
@@ -47,20 +47,20 @@ def bridge_path(scene: Scene) -> np.ndarray:
         )  # fmt: skip
         state = solved.y[:, -1]
         points[k] = state[0], state[2]
-    return points / (1.0, ready.scales.voltage)
+    return points / (1.0, model.scales.voltage)
 
 
 def _equations(scene):
     """Right-hand side for (X, X', piezo, output and its reference in V) on a line of noise."""
-    ready = prepared(scene)
-    system, scales = ready.system, ready.scales
+    model = prepared(scene)
+    system, scales = model.system, model.scales
     damping, coupling = system.damper.damping, system.transducer.coupling / scales.voltage
     polynomial: Any = system.spring
     spring = polynomial.coefficients
     charge = scene.transducer.coupling * scales.displacement
     capacitance = scene.transducer.capacitance
-    given = scene.load.parameters
-    storage, resistance = given["storage"], given["resistance"]
+    parameters = scene.load.parameters
+    storage, resistance = parameters["storage"], parameters["resistance"]
     extra = STRAY_SHARE * capacitance
     matrix = [[storage + extra, -storage], [-storage, storage + STRAY + extra]]
     inverse = np.linalg.inv(matrix)

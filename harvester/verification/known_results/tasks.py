@@ -9,10 +9,9 @@ from harvester.prepared.prepared import prepared
 from harvester.scene.model import Scene
 from harvester.simulation.methods import engine_of
 from harvester.simulation.realization import run
-from harvester.verification import exact_paths
+from harvester.verification import STATES, exact_paths
 from harvester.verification.known_results import radau, simulators
 from harvester.verification.paths import recorded, states_at_knots
-from harvester.verification.quantities import STATES
 
 # Other programs that run a scene's first path. Each gives X and the terminal voltage, scaled, at
 # the knots 1, 2, …
@@ -50,6 +49,8 @@ def highest(
     """The largest value of a quantity (scaled) among some scenes without noise."""
     values = []
     for scene in scenes:
-        [found] = run(scene, engine_of(engine), [0], None, report)
-        values.append(run_estimates(prepared(scene), [found.moments]).whole[quantity].estimate)
+        [realization] = run(scene, engine_of(engine), [0], None, report)
+        values.append(
+            run_estimates(prepared(scene), [realization.moments]).whole[quantity].estimate
+        )
     return float(max(values)), 0.0

@@ -1,20 +1,14 @@
-"""A known result, what each method makes of it, and the table of all of them."""
+"""A known result, and what a method makes of it."""
 
-import datetime
 import math
-import time
-from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any, Unpack
+from typing import Any
 
-from harvester.arguments import checked_options, usual_arithmetic
 from harvester.errors import HarvesterError, ProgramNotFound
 from harvester.files.serialising import plain
-from harvester.files.tables import markdown_table
-from harvester.running import Request, RunnerOptions, Task, open_runner
+from harvester.running import Request, Task
 from harvester.running.request import told
-from harvester.verification.quantities import SIGNIFICANT_SIGMAS
-from harvester.version import __version__
+from harvester.verification import SIGNIFICANT_SIGMAS
 
 # Agreement is meaningful if that error is at most this share of the exact value.
 SHARPEST_NEEDED = 0.15
@@ -108,7 +102,6 @@ class TruthRow:
         return f"{difference / abs(self.truth.exact):{sign}.2%}"
 
     def to_dict(self) -> dict[str, Any]:
-        """Plain values for JSON."""
         ours = ("method", "value", "standard_error", "verdict", "reason")
         theirs = ("source", "unit", "exact", "allowance", "device")
         return {
@@ -116,151 +109,6 @@ class TruthRow:
             **{name: getattr(self.truth, name) for name in theirs},
             **{name: plain(getattr(self, name)) for name in ours},
         }
-
-
-@dataclass(frozen=True)
-class Verification:
-    """All rows; `harvester verify` shows it. `date` is that of the day, in ISO 8601."""
-
-    rows: list[TruthRow]
-    wall_seconds: float
-    date: str
-
-    @property
-    def scene(self) -> None:
-        """None: every result has a scene of its own."""
-
-    @property
-    def failed(self) -> list[TruthRow]:
-        """Rows that disagree; a measured device that is missed is no fault of the program."""
-        return [row for row in self.rows if row.verdict == FAILS]
-
-    @property
-    def exact(self) -> list[TruthRow]:
-        """Rows of truths that were derived or computed, not measured."""
-        return [row for row in self.rows if not row.truth.device]
-
-    @property
-    def measured(self) -> list[TruthRow]:
-        """Rows of measured devices."""
-        return [row for row in self.rows if row.truth.device]
-
-    def table(self) -> tuple[list[str], list[list[str]]]:
-        """Header and rows of the table, as text."""
-        header = ["result", "by", "verdict", "exact", "ours", "difference", "allowed"]
-        return header, [row.cells() for row in self.rows]
-
-    def sentences(self) -> list[str]:
-        """How many rows hold, and everything about those that do not."""
-        if not self.measured:
-            return self._said_of_exact()
-        from harvester.verification.known_results.measured_page import summary
-
-        within = sum(row.verdict == HOLDS for row in self.measured)
-        lines = [
-            *self._said_of_exact(),
-            f"measured devices: {within} of {len(self.measured)} rows within what reading and "
-            "scatter of the measurement allow",
-        ]
-        for name in dict.fromkeys(row.truth.device for row in self.measured):
-            own = [row for row in self.measured if row.truth.device == name]
-            reason = next((row.reason for row in own if row.reason), "")
-            # A set that was downloaded is one row.
-            first = own[0]
-            single = f"{first.value:.2%} {first.truth.unit}, {first.verdict}"
-            found = f"predicted {summary(own)}" if len(own) > 1 else single
-            lines.append(f"{name}: {reason or found}")
-        return lines
-
-    def _said_of_exact(self):
-        if not self.exact:
-            return []
-        others = [row for row in self.exact if row.verdict != HOLDS]
-        count = len(self.exact) - len(others)
-        return [
-            f"{count} of {len(self.exact)} rows hold ({self.wall_seconds:.0f} s). A row may be "
-            f"{SIGNIFICANT_SIGMAS:g} standard errors off, which one in 370 exceeds by chance, and "
-            "as much more as the simulated device differs from that of the exact result.",
-            *(f"{row.truth.title}, {row.method}: {row.reason or row.verdict}" for row in others),
-        ]
-
-    def markdown(self) -> str:
-        """A page with the table, numbered sources and everything about rows that do not hold."""
-        header, _ = self.table()
-        sources = list(dict.fromkeys(row.truth.source for row in self.exact))
-        lines = [[*header, "source"]]
-        before = None
-        for row in self.exact:
-            cells = row.cells()
-            # The truth is printed once if several methods are compared with it.
-            named = cells if row.truth is not before else ["", *cells[1:3], "", *cells[4:]]
-            lines.append([*named, str(1 + sources.index(row.truth.source))])
-            before = row.truth
-        said = [
-            "# Verified against others",
-            "*For whoever asks why to believe a number.*",
-            f"Written by `harvester verify`, harvester {__version__}, {self.date}: closed forms, "
-            "exact limits, published powers and other integrators beside this project's results.",
-            "\n".join(f"- {line}" for line in self._said_of_exact()),
-            markdown_table(lines),
-            "## Sources",
-            "\n".join(f"{place}. {each}" for place, each in enumerate(sources, 1)),
-        ]
-        return "\n\n".join(said) + "\n"
-
-    def texts(self) -> dict[str, str]:
-        """The page of the measured devices."""
-        if not self.measured:
-            return {}
-        from harvester.verification.known_results.measured_page import measured_page
-
-        return {"-measured.md": measured_page(self.measured, self.date)}
-
-    def figure(self) -> None:
-        """The table says it all."""
-
-    def to_dict(self) -> dict[str, Any]:
-        """Plain values for JSON."""
-        return {
-            "agreeing_sigmas": SIGNIFICANT_SIGMAS,
-            "wall_seconds": self.wall_seconds,
-            "version": __version__,
-            "date": self.date,
-            "rows": plain(self.rows),
-        }
-
-
-def verify(
-    *, chosen: Sequence[Truth] | None = None, **running: Unpack[RunnerOptions]
-) -> Verification:
-    """Exact and published results beside this project's.
-
-    Parameters
-    ----------
-    chosen : sequence of Truth or None
-        Truths out of `harvester.verification.known_results.catalogue` and of `measured` beside it;
-        None: all.
-    **running
-        See `harvester.running.open_runner`.
-    """
-    if chosen is None:
-        from harvester.verification.known_results.catalogue import catalogue
-        from harvester.verification.known_results.measured import measured
-
-        chosen = [*catalogue(), *measured()]
-    clock = time.perf_counter()
-    asked = [(truth, method, each) for truth in chosen for method, each in truth.asked.items()]
-    requests = [each for *_, each in asked if isinstance(each, Request)]
-    tasks = [each for *_, each in asked if isinstance(each, Task)]
-    with usual_arithmetic(), open_runner(**checked_options(dict(running))) as runner:
-        answers = iter(runner.answer(requests))
-        found = iter(runner.run(tasks))
-    rows = [
-        row_of(truth, method, next(answers if isinstance(each, Request) else found))
-        for truth, method, each in asked
-    ]
-    today = datetime.date.today().isoformat()
-    return Verification(rows, time.perf_counter() - clock, today)
 
 
 def row_of(truth: Truth, method: str, outcome: Any) -> TruthRow:

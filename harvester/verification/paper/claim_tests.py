@@ -14,14 +14,18 @@ from typing import Any, TypeAlias
 
 import numpy as np
 
+from harvester.estimates.estimate import Density
 from harvester.files.serialising import LEFT_OUT, fields_of
 from harvester.files.writing import finite
 from harvester.results.paired import paired_difference
 from harvester.running import Answer
 from harvester.scene.model import Scene
-from harvester.verification.paper.density_features import FEATURES, middle_of, peak_of
 from harvester.verification.paper.figures_list import KEY_SYMBOLS, Changes
 
+# The peak of a density is its mean over this width of X.
+PEAK_WIDTH = 0.1
+# |X| is beyond the reach of the motion with this probability.
+BEYOND = 0.01
 # Gives a method's answer for some changes of the scene, or None if it has none.
 Read: TypeAlias = Callable[[Changes], Answer | None]
 
@@ -58,7 +62,6 @@ class Finding:
         return signed / self.error if self.error > 0.0 else math.copysign(math.inf, signed)
 
     def to_dict(self) -> dict[str, Any]:
-        """Plain values for JSON."""
         return {**fields_of(self), "standard_errors": finite(self.sigmas)}
 
 
@@ -89,7 +92,7 @@ class StatementTest:
 
     def scenes(self, condition: Changes) -> list[Changes]:
         """The changes of the scene whose answers this test needs."""
-        return [with_value(condition, *place) for place in self.places()] or [condition]
+        return [with_value(condition, *setting) for setting in self.places()] or [condition]
 
     def findings(self, *arguments: Any) -> list[Finding]:
         """Findings from the answers of one method at a condition."""
@@ -105,14 +108,15 @@ class Along(StatementTest):
     values: tuple[float, ...]
 
     def places(self) -> list[tuple[str, float]]:
-        """(key, value) for each value of the key."""
         return [(self.swept, value) for value in self.values]
 
-    def known(self, condition: Changes, read: Read) -> list[tuple[float, Answer]]:
+    def answered_points(self, condition: Changes, read: Read) -> list[tuple[float, Answer]]:
         """(value, answer) of the values for which there is an answer that has the quantity."""
         answers = [read(changes) for changes in self.scenes(condition)]
         pairs = zip(self.values, answers, strict=True)
-        return [(value, each) for value, each in pairs if each and _has(each, self.quantity)]
+        return [
+            (value, answer) for value, answer in pairs if answer and _has(answer, self.quantity)
+        ]
 
     def change(
         self, condition: Changes, first: Any, last: Any, favours: int = 1, decisive: bool = True
@@ -131,12 +135,15 @@ class Trend(Along):
 
     def findings(self, condition: Changes, read: Read) -> list[Finding]:
         """Every step between neighbours, and the whole."""
-        known, favours = self.known(condition, read), 1 if self.rises else -1
-        if len(known) < 2:
+        points, favours = self.answered_points(condition, read), 1 if self.rises else -1
+        if len(points) < 2:
             return []
-        steps = itertools.pairwise(known) if len(known) > 2 else ()
-        found = [self.change(condition, *step, favours, decisive=False) for step in steps]
-        return [*itertools.chain(*found), *self.change(condition, known[0], known[-1], favours)]
+        steps = itertools.pairwise(points) if len(points) > 2 else ()
+        findings = [self.change(condition, *step, favours, decisive=False) for step in steps]
+        return [
+            *itertools.chain(*findings),
+            *self.change(condition, points[0], points[-1], favours),
+        ]
 
 
 @dataclass(frozen=True)
@@ -149,11 +156,11 @@ class InteriorMaximum(Along):
 
     def findings(self, condition: Changes, read: Read) -> list[Finding]:
         """The best interior point against either end."""
-        known = self.known(condition, read)
-        if len(known) < 3:
+        points = self.answered_points(condition, read)
+        if len(points) < 3:
             return []
-        best = max(known[1:-1], key=lambda point: point[1].quantities[self.quantity].estimate)
-        ends = (self.change(condition, end, best) for end in (known[0], known[-1]))
+        best = max(points[1:-1], key=lambda point: point[1].quantities[self.quantity].estimate)
+        ends = (self.change(condition, end, best) for end in (points[0], points[-1]))
         return [*itertools.chain(*ends)]
 
 
@@ -163,15 +170,15 @@ class SingleHump(Along):
 
     def findings(self, condition: Changes, read: Read) -> list[Finding]:
         """Every step, in the direction it should have."""
-        known = self.known(condition, read)
-        if len(known) < 3:
+        points = self.answered_points(condition, read)
+        if len(points) < 3:
             return []
-        values = [answer.quantities[self.quantity].estimate for _, answer in known]
+        values = [answer.quantities[self.quantity].estimate for _, answer in points]
         # A rise up to the edge is no maximum either: the last step before the edge has to fall.
-        top = min(max(int(np.argmax(values)), 1), len(known) - 2)
+        top = min(max(int(np.argmax(values)), 1), len(points) - 2)
         steps = (
             self.change(condition, *step, 1 if k < top else -1)
-            for k, step in enumerate(itertools.pairwise(known))
+            for k, step in enumerate(itertools.pairwise(points))
         )
         return [*itertools.chain(*steps)]
 
@@ -204,12 +211,11 @@ class Stronger(Ranges):
     weak: tuple
 
     def places(self) -> list[tuple[str, float]]:
-        """Both ends of every range."""
         return [(key, value) for key, ends in (*self.ranges, *self.weak) for value in ends]
 
     def findings(self, condition: Changes, read: Read) -> list[Finding]:
         """For every strong and every weak key: the difference of the sizes of their changes."""
-        found = []
+        findings = []
         for (strong, ends), (weak, others) in itertools.product(self.ranges, self.weak):
             ours = self.change(condition, read, strong, ends)
             theirs = self.change(condition, read, weak, others)
@@ -217,8 +223,8 @@ class Stronger(Ranges):
                 where = f"{KEY_SYMBOLS[strong]} against {KEY_SYMBOLS[weak]}"
                 where += f" at {name_of(condition)}" if condition else ""
                 effect = abs(ours[0]) - abs(theirs[0])
-                found.append(Finding(where, effect, math.hypot(ours[1], theirs[1])))
-        return found
+                findings.append(Finding(where, effect, math.hypot(ours[1], theirs[1])))
+        return findings
 
 
 @dataclass(frozen=True)
@@ -229,13 +235,13 @@ class Unchanged(Ranges):
 
     def findings(self, condition: Changes, read: Read) -> list[Finding]:
         """A finding for each key, with the margin by which its change stays below the limit."""
-        found = []
+        findings = []
         for key, ends in self.ranges:
             change = self.change(condition, read, key, ends)
             if change:
                 margin = self.limit - abs(change[0])
-                found.append(Finding(_range(condition, key, *ends), *change, margin=margin))
-        return found
+                findings.append(Finding(_range(condition, key, *ends), *change, margin=margin))
+        return findings
 
 
 @dataclass(frozen=True)
@@ -258,16 +264,16 @@ class Opposed(Ranges):
 
         As sure as the less sure of the two signs.
         """
-        found = []
+        findings = []
         for key, ends in self.ranges:
             one = self.change(condition, read, key, ends)
             other = self.change(condition, read, key, ends, self.other)
             if one and other:
-                sure = min(abs(Finding("", *each).sigmas) for each in (one, other))
+                sure = min(abs(Finding("", *change).sigmas) for change in (one, other))
                 error = abs(other[0]) / sure if sure > 0.0 else math.inf
                 favours = -1 if one[0] > 0.0 else 1
-                found.append(Finding(_range(condition, key, *ends), other[0], error, favours))
-        return found
+                findings.append(Finding(_range(condition, key, *ends), other[0], error, favours))
+        return findings
 
 
 @dataclass(frozen=True)
@@ -299,13 +305,13 @@ class Agreement(StatementTest):
         ours, theirs = read(condition), reference(condition)
         if ours is None or theirs is None:
             return []
-        found = []
+        findings = []
         for name in self.quantities:
             change = independent_change(theirs, ours, name)
             if change:
                 where = f"{name.replace('_', ' ')} at {name_of(condition)}"
-                found.append(Finding(where, *change, margin=self.limit - abs(change[0])))
-        return found
+                findings.append(Finding(where, *change, margin=self.limit - abs(change[0])))
+        return findings
 
 
 @dataclass(frozen=True)
@@ -315,7 +321,6 @@ class WiderBand(StatementTest):
     of_orbits = True
 
     def scenes(self, condition: Changes) -> list[Changes]:
-        """No scenes: the test needs no simulation."""
         return []
 
     def findings(self, scene: Scene) -> list[Finding]:
@@ -338,7 +343,7 @@ def relative_change(first: Answer, second: Answer, quantity: str) -> tuple[float
     Paired on the common noise where both have their moments; None of nothing.
     """
     if first.moments and second.moments:
-        paired = _paired(first, second).get(quantity)
+        paired = paired_difference(second, first).get(quantity)
         if paired is not None and paired.standard_error is not None:
             return paired.estimate, paired.standard_error
     return independent_change(first, second, quantity)
@@ -350,10 +355,6 @@ def independent_change(first: Answer, second: Answer, quantity: str) -> tuple[fl
     if not a:
         return None
     return b / a - 1.0, math.hypot(error_b, error_a * b / a) / abs(a)
-
-
-def _paired(first, second):
-    return paired_difference(second, first)
 
 
 def _has(answer, quantity):
@@ -371,3 +372,50 @@ def _value(answer, quantity):
 def _range(condition, key, first, last):
     text = f"{KEY_SYMBOLS[key]} {first:g} → {last:g}"
     return f"{text} at {name_of(condition)}" if condition else text
+
+
+def _smooth(density):
+    """Averages over `PEAK_WIDTH`."""
+    reach, step = max(np.abs(density.centre).max(), 2.0 * PEAK_WIDTH), PEAK_WIDTH / 16
+    centre = np.arange(-reach, reach + step, step)
+    errors = density.standard_error
+    errors = np.zeros_like(density.density) if errors is None else errors
+    window = np.full(16, 1.0 / 16)
+    return centre, *(
+        np.convolve(np.interp(centre, density.centre, column, 0.0, 0.0), window, "same")
+        for column in (density.density, errors)
+    )
+
+
+# Numbers that statements read off a density p(X), each with its error. Bins that are summed count
+# as fully correlated, which is cautious.
+def peak_of(density: Density) -> tuple[float, float]:
+    """(highest average of p(X) over a width of X, its error), whatever the grid."""
+    centre, values, errors = _smooth(density)
+    top = int(np.argmax(np.where(centre >= 0.0, values, 0.0)))
+    return values[top], errors[top]
+
+
+def middle_of(density: Density) -> tuple[float, float]:
+    """(average of p(X) about X = 0, its error)."""
+    centre, values, errors = _smooth(density)
+    middle = int(np.argmin(np.abs(centre)))
+    return values[middle], errors[middle]
+
+
+def reach_of(density: Density) -> tuple[float, float]:
+    """(distance from X = 0 that the motion exceeds for `BEYOND` of the time, its error)."""
+    centre = density.centre
+    order = np.argsort(-np.abs(centre))
+    width = np.gradient(centre)[order]
+    beyond = np.cumsum(density.density[order] * width)
+    last = int(np.searchsorted(beyond, BEYOND))
+    distance = np.interp(BEYOND, beyond, np.abs(centre[order]))
+    if density.standard_error is None:
+        return distance, 0.0
+    error = (density.standard_error[order] * width)[: last + 1].sum()
+    # The two sides together give the slope of the tail's probability.
+    return distance, error / (2.0 * density.density[order][last])
+
+
+FEATURES = {"peak": peak_of, "reach": reach_of}

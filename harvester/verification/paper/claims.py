@@ -12,12 +12,10 @@ from harvester.files.tables import markdown_table
 from harvester.prepared.steps import with_knots
 from harvester.running import RunnerOptions, open_runner
 from harvester.scene.model import Scene
-from harvester.verification.paper.claim_tests import Finding, Trend, name_of
+from harvester.verification import SIGNIFICANT_SIGMAS
+from harvester.verification.paper.claim_tests import FEATURES, Finding, Trend, name_of
 from harvester.verification.paper.claims_list import CLAIMS, JUMPING, Claim
-from harvester.verification.paper.density_features import FEATURES
-from harvester.verification.paper.reproduce import answered, reason
-from harvester.verification.paper.runs import costly_first, request
-from harvester.verification.quantities import SIGNIFICANT_SIGMAS
+from harvester.verification.paper.runs import answered, costly_first, reason, request
 
 HOLDS, IN_PART, FAILS = "holds", "holds in part", "does not hold"
 UNDECIDED, UNTESTED = "not significant", "not tested"
@@ -51,10 +49,10 @@ class Opinion:
         pro = [f for f in pro if f.decisive]
         undecided = self.word == UNDECIDED
         sigmas = [abs(f.sigmas) for f in (open_ if undecided else pro + contra)]
-        told = [each for each in sigmas if each < WITHOUT_CHANCE]
+        finite = [sigma for sigma in sigmas if sigma < WITHOUT_CHANCE]
         words = []
-        if told and self.word != UNTESTED:
-            words.append(f"≤ {max(told):.0f} σ" if undecided else f"≥ {min(told):.0f} σ")
+        if finite and self.word != UNTESTED:
+            words.append(f"≤ {max(finite):.0f} σ" if undecided else f"≥ {min(finite):.0f} σ")
         if self.word == IN_PART and not contra:
             # Nothing contradicts the statement: it may hold with more data.
             words.append(f"{len(open_)} of {len(pro) + len(open_)} undecided")
@@ -72,7 +70,6 @@ class Opinion:
         )
 
     def to_dict(self) -> dict[str, Any]:
-        """Plain values for JSON."""
         return {**fields_of(self), "where": self.where()}
 
 
@@ -111,11 +108,9 @@ class Judgement:
 
     @property
     def judged(self) -> list[tuple[Claim, dict[str, Opinion]]]:
-        """Each claim with the methods' verdicts."""
         return list(zip(self.claims, self.verdicts, strict=True))
 
     def table(self) -> tuple[list[str], list[list[str]]]:
-        """Header and rows of the table, as text."""
         header = ["section", "statement", *METHODS]
         return header, [[c.section, c.says, *_texts(verdicts)] for c, verdicts in self.judged]
 
@@ -176,7 +171,6 @@ class Judgement:
         """None: statements have no figure."""
 
     def to_dict(self) -> dict[str, Any]:
-        """Plain values for JSON."""
         names = ("where", "paper", "monte-carlo")
         return {
             "scene": self.scene.to_dict(),
@@ -190,8 +184,8 @@ class Judgement:
                     "conditions": [dict(condition) for condition in claim.conditions],
                     "verdicts": plain(verdicts),
                     "disagreements": [
-                        plain(dict(zip(names, each, strict=True)))
-                        for each in disagreements(verdicts)
+                        plain(dict(zip(names, disagreement, strict=True)))
+                        for disagreement in disagreements(verdicts)
                     ],
                 }
                 for claim, verdicts in self.judged
@@ -213,10 +207,10 @@ def disagreements(verdicts: dict[str, Opinion]) -> list[tuple[str, float, float]
     simulated = {f.where: f for f in verdicts["monte-carlo"].findings}
     pairs = [(f, simulated[f.where]) for f in verdicts["paper"].findings if f.where in simulated]
     return [
-        (printed.where, printed.effect, found.effect)
-        for printed, found in pairs
-        if min(abs(printed.sigmas), abs(found.sigmas)) >= SIGNIFICANT_SIGMAS
-        and (printed.sigmas > 0.0) != (found.sigmas > 0.0)
+        (printed.where, printed.effect, counterpart.effect)
+        for printed, counterpart in pairs
+        if min(abs(printed.sigmas), abs(counterpart.sigmas)) >= SIGNIFICANT_SIGMAS
+        and (printed.sigmas > 0.0) != (counterpart.sigmas > 0.0)
     ]
 
 
@@ -241,21 +235,21 @@ def claims(
     """
     clock = time.perf_counter()
     chosen = tuple(chosen)
-    wanted = _wanted(with_knots(scene), chosen, thorough)
-    requests = costly_first(dict.fromkeys(wanted.values()))
+    request_of_point = _requests_by_point(with_knots(scene), chosen, thorough)
+    requests = costly_first(dict.fromkeys(request_of_point.values()))
     with open_runner(**running) as runner:
         outcomes = dict(zip(requests, runner.answer(requests), strict=True))
-    answers = {place: outcomes[request] for place, request in wanted.items()}
+    answers = {point: outcomes[request] for point, request in request_of_point.items()}
     verdicts = [{m: _opinion(scene, claim, m, answers) for m in METHODS} for claim in chosen]
     return Judgement(scene, chosen, verdicts, answers, thorough, time.perf_counter() - clock)
 
 
-def _wanted(scene, chosen, thorough):
+def _requests_by_point(scene, chosen, thorough):
     """{(method, changes): Request} of everything that the statements need."""
     needed, dense = {}, set()
     for claim in chosen:
         for method in METHODS:
-            for changes in _needed(claim, method, thorough):
+            for changes in _changes_of(claim, method, thorough):
                 needed[method, changes] = scene.replace(dict(changes))
                 if getattr(claim.test, "quantity", None) in FEATURES:
                     dense.add((method, needed[method, changes]))
@@ -273,7 +267,7 @@ def _wanted(scene, chosen, thorough):
     }
 
 
-def _needed(claim, method, thorough):
+def _changes_of(claim, method, thorough):
     """Changes of the scene that one method is asked for."""
     conditions, brief = claim.conditions, method == "circuit" and not thorough
     if brief:

@@ -7,6 +7,7 @@ general, so they are tried at D = 0.08 too, where jumps between the wells are fr
 from dataclasses import dataclass, field
 
 from harvester.files.serialising import LEFT_OUT, key
+from harvester.verification import EFFICIENCY, POWER, VOLTAGE
 from harvester.verification.paper.claim_tests import (
     Agreement,
     Bimodal,
@@ -30,7 +31,6 @@ from harvester.verification.paper.figures_list import (
     STIFFNESS,
     Changes,
 )
-from harvester.verification.quantities import EFFICIENCY, POWER, VOLTAGE
 
 PEAK, REACH, CROSSINGS = "peak", "reach", "well_crossing_rate"
 
@@ -77,10 +77,7 @@ DENSITIES = (
     LONG,
 )
 NOISES = ((INTENSITY, (0.03, 0.1)), (CORRELATION_TIME, (0.4, 1.0)))
-ALL_NOISES = (
-    *_each(INTENSITY, 0.005, 0.02, 0.08, 0.125),
-    *_each(CORRELATION_TIME, 0.1, 1.1),
-)
+ALL_NOISES = (*_each(INTENSITY, 0.005, 0.02, 0.08, 0.125), *_each(CORRELATION_TIME, 0.1, 1.1))
 # A peak counts as changed if it changes by more than this share.
 LITTLE = 0.05
 GAPS, RESTITUTIONS, STIFFNESSES = (0.95, 1.1, 1.25), (0.3, 0.7, 1.0), (5.0, 10.0, 13.0)
@@ -91,7 +88,7 @@ CORRELATION_TIMES = (0.1, 0.4, 1.1)
 
 def _claims(section, sentence, *tested):
     """Statements that one sentence makes: what is tested, by what, under which conditions."""
-    return tuple(Claim(section, sentence, *each) for each in tested)
+    return tuple(Claim(section, sentence, *test) for test in tested)
 
 
 CLAIMS = (

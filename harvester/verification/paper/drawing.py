@@ -8,10 +8,8 @@ import numpy as np
 
 from harvester.averaging import NOISE_CLOSURES
 from harvester.results.drawing import WORTH_DRAWING
-from harvester.show.figures import drawn
 from harvester.verification.paper.figures_list import KEY_SYMBOLS
-from harvester.verification.paper.orbit_maps import OrbitVoltages, Surfaces
-from harvester.verification.paper.reproduce import Reproduction, answered
+from harvester.verification.paper.runs import answered
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -20,8 +18,11 @@ if TYPE_CHECKING:
 COLOURS = ("#0077BB", "#CC3311", "#009988")
 # Line styles of the closures from the last, which is the default, to the first.
 STYLES = ("-", "--", ":", "-.")
-# Markers of the two engines.
+# Names and marks of the two engines. The smaller circle lies inside the square, so that both are
+# visible where they agree.
+ENGINE_NAMES = {"monte-carlo": "Monte Carlo", "circuit": "circuit"}
 MARKS = {"monte-carlo": "o", "circuit": "s"}
+SIZES = {"monte-carlo": 4.0, "circuit": 6.0}
 NAMES = {
     "mean_square_voltage": "$E[V^2]$",
     "mean_power": "$E[P]$",
@@ -35,28 +36,17 @@ SYMBOLS_ACROSS = 36
 FADED = 0.35
 # Width of a legend entry below a figure, in inches.
 LEGEND_ENTRY = 1.9
-# In Fig. 2 the frequency falls to 0 at the separatrix. Below this value, in rad/s, the dip is
-# narrower than the grid.
-TRENCH = 1.0
 # The axis ends at this multiple of the highest simulated value; higher curves are cut off.
 HEADROOM = 2.2
 
 
-def draw(content: Reproduction | Surfaces | OrbitVoltages) -> Figure:
-    """Figure of a Reproduction, Surfaces or OrbitVoltages."""
-    if isinstance(content, Surfaces):
-        return _draw_surfaces(content)
-    if isinstance(content, OrbitVoltages):
-        return _draw_orbit_voltages(content)
+def draw(content: Any) -> Figure:
+    """Figure of a `Reproduction`."""
     return _draw_densities(content) if content.layout.kind == "density" else _draw_sweeps(content)
 
 
-def figure_of(content: Reproduction | Surfaces | OrbitVoltages) -> Figure:
-    """The figure of `draw` in the project's style."""
-    return drawn(draw, content)
-
-
-def _figure(content, title, width, height):
+def titled_figure(content: Any, title: str, width: float, height: float) -> Figure:
+    """An empty figure of a size in inches, with the paper's number and a title."""
     from matplotlib.figure import Figure
 
     figure = Figure(figsize=(width, height))
@@ -73,16 +63,16 @@ def _draw_sweeps(content):
     """A row of axes for each quantity, a column for each panel."""
     rows, columns = len(content.layout.quantities), len(content.layout.panels)
     width = 3.3 * columns + (2.0 if columns == 1 else 0.0)
-    figure = _figure(content, content.layout.title, width, 2.6 * rows + 1.1)
+    figure = titled_figure(content, content.layout.title, width, 2.6 * rows + 1.1)
     axes = figure.subplots(rows, columns, sharex="col", squeeze=False)
-    for place, (panel, lines) in enumerate(zip(content.layout.panels, content.lines, strict=True)):
+    for column, (panel, lines) in enumerate(zip(content.layout.panels, content.lines, strict=True)):
         for row, quantity in enumerate(content.layout.quantities):
-            _draw_curves(axes[row, place], panel, lines, quantity)
-            axes[row, place].set_ylabel(NAMES[quantity] if place == 0 else "")
+            _draw_curves(axes[row, column], panel, lines, quantity)
+            axes[row, column].set_ylabel(NAMES[quantity] if column == 0 else "")
         if columns > 1:
-            axes[0, place].set_title(f"({LETTERS[place]})")
-        axes[-1, place].set_xlabel(f"${_tex(panel.swept)}$")
-        _curve_legend(axes[0, place], panel)
+            axes[0, column].set_title(f"({LETTERS[column]})")
+        axes[-1, column].set_xlabel(f"${_tex(panel.swept)}$")
+        _curve_legend(axes[0, column], panel)
     _method_legend(figure, content)
     return figure
 
@@ -111,28 +101,28 @@ def _draw_curves(axes, panel, lines, quantity):
 
 def _symbols(axes, method, x, y, errors, colour, opacity=1.0):
     """Hollow circles for Monte Carlo, filled squares for the circuit, bars of ± `errors`."""
+    filled = method == "circuit"
     axes.errorbar(
         x,
         y,
         errors,
         fmt=MARKS[method],
         color=colour,
-        # The smaller circle lies inside the square, so that both are visible where they agree.
-        markersize=4.0 if method == "monte-carlo" else 6.0,
-        markerfacecolor="white" if method == "monte-carlo" else colour,
-        markeredgecolor=colour if method == "monte-carlo" else "black",
+        markersize=SIZES[method],
+        markerfacecolor=colour if filled else "white",
+        markeredgecolor="black" if filled else colour,
         elinewidth=0.9,
         capsize=2,
         alpha=opacity,
-        zorder=4 if method == "monte-carlo" else 3,
+        zorder=3 if filled else 4,
     )
 
 
 def _draw_densities(content):
     columns = len(content.layout.panels)
-    figure = _figure(content, content.layout.title, 3.4 * columns, 3.6)
+    figure = titled_figure(content, content.layout.title, 3.4 * columns, 3.6)
     axes = figure.subplots(1, columns, squeeze=False)[0]
-    for place, (panel, lines) in enumerate(zip(content.layout.panels, content.lines, strict=True)):
+    for column, (panel, lines) in enumerate(zip(content.layout.panels, content.lines, strict=True)):
         highest, reach = 0.0, 0.0
         for colour, line in zip(COLOURS, lines, strict=False):
             for method, ((_, outcome),) in line.items():
@@ -140,20 +130,20 @@ def _draw_densities(content):
                     continue
                 density: Any = outcome.density
                 if method in MARKS:
-                    _density_symbols(axes[place], method, density, colour)
+                    _density_symbols(axes[column], method, density, colour)
                     seen = density.density > WORTH_DRAWING * density.density.max()
                     reach = max(reach, np.abs(density.centre[seen]).max())
                     highest = max(highest, density.density.max())
                 else:
                     style = _style(method)
-                    axes[place].plot(density.centre, density.density, style, color=colour)
+                    axes[column].plot(density.centre, density.density, style, color=colour)
         if highest > 0.0:
-            axes[place].set_xlim(-1.05 * reach, 1.05 * reach)
-            axes[place].set_ylim(0.0, min(axes[place].get_ylim()[1], HEADROOM * highest))
-        axes[place].set_title(f"({LETTERS[place]})")
-        axes[place].set_xlabel("$X$")
-        axes[place].set_ylabel("$p(X)$" if place == 0 else "")
-        _curve_legend(axes[place], panel)
+            axes[column].set_xlim(-1.05 * reach, 1.05 * reach)
+            axes[column].set_ylim(0.0, min(axes[column].get_ylim()[1], HEADROOM * highest))
+        axes[column].set_title(f"({LETTERS[column]})")
+        axes[column].set_xlabel("$X$")
+        axes[column].set_ylabel("$p(X)$" if column == 0 else "")
+        _curve_legend(axes[column], panel)
     _method_legend(figure, content)
     return figure
 
@@ -185,13 +175,9 @@ def _method_legend(figure, content):
     handles = []
     for method in content.lines[0][0]:
         if method in MARKS:
-            hollow = "white" if method == "monte-carlo" else "0.2"
-            label = {"monte-carlo": "Monte Carlo", "circuit": "circuit"}[method]
-            mark: dict[str, Any] = {
-                "marker": MARKS[method],
-                "linestyle": "none",
-                "markerfacecolor": hollow,
-            }
+            label = ENGINE_NAMES[method]
+            mark: dict[str, Any] = {"marker": MARKS[method], "linestyle": "none"}
+            mark["markerfacecolor"] = "0.2" if method == "circuit" else "white"
         else:
             label, mark = f"averaging, {method}", {"linestyle": _style(method)}
         handles.append(Line2D([], [], color="0.2", label=label, **mark))
@@ -209,69 +195,6 @@ def _method_legend(figure, content):
 
 
 def _tex(key):
-    return {
-        "δr": r"\delta_r",
-        "τ1": r"\tau_1",
-        "λ": r"\lambda",
-        "β": r"\beta",
-    }.get(KEY_SYMBOLS[key], KEY_SYMBOLS[key])
-
-
-def _draw_surfaces(content):
-    figure = _figure(content, "energy and frequency of the undisturbed system", 9.0, 4.2)
-    x, v = np.meshgrid(content.displacement, content.velocity)
-    panels = (
-        (content.energy, "$H$", ""),
-        (np.maximum(content.frequency, TRENCH), r"$\omega$", f"cut off below {TRENCH:g} rad/s"),
+    return {"δr": r"\delta_r", "τ1": r"\tau_1", "λ": r"\lambda", "β": r"\beta"}.get(
+        KEY_SYMBOLS[key], KEY_SYMBOLS[key]
     )
-    for place, (surface, label, words) in enumerate(panels):
-        axes = figure.add_subplot(1, 2, place + 1, projection="3d")
-        axes.plot_surface(
-            x, v, surface, cmap="viridis", linewidth=0, antialiased=False, rcount=121, ccount=121
-        )
-        axes.set_title(f"({LETTERS[place]}) {words}")
-        axes.set_xlabel("$X$")
-        axes.set_ylabel(r"$\dot X$")
-        axes.set_zlabel(label)
-        axes.set_box_aspect((1.0, 1.0, 0.75), zoom=0.9)
-    return figure
-
-
-def _draw_orbit_voltages(content):
-    figure = _figure(content, "voltage over frequency with and without impact", 6.0, 4.2)
-    axes = figure.add_subplot()
-    looks = {
-        "without": ("black", "--", "without impact, $K = 0$"),
-        "with stoppers": (COLOURS[1], "-", f"with impact, $K = {_stiffness(content):g}$"),
-    }
-    for device, (colour, style, label) in looks.items():
-        for name, response in content.responses[device].items():
-            frequency = np.concatenate([response.frequency, response.frequency[::-1]])
-            outline = np.concatenate([response.highest, response.lowest[::-1]])
-            text = label if name == "wells" else None
-            axes.fill(frequency, outline, facecolor=colour, alpha=0.08)
-            axes.plot(frequency, outline, style, color=colour, label=text)
-            for column in (1, 2):
-                axes.plot(
-                    response.checked[:, 0],
-                    response.checked[:, column],
-                    "o" if device == "with stoppers" else "s",
-                    color=colour,
-                    markersize=4,
-                    markerfacecolor="white",
-                )
-    axes.set_xlabel(r"$\omega$ [rad/s]")
-    axes.set_ylabel("$V$")
-    figure.legend(
-        loc="outside lower center",
-        ncols=2,
-        title="lines: Eq. 10 along each orbit; symbols: Eq. 4b itself, whose V has no mean:\n"
-        "inside a well Eq. 10 measures it from the well's bottom",
-        title_fontsize=8,
-    )
-    return figure
-
-
-def _stiffness(content):
-    (pair,) = content.scene.stoppers
-    return pair.stiffness

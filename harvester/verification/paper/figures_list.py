@@ -9,7 +9,7 @@ from typing import Any, TypeAlias
 
 import numpy as np
 
-from harvester.verification.quantities import EFFICIENCY, POWER, VOLTAGE
+from harvester.verification import EFFICIENCY, POWER, VOLTAGE
 
 # Keys of a scene, with the values that they get.
 Changes: TypeAlias = tuple[tuple[str, Any], ...]
@@ -41,7 +41,7 @@ class Curve:
 
 
 @dataclass(frozen=True)
-class Panel:
+class FigurePanel:
     """One of a figure's panels.
 
     Attributes
@@ -85,7 +85,7 @@ class PaperFigure:
     title: str
     kind: str
     quantities: tuple[str, ...]
-    panels: tuple[Panel, ...]
+    panels: tuple[FigurePanel, ...]
 
 
 def _rounded(value):
@@ -98,7 +98,7 @@ def _curves(key, *values):
 
 
 def _density(key, *values):
-    return Panel(key, min(values), max(values), _curves(key, *values))
+    return FigurePanel(key, min(values), max(values), _curves(key, *values))
 
 
 def _efficiency_panels(swept, first, last, points):
@@ -107,7 +107,7 @@ def _efficiency_panels(swept, first, last, points):
         _curves(RESTITUTION, 0.4, 0.7, 1.0),
         _curves(STIFFNESS, 1.0, 7.0, 13.0),
     )
-    return tuple(Panel(swept, first, last, three, *points) for three in curves)
+    return tuple(FigurePanel(swept, first, last, three, *points) for three in curves)
 
 
 TWO_NOISES = _curves(CORRELATION_TIME, 0.4, 1.0)
@@ -121,12 +121,15 @@ OF_STOPPERS = (
 )
 OF_NOISE = (_density(INTENSITY, 0.03, 0.1), _density(CORRELATION_TIME, 0.4, 1.0))
 OVER_STOPPERS = (
-    Panel(GAP, 0.95, 1.25, TWO_NOISES),
-    Panel(RESTITUTION, 0.3, 1.0, TWO_NOISES),
-    Panel(STIFFNESS, 5.0, 13.0, TWO_NOISES, 5, 5),
+    FigurePanel(GAP, 0.95, 1.25, TWO_NOISES),
+    FigurePanel(RESTITUTION, 0.3, 1.0, TWO_NOISES),
+    FigurePanel(STIFFNESS, 5.0, 13.0, TWO_NOISES, 5, 5),
 )
-OVER_LOAD = (Panel(DECAY_RATE, 0.03, 0.09, TWO_NOISES), Panel(COUPLING, 0.3, 0.95, TWO_NOISES))
-OVER_INTENSITY = (Panel(INTENSITY, 0.005, 0.125, TWO_NOISES, 5, 9),)
+OVER_LOAD = (
+    FigurePanel(DECAY_RATE, 0.03, 0.09, TWO_NOISES),
+    FigurePanel(COUPLING, 0.3, 0.95, TWO_NOISES),
+)
+OVER_INTENSITY = (FigurePanel(INTENSITY, 0.005, 0.125, TWO_NOISES, 5, 9),)
 PCE = "Power conversion efficiency"
 
 FIGURES = {

@@ -20,6 +20,8 @@ from harvester.averaging.orbits import settled_orbits
 from harvester.files.serialising import fields_of, key
 from harvester.prepared.prepared import prepared
 from harvester.scene.model import Scene
+from harvester.show.figures import drawn
+from harvester.verification.paper.drawing import COLOURS, LETTERS, titled_figure
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -31,19 +33,22 @@ GRID = 121
 MARGIN = 0.995  # of the rectangle that is drawn, to the outermost orbit
 # Eq. 4b is solved along so many orbits of each edge, at so many points of each.
 CHECKED, POINTS = 5, 512
+# In Fig. 2 the frequency falls to 0 at the separatrix. Below this value, in rad/s, the dip is
+# narrower than the grid.
+TRENCH = 1.0
 
 
-class _Figure:
-    """Base of both figures: how they are drawn and written."""
+class _PaperMap:
+    """Base of both figures: how they are written.
+
+    Attributes
+    ----------
+    name, computed : str
+        The figure, and what it shows.
+    """
 
     name: ClassVar[str]
     computed: ClassVar[str]
-
-    def figure(self) -> "Figure":
-        """Drawn as the paper draws it."""
-        from harvester.verification.paper.drawing import figure_of
-
-        return figure_of(self)  # type: ignore[arg-type]
 
     def to_dict(self) -> dict[str, Any]:
         """Plain values for JSON; null beyond the outermost orbit."""
@@ -56,7 +61,7 @@ class _Figure:
 
 
 @dataclass(frozen=True)
-class Surfaces(_Figure):
+class Surfaces(_PaperMap):
     """Fig. 2: arrays over a grid of displacement (columns) and velocity (rows), scaled."""
 
     scene: Scene
@@ -70,7 +75,6 @@ class Surfaces(_Figure):
     computed = "H and ω(H) of Eqs. 14-17 over X and X', N2(H) solved for on each orbit"
 
     def table(self) -> tuple[list[str], list[list[str]]]:
-        """Header and one row for each surface."""
         fastest, highest = np.nanmax(self.frequency), np.nanmax(self.energy)
         return ["figure", "what", "greatest"], [
             [self.name, "H", f"{highest:.3g}"],
@@ -78,12 +82,15 @@ class Surfaces(_Figure):
         ]
 
     def sentences(self) -> list[str]:
-        """Sentences on what was computed."""
         return [f"{self.name}: orbits of Eq. 13 up to H − U(0) = {HIGHEST:g}; no noise enters"]
+
+    def figure(self) -> "Figure":
+        """Both surfaces, drawn as the paper draws them."""
+        return drawn(_draw_surfaces, self)
 
 
 @dataclass(frozen=True)
-class Orbits:
+class EdgeVoltages:
     """Voltages along the orbits of one edge in Fig. 3: arrays over orbits.
 
     `lowest` and `highest` are the voltage's extremes by Eq. 10; `checked` holds rows
@@ -109,11 +116,11 @@ class Orbits:
 
 
 @dataclass(frozen=True)
-class OrbitVoltages(_Figure):
-    """Fig. 3: {"with stoppers": {"wells": Orbits, "outer": Orbits}, "without": …}."""
+class OrbitVoltages(_PaperMap):
+    """Fig. 3: {"with stoppers": {"wells": EdgeVoltages, "outer": EdgeVoltages}, "without": …}."""
 
     scene: Scene
-    responses: dict[str, dict[str, Orbits]] = field(metadata=key("devices"))
+    responses: dict[str, dict[str, EdgeVoltages]] = field(metadata=key("devices"))
     wall_seconds: float
 
     name = "fig3"
@@ -136,13 +143,16 @@ class OrbitVoltages(_Figure):
         return header, rows
 
     def sentences(self) -> list[str]:
-        """Sentences on what was computed."""
         return [
             f"{self.name}: extremes of V (Eq. 10) along the orbits of Eq. 13 up to H − U(0) = "
             f"{HIGHEST:g}; symbols: Eq. 4b itself along the same orbits; no noise enters",
             f"{self.name}: Eq. 10 measures V from the well's bottom, Eq. 4b from the orbit's mean "
             "position (a periodic V has no mean), so the middles differ inside the wells",
         ]
+
+    def figure(self) -> "Figure":
+        """Outlines of the voltages, drawn as the paper draws them."""
+        return drawn(_draw_orbit_voltages, self)
 
 
 def surfaces(scene: Scene) -> Surfaces:
@@ -158,8 +168,8 @@ def surfaces(scene: Scene) -> Surfaces:
         scene=scene,
         displacement=x,
         velocity=v,
-        energy=_over_plane(x, v, [(each, each.height) for each in (wells, outer)]),
-        frequency=_over_plane(x, v, [(each, each.frequency) for each in (wells, outer)]),
+        energy=_over_plane(x, v, [(orbits, orbits.height) for orbits in (wells, outer)]),
+        frequency=_over_plane(x, v, [(orbits, orbits.frequency) for orbits in (wells, outer)]),
         wall_seconds=time.perf_counter() - clock,
     )
 
@@ -206,7 +216,7 @@ def _response(orbits):
     decay_rate = edge.system.transducer.decay_rate()
     fast = (decay_rate * orbits.gain / orbits.frequency**2)[:, None] * speed
     chosen = np.linspace(0, len(orbits.level) - 1, CHECKED + 2).astype(int)[1:-1]
-    return Orbits(
+    return EdgeVoltages(
         frequency=orbits.frequency,
         lowest=(slow - fast).min(axis=1),
         highest=(slow + fast).max(axis=1),
@@ -231,3 +241,59 @@ def _solved(orbits, k):
     shares = rates / (edge.system.transducer.decay_rate() + rates)
     voltage = np.fft.irfft(np.fft.rfft(path.y[0]) * shares, POINTS)
     return frequency, voltage.min(), voltage.max()
+
+
+def _draw_surfaces(content):
+    figure = titled_figure(content, "energy and frequency of the undisturbed system", 9.0, 4.2)
+    x, v = np.meshgrid(content.displacement, content.velocity)
+    panels = (
+        (content.energy, "$H$", ""),
+        (np.maximum(content.frequency, TRENCH), r"$\omega$", f"cut off below {TRENCH:g} rad/s"),
+    )
+    for index, (surface, label, words) in enumerate(panels):
+        axes = figure.add_subplot(1, 2, index + 1, projection="3d")
+        axes.plot_surface(
+            x, v, surface, cmap="viridis", linewidth=0, antialiased=False, rcount=121, ccount=121
+        )
+        axes.set_title(f"({LETTERS[index]}) {words}")
+        axes.set_xlabel("$X$")
+        axes.set_ylabel(r"$\dot X$")
+        axes.set_zlabel(label)
+        axes.set_box_aspect((1.0, 1.0, 0.75), zoom=0.9)
+    return figure
+
+
+def _draw_orbit_voltages(content):
+    figure = titled_figure(content, "voltage over frequency with and without impact", 6.0, 4.2)
+    axes = figure.add_subplot()
+    (stoppers,) = content.scene.stoppers
+    looks = {
+        "without": ("black", "--", "without impact, $K = 0$"),
+        "with stoppers": (COLOURS[1], "-", f"with impact, $K = {stoppers.stiffness:g}$"),
+    }
+    for device, (colour, style, label) in looks.items():
+        for name, response in content.responses[device].items():
+            frequency = np.concatenate([response.frequency, response.frequency[::-1]])
+            outline = np.concatenate([response.highest, response.lowest[::-1]])
+            text = label if name == "wells" else None
+            axes.fill(frequency, outline, facecolor=colour, alpha=0.08)
+            axes.plot(frequency, outline, style, color=colour, label=text)
+            for column in (1, 2):
+                axes.plot(
+                    response.checked[:, 0],
+                    response.checked[:, column],
+                    "o" if device == "with stoppers" else "s",
+                    color=colour,
+                    markersize=4,
+                    markerfacecolor="white",
+                )
+    axes.set_xlabel(r"$\omega$ [rad/s]")
+    axes.set_ylabel("$V$")
+    figure.legend(
+        loc="outside lower center",
+        ncols=2,
+        title="lines: Eq. 10 along each orbit; symbols: Eq. 4b itself, whose V has no mean:\n"
+        "inside a well Eq. 10 measures it from the well's bottom",
+        title_fontsize=8,
+    )
+    return figure

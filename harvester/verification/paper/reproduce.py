@@ -1,19 +1,20 @@
 """`reproduce`: the paper's Figs. 4 to 10 by closures, Monte Carlo and circuit."""
 
+import itertools
 import time
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, TypeAlias, TypeGuard, Unpack
+from typing import TYPE_CHECKING, Any, Unpack
 
 import numpy as np
 
 from harvester.arguments import listed
 from harvester.averaging import NOISE_CLOSURES
 from harvester.calling import takes_scene
-from harvester.errors import HarvesterError, SimulationError
+from harvester.errors import SimulationError
 from harvester.files.serialising import plain
 from harvester.prepared.steps import with_knots
-from harvester.running import Answer, RunnerOptions, open_runner
+from harvester.running import RunnerOptions, open_runner
 from harvester.running.request import relative_error
 from harvester.scene.model import Scene
 from harvester.simulation.simulate import check_name
@@ -21,10 +22,10 @@ from harvester.verification.paper.figures_list import (
     FIGURES,
     KEY_SYMBOLS,
     Curve,
-    Panel,
+    FigurePanel,
     PaperFigure,
 )
-from harvester.verification.paper.runs import costly_first, request
+from harvester.verification.paper.runs import Outcome, answered, costly_first, reason, request
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -42,10 +43,6 @@ class Effort:
 
 QUICK = {"monte-carlo": Effort(16, 0.05, 32), "circuit": Effort(8, 0.10, 8)}
 DEFAULT = {"monte-carlo": Effort(40, 0.02, 1600), "circuit": Effort(48, 0.02, 336)}
-NOT_RUN = "not run: the time budget was spent"
-# The outcome of a point: its answer, the reason why there is none, or None if it is not computed
-# yet.
-Outcome: TypeAlias = Answer | HarvesterError | None
 
 
 @dataclass(frozen=True)
@@ -71,7 +68,7 @@ class Reproduction:
     quick: bool
     wall_seconds: float
 
-    def points(self) -> Iterator[tuple[Panel, Curve, str, float, Outcome]]:
+    def points(self) -> Iterator[tuple[FigurePanel, Curve, str, float, Outcome]]:
         """(panel, curve, method, value, outcome) of every point."""
         for panel, lines in zip(self.layout.panels, self.lines, strict=True):
             for curve, line in zip(panel.curves, lines, strict=True):
@@ -83,14 +80,13 @@ class Reproduction:
     def refused(self) -> list[tuple[str, str, str]]:
         """(method, where, reason) of every point without an answer."""
         return [
-            (method, place(panel, curve, value), reason(outcome))
+            (method, point_name(panel, curve, value), reason(outcome))
             for panel, curve, method, value, outcome in self.points()
             if not answered(outcome)
         ]
 
     @property
     def failed_runs(self) -> int:
-        """Number of simulations that failed."""
         return sum(isinstance(outcome, SimulationError) for *_, outcome in self.points())
 
     def table(self) -> tuple[list[str], list[list[str]]]:
@@ -114,20 +110,19 @@ class Reproduction:
             for note in outcome.notes if answered(outcome) else ():
                 # The note on the interpolation of the noise stands once, in the caption's JSON.
                 if not note.startswith("noise linear"):
-                    short.setdefault((method, note), []).append(place(panel, curve, value))
+                    short.setdefault((method, note), []).append(point_name(panel, curve, value))
         return lines + [
             f"{self.name}: {method} at {'; '.join(places)}: {note}"
             for (method, note), places in short.items()
         ]
 
     def figure(self) -> "Figure":
-        """Drawn as the paper draws it."""
-        from harvester.verification.paper.drawing import figure_of
+        from harvester.show.figures import drawn
+        from harvester.verification.paper.drawing import draw
 
-        return figure_of(self)
+        return drawn(draw, self)
 
     def to_dict(self) -> dict[str, Any]:
-        """Plain values for JSON."""
         return {
             "figure": self.name,
             "title": self.layout.title,
@@ -153,10 +148,18 @@ class Reproduction:
         """Header and rows of numbers, one a point and quantity."""
         header = ["panel", "curve", "method", "value", "quantity", "estimate", "standard_error"]
         rows = [
-            [panel.swept, curve.label, method, value, name, each.estimate, each.standard_error]
+            [
+                panel.swept,
+                curve.label,
+                method,
+                value,
+                name,
+                estimate.estimate,
+                estimate.standard_error,
+            ]
             for panel, curve, method, value, outcome in self.points()
             if answered(outcome)
-            for name, each in outcome.quantities.items()
+            for name, estimate in outcome.quantities.items()
         ]
         return header, rows
 
@@ -215,15 +218,24 @@ def reproduce(
     for name in names:
         check_name("figure", name, FIGURES)
     plans = {name: _plan(scene, FIGURES[name], quick, precision) for name in names}
-    requests = {name: costly_first(_requests(plan)) for name, plan in plans.items()}
-    missing = {name: set(wanted) for name, wanted in requests.items()}
-    ordered = list(dict.fromkeys(r for wanted in requests.values() for r in wanted))
+    requests = {
+        name: costly_first(
+            request
+            for panel in plan
+            for line in panel
+            for points in line.values()
+            for _, request in points
+        )
+        for name, plan in plans.items()
+    }
+    missing = {name: set(needed) for name, needed in requests.items()}
+    ordered = list(dict.fromkeys(itertools.chain(*requests.values())))
     answers, contents = {}, {}
 
     def collect(index, outcome):
         one = ordered[index]
         answers[one] = outcome
-        for name in [name for name, wanted in missing.items() if one in wanted]:
+        for name in [name for name, unanswered in missing.items() if one in unanswered]:
             missing[name].remove(one)
             if not missing[name]:
                 lines, seconds = _answered(plans[name], answers), time.perf_counter() - clock
@@ -236,17 +248,7 @@ def reproduce(
     return [contents[name] for name in names]
 
 
-def answered(outcome: Outcome) -> TypeGuard[Answer]:
-    """Whether a point has an answer, and neither a reason nor nothing."""
-    return outcome is not None and not isinstance(outcome, HarvesterError)
-
-
-def reason(outcome: Outcome) -> str:
-    """Why a point has no answer."""
-    return NOT_RUN if outcome is None else str(outcome)
-
-
-def place(panel: Panel, curve: Curve, value: float) -> str:
+def point_name(panel: FigurePanel, curve: Curve, value: float) -> str:
     """ "δr = 1.1, D = 0.02": where a point lies."""
     swept = f"{KEY_SYMBOLS[panel.swept]} = {value:g}"
     return swept if dict(curve.changes).get(panel.swept) == value else f"{curve.label}, {swept}"
@@ -255,43 +257,38 @@ def place(panel: Panel, curve: Curve, value: float) -> str:
 def _plan(scene, figure, quick, precision=None):
     """Per panel and curve {method: [(value, Request), …]}."""
     scene = with_knots(scene)
-    values = _density_values if figure.kind == "density" else _sweep_values
+    is_density = figure.kind == "density"
     efforts = QUICK if quick else DEFAULT
 
-    def asked(device, panel, value, method):
-        changed = device if figure.kind == "density" else device.replace({panel.swept: value})
-        return _request(changed, method, efforts, precision, figure.kind == "density")
+    def planned(device, panel, value, method):
+        changed = device if is_density else device.replace({panel.swept: value})
+        return _request(changed, method, efforts, precision, is_density)
 
-    def line(panel, place, curve):
+    def line(panel, index, curve):
         device = scene.replace(dict(curve.changes))
-        wanted = values(panel, place, curve, quick)
-        return {m: [(v, asked(device, panel, v, m)) for v in at] for m, at in wanted.items()}
+        values_by_method = _values(panel, index, curve, quick, is_density)
+        return {
+            method: [(value, planned(device, panel, value, method)) for value in values]
+            for method, values in values_by_method.items()
+        }
 
     return [
-        [line(panel, place, curve) for place, curve in enumerate(panel.curves)]
+        [line(panel, index, curve) for index, curve in enumerate(panel.curves)]
         for panel in figure.panels
     ]
 
 
-def _density_values(panel, place, curve, quick):
-    """Values at which each method computes a density curve: one, that of the curve."""
-    # The circuit takes a hundred times as long and gets one curve of each panel.
-    methods = [*NOISE_CLOSURES, "monte-carlo"] + ["circuit"] * (place == 0)
-    value = dict(curve.changes)[panel.swept]
-    return {method: [value] for method in methods}
+def _values(panel, index, curve, quick, is_density):
+    """{method: values that it computes of a curve}; the circuit, a hundred times as slow, has few.
 
-
-def _sweep_values(panel, place, curve, quick):
-    """The values along a curve, for each method. The circuit has the middle one alone."""
+    A density has the one value of its curve.
+    """
+    if is_density:
+        methods = [*NOISE_CLOSURES, "monte-carlo", *(["circuit"] if index == 0 else [])]
+        return {method: [dict(curve.changes)[panel.swept]] for method in methods}
     fine, coarse = panel.values(quick)
-    circuit = [coarse[len(coarse) // 2]] if place == 0 or not quick else []
+    circuit = [coarse[len(coarse) // 2]] if index == 0 or not quick else []
     return {**dict.fromkeys(NOISE_CLOSURES, fine), "monte-carlo": coarse, "circuit": circuit}
-
-
-def _requests(plan):
-    """All requests of a figure."""
-    lines = [line for panel in plan for line in panel]
-    return [request for line in lines for points in line.values() for _, request in points]
 
 
 def _request(scene, method, efforts, precision, density):

@@ -1,13 +1,14 @@
-"""Requests for the paper's scenes.
+"""Requests for the paper's scenes, and their outcomes.
 
 `reproduce` and `claims` cut the same realizations, so that either finds those of the other.
 """
 
 from collections.abc import Iterable
-from typing import Any
+from typing import Any, TypeAlias, TypeGuard
 
+from harvester.errors import HarvesterError
 from harvester.prepared.steps import resolving
-from harvester.running import Request
+from harvester.running import Answer, Request
 from harvester.scene.model import Scene
 from harvester.simulation.methods import ENGINES
 
@@ -17,14 +18,14 @@ DURATIONS = {"monte-carlo": 5_000.0, "circuit": 1_200.0}
 CLOSURE_ERRORS = {"paper": 5e-3, "consistent": 5e-3, "fokker_planck": 2e-2}
 # Rough cost of a request, in units of a closure's point.
 COSTS = {"circuit": 20.0, "monte-carlo": 2.0, "fokker_planck": 5.0}
+NOT_RUN = "not run: the time budget was spent"
+# The outcome of a point: its answer, the reason why there is none, or None if it is not computed
+# yet.
+Outcome: TypeAlias = Answer | HarvesterError | None
 
 
 def request(
-    scene: Scene,
-    method: str,
-    realizations: dict[str, int],
-    density: bool = False,
-    **options: Any,
+    scene: Scene, method: str, realizations: dict[str, int], density: bool = False, **options: Any
 ) -> Request:
     """One scene by one method.
 
@@ -43,8 +44,18 @@ def request(
 
 def costly_first(requests: Iterable[Request]) -> list[Request]:
     """The requests with the long ones in front: no process is left alone with one at the end."""
-    return sorted(requests, key=_cost, reverse=True)
+
+    def cost(one):
+        return COSTS.get(one.method.name, 1.0) + 2.0 * (one.density and one.is_averaged)
+
+    return sorted(requests, key=cost, reverse=True)
 
 
-def _cost(one):
-    return COSTS.get(one.method.name, 1.0) + 2.0 * (one.density and one.is_averaged)
+def answered(outcome: Outcome) -> TypeGuard[Answer]:
+    """Whether a point has an answer, and neither a reason nor nothing."""
+    return outcome is not None and not isinstance(outcome, HarvesterError)
+
+
+def reason(outcome: Outcome) -> str:
+    """Why a point has no answer."""
+    return NOT_RUN if outcome is None else str(outcome)

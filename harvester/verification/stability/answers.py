@@ -66,7 +66,6 @@ class CaseAnswer:
     path: PathDeviation | None = None
 
     def to_dict(self) -> dict:
-        """Plain values for JSON."""
         content = fields_of(self)
         return {**content, "path": content["path"] or {}}
 
@@ -75,9 +74,11 @@ def answer(scene: Scene, method: str, step: str | float, report: Callable) -> Ca
     """One case by one engine or closure; a warning counts as an error."""
     with warnings.catch_warnings():
         warnings.simplefilter("error")
-        found = _simulated(scene, method, step) if method in ENGINES else _averaged(scene, method)
+        case_answer = (
+            _simulated(scene, method, step) if method in ENGINES else _averaged(scene, method)
+        )
     report(1.0)
-    return found
+    return case_answer
 
 
 def _simulated(scene, engine, step):
@@ -96,7 +97,7 @@ def _simulated(scene, engine, step):
         estimates=estimates,
         residual=energy_balance_residual(moments, system),
         seconds=sum(realization.seconds for realization in realizations),
-        steps=sum(each.points for each in moments),
+        steps=sum(record.points for record in moments),
         realizations=len(moments),
         duration=moments[0].time_reached - moments[0].start,
         settle=moments[0].start,
@@ -107,16 +108,15 @@ def _simulated(scene, engine, step):
 
 
 def _run(scene, step):
-    """Run all realizations of a case by Monte Carlo."""
     return run(scene, MonteCarlo(step), range(scene.run.realizations), None, ignore)
 
 
 def _affordable(scene, step):
     """The scene with a run so short that its contacts, too, keep to the budget of steps."""
     length = scene.run.settle + scene.run.duration
-    ready = prepared(scene)
-    own = knot_spacing(ready) / steps_per_knot(ready, step, "monte-carlo")
-    brief = min(TRIAL_STEPS * own, length)
+    model = prepared(scene)
+    engine_step = knot_spacing(model) / steps_per_knot(model, step, "monte-carlo")
+    brief = min(TRIAL_STEPS * engine_step, length)
     one = {"run.settle": 0.0, "run.duration": brief, "run.realizations": 1}
     [first] = _run(scene.replace(one), step)
     points = first.moments.points * length / brief * scene.run.realizations

@@ -50,7 +50,6 @@ class Case:
 
     @property
     def title(self) -> str:
-        """Family and name of the case."""
         return f"{self.family}: {self.name}" if self.family != "corner" else self.name
 
 
@@ -82,11 +81,7 @@ _CORNERS: dict[str, dict] = {
     "K = 1e6, δ = 0.5 wells": {"stiffness": 1e6, "gap_in_wells": 0.5},
     "K = 1e8, δ = 1 well, e = 0": {"stiffness": 1e8, "gap_in_wells": 1.0, "restitution": 0.0},
     "K = 1e6, τ1 = 1e-3": {"stiffness": 1e6, "correlation_time": 1e-3},
-    "K = 1e6, v0 held, e = 0.3": {
-        "stiffness": 1e6,
-        "impact_velocity": "event",
-        "restitution": 0.3,
-    },
+    "K = 1e6, v0 held, e = 0.3": {"stiffness": 1e6, "impact_velocity": "event", "restitution": 0.3},
     "λ = 1e4, β = 100": {"decay_rate": 1e4, "coupling": 100.0},
     "λ = 1e-4, β = 100": {"decay_rate": 1e-4, "coupling": 100.0},
     "D = 1e-6, β = 100": {"intensity": 1e-6, "coupling": 100.0},
@@ -177,7 +172,7 @@ def _reference_length(scene):
     wells = [abs(x) for x in bare.roots() if bare.slope(x) > 0.0]
     if any(wells):
         return float(max(wells))
-    return min((each.gap for each in system.contacts), default=1.0)
+    return min((contact.gap for contact in system.contacts), default=1.0)
 
 
 def _scene_value(scene, name, value):
@@ -221,8 +216,8 @@ def _capacitance(scene, symbol):
 
 def run_length(scene: Scene) -> tuple[float, float]:
     """Settling and measured time (s) of Monte Carlo's realizations within the budget of steps."""
-    ready = prepared(scene)
-    step = knot_spacing(ready) / steps_per_knot(ready, engine="monte-carlo")
+    model = prepared(scene)
+    step = knot_spacing(model) / steps_per_knot(model, engine="monte-carlo")
     affordable = STEP_BUDGET * step / scene.run.realizations
     settle = min(SETTLED_TIMES * slowest_time(scene), LARGEST_SETTLED_SHARE * affordable)
     return settle, affordable - settle

@@ -16,8 +16,8 @@ from harvester.device.system import System, elastic_force, potential
 from harvester.prepared.prepared import prepared
 from harvester.prepared.steps import knot_spacing
 from harvester.scene.model import Scene
+from harvester.verification import EFFICIENCY, VELOCITY, VOLTAGE
 from harvester.verification.known_results.formulas import gibbs_mean
-from harvester.verification.quantities import EFFICIENCY, VELOCITY, VOLTAGE
 
 # A closed form is used if its own error is at most this share of a mean: by the change of the
 # stiffness within the motion, or by the colour of the noise.
@@ -39,13 +39,13 @@ def closed_forms(scene: Scene, realizations: int) -> dict[str, Means]:
     """
     if not scene.load.is_resistor:
         return {}
-    ready = prepared(scene)
-    system = ready.system
+    model = prepared(scene)
+    system = model.system
     if isinstance(system.transducer, ShakenPiezo):
         # Neither form has the charge that the base moves.
         return {}
     forms = {
-        "small motion": small_motion(system, knot_spacing(ready), realizations),
+        "small motion": small_motion(system, knot_spacing(model), realizations),
         "Gibbs": gibbs(system),
     }
     return {name: means for name, means in forms.items() if means}
@@ -69,7 +69,7 @@ def small_motion(system: System, spacing: float, realizations: int) -> Means:
         totals += np.array(means) / realizations
     if not change <= LARGEST_ERROR["small motion"]:
         return {}
-    voltage, velocity, power, loss = (float(each) for each in totals)
+    voltage, velocity, power, loss = (float(total) for total in totals)
     efficiency = power / (power + loss) if power + loss else 0.0
     means = {VOLTAGE: voltage, VELOCITY: velocity, EFFICIENCY: efficiency}
     return {name: (value, change * abs(value)) for name, value in means.items()}
@@ -83,9 +83,9 @@ def _linear_means(system, well, spacing):
 
     def mean(power):
         """Mean of a quadratic form of X' and the transducer's state."""
-        own = power(1.0, 0.0), power(0.0, 1.0)
-        cross = power(1.0, 1.0) - sum(own)
-        return own[0] * inner[0, 0] + own[1] * inner[1, 1] + cross * inner[0, 1]
+        squares = power(1.0, 0.0), power(0.0, 1.0)
+        cross = power(1.0, 1.0) - sum(squares)
+        return squares[0] * inner[0, 0] + squares[1] * inner[1, 1] + cross * inner[0, 1]
 
     loss = mean(lambda v, z: part.loss(v, z, part.current(v, z)))
     loss += system.damper.damping * inner[0, 0]
@@ -110,9 +110,9 @@ def _covariance(system, stiffness, spacing):
     def carried(time):
         """Matrix to the three states at a time after a knot, from (states, η at the knot, η
         at the next one)."""
-        whole = expm(drift * time)[:3]
-        slope = whole[:, 4] / spacing
-        return np.column_stack([whole[:, :3], whole[:, 3] - slope, slope])
+        transition = expm(drift * time)[:3]
+        slope = transition[:, 4] / spacing
+        return np.column_stack([transition[:, :3], transition[:, 3] - slope, slope])
 
     # From knot to knot: the three states and η, driven by the innovation of η.
     step, kick = np.zeros((4, 4)), np.zeros(4)
@@ -124,8 +124,8 @@ def _covariance(system, stiffness, spacing):
     total = np.zeros((3, 3))
     for time, weight in ((0.0, 1 / 6), (0.5, 2 / 3), (1.0, 1 / 6)):
         part_ = carried(time * spacing)
-        known = np.column_stack([part_[:, :3], part_[:, 3] + rho * part_[:, 4]])
-        total += weight * known @ knots @ known.T
+        transfer = np.column_stack([part_[:, :3], part_[:, 3] + rho * part_[:, 4]])
+        total += weight * transfer @ knots @ transfer.T
         total += weight * innovation * np.outer(part_[:, 4], part_[:, 4])
     return total
 
@@ -149,7 +149,7 @@ def gibbs(system: System) -> Means:
     To first order in τ1 the noise's colour takes cτ1 of the power that comes in.
     """
     damping, noise = system.damper.damping, system.noise
-    elastic = all(getattr(each.law, "damping_factor", 1.0) == 0.0 for each in system.contacts)
+    elastic = all(getattr(contact.law, "damping_factor", 1.0) == 0.0 for contact in system.contacts)
     coupled = system.transducer.force(0.0, 1.0) or system.transducer.damping()
     if coupled or _drag(system) or not elastic or not damping > 0.0:
         return {}
@@ -158,12 +158,12 @@ def gibbs(system: System) -> Means:
     reach = abs(timescales.rest(system)) + 1.0
     square = gibbs_mean(lambda x: potential(system, x), temperature, np.square, reach)
     fastest = timescales.fastest_angular_frequency(system) * noise.correlation_time
-    known = {
+    means = {
         VELOCITY: (temperature, memory**2 + fastest**2),
         "mean_square_displacement": (square, 2.0 * memory),
     }
     limit = LARGEST_ERROR["Gibbs"]
-    return {n: (value, share * value) for n, (value, share) in known.items() if share <= limit}
+    return {n: (value, share * value) for n, (value, share) in means.items() if share <= limit}
 
 
 def _drag(system):

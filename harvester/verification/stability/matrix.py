@@ -5,6 +5,7 @@ Every case of `cases` is run by every engine and every closure; `verdicts` says 
 
 from __future__ import annotations
 
+import math
 import time
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -31,18 +32,26 @@ from harvester.verification.stability.verdicts import (
     WORDS,
     WRONG,
     CaseRow,
-    Cell,
+    CaseVerdict,
     judged,
 )
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-SHORT_NAMES = {
-    "coarser grid": "grid",
-    "fokker_planck": "stationary",
-    "the mass under the recorded voltage": "mass",
+FACE = {
+    RIGHT: "#A8DDB5",
+    REFUSED: "#D0D0D0",
+    NOT_JUDGED: "#FEE8A0",
+    UNFINISHED: "#FDAE6B",
+    WRONG: "#CB181D",
 }
+INK = {WRONG: "white", REFUSED: "0.25"}
+BLOCKS = 2
+# Rows of a page, and the width of a block in inches.
+PAGE, WIDTH = 30, 12.0
+# Share of a block's width for the names of cases, and the fewest letters of a column.
+NAME, SHORTEST = 0.22, 14
 
 
 @dataclass(frozen=True)
@@ -55,10 +64,9 @@ class StabilityMatrix:
 
     @property
     def methods(self) -> list[str]:
-        """Names of the engines and closures."""
         return list(self.rows[0].cells)
 
-    def cells(self, word: str) -> list[tuple[str, str, Cell]]:
+    def cells(self, word: str) -> list[tuple[str, str, CaseVerdict]]:
         """(case title, method, verdict) of every cell with this word."""
         return [
             (row.case.title, method, verdict)
@@ -73,18 +81,19 @@ class StabilityMatrix:
         return [(title, method, verdict.reason) for title, method, verdict in self.cells(WRONG)]
 
     def table(self) -> tuple[list[str], list[list[str]]]:
-        """Header and rows of the table, as text."""
         header = ["case", *self.methods, "residuals", "seconds"]
         return header, [self._cells_of(row) for row in self.rows]
 
     def _cells_of(self, row):
         answers = [row.answer(method) for method in self.methods]
-        residuals = [each.residual for each in answers if each and each.residual is not None]
+        residuals = [
+            answer.residual for answer in answers if answer and answer.residual is not None
+        ]
         return [
             row.case.title,
-            *(cell_text(row.cells[method]) for method in self.methods),
+            *(row.cells[method].text() for method in self.methods),
             " | ".join(f"{residual:+.2%}" for residual in residuals) or "—",
-            f"{sum(each.seconds for each in answers if each):.1f}",
+            f"{sum(answer.seconds for answer in answers if answer):.1f}",
         ]
 
     def sentences(self) -> list[str]:
@@ -109,21 +118,16 @@ class StabilityMatrix:
         return lines
 
     def figure(self) -> Figure:
-        """The coloured grid of all cases."""
         from harvester.show.figures import drawn
-        from harvester.verification.stability.figure import draw
 
-        return drawn(draw, self)
+        return drawn(_draw, self)
 
     def figures(self) -> list[Figure]:
-        """The grid's figures, in pages that can be read in print."""
         from harvester.show.figures import drawn
-        from harvester.verification.stability.figure import draw_pages
 
-        return drawn(draw_pages, self)
+        return drawn(_draw_pages, self)
 
     def to_dict(self) -> dict[str, Any]:
-        """Plain values for JSON."""
         return {
             "scene": self.scene.to_dict(),
             "seed": self.scene.run.seed,
@@ -169,11 +173,20 @@ def stability(
     require_noise(scene, "stability")
     clock = time.perf_counter()
     cases = default_cases() if cases is None else tuple(cases)
-    scenes = [_changed_or_refused(scene, case) for case in cases]
-    possible = [each for each in scenes if isinstance(each, Scene)]
+    scenes: list[Any] = []
+    for case in cases:
+        try:
+            scenes.append(changed(scene, case))
+        except SceneError as error:
+            scenes.append(error)
     running.setdefault("time_limit", TIME_LIMIT)
     with open_runner(**running) as runner:
-        tasks = [_task(each, method, step, runner) for each in possible for method in METHODS]
+        tasks = [
+            Task(answer, {"scene": s, "method": m, "step": step}, runner.version(m), m)
+            for s in scenes
+            if isinstance(s, Scene)
+            for m in METHODS
+        ]
         outcomes = iter(runner.run(tasks))
     rows = []
     for case, changed_scene in zip(cases, scenes, strict=True):
@@ -185,29 +198,64 @@ def stability(
     return StabilityMatrix(scene, rows, time.perf_counter() - clock)
 
 
-def _task(scene, method, step, runner):
-    arguments = {"scene": scene, "method": method, "step": step}
-    return Task(answer, arguments, runner.version(method), method)
+def _draw(matrix):
+    """Judge and margin of each cell: all rows, in two blocks side by side."""
+    depth = math.ceil(len(matrix.rows) / BLOCKS)
+    parts = [slice(block * depth, (block + 1) * depth) for block in range(BLOCKS)]
+    return _drawn(matrix, parts, depth)
 
 
-def cell_text(cell: Cell) -> str:
-    """The verdict's word, or who judged and how sharply."""
-    if cell.word != RIGHT:
-        return cell.word
-    return ", ".join(f"{_short(each.judge)} {_percent(each.sharpness)}" for each in cell.judges)
+def _draw_pages(matrix):
+    """Judge and margin of each cell, in figures of `PAGE` rows that can be read in print."""
+    count = len(matrix.rows)
+    return [
+        _drawn(matrix, [slice(first, first + PAGE)], min(PAGE, count - first))
+        for first in range(0, count, PAGE)
+    ]
 
 
-def _short(judge):
-    return "path" if judge.endswith("path") else SHORT_NAMES.get(judge, judge)
+def _drawn(matrix, parts, depth):
+    """A figure with a block for each part of the rows, `depth` of which are the most."""
+    from matplotlib.figure import Figure
+
+    texts = [[row.cells[method].text() for method in matrix.methods] for row in matrix.rows]
+    lengths = [max(SHORTEST, *map(len, column)) for column in zip(*texts, strict=True)]
+    widths = [NAME, *((1.0 - NAME) * length / sum(lengths) for length in lengths)]
+    figure = Figure(figsize=(WIDTH * len(parts), 1.4 + 0.25 * depth))
+    for part, axes in zip(parts, figure.subplots(1, len(parts), squeeze=False)[0], strict=True):
+        axes.axis("off")
+        if matrix.rows[part]:
+            _draw_block(axes, matrix, matrix.rows[part], texts[part], widths, depth)
+    counts = ", ".join(f"{len(matrix.cells(word))} {word}" for word in WORDS)
+    figure.suptitle(
+        f"{matrix.scene.name}: stiff and extreme cases ({counts}; {matrix.wall_seconds:.0f} s)\n"
+        "in each cell its judges and how sharply they judge: the path against a fine one, E[V²] "
+        "against another\nmethod or a closed form, a closure against its coarser grid",
+        x=0.01,
+        ha="left",
+        fontsize=10,
+    )
+    return figure
 
 
-def _percent(share):
-    """A percentage with one digit, or two if the first is 1."""
-    return f"{100.0 * share:.2g} %" if share >= 1e-4 else "<0.01 %"
-
-
-def _changed_or_refused(scene, case):
-    try:
-        return changed(scene, case)
-    except SceneError as error:
-        return error
+def _draw_block(axes, matrix, rows, texts, widths, depth):
+    header = [method.replace("_", " ") for method in matrix.methods]
+    words = [[row.cells[method].word for method in matrix.methods] for row in rows]
+    table = axes.table(
+        [["", *header], *([row.case.title, *line] for row, line in zip(rows, texts, strict=True))],
+        cellColours=[["none"] * len(widths), *(["none", *map(FACE.get, line)] for line in words)],
+        colWidths=widths,
+        cellLoc="center",
+        bbox=(0.0, 1.0 - (len(rows) + 1) / (depth + 1), 1.0, (len(rows) + 1) / (depth + 1)),
+        edges="closed",
+    )
+    table.auto_set_font_size(False)
+    for (line, column), cell in table.get_celld().items():
+        cell.set(edgecolor="white", linewidth=1.0)
+        cell.set_fontsize(7 if line and column else 8)
+        if line and column:
+            cell.set_text_props(color=INK.get(words[line - 1][column - 1], "black"))
+        elif column:
+            cell.set_text_props(weight="bold")
+        else:
+            cell.set_text_props(ha="left")

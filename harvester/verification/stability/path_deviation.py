@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 
 from harvester.device import timescales
-from harvester.device.piezo import PiezoTable
+from harvester.device.piezo import Piezo, PiezoTable
 from harvester.prepared.prepared import prepared
 from harvester.prepared.steps import knot_spacing, steps_per_knot
 from harvester.running.codec import register
@@ -21,9 +21,9 @@ from harvester.scene.model import Scene
 from harvester.simulation import side_by_side
 from harvester.simulation.methods import MonteCarlo
 from harvester.simulation.realization import Realization, run
-from harvester.verification.paths import ignore, recorded, states_at_knots
-from harvester.verification.quantities import STATES
-from harvester.verification.stability.replay import can_replay, replayed
+from harvester.verification import STATES
+from harvester.verification.paths import from_rest, ignore, recorded, states_at_knots
+from harvester.verification.stability.replay import replayed
 
 # The circuit takes this many steps along all paths together, if no contact shortens them.
 PATH_STEPS = 20_000
@@ -103,20 +103,22 @@ def path_deviation(
     In a worker process; of the scene's run only the seed counts.
     """
     brief = path_scene(scene)
-    ready = prepared(brief)
+    model = prepared(brief)
     reference = reference_engine(scene)
     fine = states_at_knots(brief, _paths(brief, reference, "fine"))
-    sizes = _root_mean_square(fine - fine[:, :1] * (1.0, 0.0, 0.0))
+    # RMS of each state over paths and knots; 1 where it stays 0.
+    sizes = np.sqrt(np.mean(np.square(fine - fine[:, :1] * (1.0, 0.0, 0.0)), axis=(0, 1)))
+    sizes = np.where(sizes > 0.0, sizes, 1.0)
     comparable = _comparable(brief, reference, fine, sizes)
-    own_step = knot_spacing(ready) / steps_per_knot(ready, step, engine)
+    own_step = knot_spacing(model) / steps_per_knot(model, step, engine)
     runs = _paths(brief, engine, step), _paths(brief, engine, own_step / FINER)
-    at_step, at_finer = (states_at_knots(brief, each) for each in runs)
+    at_step, at_finer = (states_at_knots(brief, realizations) for realizations in runs)
     step_errors = (at_step - at_finer) / sizes
     compared = comparable & _close(step_errors, LARGEST_STEP_ERROR)
     times = [
-        knot_spacing(ready) * float(each.sum(axis=1).mean()) for each in (compared, comparable)
+        knot_spacing(model) * float(knots.sum(axis=1).mean()) for knots in (compared, comparable)
     ]
-    stiff = side_by_side.contacts_shorten_steps(ready, step)
+    stiff = side_by_side.contacts_shorten_steps(model, step)
     least = LEAST_OF_STIFF_CONTACTS if stiff else LEAST_DEVIATION
     deviation = PathDeviation(
         reference=reference,
@@ -139,11 +141,15 @@ def _limit(at_step, at_finer):
 
 def _of_mechanics(scene, runs, states, compared):
     """Deviation of X from the replayed mass in the limit for short steps; nan where not needed."""
-    if reference_engine(scene) != "circuit" or not can_replay(scene) or not compared.any():
+    system = prepared(scene).system
+    holds_speeds = any(getattr(contact.law, "holds", 0.0) for contact in system.contacts)
+    # State and voltage say what acts on the mass.
+    replayable = isinstance(system.transducer, Piezo) and not holds_speeds
+    if reference_engine(scene) != "circuit" or not replayable or not compared.any():
         return np.nan
     apart = [
-        place[..., 0] - replayed(scene, [each.waveform for each in ours])
-        for ours, place in zip(runs, states, strict=True)
+        path_states[..., 0] - replayed(scene, [realization.waveform for realization in ours])
+        for ours, path_states in zip(runs, states, strict=True)
     ]
     size = np.sqrt(np.mean(np.square(states[1][..., 0] - states[1][:, :1, 0])))
     return float(np.sqrt(np.mean(np.square(_limit(*apart)[compared]))) / size)
@@ -151,13 +157,13 @@ def _of_mechanics(scene, runs, states, compared):
 
 def path_scene(scene: Scene) -> Scene:
     """The scene for so many steps, from a typical state."""
-    ready = prepared(scene)
-    spacing, period = knot_spacing(ready), _period(scene)
-    step = spacing / steps_per_knot(ready)
+    model = prepared(scene)
+    spacing, period = knot_spacing(model), _period(scene)
+    step = spacing / steps_per_knot(model)
     periods = PATH_STEPS * step / (MOST_PATHS * period)
     length = min(max(periods, FEWEST_PERIODS), MOST_PERIODS) * period
     paths = min(max(int(PATH_STEPS * step / length), FEWEST_PATHS), MOST_PATHS)
-    brief = _from_rest(scene, max(round(length / spacing), 1), paths)
+    brief = from_rest(scene, max(round(length / spacing), 1), paths)
     return brief.replace(_typical_start(scene))
 
 
@@ -171,45 +177,32 @@ def _period(scene):
     return 2.0 * np.pi / timescales.angular_frequency(prepared(scene).system)
 
 
-def _from_rest(scene, knots, realizations):
-    """The scene with so many knots, measured from its beginning."""
-    spacing = knot_spacing(prepared(scene))
-    changes = {
-        "run.duration": knots * spacing,
-        "run.settle": 0.0,
-        "run.realizations": realizations,
-        "excitation.knot_spacing": spacing,
-    }
-    return scene.replace(changes)
-
-
 def _typical_start(scene):
     """A state in which Monte Carlo is after many steps, in no contact, as keys of the scene."""
     if scene.start or reference_engine(scene) != "monte-carlo":
         return {}
-    ready = prepared(scene)
-    settling = _from_rest(scene, max(round(SETTLING_STEPS / steps_per_knot(ready)), 1), 1)
+    model = prepared(scene)
+    settling = from_rest(scene, max(round(SETTLING_STEPS / steps_per_knot(model)), 1), 1)
     stop = settling.run.duration
     window = (stop - _period(scene), 2.0 * stop)
     [settled] = run(settling, MonteCarlo(), [0], window, ignore)
-    system, scales = ready.system, ready.scales
+    system, scales = model.system, model.scales
     last: Any = settled.waveform
     low, high = timescales.free_zone(system)
     # A mass that is pressed against a stopper is never free: the last point is taken.
     free = np.flatnonzero((last.displacement > low) & (last.displacement < high))
-    place = free[-1] if free.size else -1
+    last_free = free[-1] if free.size else -1
     start = {
-        "start.displacement": float(last.displacement[place] * scales.displacement),
-        "start.velocity": float(last.velocity[place] * scales.displacement),
+        "start.displacement": float(last.displacement[last_free] * scales.displacement),
+        "start.velocity": float(last.velocity[last_free] * scales.displacement),
     }
     # A coil with inductance has a current, which no scene can start with.
     if isinstance(scene.transducer, PiezoTable):
-        start["start.voltage"] = float(last.voltage[place] * scales.voltage)
+        start["start.voltage"] = float(last.voltage[last_free] * scales.voltage)
     return start
 
 
 def _paths(scene, engine, step):
-    """Realizations with their whole waveforms."""
     count = scene.run.realizations
     shared = engine == "circuit" and side_by_side.share_steps(prepared(scene), step)
     together = [range(count)] if shared else [[index] for index in range(count)]
@@ -232,12 +225,6 @@ def _close(shares, largest):
     return np.maximum.accumulate(shares, axis=1) <= largest
 
 
-def _root_mean_square(states):
-    """RMS of each state over paths and knots; 1 where it stays 0."""
-    sizes = np.sqrt(np.mean(np.square(states), axis=(0, 1)))
-    return np.where(sizes > 0.0, sizes, 1.0)
-
-
 def _largest(shares, compared):
     """Root mean square over the compared knots of X or V, whichever is larger."""
     inside = shares[compared][:, SMOOTH]
@@ -248,5 +235,5 @@ def _mean_squares(paths, fine, compared):
     """Largest deviation of the mean squares of X' and V over the compared knots, as a share."""
     if not compared.any():
         return np.nan
-    ours, theirs = (np.mean(np.square(each[compared][:, 1:]), axis=0) for each in (paths, fine))
+    ours, theirs = (np.mean(np.square(states[compared][:, 1:]), axis=0) for states in (paths, fine))
     return float(np.abs(ours / np.where(theirs > 0.0, theirs, 1.0) - 1.0)[theirs > 0.0].max())

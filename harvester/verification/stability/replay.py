@@ -12,7 +12,6 @@ import numpy as np
 from scipy.integrate import cumulative_trapezoid
 
 from harvester.device import spring as springs
-from harvester.device.piezo import Piezo
 from harvester.device.system import elastic_force
 from harvester.prepared.prepared import prepared
 from harvester.prepared.steps import knot_spacing, steps_per_knot
@@ -26,28 +25,21 @@ from harvester.verification.paths import noise_at_knots
 FINER, FINER_IN_CONTACT = 2, 8
 
 
-def can_replay(scene: Scene) -> bool:
-    """Whether the state and the voltage say what acts on the mass: a piezo, no held speeds."""
-    system = prepared(scene).system
-    held = any(getattr(each.law, "holds", 0.0) for each in system.contacts)
-    return isinstance(system.transducer, Piezo) and not held
-
-
 def replayed(scene: Scene, waveforms: Sequence[Record]) -> np.ndarray:
     """Displacements at the knots under recorded terminal voltages, shape (realizations, knots).
 
     Runge–Kutta of fourth order; `waveforms` are those of the realizations 0, 1, … from their
     beginning.
     """
-    ready = prepared(scene)
-    system = ready.system
-    spacing, count = knot_spacing(ready), len(waveforms)
+    model = prepared(scene)
+    system = model.system
+    spacing, count = knot_spacing(model), len(waveforms)
     noise = [noise_at_knots(scene, index) for index in range(count)]
     knots = noise[0].size - 1
     finer = FINER_IN_CONTACT if system.contacts else FINER
-    steps = finer * steps_per_knot(ready, "default")
+    steps = finer * steps_per_knot(model, "default")
     times = np.linspace(0.0, knots * spacing, 2 * steps * knots + 1)
-    starts = np.array([start_state(ready, index) for index in range(count)])
+    starts = np.array([start_state(model, index) for index in range(count)])
     drive = np.array([np.interp(times, times[:: 2 * steps], path) for path in noise]).T
     # A load that switches empties the piezo within a step: the mean of the voltage over the step is
     # used.
@@ -65,9 +57,9 @@ def replayed(scene: Scene, waveforms: Sequence[Record]) -> np.ndarray:
 
 def _means(waveform, first, ends):
     """Means of a recorded voltage between these times, `first` being that at the beginning."""
-    known = np.append(0.0, waveform.time)
-    times = np.union1d(known, ends)
-    values = np.interp(times, known, np.append(first, waveform.voltage))
+    recorded_times = np.append(0.0, waveform.time)
+    times = np.union1d(recorded_times, ends)
+    values = np.interp(times, recorded_times, np.append(first, waveform.voltage))
     gained = cumulative_trapezoid(values, times, initial=0.0)
     return np.diff(gained[np.searchsorted(times, ends)]) / np.diff(ends)
 
@@ -89,10 +81,12 @@ def _runge_kutta(system, x, v, first, middle, last, h):
 def _resistance(system, x, v):
     """Force of spring, damper and contacts against the drive; arrays of one shape."""
     force = elastic_force(system, x) + system.damper.force(v)
-    for each in system.contacts:
-        side = np.sign(x) if each.side == 0.0 else each.side
-        depth = np.maximum(side * x - each.gap, 0.0)
+    for contact in system.contacts:
+        side = np.sign(x) if contact.side == 0.0 else contact.side
+        depth = np.maximum(side * x - contact.gap, 0.0)
         if depth.any():
-            gain = springs.energy(system.spring, x) - springs.energy(system.spring, side * each.gap)
-            force = force + np.where(depth > 0.0, each.law.damping(depth, v, gain, 0.0), 0.0) * v
+            gain = springs.energy(system.spring, x) - springs.energy(
+                system.spring, side * contact.gap
+            )
+            force = force + np.where(depth > 0.0, contact.law.damping(depth, v, gain, 0.0), 0.0) * v
     return force

@@ -17,7 +17,7 @@ from harvester.files.serialising import fields_of, key, plain
 from harvester.prepared.prepared import prepared
 from harvester.scene.model import Scene
 from harvester.simulation.methods import ENGINES
-from harvester.verification.quantities import MEANS
+from harvester.verification import MEANS
 from harvester.verification.stability.answers import CaseAnswer
 from harvester.verification.stability.cases import Case
 from harvester.verification.stability.closed_forms import closed_forms
@@ -46,6 +46,11 @@ LEAST_FOLLOWED = 0.1
 LARGEST_NUMERICAL_ERROR = {"fokker_planck": 2e-2}
 USUAL_NUMERICAL_ERROR = 1e-3
 SOLVER = "fokker_planck"
+SHORT_NAMES = {
+    "coarser grid": "grid",
+    "fokker_planck": "stationary",
+    "the mass under the recorded voltage": "mass",
+}
 
 
 @dataclass(frozen=True)
@@ -83,7 +88,7 @@ class Evidence:
 
 
 @dataclass(frozen=True)
-class Cell:
+class CaseVerdict:
     """The verdict on one case by one method: one of `WORDS`, why, and what it rests on."""
 
     word: str = field(metadata=key("verdict"))
@@ -95,9 +100,15 @@ class Cell:
         """The first evidence of each judge that is sharp enough (on E[V²] if there is any),
         sharpest first."""
         first: dict[str, Evidence] = {}
-        for each in self.evidence:
-            first.setdefault(each.judge, each)
-        return sorted((e for e in first.values() if e.sharp), key=lambda each: each.sharpness)
+        for evidence in self.evidence:
+            first.setdefault(evidence.judge, evidence)
+        return sorted((e for e in first.values() if e.sharp), key=lambda e: e.sharpness)
+
+    def text(self) -> str:
+        """The verdict's word, or who judged and how sharply."""
+        if self.word != RIGHT:
+            return self.word
+        return ", ".join(f"{_short(e.judge)} {_percent(e.sharpness)}" for e in self.judges)
 
 
 @dataclass(frozen=True)
@@ -108,35 +119,33 @@ class CaseRow:
     ----------
     answers : dict of str to CaseAnswer, HarvesterError or None
         Answers by engine and closure; None if time ran out before one.
-    cells : dict of str to Cell
+    cells : dict of str to CaseVerdict
     """
 
     case: Case
     answers: dict[str, Any]
-    cells: dict[str, Cell]
+    cells: dict[str, CaseVerdict]
 
     def answer(self, method: str) -> CaseAnswer | None:
-        """The method's answer; None if it has none."""
-        found = self.answers[method]
-        return found if isinstance(found, CaseAnswer) else None
+        answer = self.answers[method]
+        return answer if isinstance(answer, CaseAnswer) else None
 
     def to_dict(self) -> dict[str, Any]:
-        """Plain values for JSON."""
-        given = {method: self.answer(method) for method in self.answers}
+        answered = {method: self.answer(method) for method in self.answers}
         return {
             **fields_of(self.case),
             "verdicts": plain(self.cells),
-            "answers": plain({method: each for method, each in given.items() if each}),
+            "answers": plain({method: answer for method, answer in answered.items() if answer}),
         }
 
 
 def judged(case: Case, scene: Scene | None, answers: dict[str, Any]) -> CaseRow:
     """The row of one case from what engines and closures said; `scene` is that of the case."""
     cells = {method: _without_answer(outcome) for method, outcome in answers.items()}
-    given = {method: answers[method] for method, cell in cells.items() if cell is None}
-    for method, found in given.items():
-        evidence = _of_engine(found) if method in ENGINES else _of_closure(method, found)
-        cells[method] = _weighed(found, (*evidence, *_of_means(method, scene, given)))
+    answered = {method: answers[method] for method, cell in cells.items() if cell is None}
+    for method, answer in answered.items():
+        evidence = _of_engine(answer) if method in ENGINES else _of_closure(method, answer)
+        cells[method] = _weighed(answer, (*evidence, *_of_means(method, scene, answered)))
     return CaseRow(case, answers, cells)
 
 
@@ -145,37 +154,37 @@ def _without_answer(outcome):
     if isinstance(outcome, CaseAnswer):
         return None
     if outcome is None:
-        return Cell(UNFINISHED, "the time budget ended before it")
+        return CaseVerdict(UNFINISHED, "the time budget ended before it")
     if isinstance(outcome, SimulatorTimeout):
-        return Cell(UNFINISHED, str(outcome))
+        return CaseVerdict(UNFINISHED, str(outcome))
     if isinstance(outcome, REFUSALS):
-        return Cell(REFUSED, str(outcome))
-    return Cell(WRONG, f"{type(outcome).__name__}: {outcome}")
+        return CaseVerdict(REFUSED, str(outcome))
+    return CaseVerdict(WRONG, f"{type(outcome).__name__}: {outcome}")
 
 
-def _weighed(found, evidence):
-    if found.residual is not None and not abs(found.residual) < LARGEST_RESIDUAL:
-        return Cell(WRONG, f"energy balance residual {found.residual:.2%}", evidence)
-    objections = [str(each) for each in evidence if not each.agrees]
+def _weighed(answer, evidence):
+    if answer.residual is not None and not abs(answer.residual) < LARGEST_RESIDUAL:
+        return CaseVerdict(WRONG, f"energy balance residual {answer.residual:.2%}", evidence)
+    objections = [str(comparison) for comparison in evidence if not comparison.agrees]
     if objections:
-        return Cell(WRONG, "; ".join(objections), evidence)
-    cell = Cell(RIGHT, "", evidence)
-    return cell if cell.judges else Cell(NOT_JUDGED, _why_not(found, evidence), evidence)
+        return CaseVerdict(WRONG, "; ".join(objections), evidence)
+    cell = CaseVerdict(RIGHT, "", evidence)
+    return cell if cell.judges else CaseVerdict(NOT_JUDGED, _why_not(answer, evidence), evidence)
 
 
-def _why_not(found, evidence):
+def _why_not(answer, evidence):
     if evidence:
-        return f"known to {min(each.sharpness for each in evidence):.0%} only"
-    if found.path and found.path.comparable_periods < FEWEST_PERIODS:
-        return f"paths can be compared for {found.path.comparable_periods:.1f} periods only"
-    if found.path:
-        return f"its path can be compared for {found.path.compared_periods:.1f} periods only"
+        return f"known to {min(comparison.sharpness for comparison in evidence):.0%} only"
+    if answer.path and answer.path.comparable_periods < FEWEST_PERIODS:
+        return f"paths can be compared for {answer.path.comparable_periods:.1f} periods only"
+    if answer.path:
+        return f"its path can be compared for {answer.path.compared_periods:.1f} periods only"
     return "nothing to compare it with"
 
 
-def _of_engine(found):
+def _of_engine(answer):
     """Evidence on an engine, from its paths compared with fine ones."""
-    path = found.path
+    path = answer.path
     if not path.comparable_periods >= FEWEST_PERIODS:
         return ()
     judge = f"fine {path.reference} path"
@@ -194,23 +203,23 @@ def _of_engine(found):
     return (*evidence, bias)
 
 
-def _of_closure(closure, found):
+def _of_closure(closure, answer):
     """Evidence from the coarser grid: how well the closure solves its own equations."""
     largest = LARGEST_NUMERICAL_ERROR.get(closure, USUAL_NUMERICAL_ERROR)
     evidence = []
     for name in MEANS:
-        each = found.estimates[name]
-        share = _share(each.standard_error, each.estimate)
+        estimate = answer.estimates[name]
+        share = _share(estimate.standard_error, estimate.estimate)
         evidence.append(Evidence("coarser grid", _words(name), share, share, largest))
     return evidence
 
 
-def _of_means(method, scene, given):
+def _of_means(method, scene, answered):
     """Evidence on means: Monte Carlo against the stationary solution, and against closed forms.
 
     Only these two claim to solve the equations themselves.
     """
-    simulated, solved = given.get("monte-carlo"), given.get(SOLVER)
+    simulated, solved = answered.get("monte-carlo"), answered.get(SOLVER)
     if isinstance(prepared(scene).system.transducer, ShakenPiezo):
         # The stationary solution omits the charge that the base's motion moves.
         solved = None
@@ -219,23 +228,19 @@ def _of_means(method, scene, given):
     if method == SOLVER:
         return list(_of_pair(simulated, solved, "Monte Carlo")) if solved else []
     evidence = [
-        each
+        comparison
         for form, means in closed_forms(scene, simulated.realizations).items()
         for name, (value, error) in means.items()
-        for each in _of_mean(form, name, simulated.estimates[name], value, error)
+        for comparison in _of_mean(form, name, simulated.estimates[name], value, error)
     ]
     if solved:
         # If circuit and Monte Carlo follow the same path, the stationary solution is the one that
         # is wrong.
+        by_path = _of_engine(answered["circuit"]) if "circuit" in answered else ()
+        same_path = bool(by_path) and all(comparison.agrees for comparison in by_path)
         pair = _of_pair(simulated, solved, SOLVER)
-        evidence += [each for each in pair if each.agrees or not _same_path(given)]
+        evidence += [comparison for comparison in pair if comparison.agrees or not same_path]
     return evidence
-
-
-def _same_path(given):
-    """Whether the circuit follows Monte Carlo's path."""
-    evidence = _of_engine(given["circuit"]) if "circuit" in given else ()
-    return bool(evidence) and all(each.agrees for each in evidence)
 
 
 def _of_pair(simulated, solved, judge):
@@ -254,12 +259,21 @@ def _of_mean(judge, name, ours, value, error):
     yield Evidence(judge, _words(name), deviation, joint, LARGEST_SIGMAS * joint)
 
 
-def _share(part, whole):
-    """part/whole, and 0 if both vanish."""
+def _share(part, total):
+    """part/total, and 0 if both vanish."""
     if part == 0.0:
         return 0.0
-    return part / abs(whole) if whole else math.inf
+    return part / abs(total) if total else math.inf
 
 
 def _words(name):
     return name.replace("_", " ")
+
+
+def _short(judge):
+    return "path" if judge.endswith("path") else SHORT_NAMES.get(judge, judge)
+
+
+def _percent(share):
+    """A percentage with one digit, or two if the first is 1."""
+    return f"{100.0 * share:.2g} %" if share >= 1e-4 else "<0.01 %"

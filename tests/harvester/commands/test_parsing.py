@@ -8,8 +8,8 @@ from typing import Annotated, Unpack
 
 import pytest
 
-from harvester.command_line import COMMANDS, build_parser
 from harvester.commands.parsing import about, add_options, described, values_of
+from harvester.commands.table import COMMANDS, build_parser
 from harvester.errors import HarvesterError
 from harvester.signatures import File, Grids, Kind, RunnerOptions, Seconds, Share, options_of
 
@@ -74,10 +74,10 @@ def test_a_command_has_its_options(name):
 
 @pytest.mark.parametrize("command", COMMANDS, ids=lambda command: command.name)
 def test_every_parameter_is_described_or_hidden(command):
-    places = (command.found, RunnerOptions)
+    places = (command.target, RunnerOptions)
     sections = ("Parameters", "Other Parameters")
     told = {name for each in places for section in sections for name in described(each, section)}
-    assert set(options_of(command.found)) <= told
+    assert set(options_of(command.target)) <= told
 
 
 def study(

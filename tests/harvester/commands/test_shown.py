@@ -15,7 +15,7 @@ from harvester.studies.sensitivity import Sensitivity
 from harvester.studies.sweep import Sweep
 from harvester.verification.accuracy.time_to_accuracy import TimeToAccuracy
 from harvester.verification.accuracy.work_precision import WorkPrecision
-from harvester.verification.known_results.truth import Verification
+from harvester.verification.known_results.verify import Verification
 from harvester.verification.paper import orbit_maps
 from harvester.verification.paper.claims import Judgement
 from harvester.verification.paper.reproduce import Reproduction

@@ -8,7 +8,7 @@ import pytest
 from scipy.stats import norm
 
 import harvester
-from harvester.commands import console, sketch
+from harvester.commands import console
 from harvester.estimates.estimate import Density
 
 
@@ -29,11 +29,11 @@ def average():
 @pytest.mark.parametrize("points", [23, 400])
 def test_heights_are_the_areas_above_each_letter(points):
     centre = np.linspace(-5.0, 5.0, points)
-    line, axis = sketch.densities({"exact": result_with(centre, norm.pdf(centre))})
-    shown = centre[norm.pdf(centre) >= sketch.SHOWN_SHARE * norm.pdf(centre).max()]
-    edges = np.linspace(shown[0], shown[-1], sketch.WIDTH + 1)
+    line, axis = console.density_sketch({"exact": result_with(centre, norm.pdf(centre))})
+    shown = centre[norm.pdf(centre) >= console.VISIBLE_SHARE * norm.pdf(centre).max()]
+    edges = np.linspace(shown[0], shown[-1], console.LETTERS + 1)
     areas = np.diff(norm.cdf(edges))
-    heights = [sketch.HEIGHTS.index(letter) for letter in line[-sketch.WIDTH :]]
+    heights = [console.HEIGHTS.index(letter) for letter in line[-console.LETTERS :]]
     # Half a letter for rounding, and what straight lines between few points leave out.
     assert np.abs(heights - 8.0 * areas / areas.max()).max() < (0.51 if points > 100 else 0.8)
     assert heights == heights[::-1]
@@ -43,7 +43,7 @@ def test_heights_are_the_areas_above_each_letter(points):
 
 def test_methods_share_range_and_height():
     centre = np.linspace(-5.0, 5.0, 400)
-    lines = sketch.densities(
+    lines = console.density_sketch(
         {
             "narrow": result_with(centre, norm.pdf(centre)),
             "wide one": result_with(centre, norm.pdf(centre, scale=2.0)),
@@ -51,11 +51,11 @@ def test_methods_share_range_and_height():
     )
     assert len({len(line) for line in lines}) == 1
     assert "█" in lines[0]
-    assert max(sketch.HEIGHTS.index(letter) for letter in lines[1][-sketch.WIDTH :]) == 4
+    assert max(console.HEIGHTS.index(letter) for letter in lines[1][-console.LETTERS :]) == 4
 
 
 def test_a_method_without_the_density_has_no_line():
-    assert sketch.densities({"none": SimpleNamespace(densities={})}) == []
+    assert console.density_sketch({"none": SimpleNamespace(densities={})}) == []
 
 
 class Terminal(io.TextIOWrapper):

@@ -8,13 +8,13 @@ from harvester import accuracy
 from harvester.command_line import main
 from harvester.scene.model import Scene
 from harvester.verification.accuracy import measurement, timed, work_precision
-from harvester.verification.accuracy.methods import REFERENCE, Method
+from harvester.verification.accuracy.methods import REFERENCE, ComparedMethod
 
 SQUARE = "mean_square_voltage"
 SHORT = ["run.realizations=16", "run.duration=200", "run.settle=20"]
 FEW = (
-    Method("Monte Carlo, Heun", "monte-carlo", 2, scheme="heun"),
-    Method("the reference", "monte-carlo", 4, REFERENCE.refinement),
+    ComparedMethod("Monte Carlo, Heun", "monte-carlo", 2, scheme="heun"),
+    ComparedMethod("the reference", "monte-carlo", 4, REFERENCE.refinement),
 )
 
 

@@ -14,7 +14,7 @@ from harvester.running import Task, open_runner
 from harvester.scene.model import Scene
 from harvester.show import figures
 from harvester.simulation.simulate import simulate
-from harvester.verification import exact_paths
+from harvester.verification import MEANS, STATES, exact_paths
 from harvester.verification.accuracy import measurement, timed
 from harvester.verification.accuracy.drawing import draw_work_precision
 from harvester.verification.accuracy.methods import (
@@ -22,10 +22,9 @@ from harvester.verification.accuracy.methods import (
     LOAD_METHODS,
     METHODS,
     THOROUGH_METHODS,
-    Method,
+    ComparedMethod,
 )
 from harvester.verification.accuracy.work_precision import work_precision
-from harvester.verification.quantities import MEANS, STATES
 
 FAMILIES = {
     # At the default step contacts ask for shorter ones: orders are those of uniform steps.
@@ -35,7 +34,7 @@ FAMILIES = {
     "heun": ("monte-carlo", 2, "heun", (1, 2, 4)),
 }
 FEW = [
-    Method(family, engine, order, refinement, scheme=scheme)
+    ComparedMethod(family, engine, order, refinement, scheme=scheme)
     for family, (engine, order, scheme, refinements) in FAMILIES.items()
     for refinement in refinements
 ]

@@ -15,7 +15,7 @@ from harvester.show import palette
 from harvester.simulation.simulate import simulate
 from harvester.verification.accuracy import measurement as module
 from harvester.verification.accuracy import timed
-from harvester.verification.accuracy.methods import COMPILED_METHODS, METHODS, Method
+from harvester.verification.accuracy.methods import COMPILED_METHODS, METHODS, ComparedMethod
 from harvester.verification.accuracy.time_to_accuracy import duration, reached, time_to_accuracy
 from harvester.verification.accuracy.timed import Timed
 from harvester.verification.accuracy.total_error import TotalError, bias_of
@@ -23,9 +23,9 @@ from harvester.verification.accuracy.total_error import TotalError, bias_of
 pytestmark = pytest.mark.usefixtures("shared_workers")
 
 FEW = (
-    Method("circuit", "circuit", 2),
-    Method("Monte Carlo, Runge–Kutta", "monte-carlo", 4),
-    Method("Monte Carlo, Heun", "monte-carlo", 2, scheme="heun"),
+    ComparedMethod("circuit", "circuit", 2),
+    ComparedMethod("Monte Carlo, Runge–Kutta", "monte-carlo", 4),
+    ComparedMethod("Monte Carlo, Heun", "monte-carlo", 2, scheme="heun"),
 )
 SQUARE = "mean_square_voltage"
 
@@ -106,7 +106,7 @@ def test_every_method_has_a_colour_and_a_marker_of_its_own():
 def briefly(monkeypatch):
     monkeypatch.setattr(module, "TIMED_METHODS", FEW)
     monkeypatch.setattr("harvester.verification.accuracy.methods.COMPILED_METHODS", ())
-    compiled = Method("Monte Carlo, TR-BDF2", "monte-carlo", 2)
+    compiled = ComparedMethod("Monte Carlo, TR-BDF2", "monte-carlo", 2)
     monkeypatch.setattr(module, "TIMED_LOAD_METHODS", (FEW[0], compiled))
     monkeypatch.setattr(timed, "NOISE_CLOSURES", ("consistent",))
     monkeypatch.setattr(module, "MOST_REALIZATIONS", 32)

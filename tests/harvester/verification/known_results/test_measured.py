@@ -16,15 +16,8 @@ from harvester.verification.known_results.measured import (
     linear_scatter,
     measured,
 )
-from harvester.verification.known_results.measured_page import measured_page
-from harvester.verification.known_results.truth import (
-    HOLDS,
-    MISSES,
-    NOT_HERE,
-    TruthRow,
-    Verification,
-    verify,
-)
+from harvester.verification.known_results.truth import HOLDS, MISSES, NOT_HERE, TruthRow
+from harvester.verification.known_results.verify import Verification, measured_page, verify
 
 BARE, TIPPED, BRIDGE = DEVICES
 

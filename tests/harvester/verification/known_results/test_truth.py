@@ -22,10 +22,9 @@ from harvester.verification.known_results.truth import (
     HOLDS,
     NOT_HERE,
     TruthRow,
-    Verification,
     row_of,
-    verify,
 )
+from harvester.verification.known_results.verify import Verification, verify
 from harvester.verification.paths import ignore
 
 # By title, of each kind that takes no second: a drop, loads on a prescribed sine, an orbit.
@@ -45,7 +44,7 @@ def test_the_closed_forms_know_their_own_limits(share):
     assert best == pytest.approx(1.0 / (2.0 * math.pi))
     assert formulas.bridge_power(1.0, 1.0 + share) < best
     assert formulas.resistor_power(1.0, share) <= 0.25
-    assert formulas.series_sshi_power(1.0, 1e-3) == pytest.approx(best)
+    assert formulas.switched_load("sshi_series", 1.0, 1e-3)[1] == pytest.approx(best)
     assert formulas.rebound_speed(share / 2.0) <= 1.0
     # White noise: E[P] = D less what the damper takes, of D in all.
     white = formulas.linear_piezo_power(0.2, 4.0, 1.0, share, 0.02)

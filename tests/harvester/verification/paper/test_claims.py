@@ -19,6 +19,7 @@ from harvester.verification.paper import claims as module
 from harvester.verification.paper import reproduce as figures
 from harvester.verification.paper import runs
 from harvester.verification.paper.claim_tests import (
+    BEYOND,
     Bimodal,
     Changed,
     Finding,
@@ -28,6 +29,8 @@ from harvester.verification.paper.claim_tests import (
     Stronger,
     Trend,
     Unchanged,
+    peak_of,
+    reach_of,
     relative_change,
 )
 from harvester.verification.paper.claims import (
@@ -41,7 +44,6 @@ from harvester.verification.paper.claims import (
     judge,
 )
 from harvester.verification.paper.claims_list import CLAIMS, Claim
-from harvester.verification.paper.density_features import BEYOND, peak_of, reach_of
 from harvester.verification.paper.figures_list import FIGURES
 from harvester.verification.paper.reproduce import Effort
 

@@ -11,7 +11,7 @@ from truths import flat
 
 from harvester.scene.model import Scene
 from harvester.show import figures
-from harvester.verification.paper import drawing, orbit_maps
+from harvester.verification.paper import orbit_maps
 
 SCENE = Scene.load("paper")
 P = flat(SCENE)
@@ -122,5 +122,5 @@ def test_json_and_figures(maps, tmp_path):
         header, rows = content.table()
         assert {len(row) for row in rows} == {len(header)}
         assert content.sentences()
-        figures.save(drawing.draw, content, tmp_path / "figure.png")
+        figures.write(content.figure(), tmp_path / "figure.png")
         assert (tmp_path / "figure.png").read_bytes().startswith(b"\x89PNG")

@@ -164,7 +164,13 @@ def test_the_legend_of_methods_fits_into_the_figure(name):
 def test_an_interrupt_leaves_the_figures_that_were_done(tiny, tmp_path, capsys, monkeypatch):
     """Ctrl-C in the moment when the last point of the first two figures is there."""
 
-    first = set(module._requests(module._plan(SCENE, FIGURES["fig5"], quick=True)))
+    first = {
+        request
+        for panel in module._plan(SCENE, FIGURES["fig5"], quick=True)
+        for line in panel
+        for points in line.values()
+        for _, request in points
+    }
 
     def interrupted(self, requests, on_answer, in_turn):
         for index, request in enumerate(requests):

@@ -16,8 +16,8 @@ from harvester.running import open_runner
 from harvester.scene.model import Scene
 from harvester.show.page import all_facts, table_in_pages
 from harvester.simulation.simulate import simulate
+from harvester.verification import MEANS
 from harvester.verification.known_results.formulas import rebound_speed
-from harvester.verification.quantities import MEANS
 from harvester.verification.stability import matrix as module
 from harvester.verification.stability.cases import (
     STEP_BUDGET,
@@ -27,7 +27,7 @@ from harvester.verification.stability.cases import (
     run_length,
 )
 from harvester.verification.stability.matrix import StabilityMatrix, stability
-from harvester.verification.stability.verdicts import REFUSED, RIGHT, CaseRow, Cell
+from harvester.verification.stability.verdicts import REFUSED, RIGHT, CaseRow, CaseVerdict
 
 pytestmark = pytest.mark.usefixtures("shared_workers")
 
@@ -217,7 +217,7 @@ def test_the_same_folder_again_computes_nothing_and_tells_the_same(tmp_path):
 
 
 def test_a_wrong_cell_is_exit_code_one(monkeypatch, capsys):
-    row = CaseRow(CASE, {"circuit": None}, {"circuit": Cell("wrong", "far off")})
+    row = CaseRow(CASE, {"circuit": None}, {"circuit": CaseVerdict("wrong", "far off")})
     wrong = StabilityMatrix(Scene.load("paper"), [row], 1.0)
     monkeypatch.setattr(module, "stability", lambda scene, **_: wrong)
     assert main(["stability"]) == 1
@@ -227,7 +227,9 @@ def test_a_wrong_cell_is_exit_code_one(monkeypatch, capsys):
 def test_a_long_table_comes_in_pages_and_its_refusals_are_folded():
     rows = [
         CaseRow(
-            Case("scene", f"case {k}", {}), {"paper": None}, {"paper": Cell(REFUSED, f"no {k}")}
+            Case("scene", f"case {k}", {}),
+            {"paper": None},
+            {"paper": CaseVerdict(REFUSED, f"no {k}")},
         )
         for k in range(67)
     ]

@@ -17,7 +17,7 @@ from harvester.prepared.prepared import prepared
 from harvester.prepared.steps import knot_spacing, steps_per_knot
 from harvester.scene.model import Scene
 from harvester.simulation.methods import ENGINES, Circuit, MonteCarlo
-from harvester.verification.quantities import MEANS
+from harvester.verification import MEANS
 from harvester.verification.stability.answers import CaseAnswer
 from harvester.verification.stability.cases import Case
 from harvester.verification.stability.path_deviation import PathDeviation, path_deviation

@@ -1,15 +1,13 @@
-import json
-
 import pytest
 
 from harvester.command_line import main
-from harvester.commands.citations import SOURCES, sources_of
+from harvester.commands.cite import all_sources, sources_of
 from harvester.errors import HarvesterError
 from harvester.scene.model import Scene
 
 
 def cited(scene, *engines):
-    return " ".join(f"{s.method} {s.reference}" for s in sources_of(content(scene, *engines)))
+    return " ".join(f"{s['method']} {s['reference']}" for s in sources_of(content(scene, *engines)))
 
 
 def content(scene, *engines):
@@ -71,8 +69,8 @@ def test_every_source_can_be_reached():
     ]
     engines = ("circuit", "averaging fokker_planck")
     engines += ("averaging consistent of fitted noise",)
-    reached = {s.reference for scene in scenes for s in sources_of(content(scene, *engines))}
-    assert reached == {source.reference for source in SOURCES}
+    reached = {s["reference"] for scene in scenes for s in sources_of(content(scene, *engines))}
+    assert reached == {source["reference"] for source in all_sources()}
 
 
 @pytest.mark.slow
@@ -85,7 +83,7 @@ def test_the_command_reads_real_results(tmp_path, capsys):
     assert "Stratonovich" in shown
     assert "ngspice" not in shown
     assert main(["cite"]) == 0
-    assert capsys.readouterr().out.count("\n") == 2 * len(SOURCES)
+    assert capsys.readouterr().out.count("\n") == 2 * len(all_sources())
 
 
 @pytest.mark.parametrize(
@@ -99,6 +97,7 @@ def test_what_is_no_result_is_refused(tmp_path, capsys, text, word):
     assert word in capsys.readouterr().err
 
 
-def test_a_result_without_an_engine_is_refused():
+@pytest.mark.parametrize("engine", [{}, {"engine": 5}, {"results": [1], "engine": None}])
+def test_a_result_without_an_engine_is_refused(engine):
     with pytest.raises(HarvesterError, match="no scene and engine"):
-        sources_of({"scene": json.loads("{}")})
+        sources_of({"scene": {}, **engine})
