@@ -33,8 +33,8 @@ def _drawn(view):
     figure.set_layout_engine("none")
     halves = figure.add_gridspec(2, 1, **MARGINS)
     across = halves[0].subgridspec(1, len(result.densities), wspace=0.28)
-    for place, name in enumerate(result.densities):
-        axes = figure.add_subplot(across[place])
+    for column, name in enumerate(result.densities):
+        axes = figure.add_subplot(across[column])
         draw_density(axes, result, name, MONTE_CARLO, "-", "Monte Carlo")
         if name in view.outline:
             solver = replace(result, densities=view.outline)
@@ -43,7 +43,7 @@ def _drawn(view):
         axes.set_ylim(bottom=0.0)
         axes.locator_params(axis="x", nbins=5)
         frame(axes, [result], name)
-        if place == 0:
+        if column == 0:
             axes.set_ylabel("probability density")
             figure.legend(*axes.get_legend_handles_labels(), loc="upper right", ncols=2)
     motion = halves[1].subgridspec(2, 1, hspace=0.18)

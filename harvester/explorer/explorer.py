@@ -89,12 +89,12 @@ class View:
 
     def sentence(self) -> str:
         """Power, efficiency and rms voltage with their standard errors, in one line."""
-        found = {name: self.result[name] for name in QUANTITIES if name in self.result}
-        said = [
-            f"{name.replace('_', ' ')} {with_error(each, self.result.unit(each.dimension))}"
-            for name, each in found.items()
+        estimates = {name: self.result[name] for name in QUANTITIES if name in self.result}
+        phrases = [
+            f"{name.replace('_', ' ')} {with_error(estimate, self.result.unit(estimate.dimension))}"
+            for name, estimate in estimates.items()
         ]
-        return ", ".join(said)
+        return ", ".join(phrases)
 
     def figure(self) -> Figure:
         """Densities by both methods, above displacement and voltage over time."""
@@ -205,19 +205,19 @@ def explore(
         No such number, no range; or the scene itself cannot be simulated.
     """
     keys = _usual(scene) if over is None else [over] if isinstance(over, str) else over
-    given = dict(keys) if isinstance(keys, Mapping) else {}
-    return Explorer(scene, {key: _range(scene, key, given.get(key)) for key in keys})
+    ranges = dict(keys) if isinstance(keys, Mapping) else {}
+    return Explorer(scene, {key: _range(scene, key, ranges.get(key)) for key in keys})
 
 
 def cut_short(scene: Scene) -> Scene:
     """The scene with its run shortened to `STEPS_SHOWN` steps of Monte Carlo."""
-    ready = prepared(scene)
-    per_second = steps_per_knot(ready, engine="monte-carlo") / knot_spacing(ready)
+    setup = prepared(scene)
+    per_second = steps_per_knot(setup, engine="monte-carlo") / knot_spacing(setup)
     load = scene.load.circuit
     if load and load.resistance is None:
         per_second *= SWITCHING_COST if load.switches else NETLIST_COST
     longest = STEPS_SHOWN / FEWEST_REALIZATIONS / per_second - scene.run.settle
-    duration = min(scene.run.duration, max(longest, scene.run.settle, knot_spacing(ready)))
+    duration = min(scene.run.duration, max(longest, scene.run.settle, knot_spacing(setup)))
     count = int(STEPS_SHOWN / per_second / (scene.run.settle + duration))
     return scene.replace(
         {
@@ -243,16 +243,16 @@ def outlined(scene: Scene, report: Callable) -> dict[str, Density]:
         "velocity": (v, joint.sum(axis=0) * (x[1] - x[0])),
         "voltage": density.tabulated("voltage"),
     }
-    return {name: Density(*each, None, name) for name, each in marginals.items()}
+    return {name: Density(*curve, None, name) for name, curve in marginals.items()}
 
 
 def _answer(solving):
     """The solver's answer and "", or an empty answer and the reason."""
     try:
-        found = solving.result()
+        answer = solving.result()
     except HarvesterError as error:
-        found = error
-    return ({}, str(found)) if isinstance(found, HarvesterError) else (found, "")
+        answer = error
+    return ({}, str(answer)) if isinstance(answer, HarvesterError) else (answer, "")
 
 
 def _usual(scene):

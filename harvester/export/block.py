@@ -72,8 +72,8 @@ class Block:
     @property
     def load_resistance(self) -> float:
         """Resistance (Ω) of the scene's resistor, else one that takes power well."""
-        table, given = self.ready.scene.transducer, self.ready.setting.resistance
-        return given or table.matched_resistance(self.parameters.rate)
+        table, resistance = self.ready.scene.transducer, self.ready.setting.resistance
+        return resistance or table.matched_resistance(self.parameters.rate)
 
 
 def block_of(
@@ -101,18 +101,18 @@ def block_of(
     ------
     HarvesterError
     """
-    ready = prepared(scene)
-    check_block(ready)
+    setup = prepared(scene)
+    check_block(setup)
     check_realization(scene, realization)
     longest = check_step(step)
     if isinstance(longest, str):
-        longest = longest_step(ready) / STEP_LEVELS[longest]
-    stop = duration or TEST_PERIODS * 2.0 * math.pi / timescales.angular_frequency(ready.system)
+        longest = longest_step(setup) / STEP_LEVELS[longest]
+    stop = duration or TEST_PERIODS * 2.0 * math.pi / timescales.angular_frequency(setup.system)
     return Block(
-        ready,
+        setup,
         "harvester_" + re.sub(r"\W", "_", scene.name),
-        Parameters(ready, start_state(ready, realization), displacement_unit),
-        _vibration(ready, realization, stop),
+        Parameters(setup, start_state(setup, realization), displacement_unit),
+        _vibration(setup, realization, stop),
         longest,
         stop,
     )
@@ -181,12 +181,12 @@ def write_subcircuit(
     check_dialect(dialect, DIALECTS)
     folder = folder_of(output, "subckt")
     block = block_of(scene, step, realization, displacement_unit, duration)
-    said = "".join(f"* {line}".rstrip() + "\n" for line in block.comment)
+    comment = "".join(f"* {line}".rstrip() + "\n" for line in block.comment)
     if dialect != "ngspice":
         # These simulators may read a file as one-byte characters.
-        said = said.encode("ascii", "replace").decode()
+        comment = comment.encode("ascii", "replace").decode()
     name, library = block.name, f"{block.name}.lib"
-    files = {library: said + in_dialect(subcircuit(name, block.parameters), dialect)}
+    files = {library: comment + in_dialect(subcircuit(name, block.parameters), dialect)}
     files |= _vibration_file(block, dialect)
     files[f"{name}_test.cir"] = _deck(block, dialect)
     if dialect == "ngspice":

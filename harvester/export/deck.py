@@ -55,9 +55,9 @@ def write_deck(
         target = in_folder(target, f"{scene.name}.cir")
     check_writable(target)
     check_realization(scene, realization)
-    ready = prepared(scene)
-    call = (ready, noise_path(ready, realization))
-    start, longest = start_state(ready, realization), check_step(step)
+    setup = prepared(scene)
+    call = (setup, noise_path(setup, realization))
+    start, longest = start_state(setup, realization), check_step(step)
     if dialect == "ngspice":
         write_text(target, stand_alone(*call, start, longest).text + ".end\n")
         return [] if is_stream(target) else [Path(target)]

@@ -55,16 +55,16 @@ def write(
             f"--as {kind}: no such kind{nearest(kind, FORMATS)}; there are {', '.join(FORMATS)}"
         )
     writer = FORMATS[kind]
-    given = {name: value for name, value in options.items() if value is not None}
-    known = inspect.signature(writer).parameters
-    for name in given:
-        if name not in known:
+    arguments = {name: value for name, value in options.items() if value is not None}
+    parameters = inspect.signature(writer).parameters
+    for name in arguments:
+        if name not in parameters:
             raise HarvesterError(
                 f"--{name.replace('_', '-')}: `export --as {kind}` has no such option; leave it out"
             )
-    if "report" in known:
-        given["report"] = report
-    return writer(scene, output, **given)
+    if "report" in parameters:
+        arguments["report"] = report
+    return writer(scene, output, **arguments)
 
 
 def deck(

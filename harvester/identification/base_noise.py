@@ -66,8 +66,8 @@ def covariance_of_scores(
     drawn = without_states(_drawn(shooting, fit, number), table[..., p : p + 3], cuts)
     of_base, of_outputs = _sizes(table[..., -1], drawn)
     scores = np.einsum("noi,nod->id", columns, drawn)
-    found = of_base / drawn.shape[-1] * scores @ scores.T
-    return found + np.einsum("o,noi,noj->ij", of_outputs, columns, columns)
+    covariance = of_base / drawn.shape[-1] * scores @ scores.T
+    return covariance + np.einsum("o,noi,noj->ij", of_outputs, columns, columns)
 
 
 def _drawn(shooting, fit, number):
@@ -76,10 +76,10 @@ def _drawn(shooting, fit, number):
     base, rate = measurement.acceleration, measurement.sampling_rate
     size = max(base_noise(base, rate), LEAST_BASE_NOISE * float(np.std(base)))
     noise = size * np.random.default_rng(0).standard_normal((base.size, DRAWS))
-    found = shooting.responses.moved_by_noise(
+    residuals = shooting.responses.moved_by_noise(
         number, noise, fit.values, fit.edges[number], fit.starts[number]
     )
-    return found / fit.noise[number][:, None]
+    return residuals / fit.noise[number][:, None]
 
 
 def _sizes(left, drawn):
@@ -91,9 +91,9 @@ def _sizes(left, drawn):
     shape = np.mean(np.abs(np.fft.rfft(drawn, axis=0)[1:]) ** 2, axis=-1) / samples
     white = np.kron(np.eye(outputs), np.ones((seen.shape[0], 1)))
     parts = np.column_stack([shape.T.ravel(), white])
-    wanted = seen.T.ravel()
+    spectrum = seen.T.ravel()
     explained = np.repeat(np.maximum(seen.mean(axis=0), 1e-300), seen.shape[0])
     for _ in range(WHITTLE_STEPS):
-        sizes = nnls(parts / explained[:, None], wanted / explained)[0]
+        sizes = nnls(parts / explained[:, None], spectrum / explained)[0]
         explained = np.maximum(parts @ sizes, 1e-12 * explained.max())
     return sizes[0], sizes[1:]

@@ -181,13 +181,13 @@ def _linear(frequency, impedance, shapes):
     rate = 2j * math.pi * frequency
     columns = [rate, -1j * rate, *(_unit_branch(frequency, *shape) for shape in shapes)]
     table = _stacked(np.column_stack(columns) * impedance[:, None])
-    wanted = _stacked(np.ones((frequency.size, 1)))[:, 0]
+    target = _stacked(np.ones((frequency.size, 1)))[:, 0]
     sizes = np.abs(table).max(axis=0)
-    found = np.linalg.lstsq(table / sizes, wanted, rcond=None)[0] / sizes
-    largest = np.abs(found).max()
-    clamped = max(found[0], 1e-3 * largest)
-    parameters = [math.log(clamped), found[1] / clamped]
-    for shape, motional in zip(shapes, found[2:], strict=True):
+    coefficients = np.linalg.lstsq(table / sizes, target, rcond=None)[0] / sizes
+    largest = np.abs(coefficients).max()
+    clamped = max(coefficients[0], 1e-3 * largest)
+    parameters = [math.log(clamped), coefficients[1] / clamped]
+    for shape, motional in zip(shapes, coefficients[2:], strict=True):
         parameters += [*np.log(shape), math.log(max(motional, 1e-6 * largest))]
     return np.array(parameters)
 
@@ -204,12 +204,12 @@ def _stacked(table):
 
 def _with_another(frequency, impedance, parameters):
     """Parameters with the mode that takes most off the relative error of Y."""
-    shapes = [tuple(np.exp(each[:2])) for each in parameters[2:].reshape(-1, 3)]
+    shapes = [tuple(np.exp(row[:2])) for row in parameters[2:].reshape(-1, 3)]
     rate = 2j * math.pi * frequency
     columns = [rate, -1j * rate, *(_unit_branch(frequency, *shape) for shape in shapes)]
     basis, _ = np.linalg.qr(_stacked(np.column_stack(columns) * impedance[:, None]))
-    wanted = _stacked(np.ones((frequency.size, 1)))[:, 0]
-    wanted = wanted - basis @ (basis.T @ wanted)
+    target = _stacked(np.ones((frequency.size, 1)))[:, 0]
+    target = target - basis @ (basis.T @ target)
     places = frequency[1:-1][:: max(1, math.ceil(frequency.size / MOST_PLACES))]
     best, most = (places[0], QUALITIES[0]), 0.0
     for quality in QUALITIES:
@@ -218,7 +218,7 @@ def _with_another(frequency, impedance, parameters):
         sizes = np.linalg.norm(table, axis=0)
         table = table - basis @ (basis.T @ table)
         norms = np.linalg.norm(table, axis=0)
-        along = wanted @ table
+        along = target @ table
         # Only branches with a positive motional capacitance are candidates.
         gains = np.where((along > 0.0) & (norms > 1e-6 * sizes), along / norms, 0.0)
         if gains.max() > most:
@@ -245,14 +245,14 @@ def _polished(frequency, impedance, begun, noise):
 
     with np.errstate(all="ignore"):
         try:
-            found = least_squares(
+            solution = least_squares(
                 residuals, begun, slopes, method="lm", x_scale=1.0, xtol=1e-12, ftol=1e-12
             )
         except ValueError:
             return begun, math.inf
-    order = np.argsort(found.x[2::3])
-    parameters = np.concatenate([found.x[:2], found.x[2:].reshape(-1, 3)[order].ravel()])
-    return parameters, float(2.0 * found.cost)
+    order = np.argsort(solution.x[2::3])
+    parameters = np.concatenate([solution.x[:2], solution.x[2:].reshape(-1, 3)[order].ravel()])
+    return parameters, float(2.0 * solution.cost)
 
 
 def _concluded(frequency, impedance, parameters):
@@ -299,13 +299,13 @@ def check_width(frequency: np.ndarray, circuit: Circuit, mode: int, where: str) 
     ------
     IdentificationError
     """
-    known = circuit.numbers(mode)
-    resonance = known["series_resonance"]
-    width = resonance / known["quality"]
+    branch = circuit.numbers(mode)
+    resonance = branch["series_resonance"]
+    width = resonance / branch["quality"]
     inside = np.abs(frequency - resonance) <= 0.5 * width
     # Where the series and the parallel resonance are farther apart than the width, all points
     # between them count.
-    between = (frequency >= resonance) & (frequency <= known["parallel_resonance"])
+    between = (frequency >= resonance) & (frequency <= branch["parallel_resonance"])
     points = int(np.count_nonzero(inside | between))
     if points < FEWEST_OVER_WIDTH:
         raise IdentificationError(

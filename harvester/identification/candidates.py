@@ -90,7 +90,7 @@ def candidates(
         Whether the scene's own model leaves only the sensors' noise; else sensor effects are tried
         too.
     """
-    found = [Candidate("as given", base, 0.0, 0.0)]
+    models = [Candidate("as given", base, 0.0, 0.0)]
     keys = base.keys
     for name, scene, free in variants(base.scene, keys, sizes):
         # A fit of a wrong model does not converge to one with stoppers: such a variant starts from
@@ -106,28 +106,28 @@ def candidates(
             other = fitted(scene, measurements, free, sizes, warm=None if anew else base)
         except HarvesterError:
             continue
-        found.append(Candidate(name, other, *_compared(base, other)))
+        models.append(Candidate(name, other, *_compared(base, other)))
     if not is_noise:
-        found += _of_sensors(base, measurements, sizes, start)
-    return found
+        models += _of_sensors(base, measurements, sizes, start)
+    return models
 
 
 def _of_sensors(base, measurements, sizes, start):
     """Models with sensor effects: small ones first, then columns of another sign or frame."""
     if isinstance(measurements[0], MeasuredResponse):
         return []
-    found = []
+    models = []
     for trial in promising(base, measurements, sizes):
         with contextlib.suppress(HarvesterError):
             other = fitted(base.scene, measurements, [*base.keys, *trial.keys], sizes, warm=base)
-            found.append(Candidate(trial.name, other, *_compared(base, other)))
-    if any(each.is_better and _explains_all(each.fitted) for each in found):
-        return found
+            models.append(Candidate(trial.name, other, *_compared(base, other)))
+    if any(model.is_better and _explains_all(model.fitted) for model in models):
+        return models
     for trial in turned(measurements):
         with contextlib.suppress(HarvesterError):
             other = fitted(start, trial.measurements, base.keys, sizes)
-            found.append(Candidate(trial.name, other, *_compared(base, other)))
-    return found
+            models.append(Candidate(trial.name, other, *_compared(base, other)))
+    return models
 
 
 def _explains_all(fitted):
@@ -151,17 +151,17 @@ def _compared(base, other):
     ratios: list[float] = []
     for mine, theirs in zip(base.stretches, other.stretches, strict=True):
         units = np.sqrt(np.mean(mine.residuals**2, axis=0))
-        own, new = (
-            np.array([np.mean(part**2) for part in blocks_of(each.residuals / units)])
-            for each in (mine, theirs)
+        old, new = (
+            np.array([np.mean(part**2) for part in blocks_of(stretch.residuals / units)])
+            for stretch in (mine, theirs)
         )
-        ratios += [float(ratio) for ratio in np.log(new / own)]
+        ratios += [float(ratio) for ratio in np.log(new / old)]
     return float(np.mean(ratios)), float(np.std(ratios, ddof=1)) / math.sqrt(len(ratios))
 
 
 def proposed(found: Sequence[Candidate]) -> Candidate:
     """The simplest that predicts as well as the best."""
-    return min(_of_the_best(found), key=lambda each: (len(each.fitted.keys), each.better))
+    return min(_of_the_best(found), key=lambda model: (len(model.fitted.keys), model.better))
 
 
 def rivals(found: Sequence[Candidate]) -> list[Candidate]:
@@ -169,35 +169,35 @@ def rivals(found: Sequence[Candidate]) -> list[Candidate]:
     between them."""
     best = proposed(found)
     return [
-        each
-        for each in _of_the_best(found)
-        if each is not best and len(each.fitted.keys) == len(best.fitted.keys)
+        model
+        for model in _of_the_best(found)
+        if model is not best and len(model.fitted.keys) == len(best.fitted.keys)
     ]
 
 
 def _of_the_best(found):
     """Candidates that predict as well as the best, within two standard errors or `NOTED`."""
-    best = min(found, key=lambda each: each.better)
+    best = min(found, key=lambda model: model.better)
     if not best.is_better:
-        return [each for each in found if each.is_as_good]
+        return [model for model in found if model.is_as_good]
     return [
-        each
-        for each in found
-        if each.better - best.better < max(2.0 * math.hypot(each.error, best.error), 2.0 * NOTED)
+        model
+        for model in found
+        if model.better - best.better < max(2.0 * math.hypot(model.error, best.error), 2.0 * NOTED)
     ]
 
 
 def variants(scene: Scene, keys: Sequence[str], sizes: dict[str, float]) -> list:
     """(name, scene, keys) of the models that differ by one part."""
-    found = []
+    models = []
     for make in (_symmetry, _cubic, _richer, _plainer, _softening, _drag, _stoppers):
         try:
-            made = make(scene, list(keys), sizes)
+            variant = make(scene, list(keys), sizes)
         except HarvesterError:
             continue
-        if made:
-            found.append(made)
-    return found
+        if variant:
+            models.append(variant)
+    return models
 
 
 def _force(scene):
@@ -222,8 +222,8 @@ def _symmetry(scene, keys, sizes):
     if even:
         plain = [0.0 if n in even else k for n, k in enumerate(force)]
         left_out = {FORCE.format(n) for n in even}
-        kept = [key for key in _spring_keys(keys, force) if key not in left_out]
-        return "symmetric spring", scene.replace({"oscillator.restoring_force": plain}), kept
+        free = [key for key in _spring_keys(keys, force) if key not in left_out]
+        return "symmetric spring", scene.replace({"oscillator.restoring_force": plain}), free
     if len(force) < 4 or force[3] == 0.0:
         return None
     force[2] = LITTLE * sizes[FORCE.format(2)]
@@ -282,11 +282,11 @@ def _plainer(scene, keys, sizes):
     degree = _degree(force)
     if degree <= 3:
         return None
-    kept = 3 + 2 * ((degree - 4) // 2)
-    lower = scene.replace({"oscillator.restoring_force": force[: kept + 1]})
-    left_out = {FORCE.format(n) for n in range(kept + 1, len(force))}
+    power = 3 + 2 * ((degree - 4) // 2)
+    lower = scene.replace({"oscillator.restoring_force": force[: power + 1]})
+    left_out = {FORCE.format(n) for n in range(power + 1, len(force))}
     free = [key for key in _spring_keys(keys, force) if key not in left_out]
-    return f"spring only up to power {kept}", lower, free
+    return f"spring only up to power {power}", lower, free
 
 
 def _softening(scene, keys, sizes):
@@ -313,15 +313,15 @@ def _drag(scene, keys, sizes):
     """The variant without the air's drag, or with it."""
     key = "oscillator.quadratic_damping"
     if scene.oscillator.quadratic_damping > 0.0:
-        return "no drag", scene.replace({key: 0.0}), [each for each in keys if each != key]
+        return "no drag", scene.replace({key: 0.0}), [name for name in keys if name != key]
     return "drag", scene.replace({key: LITTLE * sizes[key]}), [*keys, key]
 
 
 def _stoppers(scene, keys, sizes):
     """The variant without stoppers, or with a pair near the greatest displacement."""
     if scene.stoppers:
-        kept = [key for key in keys if not key.startswith("stoppers")]
-        return "no stoppers", scene.replace(stoppers=None), kept
+        free = [key for key in keys if not key.startswith("stoppers")]
+        return "no stoppers", scene.replace(stoppers=None), free
     table = {
         "gap": STOPPER_PLACE * sizes["stoppers.gap"],
         "stiffness": STOPPER_STIFFNESS * sizes["stoppers.stiffness"],

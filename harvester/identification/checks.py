@@ -46,17 +46,17 @@ def check_records(scene: Scene, measurements: Sequence[Measurement]) -> None:
             "--record: name at least one measured record, or an impedance by --impedance"
         )
     shared = set(measurements[0].sensed)
-    for each in measurements:
-        require_resistor(scene.replace(each.changes), "identify")
-        if each.sensed and not shared & set(each.sensed):
+    for record in measurements:
+        require_resistor(scene.replace(record.changes), "identify")
+        if record.sensed and not shared & set(record.sensed):
             raise IdentificationError(
-                f"{each.name}: measures {', '.join(each.sensed)}, and the first record "
+                f"{record.name}: measures {', '.join(record.sensed)}, and the first record "
                 f"{', '.join(sorted(shared))}: records need a quantity in common"
             )
-        if isinstance(each, MeasuredResponse):
-            each.check()
+        if isinstance(record, MeasuredResponse):
+            record.check()
         else:
-            _check_record(each)
+            _check_record(record)
 
 
 def scale_is_missing(record: Measurement | MeasuredResponse) -> bool:
@@ -71,15 +71,15 @@ def check_volts(measurements: Sequence[Measurement], keys: Sequence[str]) -> Non
     ------
     IdentificationError
     """
-    for each in filter(scale_is_missing, measurements):
+    for record in filter(scale_is_missing, measurements):
         if VELOCITY_SCALE not in keys:
             raise IdentificationError(
-                f"{each.name}: the velocity is in volts: name its scale with --free "
+                f"{record.name}: the velocity is in volts: name its scale with --free "
                 f"{VELOCITY_SCALE}, or give it behind the file as {VELOCITY_SCALE}=VOLTS_PER_M/S"
             )
-        if len(each.outputs) == 1:
+        if len(record.outputs) == 1:
             raise IdentificationError(
-                f"{each.name}: a velocity in volts alone does not tell its scale: give it behind "
+                f"{record.name}: a velocity in volts alone does not tell its scale: give it behind "
                 f"the file as {VELOCITY_SCALE}=VOLTS_PER_M/S, or name a voltage or a displacement"
             )
 

@@ -70,16 +70,16 @@ def misfits(fitted: Fitted) -> list[Misfit]:
     if fitted.settled is None:
         return []
     return [
-        each
+        misfit
         for number in range(len(fitted.settled.edges))
-        for each in _Residuals(fitted, number).misfits()
+        for misfit in _Residuals(fitted, number).misfits()
     ]
 
 
 def worst(found: Sequence[Misfit]) -> Misfit | None:
     """The misfit that is farthest from noise; None where all are noise."""
-    wrong = [each for each in found if not each.is_noise]
-    return max(wrong, key=lambda each: each.systematic, default=None)
+    wrong = [misfit for misfit in found if not misfit.is_noise]
+    return max(wrong, key=lambda misfit: misfit.systematic, default=None)
 
 
 class _Residuals:
@@ -100,13 +100,13 @@ class _Residuals:
     def misfits(self) -> list[Misfit]:
         left, drawn = self.table[..., -1], self._drawn()
         simulated = left * self.noise + self.measured
-        found = []
+        results = []
         for output, name in enumerate(self.experiment.measurement.outputs):
             signals = self._signals(output, simulated[:, output])
             spectrum = _smooth(np.mean(np.abs(np.fft.rfft(drawn[:, output], axis=0)) ** 2, axis=1))
             systematic, ratio = _regressed(left[:, output], signals, spectrum)
             unit = float(self.noise[output] / np.std(self.measured[:, output]))
-            found.append(
+            results.append(
                 Misfit(
                     self.experiment.measurement.name,
                     name,
@@ -116,13 +116,13 @@ class _Residuals:
                     ratio,
                 )
             )
-        return found
+        return results
 
     def _drawn(self):
         """Simulated residuals of a right model, shape (samples, outputs, draws)."""
         measurement, random = self.experiment.measurement, np.random.default_rng(0)
         rate, base = measurement.sampling_rate, measurement.acceleration
-        floors = np.array([noise_floor(each, rate) for each in self.measured.T])
+        floors = np.array([noise_floor(series, rate) for series in self.measured.T])
         shaken = base_noise(base, rate) * random.standard_normal((base.size, DRAWS))
         drawn = self.responses.moved_by_noise(
             self.number, shaken, self.values, self.edges, self.starts
@@ -138,7 +138,7 @@ class _Residuals:
         integral = integrals(measurement.acceleration, measurement.sampling_rate, places)[0]
         moved = simulated - simulated.mean()
         slope = np.gradient(moved)
-        made = [
+        signals = [
             moved,
             slope,
             measurement.acceleration[self.inside],
@@ -147,7 +147,7 @@ class _Residuals:
             moved**3,
             moved**2 * slope,
         ]
-        columns = np.column_stack([each - each.mean() for each in made])
+        columns = np.column_stack([signal - signal.mean() for signal in signals])
         columns = columns / np.maximum(columns.std(axis=0), 1e-300)
         alone = np.zeros((*self.measured.shape, columns.shape[1]))
         alone[:, output] = columns

@@ -76,20 +76,20 @@ class Fitted:
         IdentificationError
             No device has these values.
         """
-        keys = [each.key for each in shooting.unknowns]
-        made = with_values(scene, keys, fit.values)
-        if made is None:
+        keys = [unknown.key for unknown in shooting.unknowns]
+        fitted_scene = with_values(scene, keys, fit.values)
+        if fitted_scene is None:
             raise IdentificationError(
                 f"{scene.name}: the scene refuses the best-fitting values: check the columns' "
                 "units and signs, free fewer (--free), or begin nearer (--set)"
             )
         path = shooting.responses.interpolation
-        base = made.excitation
+        base = fitted_scene.excitation
         if isinstance(base, RecordedMotion) and base.knot_spacing is None:
             # Later simulations under this record then interpolate it as the fit did.
-            made = made.replace({"excitation.interpolation": path})
+            fitted_scene = fitted_scene.replace({"excitation.interpolation": path})
         return cls(
-            made,
+            fitted_scene,
             shooting.unknowns,
             fit.values,
             covariance,
@@ -110,7 +110,7 @@ class Fitted:
     @property
     def sensor_noise(self) -> float:
         """Noise of the first output's sensor, as a share of its rms, in the noisiest record."""
-        return max(sensor_noise(each) for each in self.stretches)
+        return max(sensor_noise(part) for part in self.stretches)
 
     @property
     def adequate(self) -> bool:
@@ -122,12 +122,12 @@ class Fitted:
     def leaves_noise(self) -> bool:
         """Whether the residuals of the data kept aside are only noise, so that no model can
         be better."""
-        return all(each.nrmse() <= (1.0 + NOTED) * sensor_noise(each) for each in self.stretches)
+        return all(part.nrmse() <= (1.0 + NOTED) * sensor_noise(part) for part in self.stretches)
 
     @property
     def keys(self) -> list[str]:
         """Keys of the values."""
-        return [each.key for each in self.unknowns]
+        return [unknown.key for unknown in self.unknowns]
 
     @property
     def standard_errors(self) -> np.ndarray:
@@ -137,4 +137,4 @@ class Fitted:
     @property
     def nrmse(self) -> float:
         """Normalized rms error of the first output over all stretches kept aside."""
-        return float(np.sqrt(np.mean([each.nrmse() ** 2 for each in self.stretches])))
+        return float(np.sqrt(np.mean([part.nrmse() ** 2 for part in self.stretches])))

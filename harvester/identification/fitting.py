@@ -52,7 +52,7 @@ RULED_OUT = 9.0
 
 def lengths_of(measurements: Sequence[Measurement]) -> list[int]:
     """Number of samples of each record that are fitted."""
-    return [int(FITTED_SHARE * each.acceleration.size) for each in measurements]
+    return [int(FITTED_SHARE * record.acceleration.size) for record in measurements]
 
 
 def responses_of(
@@ -64,14 +64,14 @@ def responses_of(
 ) -> Responses:
     """The records with the scene, ready to be simulated."""
     experiments = [
-        experiment(scene, each, frequencies(each)[1], per_period) for each in measurements
+        experiment(scene, record, frequencies(record)[1], per_period) for record in measurements
     ]
     return Responses(experiments, keys, interpolations_of(measurements)[0], length)
 
 
 def interpolations_of(measurements: Sequence[Measurement]) -> tuple[str, ...]:
     """Interpolations to try between samples: only the smooth one where samples are few."""
-    fewest = min(each.sampling_rate / frequencies(each)[0] for each in measurements)
+    fewest = min(record.sampling_rate / frequencies(record)[0] for record in measurements)
     return INTERPOLATIONS if fewest >= FEWEST_FOR_LINES else INTERPOLATIONS[1:]
 
 
@@ -101,7 +101,7 @@ def fitted(
     IdentificationError
         No start leads to a device that follows the records.
     """
-    steady = [each for each in measurements if isinstance(each, MeasuredResponse)]
+    steady = [record for record in measurements if isinstance(record, MeasuredResponse)]
     if steady and (len(steady) < len(measurements) or _has_impedance(steady)):
         # `joint_fit` calls this function for its first fit, hence the import here.
         from harvester.identification.joint_fit import fitted_together
@@ -118,15 +118,15 @@ def fitted(
     lengths = lengths_of(measurements)
     if warm:
         responses.interpolation = fine.interpolation = warm.interpolation
-        found = _warmed(responses, fine, free, warm)
+        problem = _warmed(responses, fine, free, warm)
     else:
-        found = searched(responses, free, lengths)
-    if found is None:
+        problem = searched(responses, free, lengths)
+    if problem is None:
         raise IdentificationError(
             f"{scene.name}: no values of {', '.join(keys)} follow the records: check the columns' "
             "units and signs, the load's resistance, and begin nearer (--set)"
         )
-    shooting, fit = found
+    shooting, fit = problem
     if not warm:
         fit = recentred(shooting, fit, scene)
     # A neighbouring model interpolates the records as the model that it is compared with.
@@ -134,9 +134,9 @@ def fitted(
     if not warm and len(interpolations_of(measurements)) > 1:
         fits |= _otherwise(shooting, fit)
     shooting.responses = fine
-    for name, each in fits.items():
+    for name, start in fits.items():
         fine.interpolation = name
-        fits[name] = shooting.minimized(each, LAST, FINE)
+        fits[name] = shooting.minimized(start, LAST, FINE)
     best, *others = sorted(fits, key=lambda name: _misfit(fits[name]))
     fit, fine.interpolation = fits[best], best
     values = fit.values
@@ -147,7 +147,8 @@ def fitted(
             # error.
             covariance = covariance + np.outer(other.values - values, other.values - values)
     stretches = [
-        (length, each.acceleration.size) for length, each in zip(lengths, measurements, strict=True)
+        (length, record.acceleration.size)
+        for length, record in zip(lengths, measurements, strict=True)
     ]
     proof, settled = predicted(shooting, fit, stretches)
     return Fitted.concluded(scene, shooting, fit, covariance, proof, settled)
@@ -156,14 +157,14 @@ def fitted(
 def _has_impedance(steady):
     from harvester.identification.measured_impedance import MeasuredImpedance
 
-    return any(isinstance(each, MeasuredImpedance) for each in steady)
+    return any(isinstance(response, MeasuredImpedance) for response in steady)
 
 
 def _otherwise(shooting, fit):
     """The fit with the other interpolation, by its name; none where no motion follows."""
     responses = shooting.responses
-    own = responses.interpolation
-    (other,) = (name for name in INTERPOLATIONS if name != own)
+    interpolation = responses.interpolation
+    (other,) = (name for name in INTERPOLATIONS if name != interpolation)
     begun = opened(shooting, fit)
     responses.interpolation = other
     trial = followed_anew(shooting, begun, fit.cost)
@@ -171,28 +172,28 @@ def _otherwise(shooting, fit):
         # Both costs are compared with the same weights.
         trial = replace(trial, noise=fit.noise)
         trial.cost = shooting.cost(trial)
-    responses.interpolation = own
+    responses.interpolation = interpolation
     return {other: trial} if trial and trial.cost < HOPELESS * fit.cost else {}
 
 
 def _misfit(fit):
     """Cost of a fit plus the number of its fitted window states, to compare fits by."""
-    return fit.cost + sum(each.size for each in fit.starts)
+    return fit.cost + sum(states.size for states in fit.starts)
 
 
 def _warmed(coarse, fine, free, warm):
     """A fit that begins at a neighbouring model's values; in that model's windows if it
     leaves only noise, else in short windows."""
-    known = dict(zip(warm.keys, warm.values, strict=True))
-    free = [each.begun(known.get(each.key, each.start)) for each in free]
+    previous = dict(zip(warm.keys, warm.values, strict=True))
+    free = [unknown.begun(previous.get(unknown.key, unknown.start)) for unknown in free]
     shooting = warm.shooting.beside(fine, free)
-    values = np.array([each.start for each in free])
+    values = np.array([unknown.start for unknown in free])
     rival, fit = warm.fit.cost, warm.fit
     if warm.leaves_noise:
         begun = Fit(values, fit.edges, fit.starts, fit.noise)
-        found = shooting.minimized(begun, ON_THE_WAY, COARSE)
-        if found.cost < HOPELESS * rival:
-            return shooting, found
+        near = shooting.minimized(begun, ON_THE_WAY, COARSE)
+        if near.cost < HOPELESS * rival:
+            return shooting, near
     begun = replace(opened(warm.shooting, fit), values=values)
     shooting.responses = coarse
     anew = followed_anew(shooting, begun, rival)

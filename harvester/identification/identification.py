@@ -122,7 +122,7 @@ class Identification:
     @property
     def undetermined(self) -> set[str]:
         """Keys whose values the records do not determine."""
-        return {key for each in self.fitted.undetermined for key in each.keys}
+        return {key for direction in self.fitted.undetermined for key in direction.keys}
 
     @property
     def proposed(self) -> Candidate:
@@ -143,13 +143,13 @@ class Identification:
         dict of str to ndarray, shape (n,)
             By the output's name.
         """
-        own = self.fitted.shooting.responses
-        responses = responses_of(self.scene, [measurement], self.keys, own.length, FINE_STEPS)
+        reference = self.fitted.shooting.responses
+        responses = responses_of(self.scene, [measurement], self.keys, reference.length, FINE_STEPS)
         responses.interpolation = self.fitted.interpolation
         system, _ = responses.known_device(0, self.fitted.values)
-        rest = np.array([[timescales.rest(system), 0.0, 0.0]])
+        start = np.array([[timescales.rest(system), 0.0, 0.0]])
         edges = np.array([0, measurement.acceleration.size])
-        _, _, outputs = responses.states(0, self.fitted.values, edges, rest)
+        _, _, outputs = responses.states(0, self.fitted.values, edges, start)
         return dict(zip(measurement.outputs, outputs.T, strict=True))
 
     def table(self) -> tuple[list[str], list[list[str]]]:
@@ -181,20 +181,20 @@ class Identification:
         if self.impedance:
             lines += self.impedance.sentences("oscillator.mass" in self.keys)
         lines += [
-            f"{each.name}: {remark}"
-            for each in self.measurements
-            for remark in getattr(each, "remarks", ())
+            f"{record.name}: {remark}"
+            for record in self.measurements
+            for remark in getattr(record, "remarks", ())
         ]
         if self.visited:
             lines.append(f"visited: {self.visited.ranges}")
             lines.append(f"extrapolated: {', '.join(self.visited.extrapolated)}")
         lines += [
-            f"{each.record}: {each.output} NRMSE {each.left:.2%}, {each.noise:.2%} is the sensors' "
-            f"noise, {each.systematic:.2%} follow from the motion"
-            f"{'' if each.is_noise else ', which is no noise'}"
-            for each in self.misfits
+            f"{misfit.record}: {misfit.output} NRMSE {misfit.left:.2%}, {misfit.noise:.2%} is "
+            f"the sensors' noise, {misfit.systematic:.2%} follow from the motion"
+            f"{'' if misfit.is_noise else ', which is no noise'}"
+            for misfit in self.misfits
         ]
-        lines += [str(each) for each in self.fitted.undetermined]
+        lines += [str(direction) for direction in self.fitted.undetermined]
         lines += [f"{unclear}; {key} is kept as in the scene" for key, unclear in self.kept]
         for stretch in self.fitted.stretches:
             measured, predicted, difference = stretch.powers()
@@ -210,11 +210,11 @@ class Identification:
                     f"{stretch.name}: from one start alone, whose path may diverge from the "
                     f"measured one, {name} {with_error(stretch.free_power(), unit)}"
                 )
-        lines += [str(each) for each in self.kept_aside]
+        lines += [str(prediction) for prediction in self.kept_aside]
         lines += [
-            f"model {each.name}: {len(each.fitted.keys)} values, NRMSE {each.fitted.nrmse:.2%} on "
-            f"the data kept aside{self._sensors(each.fitted)}"
-            for each in self.candidates[1:]
+            f"model {model.name}: {len(model.fitted.keys)} values, NRMSE {model.fitted.nrmse:.2%} "
+            f"on the data kept aside{self._sensors(model.fitted)}"
+            for model in self.candidates[1:]
         ]
         if self.posterior:
             lines.append(
@@ -230,17 +230,17 @@ class Identification:
 
     def _sensors(self, other):
         """Sensor effects of another model that this one lacks, in words."""
-        found = zip(other.keys, other.values, other.standard_errors, strict=True)
+        effects = zip(other.keys, other.values, other.standard_errors, strict=True)
         return "".join(
             f", {key} = {value:.4g} ± {HALF_INTERVAL * error:.2g}"
-            for key, value, error in found
+            for key, value, error in effects
             if key.startswith("sensor.") and key not in self.keys
         )
 
     def _fitted_part(self):
         """Text: the part of the records that was fitted."""
         stretches = self.fitted.stretches
-        steady = sum(isinstance(each, ResponseStretch) for each in stretches)
+        steady = sum(isinstance(stretch, ResponseStretch) for stretch in stretches)
         lines = f"two of every three frequencies of {_records(steady)}"
         if steady == len(stretches):
             return lines
@@ -271,27 +271,28 @@ class Identification:
                 },
                 "keys": self.keys,
                 "covariance": self.covariance,
-                "undetermined": [str(each) for each in self.fitted.undetermined],
+                "undetermined": [str(direction) for direction in self.fitted.undetermined],
                 "kept": {key: str(unclear) for key, unclear in self.kept},
-                "records": [_record(each) for each in self.fitted.stretches],
+                "records": [_record(stretch) for stretch in self.fitted.stretches],
                 "misfits": list(self.misfits),
                 "spring_shape": self.spring_shape,
                 "visited": self.visited,
                 "kept_aside": [
-                    {**vars(each), "within_interval": each.holds} for each in self.kept_aside
+                    {**vars(prediction), "within_interval": prediction.holds}
+                    for prediction in self.kept_aside
                 ],
                 "residuals_white": self.whiteness.white,
                 "whiteness_probability": self.whiteness.probability,
                 "candidates": [
                     {
-                        "model": each.name,
-                        "keys": each.fitted.keys,
-                        "values": each.fitted.values,
-                        "nrmse": each.fitted.nrmse,
-                        "log_ratio_of_mean_squares": each.better,
-                        "standard_error": each.error,
+                        "model": model.name,
+                        "keys": model.fitted.keys,
+                        "values": model.fitted.values,
+                        "nrmse": model.fitted.nrmse,
+                        "log_ratio_of_mean_squares": model.better,
+                        "standard_error": model.error,
                     }
-                    for each in self.candidates
+                    for model in self.candidates
                 ],
                 "proposed": self.proposed.name,
                 "interpolation": self.fitted.interpolation,
@@ -310,24 +311,26 @@ class Identification:
 
     def scene_text(self, candidate: Candidate | None = None) -> str:
         """The scene as a TOML file with intervals in comments; that of another model on demand."""
-        made = candidate.fitted if candidate else self.fitted
+        model = candidate.fitted if candidate else self.fitted
         comments = {
             key: f"identified, ± {HALF_INTERVAL * error:.2g} (95 %)"
-            for key, error in zip(made.keys, made.standard_errors, strict=True)
+            for key, error in zip(model.keys, model.standard_errors, strict=True)
         }
         if BASE_FACTOR in comments:
             comments[BASE_FACTOR] += "; as much as the accelerometer's scale is right"
-        for each in made.undetermined:
-            comments |= {key: "not determined by the records" for key in each.keys}
-        names = ", ".join(each.name for each in self.measurements)
+        for direction in model.undetermined:
+            comments |= {key: "not determined by the records" for key in direction.keys}
+        names = ", ".join(record.name for record in self.measurements)
         sensors = [
             f"{key} = {value:.6g} ± {HALF_INTERVAL * error:.2g} (95 %)"
-            for key, value, error in zip(made.keys, made.values, made.standard_errors, strict=True)
+            for key, value, error in zip(
+                model.keys, model.values, model.standard_errors, strict=True
+            )
             if key.startswith("sensor.")
         ]
-        path = f'Between samples of a record: interpolation = "{made.interpolation}".'
+        path = f'Between samples of a record: interpolation = "{model.interpolation}".'
         heading = [f"Identified from {names}.", self.verdict.sentence, path, *sensors]
-        return scene_text(made.scene, comments, heading)
+        return scene_text(model.scene, comments, heading)
 
     def page(self) -> str:
         """One self-contained HTML page with everything."""
@@ -337,10 +340,10 @@ class Identification:
 
     def texts(self) -> dict[str, str]:
         """Further files of the result: the scenes, that proposed where it is another, the page."""
-        found = {".toml": self.scene_text(), ".html": self.page()}
+        files = {".toml": self.scene_text(), ".html": self.page()}
         if self.proposed is not self.candidates[0]:
-            found["-proposed.toml"] = self.scene_text(self.proposed)
-        return found
+            files["-proposed.toml"] = self.scene_text(self.proposed)
+        return files
 
 
 def _records(count):
@@ -365,7 +368,7 @@ def _record(stretch):
         "windows": stretch.windows,
         "compared": stretch.compared[0],
         **{
-            name: {"estimate": each.estimate, "standard_error": each.standard_error}
-            for name, each in {"free": stretch.free_power(), **powers}.items()
+            name: {"estimate": estimate.estimate, "standard_error": estimate.standard_error}
+            for name, estimate in {"free": stretch.free_power(), **powers}.items()
         },
     }

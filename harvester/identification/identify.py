@@ -156,9 +156,9 @@ def identify(
     check_volts(measurements, keys)
     follow(0.0, "fit")
     try:
-        base, kept = _determined(begun, measurements, keys, free is None)
+        base, undetermined = _determined(begun, measurements, keys, free is None)
     except IdentificationError as error:
-        remarks = [each for record in measurements for each in getattr(record, "remarks", ())]
+        remarks = [remark for record in measurements for remark in getattr(record, "remarks", ())]
         raise IdentificationError("; ".join([str(error), *remarks])) from None
     follow(MODELS_BEGIN, "other models")
     sizes = fitted_sizes(base, measurements)
@@ -168,9 +168,9 @@ def identify(
         base = base.with_covariance(base.covariance + moved)
     shape = None if worst(left) else spring_shape(base, sizes)
     unexplained = worst(left) is not None or bool(shape and shape.is_refuted)
-    found = [Candidate("as given", base, 0.0, 0.0)]
-    if compare and any(each.acceleration is not None for each in measurements):
-        found = candidates(base, measurements, sizes, scene, not unexplained)
+    models = [Candidate("as given", base, 0.0, 0.0)]
+    if compare and any(record.acceleration is not None for record in measurements):
+        models = candidates(base, measurements, sizes, scene, not unexplained)
     sampled = None
     if posterior:
         follow(POSTERIOR_BEGINS, "posterior")
@@ -194,10 +194,10 @@ def identify(
         start=scene,
         measurements=measurements,
         fitted=base,
-        kept=kept,
-        candidates=found,
+        kept=undetermined,
+        candidates=models,
         whiteness=white,
-        verdict=verdict(base, found, white, left, where, unseen, shape),
+        verdict=verdict(base, models, white, left, where, unseen, shape),
         misfits=left,
         spring_shape=shape,
         kept_aside=unseen,
@@ -263,19 +263,19 @@ def _measurements(scene, records):
 
     if isinstance(records, (Measurement, MeasuredResponse, str, Path)):
         records = [records]
-    found = []
-    for each in listed(records, "records", '["shaker.csv"]'):
-        if isinstance(each, (Measurement, MeasuredResponse)):
-            found.append(each)
+    measurements = []
+    for item in listed(records, "records", '["shaker.csv"]'):
+        if isinstance(item, (Measurement, MeasuredResponse)):
+            measurements.append(item)
             continue
-        file, settings = each if isinstance(each, tuple) and len(each) == 2 else (each, None)
+        file, settings = item if isinstance(item, tuple) and len(item) == 2 else (item, None)
         if not isinstance(file, (str, Path)):
             raise IdentificationError(
-                f"records: {shown(each)}: must be a file or what read_measurement returns"
+                f"records: {shown(item)}: must be a file or what read_measurement returns"
             )
-        found.append(read_measurement(file, settings, scene.units))
+        measurements.append(read_measurement(file, settings, scene.units))
     # Records in time come first, because they show the motion.
-    return sorted(found, key=lambda each: isinstance(each, MeasuredResponse))
+    return sorted(measurements, key=lambda record: isinstance(record, MeasuredResponse))
 
 
 def _determined(
@@ -285,15 +285,15 @@ def _determined(
     from harvester.identification.fitting import fitted
     from harvester.identification.sizes import first_sizes
 
-    kept: list[tuple[str, Undetermined]] = []
+    undetermined: list[tuple[str, Undetermined]] = []
     sizes = first_sizes(scene, measurements)
-    found = fitted(scene, measurements, keys, sizes)
-    while drop and found.undetermined and len(found.keys) > 1:
-        unclear = found.undetermined[0]
+    model = fitted(scene, measurements, keys, sizes)
+    while drop and model.undetermined and len(model.keys) > 1:
+        unclear = model.undetermined[0]
         out = _to_keep(unclear)
-        kept.append((out, unclear))
-        found = fitted(scene, measurements, [key for key in found.keys if key != out], sizes)
-    return found, kept
+        undetermined.append((out, unclear))
+        model = fitted(scene, measurements, [key for key in model.keys if key != out], sizes)
+    return model, undetermined
 
 
 def _to_keep(unclear):

@@ -78,7 +78,7 @@ class FromImpedance:
 
     def table(self) -> dict[str, dict[str, Any]]:
         """fs, fp, Cp, k², Q and tan δ, each with its 95 % interval."""
-        known = self.circuit.numbers(self.mode)
+        branch = self.circuit.numbers(self.mode)
         errors = self.circuit.standard_errors(self.mode)
         return {
             name: {
@@ -90,7 +90,7 @@ class FromImpedance:
                 ),
                 "unit": NUMBERS[name],
             }
-            for name, value in known.items()
+            for name, value in branch.items()
         }
 
     def sentences(self, mass_is_free: bool) -> list[str]:
@@ -115,9 +115,9 @@ class FromImpedance:
 
 def _in_words(table):
     return ", ".join(
-        f"{SYMBOLS[name]} {each['value']:.5g} ± {HALF_INTERVAL * each['standard_error']:.1g}"
-        f"{' ' if each['unit'] else ''}{each['unit']}"
-        for name, each in table.items()
+        f"{SYMBOLS[name]} {entry['value']:.5g} ± {HALF_INTERVAL * entry['standard_error']:.1g}"
+        f"{' ' if entry['unit'] else ''}{entry['unit']}"
+        for name, entry in table.items()
     )
 
 
@@ -178,55 +178,59 @@ def from_impedance(scene: Scene, measured: MeasuredImpedance) -> FromImpedance:
     system = prepared(scene).system
     resting = float(system.spring.slope(timescales.rest(system)))
     mode = circuit.nearest_mode(math.sqrt(max(resting, 1e-300)) / (2.0 * math.pi))
-    known, errors = circuit.numbers(mode), circuit.standard_errors(mode)
-    _check_capacitance(scene, known["capacitance"], measured.name)
+    branch, errors = circuit.numbers(mode), circuit.standard_errors(mode)
+    _check_capacitance(scene, branch["capacitance"], measured.name)
     check_width(measured.frequency[lines], circuit, mode, measured.name)
-    leaks = known["loss_tangent"] > SURE_OF_LOSS * errors["loss_tangent"]
+    leaks = branch["loss_tangent"] > SURE_OF_LOSS * errors["loss_tangent"]
     mass, spring_key = numbers(scene)["oscillator.mass"][0], _spring_key(scene)
-    stiffness = mass * (2.0 * math.pi * known["series_resonance"]) ** 2
+    stiffness = mass * (2.0 * math.pi * branch["series_resonance"]) ** 2
     first, slope = _linear_term(scene, spring_key, stiffness)
     keys = [spring_key, "oscillator.damping", "piezo.coupling", "piezo.capacitance"]
     keys += ["piezo.leakage_resistance"] if leaks else []
 
     def values(parameters: np.ndarray) -> np.ndarray:
-        own = replace(circuit, parameters=parameters).numbers(mode)
-        rate = 2.0 * math.pi * own["series_resonance"]
-        motional = own["capacitance"] * own["coupling_factor"] / (1.0 - own["coupling_factor"])
-        found = [
+        branch = replace(circuit, parameters=parameters).numbers(mode)
+        rate = 2.0 * math.pi * branch["series_resonance"]
+        motional = (
+            branch["capacitance"] * branch["coupling_factor"] / (1.0 - branch["coupling_factor"])
+        )
+        converted = [
             first + slope * (mass * rate**2 - stiffness),
-            mass * rate / own["quality"],
+            mass * rate / branch["quality"],
             rate * math.sqrt(mass * motional),
-            own["capacitance"],
+            branch["capacitance"],
         ]
         if leaks:
-            found.append(1.0 / (rate * own["capacitance"] * own["loss_tangent"]))
-        return np.array(found)
+            converted.append(1.0 / (rate * branch["capacitance"] * branch["loss_tangent"]))
+        return np.array(converted)
 
     slopes = jacobian(values, circuit.parameters)
-    found = values(circuit.parameters)
-    made = scene.replace({key: float(value) for key, value in zip(keys, found, strict=True)})
+    estimates = values(circuit.parameters)
+    fitted_scene = scene.replace(
+        {key: float(value) for key, value in zip(keys, estimates, strict=True)}
+    )
     background = circuit.admittance(measured.frequency) - _own_admittance(
-        made, circuit, mode, measured.frequency
+        fitted_scene, circuit, mode, measured.frequency
     )
     return FromImpedance(
         circuit,
         mode,
         replace(measured, background=background),
-        made,
+        fitted_scene,
         keys,
-        found,
+        estimates,
         slopes @ circuit.covariance @ slopes.T,
     )
 
 
 def _own_admittance(scene, circuit, mode, frequency):
     """Admittance of the scene's own part of the circuit: one mode, its capacitance, its leak."""
-    known = circuit.numbers(mode)
-    rate, ratio = 2j * math.pi * frequency, frequency / known["series_resonance"]
-    motional = known["capacitance"] * known["coupling_factor"] / (1.0 - known["coupling_factor"])
+    branch = circuit.numbers(mode)
+    rate, ratio = 2j * math.pi * frequency, frequency / branch["series_resonance"]
+    motional = branch["capacitance"] * branch["coupling_factor"] / (1.0 - branch["coupling_factor"])
     leak = scene.transducer.leakage_resistance
-    own = rate * known["capacitance"] + (1.0 / leak if leak else 0.0)
-    return own + rate * motional / (1.0 - ratio**2 + 1j * ratio / known["quality"])
+    admittance = rate * branch["capacitance"] + (1.0 / leak if leak else 0.0)
+    return admittance + rate * motional / (1.0 - ratio**2 + 1j * ratio / branch["quality"])
 
 
 def _spring_key(scene):
@@ -241,7 +245,7 @@ def _spring_key(scene):
 
 def _linear_term(scene, key, stiffness):
     """(k1, ∂k1/∂stiffness) with which the device has this stiffness where it rests (N/m)."""
-    mass, begun = (numbers(scene)[each][0] for each in ("oscillator.mass", key))
+    mass, begun = (numbers(scene)[name][0] for name in ("oscillator.mass", key))
 
     def off(k1):
         try:
@@ -287,13 +291,15 @@ def fitted_impedance(found: FromImpedance) -> Fitted:
     experiments = [
         ImpedanceExperiment(found.measured.part(lines), found.scene) for lines in (~aside, aside)
     ]
-    responses, kept = (SteadyResponses([each], found.keys, length) for each in experiments)
+    responses, validation = (
+        SteadyResponses([record], found.keys, length) for record in experiments
+    )
     shooting = Shooting(responses, free, [np.zeros(3)])
     edges = np.array([0, int(np.count_nonzero(~aside))])
     noise = np.array(found.circuit.noise)
     fit = Fit(found.values, [edges], [NO_STATES], [noise])
     shooting.linearized(fit)
-    stretch = impedance_stretch(kept, found.values, 0)
+    stretch = impedance_stretch(validation, found.values, 0)
     return Fitted.concluded(found.scene, shooting, fit, found.covariance, [stretch])
 
 
@@ -301,15 +307,15 @@ def impedance_stretch(kept: SteadyResponses, values: np.ndarray, number: int) ->
     """The model's prediction of the lines of an impedance that were kept aside."""
     measured: Any = kept.experiments[number].measurement
     seen = np.column_stack(list(measured.outputs.values()))
-    _, _, found = kept.states(number, values, np.array([0, seen.shape[0]]), NO_STATES)
+    _, _, simulated = kept.states(number, values, np.array([0, seen.shape[0]]), NO_STATES)
     frequency = measured.frequency
     return ImpedanceStretch(
         name=measured.name,
         outputs=tuple(measured.outputs),
         rate=float((frequency.size - 1) / (frequency[-1] - frequency[0])),
         measured=seen,
-        windowed=found,
-        free=found,
+        windowed=simulated,
+        free=simulated,
         windows=1,
         resistance=None,
         frequency=frequency,
@@ -318,18 +324,18 @@ def impedance_stretch(kept: SteadyResponses, values: np.ndarray, number: int) ->
 
 def impedance_verdict(base: Fitted) -> Verdict:
     """Verdict of a fit to an impedance alone, which covers only small motion."""
-    said = (
+    claim = (
         f"impedance to {base.nrmse:.2%} of itself on every third frequency, kept aside (about "
         f"{base.sensor_noise:.2%} is the analyser's noise)"
     )
     if not base.adequate:
         return Verdict(
             "incomplete",
-            f"the model is wrong or incomplete: {said}: it has more than modes, a capacitance and "
+            f"the model is wrong or incomplete: {claim}: it has more than modes, a capacitance and "
             "its loss",
         )
     return Verdict(
         "predicts",
-        f"the model predicts {said}; that is small motion about the place where it rests, the base "
-        "clamped: it does not cover large motion, stoppers and the response to acceleration",
+        f"the model predicts {claim}; that is small motion about the place where it rests, the "
+        "base clamped: it does not cover large motion, stoppers and the response to acceleration",
     )

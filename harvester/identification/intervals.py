@@ -85,10 +85,10 @@ def covariance(shooting: Shooting, fit: Fit) -> np.ndarray:
     normal += SMALLEST_EIGENVALUE * np.diag(sizes)
     meat += SMALLEST_EIGENVALUE * np.diag(sizes)
     inverse = _inverse(normal)
-    found = inverse @ meat @ inverse
-    least = np.maximum(*(np.diag(inverse @ each @ inverse) for each in (blocks, noise)))
-    shares = shooting.sizes * np.sqrt(np.maximum(least / np.diag(found), 1.0))
-    return found * np.outer(shares, shares)
+    sandwich = inverse @ meat @ inverse
+    least = np.maximum(*(np.diag(inverse @ matrix @ inverse) for matrix in (blocks, noise)))
+    shares = shooting.sizes * np.sqrt(np.maximum(least / np.diag(sandwich), 1.0))
+    return sandwich * np.outer(shares, shares)
 
 
 def moved_by_records(shooting: Shooting, fit: Fit, records: int) -> np.ndarray:
@@ -118,8 +118,8 @@ def moved_by_records(shooting: Shooting, fit: Fit, records: int) -> np.ndarray:
     if records < 2 or not (fit.grams or shooting.linearized(fit)):
         return np.zeros((p, p))
     normal, gradient = shooting.reduced(fit)
-    own = [shooting.reduced(replace(fit, grams=[grams])) for grams in fit.grams[:records]]
-    moves = np.array([-_inverse(normal - n) @ (gradient - g) for n, g in own]) * shooting.sizes
+    systems = [shooting.reduced(replace(fit, grams=[grams])) for grams in fit.grams[:records]]
+    moves = np.array([-_inverse(normal - n) @ (gradient - g) for n, g in systems]) * shooting.sizes
     moves = np.clip(moves, -MOST_MOVED * shooting.sizes, MOST_MOVED * shooting.sizes)
     moves -= moves.mean(axis=0)
     student = t.ppf(0.5 + 0.5 * HELD, records - 1) / HALF_INTERVAL
@@ -149,9 +149,9 @@ def _meat(columns, residuals):
                 detrend=False,
                 return_onesided=False,
             )
-            kept = f >= 0.0
-            order = np.argsort(f[kept])
-            values = np.interp(frequencies, f[kept][order], density[kept][order])
+            positive = f >= 0.0
+            order = np.argsort(f[positive])
+            values = np.interp(frequencies, f[positive][order], density[positive][order])
             products = np.einsum(
                 "k,ki,kj->ij", weight * values, spectra[:, a].conj(), spectra[:, b]
             )
@@ -182,14 +182,14 @@ def undetermined(
     units = np.where(np.abs(values) > 1e-3 * sizes, np.abs(values), sizes)
     relative = covariance / np.outer(units, units)
     spread, directions = np.linalg.eigh(relative)
-    found = []
+    unclear = []
     for k in np.flatnonzero(np.sqrt(np.maximum(spread, 0.0)) > UNDETERMINED)[::-1]:
         direction = directions[:, k]
         members = np.flatnonzero(np.abs(direction) > SHARE_OF_DIRECTION * np.abs(direction).max())
         members = members[np.argsort(-np.abs(direction[members]))]
         names = tuple(keys[n] for n in members)
-        found.append(Undetermined(names, _determined_powers(relative, members)))
-    return found
+        unclear.append(Undetermined(names, _determined_powers(relative, members)))
+    return unclear
 
 
 def _determined_powers(relative, members):

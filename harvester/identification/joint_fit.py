@@ -70,38 +70,40 @@ def fitted_together(
     IdentificationError
         No values follow them all.
     """
-    times = [each for each in measurements if not isinstance(each, MeasuredResponse)]
-    steady = [each for each in measurements if isinstance(each, MeasuredResponse)]
+    times = [record for record in measurements if not isinstance(record, MeasuredResponse)]
+    steady = [record for record in measurements if isinstance(record, MeasuredResponse)]
     first = warm or _first(alone, scene, times, steady, keys, sizes)
     length = first.shooting.responses.length
-    aside = [kept_aside(each) for each in steady]
+    aside = [kept_aside(response) for response in steady]
     in_time: Responses | None = None
     if times:
         in_time = responses_of(scene, times, keys, length, FINE_STEPS)
         in_time.interpolation = first.interpolation
     records = [] if in_time is None else in_time.experiments
     free = unknowns(scene, keys, sizes)
-    responses, kept = (
+    responses, validation = (
         _responses(scene, records, steady, lines, keys, length)
         for lines in ([~lines for lines in aside], aside)
     )
     responses.interpolation = first.interpolation
     shooting = _shooting(responses, free, first, len(times))
-    fits = [shooting.minimized(each, LAST, FINE) for each in _starts(shooting, first, scene, times)]
-    fits = [each for each in fits if each.grams]
+    fits = [
+        shooting.minimized(start, LAST, FINE) for start in _starts(shooting, first, scene, times)
+    ]
+    fits = [fit for fit in fits if fit.grams]
     if not fits:
         raise IdentificationError(
             f"{scene.name}: no values of {', '.join(keys)} follow all records: check the columns' "
             "units, the load's resistance, and that all are of the same device"
         )
-    fit = min(fits, key=lambda each: each.cost)
+    fit = min(fits, key=lambda fit: fit.cost)
     for _ in range(WEIGHTINGS):
         fit = shooting.minimized(shooting.reweighted(fit), LAST, FINE)
     covariance = intervals.covariance(shooting, fit)
     stretches: list[Any] = []
     settled: Fit | None = None
     if in_time is not None:
-        own = _shooting(in_time, free, first, len(times))
+        time_shooting = _shooting(in_time, free, first, len(times))
         part = replace(
             fit,
             edges=fit.edges[: len(times)],
@@ -109,32 +111,32 @@ def fitted_together(
             noise=fit.noise[: len(times)],
         )
         ends = [
-            (length, each.acceleration.size)
-            for length, each in zip(lengths_of(times), times, strict=True)
+            (length, record.acceleration.size)
+            for length, record in zip(lengths_of(times), times, strict=True)
         ]
-        proof, settled = predicted(own, part, ends)
+        proof, settled = predicted(time_shooting, part, ends)
         stretches += proof
-    for number, each in enumerate(steady, len(times)):
-        of = impedance_stretch if isinstance(each, MeasuredImpedance) else stretch_of
-        stretches.append(of(kept, fit.values, number))
+    for number, response in enumerate(steady, len(times)):
+        of = impedance_stretch if isinstance(response, MeasuredImpedance) else stretch_of
+        stretches.append(of(validation, fit.values, number))
     return Fitted.concluded(scene, shooting, fit, covariance, stretches, settled)
 
 
 def _first(alone, scene, times, steady, keys, sizes):
     """The model from records of one kind alone (in time, else responses), with the scene's mass."""
-    own = [key for key in keys if key != MASS]
+    free = [key for key in keys if key != MASS]
     if times:
-        return alone(scene, times, own, sizes)
-    responses = [each for each in steady if not isinstance(each, MeasuredImpedance)]
-    return fitted_responses(scene, responses, own, sizes)
+        return alone(scene, times, free, sizes)
+    responses = [record for record in steady if not isinstance(record, MeasuredImpedance)]
+    return fitted_responses(scene, responses, free, sizes)
 
 
 def _responses(scene, records, steady, lines, keys, length):
     """The experiments of a fit; of responses and impedances only some lines."""
     experiments: list[Any] = list(records)
-    for each, some in zip(steady, lines, strict=True):
-        sort = ImpedanceExperiment if isinstance(each, MeasuredImpedance) else SteadyExperiment
-        experiments.append(sort(each.part(some), scene.replace(each.changes)))
+    for response, some in zip(steady, lines, strict=True):
+        sort = ImpedanceExperiment if isinstance(response, MeasuredImpedance) else SteadyExperiment
+        experiments.append(sort(response.part(some), scene.replace(response.changes)))
     return SteadyResponses(experiments, keys, length)
 
 
@@ -142,30 +144,32 @@ def _shooting(responses, free, first, records):
     """The least-squares problem, with the first model's sizes of the windows' states."""
     shooting = Shooting(responses, free, [np.zeros(3)] * len(responses.experiments))
     for name in ("state_sizes", "states_there"):
-        known = getattr(first.shooting, name)[:records]
-        setattr(shooting, name, [*known, *getattr(shooting, name)[len(known) :]])
+        sizes_of_first = getattr(first.shooting, name)[:records]
+        setattr(shooting, name, [*sizes_of_first, *getattr(shooting, name)[len(sizes_of_first) :]])
     return shooting
 
 
 def _starts(shooting: Shooting, first: Fitted, scene: Scene, times: list[Measurement]) -> list[Fit]:
     """Starts of the fit: the first model's values, and the same rescaled to a likely mass."""
-    known = dict(zip(first.keys, first.values, strict=True))
-    values = np.array([known.get(each.key, each.start) for each in shooting.unknowns])
+    first_values = dict(zip(first.keys, first.values, strict=True))
+    values = np.array(
+        [first_values.get(unknown.key, unknown.start) for unknown in shooting.unknowns]
+    )
     count = len(times)
     edges, starts = list(first.fit.edges[:count]), list(first.fit.starts[:count])
     noise = list(first.fit.noise[:count])
-    for each in shooting.responses.experiments[count:]:
-        outputs = list(each.measurement.outputs.values())
+    for experiment in shooting.responses.experiments[count:]:
+        outputs = list(experiment.measurement.outputs.values())
         edges.append(np.array([0, outputs[0].size]))
         starts.append(NO_STATES)
-        if isinstance(each, ImpedanceExperiment):
+        if isinstance(experiment, ImpedanceExperiment):
             noise.append(np.full(len(outputs), FIRST_IMPEDANCE_NOISE))
             continue
         rms = float(np.sqrt(sum(np.mean(part**2) for part in outputs)))
         noise.append(np.full(len(outputs), FIRST_NOISE * rms))
     factors = [1.0]
-    coupling = known.get("piezo.coupling")
-    if coupling and MASS in [each.key for each in shooting.unknowns] and scene.transducer:
+    coupling = first_values.get("piezo.coupling")
+    if coupling and MASS in [unknown.key for unknown in shooting.unknowns] and scene.transducer:
         # An impedance determines θ²/M; a record of voltage under a known acceleration determines θ.
         factors.append((coupling / scene.transducer.coupling) ** 2)  # type: ignore[attr-defined]
     return [
@@ -177,10 +181,10 @@ def _of_mass(shooting, values, factor, scene):
     """Values of a device whose mass is so many times that of the scene, its impedance the same."""
     if factor == 1.0:
         return values
-    found = values.copy()
-    for number, each in enumerate(shooting.unknowns):
-        if each.key == "piezo.coupling":
-            found[number] = scene.transducer.coupling * factor**0.5
-        elif any(word in each.key for word in IN_PROPORTION):
-            found[number] *= factor
-    return np.clip(found, shooting.low, shooting.high)
+    scaled = values.copy()
+    for number, unknown in enumerate(shooting.unknowns):
+        if unknown.key == "piezo.coupling":
+            scaled[number] = scene.transducer.coupling * factor**0.5
+        elif any(word in unknown.key for word in IN_PROPORTION):
+            scaled[number] *= factor
+    return np.clip(scaled, shooting.low, shooting.high)

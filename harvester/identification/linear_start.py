@@ -88,18 +88,18 @@ def regressed(responses: Responses, values: np.ndarray, number: int, drifts: boo
         _of_electrical(responses, values, number, factor, drifts)
         for factor in _electrical_factors(responses)
     ]
-    found = min((each for each in tried if each), key=lambda each: each.misfit, default=None)
+    best = min((trial for trial in tried if trial), key=lambda trial: trial.misfit, default=None)
     starts: list[Start] = []
-    if found is None:
+    if best is None:
         return starts
-    for changed, origin in found.results():
+    for changed, origin in best.results():
         if responses.device(number, changed) is None:
             continue
         start = as_it_is(responses, changed)
         # The regression gives only this record's origin; the other records' motions begin about the
         # same place.
-        motions = [each.centred(origin) for each in start.motions]
-        starts.append(Start(changed, motions, found.misfit))
+        motions = [path.centred(origin) for path in start.motions]
+        starts.append(Start(changed, motions, best.misfit))
     return starts
 
 
@@ -119,18 +119,18 @@ def _value(responses, values, key, number):
     """Value of a scene's key, whether it is free or not; 0 where the scene has no such key."""
     if key in responses.keys:
         return float(values[responses.keys.index(key)])
-    found = numbers(responses.experiments[number].scene).get(key)
-    return float(found[0]) if found else 0.0
+    entry = numbers(responses.experiments[number].scene).get(key)
+    return float(entry[0]) if entry else 0.0
 
 
 def _of_electrical(responses, values, number, factor, drifts):
     """The solved regression for one trial capacitance; None where the scene refuses it."""
     capacitance = _value(responses, values, "piezo.capacitance", number) * factor
     values = _with(responses, values, {"piezo.capacitance": capacitance})
-    made = responses.device(number, values)
-    if made is None:
+    equations = responses.device(number, values)
+    if equations is None:
         return None
-    system, scales = made
+    system, scales = equations
     seen = motion(system, scales, responses.shown(number, values))
     if not drifts:
         seen = seen.without_drift(responses.experiments[number].measurement)
@@ -190,17 +190,17 @@ class _Regression:
         known_scale |= not self.drive.any()
         factors = (1.0,) if known_scale else SCALE_FACTORS
         gap_shares = GAP_SHARES if self._gap_keys() else (None,)
-        found = []
+        solutions = []
         for share in gap_shares:
             columns, names = self._columns(share)
-            found += [(*each, share, names) for each in self._solved(columns, factors)]
-        return min(found, key=lambda each: each[0])
+            solutions += [(*solution, share, names) for solution in self._solved(columns, factors)]
+        return min(solutions, key=lambda solution: solution[0])
 
     def results(self) -> list:
         """(values, mean displacement) for each likely origin."""
         _, solution, s, share, names = self.solved
-        found = dict(zip(names, solution, strict=True))
-        return [self._translated(found, s, share, shift) for shift in self._shifts(found, s)]
+        terms = dict(zip(names, solution, strict=True))
+        return [self._translated(terms, s, share, shift) for shift in self._shifts(terms, s)]
 
     def _gap_keys(self):
         return [key for key in numbers(self.scene) if key.startswith("stoppers") and "gap" in key]
@@ -219,11 +219,11 @@ class _Regression:
             names.append(f"k{power}")
             columns.append(self._integrated(z**power))
         if share is not None:
-            for place, (side, exponent) in enumerate(self._contacts()):
+            for index, (side, exponent) in enumerate(self._contacts()):
                 push = self._push(share, side, exponent)
-                names.append(f"contact{place}")
+                names.append(f"contact{index}")
                 columns.append(self._integrated(push))
-                names.append(f"dashpot{place}")
+                names.append(f"dashpot{index}")
                 columns.append(self._integrated(np.abs(push) * self.w))
         if self._linear_force():
             names.append("force")
@@ -243,7 +243,7 @@ class _Regression:
         return (BASE_SCALE in keys or BASE_FACTOR in keys) and not self.centred
 
     def _contacts(self):
-        return [(each.side, each.exponent) for each in self.scene.stoppers if each.stiffness > 0.0]
+        return [(stop.side, stop.exponent) for stop in self.scene.stoppers if stop.stiffness > 0.0]
 
     def _push(self, share, side, exponent):
         right = np.maximum(self.z - share * self.z.max(), 0.0) ** exponent
@@ -267,8 +267,8 @@ class _Regression:
         size = np.linalg.norm(terms[:, 0]) or np.linalg.norm(self.inertia)
         powers = [np.array([1.0, s, 1.0 / s]) for s in factors]
         return [
-            (np.linalg.norm(left @ each) / size, solutions @ each, s)
-            for each, s in zip(powers, factors, strict=True)
+            (np.linalg.norm(left @ scale_powers) / size, solutions @ scale_powers, s)
+            for scale_powers, s in zip(powers, factors, strict=True)
         ]
 
     def _force(self, found, s):
@@ -282,10 +282,10 @@ class _Regression:
         changes |= self._transduced(found, s)
         if found.get("drive"):
             # The drive is the base factor over the sensor's scale; only one of them is free.
-            own = _value(self.responses, self.values, BASE_SCALE, self.number)
-            changes[BASE_SCALE] = own / found["drive"]
-            own = _value(self.responses, self.values, BASE_FACTOR, self.number)
-            changes[BASE_FACTOR] = own * found["drive"]
+            value = _value(self.responses, self.values, BASE_SCALE, self.number)
+            changes[BASE_SCALE] = value / found["drive"]
+            value = _value(self.responses, self.values, BASE_FACTOR, self.number)
+            changes[BASE_FACTOR] = value * found["drive"]
         if share is not None:
             changes |= self._stops(found, s, share, shift)
         return _with(self.responses, self.values, self._within(changes)), shift
@@ -322,17 +322,17 @@ class _Regression:
         """Gaps and stiffnesses of the contacts."""
         mass, length = self._mass(), self.scales.displacement
         changes = {}
-        tables = [each for each in self.scene.stoppers if each.stiffness > 0.0]
+        tables = [stop for stop in self.scene.stoppers if stop.stiffness > 0.0]
         several = len(tables) > 1 or tables[0].side != "both"
-        for place, each in enumerate(tables):
-            table = f"stoppers[{place}]" if several else "stoppers"
+        for index, stop in enumerate(tables):
+            table = f"stoppers[{index}]" if several else "stoppers"
             right = share * self.z.max() * s + shift
             left = -share * self.z.min() * s - shift
-            gap = {"right": right, "left": left, "both": 0.5 * (right + left)}[each.side]
-            push = found[f"contact{place}"] / s**each.exponent
+            gap = {"right": right, "left": left, "both": 0.5 * (right + left)}[stop.side]
+            push = found[f"contact{index}"] / s**stop.exponent
             changes[f"{table}.gap"] = gap * length
             if push > 0.0:
-                changes[f"{table}.stiffness"] = push * mass * length ** (1.0 - each.exponent)
+                changes[f"{table}.stiffness"] = push * mass * length ** (1.0 - stop.exponent)
         return changes
 
     def _shifts(self, found, s):
@@ -345,15 +345,15 @@ class _Regression:
             return [0.0]
         force, rms = self._force(found, s), s * self.unit
         off = np.zeros(ORIGINS.size)
-        for place, origin in enumerate(ORIGINS * rms):
+        for index, origin in enumerate(ORIGINS * rms):
             moved = _shifted(force, origin)
-            off[place] = sum(
+            off[index] = sum(
                 ((moved[n] - k) * rms**n) ** 2 for n, k in fixed.items() if n < moved.size
             )
         around = np.concatenate([[np.inf], off, [np.inf]])
         dips = np.flatnonzero((off < around[:-2]) & (off <= around[2:]))
-        best = sorted(dips, key=lambda place: off[place])[:MOST_ORIGINS]
-        return [float(ORIGINS[place] * rms) for place in best]
+        best = sorted(dips, key=lambda index: off[index])[:MOST_ORIGINS]
+        return [float(ORIGINS[index] * rms) for index in best]
 
     def _kept_coefficients(self):
         """Scaled coefficients of the spring that are not free, by their powers."""
@@ -371,16 +371,16 @@ class _Regression:
 
     def _within(self, changes):
         """The changes of free values, clipped to their bounds."""
-        known = numbers(self.scene)
-        kept = {}
+        specs = numbers(self.scene)
+        bounded = {}
         if BASE_SCALE in changes and BASE_SCALE in self.responses.keys:
-            kept[BASE_SCALE] = changes[BASE_SCALE]
+            bounded[BASE_SCALE] = changes[BASE_SCALE]
         for key, value in changes.items():
-            if key in known and key in self.responses.keys and np.isfinite(value):
-                low, start = known[key][1].low, abs(known[key][0])
-                least = low if known[key][1].low_allowed or low == -np.inf else low + 1e-2 * start
-                kept[key] = min(max(value, least), known[key][1].high)
-        return kept
+            if key in specs and key in self.responses.keys and np.isfinite(value):
+                low, start = specs[key][1].low, abs(specs[key][0])
+                least = low if specs[key][1].low_allowed or low == -np.inf else low + 1e-2 * start
+                bounded[key] = min(max(value, least), specs[key][1].high)
+        return bounded
 
 
 def _powers(oscillator):
@@ -405,7 +405,7 @@ def _ways(measurement):
 
 def starts_from(responses: Responses, values: np.ndarray) -> list[Start]:
     """All starts worth a trial: the scene as it is, and regressions on each record."""
-    found = [
+    starts = [
         start
         for number in range(len(responses.experiments))
         for drifts in _ways(responses.experiments[number].measurement)
@@ -415,8 +415,8 @@ def starts_from(responses: Responses, values: np.ndarray) -> list[Start]:
     wells, saddles = timescales.wells(system), timescales.saddles(system)
     measured = "displacement" in responses.experiments[0].measurement.outputs
     places = [*wells[:1]] if measured else [*wells, *saddles]
-    found += [as_it_is(responses, values, place) for place in places]
-    return [_with_velocity_scale(responses, each) for each in found]
+    starts += [as_it_is(responses, values, centre) for centre in places]
+    return [_with_velocity_scale(responses, start) for start in starts]
 
 
 def _with_velocity_scale(responses, start):

@@ -32,32 +32,33 @@ def recentred(shooting: Shooting, fit: Fit, scene: Scene) -> Fit:
         The scene before the fit.
     """
     responses = shooting.responses
-    keys, wanted = responses.keys, scene.oscillator.restoring_force
-    outputs = [each.measurement.outputs for each in responses.experiments]
-    if wanted is None or any(FORCE.format(n) not in keys for n in range(1, len(wanted))):
+    keys, original = responses.keys, scene.oscillator.restoring_force
+    outputs = [experiment.measurement.outputs for experiment in responses.experiments]
+    if original is None or any(FORCE.format(n) not in keys for n in range(1, len(original))):
         return fit
     if scene.stoppers or ORIGIN in keys or any("displacement" in o for o in outputs):
         return fit
     force = np.array(
-        [wanted[0], *(fit.values[keys.index(FORCE.format(n))] for n in range(1, len(wanted)))]
+        [original[0], *(fit.values[keys.index(FORCE.format(n))] for n in range(1, len(original)))]
     )
-    reach = responses.length * max(float(np.abs(each[:, 0]).max()) for each in fit.starts)
+    reach = responses.length * max(float(np.abs(states[:, 0]).max()) for states in fit.starts)
     shifts = [
         float(root.real)
         for root in np.polynomial.Polynomial([0.0, *force[1:]]).roots()
         if abs(root.imag) < 1e-9 * reach
     ]
-    powers = reach ** np.arange(1, len(wanted))
-    found = [(shift, _shifted(force, shift)) for shift in shifts]
+    powers = reach ** np.arange(1, len(original))
+    shifted = [(shift, _shifted(force, shift)) for shift in shifts]
     shift, moved = min(
-        found, key=lambda each: float(np.sum(((each[1][1:] - wanted[1:]) * powers) ** 2))
+        shifted,
+        key=lambda candidate: float(np.sum(((candidate[1][1:] - original[1:]) * powers) ** 2)),
     )
     if abs(shift) < 1e-6 * reach:
         return fit
     values = fit.values.copy()
-    for n in range(1, len(wanted)):
+    for n in range(1, len(original)):
         values[keys.index(FORCE.format(n))] = moved[n]
-    starts = [each - [shift / responses.length, 0.0, 0.0] for each in fit.starts]
+    starts = [states - [shift / responses.length, 0.0, 0.0] for states in fit.starts]
     trial = shooting.minimized(Fit(values, fit.edges, starts, fit.noise), ITERATIONS, 1e-9)
     return trial if trial.grams and trial.cost < 1.01 * fit.cost else fit
 

@@ -55,29 +55,29 @@ def check_kept_aside(
     ------
     IdentificationError
     """
-    known = [key for key in numbers(scene) if not key.startswith(("excitation.", "load.", "run."))]
-    if aside and all(isinstance(each, MeasuredResponse) for each in fitted):
+    names = [key for key in numbers(scene) if not key.startswith(("excitation.", "load.", "run."))]
+    if aside and all(isinstance(record, MeasuredResponse) for record in fitted):
         raise IdentificationError(
             f"--keep-aside {aside[0].name}: a fit to frequency responses alone predicts no record: "
             "give a record to fit to, too (--record)"
         )
-    for each in fitted:
-        for key in getattr(each, "own", ()):
+    for record in fitted:
+        for key in getattr(record, "own", ()):
             raise IdentificationError(
-                f"{each.name}: {named(key)} = free: only a record kept aside (--keep-aside) can "
+                f"{record.name}: {named(key)} = free: only a record kept aside (--keep-aside) can "
                 "free a value for itself: give the value, or free it for all records (--free)"
             )
-    for each in aside:
-        if isinstance(each, MeasuredResponse):
+    for record in aside:
+        if isinstance(record, MeasuredResponse):
             raise IdentificationError(
-                f"--keep-aside {each.name}: a frequency response is no record of a motion: give it "
-                "as --record, of which every third frequency is kept aside"
+                f"--keep-aside {record.name}: a frequency response is no record of a motion: give "
+                "it as --record, of which every third frequency is kept aside"
             )
-        for key in each.own:
-            if key not in known:
+        for key in record.own:
+            if key not in names:
                 raise IdentificationError(
-                    f"{each.name}: {named(key)} = free: no number of this scene"
-                    f"{nearest(key, known)}; there are {', '.join(known)}"
+                    f"{record.name}: {named(key)} = free: no number of this scene"
+                    f"{nearest(key, names)}; there are {', '.join(names)}"
                 )
 
 
@@ -134,19 +134,19 @@ def own_values(
             f"{measurement.name}: no value of {', '.join(measurement.own)} follows the record: "
             "check the columns' units and signs, or give the value"
         )
-    found = [fit.values]
+    solutions = [fit.values]
     for values in likely[1:]:
         begun = Fit(fit.values, fit.edges, fit.starts, fit.noise)
         near = _problem(fitted, measurement, values).minimized(begun, ON_THE_WAY, COARSE)
-        found.append(near.values)
+        solutions.append(near.values)
     states, _, _ = problem.responses.states(0, fit.values, fit.edges[0], fit.starts[0])
     errors = np.sqrt(np.maximum(np.diag(covariance(problem, fit)), 0.0))
-    return found, errors, reach_of(states[:, 0])
+    return solutions, errors, reach_of(states[:, 0])
 
 
 def _problem(fitted, measurement, values):
     """The least-squares problem of the record's own values, the fitted ones being as given."""
-    own = fitted.shooting.responses
+    reference = fitted.shooting.responses
     # Likely values are of a device: the fitted records were run with them.
     scene = with_values(fitted.scene, fitted.keys, values) or fitted.scene
     sensors = {
@@ -155,10 +155,10 @@ def _problem(fitted, measurement, values):
         if key.startswith("sensor.")
     }
     seen = replace(measurement, sensors={**sensors, **measurement.sensors})
-    made = experiment(scene, seen, frequencies(seen)[1], COARSE_STEPS)
-    responses = Responses([made], list(seen.own), own.interpolation, own.length)
-    known = [each.measurement for each in own.experiments]
-    free = unknowns(made.scene, seen.own, fitted_sizes(fitted, known))
+    record = experiment(scene, seen, frequencies(seen)[1], COARSE_STEPS)
+    responses = Responses([record], list(seen.own), reference.interpolation, reference.length)
+    records = [other.measurement for other in reference.experiments]
+    free = unknowns(record.scene, seen.own, fitted_sizes(fitted, records))
     return fitted.shooting.beside(responses, free, records=1)
 
 
@@ -166,7 +166,7 @@ def _best(shooting, reach, noise):
     """The best fit in long windows, followed from each minimum in short ones; None without any."""
     measurement = shooting.responses.experiments[0].measurement
     edges = [short_windows(measurement, 0, measurement.acceleration.size)]
-    first = np.array([each.start for each in shooting.unknowns])
+    first = np.array([unknown.start for unknown in shooting.unknowns])
     minima: list[Fit] = []
     for share in FIRST_SHARES:
         values = np.clip(first + share * shooting.sizes, shooting.low, shooting.high)
@@ -174,18 +174,18 @@ def _best(shooting, reach, noise):
         everywhere = np.ones(edges[0].size - 1, bool)
         begun.starts.append(placed(shooting.frozen(), 0, begun, everywhere, reach)[0])
         fit = shooting.minimized(begun, ON_THE_WAY, COARSE)
-        moved = [np.abs(fit.values - each.values) / shooting.sizes for each in minima]
-        if fit.grams and all(each.max() > SAME for each in moved):
+        moved = [np.abs(fit.values - minimum.values) / shooting.sizes for minimum in minima]
+        if fit.grams and all(distance.max() > SAME for distance in moved):
             minima.append(fit)
-    fits = [followed(shooting, each) for each in minima]
-    return min(fits, key=lambda each: _cost(shooting, each, noise), default=None)
+    fits = [followed(shooting, minimum) for minimum in minima]
+    return min(fits, key=lambda fit: _cost(shooting, fit, noise), default=None)
 
 
 def _cost(shooting, fit, noise):
     """Cost of a fit by a noise that all have, and what its windows' starts took off it."""
     # A fit that was followed is weighted by its own residuals.
     same = Fit(fit.values, fit.edges, fit.starts, [noise])
-    return shooting.cost(same) + sum(each.size for each in fit.starts)
+    return shooting.cost(same) + sum(states.size for states in fit.starts)
 
 
 def _left(shooting, fit):

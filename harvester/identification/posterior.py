@@ -119,9 +119,9 @@ def log_density(found: Fitted) -> Callable[[np.ndarray], float]:
     bases, free = [], -len(found.keys)
     for number, edges in enumerate(fit.edges):
         table, _ = shooting.jacobian(fit, number)
-        there = shooting.states_there[number]
-        free += table[..., 0].size - int(there.sum()) * (edges.size - 1)
-        columns = table[..., len(found.keys) : -1][..., there]
+        existing = shooting.states_there[number]
+        free += table[..., 0].size - int(existing.sum()) * (edges.size - 1)
+        columns = table[..., len(found.keys) : -1][..., existing]
         cuts = edges - edges[0]
         parts = [np.concatenate(columns[a:b]) for a, b in pairwise(cuts)]
         bases.append([np.linalg.qr(part)[0] for part in parts])
@@ -142,12 +142,12 @@ def _cost(shooting, fit, bases):
     """Sum of squares, minimised over the windows' starts to first order."""
     total = 0.0
     for number, edges in enumerate(fit.edges):
-        found, _ = shooting.residuals(
+        residuals, _ = shooting.residuals(
             number, fit.values, edges, fit.starts[number], fit.noise[number]
         )
-        if found is None:
+        if residuals is None:
             return np.inf
-        total += float(np.sum(found**2))
+        total += float(np.sum(residuals**2))
         for (a, b), basis in zip(pairwise(edges - edges[0]), bases[number], strict=True):
-            total -= float(np.sum((basis.T @ found[a:b].ravel()) ** 2))
+            total -= float(np.sum((basis.T @ residuals[a:b].ravel()) ** 2))
     return total

@@ -108,9 +108,9 @@ class Stretch:
         return _of_blocks(self._blocks(self.free))
 
     def _blocks(self, values):
-        place = self.outputs.index("voltage") if "voltage" in self.outputs else 0
+        column = self.outputs.index("voltage") if "voltage" in self.outputs else 0
         factor = 1.0 / self.resistance if self.compared[1] == "W" and self.resistance else 1.0
-        return factor * np.array([float(np.mean(part**2)) for part in blocks_of(values[:, place])])
+        return factor * np.array([float(np.mean(part**2)) for part in blocks_of(values[:, column])])
 
 
 @dataclass(frozen=True)
@@ -205,16 +205,16 @@ def predicted(
         The windows of the stretches with their starts.
     """
     settled = settle_windows(shooting.frozen(), fit, stretches, reach)
-    responses, found = shooting.responses, []
+    responses, predictions = shooting.responses, []
     for number, edges in enumerate(settled.edges):
         experiment = responses.experiments[number]
         starts = settled.starts[number]
         _, _, windowed = responses.states(number, fit.values, edges, starts)
-        whole = edges[[0, -1]]
-        _, _, free = responses.states(number, fit.values, whole, starts[:1])
+        span = edges[[0, -1]]
+        _, _, free = responses.states(number, fit.values, span, starts[:1])
         outputs = experiment.measurement.outputs
         scene = experiment.scene
-        found.append(
+        predictions.append(
             Stretch(
                 name=experiment.measurement.name,
                 outputs=tuple(outputs),
@@ -226,7 +226,7 @@ def predicted(
                 resistance=load_resistance(scene) if scene.units == "SI" else None,
             )
         )
-    return found, settled
+    return predictions, settled
 
 
 def sensor_noise(stretch: Stretch, output: int = 0) -> float:

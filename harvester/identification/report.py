@@ -31,17 +31,17 @@ def report(found: Identification) -> str:
     good = found.verdict.good
     header, rows = found.table()
     models = [
-        (each.name, str(len(each.fitted.keys)), f"{each.fitted.nrmse:.2%}")
-        for each in found.candidates
+        (candidate.name, str(len(candidate.fitted.keys)), f"{candidate.fitted.nrmse:.2%}")
+        for candidate in found.candidates
     ]
     scene = html.escape(found.scene_text())
-    records = ", ".join(each.name for each in found.measurements)
+    records = ", ".join(record.name for record in found.measurements)
     return page(
         f"{found.scene.name}: identified from {records}",
         f"scene {found.scene.digest()[:12]}",
         {
             "Verdict": verdict_list(
-                [Verdict(first, good), *(Verdict(each, None) for each in others)]
+                [Verdict(first, good), *(Verdict(sentence, None) for sentence in others)]
             ),
             "Values": wide(table_of(header, rows)) + facts(LEGEND),
             "Figures": figure_of(

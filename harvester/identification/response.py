@@ -74,12 +74,12 @@ class Experiment:
 
     def integrals(self, quantity: str, steps: int) -> tuple[np.ndarray, np.ndarray]:
         """First and second integral of a column, at so many places between samples."""
-        kept: dict[Any, Any] = self.__dict__.setdefault("_integrals", {})
-        if (quantity, steps) not in kept:
+        cache: dict[Any, Any] = self.__dict__.setdefault("_integrals", {})
+        if (quantity, steps) not in cache:
             samples = getattr(self.measurement, quantity)
             places = np.arange(steps * (samples.size - 1) + 1) / steps
-            kept[quantity, steps] = integrals(samples, self.measurement.sampling_rate, places)
-        return kept[quantity, steps]
+            cache[quantity, steps] = integrals(samples, self.measurement.sampling_rate, places)
+        return cache[quantity, steps]
 
 
 def experiment(
@@ -108,9 +108,9 @@ def _path(samples, steps, interpolation):
     """Acceleration at the steps, of one record or of several, shape (n, records)."""
     if interpolation == "smooth":
         return smoothed(samples, steps)
-    known = np.arange(len(samples))
+    indices = np.arange(len(samples))
     places = np.arange(steps * (len(samples) - 1) + 1) / steps
-    return np.apply_along_axis(lambda each: np.interp(places, known, each), 0, samples)
+    return np.apply_along_axis(lambda series: np.interp(places, indices, series), 0, samples)
 
 
 class Responses:
@@ -147,16 +147,16 @@ class Responses:
         """Scaled equations of one experiment; None where the scene refuses the values."""
         scene = self.experiments[number].scene
         unit = {"length_scale": self.length} if scene.units == "SI" else {}
-        made = with_values(scene, self.keys, values, unit)
-        if made is None:
+        changed = with_values(scene, self.keys, values, unit)
+        if changed is None:
             return None
         probe = self._sensor(number, values, "sensor.voltage_resistance")
         try:
             if math.isfinite(probe):
-                load = parallel(numbers(made)["load.resistance"][0], probe)
-                made = made.replace({"load.resistance": load})
-            ready = prepared(made)
-            system, scales = ready.system, ready.scales
+                load = parallel(numbers(changed)["load.resistance"][0], probe)
+                changed = changed.replace({"load.resistance": load})
+            prepared_scene = prepared(changed)
+            system, scales = prepared_scene.system, prepared_scene.scales
         except (HarvesterError, ArithmeticError, ValueError):
             return None
         return _general(system), scales
@@ -169,13 +169,13 @@ class Responses:
         IdentificationError
             The scene refuses the values.
         """
-        made = self.device(number, values)
-        if made is None:
+        equations = self.device(number, values)
+        if equations is None:
             raise IdentificationError(
                 "the fit reached values that the scene refuses: check the columns' units and "
                 "signs, free fewer (--free), or begin nearer (--set)"
             )
-        return made
+        return equations
 
     def states(
         self,
@@ -201,14 +201,14 @@ class Responses:
         ndarray, shape (samples, 3); ndarray, shape (windows, 3); ndarray, shape (samples, outputs)
             None instead of each where the scene refuses the values.
         """
-        made = self.device(number, values)
-        if made is None:
+        equations = self.device(number, values)
+        if equations is None:
             return None, None, None
-        system, scales = made
-        each = self.experiments[number]
+        system, scales = equations
+        record = self.experiments[number]
         eta = self.excitation(number, values)
-        spacing = 1.0 / (each.measurement.sampling_rate * each.steps)
-        states, ends = states_at_samples(system, eta, spacing, each.steps, edges, starts)
+        spacing = 1.0 / (record.measurement.sampling_rate * record.steps)
+        states, ends = states_at_samples(system, eta, spacing, record.steps, edges, starts)
         return states, ends, self._outputs(number, values, system, scales, states, edges)
 
     def moved_by_noise(
@@ -234,33 +234,33 @@ class Responses:
         ndarray, shape (samples, outputs, draws)
             Where a solution runs away, 0.
         """
-        each = self.experiments[number]
-        base = each.measurement.acceleration
-        path = each.acceleration[self.interpolation]
-        own = self.states(number, values, edges, starts)[2]
+        record = self.experiments[number]
+        base = record.measurement.acceleration
+        path = record.acceleration[self.interpolation]
+        undisturbed = self.states(number, values, edges, starts)[2]
 
         def moved(draw):
-            shaken, more = draw
+            shaken, path_noise = draw
             other = copy(self)
             other.experiments = list(self.experiments)
             other.experiments[number] = replace(
-                each,
-                measurement=replace(each.measurement, acceleration=base + shaken),
-                acceleration={self.interpolation: path + more},
+                record,
+                measurement=replace(record.measurement, acceleration=base + shaken),
+                acceleration={self.interpolation: path + path_noise},
             )
-            return other.states(number, values, edges, starts)[2] - own
+            return other.states(number, values, edges, starts)[2] - undisturbed
 
-        paths = _path(noise, each.steps, self.interpolation)
-        found = np.stack(side_by_side(moved, zip(noise.T, paths.T, strict=True)), axis=-1)
-        return np.nan_to_num(found, posinf=0.0, neginf=0.0)
+        paths = _path(noise, record.steps, self.interpolation)
+        changes = np.stack(side_by_side(moved, zip(noise.T, paths.T, strict=True)), axis=-1)
+        return np.nan_to_num(changes, posinf=0.0, neginf=0.0)
 
     def excitation(self, number: int, values: np.ndarray) -> np.ndarray:
         """η at the steps of one experiment, scaled."""
-        each = self.experiments[number]
-        factor = (-1.0 if each.scene.units == "SI" else 1.0) / self.length
-        path = each.acceleration[self.interpolation]
+        record = self.experiments[number]
+        factor = (-1.0 if record.scene.units == "SI" else 1.0) / self.length
+        path = record.acceleration[self.interpolation]
         factor *= self.base_factor(number, values)
-        return factor * self._base(number, values, path, each.steps)
+        return factor * self._base(number, values, path, record.steps)
 
     def base_factor(self, number: int, values: np.ndarray) -> float:
         """Base factor of one experiment's device: drive per base acceleration."""
@@ -270,21 +270,21 @@ class Responses:
 
     def _base(self, number, values, path, steps):
         """True base acceleration from the path that its sensor showed."""
-        each = self.experiments[number]
+        record = self.experiments[number]
         corners = self._corners(number, values, "acceleration")
         if any(corners):
-            path = put_right(path, each.integrals("acceleration", steps), *corners)
+            path = put_right(path, record.integrals("acceleration", steps), *corners)
         gain = self._sensor(number, values, "sensor.acceleration_scale")
         offset = self._sensor(number, values, "sensor.acceleration_offset")
         return (path - offset) / gain
 
     def _base_velocity(self, number, values):
         """Velocity of the base at the samples, in the scene's units."""
-        each = self.experiments[number]
-        base = self._base(number, values, each.measurement.acceleration, 1)
-        sign = 1.0 if each.scene.units == "SI" else -1.0
-        places = np.arange(each.samples)
-        return sign * integrals(base, each.measurement.sampling_rate, places)[0]
+        record = self.experiments[number]
+        base = self._base(number, values, record.measurement.acceleration, 1)
+        sign = 1.0 if record.scene.units == "SI" else -1.0
+        places = np.arange(record.samples)
+        return sign * integrals(base, record.measurement.sampling_rate, places)[0]
 
     def _corners(self, number, values, quantity):
         """Corner frequencies (Hz) of a sensor's high-passes of first and of second order."""
@@ -304,18 +304,18 @@ class Responses:
         """A record with the sensors' effects removed from its outputs, except delays and
         low-passes."""
         measurement = self.experiments[number].measurement
-        found = {}
+        true_outputs = {}
         for name, values_shown in measurement.outputs.items():
             true = values_shown + self._taken_away(number, values, name)
             true = true - self._sensor(number, values, f"sensor.{name}_offset")
             true = true / self._sensor(number, values, f"sensor.{name}_scale")
             if name == "velocity" and measurement.velocity_is_absolute:
                 true = true - self._base_velocity(number, values)
-            found[name] = true
-        if VELOCITY_SCALE in self.keys and len(found) > 1:
+            true_outputs[name] = true
+        if VELOCITY_SCALE in self.keys and len(true_outputs) > 1:
             # A velocity of unknown scale is left out where other channels show the motion.
-            found["velocity"] = None
-        return replace(measurement, **found)
+            true_outputs["velocity"] = None
+        return replace(measurement, **true_outputs)
 
     def velocity_scale(self, number: int, velocity: np.ndarray, values: np.ndarray) -> float | None:
         """Scale of the velocity's sensor that fits its record to a motion (least squares).
@@ -344,9 +344,9 @@ class Responses:
         corners = self._corners(number, values, name)
         if not any(corners):
             return 0.0
-        each = self.experiments[number]
-        seen = each.measurement.voltage
-        return put_right(seen, each.integrals(name, 1), *corners) - seen
+        record = self.experiments[number]
+        seen = record.measurement.voltage
+        return put_right(seen, record.integrals(name, 1), *corners) - seen
 
     def _outputs(self, number, values, system, scales, states, edges):
         """Simulated sensor signals from the device's states, shape (samples, outputs)."""
@@ -374,9 +374,9 @@ class Responses:
         delay = rate * self._sensor(number, values, key + "delay")
         low = self._sensor(number, values, key + "filter")
         high = self._corners(number, values, name)
-        there = [
+        present = [
             effect in self.keys or effect in measurement.sensors
-            for effect in (key + each for each in ("filter", *HIGHPASSES))
+            for effect in (key + effect_name for effect_name in ("filter", *HIGHPASSES))
         ]
         memory = [rate * low, *(2.0 * math.pi * corner / rate for corner in high)]
         gain = self._sensor(number, values, key + "scale")
@@ -386,10 +386,12 @@ class Responses:
             true = np.concatenate([_delayed(piece, delay) for piece in pieces])
         if memory[0] > 0.0:
             true = lowpassed(true, edges, memory[0])
-        shown = gain * highpassed(true, edges, *memory[1:]) + offset
+        simulated = gain * highpassed(true, edges, *memory[1:]) + offset
         seen = measurement.outputs[name][edges[0] : edges[-1]]
-        known = [value if each else None for value, each in zip(memory, there, strict=True)]
-        return without_memory(shown, seen, edges, *known)
+        decays = [
+            value if is_present else None for value, is_present in zip(memory, present, strict=True)
+        ]
+        return without_memory(simulated, seen, edges, *decays)
 
 
 def _delayed(values, samples):

@@ -55,7 +55,7 @@ def searched(
     lengths : sequence of int
         Samples of each experiment, from its first, that are fitted to.
     """
-    values = np.array([each.start for each in unknowns])
+    values = np.array([unknown.start for unknown in unknowns])
     best = None
     for start in starts_from(responses, values):
         tried = _short(responses, unknowns, start, lengths)
@@ -71,19 +71,25 @@ def searched(
 def _short(responses, unknowns, start, lengths):
     """A fit with short windows."""
     sizes = [
-        np.array([np.std(each.x), np.std(each.v), np.std(each.state)]) for each in start.motions
+        np.array([np.std(path.x), np.std(path.v), np.std(path.state)]) for path in start.motions
     ]
-    sized = [each.begun(float(value)) for each, value in zip(unknowns, start.values, strict=True)]
+    sized = [
+        unknown.begun(float(value)) for unknown, value in zip(unknowns, start.values, strict=True)
+    ]
     shooting = Shooting(responses, sized, sizes)
     edges, noise, begun = [], [], []
-    for each, length, motion in zip(responses.experiments, lengths, start.motions, strict=True):
-        cut = short_windows(each.measurement, 0, length)
+    for experiment, length, motion in zip(
+        responses.experiments, lengths, start.motions, strict=True
+    ):
+        cut = short_windows(experiment.measurement, 0, length)
         edges.append(cut)
         begun.append(states_of(motion, cut[:-1]))
         noise.append(
-            np.array([FIRST_NOISE * np.std(values) for values in each.measurement.outputs.values()])
+            np.array(
+                [FIRST_NOISE * np.std(values) for values in experiment.measurement.outputs.values()]
+            )
         )
-    everywhere = [np.ones(len(each), bool) for each in begun]
+    everywhere = [np.ones(len(states), bool) for states in begun]
     fit, _ = repaired(shooting, Fit(start.values.copy(), edges, begun, noise), everywhere)
     fit = shooting.minimized(fit, FIRST, COARSE)
     return (shooting, fit) if fit.grams else None
@@ -115,7 +121,7 @@ def followed(shooting: Shooting, fit: Fit, rival: float = np.inf) -> Fit:
             break
         fit = mended(shooting, longer)
     for _ in range(MENDINGS):
-        if not fit.cost < hopeless or not any(each.any() for each in _doubtful(fit)):
+        if not fit.cost < hopeless or not any(doubtful.any() for doubtful in _doubtful(fit)):
             break
         fit = mended(shooting, fit)
     if not fit.cost < hopeless:
@@ -156,13 +162,13 @@ def settle_windows(
     """
     experiments = shooting.responses.experiments
     edges = [
-        short_windows(each.measurement, first, last)
-        for each, (first, last) in zip(experiments, stretches, strict=True)
+        short_windows(experiment.measurement, first, last)
+        for experiment, (first, last) in zip(experiments, stretches, strict=True)
     ]
     begun = Fit(fit.values, edges, [], fit.noise)
     for number, cut in enumerate(edges):
-        everywhere, there = np.ones(cut.size - 1, bool), reach or _visited(shooting, fit, number)
-        begun.starts.append(placed(shooting, number, begun, everywhere, there)[0])
+        everywhere, span = np.ones(cut.size - 1, bool), reach or _visited(shooting, fit, number)
+        begun.starts.append(placed(shooting, number, begun, everywhere, span)[0])
     if not shooting.linearized(begun):
         return begun
     return followed(shooting, begun)
@@ -210,14 +216,16 @@ def mended(shooting: Shooting, fit: Fit) -> Fit:
     same fit where nothing is in doubt or no better one is found.
     """
     better, cut = fit, _doubtful(fit)
-    if any(each.any() for each in cut):
+    if any(windows.any() for windows in cut):
         better, sums = repaired(shooting, fit, cut)
-        cut = [_far_off(each, edges) for each, edges in zip(sums, fit.edges, strict=True)]
+        cut = [
+            _far_off(window_sums, edges) for window_sums, edges in zip(sums, fit.edges, strict=True)
+        ]
     cut = [
         doubtful | (growth > 2.0 * LARGEST_GROWTH)
         for doubtful, growth in zip(cut, fit.growth, strict=True)
     ]
-    if any(each.any() for each in cut):
+    if any(windows.any() for windows in cut):
         better = shortened(shooting, better, cut)
     if better is not fit:
         better = shooting.minimized(better, ON_THE_WAY, COARSE)

@@ -48,16 +48,16 @@ class Trial:
 def effects_of(base: Fitted, measurements: Sequence[Measurement]) -> list[Trial]:
     """Effects that can be free: all that are not yet, by the channels that there are."""
     outputs = list(measurements[0].sensed)
-    made = {"AC-coupled accelerometer": ["sensor.acceleration_highpass"]}
-    made["delay between the channels"] = [f"sensor.{each}_delay" for each in outputs]
-    made |= {f"low-pass of the {each}": [f"sensor.{each}_filter"] for each in outputs}
+    effects = {"AC-coupled accelerometer": ["sensor.acceleration_highpass"]}
+    effects["delay between the channels"] = [f"sensor.{output}_delay" for output in outputs]
+    effects |= {f"low-pass of the {output}": [f"sensor.{output}_filter"] for output in outputs}
     if "voltage" in outputs:
-        made["AC-coupled voltage"] = ["sensor.voltage_highpass"]
-    given = {key for each in measurements for key in each.sensors}
+        effects["AC-coupled voltage"] = ["sensor.voltage_highpass"]
+    specified = {key for record in measurements for key in record.sensors}
     return [
         Trial(name, measurements, keys)
-        for name, keys in made.items()
-        if not {*keys} & {*base.keys, *given}
+        for name, keys in effects.items()
+        if not {*keys} & {*base.keys, *specified}
     ]
 
 
@@ -69,26 +69,29 @@ def promising(
     keys = [key for trial in trials for key in trial.keys]
     if not keys:
         return []
-    own = len(base.keys)
+    count = len(base.keys)
     added = unknowns(base.scene, keys, sizes)
-    known = dict(zip(base.keys, base.values, strict=True))
-    free = [each.begun(known[each.key]) for each in unknowns(base.scene, base.keys, sizes)]
+    fitted_values = dict(zip(base.keys, base.values, strict=True))
+    free = [
+        unknown.begun(fitted_values[unknown.key])
+        for unknown in unknowns(base.scene, base.keys, sizes)
+    ]
     responses = base.shooting.responses.with_keys([*base.keys, *keys])
     shooting = base.shooting.beside(responses, [*free, *added])
-    values = np.array([*base.values, *(each.start for each in added)])
+    values = np.array([*base.values, *(unknown.start for unknown in added)])
     fit = replace(base.fit, values=values)
     if not shooting.linearized(fit):
         return []
     normal, gradient = shooting.reduced(fit)
-    least = _promised(normal, gradient, range(own))[0]
-    found = []
+    least = _promised(normal, gradient, range(count))[0]
+    gains = []
     for trial in trials:
-        places = [*range(own), *(own + keys.index(key) for key in trial.keys)]
+        places = [*range(count), *(count + keys.index(key) for key in trial.keys)]
         gain, step = _promised(normal, gradient, places)
         bounded = trial.keys[0].endswith(("_filter", *HIGHPASSES))
-        if not (bounded and step[own] < 0.0) and gain - least > PROMISING * fit.cost:
-            found.append((gain, trial))
-    return [trial for _, trial in sorted(found, key=lambda each: -each[0])[:MOST_FITTED]]
+        if not (bounded and step[count] < 0.0) and gain - least > PROMISING * fit.cost:
+            gains.append((gain, trial))
+    return [trial for _, trial in sorted(gains, key=lambda pair: -pair[0])[:MOST_FITTED]]
 
 
 def _promised(normal, gradient, places):
@@ -101,34 +104,38 @@ def _promised(normal, gradient, places):
 def turned(measurements: Sequence[Measurement]) -> list[Trial]:
     """Records whose columns mean something else: without an offset, another sign, another frame."""
     outputs = list(measurements[0].sensed)
-    found = [each for name in ("voltage", "velocity") for each in _without_mean(measurements, name)]
+    trials = [
+        trial for name in ("voltage", "velocity") for trial in _without_mean(measurements, name)
+    ]
     # With one channel one sign is enough: the other gives the mirrored device.
     turnable = ["acceleration"] if outputs[0] != "voltage" else ["voltage"]
     turnable += ["acceleration"] if len(outputs) > 1 and turnable == ["voltage"] else []
     for name in turnable:
         key = f"sensor.{name}_scale"
-        if any(key in each.sensors for each in measurements):
+        if any(key in record.sensors for record in measurements):
             continue
-        swapped = [replace(each, sensors={**each.sensors, key: -1.0}) for each in measurements]
-        found.append(Trial(f"swapped polarity of the {name}", swapped, []))
-    if "velocity" in outputs and not any(each.velocity_is_absolute for each in measurements):
-        moved = [replace(each, velocity_is_absolute=True) for each in measurements]
-        found.append(Trial("velocity in the room", moved, []))
-    return found
+        swapped = [
+            replace(record, sensors={**record.sensors, key: -1.0}) for record in measurements
+        ]
+        trials.append(Trial(f"swapped polarity of the {name}", swapped, []))
+    if "velocity" in outputs and not any(record.velocity_is_absolute for record in measurements):
+        moved = [replace(record, velocity_is_absolute=True) for record in measurements]
+        trials.append(Trial("velocity in the room", moved, []))
+    return trials
 
 
 def _without_mean(measurements, name):
     """The records without the means of a channel that has none over long times, if those show."""
     key, changed, largest = f"sensor.{name}_offset", [], 0.0
-    for each in measurements:
-        values = each.sensed.get(name)
-        if values is None or key in each.sensors:
+    for record in measurements:
+        values = record.sensed.get(name)
+        if values is None or key in record.sensors:
             return []
         means = np.array([float(np.mean(part)) for part in blocks_of(values)])
         mean, error = float(means.mean()), float(np.std(means, ddof=1)) / math.sqrt(means.size)
         if abs(mean) > max(OFFSET_ERRORS * error, LEAST_OFFSET * float(np.std(values))):
             largest = max(largest, mean, key=abs)
-        changed.append(replace(each, sensors={**each.sensors, key: mean}))
+        changed.append(replace(record, sensors={**record.sensors, key: mean}))
     if not largest:
         return []
     return [Trial(f"offset of the {name} (its mean, {key} = {largest:.3g})", changed, [])]

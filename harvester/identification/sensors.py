@@ -58,11 +58,11 @@ REQUIRED = {
 
 def sensor_keys(outputs: Sequence[str]) -> dict[str, float]:
     """Keys of the sensors that a record has, to their values without effect."""
-    found = {f"sensor.acceleration_{effect}": v for effect, v in BASE_EFFECTS.items()}
+    keys = {f"sensor.acceleration_{effect}": v for effect, v in BASE_EFFECTS.items()}
     for output in outputs:
         effects = OUTPUT_EFFECTS | (VOLTAGE_EFFECTS if output == "voltage" else {})
-        found |= {f"sensor.{output}_{effect}": v for effect, v in effects.items()}
-    return found
+        keys |= {f"sensor.{output}_{effect}": v for effect, v in effects.items()}
+    return keys
 
 
 def neutral(key: str) -> float:
@@ -80,17 +80,17 @@ def checked_sensors(
     SceneError
         No such effect, no number, or one that no sensor has.
     """
-    known, found = sensor_keys(outputs), {}
+    neutral_values, numbers = sensor_keys(outputs), {}
     for key, value in values.items():
-        if key not in known:
-            raise SceneError(f"{where}: unknown setting {named(key)}{nearest(key, known)}")
+        if key not in neutral_values:
+            raise SceneError(f"{where}: unknown setting {named(key)}{nearest(key, neutral_values)}")
         number = float(value) if isinstance(value, (int, float)) else math.nan
         effect = key.rpartition("_")[2]
-        wanted, holds = REQUIRED.get(effect, ("a number", math.isfinite))
+        requirement, holds = REQUIRED.get(effect, ("a number", math.isfinite))
         if math.isnan(number) or not holds(number):
-            raise SceneError(f"{where}: {key} = {shown(value)}: must be {wanted}")
-        found[key] = number
-    return found
+            raise SceneError(f"{where}: {key} = {shown(value)}: must be {requirement}")
+        numbers[key] = number
+    return numbers
 
 
 def integrals(
@@ -182,9 +182,9 @@ def _convolved(values, edges, pole, residue):
     # A window that runs away disturbs no later one, nor does the step from one to the next.
     drive[~np.isfinite(drive)] = 0.0
     drive[cuts[1:-1] - 1] = 0.0
-    found = lfilter([1.0], [1.0, -np.exp(pole)], np.concatenate([[0.0], drive]))
-    found[~np.isfinite(values)] = np.nan
-    return found
+    filtered = lfilter([1.0], [1.0, -np.exp(pole)], np.concatenate([[0.0], drive]))
+    filtered[~np.isfinite(values)] = np.nan
+    return filtered
 
 
 def _moments(pole, count):
@@ -193,10 +193,10 @@ def _moments(pole, count):
         return (QUADRATURE_WEIGHTS * np.exp(pole * (1.0 - QUADRATURE_PLACES))) @ (
             QUADRATURE_PLACES[:, None] ** np.arange(count)
         )
-    found = [(np.exp(pole) - 1.0) / pole]
+    moments = [(np.exp(pole) - 1.0) / pole]
     for n in range(1, count):
-        found.append((n * found[-1] - 1.0) / pole)
-    return np.array(found)
+        moments.append((n * moments[-1] - 1.0) / pole)
+    return np.array(moments)
 
 
 def without_memory(
@@ -233,12 +233,12 @@ def without_memory(
         modes.append(np.exp(-turned) * places * np.sinc(turned / math.pi))
     if not modes:
         return shown
-    table, found = np.column_stack(modes), shown.copy()
+    table, corrected = np.column_stack(modes), shown.copy()
     for begin, end in pairwise(cuts):
-        off, own = shown[begin:end] - seen[begin:end], table[: end - begin]
+        off, columns = shown[begin:end] - seen[begin:end], table[: end - begin]
         if np.isfinite(off).all():
-            found[begin:end] -= own @ np.linalg.lstsq(own, off, rcond=None)[0]
-    return found
+            corrected[begin:end] -= columns @ np.linalg.lstsq(columns, off, rcond=None)[0]
+    return corrected
 
 
 def parallel(resistance: float, beside: float) -> float:

@@ -88,11 +88,11 @@ class Shooting:
     ) -> None:
         self.responses = responses
         self.unknowns = list(unknowns)
-        self.sizes = np.array([each.size for each in unknowns])
-        self.low = np.array([each.low for each in unknowns])
-        self.high = np.array([each.high for each in unknowns])
-        self.state_sizes = [np.where(each > 0.0, each, 1.0) for each in state_sizes]
-        self.states_there = [each > 0.0 for each in state_sizes]
+        self.sizes = np.array([unknown.size for unknown in unknowns])
+        self.low = np.array([unknown.low for unknown in unknowns])
+        self.high = np.array([unknown.high for unknown in unknowns])
+        self.state_sizes = [np.where(sizes > 0.0, sizes, 1.0) for sizes in state_sizes]
+        self.states_there = [sizes > 0.0 for sizes in state_sizes]
 
     def frozen(self) -> Shooting:
         """The problem with the windows' starts as its only unknowns."""
@@ -132,7 +132,7 @@ class Shooting:
     def seen(self, number: int, edges: np.ndarray) -> np.ndarray:
         """Measured outputs in the windows of one experiment, shape (samples, outputs)."""
         outputs = self.responses.experiments[number].measurement.outputs
-        return np.column_stack([each[edges[0] : edges[-1]] for each in outputs.values()])
+        return np.column_stack([series[edges[0] : edges[-1]] for series in outputs.values()])
 
     def cost(self, fit: Fit) -> float:
         """Sum of squares; inf where the device runs away."""
@@ -140,10 +140,10 @@ class Shooting:
         for number, (edges, starts, noise) in enumerate(
             zip(fit.edges, fit.starts, fit.noise, strict=True)
         ):
-            found, _ = self.residuals(number, fit.values, edges, starts, noise)
-            if found is None:
+            residuals, _ = self.residuals(number, fit.values, edges, starts, noise)
+            if residuals is None:
                 return np.inf
-            total += float(np.sum(found**2))
+            total += float(np.sum(residuals**2))
         return total
 
     def jacobian(self, fit: Fit, number: int) -> tuple[Any, Any]:
@@ -155,7 +155,7 @@ class Shooting:
         base, ends = self.residuals(number, fit.values, edges, starts, noise)
         if base is None:
             return None, None
-        p, there = len(self.unknowns), self.states_there[number]
+        p, existing = len(self.unknowns), self.states_there[number]
         table = np.zeros((*base.shape, p + 4))
         table[..., -1] = base
         transitions = np.zeros((len(starts), 3, 3))
@@ -163,22 +163,22 @@ class Shooting:
         def of_value(k):
             moved = fit.values.copy()
             moved[k] += DIFFERENCE * self.sizes[k] * (-1.0 if moved[k] >= self.high[k] else 1.0)
-            found, _ = self.residuals(number, moved, edges, starts, noise)
-            if found is not None:
-                table[..., k] = (found - base) / ((moved[k] - fit.values[k]) / self.sizes[k])
+            shifted, _ = self.residuals(number, moved, edges, starts, noise)
+            if shifted is not None:
+                table[..., k] = (shifted - base) / ((moved[k] - fit.values[k]) / self.sizes[k])
 
         def of_state(k):
             moved = starts.copy()
             moved[:, k] += DIFFERENCE * self.state_sizes[number][k]
-            found, moved_ends = self.residuals(number, fit.values, edges, moved, noise)
-            if found is not None:
-                table[..., p + k] = (found - base) / DIFFERENCE
+            shifted, moved_ends = self.residuals(number, fit.values, edges, moved, noise)
+            if shifted is not None:
+                table[..., p + k] = (shifted - base) / DIFFERENCE
                 transitions[:, :, k] = (moved_ends - ends) / self.state_sizes[number] / DIFFERENCE
 
         # Each call fills its own column, so the threads' order does not change the result.
         side_by_side(
             lambda column: of_value(column) if column < p else of_state(column - p),
-            [*range(p), *(p + np.flatnonzero(there))],
+            [*range(p), *(p + np.flatnonzero(existing))],
         )
         return table, transitions
 
@@ -199,13 +199,13 @@ class Shooting:
             shares = self._shares(number, fit.noise[number])
             moved = np.linalg.norm(table[..., p:-1] * shares[:, None], axis=(1, 2))
             fit.growth.append(np.maximum.reduceat(moved, cuts[:-1]))
-        fit.cost = float(sum(each[:, -1, -1].sum() for each in fit.grams))
+        fit.cost = float(sum(gram[:, -1, -1].sum() for gram in fit.grams))
         return True
 
     def _shares(self, number, noise):
         """Noise level of each output, divided by the output's rms."""
         outputs = self.responses.experiments[number].measurement.outputs
-        return noise / np.array([np.std(each) for each in outputs.values()])
+        return noise / np.array([np.std(series) for series in outputs.values()])
 
     def step(self, fit: Fit, damping: float) -> tuple[np.ndarray, list[np.ndarray]]:
         """Change of the unknowns and of all starts, in sizes, by the damped normal equations."""
@@ -256,12 +256,12 @@ class Shooting:
 
     def _state_inverse(self, grams, damping):
         p = len(self.unknowns)
-        own = grams[:, p : p + 3, p : p + 3].copy()
-        sizes = np.einsum("wii->wi", own)
+        block = grams[:, p : p + 3, p : p + 3].copy()
+        sizes = np.einsum("wii->wi", block)
         largest = sizes.max(axis=1, keepdims=True)
         ridge = damping * sizes + 1e-10 * np.where(largest > 0.0, largest, 1.0)
-        own[:, range(3), range(3)] += ridge
-        return np.linalg.inv(own)
+        block[:, range(3), range(3)] += ridge
+        return np.linalg.inv(block)
 
     def minimized(self, fit: Fit, iterations: int, tolerance: float) -> Fit:
         """The fit at the minimum of its cost, its windows as they are.
@@ -315,8 +315,8 @@ class Shooting:
     def moved(self, fit: Fit, change: np.ndarray, moves: Sequence[np.ndarray]) -> Fit:
         """The fit changed by steps in sizes."""
         starts = [
-            each + move * size
-            for each, move, size in zip(fit.starts, moves, self.state_sizes, strict=True)
+            states + move * size
+            for states, move, size in zip(fit.starts, moves, self.state_sizes, strict=True)
         ]
         values = fit.values + change * self.sizes if change.size else fit.values
         return Fit(values, fit.edges, starts, fit.noise)
@@ -325,9 +325,9 @@ class Shooting:
         """The fit with each output's noise as its residuals show it."""
         noise = []
         for number, edges in enumerate(fit.edges):
-            found, _ = self.residuals(
+            residuals, _ = self.residuals(
                 number, fit.values, edges, fit.starts[number], fit.noise[number]
             )
-            own = np.sqrt(np.mean(found**2, axis=0)) if found is not None else 1.0
-            noise.append(fit.noise[number] * np.maximum(own, 1e-6))
+            rms = np.sqrt(np.mean(residuals**2, axis=0)) if residuals is not None else 1.0
+            noise.append(fit.noise[number] * np.maximum(rms, 1e-6))
         return replace(fit, noise=noise)

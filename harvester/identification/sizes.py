@@ -41,25 +41,25 @@ def sizes_of(
     if scene.oscillator.force_table is not None:
         greatest = float(np.abs(restoring_spring(scene.oscillator).force(reach)))
     greatest = greatest or 1.0
-    found = {f"oscillator.restoring_force[{n}]": greatest / reach**n for n in range(POWERS)}
-    found["oscillator.linear_stiffness"] = greatest / reach
-    found["oscillator.cubic_stiffness"] = greatest / reach**3
+    sizes = {f"oscillator.restoring_force[{n}]": greatest / reach**n for n in range(POWERS)}
+    sizes["oscillator.linear_stiffness"] = greatest / reach
+    sizes["oscillator.cubic_stiffness"] = greatest / reach**3
     damping = scene.oscillator.damping or 1e-2 * greatest / speed
-    found["oscillator.damping"] = damping
-    found["oscillator.quadratic_damping"] = damping / speed
-    found["stoppers.gap"] = reach
-    found["stoppers.stiffness"] = greatest / reach**1.5
+    sizes["oscillator.damping"] = damping
+    sizes["oscillator.quadratic_damping"] = damping / speed
+    sizes["stoppers.gap"] = reach
+    sizes["stoppers.stiffness"] = greatest / reach**1.5
     frequency = frequencies(measurements[0])[0]
     for name in ("acceleration", "voltage"):
         for effect in HIGHPASSES:
-            found[f"sensor.{name}_{effect}"] = SHARE_OF_PERIOD * frequency
+            sizes[f"sensor.{name}_{effect}"] = SHARE_OF_PERIOD * frequency
     base = measurements[0].acceleration
-    found["sensor.acceleration_offset"] = 1.0 if base is None else float(np.std(base)) or 1.0
+    sizes["sensor.acceleration_offset"] = 1.0 if base is None else float(np.std(base)) or 1.0
     for name, values in measurements[0].sensed.items():
-        found[f"sensor.{name}_offset"] = float(np.std(values))
+        sizes[f"sensor.{name}_offset"] = float(np.std(values))
         for effect in ("delay", "filter"):
-            found[f"sensor.{name}_{effect}"] = SHARE_OF_PERIOD / frequency
-    return found
+            sizes[f"sensor.{name}_{effect}"] = SHARE_OF_PERIOD / frequency
+    return sizes
 
 
 def first_sizes(scene: Scene, measurements: Sequence[Measurement]) -> dict[str, float]:

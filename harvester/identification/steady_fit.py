@@ -66,34 +66,36 @@ def fitted_responses(
             f"{scene.name}: a frequency response cannot determine stoppers: identify them from a "
             "record in time"
         )
-    aside = [np.arange(each.frequency.size) % KEPT_ASIDE == 1 for each in measurements]
+    aside = [np.arange(response.frequency.size) % KEPT_ASIDE == 1 for response in measurements]
     shooting = _shooting(scene, measurements, [~lines for lines in aside], keys, sizes)
     if warm:
-        known = dict(zip(warm.keys, warm.values, strict=True))
-        values = np.array([known.get(each.key, each.start) for each in shooting.unknowns])
+        previous = dict(zip(warm.keys, warm.values, strict=True))
+        values = np.array(
+            [previous.get(unknown.key, unknown.start) for unknown in shooting.unknowns]
+        )
         begun = [Fit(values, warm.fit.edges, warm.fit.starts, warm.fit.noise)]
     else:
         begun = sorted(_starts(shooting), key=shooting.cost)[:MOST_STARTS]
-    fits = [shooting.minimized(each, LAST, FINE) for each in begun]
-    fits = [each for each in fits if each.grams]
+    fits = [shooting.minimized(start, LAST, FINE) for start in begun]
+    fits = [fit for fit in fits if fit.grams]
     if not fits:
         raise IdentificationError(
             f"{scene.name}: no values of {', '.join(keys)} follow the response: check the columns' "
             "units, the load's resistance, and begin nearer (--set)"
         )
-    best = min(fits, key=lambda each: each.cost)
+    best = min(fits, key=lambda fit: fit.cost)
     fit = shooting.minimized(shooting.reweighted(best), LAST, FINE)
     covariance = intervals.covariance(shooting, fit)
-    kept = _shooting(scene, measurements, aside, keys, sizes).responses
-    stretches = [stretch_of(kept, fit.values, number) for number in range(len(measurements))]
+    validation = _shooting(scene, measurements, aside, keys, sizes).responses
+    stretches = [stretch_of(validation, fit.values, number) for number in range(len(measurements))]
     return Fitted.concluded(scene, shooting, fit, covariance, stretches)
 
 
 def _shooting(scene, measurements, lines, keys, sizes):
     """The least-squares problem of some lines of each record."""
     experiments = [
-        SteadyExperiment(each.part(some), scene.replace(each.changes))
-        for each, some in zip(measurements, lines, strict=True)
+        SteadyExperiment(response.part(some), scene.replace(response.changes))
+        for response, some in zip(measurements, lines, strict=True)
     ]
     responses = SteadyResponses(experiments, keys, prepared(scene).scales.displacement)
     return Shooting(responses, unknowns(scene, keys, sizes), [np.zeros(3)] * len(experiments))
@@ -101,13 +103,17 @@ def _shooting(scene, measurements, lines, keys, sizes):
 
 def _starts(shooting):
     """Values on a grid of factors, each kind of parameter by its own."""
-    first = np.array([each.start for each in shooting.unknowns])
+    first = np.array([unknown.start for unknown in shooting.unknowns])
     kinds = {
-        kind: np.array([word in each.key for each in shooting.unknowns])
+        kind: np.array([word in unknown.key for unknown in shooting.unknowns])
         for kind, word in (("spring", "restoring_force"), ("damping", "damping"))
     }
-    kinds["spring"] |= np.array([each.key.endswith("stiffness") for each in shooting.unknowns])
-    kinds["coupling"] = np.array([each.key.endswith("coupling") for each in shooting.unknowns])
+    kinds["spring"] |= np.array(
+        [unknown.key.endswith("stiffness") for unknown in shooting.unknowns]
+    )
+    kinds["coupling"] = np.array(
+        [unknown.key.endswith("coupling") for unknown in shooting.unknowns]
+    )
     ranges = [
         grid if kinds[kind].any() else (1.0,)
         for kind, grid in (
@@ -117,8 +123,8 @@ def _starts(shooting):
         )
     ]
     edges, noise = [], []
-    for each in shooting.responses.experiments:
-        outputs = list(each.measurement.outputs.values())
+    for experiment in shooting.responses.experiments:
+        outputs = list(experiment.measurement.outputs.values())
         edges.append(np.array([0, outputs[0].size]))
         rms = math.sqrt(sum(float(np.mean(values**2)) for values in outputs))
         noise.append(np.full(len(outputs), FIRST_NOISE * rms))
@@ -132,18 +138,18 @@ def _starts(shooting):
 
 def stretch_of(kept: SteadyResponses, values: np.ndarray, number: int) -> ResponseStretch:
     """The model's prediction of the lines that were kept aside."""
-    each: Any = kept.experiments[number]
-    measured = np.column_stack(list(each.measurement.outputs.values()))
+    experiment: Any = kept.experiments[number]
+    measured = np.column_stack(list(experiment.measurement.outputs.values()))
     edges = np.array([0, measured.shape[0]])
-    _, _, found = kept.states(number, values, edges, NO_STATES)
-    frequency = each.measurement.frequency
+    _, _, simulated = kept.states(number, values, edges, NO_STATES)
+    frequency = experiment.measurement.frequency
     return ResponseStretch(
-        name=each.measurement.name,
-        outputs=tuple(each.measurement.outputs),
+        name=experiment.measurement.name,
+        outputs=tuple(experiment.measurement.outputs),
         rate=float((frequency.size - 1) / (frequency[-1] - frequency[0])),
         measured=measured,
-        windowed=found,
-        free=found,
+        windowed=simulated,
+        free=simulated,
         windows=1,
         resistance=None,
         frequency=frequency,

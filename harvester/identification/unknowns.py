@@ -104,18 +104,18 @@ def checked_keys(scene: Scene, keys: Sequence[str], outputs: Sequence[str]) -> l
     HarvesterError
         Unknown or twice; with the nearest that there is.
     """
-    known = [*numbers(scene), *sensor_keys(outputs)]
-    known = [key for key in known if not key.startswith("excitation.")]
+    names = [*numbers(scene), *sensor_keys(outputs)]
+    names = [key for key in names if not key.startswith("excitation.")]
     if DEVICE in keys:
-        own = [key for key in default_keys(scene, outputs) if key not in keys]
-        keys = [*own, *(key for key in keys if key != DEVICE)]
-    for place, key in enumerate(keys):
-        if key not in known:
+        default = [key for key in default_keys(scene, outputs) if key not in keys]
+        keys = [*default, *(key for key in keys if key != DEVICE)]
+    for index, key in enumerate(keys):
+        if key not in names:
             raise HarvesterError(
                 f"--free {named(key)}: no number of this scene or its sensors"
-                f"{nearest(key, known)}; there are {', '.join(known)}"
+                f"{nearest(key, names)}; there are {', '.join(names)}"
             )
-        if key in keys[:place]:
+        if key in keys[:index]:
             raise HarvesterError(f"--free {named(key)}: is there twice")
     if BASE_FACTOR in keys and BASE_SCALE in keys:
         raise HarvesterError(
@@ -135,19 +135,19 @@ def unknowns(scene: Scene, keys: Sequence[str], sizes: dict[str, float]) -> list
     sizes : dict of str to float
         Sizes of keys whose start may be 0.
     """
-    known = numbers(scene)
-    found = []
+    specified = numbers(scene)
+    result = []
     for key in keys:
         if key.startswith("sensor."):
-            found.append(_of_sensor(key, sizes))
+            result.append(_of_sensor(key, sizes))
             continue
-        start, spec = known[key]
+        start, spec = specified[key]
         size = abs(start) or sizes.get(key, 0.0) or 1.0
         low = spec.low
         if math.isfinite(low) and not spec.low_allowed:
             low += SMALLEST_SHARE * size
-        found.append(Unknown(key, float(start), low, spec.high, size))
-    return found
+        result.append(Unknown(key, float(start), low, spec.high, size))
+    return result
 
 
 def _of_sensor(key, sizes):

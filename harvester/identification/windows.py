@@ -35,10 +35,10 @@ def lengthened(fit: Fit, short: Fit, most: Sequence[int]) -> Fit | None:
     if not short.grams:
         return None
     for number, old in enumerate(short.edges):
-        kept = _kept(short.transitions[number], short.growth[number], old, most[number])
-        joined |= kept.size < len(fit.starts[number])
-        edges.append(np.append(old[kept], old[-1]))
-        starts.append(short.starts[number][kept])
+        first_windows = _kept(short.transitions[number], short.growth[number], old, most[number])
+        joined |= first_windows.size < len(fit.starts[number])
+        edges.append(np.append(old[first_windows], old[-1]))
+        starts.append(short.starts[number][first_windows])
     return Fit(fit.values, edges, starts, fit.noise) if joined else None
 
 
@@ -48,19 +48,19 @@ def _kept(transitions, growth, edges, most):
     An error of the start may decay, and one from an inexact value may still grow later. So `totals`
     holds the transition matrices from the start and from all places whose errors grow.
     """
-    kept, totals = [0], transitions[:1]
+    first_windows, totals = [0], transitions[:1]
     for window in range(1, len(transitions)):
         sizes = np.linalg.norm(totals, 2, axis=(1, 2)) * growth[window]
         small = sizes[0] <= LARGEST_GROWTH and sizes.max() <= LARGEST_GROWTH_WITHIN
-        if not small or edges[window + 1] - edges[kept[-1]] > most:
-            kept.append(window)
+        if not small or edges[window + 1] - edges[first_windows[-1]] > most:
+            first_windows.append(window)
             totals = transitions[window : window + 1]
         else:
             totals = transitions[window] @ np.concatenate([totals, np.eye(3)[None]])
             grows = np.linalg.norm(totals, 2, axis=(1, 2)) > 1.0
             grows[0] = True
             totals = totals[grows]
-    return np.array(kept)
+    return np.array(first_windows)
 
 
 def shortened(shooting: Shooting, fit: Fit, where: Sequence[np.ndarray]) -> Fit:
