@@ -47,10 +47,8 @@ class Block:
 
     Attributes
     ----------
-    ready : harvester.prepared.prepared.Prepared
     name : str
         Name of sub-circuit or module, and of the files.
-    parameters : circuits.block.parameters.Parameters
     vibration : ndarray of shape (knots, 2)
         Time (s) and acceleration of the base (m/s²), straight lines between them.
     step, stop : float
@@ -87,7 +85,6 @@ def block_of(
 
     Parameters
     ----------
-    scene : Scene
     step : str or float
         Longest step of the deck: a name in `STEP_LEVELS`, or seconds.
     realization : int
@@ -156,27 +153,22 @@ def write_files(folder: Path, files: dict[str, str]) -> list[Path]:
 def write_subcircuit(
     scene: Scene,
     output: str | Path,
-    dialect: str,
-    step: str | float,
-    realization: int,
-    displacement_unit: float,
-    duration: float | None,
+    dialect: str = "ngspice",
+    step: str | float = "default",
+    realization: int = 0,
+    displacement_unit: float = 1e-3,
+    duration: float | None = None,
 ) -> list[Path]:
     """Write the sub-circuit, a symbol, a deck that tries it and the vibration.
 
     Parameters
     ----------
-    scene : Scene
     output : str or Path
         Folder.
     dialect : str
         One of `circuits.block.dialects.DIALECTS`.
     step, realization, displacement_unit, duration
         See `block_of`.
-
-    Returns
-    -------
-    list of Path
     """
     check_dialect(dialect, DIALECTS)
     folder = folder_of(output, "subckt")
@@ -199,10 +191,10 @@ def write_subcircuit(
 def write_verilog_a(
     scene: Scene,
     output: str | Path,
-    step: str | float,
-    realization: int,
-    displacement_unit: float,
-    duration: float | None,
+    step: str | float = "default",
+    realization: int = 0,
+    displacement_unit: float = 1e-3,
+    duration: float | None = None,
 ) -> list[Path]:
     """Write the Verilog-A module, a deck for VACASK and one for an ngspice with OSDI.
 
@@ -210,10 +202,6 @@ def write_verilog_a(
     ----------
     scene, output, step, realization, displacement_unit, duration
         See `write_subcircuit`.
-
-    Returns
-    -------
-    list of Path
     """
     folder = folder_of(output, "verilog-a")
     block = block_of(scene, step, realization, displacement_unit, duration)

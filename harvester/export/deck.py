@@ -21,13 +21,16 @@ DIALECTS = ("ngspice", "ltspice")
 
 
 def write_deck(
-    scene: Scene, output: str | Path, dialect: str, step: str | float, realization: int
+    scene: Scene,
+    output: str | Path,
+    dialect: str = "ngspice",
+    step: str | float = "default",
+    realization: int = 0,
 ) -> list[Path]:
-    """Write a stand-alone .cir; for LTspice the noise in a file beside it.
+    """Write a stand-alone .cir with load and noise; for LTspice the noise in a second file.
 
     Parameters
     ----------
-    scene : harvester.scene.model.Scene
     output : str or Path
         File, or folder for SCENE.cir; - for standard output.
     dialect : str
@@ -36,10 +39,6 @@ def write_deck(
         Longest step, see `harvester.prepared.steps.steps_per_knot`.
     realization : int
         Whose noise path.
-
-    Returns
-    -------
-    list of Path
 
     Raises
     ------

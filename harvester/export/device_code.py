@@ -44,13 +44,8 @@ def write_c(scene: Scene, output: str | Path) -> list[Path]:
 
     Parameters
     ----------
-    scene : harvester.scene.model.Scene
     output : str or Path
         Folder.
-
-    Returns
-    -------
-    list of Path
 
     Raises
     ------

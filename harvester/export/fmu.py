@@ -97,22 +97,17 @@ def unit_files(scene: Scene, version: int) -> tuple[str, dict[str, str]]:
     return token, files
 
 
-def write_fmu(scene: Scene, output: str | Path, report: Callable[[str], None]) -> list[Path]:
+def write_fmu(scene: Scene, output: str | Path, *, report: Callable[[str], None]) -> list[Path]:
     """Write a scene's device as FMUs of both versions: SCENE.fmi2.fmu and SCENE.fmi3.fmu.
 
     Compiled for this machine where a C compiler is there; the sources are in them.
 
     Parameters
     ----------
-    scene : harvester.scene.model.Scene
     output : str or Path
         Folder.
     report : callable
         Told where no compiler is there.
-
-    Returns
-    -------
-    list of Path
 
     Raises
     ------
@@ -132,7 +127,8 @@ def write_fmu(scene: Scene, output: str | Path, report: Callable[[str], None]) -
 
 def _fmu(scene: Scene, version: int) -> bytes:
     """The zipped content of one FMU."""
-    name = identifier(scene.name)
+    # The scene's name as a C identifier.
+    name = re.sub(r"^(?=\d)", "_", re.sub(r"[^A-Za-z0-9_]", "_", scene.name))
     token, files = unit_files(scene, version)
     content = {f"sources/{file}": text.encode() for file, text in files.items()}
     describe = _description2 if version == 2 else _description3
@@ -151,11 +147,6 @@ def _fmu(scene: Scene, version: int) -> bytes:
             # No time stamp is stored: the same scene gives the same bytes.
             archive.writestr(zipfile.ZipInfo(path), data, zipfile.ZIP_DEFLATED)
     return packed.getvalue()
-
-
-def identifier(name: str) -> str:
-    """A scene's name as a C identifier."""
-    return re.sub(r"^(?=\d)", "_", re.sub(r"[^A-Za-z0-9_]", "_", name))
 
 
 def platform_folder(version: int) -> str:

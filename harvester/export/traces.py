@@ -95,7 +95,6 @@ def record_trace(scene: Scene, rate: float, duration: float, realization: int) -
 
     Parameters
     ----------
-    scene : Scene
     rate : float
         Samples a second.
     duration : float
@@ -182,9 +181,10 @@ def replay_loss(scene: Scene, trace: Trace, realization: int) -> str:
 def write_csv(
     scene: Scene,
     output: str | Path,
-    rate: float | None,
-    duration: float | None,
-    realization: int,
+    rate: float | None = None,
+    duration: float | None = None,
+    realization: int = 0,
+    *,
     report: Callable[[str], None],
 ) -> list[Path]:
     """Write time (s), voltage (V) and current (A) of a scene's load as SCENE-trace.csv.
@@ -203,10 +203,6 @@ def write_csv(
         Whose excitation.
     report : callable
         Told beforehand how large the file will be, and afterwards what a replay loses.
-
-    Returns
-    -------
-    list of Path
 
     Raises
     ------
@@ -228,9 +224,10 @@ def write_csv(
 def write_shepherd(
     scene: Scene,
     output: str | Path,
-    data: str,
-    duration: float | None,
-    realization: int,
+    data: str = "ivsample",
+    duration: float | None = None,
+    realization: int = 0,
+    *,
     report: Callable[[str], None],
 ) -> list[Path]:
     """Write a scene's load, or its open and shorted terminals, as Shepherd's SCENE-DATA.h5.

@@ -91,10 +91,6 @@ class Circuit:
         variances = np.einsum("ij,jk,ik->i", slopes, self.covariance, slopes)
         return dict(zip(NUMBERS, map(float, np.sqrt(variances)), strict=True))
 
-    def nearest_mode(self, frequency: float) -> int:
-        """The mode whose resonance lies nearest to a frequency (Hz), by their ratio."""
-        return int(np.argmin(np.abs(np.log(self.resonances / frequency))))
-
 
 def jacobian(function: Callable[[np.ndarray], np.ndarray], at: np.ndarray) -> np.ndarray:
     """∂function/∂parameters by central differences, shape (values, parameters)."""
@@ -176,12 +172,17 @@ def fitted_circuit(frequency: np.ndarray, impedance: np.ndarray, where: str) -> 
 _EQUAL = (1.0, 1.0)
 
 
-def _linear(frequency, impedance, shapes):
-    """C0, tan δ and each mode's capacitance, its (fs, Q) given: least relative error of Y."""
+def _equations(frequency, impedance, shapes):
+    """Matrix and right-hand side of Y(f) Z(f) = 1, linear in the capacitances, as real numbers."""
     rate = 2j * math.pi * frequency
     columns = [rate, -1j * rate, *(_unit_branch(frequency, *shape) for shape in shapes)]
-    table = _stacked(np.column_stack(columns) * impedance[:, None])
-    target = _stacked(np.ones((frequency.size, 1)))[:, 0]
+    target = np.concatenate([np.ones(frequency.size), np.zeros(frequency.size)])
+    return _stacked(np.column_stack(columns) * impedance[:, None]), target
+
+
+def _linear(frequency, impedance, shapes):
+    """C0, tan δ and each mode's capacitance, its (fs, Q) given: least relative error of Y."""
+    table, target = _equations(frequency, impedance, shapes)
     sizes = np.abs(table).max(axis=0)
     coefficients = np.linalg.lstsq(table / sizes, target, rcond=None)[0] / sizes
     largest = np.abs(coefficients).max()
@@ -205,10 +206,8 @@ def _stacked(table):
 def _with_another(frequency, impedance, parameters):
     """Parameters with the mode that takes most off the relative error of Y."""
     shapes = [tuple(np.exp(row[:2])) for row in parameters[2:].reshape(-1, 3)]
-    rate = 2j * math.pi * frequency
-    columns = [rate, -1j * rate, *(_unit_branch(frequency, *shape) for shape in shapes)]
-    basis, _ = np.linalg.qr(_stacked(np.column_stack(columns) * impedance[:, None]))
-    target = _stacked(np.ones((frequency.size, 1)))[:, 0]
+    table, target = _equations(frequency, impedance, shapes)
+    basis, _ = np.linalg.qr(table)
     target = target - basis @ (basis.T @ target)
     places = frequency[1:-1][:: max(1, math.ceil(frequency.size / MOST_PLACES))]
     best, most = (places[0], QUALITIES[0]), 0.0
@@ -224,8 +223,13 @@ def _with_another(frequency, impedance, parameters):
         if gains.max() > most:
             most, best = float(gains.max()), (float(places[gains.argmax()]), float(quality))
     begun = _linear(frequency, impedance, [*shapes, best])
-    order = np.argsort(begun[2::3])
-    return np.concatenate([begun[:2], begun[2:].reshape(-1, 3)[order].ravel()])
+    return _by_frequency(begun)
+
+
+def _by_frequency(parameters):
+    """Parameters with the modes sorted by their resonances."""
+    order = np.argsort(parameters[2::3])
+    return np.concatenate([parameters[:2], parameters[2:].reshape(-1, 3)[order].ravel()])
 
 
 def _polished(frequency, impedance, begun, noise):
@@ -250,9 +254,7 @@ def _polished(frequency, impedance, begun, noise):
             )
         except ValueError:
             return begun, math.inf
-    order = np.argsort(solution.x[2::3])
-    parameters = np.concatenate([solution.x[:2], solution.x[2:].reshape(-1, 3)[order].ravel()])
-    return parameters, float(2.0 * solution.cost)
+    return _by_frequency(solution.x), float(2.0 * solution.cost)
 
 
 def _concluded(frequency, impedance, parameters):

@@ -8,9 +8,11 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from harvester.errors import IdentificationError
+from harvester.files.plain_text import named, nearest
 from harvester.identification.measured_response import MeasuredResponse
 from harvester.identification.reconstruction import frequencies
 from harvester.identification.sensors import VELOCITY_SCALE
+from harvester.scene.numbers import numbers
 from harvester.scene.units import require_resistor
 
 if TYPE_CHECKING:
@@ -82,6 +84,43 @@ def check_volts(measurements: Sequence[Measurement], keys: Sequence[str]) -> Non
                 f"{record.name}: a velocity in volts alone does not tell its scale: give it behind "
                 f"the file as {VELOCITY_SCALE}=VOLTS_PER_M/S, or name a voltage or a displacement"
             )
+
+
+def check_kept_aside(
+    scene: Scene,
+    fitted: Sequence[Measurement | MeasuredResponse],
+    aside: Sequence[Measurement | MeasuredResponse],
+) -> None:
+    """Refuse frequency responses kept aside, and keys that a record cannot free for itself.
+
+    Raises
+    ------
+    IdentificationError
+    """
+    names = [key for key in numbers(scene) if not key.startswith(("excitation.", "load.", "run."))]
+    if aside and all(isinstance(record, MeasuredResponse) for record in fitted):
+        raise IdentificationError(
+            f"--keep-aside {aside[0].name}: a fit to frequency responses alone predicts no record: "
+            "give a record to fit to, too (--record)"
+        )
+    for record in fitted:
+        for key in getattr(record, "own", ()):
+            raise IdentificationError(
+                f"{record.name}: {named(key)} = free: only a record kept aside (--keep-aside) can "
+                "free a value for itself: give the value, or free it for all records (--free)"
+            )
+    for record in aside:
+        if isinstance(record, MeasuredResponse):
+            raise IdentificationError(
+                f"--keep-aside {record.name}: a frequency response is no record of a motion: give "
+                "it as --record, of which every third frequency is kept aside"
+            )
+        for key in record.own:
+            if key not in names:
+                raise IdentificationError(
+                    f"{record.name}: {named(key)} = free: no number of this scene"
+                    f"{nearest(key, names)}; there are {', '.join(names)}"
+                )
 
 
 def _check_record(record):

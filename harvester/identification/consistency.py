@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from harvester.identification.base_noise import base_noise
+from harvester.identification.intervals import base_noise
 from harvester.identification.proof import noise_floor
 from harvester.identification.sensors import integrals
 from harvester.identification.window_states import without_states
@@ -41,7 +41,6 @@ class Misfit:
 
     Attributes
     ----------
-    record, output : str
     left : float
         rms of the residuals.
     noise : float

@@ -11,11 +11,13 @@ import numpy as np
 from harvester.errors import IdentificationError
 from harvester.excitation.recorded import RecordedMotion
 from harvester.identification.intervals import undetermined
+from harvester.identification.measured_response import MeasuredResponse
 from harvester.identification.proof import Stretch, sensor_noise
 from harvester.identification.shooting import Fit, Shooting
-from harvester.identification.unknowns import Unknown, with_values
+from harvester.identification.unknowns import Unknown, first_sizes, sizes_of, with_values
 
 if TYPE_CHECKING:
+    from harvester.identification.measurement import Measurement
     from harvester.scene.model import Scene
 
 
@@ -34,16 +36,12 @@ class Fitted:
     ----------
     scene : Scene
         The scene with the fitted values.
-    unknowns : list of Unknown
     values : ndarray, shape (unknowns,)
     covariance : ndarray, shape (unknowns, unknowns)
-    undetermined : list of harvester.identification.intervals.Undetermined
     stretches : list of Stretch
         The kept-aside part of each record.
     interpolation : str
         Interpolation of the acceleration between its samples.
-    shooting : Shooting
-    fit : Fit
     settled : Fit or None
         Windows of the parts kept aside, of records in time.
     """
@@ -138,3 +136,17 @@ class Fitted:
     def nrmse(self) -> float:
         """Normalized rms error of the first output over all stretches kept aside."""
         return float(np.sqrt(np.mean([part.nrmse() ** 2 for part in self.stretches])))
+
+
+def fitted_sizes(base: Fitted, measurements: Sequence[Measurement]) -> dict[str, float]:
+    """Sizes from the fitted motion; for a frequency response those of `first_sizes`."""
+    if isinstance(measurements[0], MeasuredResponse):
+        return first_sizes(base.scene, measurements)
+    reach, speed = 0.0, 0.0
+    responses, fit = base.shooting.responses, base.fit
+    for number, edges in enumerate(fit.edges):
+        states, _, _ = responses.states(number, fit.values, edges, fit.starts[number])
+        reach = max(reach, float(np.abs(states[:, 0]).max()))
+        speed = max(speed, float(np.std(states[:, 1])))
+    length = responses.length
+    return sizes_of(base.scene, measurements, reach * length, speed * length)

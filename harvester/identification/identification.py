@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import html
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
@@ -36,6 +37,17 @@ if TYPE_CHECKING:
     from harvester.scene.model import Scene
 
 
+LEGEND = (
+    "95 % intervals, which allow for residuals that are correlated. The last third of each record "
+    "was kept aside: nothing was fitted to it but the states at the beginnings of windows."
+)
+CAPTION = (
+    "The part kept aside. Grey: measured; blue: predicted (waveforms in windows, spectra and "
+    "densities from one start alone); orange: the difference in windows."
+)
+POSTERIOR_CAPTION = "Draws of each value and of each pair; grey: the 95 % intervals of the table."
+
+
 @dataclass(frozen=True)
 class Identification:
     """A scene identified from records.
@@ -46,7 +58,6 @@ class Identification:
         The scene with the fitted values.
     start : Scene
         The scene that the fit began with.
-    measurements : list of Measurement
     fitted : Fitted
         Values, covariance, and what the model predicts of the data kept aside.
     kept : list of (str, Undetermined)
@@ -55,7 +66,6 @@ class Identification:
         The scene's own model first.
     whiteness : Whiteness
         Whiteness of the residuals of the first record's part that was kept aside.
-    verdict : Verdict
     seconds : float
         Wall-clock.
     posterior : Posterior, optional
@@ -333,10 +343,39 @@ class Identification:
         return scene_text(model.scene, comments, heading)
 
     def page(self) -> str:
-        """One self-contained HTML page with everything."""
-        from harvester.identification.report import report
+        """One self-contained page of HTML with everything."""
+        from harvester.identification.drawing import draw, draw_posterior
+        from harvester.show import figures
+        from harvester.show.page import (
+            Verdict,
+            facts,
+            figure_of,
+            page,
+            table_of,
+            verdict_list,
+            wide,
+        )  # fmt: skip
 
-        return report(self)
+        first, *others = self.sentences()
+        verdicts = [Verdict(first, self.verdict.good), *map(Verdict, others)]
+        models = [
+            (model.name, str(len(model.fitted.keys)), f"{model.fitted.nrmse:.2%}")
+            for model in self.candidates
+        ]
+        name, records = self.scene.name, ", ".join(record.name for record in self.measurements)
+        proof = figure_of(figures.picture(draw, self), f"{name}: proof", CAPTION)
+        sections = {
+            "Verdict": verdict_list(verdicts),
+            "Values": wide(table_of(*self.table())) + facts(LEGEND),
+            "Figures": proof,
+        }
+        if self.posterior:
+            picture = figures.picture(draw_posterior, self)
+            sections["Posterior"] = figure_of(picture, f"{name}: posterior", POSTERIOR_CAPTION)
+        sections["Models"] = wide(table_of(("model", "values", "NRMSE"), models))
+        sections["Scene"] = wide(f"<pre>{html.escape(self.scene_text())}</pre>")
+        about = f"scene {self.scene.digest()[:12]}"
+        return page(f"{name}: identified from {records}", about, sections)
 
     def texts(self) -> dict[str, str]:
         """Further files of the result: the scenes, that proposed where it is another, the page."""

@@ -14,7 +14,7 @@ from harvester.files.plain_text import shown
 from harvester.signatures import Kind, one_record_of, records_of
 
 if TYPE_CHECKING:
-    from harvester.identification.fitting import Fitted
+    from harvester.identification.fitted_model import Fitted
     from harvester.identification.identification import Identification
     from harvester.identification.intervals import Undetermined
     from harvester.identification.measurement import Measurement
@@ -101,16 +101,22 @@ def identify(
         The records do not determine the values asked for.
     """
     from harvester.identification.candidates import Candidate, candidates
-    from harvester.identification.checks import check_records, check_volts, scale_is_missing
+    from harvester.identification.checks import (
+        check_kept_aside,
+        check_records,
+        check_volts,
+        scale_is_missing,
+    )  # fmt: skip
     from harvester.identification.consistency import misfits, worst
+    from harvester.identification.fitted_model import fitted_sizes
     from harvester.identification.identification import Identification
     from harvester.identification.impedance_fit import from_impedance
     from harvester.identification.intervals import moved_by_records
     from harvester.identification.kept_aside import kept_aside
-    from harvester.identification.own_values import check_kept_aside
+    from harvester.identification.measured_impedance import MeasuredImpedance, read_impedance
     from harvester.identification.posterior import posterior as posterior_of
-    from harvester.identification.proof import typical_period, whiteness
-    from harvester.identification.sizes import fitted_sizes
+    from harvester.identification.proof import whiteness
+    from harvester.identification.reconstruction import frequencies
     from harvester.identification.spring_shape import spring_shape
     from harvester.identification.unknowns import checked_keys, default_keys
     from harvester.identification.verdict import verdict
@@ -126,7 +132,9 @@ def identify(
     measurements = _measurements(scene, records)
     analysed, begun = None, scene
     if impedance is not None:
-        analysed = from_impedance(scene, _measured_impedance(impedance))
+        if not isinstance(impedance, MeasuredImpedance):
+            impedance = _read(impedance, "impedance", read_impedance)
+        analysed = from_impedance(scene, impedance)
         if not measurements:
             if keep_aside is not None:
                 raise IdentificationError(
@@ -188,7 +196,8 @@ def identify(
             scene.run.seed,
             lambda share: follow(_later(share), "records kept aside"),
         )
-    white = whiteness(base.stretches[0], 0, typical_period(base.shooting.responses))
+    frequency = frequencies(base.shooting.responses.experiments[0].measurement)[0]
+    white = whiteness(base.stretches[0], 0, 1.0 / frequency)
     return Identification(
         scene=base.scene,
         start=scene,
@@ -212,9 +221,10 @@ def _of_impedance(scene, analysed, free, posterior, clock):
     """The identification from an impedance alone, without records in time."""
     from harvester.identification.candidates import Candidate
     from harvester.identification.identification import Identification
-    from harvester.identification.impedance_fit import fitted_impedance, impedance_verdict
+    from harvester.identification.impedance_fit import fitted_impedance
     from harvester.identification.posterior import posterior as posterior_of
     from harvester.identification.proof import whiteness
+    from harvester.identification.verdict import impedance_verdict
 
     if free is not None:
         raise IdentificationError(
@@ -238,18 +248,14 @@ def _of_impedance(scene, analysed, free, posterior, clock):
     )
 
 
-def _measured_impedance(given):
-    """The measured impedance, read from its file where a path was given."""
-    from harvester.identification.measured_impedance import MeasuredImpedance, read_impedance
-
-    if isinstance(given, MeasuredImpedance):
-        return given
-    file, settings = given if isinstance(given, tuple) and len(given) == 2 else (given, None)
+def _read(item, name, reader, *options):
+    """A measurement from a file or a pair (file, settings)."""
+    file, settings = item if isinstance(item, tuple) and len(item) == 2 else (item, None)
     if not isinstance(file, (str, Path)):
         raise IdentificationError(
-            f"impedance: {shown(given)}: must be a file or what read_impedance returns"
+            f"{name}: {shown(item)}: must be a file or what {reader.__name__} returns"
         )
-    return read_impedance(file, settings)
+    return reader(file, settings, *options)
 
 
 def _later(share):
@@ -263,17 +269,12 @@ def _measurements(scene, records):
 
     if isinstance(records, (Measurement, MeasuredResponse, str, Path)):
         records = [records]
-    measurements = []
-    for item in listed(records, "records", '["shaker.csv"]'):
-        if isinstance(item, (Measurement, MeasuredResponse)):
-            measurements.append(item)
-            continue
-        file, settings = item if isinstance(item, tuple) and len(item) == 2 else (item, None)
-        if not isinstance(file, (str, Path)):
-            raise IdentificationError(
-                f"records: {shown(item)}: must be a file or what read_measurement returns"
-            )
-        measurements.append(read_measurement(file, settings, scene.units))
+    measurements = [
+        item
+        if isinstance(item, (Measurement, MeasuredResponse))
+        else _read(item, "records", read_measurement, scene.units)
+        for item in listed(records, "records", '["shaker.csv"]')
+    ]
     # Records in time come first, because they show the motion.
     return sorted(measurements, key=lambda record: isinstance(record, MeasuredResponse))
 
@@ -283,23 +284,18 @@ def _determined(
 ) -> tuple[Fitted, list[tuple[str, Undetermined]]]:
     """The fit of the values that the records determine, and the keys kept at the scene's values."""
     from harvester.identification.fitting import fitted
-    from harvester.identification.sizes import first_sizes
+    from harvester.identification.unknowns import first_sizes
 
     undetermined: list[tuple[str, Undetermined]] = []
     sizes = first_sizes(scene, measurements)
     model = fitted(scene, measurements, keys, sizes)
     while drop and model.undetermined and len(model.keys) > 1:
         unclear = model.undetermined[0]
-        out = _to_keep(unclear)
+        # The first of `KEPT_FIRST` that belongs to the direction, else the direction's first key.
+        out = next(
+            (key for name in KEPT_FIRST for key in unclear.keys if key.endswith(name)),
+            unclear.keys[0],
+        )
         undetermined.append((out, unclear))
         model = fitted(scene, measurements, [key for key in model.keys if key != out], sizes)
     return model, undetermined
-
-
-def _to_keep(unclear):
-    """The key of an undetermined direction that stays as in the scene."""
-    for name in KEPT_FIRST:
-        for key in unclear.keys:
-            if key.endswith(name):
-                return key
-    return unclear.keys[0]

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Any, ClassVar
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -27,12 +27,10 @@ from harvester.identification.butterworth_van_dyke import (
 from harvester.identification.fitted_model import Fitted
 from harvester.identification.intervals import HALF_INTERVAL
 from harvester.identification.measured_impedance import MeasuredImpedance
-from harvester.identification.proof import NORMAL_RMS, ResponseStretch, blocks_of
+from harvester.identification.proof import predicted_lines
 from harvester.identification.shooting import Fit, Shooting
-from harvester.identification.steady_fit import KEPT_ASIDE, NO_STATES
-from harvester.identification.steady_response import ImpedanceExperiment, SteadyResponses
+from harvester.identification.steady_response import NO_STATES, SteadyExperiment, SteadyResponses
 from harvester.identification.unknowns import unknowns
-from harvester.identification.verdict import Verdict
 from harvester.prepared.prepared import prepared
 from harvester.scene.numbers import numbers
 
@@ -55,14 +53,12 @@ class FromImpedance:
 
     Attributes
     ----------
-    circuit : Circuit
     mode : int
         Index of the circuit's mode that is the scene's.
     measured : MeasuredImpedance
         The impedance, with the background of the other modes and of the loss.
     scene : Scene
         The scene with the fitted values.
-    keys : list of str
     values : ndarray, shape (keys,)
     covariance : ndarray, shape (keys, keys)
         The mass being known.
@@ -121,41 +117,6 @@ def _in_words(table):
     )
 
 
-@dataclass(frozen=True)
-class ImpedanceStretch(ResponseStretch):
-    """The frequencies of an impedance that were kept aside; outputs are ln |Z| and phase."""
-
-    aside: ClassVar[str] = "every third frequency"
-
-    @property
-    def quantity(self) -> str:
-        """Name of the quantity that `nrmse` refers to."""
-        return "impedance"
-
-    def nrmse(self, output: int = 0) -> float:
-        """Root mean square of the relative error of Z."""
-        return float(np.sqrt(np.mean(np.sum(self.residuals**2, axis=1))))
-
-    def noise(self, output: int = 0) -> float:
-        """Noise of the analyser, as relative error of Z: both outputs together."""
-        medians = np.median(np.abs(self.residuals), axis=0)
-        return NORMAL_RMS * float(np.linalg.norm(medians))
-
-    @property
-    def compared(self) -> tuple[str, str]:
-        """Quantity and unit of `powers`."""
-        return "mean |Z|", "Ω"
-
-    def _blocks(self, values):
-        sizes = np.exp(values[:, 0])
-        return np.array([float(np.mean(part)) for part in blocks_of(sizes)])
-
-
-def kept_aside(measured: Any) -> np.ndarray:
-    """Mask of the lines of a response that are kept aside."""
-    return np.arange(measured.frequency.size) % KEPT_ASIDE == 1
-
-
 def from_impedance(scene: Scene, measured: MeasuredImpedance) -> FromImpedance:
     """The scene with the values that an impedance determines.
 
@@ -173,11 +134,13 @@ def from_impedance(scene: Scene, measured: MeasuredImpedance) -> FromImpedance:
             '"SI" and a table [piezo]'
         )
     measured.check()
-    lines = ~kept_aside(measured)
+    lines = ~measured.aside
     circuit = fitted_circuit(measured.frequency[lines], measured.response[lines], measured.name)
     system = prepared(scene).system
     resting = float(system.spring.slope(timescales.rest(system)))
-    mode = circuit.nearest_mode(math.sqrt(max(resting, 1e-300)) / (2.0 * math.pi))
+    # The circuit's mode whose frequency is nearest to the scene's, by their ratio, is the scene's.
+    frequency = math.sqrt(max(resting, 1e-300)) / (2.0 * math.pi)
+    mode = int(np.argmin(np.abs(np.log(circuit.resonances / frequency))))
     branch, errors = circuit.numbers(mode), circuit.standard_errors(mode)
     _check_capacitance(scene, branch["capacitance"], measured.name)
     check_width(measured.frequency[lines], circuit, mode, measured.name)
@@ -285,11 +248,11 @@ def _check_capacitance(scene, capacitance, where):
 
 def fitted_impedance(found: FromImpedance) -> Fitted:
     """The model fitted to an impedance alone, with its predictions of the lines kept aside."""
-    aside = kept_aside(found.measured)
+    aside = found.measured.aside
     length = prepared(found.scene).scales.displacement
     free = unknowns(found.scene, found.keys, {})
     experiments = [
-        ImpedanceExperiment(found.measured.part(lines), found.scene) for lines in (~aside, aside)
+        SteadyExperiment(found.measured.part(lines), found.scene) for lines in (~aside, aside)
     ]
     responses, validation = (
         SteadyResponses([record], found.keys, length) for record in experiments
@@ -299,43 +262,5 @@ def fitted_impedance(found: FromImpedance) -> Fitted:
     noise = np.array(found.circuit.noise)
     fit = Fit(found.values, [edges], [NO_STATES], [noise])
     shooting.linearized(fit)
-    stretch = impedance_stretch(validation, found.values, 0)
+    stretch = predicted_lines(validation, found.values, 0)
     return Fitted.concluded(found.scene, shooting, fit, found.covariance, [stretch])
-
-
-def impedance_stretch(kept: SteadyResponses, values: np.ndarray, number: int) -> ImpedanceStretch:
-    """The model's prediction of the lines of an impedance that were kept aside."""
-    measured: Any = kept.experiments[number].measurement
-    seen = np.column_stack(list(measured.outputs.values()))
-    _, _, simulated = kept.states(number, values, np.array([0, seen.shape[0]]), NO_STATES)
-    frequency = measured.frequency
-    return ImpedanceStretch(
-        name=measured.name,
-        outputs=tuple(measured.outputs),
-        rate=float((frequency.size - 1) / (frequency[-1] - frequency[0])),
-        measured=seen,
-        windowed=simulated,
-        free=simulated,
-        windows=1,
-        resistance=None,
-        frequency=frequency,
-    )
-
-
-def impedance_verdict(base: Fitted) -> Verdict:
-    """Verdict of a fit to an impedance alone, which covers only small motion."""
-    claim = (
-        f"impedance to {base.nrmse:.2%} of itself on every third frequency, kept aside (about "
-        f"{base.sensor_noise:.2%} is the analyser's noise)"
-    )
-    if not base.adequate:
-        return Verdict(
-            "incomplete",
-            f"the model is wrong or incomplete: {claim}: it has more than modes, a capacitance and "
-            "its loss",
-        )
-    return Verdict(
-        "predicts",
-        f"the model predicts {claim}; that is small motion about the place where it rests, the "
-        "base clamped: it does not cover large motion, stoppers and the response to acceleration",
-    )

@@ -64,13 +64,11 @@ class Kept:
 
     Attributes
     ----------
-    name : str
     claimed : bool
         Whether the model claims this record: one orbit for all likely values, within what the
         fitted records visited.
     why : str
         Why not; empty where it does.
-    measured_orbit, predicted_orbit : str
     left : float
         Of the first output in windows, beyond the sensor's noise, as a share of its standard
         deviation.
@@ -148,8 +146,6 @@ def kept_aside(
 
     Parameters
     ----------
-    fitted : Fitted
-    measurements : sequence of Measurement
     visited : Visited
         Ranges that the fitted records visited.
     misfits : sequence of Misfit
@@ -264,10 +260,7 @@ def _of_record(fitted, measurement, visited, values, model_error, most):
     orbits = [_orbit(x, saddles, np.array([0, x.size]), repeats) for x, _ in runs]
     agreement = float(np.mean([orbit == orbits[0] for orbit in orbits]))
     late_stretch = replace(
-        stretch,
-        measured=stretch.measured[late:],
-        windowed=stretch.windowed[late:],
-        free=runs[0][1],
+        stretch, measured=stretch.measured[late:], windowed=stretch.windowed[late:], free=runs[0][1]
     )
     quantity, unit = stretch.compared
     why = _why_not(visited, responses, runs[0][0])
@@ -291,9 +284,7 @@ def _of_record(fitted, measurement, visited, values, model_error, most):
         unit=unit,
         measured_rms=_root(late_stretch.measured),
         predicted_rms=_with_error(
-            _root(runs[0][1]),
-            [_root(outputs).estimate for _, outputs in runs],
-            0.5 * model_error,
+            _root(runs[0][1]), [_root(outputs).estimate for _, outputs in runs], 0.5 * model_error
         ),
         measured_power=late_stretch.powers()[0],
         predicted_power=_with_error(

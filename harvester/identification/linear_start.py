@@ -49,7 +49,6 @@ class Start:
     Attributes
     ----------
     values : ndarray, shape (unknowns,)
-    motions : list of Motion
     misfit : float
         Misfit of the regression, as a share; NaN where there was none.
     """
@@ -75,18 +74,15 @@ def regressed(responses: Responses, values: np.ndarray, number: int, drifts: boo
 
     Parameters
     ----------
-    responses : Responses
     values : ndarray
         Values of the unknowns, used for those that a regression does not give.
-    number : int
-        Number of the experiment.
     drifts : bool
         Whether the slow part of an integrated voltage is kept: it is needed if the mass changes
         wells; otherwise it only adds noise.
     """
     tried = [
         _of_electrical(responses, values, number, factor, drifts)
-        for factor in _electrical_factors(responses)
+        for factor in (ELECTRICAL_FACTORS if "piezo.capacitance" in responses.keys else (1.0,))
     ]
     best = min((trial for trial in tried if trial), key=lambda trial: trial.misfit, default=None)
     starts: list[Start] = []
@@ -101,10 +97,6 @@ def regressed(responses: Responses, values: np.ndarray, number: int, drifts: boo
         motions = [path.centred(origin) for path in start.motions]
         starts.append(Start(changed, motions, best.misfit))
     return starts
-
-
-def _electrical_factors(responses):
-    return ELECTRICAL_FACTORS if "piezo.capacitance" in responses.keys else (1.0,)
 
 
 def _with(responses, values, changes):
@@ -189,7 +181,8 @@ class _Regression:
         )
         known_scale |= not self.drive.any()
         factors = (1.0,) if known_scale else SCALE_FACTORS
-        gap_shares = GAP_SHARES if self._gap_keys() else (None,)
+        has_gaps = any(key.startswith("stoppers") and "gap" in key for key in numbers(self.scene))
+        gap_shares = GAP_SHARES if has_gaps else (None,)
         solutions = []
         for share in gap_shares:
             columns, names = self._columns(share)
@@ -201,9 +194,6 @@ class _Regression:
         _, solution, s, share, names = self.solved
         terms = dict(zip(names, solution, strict=True))
         return [self._translated(terms, s, share, shift) for shift in self._shifts(terms, s)]
-
-    def _gap_keys(self):
-        return [key for key in numbers(self.scene) if key.startswith("stoppers") and "gap" in key]
 
     def _degree(self):
         return max(n for n, k in enumerate(self.powers) if k or n == 1)
@@ -398,17 +388,17 @@ def _shifted(coefficients, distance):
     return np.append(moved.coef, np.zeros(len(coefficients)))[: len(coefficients)]
 
 
-def _ways(measurement):
-    """Ways to take the motion: with the slow drift of an integrated voltage, and without it."""
-    return (True,) if "displacement" in measurement.outputs else (True, False)
-
-
 def starts_from(responses: Responses, values: np.ndarray) -> list[Start]:
     """All starts worth a trial: the scene as it is, and regressions on each record."""
     starts = [
         start
         for number in range(len(responses.experiments))
-        for drifts in _ways(responses.experiments[number].measurement)
+        # The motion from a voltage has a slow drift: it is tried with it and without.
+        for drifts in (
+            (True,)
+            if "displacement" in responses.experiments[number].measurement.outputs
+            else (True, False)
+        )
         for start in regressed(responses, values, number, drifts)
     ]
     system, _ = responses.known_device(0, values)

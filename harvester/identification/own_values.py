@@ -15,70 +15,23 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from harvester.errors import IdentificationError
-from harvester.files.plain_text import named, nearest
+from harvester.identification.fitted_model import fitted_sizes
 from harvester.identification.intervals import covariance
-from harvester.identification.measured_response import MeasuredResponse
 from harvester.identification.reconstruction import frequencies
 from harvester.identification.response import COARSE_STEPS, Responses, experiment
-from harvester.identification.search import (
-    COARSE,
-    HOPELESS,
-    ON_THE_WAY,
-    followed,
-    short_windows,
-)
+from harvester.identification.search import COARSE, HOPELESS, ON_THE_WAY, followed, short_windows
 from harvester.identification.shooting import Fit
-from harvester.identification.sizes import fitted_sizes
 from harvester.identification.unknowns import unknowns, with_values
 from harvester.identification.window_states import placed, reach_of
-from harvester.scene.numbers import numbers
 
 if TYPE_CHECKING:
     from harvester.identification.fitted_model import Fitted
     from harvester.identification.measurement import Measurement
-    from harvester.scene.model import Scene
 
 # First values, as shares of what counts as a change of order one, beside the scene's own.
 FIRST_SHARES = (0.0, 0.1, -0.1, 0.2, -0.2)
 # Two minima are the same if no value differs by more than this share of its size.
 SAME = 0.02
-
-
-def check_kept_aside(
-    scene: Scene,
-    fitted: Sequence[Measurement | MeasuredResponse],
-    aside: Sequence[Measurement | MeasuredResponse],
-) -> None:
-    """Refuse frequency responses kept aside, and keys that a record cannot free for itself.
-
-    Raises
-    ------
-    IdentificationError
-    """
-    names = [key for key in numbers(scene) if not key.startswith(("excitation.", "load.", "run."))]
-    if aside and all(isinstance(record, MeasuredResponse) for record in fitted):
-        raise IdentificationError(
-            f"--keep-aside {aside[0].name}: a fit to frequency responses alone predicts no record: "
-            "give a record to fit to, too (--record)"
-        )
-    for record in fitted:
-        for key in getattr(record, "own", ()):
-            raise IdentificationError(
-                f"{record.name}: {named(key)} = free: only a record kept aside (--keep-aside) can "
-                "free a value for itself: give the value, or free it for all records (--free)"
-            )
-    for record in aside:
-        if isinstance(record, MeasuredResponse):
-            raise IdentificationError(
-                f"--keep-aside {record.name}: a frequency response is no record of a motion: give "
-                "it as --record, of which every third frequency is kept aside"
-            )
-        for key in record.own:
-            if key not in names:
-                raise IdentificationError(
-                    f"{record.name}: {named(key)} = free: no number of this scene"
-                    f"{nearest(key, names)}; there are {', '.join(names)}"
-                )
 
 
 def own_values(
@@ -94,7 +47,6 @@ def own_values(
 
     Parameters
     ----------
-    fitted : Fitted
     measurement : Measurement
         With the keys in `own`.
     likely : sequence of ndarray, shape (keys,)

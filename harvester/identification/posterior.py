@@ -36,7 +36,6 @@ class Posterior:
 
     Attributes
     ----------
-    keys : list of str
     draws : ndarray, shape (draws, keys)
     independent : float
         Draws that are worth as much as independent ones.
@@ -75,8 +74,6 @@ def posterior(
 
     Parameters
     ----------
-    found : Fitted
-    seed : int
     follow : callable, optional
         Function of the share done.
 

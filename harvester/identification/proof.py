@@ -5,18 +5,19 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, ClassVar
+from typing import TYPE_CHECKING, Any, ClassVar
 
 import numpy as np
 
 from harvester.estimates.estimate import Estimate
-from harvester.identification.reconstruction import frequencies
+from harvester.identification.measured_impedance import MeasuredImpedance
 from harvester.identification.search import settle_windows
 from harvester.identification.shooting import Fit, Shooting
+from harvester.identification.steady_response import NO_STATES, SteadyResponses
 from harvester.scene.units import load_resistance
 
 if TYPE_CHECKING:
-    from harvester.identification.response import Responses
+    pass
 
 # Number of blocks of a stretch; the scatter of their means gives an error bar.
 BLOCKS = 12
@@ -37,14 +38,11 @@ class Stretch:
 
     Attributes
     ----------
-    name : str
-    outputs : tuple of str
     rate : float
         Hz.
     measured, windowed, free : ndarray, shape (samples, outputs)
         `windowed` is simulated in windows whose starts were found in this stretch, the device's
         numbers being as they were; `free` goes on from the first start alone.
-    windows : int
     resistance : float or None
         Resistance of the load (Ω).
     """
@@ -165,6 +163,34 @@ class ResponseStretch(Stretch):
         return np.array([float(np.mean(part)) for part in blocks_of(squares)])
 
 
+@dataclass(frozen=True)
+class ImpedanceStretch(ResponseStretch):
+    """The frequencies of an impedance that were kept aside; outputs are ln |Z| and phase."""
+
+    @property
+    def quantity(self) -> str:
+        """Name of the quantity that `nrmse` refers to."""
+        return "impedance"
+
+    def nrmse(self, output: int = 0) -> float:
+        """Root mean square of the relative error of Z."""
+        return float(np.sqrt(np.mean(np.sum(self.residuals**2, axis=1))))
+
+    def noise(self, output: int = 0) -> float:
+        """Noise of the analyser, as relative error of Z: both outputs together."""
+        medians = np.median(np.abs(self.residuals), axis=0)
+        return NORMAL_RMS * float(np.linalg.norm(medians))
+
+    @property
+    def compared(self) -> tuple[str, str]:
+        """Quantity and unit of `powers`."""
+        return "mean |Z|", "Ω"
+
+    def _blocks(self, values):
+        sizes = np.exp(values[:, 0])
+        return np.array([float(np.mean(part)) for part in blocks_of(sizes)])
+
+
 def blocks_of(values: np.ndarray) -> list[np.ndarray]:
     """A series in the blocks whose means give an error bar."""
     return np.array_split(values, min(BLOCKS, values.size))
@@ -191,8 +217,6 @@ def predicted(
 
     Parameters
     ----------
-    shooting : Shooting
-    fit : Fit
     stretches : sequence of (int, int)
         First sample, and that behind the last.
     reach : (float, float), optional
@@ -227,6 +251,27 @@ def predicted(
             )
         )
     return predictions, settled
+
+
+def predicted_lines(responses: SteadyResponses, values: np.ndarray, number: int) -> ResponseStretch:
+    """Predictions of the lines of a response or an impedance that were kept aside."""
+    measurement: Any = responses.experiments[number].measurement
+    measured = np.column_stack(list(measurement.outputs.values()))
+    edges = np.array([0, measured.shape[0]])
+    _, _, simulated = responses.states(number, values, edges, NO_STATES)
+    frequency = measurement.frequency
+    is_impedance = isinstance(measurement, MeasuredImpedance)
+    return (ImpedanceStretch if is_impedance else ResponseStretch)(
+        name=measurement.name,
+        outputs=tuple(measurement.outputs),
+        rate=float((frequency.size - 1) / (frequency[-1] - frequency[0])),
+        measured=measured,
+        windowed=simulated,
+        free=simulated,
+        windows=1,
+        resistance=None,
+        frequency=frequency,
+    )
 
 
 def sensor_noise(stretch: Stretch, output: int = 0) -> float:
@@ -292,8 +337,3 @@ def whiteness(stretch: Stretch, output: int, period: float) -> Whiteness:
     correlations = series[1:] / series[0] if series[0] > 0.0 else np.zeros(lags)
     statistic = n * (n + 2) * float(np.sum(correlations**2 / (n - np.arange(1, lags + 1))))
     return Whiteness(correlations, 1.96 / math.sqrt(n), float(chi2.sf(statistic, lags)))
-
-
-def typical_period(responses: Responses) -> float:
-    """Period of the motion of the first experiment (s), from its median frequency."""
-    return 1.0 / frequencies(responses.experiments[0].measurement)[0]

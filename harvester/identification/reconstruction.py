@@ -27,7 +27,6 @@ class Motion:
 
     Attributes
     ----------
-    x, v, state : ndarray
     measured : bool
         Whether the displacement itself was measured.
     """

@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+import os
+from collections.abc import Callable, Iterable, Sequence
+from concurrent.futures import ThreadPoolExecutor
 from copy import copy
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any
@@ -19,15 +21,13 @@ from harvester.excitation.conditioning import smoothed
 from harvester.identification.sensors import (
     HIGHPASSES,
     VELOCITY_SCALE,
-    highpassed,
+    filtered,
     integrals,
-    lowpassed,
     neutral,
     parallel,
     put_right,
     without_memory,
 )
-from harvester.identification.shooting import side_by_side
 from harvester.identification.unknowns import BASE_FACTOR, with_values
 from harvester.monte_carlo.sampled import states_at_samples
 from harvester.prepared.prepared import prepared
@@ -53,7 +53,6 @@ class Experiment:
 
     Attributes
     ----------
-    measurement : Measurement
     scene : Scene
         The scene with the record's own changes.
     steps : int
@@ -89,8 +88,6 @@ def experiment(
 
     Parameters
     ----------
-    scene : Scene
-    measurement : Measurement
     frequency : float
         Fastest of the motion (Hz), which the steps are to resolve.
     per_period : int
@@ -113,12 +110,20 @@ def _path(samples, steps, interpolation):
     return np.apply_along_axis(lambda series: np.interp(places, indices, series), 0, samples)
 
 
+def side_by_side(function: Callable[[Any], Any], items: Iterable[Any]) -> list[Any]:
+    """A function of each, by as many threads as there are processors.
+
+    The integrator is free of Python's lock.
+    """
+    with ThreadPoolExecutor(os.cpu_count()) as threads:
+        return list(threads.map(function, items))
+
+
 class Responses:
     """Simulated outputs of several experiments for values of the unknowns.
 
     Parameters
     ----------
-    experiments : sequence of Experiment
     keys : sequence of str
         Keys of the unknowns, in the order of their values.
     interpolation : str
@@ -178,20 +183,12 @@ class Responses:
         return equations
 
     def states(
-        self,
-        number: int,
-        values: np.ndarray,
-        edges: np.ndarray,
-        starts: np.ndarray,
+        self, number: int, values: np.ndarray, edges: np.ndarray, starts: np.ndarray
     ) -> tuple[Any, Any, Any]:
         """States at samples, states behind each window, and the outputs, of one experiment.
 
         Parameters
         ----------
-        number : int
-            Number of the experiment.
-        values : ndarray
-            Values of the unknowns.
         edges : ndarray of int, shape (windows + 1,)
         starts : ndarray, shape (windows, 3)
             Scaled X, X' and transducer's state.
@@ -223,8 +220,6 @@ class Responses:
 
         Parameters
         ----------
-        number : int
-            Of the experiment.
         noise : ndarray, shape (n, draws)
         values, edges, starts
             As of `states`.
@@ -324,12 +319,8 @@ class Responses:
 
         Parameters
         ----------
-        number : int
-            Number of the experiment.
         velocity : ndarray, shape (n,)
             Relative to the base, in the scene's units.
-        values : ndarray
-            Values of the unknowns.
         """
         measurement = self.experiments[number].measurement
         if measurement.velocity is None:
@@ -384,9 +375,7 @@ class Responses:
         if delay:
             pieces = np.split(true, edges[1:-1] - edges[0])
             true = np.concatenate([_delayed(piece, delay) for piece in pieces])
-        if memory[0] > 0.0:
-            true = lowpassed(true, edges, memory[0])
-        simulated = gain * highpassed(true, edges, *memory[1:]) + offset
+        simulated = gain * filtered(true, edges, *memory) + offset
         seen = measurement.outputs[name][edges[0] : edges[-1]]
         decays = [
             value if is_present else None for value, is_present in zip(memory, present, strict=True)

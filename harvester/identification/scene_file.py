@@ -19,7 +19,6 @@ def scene_text(scene: Scene, comments: dict[str, str], heading: list[str]) -> st
 
     Parameters
     ----------
-    scene : Scene
     comments : dict of str to str
         Comments by the key of a number, `table.key`, `table[n].key` or `table.key[n]`.
     heading : list of str

@@ -11,12 +11,6 @@ from harvester.identification.linear_start import starts_from
 from harvester.identification.reconstruction import frequencies
 from harvester.identification.shooting import Fit, Shooting
 from harvester.identification.window_states import placed, reach_of, repaired, states_of
-from harvester.identification.windows import (
-    LARGEST_GROWTH,
-    equal_windows,
-    lengthened,
-    shortened,
-)
 
 if TYPE_CHECKING:
     from harvester.identification.measurement import Measurement
@@ -41,6 +35,11 @@ DOUBTFUL = 4.0
 MENDINGS = 4
 # A fit is given up if its cost exceeds this multiple of a rival model's cost.
 HOPELESS = 1.25
+# Windows are joined while an error of the start grows at most by the first factor, and one that
+# arises within the window by the second.
+LARGEST_GROWTH, LARGEST_GROWTH_WITHIN = 5.0, 1000.0
+# Samples in the shortest window, which must determine three states.
+FEWEST_SAMPLES = 12
 
 
 def searched(
@@ -50,8 +49,6 @@ def searched(
 
     Parameters
     ----------
-    responses : Responses
-    unknowns : sequence of Unknown
     lengths : sequence of int
         Samples of each experiment, from its first, that are fitted to.
     """
@@ -102,7 +99,6 @@ def followed(shooting: Shooting, fit: Fit, rival: float = np.inf) -> Fit:
 
     Parameters
     ----------
-    shooting : Shooting
     fit : Fit
         A fit with short windows, linearized.
     rival : float
@@ -186,7 +182,8 @@ def short_windows(measurement: Measurement, first: int, last: int) -> np.ndarray
     """Edges of the shortest windows from one sample to another."""
     period = measurement.sampling_rate / frequencies(measurement)[0]
     width = max(SHORT_PERIODS * period, (last - first) / MOST_FIRST_WINDOWS)
-    return first + equal_windows(last - first, width)
+    count = max(1, round((last - first) / max(width, FEWEST_SAMPLES)))
+    return first + np.unique(np.linspace(0, last - first, count + 1).round().astype(int))
 
 
 def opened(shooting: Shooting, fit: Fit) -> Fit:
@@ -242,3 +239,66 @@ def _doubtful(fit):
 def _far_off(sums, edges):
     mean_squares = sums / np.diff(edges)
     return mean_squares > DOUBTFUL * np.median(mean_squares)
+
+
+def lengthened(fit: Fit, short: Fit, most: Sequence[int]) -> Fit | None:
+    """The fit with neighbouring windows joined as long as errors stay small; None if none can be.
+
+    Parameters
+    ----------
+    fit, short : Fit
+        `short` is the same motion in the shortest windows, linearized.
+    most : sequence of int
+        Samples in a window at most, by experiment.
+    """
+    edges, starts, joined = [], [], False
+    if not short.grams:
+        return None
+    for number, old in enumerate(short.edges):
+        first_windows = _kept(short.transitions[number], short.growth[number], old, most[number])
+        joined |= first_windows.size < len(fit.starts[number])
+        edges.append(np.append(old[first_windows], old[-1]))
+        starts.append(short.starts[number][first_windows])
+    return Fit(fit.values, edges, starts, fit.noise) if joined else None
+
+
+def _kept(transitions, growth, edges, most):
+    """Indices of the windows at which the joined windows begin.
+
+    An error of the start may decay, and one from an inexact value may still grow later. So `totals`
+    holds the transition matrices from the start and from all places whose errors grow.
+    """
+    first_windows, totals = [0], transitions[:1]
+    for window in range(1, len(transitions)):
+        sizes = np.linalg.norm(totals, 2, axis=(1, 2)) * growth[window]
+        small = sizes[0] <= LARGEST_GROWTH and sizes.max() <= LARGEST_GROWTH_WITHIN
+        if not small or edges[window + 1] - edges[first_windows[-1]] > most:
+            first_windows.append(window)
+            totals = transitions[window : window + 1]
+        else:
+            totals = transitions[window] @ np.concatenate([totals, np.eye(3)[None]])
+            grows = np.linalg.norm(totals, 2, axis=(1, 2)) > 1.0
+            grows[0] = True
+            totals = totals[grows]
+    return np.array(first_windows)
+
+
+def shortened(shooting: Shooting, fit: Fit, where: Sequence[np.ndarray]) -> Fit:
+    """The fit with some windows cut in half, the second half beginning where the first ends.
+
+    Parameters
+    ----------
+    where : sequence of ndarray of bool
+        The windows to cut, by experiment.
+    """
+    edges, starts = [], []
+    for number, old in enumerate(fit.edges):
+        states, _, _ = shooting.responses.states(number, fit.values, old, fit.starts[number])
+        cut = where[number] & (np.diff(old) >= 2 * FEWEST_SAMPLES)
+        middles = ((old[:-1] + old[1:]) // 2)[cut]
+        new = np.concatenate([old[:-1], middles])
+        order = np.argsort(new, kind="stable")
+        begun = np.concatenate([fit.starts[number], states[middles - old[0]]])
+        edges.append(np.append(new[order], old[-1]))
+        starts.append(begun[order])
+    return Fit(fit.values, edges, starts, fit.noise)

@@ -123,10 +123,7 @@ def _without_drift(values, degree):
 
 
 def put_right(
-    values: np.ndarray,
-    integral: tuple[np.ndarray, np.ndarray],
-    corner: float,
-    second_corner: float,
+    values: np.ndarray, integral: tuple[np.ndarray, np.ndarray], corner: float, second_corner: float
 ) -> np.ndarray:
     """The true signal, from what a sensor with these high-passes shows.
 
@@ -145,15 +142,15 @@ def put_right(
     return values + (once + math.sqrt(2.0) * twice) * first + twice**2 * second
 
 
-def lowpassed(values: np.ndarray, edges: np.ndarray, time_constant: float) -> np.ndarray:
-    """Windows of a series behind a low-pass of first order, from any state, in samples."""
-    return _convolved(values, edges, -1.0 / time_constant, 1.0 / time_constant)
-
-
-def highpassed(
-    values: np.ndarray, edges: np.ndarray, corner: float, second_corner: float
+def filtered(
+    values: np.ndarray, edges: np.ndarray, time_constant: float, corner: float, second_corner: float
 ) -> np.ndarray:
-    """Windows of a series behind high-passes, from any state, corners in radians per sample."""
+    """Windows of a series behind a low-pass of first order and high-passes, from any state.
+
+    The time constant is in samples, 0 for no low-pass; corners are in radians per sample.
+    """
+    if time_constant > 0.0:
+        values = _convolved(values, edges, -1.0 / time_constant, 1.0 / time_constant)
     if corner:
         values = values - _convolved(values, edges, -corner, corner)
     if second_corner:

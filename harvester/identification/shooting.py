@@ -7,17 +7,16 @@ three states for each window; those are eliminated window by window from the nor
 
 from __future__ import annotations
 
-import os
-from collections.abc import Callable, Iterable, Sequence
-from concurrent.futures import ThreadPoolExecutor
+from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from itertools import pairwise
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from harvester.identification.response import Responses, side_by_side
+
 if TYPE_CHECKING:
-    from harvester.identification.response import Responses
     from harvester.identification.unknowns import Unknown
 
 # Step of the difference quotients, in sizes of the unknowns and rms values of the states.
@@ -27,15 +26,6 @@ DIFFERENCE = 1e-5
 LARGEST_SLOPE = 1e12
 # First, smallest and largest damping of the Levenberg–Marquardt steps.
 FIRST_DAMPING, LEAST_DAMPING, MOST_DAMPING = 1e-3, 1e-9, 1e9
-
-
-def side_by_side(function: Callable[[Any], Any], items: Iterable[Any]) -> list[Any]:
-    """A function of each, by as many threads as there are processors.
-
-    The integrator is free of Python's lock.
-    """
-    with ThreadPoolExecutor(os.cpu_count()) as threads:
-        return list(threads.map(function, items))
 
 
 @dataclass
@@ -74,17 +64,12 @@ class Shooting:
 
     Parameters
     ----------
-    responses : Responses
-    unknowns : sequence of Unknown
     state_sizes : sequence of ndarray, shape (3,)
         rms of each state, by experiment; a state that does not exist has 0.
     """
 
     def __init__(
-        self,
-        responses: Responses,
-        unknowns: Sequence[Unknown],
-        state_sizes: Sequence[np.ndarray],
+        self, responses: Responses, unknowns: Sequence[Unknown], state_sizes: Sequence[np.ndarray]
     ) -> None:
         self.responses = responses
         self.unknowns = list(unknowns)
@@ -105,8 +90,6 @@ class Shooting:
 
         Parameters
         ----------
-        responses : Responses
-        unknowns : sequence of Unknown
         records : int, optional
             Number of experiments whose sizes are taken, from the first; all by default.
         """
@@ -268,7 +251,6 @@ class Shooting:
 
         Parameters
         ----------
-        fit : Fit
         iterations : int
             Largest number of iterations.
         tolerance : float

@@ -66,7 +66,6 @@ def spring_shape(base: Fitted, sizes: dict[str, float]) -> SpringShape | None:
 
     Parameters
     ----------
-    base : Fitted
     sizes : dict of str to float
         Sizes from the motion that was fitted.
     """

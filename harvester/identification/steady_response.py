@@ -16,45 +16,25 @@ import numpy as np
 
 from harvester.device import system as device
 from harvester.device import timescales
-from harvester.identification.measured_impedance import impedance_outputs
+from harvester.identification.measured_impedance import MeasuredImpedance, impedance_outputs
 from harvester.identification.response import Experiment, Responses
 from harvester.identification.sensors import HIGHPASSES
 
 if TYPE_CHECKING:
-    from harvester.identification.measured_impedance import MeasuredImpedance
     from harvester.identification.measured_response import MeasuredResponse
     from harvester.scene.model import Scene
 
 # Secant steps for the displacement's amplitude.
 AMPLITUDE_STEPS = 12
+# Start of the one window of a response, whose samples have no states.
+NO_STATES = np.zeros((1, 3))
 
 
 @dataclass(frozen=True)
 class SteadyExperiment:
-    """A measured response with the scene it belongs to.
-
-    Attributes
-    ----------
-    measurement : MeasuredResponse
-    scene : Scene
-        The scene with the record's own changes.
-    """
+    """A measured response or impedance with the scene of its record."""
 
     measurement: MeasuredResponse
-    scene: Scene
-
-
-@dataclass(frozen=True)
-class ImpedanceExperiment:
-    """A measured impedance with the scene it belongs to.
-
-    Attributes
-    ----------
-    measurement : MeasuredImpedance
-    scene : Scene
-    """
-
-    measurement: MeasuredImpedance
     scene: Scene
 
 
@@ -63,10 +43,8 @@ class SteadyResponses(Responses):
 
     Parameters
     ----------
-    experiments : sequence of SteadyExperiment, ImpedanceExperiment or Experiment
+    experiments : sequence of SteadyExperiment or Experiment
         The last are records in time, whose samples are instants.
-    keys : sequence of str
-    length : float
     """
 
     def __init__(self, experiments: Sequence[Any], keys: Sequence[str], length: float) -> None:
@@ -84,7 +62,7 @@ class SteadyResponses(Responses):
             return None, None, None
         system, scales = equations
         experiment: Any = self.experiments[number]
-        if isinstance(experiment, ImpedanceExperiment):
+        if isinstance(experiment.measurement, MeasuredImpedance):
             outputs = self._impedance(system, number, values)
             return np.zeros((outputs.shape[0], 3)), starts, outputs
         response = self._gain_of_sensors(number, values)

@@ -33,7 +33,6 @@ class Verdict:
     word : str
         "predicts"; "fits" where the records do not tell the spring from others; "wrong",
         "incomplete", or "nothing" where there is nothing to judge by.
-    sentence : str
     """
 
     word: str
@@ -58,7 +57,6 @@ def verdict(
 
     Parameters
     ----------
-    base : Fitted
     found : sequence of Candidate
         The scene's own first.
     whiteness : Whiteness
@@ -96,6 +94,25 @@ def verdict(
         )
     return Verdict(
         "predicts", f"the model predicts {claim}{_power(base)}{claims}{_where(visited)}{simpler}"
+    )
+
+
+def impedance_verdict(base: Fitted) -> Verdict:
+    """Verdict of a fit to an impedance alone, which covers only small motion."""
+    claim = (
+        f"impedance to {base.nrmse:.2%} of itself on every third frequency, kept aside (about "
+        f"{base.sensor_noise:.2%} is the analyser's noise)"
+    )
+    if not base.adequate:
+        return Verdict(
+            "incomplete",
+            f"the model is wrong or incomplete: {claim}: it has more than modes, a capacitance and "
+            "its loss",
+        )
+    return Verdict(
+        "predicts",
+        f"the model predicts {claim}; that is small motion about the place where it rests, the "
+        "base clamped: it does not cover large motion, stoppers and the response to acceleration",
     )
 
 

@@ -68,10 +68,6 @@ class Visited:
             f"{' Hz' if self.si else ''}, load {loads}{' Ω' if self.si else ''}"
         )
 
-    def holds(self, place: float) -> bool:
-        """Whether a displacement was visited."""
-        return _inside(self.displacement, place)
-
     def _length(self, value):
         return f"{1e3 * value if self.si else value:.3g}"
 
@@ -101,7 +97,9 @@ def visited(fitted: Fitted) -> Visited | None:
         if "load.resistance" in numbers(experiment.scene)
     }
     ranges = tuple(displacement)
-    spring = () if _inside(ranges, 0.0) else _of_spring(fitted.keys)
+    spring: tuple[str, ...] = ()
+    if not _inside(ranges, 0.0):
+        spring = tuple(k for k in fitted.keys if k.rpartition(".")[2].startswith(SPRING))
     outside = _outside(system, scales.displacement, ranges, si, len(loads) > 1)
     if spring:
         names = ", ".join(key.rpartition(".")[2] for key in spring)
@@ -155,10 +153,6 @@ def _outside(system, length, ranges, si, several_loads):
     if not several_loads:
         parts.append("other loads (coupling and capacitance are as right as the load's resistance)")
     return tuple(parts)
-
-
-def _of_spring(keys):
-    return tuple(key for key in keys if key.rpartition(".")[2].startswith(SPRING))
 
 
 def _inside(ranges, place):

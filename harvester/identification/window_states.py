@@ -13,7 +13,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from harvester.identification.reconstruction import motion
-from harvester.identification.shooting import DIFFERENCE, Fit, Shooting, side_by_side
+from harvester.identification.response import side_by_side
+from harvester.identification.shooting import DIFFERENCE, Fit, Shooting
 
 if TYPE_CHECKING:
     from harvester.identification.reconstruction import Motion
@@ -92,33 +93,21 @@ def _step(shooting, number, fit, starts, residuals, damping):
     return step, -np.einsum("wk,wk->w", gradient, step)
 
 
-def measured_motion(shooting: Shooting, number: int, values: np.ndarray) -> Motion:
-    """The motion that a record shows if the device has these numbers."""
-    system, scales = shooting.responses.known_device(number, values)
-    return motion(system, scales, shooting.responses.shown(number, values))
-
-
 def placed(
-    shooting: Shooting,
-    number: int,
-    fit: Fit,
-    where: np.ndarray,
-    reach: tuple[float, float],
+    shooting: Shooting, number: int, fit: Fit, where: np.ndarray, reach: tuple[float, float]
 ) -> tuple[np.ndarray, np.ndarray]:
     """The best starts with the displacement anywhere within reach, settled, and their costs.
 
     Parameters
     ----------
-    shooting : Shooting
-    number : int
-        Number of the experiment.
-    fit : Fit
     where : ndarray of bool, shape (windows,)
         Windows to look at; the others' starts are NaN.
     reach : (float, float)
         Least and greatest displacement.
     """
-    seen = measured_motion(shooting, number, fit.values)
+    responses = shooting.responses
+    system, scales = responses.known_device(number, fit.values)
+    seen = motion(system, scales, responses.shown(number, fit.values))
     places = fit.edges[number][:-1]
     states = np.where(where[:, None], states_of(seen, places), np.nan)
     if seen.measured:
@@ -143,8 +132,6 @@ def repaired(
 
     Parameters
     ----------
-    shooting : Shooting
-    fit : Fit
     where : sequence of ndarray of bool, shape (windows,)
         Which windows of each experiment are repaired.
 

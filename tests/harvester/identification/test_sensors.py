@@ -10,9 +10,9 @@ from measured_sets import a_set
 from scipy import signal
 
 from harvester.errors import IdentificationError, SceneError
+from harvester.identification.candidates import turned
 from harvester.identification.identify import identify
 from harvester.identification.measurement import Measurement, read_measurement
-from harvester.identification.sensor_candidates import turned
 from harvester.identification.sensors import (
     highpassed,
     integrals,

@@ -6,8 +6,8 @@ from measured_records import scene_of
 
 from harvester.identification.measurement import Measurement
 from harvester.identification.response import Responses, experiment
+from harvester.identification.search import lengthened
 from harvester.identification.shooting import Fit
-from harvester.identification.windows import lengthened
 from harvester.monte_carlo.sampled import states_at_samples
 from harvester.prepared.prepared import prepared
 
