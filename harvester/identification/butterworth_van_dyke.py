@@ -46,7 +46,7 @@ SYMBOLS = dict(zip(NUMBERS, ("fs", "fp", "Cp", "k²", "Q", "tan δ"), strict=Tru
 
 
 @dataclass(frozen=True)
-class Circuit:
+class ButterworthVanDyke:
     """A fitted circuit.
 
     Attributes
@@ -129,7 +129,7 @@ def _slopes(frequency, parameters):
     return -np.column_stack(columns) / branches.sum(axis=1)[:, None]
 
 
-def fitted_circuit(frequency: np.ndarray, impedance: np.ndarray, where: str) -> Circuit:
+def fitted_circuit(frequency: np.ndarray, impedance: np.ndarray, where: str) -> ButterworthVanDyke:
     """The circuit of an impedance: as many modes as it shows.
 
     Parameters
@@ -275,7 +275,7 @@ def _concluded(frequency, impedance, parameters):
         normal += columns.T @ columns / (size**2 * _correlation(residuals))
     scale = np.sqrt(np.diag(normal))
     covariance = np.linalg.pinv(normal / np.outer(scale, scale)) / np.outer(scale, scale)
-    return Circuit(parameters, covariance, noise)
+    return ButterworthVanDyke(parameters, covariance, noise)
 
 
 def _correlation(residuals):
@@ -294,7 +294,7 @@ def _correlation(residuals):
     return total
 
 
-def check_width(frequency: np.ndarray, circuit: Circuit, mode: int, where: str) -> None:
+def check_width(frequency: np.ndarray, circuit: ButterworthVanDyke, mode: int, where: str) -> None:
     """Refuse a resonance over which too few points lie.
 
     Raises

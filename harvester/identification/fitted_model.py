@@ -12,8 +12,8 @@ from harvester.errors import IdentificationError
 from harvester.excitation.recorded import RecordedMotion
 from harvester.identification.intervals import undetermined
 from harvester.identification.measured_response import MeasuredResponse
-from harvester.identification.proof import Stretch, sensor_noise
-from harvester.identification.shooting import Fit, Shooting
+from harvester.identification.proof import ValidationStretch, sensor_noise
+from harvester.identification.shooting import Shooting, ShootingFit
 from harvester.identification.unknowns import Unknown, first_sizes, sizes_of, with_values
 
 if TYPE_CHECKING:
@@ -38,11 +38,11 @@ class Fitted:
         The scene with the fitted values.
     values : ndarray, shape (unknowns,)
     covariance : ndarray, shape (unknowns, unknowns)
-    stretches : list of Stretch
+    stretches : list of ValidationStretch
         The kept-aside part of each record.
     interpolation : str
         Interpolation of the acceleration between its samples.
-    settled : Fit or None
+    settled : ShootingFit or None
         Windows of the parts kept aside, of records in time.
     """
 
@@ -51,21 +51,21 @@ class Fitted:
     values: np.ndarray
     covariance: np.ndarray
     undetermined: list
-    stretches: list[Stretch]
+    stretches: list[ValidationStretch]
     interpolation: str
     shooting: Shooting
-    fit: Fit
-    settled: Fit | None = None
+    fit: ShootingFit
+    settled: ShootingFit | None = None
 
     @classmethod
     def concluded(
         cls,
         scene: Scene,
         shooting: Shooting,
-        fit: Fit,
+        fit: ShootingFit,
         covariance: np.ndarray,
-        stretches: Sequence[Stretch],
-        settled: Fit | None = None,
+        stretches: Sequence[ValidationStretch],
+        settled: ShootingFit | None = None,
     ) -> Fitted:
         """The model at the end of a fit; `scene` is the scene that the fit began with.
 

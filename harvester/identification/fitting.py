@@ -40,7 +40,7 @@ from harvester.identification.search import (
     opened,
     searched,
 )
-from harvester.identification.shooting import Fit, Shooting
+from harvester.identification.shooting import Shooting, ShootingFit
 from harvester.identification.steady_response import NO_STATES, SteadyExperiment, SteadyResponses
 from harvester.identification.unknowns import ORIGIN, unknowns
 from harvester.prepared.prepared import prepared
@@ -218,10 +218,10 @@ def _fitted_lines(scene, times, steady, keys, sizes, warm):
         fit = shooting.minimized(shooting.reweighted(fit), LAST, FINE)
     covariance = intervals.covariance(shooting, fit)
     stretches: list[Any] = []
-    settled: Fit | None = None
+    settled: ShootingFit | None = None
     if in_time:
         in_time.interpolation = first.interpolation
-        time_fit = Fit(fit.values, fit.edges[:count], fit.starts[:count], fit.noise[:count])
+        time_fit = ShootingFit(fit.values, fit.edges[:count], fit.starts[:count], fit.noise[:count])
         time_shooting = shooting.beside(in_time, free, count)
         stretches, settled = predicted(time_shooting, time_fit, _ends(times))
     lines = range(count, count + len(steady))
@@ -257,16 +257,16 @@ def _near_starts(shooting, first, scene, count, joint):
     values = np.array([previous.get(unknown.key, unknown.start) for unknown in shooting.unknowns])
     old = first.fit.edges, first.fit.starts, first.fit.noise
     if not joint:
-        return [Fit(values, *old)]
+        return [ShootingFit(values, *old)]
     # Windows of records in time are taken over.
     lines = _line_windows(shooting.responses.experiments[count:])
     edges, starts, noise = ([*a[:count], *b] for a, b in zip(old, lines, strict=True))
-    fits = [Fit(values, edges, starts, noise)]
+    fits = [ShootingFit(values, edges, starts, noise)]
     coupling = previous.get("piezo.coupling")
     if coupling and MASS in shooting.responses.keys and scene.transducer:
         # An impedance determines θ²/M; a record of voltage under a known acceleration determines θ.
         factor = (coupling / scene.transducer.coupling) ** 2
-        fits.append(Fit(_of_mass(shooting, values, factor, scene), edges, starts, noise))
+        fits.append(ShootingFit(_of_mass(shooting, values, factor, scene), edges, starts, noise))
     return fits
 
 
@@ -298,7 +298,7 @@ def _grid_starts(shooting):
         values = first.copy()
         for (members, _), factor in zip(kinds, factors, strict=True):
             values[members] *= factor
-        yield Fit(np.clip(values, shooting.low, shooting.high), *windows)
+        yield ShootingFit(np.clip(values, shooting.low, shooting.high), *windows)
 
 
 def _otherwise(shooting, fit):
@@ -331,7 +331,7 @@ def _warmed(coarse, fine, free, warm):
     values = np.array([unknown.start for unknown in free])
     rival, fit = warm.fit.cost, warm.fit
     if warm.leaves_noise:
-        begun = Fit(values, fit.edges, fit.starts, fit.noise)
+        begun = ShootingFit(values, fit.edges, fit.starts, fit.noise)
         near = shooting.minimized(begun, ON_THE_WAY, COARSE)
         if near.cost < HOPELESS * rival:
             return shooting, near
@@ -376,7 +376,9 @@ def _recentred(shooting, fit, scene):
     for n in range(1, len(original)):
         values[keys.index(FORCE.format(n))] = moved[n]
     starts = [states - [shift / responses.length, 0.0, 0.0] for states in fit.starts]
-    trial = shooting.minimized(Fit(values, fit.edges, starts, fit.noise), ORIGIN_ITERATIONS, 1e-9)
+    trial = shooting.minimized(
+        ShootingFit(values, fit.edges, starts, fit.noise), ORIGIN_ITERATIONS, 1e-9
+    )
     return trial if trial.grams and trial.cost < 1.01 * fit.cost else fit
 
 

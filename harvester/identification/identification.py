@@ -32,7 +32,7 @@ if TYPE_CHECKING:
     from harvester.identification.posterior import Posterior
     from harvester.identification.proof import Whiteness
     from harvester.identification.spring_shape import SpringShape
-    from harvester.identification.verdict import Verdict
+    from harvester.identification.verdict import FitVerdict
     from harvester.identification.visited import Visited
     from harvester.scene.model import Scene
 
@@ -89,7 +89,7 @@ class Identification:
     kept: list[tuple[str, Undetermined]]
     candidates: Sequence[Candidate]
     whiteness: Whiteness
-    verdict: Verdict
+    verdict: FitVerdict
     seconds: float
     posterior: Posterior | None = None
     impedance: FromImpedance | None = None

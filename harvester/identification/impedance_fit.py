@@ -19,7 +19,7 @@ from harvester.errors import IdentificationError, SceneError
 from harvester.identification.butterworth_van_dyke import (
     NUMBERS,
     SYMBOLS,
-    Circuit,
+    ButterworthVanDyke,
     check_width,
     fitted_circuit,
     jacobian,
@@ -28,7 +28,7 @@ from harvester.identification.fitted_model import Fitted
 from harvester.identification.intervals import HALF_INTERVAL
 from harvester.identification.measured_impedance import MeasuredImpedance
 from harvester.identification.proof import predicted_lines
-from harvester.identification.shooting import Fit, Shooting
+from harvester.identification.shooting import Shooting, ShootingFit
 from harvester.identification.steady_response import NO_STATES, SteadyExperiment, SteadyResponses
 from harvester.identification.unknowns import unknowns
 from harvester.prepared.prepared import prepared
@@ -64,7 +64,7 @@ class FromImpedance:
         The mass being known.
     """
 
-    circuit: Circuit
+    circuit: ButterworthVanDyke
     mode: int
     measured: MeasuredImpedance
     scene: Scene
@@ -260,7 +260,7 @@ def fitted_impedance(found: FromImpedance) -> Fitted:
     shooting = Shooting(responses, free, [np.zeros(3)])
     edges = np.array([0, int(np.count_nonzero(~aside))])
     noise = np.array(found.circuit.noise)
-    fit = Fit(found.values, [edges], [NO_STATES], [noise])
+    fit = ShootingFit(found.values, [edges], [NO_STATES], [noise])
     shooting.linearized(fit)
     stretch = predicted_lines(validation, found.values, 0)
     return Fitted.concluded(found.scene, shooting, fit, found.covariance, [stretch])

@@ -26,7 +26,7 @@ from harvester.identification.response import Experiment
 from harvester.identification.window_states import without_states
 
 if TYPE_CHECKING:
-    from harvester.identification.shooting import Fit, Shooting
+    from harvester.identification.shooting import Shooting, ShootingFit
 
 # Half width of a normal variable's 95 % interval, in standard errors.
 HALF_INTERVAL = 1.96
@@ -79,7 +79,7 @@ class Undetermined:
         return f"{' and '.join(names)} are not determined apart, only {' · '.join(factors)}"
 
 
-def covariance(shooting: Shooting, fit: Fit) -> np.ndarray:
+def covariance(shooting: Shooting, fit: ShootingFit) -> np.ndarray:
     """Covariance of the values, in the scene's units squared, shape (unknowns, unknowns)."""
     p = len(shooting.unknowns)
     normal, meat, blocks, noise = (np.zeros((p, p)) for _ in range(4))
@@ -106,7 +106,7 @@ def covariance(shooting: Shooting, fit: Fit) -> np.ndarray:
     return sandwich * np.outer(shares, shares)
 
 
-def moved_by_records(shooting: Shooting, fit: Fit, records: int) -> np.ndarray:
+def moved_by_records(shooting: Shooting, fit: ShootingFit, records: int) -> np.ndarray:
     """Covariance from the changes of the values as each record is left out in turn (jackknife).
 
     It holds a model's error, which differs from record to record. Each fit without a record is one
@@ -225,7 +225,7 @@ def base_noise(acceleration: np.ndarray, rate: float) -> float:
 
 
 def covariance_of_scores(
-    shooting: Shooting, fit: Fit, number: int, table: np.ndarray, columns: np.ndarray
+    shooting: Shooting, fit: ShootingFit, number: int, table: np.ndarray, columns: np.ndarray
 ) -> np.ndarray:
     """Covariance of one experiment's scores, shape (unknowns, unknowns), in the fit's weights.
 

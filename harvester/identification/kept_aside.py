@@ -27,7 +27,7 @@ from harvester.identification.reconstruction import frequencies
 from harvester.identification.response import FINE_STEPS, Responses, experiment
 from harvester.identification.search import HOPELESS
 from harvester.identification.sensors import OUTPUT_UNITS
-from harvester.identification.shooting import Fit
+from harvester.identification.shooting import ShootingFit
 from harvester.identification.visited import band
 from harvester.show.numbers import with_error
 
@@ -330,7 +330,7 @@ def _settled(shooting, values, noise, reach):
     A sine in one well looks nearly alike in the other, so windows placed anywhere may lie in both.
     """
     span = [(0, shooting.responses.experiments[0].samples)]
-    begun = Fit(values, [], [], [noise])
+    begun = ShootingFit(values, [], [], [noise])
 
     def found(ends):
         (stretch,), settled = predicted(shooting, begun, span, ends)

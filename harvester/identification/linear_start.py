@@ -43,7 +43,7 @@ LEAST_DAMPING_RATIO = 0.003
 
 
 @dataclass(frozen=True)
-class Start:
+class StartingPoint:
     """Values of the unknowns, and the motion of each experiment that goes with them.
 
     Attributes
@@ -58,7 +58,9 @@ class Start:
     misfit: float
 
 
-def as_it_is(responses: Responses, values: np.ndarray, centre: float | None = None) -> Start:
+def as_it_is(
+    responses: Responses, values: np.ndarray, centre: float | None = None
+) -> StartingPoint:
     """The start at given values with the motions that follow from them, centred if `centre`
     is given."""
     motions = []
@@ -66,10 +68,12 @@ def as_it_is(responses: Responses, values: np.ndarray, centre: float | None = No
         system, scales = responses.known_device(number, values)
         seen = motion(system, scales, responses.shown(number, values))
         motions.append(seen if centre is None else seen.centred(centre))
-    return Start(values, motions, np.nan)
+    return StartingPoint(values, motions, np.nan)
 
 
-def regressed(responses: Responses, values: np.ndarray, number: int, drifts: bool) -> list[Start]:
+def regressed(
+    responses: Responses, values: np.ndarray, number: int, drifts: bool
+) -> list[StartingPoint]:
     """Starts by regression on one experiment, one for each likely origin of its displacement.
 
     Parameters
@@ -85,7 +89,7 @@ def regressed(responses: Responses, values: np.ndarray, number: int, drifts: boo
         for factor in (ELECTRICAL_FACTORS if "piezo.capacitance" in responses.keys else (1.0,))
     ]
     best = min((trial for trial in tried if trial), key=lambda trial: trial.misfit, default=None)
-    starts: list[Start] = []
+    starts: list[StartingPoint] = []
     if best is None:
         return starts
     for changed, origin in best.results():
@@ -95,7 +99,7 @@ def regressed(responses: Responses, values: np.ndarray, number: int, drifts: boo
         # The regression gives only this record's origin; the other records' motions begin about the
         # same place.
         motions = [path.centred(origin) for path in start.motions]
-        starts.append(Start(changed, motions, best.misfit))
+        starts.append(StartingPoint(changed, motions, best.misfit))
     return starts
 
 
@@ -388,7 +392,7 @@ def _shifted(coefficients, distance):
     return np.append(moved.coef, np.zeros(len(coefficients)))[: len(coefficients)]
 
 
-def starts_from(responses: Responses, values: np.ndarray) -> list[Start]:
+def starts_from(responses: Responses, values: np.ndarray) -> list[StartingPoint]:
     """All starts worth a trial: the scene as it is, and regressions on each record."""
     starts = [
         start

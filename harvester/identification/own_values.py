@@ -20,7 +20,7 @@ from harvester.identification.intervals import covariance
 from harvester.identification.reconstruction import frequencies
 from harvester.identification.response import COARSE_STEPS, Responses, experiment
 from harvester.identification.search import COARSE, HOPELESS, ON_THE_WAY, followed, short_windows
-from harvester.identification.shooting import Fit
+from harvester.identification.shooting import ShootingFit
 from harvester.identification.unknowns import unknowns, with_values
 from harvester.identification.window_states import placed, reach_of
 
@@ -88,7 +88,7 @@ def own_values(
         )
     solutions = [fit.values]
     for values in likely[1:]:
-        begun = Fit(fit.values, fit.edges, fit.starts, fit.noise)
+        begun = ShootingFit(fit.values, fit.edges, fit.starts, fit.noise)
         near = _problem(fitted, measurement, values).minimized(begun, ON_THE_WAY, COARSE)
         solutions.append(near.values)
     states, _, _ = problem.responses.states(0, fit.values, fit.edges[0], fit.starts[0])
@@ -119,10 +119,10 @@ def _best(shooting, reach, noise):
     measurement = shooting.responses.experiments[0].measurement
     edges = [short_windows(measurement, 0, measurement.acceleration.size)]
     first = np.array([unknown.start for unknown in shooting.unknowns])
-    minima: list[Fit] = []
+    minima: list[ShootingFit] = []
     for share in FIRST_SHARES:
         values = np.clip(first + share * shooting.sizes, shooting.low, shooting.high)
-        begun = Fit(values, edges, [], [noise])
+        begun = ShootingFit(values, edges, [], [noise])
         everywhere = np.ones(edges[0].size - 1, bool)
         begun.starts.append(placed(shooting.frozen(), 0, begun, everywhere, reach)[0])
         fit = shooting.minimized(begun, ON_THE_WAY, COARSE)
@@ -136,7 +136,7 @@ def _best(shooting, reach, noise):
 def _cost(shooting, fit, noise):
     """Cost of a fit by a noise that all have, and what its windows' starts took off it."""
     # A fit that was followed is weighted by its own residuals.
-    same = Fit(fit.values, fit.edges, fit.starts, [noise])
+    same = ShootingFit(fit.values, fit.edges, fit.starts, [noise])
     return shooting.cost(same) + sum(states.size for states in fit.starts)
 
 

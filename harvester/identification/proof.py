@@ -12,7 +12,7 @@ import numpy as np
 from harvester.estimates.estimate import Estimate
 from harvester.identification.measured_impedance import MeasuredImpedance
 from harvester.identification.search import settle_windows
-from harvester.identification.shooting import Fit, Shooting
+from harvester.identification.shooting import Shooting, ShootingFit
 from harvester.identification.steady_response import NO_STATES, SteadyResponses
 from harvester.scene.units import load_resistance
 
@@ -33,7 +33,7 @@ WHITE_PERIODS = 1.0
 
 
 @dataclass(frozen=True)
-class Stretch:
+class ValidationStretch:
     """Measured and simulated outputs of one experiment's stretch.
 
     Attributes
@@ -112,7 +112,7 @@ class Stretch:
 
 
 @dataclass(frozen=True)
-class ResponseStretch(Stretch):
+class ResponseStretch(ValidationStretch):
     """The frequencies of a measured response that were kept aside.
 
     Attributes
@@ -209,10 +209,10 @@ def _of_blocks(values):
 
 def predicted(
     shooting: Shooting,
-    fit: Fit,
+    fit: ShootingFit,
     stretches: Sequence[tuple[int, int]],
     reach: tuple[float, float] | None = None,
-) -> tuple[list[Stretch], Fit]:
+) -> tuple[list[ValidationStretch], ShootingFit]:
     """Motion and outputs of the fitted device in a stretch of each experiment.
 
     Parameters
@@ -224,8 +224,8 @@ def predicted(
 
     Returns
     -------
-    list of Stretch
-    Fit
+    list of ValidationStretch
+    ShootingFit
         The windows of the stretches with their starts.
     """
     settled = settle_windows(shooting.frozen(), fit, stretches, reach)
@@ -239,7 +239,7 @@ def predicted(
         outputs = experiment.measurement.outputs
         scene = experiment.scene
         predictions.append(
-            Stretch(
+            ValidationStretch(
                 name=experiment.measurement.name,
                 outputs=tuple(outputs),
                 rate=experiment.measurement.sampling_rate,
@@ -274,7 +274,7 @@ def predicted_lines(responses: SteadyResponses, values: np.ndarray, number: int)
     )
 
 
-def sensor_noise(stretch: Stretch, output: int = 0) -> float:
+def sensor_noise(stretch: ValidationStretch, output: int = 0) -> float:
     """Noise of an output, as a share of its standard deviation, from the floor of its spectrum.
 
     Of a response it is the median of the residuals.
@@ -325,7 +325,7 @@ class Whiteness:
         return self.probability > 1e-3
 
 
-def whiteness(stretch: Stretch, output: int, period: float) -> Whiteness:
+def whiteness(stretch: ValidationStretch, output: int, period: float) -> Whiteness:
     """Autocorrelation of a stretch's residuals over a period of the motion (s)."""
     from scipy.stats import chi2
 

@@ -9,7 +9,7 @@ import numpy as np
 
 from harvester.identification.linear_start import starts_from
 from harvester.identification.reconstruction import frequencies
-from harvester.identification.shooting import Fit, Shooting
+from harvester.identification.shooting import Shooting, ShootingFit
 from harvester.identification.window_states import placed, reach_of, repaired, states_of
 
 if TYPE_CHECKING:
@@ -44,7 +44,7 @@ FEWEST_SAMPLES = 12
 
 def searched(
     responses: Responses, unknowns: Sequence[Unknown], lengths: Sequence[int]
-) -> tuple[Shooting, Fit] | None:
+) -> tuple[Shooting, ShootingFit] | None:
     """The best fit; None where no start gives one.
 
     Parameters
@@ -87,19 +87,19 @@ def _short(responses, unknowns, start, lengths):
             )
         )
     everywhere = [np.ones(len(states), bool) for states in begun]
-    fit, _ = repaired(shooting, Fit(start.values.copy(), edges, begun, noise), everywhere)
+    fit, _ = repaired(shooting, ShootingFit(start.values.copy(), edges, begun, noise), everywhere)
     fit = shooting.minimized(fit, FIRST, COARSE)
     return (shooting, fit) if fit.grams else None
 
 
-def followed(shooting: Shooting, fit: Fit, rival: float = np.inf) -> Fit:
+def followed(shooting: Shooting, fit: ShootingFit, rival: float = np.inf) -> ShootingFit:
     """Fit with windows that double in length while errors stay small in them, to the end.
 
     Longer windows do not make a fit better: one that is hopeless in short ones stays in them.
 
     Parameters
     ----------
-    fit : Fit
+    fit : ShootingFit
         A fit with short windows, linearized.
     rival : float
         Cost of a model beside it.
@@ -139,17 +139,17 @@ def _in_short_windows(shooting, fit):
 
 def settle_windows(
     shooting: Shooting,
-    fit: Fit,
+    fit: ShootingFit,
     stretches: Sequence[tuple[int, int]],
     reach: tuple[float, float] | None = None,
-) -> Fit:
+) -> ShootingFit:
     """Fit the starts of windows in other stretches of the records, the device's values fixed.
 
     Parameters
     ----------
     shooting : Shooting
         A problem without unknowns of the device.
-    fit : Fit
+    fit : ShootingFit
         The fit that gives the values and the noise.
     stretches : sequence of (int, int)
         First sample of each experiment, and that behind the last.
@@ -161,7 +161,7 @@ def settle_windows(
         short_windows(experiment.measurement, first, last)
         for experiment, (first, last) in zip(experiments, stretches, strict=True)
     ]
-    begun = Fit(fit.values, edges, [], fit.noise)
+    begun = ShootingFit(fit.values, edges, [], fit.noise)
     for number, cut in enumerate(edges):
         everywhere, span = np.ones(cut.size - 1, bool), reach or _visited(shooting, fit, number)
         begun.starts.append(placed(shooting, number, begun, everywhere, span)[0])
@@ -186,7 +186,7 @@ def short_windows(measurement: Measurement, first: int, last: int) -> np.ndarray
     return first + np.unique(np.linspace(0, last - first, count + 1).round().astype(int))
 
 
-def opened(shooting: Shooting, fit: Fit) -> Fit:
+def opened(shooting: Shooting, fit: ShootingFit) -> ShootingFit:
     """The fit cut into the shortest windows, whose starts lie on its own motion."""
     edges, starts = [], []
     for number, old in enumerate(fit.edges):
@@ -195,10 +195,10 @@ def opened(shooting: Shooting, fit: Fit) -> Fit:
         cut = np.union1d(short_windows(measurement, old[0], old[-1]), old)
         edges.append(cut)
         starts.append(states[cut[:-1] - old[0]])
-    return Fit(fit.values, edges, starts, fit.noise)
+    return ShootingFit(fit.values, edges, starts, fit.noise)
 
 
-def followed_anew(shooting: Shooting, begun: Fit, rival: float) -> Fit | None:
+def followed_anew(shooting: Shooting, begun: ShootingFit, rival: float) -> ShootingFit | None:
     """A fit that begins in short windows, to the end; None where no motion follows."""
     fit = shooting.minimized(begun, ON_THE_WAY, COARSE)
     if fit.grams:
@@ -206,7 +206,7 @@ def followed_anew(shooting: Shooting, begun: Fit, rival: float) -> Fit | None:
     return fit if fit.grams else None
 
 
-def mended(shooting: Shooting, fit: Fit) -> Fit:
+def mended(shooting: Shooting, fit: ShootingFit) -> ShootingFit:
     """The fit with better starts of windows in doubt, or with those cut in half.
 
     Windows in which an error at the start grows beyond what is allowed are cut, too. Returns the
@@ -241,12 +241,12 @@ def _far_off(sums, edges):
     return mean_squares > DOUBTFUL * np.median(mean_squares)
 
 
-def lengthened(fit: Fit, short: Fit, most: Sequence[int]) -> Fit | None:
+def lengthened(fit: ShootingFit, short: ShootingFit, most: Sequence[int]) -> ShootingFit | None:
     """The fit with neighbouring windows joined as long as errors stay small; None if none can be.
 
     Parameters
     ----------
-    fit, short : Fit
+    fit, short : ShootingFit
         `short` is the same motion in the shortest windows, linearized.
     most : sequence of int
         Samples in a window at most, by experiment.
@@ -259,7 +259,7 @@ def lengthened(fit: Fit, short: Fit, most: Sequence[int]) -> Fit | None:
         joined |= first_windows.size < len(fit.starts[number])
         edges.append(np.append(old[first_windows], old[-1]))
         starts.append(short.starts[number][first_windows])
-    return Fit(fit.values, edges, starts, fit.noise) if joined else None
+    return ShootingFit(fit.values, edges, starts, fit.noise) if joined else None
 
 
 def _kept(transitions, growth, edges, most):
@@ -283,7 +283,7 @@ def _kept(transitions, growth, edges, most):
     return np.array(first_windows)
 
 
-def shortened(shooting: Shooting, fit: Fit, where: Sequence[np.ndarray]) -> Fit:
+def shortened(shooting: Shooting, fit: ShootingFit, where: Sequence[np.ndarray]) -> ShootingFit:
     """The fit with some windows cut in half, the second half beginning where the first ends.
 
     Parameters
@@ -301,4 +301,4 @@ def shortened(shooting: Shooting, fit: Fit, where: Sequence[np.ndarray]) -> Fit:
         begun = np.concatenate([fit.starts[number], states[middles - old[0]]])
         edges.append(np.append(new[order], old[-1]))
         starts.append(begun[order])
-    return Fit(fit.values, edges, starts, fit.noise)
+    return ShootingFit(fit.values, edges, starts, fit.noise)

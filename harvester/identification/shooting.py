@@ -29,7 +29,7 @@ FIRST_DAMPING, LEAST_DAMPING, MOST_DAMPING = 1e-3, 1e-9, 1e9
 
 
 @dataclass
-class Fit:
+class ShootingFit:
     """State of a fit: values, windows, their starts, and the linearization.
 
     Attributes
@@ -117,7 +117,7 @@ class Shooting:
         outputs = self.responses.experiments[number].measurement.outputs
         return np.column_stack([series[edges[0] : edges[-1]] for series in outputs.values()])
 
-    def cost(self, fit: Fit) -> float:
+    def cost(self, fit: ShootingFit) -> float:
         """Sum of squares; inf where the device runs away."""
         total = 0.0
         for number, (edges, starts, noise) in enumerate(
@@ -129,7 +129,7 @@ class Shooting:
             total += float(np.sum(residuals**2))
         return total
 
-    def jacobian(self, fit: Fit, number: int) -> tuple[Any, Any]:
+    def jacobian(self, fit: ShootingFit, number: int) -> tuple[Any, Any]:
         """[J_unknowns, J_states, r] of one experiment and its windows' transitions, or None.
 
         Columns are in sizes; transitions have the shape (windows, 3, 3).
@@ -165,7 +165,7 @@ class Shooting:
         )
         return table, transitions
 
-    def linearized(self, fit: Fit) -> bool:
+    def linearized(self, fit: ShootingFit) -> bool:
         """Fill the Gram matrices of all windows; whether the device stays within bounds."""
         fit.grams, fit.transitions, fit.growth = [], [], []
         p = len(self.unknowns)
@@ -190,7 +190,7 @@ class Shooting:
         outputs = self.responses.experiments[number].measurement.outputs
         return noise / np.array([np.std(series) for series in outputs.values()])
 
-    def step(self, fit: Fit, damping: float) -> tuple[np.ndarray, list[np.ndarray]]:
+    def step(self, fit: ShootingFit, damping: float) -> tuple[np.ndarray, list[np.ndarray]]:
         """Change of the unknowns and of all starts, in sizes, by the damped normal equations."""
         p = len(self.unknowns)
         normal, gradient = self.reduced(fit, damping)
@@ -212,7 +212,9 @@ class Shooting:
             change = (target - fit.values) / self.sizes
         return change, self.state_moves(fit, change, damping)
 
-    def state_moves(self, fit: Fit, change: np.ndarray, damping: float = 0.0) -> list[np.ndarray]:
+    def state_moves(
+        self, fit: ShootingFit, change: np.ndarray, damping: float = 0.0
+    ) -> list[np.ndarray]:
         """Changes of all window starts that go with a change of the unknowns, both in sizes."""
         p, moves = len(self.unknowns), []
         for grams in fit.grams:
@@ -221,7 +223,7 @@ class Shooting:
             moves.append(-np.einsum("wij,wj->wi", inverse, right))
         return moves
 
-    def reduced(self, fit: Fit, damping: float = 0.0) -> tuple[np.ndarray, np.ndarray]:
+    def reduced(self, fit: ShootingFit, damping: float = 0.0) -> tuple[np.ndarray, np.ndarray]:
         """Normal matrix and gradient of the unknowns alone, the starts eliminated."""
         p = len(self.unknowns)
         normal, gradient = np.zeros((p, p)), np.zeros(p)
@@ -246,7 +248,7 @@ class Shooting:
         block[:, range(3), range(3)] += ridge
         return np.linalg.inv(block)
 
-    def minimized(self, fit: Fit, iterations: int, tolerance: float) -> Fit:
+    def minimized(self, fit: ShootingFit, iterations: int, tolerance: float) -> ShootingFit:
         """The fit at the minimum of its cost, its windows as they are.
 
         Parameters
@@ -286,7 +288,7 @@ class Shooting:
                 return fit
         return fit
 
-    def promised(self, fit: Fit, change: np.ndarray, moves: Sequence[np.ndarray]) -> float:
+    def promised(self, fit: ShootingFit, change: np.ndarray, moves: Sequence[np.ndarray]) -> float:
         """Least decrease of the cost by a damped step, were the problem linear."""
         p, total = len(self.unknowns), 0.0
         for grams, move in zip(fit.grams, moves, strict=True):
@@ -294,16 +296,18 @@ class Shooting:
             total -= float(np.sum(grams[:, p : p + 3, -1] * move))
         return total
 
-    def moved(self, fit: Fit, change: np.ndarray, moves: Sequence[np.ndarray]) -> Fit:
+    def moved(
+        self, fit: ShootingFit, change: np.ndarray, moves: Sequence[np.ndarray]
+    ) -> ShootingFit:
         """The fit changed by steps in sizes."""
         starts = [
             states + move * size
             for states, move, size in zip(fit.starts, moves, self.state_sizes, strict=True)
         ]
         values = fit.values + change * self.sizes if change.size else fit.values
-        return Fit(values, fit.edges, starts, fit.noise)
+        return ShootingFit(values, fit.edges, starts, fit.noise)
 
-    def reweighted(self, fit: Fit) -> Fit:
+    def reweighted(self, fit: ShootingFit) -> ShootingFit:
         """The fit with each output's noise as its residuals show it."""
         noise = []
         for number, edges in enumerate(fit.edges):

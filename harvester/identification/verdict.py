@@ -25,7 +25,7 @@ MOSTLY_NOISE = 0.9
 
 
 @dataclass(frozen=True)
-class Verdict:
+class FitVerdict:
     """The judgement on the scene's model.
 
     Attributes
@@ -52,7 +52,7 @@ def verdict(
     visited: Visited | None = None,
     kept: Sequence[Kept] = (),
     shape: SpringShape | None = None,
-) -> Verdict:
+) -> FitVerdict:
     """Judge a model by what it predicts of the data kept aside: its worst record and channel.
 
     Parameters
@@ -71,10 +71,10 @@ def verdict(
         The spring beside one with the next power.
     """
     if all(_is_noise(stretch, whiteness) for stretch in base.stretches):
-        return Verdict("nothing", _nothing(base))
+        return FitVerdict("nothing", _nothing(base))
     claim, claims, best = _said(base, misfits, whiteness), _claims(kept), proposed(found)
     if best.is_better:
-        return Verdict(
+        return FitVerdict(
             "wrong",
             f"the model is wrong: {claim}; {best.name} leaves {best.fitted.nrmse:.2%} and is "
             f"proposed instead{_freed(best, base)}{_rivals(found, base)}{claims}",
@@ -82,34 +82,34 @@ def verdict(
     fault = _fault(base, whiteness, misfits, kept, shape)
     if fault is not None:
         others = ", and none of the other models that were tried does better" if found[1:] else ""
-        return Verdict(
+        return FitVerdict(
             "incomplete", f"the model is wrong or incomplete: {claim}{fault}{others}{claims}"
         )
     simpler = "" if best is found[0] else f"; {best.name} predicts as well and is simpler"
     if shape and shape.untold:
-        return Verdict(
+        return FitVerdict(
             "fits",
             f"the model fits, and the records do not tell its spring from others: {claim}"
             f"{_power(base)}{_untold(shape)}{claims}{_where(visited)}{simpler}",
         )
-    return Verdict(
+    return FitVerdict(
         "predicts", f"the model predicts {claim}{_power(base)}{claims}{_where(visited)}{simpler}"
     )
 
 
-def impedance_verdict(base: Fitted) -> Verdict:
+def impedance_verdict(base: Fitted) -> FitVerdict:
     """Verdict of a fit to an impedance alone, which covers only small motion."""
     claim = (
         f"impedance to {base.nrmse:.2%} of itself on every third frequency, kept aside (about "
         f"{base.sensor_noise:.2%} is the analyser's noise)"
     )
     if not base.adequate:
-        return Verdict(
+        return FitVerdict(
             "incomplete",
             f"the model is wrong or incomplete: {claim}: it has more than modes, a capacitance and "
             "its loss",
         )
-    return Verdict(
+    return FitVerdict(
         "predicts",
         f"the model predicts {claim}; that is small motion about the place where it rests, the "
         "base clamped: it does not cover large motion, stoppers and the response to acceleration",

@@ -14,7 +14,7 @@ import numpy as np
 
 from harvester.identification.reconstruction import motion
 from harvester.identification.response import side_by_side
-from harvester.identification.shooting import DIFFERENCE, Fit, Shooting
+from harvester.identification.shooting import DIFFERENCE, Shooting, ShootingFit
 
 if TYPE_CHECKING:
     from harvester.identification.reconstruction import Motion
@@ -28,7 +28,7 @@ SETTLED = 1e-4
 
 
 def weighted_residuals(
-    shooting: Shooting, number: int, fit: Fit, starts: np.ndarray
+    shooting: Shooting, number: int, fit: ShootingFit, starts: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
     """Weighted residuals of windows with these starts, and each window's sum of squares.
 
@@ -45,7 +45,11 @@ def weighted_residuals(
 
 
 def settled(
-    shooting: Shooting, number: int, fit: Fit, starts: np.ndarray, iterations: int = ITERATIONS
+    shooting: Shooting,
+    number: int,
+    fit: ShootingFit,
+    starts: np.ndarray,
+    iterations: int = ITERATIONS,
 ) -> tuple[np.ndarray, np.ndarray]:
     """Starts at the minimum of each window's own cost, and those costs.
 
@@ -94,7 +98,7 @@ def _step(shooting, number, fit, starts, residuals, damping):
 
 
 def placed(
-    shooting: Shooting, number: int, fit: Fit, where: np.ndarray, reach: tuple[float, float]
+    shooting: Shooting, number: int, fit: ShootingFit, where: np.ndarray, reach: tuple[float, float]
 ) -> tuple[np.ndarray, np.ndarray]:
     """The best starts with the displacement anywhere within reach, settled, and their costs.
 
@@ -126,8 +130,8 @@ def placed(
 
 
 def repaired(
-    shooting: Shooting, fit: Fit, where: Sequence[np.ndarray]
-) -> tuple[Fit, list[np.ndarray]]:
+    shooting: Shooting, fit: ShootingFit, where: Sequence[np.ndarray]
+) -> tuple[ShootingFit, list[np.ndarray]]:
     """The fit with some windows' starts at the best places that can be found for them.
 
     Parameters
@@ -137,7 +141,7 @@ def repaired(
 
     Returns
     -------
-    Fit
+    ShootingFit
     list of ndarray, shape (windows,)
         Each window's sum of squares.
     """
@@ -157,7 +161,7 @@ def repaired(
             best = _better(best, settled(shooting, number, fit, begun))
         starts.append(best[0])
         sums.append(best[1])
-    return Fit(fit.values, fit.edges, starts, fit.noise), sums
+    return ShootingFit(fit.values, fit.edges, starts, fit.noise), sums
 
 
 def _better(own, other):

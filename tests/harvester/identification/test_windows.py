@@ -7,7 +7,7 @@ from measured_records import scene_of
 from harvester.identification.measurement import Measurement
 from harvester.identification.response import Responses, experiment
 from harvester.identification.search import lengthened
-from harvester.identification.shooting import Fit
+from harvester.identification.shooting import ShootingFit
 from harvester.monte_carlo.sampled import states_at_samples
 from harvester.prepared.prepared import prepared
 
@@ -17,7 +17,7 @@ WINDOWS, SAMPLES = 9, 20
 def in_windows(factors):
     """Equal windows in which errors grow by these factors."""
     edges = SAMPLES * np.arange(WINDOWS + 1)
-    return Fit(
+    return ShootingFit(
         np.zeros(0),
         [edges],
         [np.zeros((WINDOWS, 3))],
