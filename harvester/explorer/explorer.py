@@ -39,14 +39,8 @@ if TYPE_CHECKING:
 
 # Default sliders: those of these keys that the scene has.
 USUAL_KEYS = (
-    "intensity",
-    "correlation_time",
-    "damping",
-    "gap",
-    "coupling",
-    "resistance",
-    "decay_rate",
-)
+    "intensity", "correlation_time", "damping", "gap", "coupling", "resistance", "decay_rate",
+)  # fmt: skip
 # Default range of a slider: the scene's value divided by and multiplied by this.
 RANGE_RATIO = 3.0
 # A slider whose range exceeds this ratio is logarithmic.
@@ -216,12 +210,8 @@ def cut_short(scene: Scene) -> Scene:
     longest = STEPS_SHOWN / FEWEST_REALIZATIONS / per_second - scene.run.settle
     duration = min(scene.run.duration, max(longest, scene.run.settle, knot_spacing(setup)))
     count = int(STEPS_SHOWN / per_second / (scene.run.settle + duration))
-    return scene.replace(
-        {
-            "run.duration": duration,
-            "run.realizations": min(scene.run.realizations, max(count, FEWEST_REALIZATIONS)),
-        }
-    )
+    realizations = min(scene.run.realizations, max(count, FEWEST_REALIZATIONS))
+    return scene.replace({"run.duration": duration, "run.realizations": realizations})
 
 
 def outlined(scene: Scene, report: Callable) -> dict[str, Density]:

@@ -105,14 +105,9 @@ def block_of(
     if isinstance(longest, str):
         longest = longest_step(setup) / STEP_LEVELS[longest]
     stop = duration or TEST_PERIODS * 2.0 * math.pi / timescales.angular_frequency(setup.system)
-    return Block(
-        setup,
-        "harvester_" + re.sub(r"\W", "_", scene.name),
-        Parameters(setup, start_state(setup, realization), displacement_unit),
-        _vibration(setup, realization, stop),
-        longest,
-        stop,
-    )
+    name = "harvester_" + re.sub(r"\W", "_", scene.name)
+    parameters = Parameters(setup, start_state(setup, realization), displacement_unit)
+    return Block(setup, name, parameters, _vibration(setup, realization, stop), longest, stop)
 
 
 def _vibration(ready, realization, stop):
@@ -129,13 +124,7 @@ def _vibration(ready, realization, stop):
 
 
 def folder_of(output: str | Path, kind: str) -> Path:
-    """The folder that several files go to.
-
-    Raises
-    ------
-    HarvesterError
-        The output is a stream or cannot be written.
-    """
+    """Return the folder for several files; raise HarvesterError if it cannot be written."""
     if is_stream(output):
         raise HarvesterError(f"--as {kind} writes several files: say where, --output DIR")
     check_folder(output)

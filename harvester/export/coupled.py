@@ -248,15 +248,12 @@ def _library(files: tuple[tuple[str, str], ...]) -> tuple[ctypes.CDLL, Temporary
     compile_library(dict(files), path)
     library = ctypes.CDLL(str(path))
     text, number, pointer = ctypes.c_char_p, ctypes.c_double, ctypes.c_void_p
+    integer, size = ctypes.c_int, ctypes.c_size_t
     library.fmi2Instantiate.restype = pointer
-    library.fmi2Instantiate.argtypes = [
-        text, ctypes.c_int, text, text, pointer, ctypes.c_int, ctypes.c_int,
-    ]  # fmt: skip
-    library.fmi2DoStep.argtypes = [pointer, number, number, ctypes.c_int]
+    library.fmi2Instantiate.argtypes = [text, integer, text, text, pointer, integer, integer]
+    library.fmi2DoStep.argtypes = [pointer, number, number, integer]
     library.fmi2FreeInstance.argtypes = [pointer]
     for call in (library.fmi2SetReal, library.fmi2GetReal):
-        call.argtypes = [pointer, pointer, ctypes.c_size_t, pointer]
-    library.fmi2SetRealInputDerivatives.argtypes = [
-        pointer, pointer, ctypes.c_size_t, pointer, pointer,
-    ]  # fmt: skip
+        call.argtypes = [pointer, pointer, size, pointer]
+    library.fmi2SetRealInputDerivatives.argtypes = [pointer, pointer, size, pointer, pointer]
     return library, folder

@@ -72,12 +72,7 @@ def write_deck(
 
 
 def check_dialect(dialect: str, known: tuple[str, ...]) -> None:
-    """Refuse an unknown dialect.
-
-    Raises
-    ------
-    HarvesterError
-    """
+    """Raise HarvesterError if a dialect is unknown."""
     if dialect not in known:
         raise HarvesterError(
             f"--dialect {dialect}: no such dialect{nearest(dialect, known)}; "
@@ -86,12 +81,7 @@ def check_dialect(dialect: str, known: tuple[str, ...]) -> None:
 
 
 def check_realization(scene: Scene, realization: int) -> None:
-    """Refuse a realization that the scene does not have.
-
-    Raises
-    ------
-    HarvesterError
-    """
+    """Raise HarvesterError if the scene does not have a realization."""
     if not 0 <= realization < scene.run.realizations:
         raise HarvesterError(
             f"--realization {realization}: must be a whole number in "

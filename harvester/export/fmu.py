@@ -169,10 +169,17 @@ def _attributes(**values: object) -> str:
     )
 
 
-def _units() -> str:
-    return "".join(
+def _definitions(scene: Scene) -> str:
+    """Units and default experiment, up to the beginning of the variables."""
+    units = "".join(
         f"    <Unit name={quoteattr(name)}><BaseUnit{_attributes(**exponents)}/></Unit>\n"
         for name, exponents in UNITS.items()
+    )
+    stop = float(scene.run.duration)
+    experiment = _attributes(startTime=0.0, stopTime=stop, stepSize=EXCHANGE)
+    return (
+        f"  <UnitDefinitions>\n{units}  </UnitDefinitions>\n  <DefaultExperiment{experiment}/>\n"
+        "  <ModelVariables>\n"
     )
 
 
@@ -183,12 +190,6 @@ def _head(scene: Scene, version: str, token: str) -> str:
         description=f"Vibration energy harvester, scene {scene.name}",
         generationTool=f"harvester {__version__}", variableNamingConvention="structured",
     )  # fmt: skip
-
-
-def _experiment(scene: Scene) -> str:
-    stop = float(scene.run.duration)
-    values = _attributes(startTime=0.0, stopTime=stop, stepSize=EXCHANGE)
-    return f"  <DefaultExperiment{values}/>\n"
 
 
 def _kinds(each: Variable) -> dict[str, str | None]:
@@ -209,8 +210,7 @@ def _description2(scene: Scene, name: str, token: str, compiled: list[str]) -> s
     )  # fmt: skip
     text += f"  <CoSimulation{ability}>\n    <SourceFiles>\n"
     text += "".join(f"      <File{_attributes(name=file)}/>\n" for file in compiled)
-    text += f"    </SourceFiles>\n  </CoSimulation>\n  <UnitDefinitions>\n{_units()}"
-    text += f"  </UnitDefinitions>\n{_experiment(scene)}  <ModelVariables>\n"
+    text += f"    </SourceFiles>\n  </CoSimulation>\n{_definitions(scene)}"
     for reference, variable in enumerate(listed):
         attributes = _attributes(
             name=variable.name, valueReference=reference, description=variable.description,
@@ -231,8 +231,7 @@ def _description3(scene: Scene, name: str, token: str, compiled: list[str]) -> s
     """modelDescription.xml of FMI 3.0."""
     listed = variables(scene)
     ability = _attributes(modelIdentifier=name, canHandleVariableCommunicationStepSize="true")
-    text = f"{_head(scene, '3.0', token)}>\n  <CoSimulation{ability}/>\n  <UnitDefinitions>\n"
-    text += f"{_units()}  </UnitDefinitions>\n{_experiment(scene)}  <ModelVariables>\n"
+    text = f"{_head(scene, '3.0', token)}>\n  <CoSimulation{ability}/>\n{_definitions(scene)}"
     for reference, variable in enumerate(listed):
         attributes = _attributes(
             name=variable.name, valueReference=reference, description=variable.description,

@@ -295,12 +295,7 @@ def _correlation(residuals):
 
 
 def check_width(frequency: np.ndarray, circuit: ButterworthVanDyke, mode: int, where: str) -> None:
-    """Refuse a resonance over which too few points lie.
-
-    Raises
-    ------
-    IdentificationError
-    """
+    """Raise IdentificationError if too few points lie over a resonance."""
     branch = circuit.numbers(mode)
     resonance = branch["series_resonance"]
     width = resonance / branch["quality"]

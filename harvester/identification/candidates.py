@@ -8,7 +8,6 @@ most promising are fitted.
 
 from __future__ import annotations
 
-import contextlib
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -99,8 +98,7 @@ def candidates(
         too.
     """
     models = [Candidate("as given", base, 0.0, 0.0)]
-    keys = base.keys
-    for name, scene, free in variants(base.scene, keys, sizes):
+    for name, scene, free in variants(base.scene, base.keys, sizes):
         # A fit of a wrong model does not converge to one with stoppers: such a variant starts from
         # scratch.
         anew = scene.stoppers and not base.scene.stoppers and not base.adequate
@@ -110,32 +108,27 @@ def candidates(
             if is_noise and base.adequate:
                 continue
             anew = True
-        try:
-            other = fitted(scene, measurements, free, sizes, warm=None if anew else base)
-        except HarvesterError:
-            continue
-        models.append(Candidate(name, other, *_compared(base, other)))
-    if not is_noise:
-        models += _of_sensors(base, measurements, sizes, start)
-    return models
-
-
-def _of_sensors(base, measurements, sizes, start):
-    """Models with sensor effects: small ones first, then columns of another sign or frame."""
-    if isinstance(measurements[0], MeasuredResponse):
-        return []
-    models = []
-    for trial in promising(base, measurements, sizes):
-        with contextlib.suppress(HarvesterError):
-            other = fitted(base.scene, measurements, [*base.keys, *trial.keys], sizes, warm=base)
-            models.append(Candidate(trial.name, other, *_compared(base, other)))
-    if any(model.is_better and _explains_all(model.fitted) for model in models):
+        models += _tried(name, base, scene, measurements, free, sizes, None if anew else base)
+    if is_noise or isinstance(measurements[0], MeasuredResponse):
         return models
-    for trial in turned(measurements):
-        with contextlib.suppress(HarvesterError):
-            other = fitted(start, trial.measurements, base.keys, sizes)
-            models.append(Candidate(trial.name, other, *_compared(base, other)))
-    return models
+    # Small effects of sensors come first, then columns of another sign or frame.
+    effects = []
+    for trial in promising(base, measurements, sizes):
+        keys = [*base.keys, *trial.keys]
+        effects += _tried(trial.name, base, base.scene, measurements, keys, sizes, base)
+    if not any(model.is_better and _explains_all(model.fitted) for model in effects):
+        for trial in turned(measurements):
+            effects += _tried(trial.name, base, start, trial.measurements, base.keys, sizes, None)
+    return models + effects
+
+
+def _tried(name, base, scene, measurements, keys, sizes, warm):
+    """The candidate alone in a list; an empty list where it cannot be fitted."""
+    try:
+        other = fitted(scene, measurements, keys, sizes, warm)
+    except HarvesterError:
+        return []
+    return [Candidate(name, other, *_compared(base, other))]
 
 
 def _explains_all(fitted):
@@ -361,18 +354,10 @@ def promising(
     if not keys:
         return []
     count = len(base.keys)
-    added = unknowns(base.scene, keys, sizes)
-    fitted_values = dict(zip(base.keys, base.values, strict=True))
-    free = [
-        unknown.begun(fitted_values[unknown.key])
-        for unknown in unknowns(base.scene, base.keys, sizes)
-    ]
-    responses = base.shooting.responses.with_keys([*base.keys, *keys])
-    shooting = base.shooting.beside(responses, [*free, *added])
-    values = np.array([*base.values, *(unknown.start for unknown in added)])
-    fit = replace(base.fit, values=values)
-    if not shooting.linearized(fit):
+    problem = base.with_more(unknowns(base.scene, keys, sizes), sizes, base.scene, base.keys)
+    if problem is None:
         return []
+    shooting, fit = problem
     normal, gradient = shooting.reduced(fit)
     least = _promised(normal, gradient, range(count))[0]
     gains = []
@@ -395,9 +380,7 @@ def _promised(normal, gradient, places):
 def turned(measurements: Sequence[Measurement]) -> list[Trial]:
     """Records whose columns mean something else: without an offset, another sign, another frame."""
     outputs = list(measurements[0].sensed)
-    trials = [
-        trial for name in ("voltage", "velocity") for trial in _without_mean(measurements, name)
-    ]
+    trials = _without_mean(measurements, "voltage") + _without_mean(measurements, "velocity")
     # With one channel one sign is enough: the other gives the mirrored device.
     turnable = ["acceleration"] if outputs[0] != "voltage" else ["voltage"]
     turnable += ["acceleration"] if len(outputs) > 1 and turnable == ["voltage"] else []

@@ -67,12 +67,7 @@ def scale_is_missing(record: Measurement | MeasuredResponse) -> bool:
 
 
 def check_volts(measurements: Sequence[Measurement], keys: Sequence[str]) -> None:
-    """Refuse a velocity in volts whose scale is neither given nor to be found.
-
-    Raises
-    ------
-    IdentificationError
-    """
+    """Raise IdentificationError if the scale of a velocity in volts is neither given nor free."""
     for record in filter(scale_is_missing, measurements):
         if VELOCITY_SCALE not in keys:
             raise IdentificationError(
@@ -91,12 +86,7 @@ def check_kept_aside(
     fitted: Sequence[Measurement | MeasuredResponse],
     aside: Sequence[Measurement | MeasuredResponse],
 ) -> None:
-    """Refuse frequency responses kept aside, and keys that a record cannot free for itself.
-
-    Raises
-    ------
-    IdentificationError
-    """
+    """Raise IdentificationError for responses kept aside, and for keys that no record can free."""
     names = [key for key in numbers(scene) if not key.startswith(("excitation.", "load.", "run."))]
     if aside and all(isinstance(record, MeasuredResponse) for record in fitted):
         raise IdentificationError(

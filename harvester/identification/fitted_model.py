@@ -14,7 +14,7 @@ from harvester.identification.intervals import undetermined
 from harvester.identification.measured_response import MeasuredResponse
 from harvester.identification.proof import ValidationStretch, sensor_noise
 from harvester.identification.shooting import Shooting, ShootingFit
-from harvester.identification.unknowns import Unknown, first_sizes, sizes_of, with_values
+from harvester.identification.unknowns import Unknown, first_sizes, sizes_of, unknowns, with_values
 
 if TYPE_CHECKING:
     from harvester.identification.measurement import Measurement
@@ -47,7 +47,6 @@ class Fitted:
     """
 
     scene: Scene
-    unknowns: list[Unknown]
     values: np.ndarray
     covariance: np.ndarray
     undetermined: list
@@ -64,7 +63,7 @@ class Fitted:
         shooting: Shooting,
         fit: ShootingFit,
         covariance: np.ndarray,
-        stretches: Sequence[ValidationStretch],
+        stretches: list[ValidationStretch],
         settled: ShootingFit | None = None,
     ) -> Fitted:
         """The model at the end of a fit; `scene` is the scene that the fit began with.
@@ -86,17 +85,9 @@ class Fitted:
         if isinstance(base, RecordedMotion) and base.knot_spacing is None:
             # Later simulations under this record then interpolate it as the fit did.
             fitted_scene = fitted_scene.replace({"excitation.interpolation": path})
+        unclear = undetermined(keys, fit.values, shooting.sizes, covariance)
         return cls(
-            fitted_scene,
-            shooting.unknowns,
-            fit.values,
-            covariance,
-            undetermined(keys, fit.values, shooting.sizes, covariance),
-            list(stretches),
-            path,
-            shooting,
-            fit,
-            settled,
+            fitted_scene, fit.values, covariance, unclear, stretches, path, shooting, fit, settled
         )
 
     def with_covariance(self, covariance: np.ndarray) -> Fitted:
@@ -104,6 +95,30 @@ class Fitted:
         sizes = self.shooting.sizes
         unclear = undetermined(self.keys, self.values, sizes, covariance)
         return replace(self, covariance=covariance, undetermined=unclear)
+
+    def with_more(
+        self, added: Sequence[Unknown], sizes: dict[str, float], scene: Scene, keys: Sequence[str]
+    ) -> tuple[Shooting, ShootingFit] | None:
+        """The problem with more unknowns, linearized at the values that fit; None if it diverges.
+
+        Experiments get the spring of `scene`, in which the model's values have these keys.
+        """
+        free = [
+            unknown.begun(value)
+            for unknown, value in zip(unknowns(scene, keys, sizes), self.values, strict=True)
+        ]
+        free += added
+        experiments = self.shooting.responses.experiments
+        if scene is not self.scene:
+            force = [k or 0.0 for k in scene.oscillator.coefficients]
+            experiments = [
+                replace(other, scene=other.scene.replace({"oscillator.restoring_force": force}))
+                for other in experiments
+            ]
+        names = [unknown.key for unknown in free]
+        shooting = self.shooting.beside(self.shooting.responses.replaced(experiments, names), free)
+        fit = replace(self.fit, values=np.array([unknown.start for unknown in free]))
+        return (shooting, fit) if shooting.linearized(fit) else None
 
     @property
     def sensor_noise(self) -> float:
@@ -125,7 +140,7 @@ class Fitted:
     @property
     def keys(self) -> list[str]:
         """Keys of the values."""
-        return [unknown.key for unknown in self.unknowns]
+        return self.shooting.responses.keys
 
     @property
     def standard_errors(self) -> np.ndarray:
@@ -143,10 +158,10 @@ def fitted_sizes(base: Fitted, measurements: Sequence[Measurement]) -> dict[str,
     if isinstance(measurements[0], MeasuredResponse):
         return first_sizes(base.scene, measurements)
     reach, speed = 0.0, 0.0
-    responses, fit = base.shooting.responses, base.fit
-    for number, edges in enumerate(fit.edges):
-        states, _, _ = responses.states(number, fit.values, edges, fit.starts[number])
+    fit = base.fit
+    for number in range(len(fit.edges)):
+        states = base.shooting.states(fit, number)
         reach = max(reach, float(np.abs(states[:, 0]).max()))
         speed = max(speed, float(np.std(states[:, 1])))
-    length = responses.length
+    length = base.shooting.responses.length
     return sizes_of(base.scene, measurements, reach * length, speed * length)

@@ -86,10 +86,8 @@ def responses_of(
     per_period: int,
 ) -> Responses:
     """The records as experiments with the scene."""
-    experiments = [
-        experiment(scene, record, frequencies(record)[1], per_period) for record in measurements
-    ]
-    return Responses(experiments, keys, interpolations_of(measurements)[0], length)
+    experiments = [experiment(scene, record, per_period) for record in measurements]
+    return Responses(experiments, keys, length, interpolations_of(measurements)[0])
 
 
 def interpolations_of(measurements: Sequence[Measurement]) -> tuple[str, ...]:
@@ -367,8 +365,7 @@ def _recentred(shooting, fit, scene):
     powers = reach ** np.arange(1, len(original))
     shifted = [(shift, _shifted(force, shift)) for shift in shifts]
     shift, moved = min(
-        shifted,
-        key=lambda candidate: float(np.sum(((candidate[1][1:] - original[1:]) * powers) ** 2)),
+        shifted, key=lambda pair: float(np.sum(((pair[1][1:] - original[1:]) * powers) ** 2))
     )
     if abs(shift) < 1e-6 * reach:
         return fit
@@ -376,9 +373,7 @@ def _recentred(shooting, fit, scene):
     for n in range(1, len(original)):
         values[keys.index(FORCE.format(n))] = moved[n]
     starts = [states - [shift / responses.length, 0.0, 0.0] for states in fit.starts]
-    trial = shooting.minimized(
-        ShootingFit(values, fit.edges, starts, fit.noise), ORIGIN_ITERATIONS, 1e-9
-    )
+    trial = shooting.minimized(replace(fit, values=values, starts=starts), ORIGIN_ITERATIONS, 1e-9)
     return trial if trial.grams and trial.cost < 1.01 * fit.cost else fit
 
 

@@ -13,7 +13,7 @@ from harvester.device import timescales
 from harvester.files.serialising import plain
 from harvester.identification.candidates import Candidate, proposed
 from harvester.identification.fitting import responses_of
-from harvester.identification.intervals import HALF_INTERVAL
+from harvester.identification.intervals import HALF_INTERVAL, interval
 from harvester.identification.proof import ResponseStretch, sensor_noise
 from harvester.identification.response import FINE_STEPS
 from harvester.identification.scene_file import scene_text
@@ -116,13 +116,8 @@ class Identification:
     @property
     def intervals(self) -> dict[str, tuple[float, float]]:
         """95 % intervals by key."""
-        return {
-            key: (
-                value - HALF_INTERVAL * self.standard_errors[key],
-                value + HALF_INTERVAL * self.standard_errors[key],
-            )
-            for key, value in self.values.items()
-        }
+        errors = self.standard_errors
+        return {key: interval(value, errors[key]) for key, value in self.values.items()}
 
     @property
     def covariance(self) -> np.ndarray:
@@ -209,11 +204,11 @@ class Identification:
         for stretch in self.fitted.stretches:
             measured, predicted, difference = stretch.powers()
             name, unit = stretch.compared
+            in_windows = f" in {_counted(stretch.windows, 'window')}" if stretch.long else ""
             lines.append(
                 f"{stretch.name}, {stretch.aside}: {stretch.quantity} NRMSE {stretch.nrmse():.2%}"
-                f"{_windows(stretch)}; {name} measured {with_error(measured, unit)}, "
-                f"predicted {with_error(predicted, unit)}, difference "
-                f"{share_with_error(difference)}"
+                f"{in_windows}; {name} measured {with_error(measured, unit)}, predicted "
+                f"{with_error(predicted, unit)}, difference {share_with_error(difference)}"
             )
             if stretch.windows > 1:
                 lines.append(
@@ -251,15 +246,15 @@ class Identification:
         """Text: the part of the records that was fitted."""
         stretches = self.fitted.stretches
         steady = sum(isinstance(stretch, ResponseStretch) for stretch in stretches)
-        lines = f"two of every three frequencies of {_records(steady)}"
+        lines = f"two of every three frequencies of {_counted(steady, 'record')}"
         if steady == len(stretches):
             return lines
         count = len(stretches) - steady
         windows = sum(edges.size - 1 for edges in self.fitted.fit.edges[:count])
         return (
-            f"the first two thirds of {_records(count)} in {windows} "
-            f"{'window' if windows == 1 else 'windows'}, acceleration "
-            f"{self.fitted.interpolation} between samples{f', and {lines}' if steady else ''}"
+            f"the first two thirds of {_counted(count, 'record')} in "
+            f"{_counted(windows, 'window')}, acceleration {self.fitted.interpolation} between "
+            f"samples{f', and {lines}' if steady else ''}"
         )
 
     def to_dict(self) -> dict[str, Any]:
@@ -322,20 +317,16 @@ class Identification:
     def scene_text(self, candidate: Candidate | None = None) -> str:
         """The scene as a TOML file with intervals in comments; that of another model on demand."""
         model = candidate.fitted if candidate else self.fitted
-        comments = {
-            key: f"identified, ± {HALF_INTERVAL * error:.2g} (95 %)"
-            for key, error in zip(model.keys, model.standard_errors, strict=True)
-        }
+        errors = dict(zip(model.keys, HALF_INTERVAL * model.standard_errors, strict=True))
+        comments = {key: f"identified, ± {error:.2g} (95 %)" for key, error in errors.items()}
         if BASE_FACTOR in comments:
             comments[BASE_FACTOR] += "; as much as the accelerometer's scale is right"
         for direction in model.undetermined:
             comments |= {key: "not determined by the records" for key in direction.keys}
         names = ", ".join(record.name for record in self.measurements)
         sensors = [
-            f"{key} = {value:.6g} ± {HALF_INTERVAL * error:.2g} (95 %)"
-            for key, value, error in zip(
-                model.keys, model.values, model.standard_errors, strict=True
-            )
+            f"{key} = {value:.6g} ± {errors[key]:.2g} (95 %)"
+            for key, value in zip(model.keys, model.values, strict=True)
             if key.startswith("sensor.")
         ]
         path = f'Between samples of a record: interpolation = "{model.interpolation}".'
@@ -345,37 +336,28 @@ class Identification:
     def page(self) -> str:
         """One self-contained page of HTML with everything."""
         from harvester.identification.drawing import draw, draw_posterior
-        from harvester.show import figures
-        from harvester.show.page import (
-            Verdict,
-            facts,
-            figure_of,
-            page,
-            table_of,
-            verdict_list,
-            wide,
-        )  # fmt: skip
+        from harvester.show import figures, page
 
         first, *others = self.sentences()
-        verdicts = [Verdict(first, self.verdict.good), *map(Verdict, others)]
+        verdicts = [page.Verdict(first, self.verdict.good), *map(page.Verdict, others)]
         models = [
             (model.name, str(len(model.fitted.keys)), f"{model.fitted.nrmse:.2%}")
             for model in self.candidates
         ]
         name, records = self.scene.name, ", ".join(record.name for record in self.measurements)
-        proof = figure_of(figures.picture(draw, self), f"{name}: proof", CAPTION)
+        proof = page.figure_of(figures.picture(draw, self), f"{name}: proof", CAPTION)
         sections = {
-            "Verdict": verdict_list(verdicts),
-            "Values": wide(table_of(*self.table())) + facts(LEGEND),
+            "Verdict": page.verdict_list(verdicts),
+            "Values": page.wide(page.table_of(*self.table())) + page.facts(LEGEND),
             "Figures": proof,
         }
         if self.posterior:
             picture = figures.picture(draw_posterior, self)
-            sections["Posterior"] = figure_of(picture, f"{name}: posterior", POSTERIOR_CAPTION)
-        sections["Models"] = wide(table_of(("model", "values", "NRMSE"), models))
-        sections["Scene"] = wide(f"<pre>{html.escape(self.scene_text())}</pre>")
+            sections["Posterior"] = page.figure_of(picture, f"{name}: posterior", POSTERIOR_CAPTION)
+        sections["Models"] = page.wide(page.table_of(("model", "values", "NRMSE"), models))
+        sections["Scene"] = page.wide(f"<pre>{html.escape(self.scene_text())}</pre>")
         about = f"scene {self.scene.digest()[:12]}"
-        return page(f"{name}: identified from {records}", about, sections)
+        return page.page(f"{name}: identified from {records}", about, sections)
 
     def texts(self) -> dict[str, str]:
         """Further files of the result: the scenes, that proposed where it is another, the page."""
@@ -385,20 +367,13 @@ class Identification:
         return files
 
 
-def _records(count):
-    return f"{count} {'record' if count == 1 else 'records'}"
-
-
-def _windows(stretch):
-    if isinstance(stretch, ResponseStretch):
-        return ""
-    return f" in {stretch.windows} {'window' if stretch.windows == 1 else 'windows'}"
+def _counted(count, noun):
+    return f"{count} {noun}{'' if count == 1 else 's'}"
 
 
 def _record(stretch):
-    powers = dict(
-        zip(("measured", "predicted", "relative_difference"), stretch.powers(), strict=True)
-    )
+    names = ("measured", "predicted", "relative_difference")
+    powers = dict(zip(names, stretch.powers(), strict=True))
     return {
         "name": stretch.name,
         "outputs": stretch.outputs,

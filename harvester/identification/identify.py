@@ -100,13 +100,8 @@ def identify(
     IdentificationError
         The records do not determine the values asked for.
     """
+    from harvester.identification import checks
     from harvester.identification.candidates import Candidate, candidates
-    from harvester.identification.checks import (
-        check_kept_aside,
-        check_records,
-        check_volts,
-        scale_is_missing,
-    )  # fmt: skip
     from harvester.identification.consistency import misfits, worst
     from harvester.identification.fitted_model import fitted_sizes
     from harvester.identification.identification import Identification
@@ -149,11 +144,11 @@ def identify(
             "--record: none is given, and records kept aside are not fitted: name at least one "
             "record to fit"
         )
-    check_kept_aside(begun, measurements, aside)
-    check_records(begun, [*measurements, *aside])
+    checks.check_kept_aside(begun, measurements, aside)
+    checks.check_records(begun, [*measurements, *aside])
     outputs = list(measurements[0].sensed)
     named = None if free is None else listed(free, "free", 'free=["oscillator.damping"]')
-    volts = any(map(scale_is_missing, measurements))
+    volts = any(map(checks.scale_is_missing, measurements))
     keys = default_keys(begun, outputs, volts)
     if analysed and "voltage" in outputs:
         keys = [MASS, *keys]
@@ -161,7 +156,7 @@ def identify(
         keys = checked_keys(begun, named, outputs)
     if not keys:
         raise IdentificationError(f"{scene.name}: nothing is free; name keys with --free")
-    check_volts(measurements, keys)
+    checks.check_volts(measurements, keys)
     follow(0.0, "fit")
     try:
         base, undetermined = _determined(begun, measurements, keys, free is None)
@@ -179,23 +174,18 @@ def identify(
     models = [Candidate("as given", base, 0.0, 0.0)]
     if compare and any(record.acceleration is not None for record in measurements):
         models = candidates(base, measurements, sizes, scene, not unexplained)
-    sampled = None
+
+    def follow_last(text: str) -> Callable[[float], None]:
+        return lambda share: follow(POSTERIOR_BEGINS + (1.0 - POSTERIOR_BEGINS) * share, text)
+
+    sampled, seed = None, scene.run.seed
     if posterior:
         follow(POSTERIOR_BEGINS, "posterior")
-        sampled = posterior_of(
-            base, scene.run.seed, lambda share: follow(_later(share), "posterior")
-        )
+        sampled = posterior_of(base, seed, follow_last("posterior"))
     where = visited(base)
     unseen = []
     if where:
-        unseen = kept_aside(
-            base,
-            aside,
-            where,
-            left,
-            scene.run.seed,
-            lambda share: follow(_later(share), "records kept aside"),
-        )
+        unseen = kept_aside(base, aside, where, left, seed, follow_last("records kept aside"))
     frequency = frequencies(base.shooting.responses.experiments[0].measurement)[0]
     white = whiteness(base.stretches[0], 0, 1.0 / frequency)
     return Identification(
@@ -256,10 +246,6 @@ def _read(item, name, reader, *options):
             f"{name}: {shown(item)}: must be a file or what {reader.__name__} returns"
         )
     return reader(file, settings, *options)
-
-
-def _later(share):
-    return POSTERIOR_BEGINS + (1.0 - POSTERIOR_BEGINS) * share
 
 
 def _measurements(scene, records):

@@ -25,7 +25,7 @@ from harvester.identification.butterworth_van_dyke import (
     jacobian,
 )
 from harvester.identification.fitted_model import Fitted
-from harvester.identification.intervals import HALF_INTERVAL
+from harvester.identification.intervals import HALF_INTERVAL, interval
 from harvester.identification.measured_impedance import MeasuredImpedance
 from harvester.identification.proof import predicted_lines
 from harvester.identification.shooting import Shooting, ShootingFit
@@ -80,10 +80,7 @@ class FromImpedance:
             name: {
                 "value": value,
                 "standard_error": errors[name],
-                "interval": (
-                    value - HALF_INTERVAL * errors[name],
-                    value + HALF_INTERVAL * errors[name],
-                ),
+                "interval": interval(value, errors[name]),
                 "unit": NUMBERS[name],
             }
             for name, value in branch.items()
@@ -154,9 +151,8 @@ def from_impedance(scene: Scene, measured: MeasuredImpedance) -> FromImpedance:
     def values(parameters: np.ndarray) -> np.ndarray:
         branch = replace(circuit, parameters=parameters).numbers(mode)
         rate = 2.0 * math.pi * branch["series_resonance"]
-        motional = (
-            branch["capacitance"] * branch["coupling_factor"] / (1.0 - branch["coupling_factor"])
-        )
+        share = branch["coupling_factor"]
+        motional = branch["capacitance"] * share / (1.0 - share)
         converted = [
             first + slope * (mass * rate**2 - stiffness),
             mass * rate / branch["quality"],
@@ -169,21 +165,11 @@ def from_impedance(scene: Scene, measured: MeasuredImpedance) -> FromImpedance:
 
     slopes = jacobian(values, circuit.parameters)
     estimates = values(circuit.parameters)
-    fitted_scene = scene.replace(
-        {key: float(value) for key, value in zip(keys, estimates, strict=True)}
-    )
-    background = circuit.admittance(measured.frequency) - _own_admittance(
-        fitted_scene, circuit, mode, measured.frequency
-    )
-    return FromImpedance(
-        circuit,
-        mode,
-        replace(measured, background=background),
-        fitted_scene,
-        keys,
-        estimates,
-        slopes @ circuit.covariance @ slopes.T,
-    )
+    fitted_scene = scene.replace(dict(zip(keys, map(float, estimates), strict=True)))
+    part = _own_admittance(fitted_scene, circuit, mode, measured.frequency)
+    measured = replace(measured, background=circuit.admittance(measured.frequency) - part)
+    covariance = slopes @ circuit.covariance @ slopes.T
+    return FromImpedance(circuit, mode, measured, fitted_scene, keys, estimates, covariance)
 
 
 def _own_admittance(scene, circuit, mode, frequency):
@@ -248,14 +234,12 @@ def _check_capacitance(scene, capacitance, where):
 
 def fitted_impedance(found: FromImpedance) -> Fitted:
     """The model fitted to an impedance alone, with its predictions of the lines kept aside."""
-    aside = found.measured.aside
+    aside, keys = found.measured.aside, found.keys
     length = prepared(found.scene).scales.displacement
     free = unknowns(found.scene, found.keys, {})
-    experiments = [
-        SteadyExperiment(found.measured.part(lines), found.scene) for lines in (~aside, aside)
-    ]
     responses, validation = (
-        SteadyResponses([record], found.keys, length) for record in experiments
+        SteadyResponses([SteadyExperiment(found.measured.part(lines), found.scene)], keys, length)
+        for lines in (~aside, aside)
     )
     shooting = Shooting(responses, free, [np.zeros(3)])
     edges = np.array([0, int(np.count_nonzero(~aside))])

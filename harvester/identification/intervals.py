@@ -79,6 +79,11 @@ class Undetermined:
         return f"{' and '.join(names)} are not determined apart, only {' · '.join(factors)}"
 
 
+def interval(value: float, standard_error: float) -> tuple[float, float]:
+    """95 % interval of a normal estimate."""
+    return value - HALF_INTERVAL * standard_error, value + HALF_INTERVAL * standard_error
+
+
 def covariance(shooting: Shooting, fit: ShootingFit) -> np.ndarray:
     """Covariance of the values, in the scene's units squared, shape (unknowns, unknowns)."""
     p = len(shooting.unknowns)
@@ -144,7 +149,8 @@ def _meat(columns, residuals):
     from scipy import signal
 
     samples, outputs, p = columns.shape
-    segment = max(16, 2 * samples // (SEGMENTS + 1))
+    segment = min(max(16, 2 * samples // (SEGMENTS + 1)), samples)
+    options = {"nperseg": segment, "detrend": False, "return_onesided": False}
     spectra = np.fft.rfft(columns, axis=0)
     frequencies = np.fft.rfftfreq(samples)
     # Each line stands for positive and negative frequency, except the first and the last.
@@ -155,13 +161,7 @@ def _meat(columns, residuals):
     total = np.zeros((p, p))
     for a in range(outputs):
         for b in range(outputs):
-            f, density = signal.csd(
-                residuals[:, a],
-                residuals[:, b],
-                nperseg=min(segment, samples),
-                detrend=False,
-                return_onesided=False,
-            )
+            f, density = signal.csd(residuals[:, a], residuals[:, b], **options)
             positive = f >= 0.0
             order = np.argsort(f[positive])
             values = np.interp(frequencies, f[positive][order], density[positive][order])

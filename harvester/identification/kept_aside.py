@@ -23,8 +23,7 @@ from harvester.estimates.estimate import Estimate
 from harvester.identification.intervals import HALF_INTERVAL, HELD
 from harvester.identification.own_values import own_values
 from harvester.identification.proof import blocks_of, predicted, sensor_noise
-from harvester.identification.reconstruction import frequencies
-from harvester.identification.response import FINE_STEPS, Responses, experiment
+from harvester.identification.response import experiment
 from harvester.identification.search import HOPELESS
 from harvester.identification.sensors import OUTPUT_UNITS
 from harvester.identification.shooting import ShootingFit
@@ -107,12 +106,10 @@ class Kept:
     @property
     def holds(self) -> bool:
         """Whether what was measured lies within the prediction: the orbit, rms and power."""
-        return self.measured_orbit == self.predicted_orbit and all(
-            _within(*pair)
-            for pair in (
-                (self.measured_rms, self.predicted_rms),
-                (self.measured_power, self.predicted_power),
-            )
+        return (
+            self.measured_orbit == self.predicted_orbit
+            and _within(self.measured_rms, self.predicted_rms)
+            and _within(self.measured_power, self.predicted_power)
         )
 
     def __str__(self) -> str:
@@ -229,14 +226,13 @@ def _model_error(fitted, misfits):
     """
     from scipy.stats import t
 
-    off = np.array(
-        [
-            math.log(max(stretch.free_power().estimate, 1e-300) / stretch.powers()[0].estimate)
-            for stretch in fitted.stretches
-            # Frequency responses have no power of a run.
-            if stretch.long
-        ]
-    )
+    # Frequency responses have no power of a run.
+    ratios = [
+        max(stretch.free_power().estimate, 1e-300) / stretch.powers()[0].estimate
+        for stretch in fitted.stretches
+        if stretch.long
+    ]
+    off = np.array([math.log(ratio) for ratio in ratios])
     missed = np.array([0.0 if misfit.is_noise else 2.0 * misfit.systematic for misfit in misfits])
     error = math.sqrt(float(np.mean(off**2)) + float(np.mean(missed**2)))
     return error * float(t.ppf(0.5 + 0.5 * HELD, off.size)) / HALF_INTERVAL
@@ -245,14 +241,12 @@ def _model_error(fitted, misfits):
 def _of_record(fitted, measurement, visited, values, model_error, most):
     """Compare one record kept aside with its prediction; `most` may be left of it in windows."""
     shooting, noise = _shooting(fitted, measurement)
-    values, local_values, errors, reach = _with_own(
-        fitted, measurement, visited, values, noise, most
-    )
+    values, local, errors, reach = _with_own(fitted, measurement, visited, values, noise, most)
     stretch, settled = _settled(shooting, values[0], noise, reach)
     responses, edges, starts = shooting.responses, settled.edges[0], settled.starts[0]
     system, _ = responses.known_device(0, values[0])
     saddles = np.array(timescales.saddles(system))
-    followed = responses.states(0, values[0], edges, starts)[0][:, 0]
+    followed = shooting.states(settled, 0)[:, 0]
     repeats = _repeats(measurement)
     late = int(FORGOTTEN * followed.size)
     measured = _orbit(followed, saddles, edges, repeats)
@@ -294,9 +288,7 @@ def _of_record(fitted, measurement, visited, values, model_error, most):
         ),
         own={
             key: _with_error(
-                Estimate(local_values[0][n], float(errors[n]), 1.0, "1"),
-                [row[n] for row in local_values],
-                0.0,
+                Estimate(local[0][n], float(errors[n]), 1.0, "1"), [row[n] for row in local], 0.0
             )
             for n, key in enumerate(measurement.own)
         },
@@ -349,10 +341,9 @@ def _settled(shooting, values, noise, reach):
 def _shooting(fitted, measurement):
     """The problem of one more record, whose only unknowns are its windows' starts."""
     reference = fitted.shooting.responses
-    record = experiment(fitted.scene, measurement, frequencies(measurement)[1], FINE_STEPS)
+    record = experiment(fitted.scene, measurement)
     keys = [*(key for key in reference.keys if key not in measurement.own), *measurement.own]
-    responses = Responses([record], keys, reference.interpolation, reference.length)
-    shooting = fitted.shooting.beside(responses, [], records=1)
+    shooting = fitted.shooting.beside(reference.replaced([record], keys), [], records=1)
     fitted_noise = {
         name: level
         for other, levels in zip(reference.experiments, fitted.fit.noise, strict=True)

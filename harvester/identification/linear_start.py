@@ -12,7 +12,7 @@ looked for on a grid.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -49,13 +49,10 @@ class StartingPoint:
     Attributes
     ----------
     values : ndarray, shape (unknowns,)
-    misfit : float
-        Misfit of the regression, as a share; NaN where there was none.
     """
 
     values: np.ndarray
     motions: list[Motion]
-    misfit: float
 
 
 def as_it_is(
@@ -68,7 +65,7 @@ def as_it_is(
         system, scales = responses.known_device(number, values)
         seen = motion(system, scales, responses.shown(number, values))
         motions.append(seen if centre is None else seen.centred(centre))
-    return StartingPoint(values, motions, np.nan)
+    return StartingPoint(values, motions)
 
 
 def regressed(
@@ -99,7 +96,7 @@ def regressed(
         # The regression gives only this record's origin; the other records' motions begin about the
         # same place.
         motions = [path.centred(origin) for path in start.motions]
-        starts.append(StartingPoint(changed, motions, best.misfit))
+        starts.append(StartingPoint(changed, motions))
     return starts
 
 
@@ -142,10 +139,17 @@ class _Regression:
         experiment = responses.experiments[number]
         self.scene = experiment.scene
         self.powers = _powers(self.scene.oscillator)
+        self.degree = max(n for n, k in enumerate(self.powers) if k or n == 1)
+        self.mass = self.scene.oscillator.mass if self.scene.units == "SI" else 1.0
+        self.stops = [stop for stop in self.scene.stoppers if stop.stiffness > 0.0]
         self.offset = float(np.mean(seen.x))
         self.z, self.w, self.state = seen.x - self.offset, seen.v, seen.state
         self.centred = "displacement" not in experiment.measurement.outputs
         self.unit = float(np.std(self.z)) or 1.0
+        # The transducer's force has a coefficient to be fitted: β of a scaled scene.
+        self.linear_force = self.scene.units != "SI" and "piezo.coupling" in responses.keys
+        # The drive has an unknown factor, and the motion a known scale.
+        self.free_drive = bool({BASE_SCALE, BASE_FACTOR} & {*responses.keys}) and not self.centred
         rate = experiment.measurement.sampling_rate
         period = 1.0 / frequencies(experiment.measurement)[0]
         width = int(np.clip(round(COVERED_PERIODS * period * rate), 16, self.z.size // 4))
@@ -189,8 +193,9 @@ class _Regression:
         gap_shares = GAP_SHARES if has_gaps else (None,)
         solutions = []
         for share in gap_shares:
-            columns, names = self._columns(share)
-            solutions += [(*solution, share, names) for solution in self._solved(columns, factors)]
+            columns = self._columns(share)
+            solved = self._solved(np.column_stack(list(columns.values())), factors)
+            solutions += [(*solution, share, list(columns)) for solution in solved]
         return min(solutions, key=lambda solution: solution[0])
 
     def results(self) -> list:
@@ -199,61 +204,37 @@ class _Regression:
         terms = dict(zip(names, solution, strict=True))
         return [self._translated(terms, s, share, shift) for shift in self._shifts(terms, s)]
 
-    def _degree(self):
-        return max(n for n, k in enumerate(self.powers) if k or n == 1)
-
     def _columns(self, share):
-        """The regression's columns (integrals of the terms, over s) and the coefficients' names."""
+        """Columns of the regression (integrals of terms, over s) by their coefficients' names."""
         z = self.z / self.unit
-        names, columns = ["damping"], [self.damping]
+        columns = {"damping": self.damping}
         if "oscillator.quadratic_damping" in self.responses.keys:
-            names.append("drag")
-            columns.append(self._integrated(np.abs(self.w) * self.w))
-        for power in range(self._degree() + 1):
-            names.append(f"k{power}")
-            columns.append(self._integrated(z**power))
-        if share is not None:
-            for index, (side, exponent) in enumerate(self._contacts()):
-                push = self._push(share, side, exponent)
-                names.append(f"contact{index}")
-                columns.append(self._integrated(push))
-                names.append(f"dashpot{index}")
-                columns.append(self._integrated(np.abs(push) * self.w))
-        if self._linear_force():
-            names.append("force")
-            columns.append(self.force)
-        if self._free_drive():
-            names.append("drive")
-            columns.append(-self.drive)
-        return np.column_stack(columns), names
+            columns["drag"] = self._integrated(np.abs(self.w) * self.w)
+        for power in range(self.degree + 1):
+            columns[f"k{power}"] = self._integrated(z**power)
+        for index, stop in enumerate(self.stops if share is not None else ()):
+            push = self._push(share, stop)
+            columns[f"contact{index}"] = self._integrated(push)
+            columns[f"dashpot{index}"] = self._integrated(np.abs(push) * self.w)
+        if self.linear_force:
+            columns["force"] = self.force
+        if self.free_drive:
+            columns["drive"] = -self.drive
+        return columns
 
-    def _linear_force(self):
-        """Whether the transducer's force has a coefficient to be fitted: β of a scaled scene."""
-        return self.scene.units != "SI" and "piezo.coupling" in self.responses.keys
-
-    def _free_drive(self):
-        """Whether the drive has an unknown factor, and the motion a known scale."""
-        keys = self.responses.keys
-        return (BASE_SCALE in keys or BASE_FACTOR in keys) and not self.centred
-
-    def _contacts(self):
-        return [(stop.side, stop.exponent) for stop in self.scene.stoppers if stop.stiffness > 0.0]
-
-    def _push(self, share, side, exponent):
-        right = np.maximum(self.z - share * self.z.max(), 0.0) ** exponent
-        left = np.maximum(-self.z + share * self.z.min() * 1.0, 0.0) ** exponent
-        return {"right": right, "left": -left, "both": right - left}[side]
+    def _push(self, share, stop):
+        right = np.maximum(self.z - share * self.z.max(), 0.0) ** stop.exponent
+        left = np.maximum(-self.z + share * self.z.min() * 1.0, 0.0) ** stop.exponent
+        return {"right": right, "left": -left, "both": right - left}[stop.side]
 
     def _solved(self, columns, factors):
         """(misfit, coefficients, s) for each scale s of the motion.
 
         What the coefficients are to make is a sum of terms in s⁰, s¹ and s⁻¹, each solved once.
         """
-        drives, forces = self._free_drive(), self._linear_force()
         # A term with an unknown coefficient is among the columns and left out here.
-        terms = np.column_stack(
-            [self.drive * (not drives), -self.inertia, -self.force * (not forces)]
-        )
+        drive, force = self.drive * (not self.free_drive), -self.force * (not self.linear_force)
+        terms = np.column_stack([drive, -self.inertia, force])
         norms = np.linalg.norm(columns, axis=0)
         norms[norms == 0.0] = 1.0
         solutions = np.linalg.lstsq(columns / norms, terms, rcond=1e-10)[0] / norms[:, None]
@@ -267,7 +248,7 @@ class _Regression:
 
     def _force(self, found, s):
         """Coefficients of F as a polynomial of s z, scaled."""
-        return np.array([found[f"k{n}"] / (s * self.unit) ** n for n in range(self._degree() + 1)])
+        return np.array([found[f"k{n}"] / (s * self.unit) ** n for n in range(self.degree + 1)])
 
     def _translated(self, found, s, share, shift):
         """(values, mean displacement) with x = s z + shift."""
@@ -284,11 +265,8 @@ class _Regression:
             changes |= self._stops(found, s, share, shift)
         return _with(self.responses, self.values, self._within(changes)), shift
 
-    def _mass(self):
-        return self.scene.oscillator.mass if self.scene.units == "SI" else 1.0
-
     def _mechanical(self, found, s, coefficients):
-        mass, length = self._mass(), self.scales.displacement
+        mass, length = self.mass, self.scales.displacement
         stiffness = abs(coefficients[1]) if coefficients.size > 1 else 1.0
         least = 2.0 * LEAST_DAMPING_RATIO * np.sqrt(stiffness)
         changes = {"oscillator.damping": mass * max(found["damping"] / s, least)}
@@ -314,11 +292,10 @@ class _Regression:
 
     def _stops(self, found, s, share, shift):
         """Gaps and stiffnesses of the contacts."""
-        mass, length = self._mass(), self.scales.displacement
+        mass, length = self.mass, self.scales.displacement
         changes = {}
-        tables = [stop for stop in self.scene.stoppers if stop.stiffness > 0.0]
-        several = len(tables) > 1 or tables[0].side != "both"
-        for index, stop in enumerate(tables):
+        several = len(self.stops) > 1 or self.stops[0].side != "both"
+        for index, stop in enumerate(self.stops):
             table = f"stoppers[{index}]" if several else "stoppers"
             right = share * self.z.max() * s + shift
             left = -share * self.z.min() * s - shift
@@ -351,16 +328,14 @@ class _Regression:
 
     def _kept_coefficients(self):
         """Scaled coefficients of the spring that are not free, by their powers."""
-        mass, length = self._mass(), self.scales.displacement
-        coefficients = self.powers
-        fixed = {}
-        for n in range(self._degree() + 1):
+        length, fixed = self.scales.displacement, {}
+        for n in range(self.degree + 1):
             short = {1: "linear_stiffness", 3: "cubic_stiffness"}.get(n, "none")
             if self.scene.oscillator.restoring_force is not None:
                 short = f"restoring_force[{n}]"
             if f"oscillator.{short}" not in self.responses.keys:
-                value = coefficients[n] if n < len(coefficients) else 0.0
-                fixed[n] = value * length ** (n - 1) / mass
+                value = self.powers[n] if n < len(self.powers) else 0.0
+                fixed[n] = value * length ** (n - 1) / self.mass
         return fixed
 
     def _within(self, changes):
@@ -371,9 +346,10 @@ class _Regression:
             bounded[BASE_SCALE] = changes[BASE_SCALE]
         for key, value in changes.items():
             if key in specs and key in self.responses.keys and np.isfinite(value):
-                low, start = specs[key][1].low, abs(specs[key][0])
-                least = low if specs[key][1].low_allowed or low == -np.inf else low + 1e-2 * start
-                bounded[key] = min(max(value, least), specs[key][1].high)
+                start, spec = specs[key]
+                is_open = not spec.low_allowed and spec.low != -np.inf
+                least = spec.low + 1e-2 * abs(start) if is_open else spec.low
+                bounded[key] = min(max(value, least), spec.high)
         return bounded
 
 
@@ -394,17 +370,12 @@ def _shifted(coefficients, distance):
 
 def starts_from(responses: Responses, values: np.ndarray) -> list[StartingPoint]:
     """All starts worth a trial: the scene as it is, and regressions on each record."""
-    starts = [
-        start
-        for number in range(len(responses.experiments))
-        # The motion from a voltage has a slow drift: it is tried with it and without.
-        for drifts in (
-            (True,)
-            if "displacement" in responses.experiments[number].measurement.outputs
-            else (True, False)
-        )
-        for start in regressed(responses, values, number, drifts)
-    ]
+    starts: list[StartingPoint] = []
+    for number, experiment in enumerate(responses.experiments):
+        starts += regressed(responses, values, number, True)
+        if "displacement" not in experiment.measurement.outputs:
+            # An integrated voltage has a slow drift: the motion is tried without it, too.
+            starts += regressed(responses, values, number, False)
     system, _ = responses.known_device(0, values)
     wells, saddles = timescales.wells(system), timescales.saddles(system)
     measured = "displacement" in responses.experiments[0].measurement.outputs
@@ -417,11 +388,9 @@ def _with_velocity_scale(responses, start):
     """The start with the free scale of a velocity's sensor as its motion has it."""
     if VELOCITY_SCALE not in responses.keys:
         return start
-    for number, motion_there in enumerate(start.motions):
-        velocity = motion_there.v * responses.length
-        scale = responses.velocity_scale(number, velocity, start.values)
+    for number, path in enumerate(start.motions):
+        scale = responses.velocity_scale(number, path.v * responses.length, start.values)
         if scale:
-            return replace(
-                start, values=_with(responses, start.values, {VELOCITY_SCALE: abs(scale)})
-            )
+            values = _with(responses, start.values, {VELOCITY_SCALE: abs(scale)})
+            return StartingPoint(values, start.motions)
     return start

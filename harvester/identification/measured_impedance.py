@@ -76,12 +76,7 @@ class MeasuredImpedance(MeasuredResponse):
         )
 
     def check(self) -> None:
-        """Refuse an impedance with fewer than `FEWEST_FREQUENCIES` frequencies.
-
-        Raises
-        ------
-        IdentificationError
-        """
+        """Raise IdentificationError if there are too few frequencies."""
         if self.frequency.size < FEWEST_FREQUENCIES:
             raise IdentificationError(
                 f"{self.name}: too short: {self.frequency.size} frequencies, and "
@@ -228,22 +223,25 @@ def _check_phase(measured, place, values, unit):
     """Refuse degrees that are radians, and radians that are degrees."""
     largest = float(np.abs(values).max())
     limit = math.radians(LARGEST_PHASE)
-    message = f"{measured.where}: {measured.label(place)} lies within ±{largest:.3g} {unit}, "
     if unit == "rad" and largest > limit:
-        raise SceneError(
-            f"{message}and a passive part's phase within ±1.571 rad: if it is in degrees, say so "
+        cause = (
+            "a passive part's phase within ±1.571 rad: if it is in degrees, say so "
             "(phase=COLUMN:deg); if not, the column is not that of the impedance's phase"
         )
-    if unit == "deg" and largest > LARGEST_PHASE:
-        raise SceneError(
-            f"{message}and a passive part's phase within ±90 deg: the column is not that of the "
-            "impedance's phase"
+    elif unit == "deg" and largest > LARGEST_PHASE:
+        cause = (
+            "a passive part's phase within ±90 deg: the column is not that of the impedance's phase"
         )
-    if unit == "deg" and largest <= limit:
-        raise SceneError(
-            f"{message}and a piezo's impedance has −90 deg away from its resonances: if it is in "
-            "radians, say so (phase=COLUMN:rad)"
+    elif unit == "deg" and largest <= limit:
+        cause = (
+            "a piezo's impedance has −90 deg away from its resonances: if it is in radians, say so "
+            "(phase=COLUMN:rad)"
         )
+    else:
+        return
+    raise SceneError(
+        f"{measured.where}: {measured.label(place)} lies within ±{largest:.3g} {unit}, and {cause}"
+    )
 
 
 def _ordered(frequency, impedance, where):

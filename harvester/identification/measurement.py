@@ -285,9 +285,7 @@ def _chosen(measured, given):
     chosen = {}
     for quantity in COLUMNS:
         candidates = measured.times() if quantity == "time" else measured.of(quantity)
-        plain = [
-            index for index in candidates if measured.headings[index].title.lower() == quantity
-        ]
+        plain = [n for n in candidates if measured.headings[n].title.lower() == quantity]
         candidates = (plain or candidates)[:1] if plain or quantity == "time" else candidates
         chosen[quantity] = measured.chosen(quantity, given.get(quantity), candidates)
     return {quantity: pair for quantity, pair in chosen.items() if pair[0] is not None}
@@ -300,10 +298,8 @@ def _unit(measured, quantity, place, given, units, is_scaled):
         return ""
     if is_scaled and given:
         # The heading's unit is that of the raw column, so only the given one counts.
-        factors = QUANTITIES[quantity]
-        factor_of(
-            quantity, given, f"{where}: {quantity}", f"write {next(iter(factors))} or the like"
-        )
+        usual = next(iter(QUANTITIES[quantity]))
+        factor_of(quantity, given, f"{where}: {quantity}", f"write {usual} or the like")
         return unit_named(quantity, given)
     unit = measured.agreed_unit(quantity, place, f"{quantity}=COLUMN:UNIT", given)
     if units != "SI" and quantity not in ("time", "frequency", "phase"):

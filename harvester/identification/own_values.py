@@ -17,8 +17,7 @@ import numpy as np
 from harvester.errors import IdentificationError
 from harvester.identification.fitted_model import fitted_sizes
 from harvester.identification.intervals import covariance
-from harvester.identification.reconstruction import frequencies
-from harvester.identification.response import COARSE_STEPS, Responses, experiment
+from harvester.identification.response import COARSE_STEPS, experiment
 from harvester.identification.search import COARSE, HOPELESS, ON_THE_WAY, followed, short_windows
 from harvester.identification.shooting import ShootingFit
 from harvester.identification.unknowns import unknowns, with_values
@@ -91,9 +90,8 @@ def own_values(
         begun = ShootingFit(fit.values, fit.edges, fit.starts, fit.noise)
         near = _problem(fitted, measurement, values).minimized(begun, ON_THE_WAY, COARSE)
         solutions.append(near.values)
-    states, _, _ = problem.responses.states(0, fit.values, fit.edges[0], fit.starts[0])
     errors = np.sqrt(np.maximum(np.diag(covariance(problem, fit)), 0.0))
-    return solutions, errors, reach_of(states[:, 0])
+    return solutions, errors, reach_of(problem.states(fit, 0)[:, 0])
 
 
 def _problem(fitted, measurement, values):
@@ -107,8 +105,8 @@ def _problem(fitted, measurement, values):
         if key.startswith("sensor.")
     }
     seen = replace(measurement, sensors={**sensors, **measurement.sensors})
-    record = experiment(scene, seen, frequencies(seen)[1], COARSE_STEPS)
-    responses = Responses([record], list(seen.own), reference.interpolation, reference.length)
+    record = experiment(scene, seen, COARSE_STEPS)
+    responses = reference.replaced([record], seen.own)
     records = [other.measurement for other in reference.experiments]
     free = unknowns(record.scene, seen.own, fitted_sizes(fitted, records))
     return fitted.shooting.beside(responses, free, records=1)

@@ -101,12 +101,9 @@ def posterior(
         if done > ENOUGH_TIMES * np.max(times):
             break
     draws = sampler.get_chain(discard=int(LEFT_OUT * done), flat=True)
-    return Posterior(
-        found.keys,
-        draws,
-        float(draws.shape[0] / np.max(times)),
-        float(np.mean(sampler.acceptance_fraction)),
-    )
+    independent = float(draws.shape[0] / np.max(times))
+    accepted = float(np.mean(sampler.acceptance_fraction))
+    return Posterior(found.keys, draws, independent, accepted)
 
 
 def log_density(found: Fitted) -> Callable[[np.ndarray], float]:
@@ -139,9 +136,7 @@ def _cost(shooting, fit, bases):
     """Sum of squares, minimised over the windows' starts to first order."""
     total = 0.0
     for number, edges in enumerate(fit.edges):
-        residuals, _ = shooting.residuals(
-            number, fit.values, edges, fit.starts[number], fit.noise[number]
-        )
+        residuals, _ = shooting.residuals_of(fit, number)
         if residuals is None:
             return np.inf
         total += float(np.sum(residuals**2))

@@ -125,11 +125,8 @@ class ResponseStretch(ValidationStretch):
 
     aside: ClassVar[str] = "every third frequency"
     long: ClassVar[bool] = False
-
-    @property
-    def quantity(self) -> str:
-        """Name of the quantity that `nrmse` refers to."""
-        return "response"
+    quantity: ClassVar[str] = "response"
+    compared: ClassVar[tuple[str, str]] = ("mean square response", "(V/(m/s²))²")
 
     def nrmse(self, output: int = 0) -> float:
         """Root mean square of the residuals over that of the response, both parts together."""
@@ -153,11 +150,6 @@ class ResponseStretch(ValidationStretch):
         """Share of the response's square that the model explains, both parts together."""
         return _explained(np.sum(self.measured**2, axis=1), np.sum(self.residuals**2, axis=1))
 
-    @property
-    def compared(self) -> tuple[str, str]:
-        """Quantity and unit of `powers`."""
-        return "mean square response", "(V/(m/s²))²"
-
     def _blocks(self, values):
         squares = np.sum(values**2, axis=1)
         return np.array([float(np.mean(part)) for part in blocks_of(squares)])
@@ -167,10 +159,8 @@ class ResponseStretch(ValidationStretch):
 class ImpedanceStretch(ResponseStretch):
     """The frequencies of an impedance that were kept aside; outputs are ln |Z| and phase."""
 
-    @property
-    def quantity(self) -> str:
-        """Name of the quantity that `nrmse` refers to."""
-        return "impedance"
+    quantity: ClassVar[str] = "impedance"
+    compared: ClassVar[tuple[str, str]] = ("mean |Z|", "Ω")
 
     def nrmse(self, output: int = 0) -> float:
         """Root mean square of the relative error of Z."""
@@ -180,11 +170,6 @@ class ImpedanceStretch(ResponseStretch):
         """Noise of the analyser, as relative error of Z: both outputs together."""
         medians = np.median(np.abs(self.residuals), axis=0)
         return NORMAL_RMS * float(np.linalg.norm(medians))
-
-    @property
-    def compared(self) -> tuple[str, str]:
-        """Quantity and unit of `powers`."""
-        return "mean |Z|", "Ω"
 
     def _blocks(self, values):
         sizes = np.exp(values[:, 0])

@@ -18,6 +18,7 @@ from harvester.device.polynomial import Polynomial
 from harvester.device.ranged import Ranged
 from harvester.errors import HarvesterError, IdentificationError
 from harvester.excitation.conditioning import smoothed
+from harvester.identification.reconstruction import frequencies
 from harvester.identification.sensors import (
     HIGHPASSES,
     VELOCITY_SCALE,
@@ -81,21 +82,11 @@ class Experiment:
         return cache[quantity, steps]
 
 
-def experiment(
-    scene: Scene, measurement: Measurement, frequency: float, per_period: int = FINE_STEPS
-) -> Experiment:
-    """Prepare a measurement for simulation: its steps, and the acceleration at them.
-
-    Parameters
-    ----------
-    frequency : float
-        Fastest of the motion (Hz), which the steps are to resolve.
-    per_period : int
-        Steps in a period of it.
-    """
+def experiment(scene: Scene, measurement: Measurement, per_period: int = FINE_STEPS) -> Experiment:
+    """Prepare a measurement for simulation with this many steps in the motion's fastest period."""
     rate = measurement.sampling_rate
     # At least two steps between samples, because a smooth path needs points there.
-    steps = max(2, math.ceil(per_period * frequency / rate - 1e-9))
+    steps = max(2, math.ceil(per_period * frequencies(measurement)[1] / rate - 1e-9))
     changed = scene.replace(measurement.changes)
     paths = {name: _path(measurement.acceleration, steps, name) for name in INTERPOLATIONS}
     return Experiment(measurement, changed, steps, paths)
@@ -126,26 +117,26 @@ class Responses:
     ----------
     keys : sequence of str
         Keys of the unknowns, in the order of their values.
-    interpolation : str
-        A name in `INTERPOLATIONS`.
     length : float
         Unit of the states' displacement, in the scene's units: the same for all trial values.
+    interpolation : str
+        A name in `INTERPOLATIONS`.
     """
 
     def __init__(
         self,
-        experiments: Sequence[Experiment],
+        experiments: Sequence[Any],
         keys: Sequence[str],
-        interpolation: str,
         length: float,
+        interpolation: str = INTERPOLATIONS[0],
     ) -> None:
         self.experiments, self.keys = list(experiments), list(keys)
         self.interpolation, self.length = interpolation, length
 
-    def with_keys(self, keys: Sequence[str]) -> Responses:
-        """The same experiments with other unknowns."""
+    def replaced(self, experiments: Sequence[Any], keys: Sequence[str]) -> Responses:
+        """Responses of other experiments or of other unknowns."""
         other = copy(self)
-        other.keys = list(keys)
+        other.experiments, other.keys = list(experiments), list(keys)
         return other
 
     def device(self, number: int, values: np.ndarray) -> tuple[System, Scales] | None:
@@ -236,8 +227,7 @@ class Responses:
 
         def moved(draw):
             shaken, path_noise = draw
-            other = copy(self)
-            other.experiments = list(self.experiments)
+            other = self.replaced(self.experiments, self.keys)
             other.experiments[number] = replace(
                 record,
                 measurement=replace(record.measurement, acceleration=base + shaken),
@@ -344,14 +334,13 @@ class Responses:
         measurement = self.experiments[number].measurement
         x, v, e = states.T
         columns, inside = [], slice(edges[0], edges[-1])
+        signals = {
+            "voltage": device.terminal_voltage(system.transducer, v, e) * scales.voltage,
+            "displacement": x * scales.displacement,
+            "velocity": v * scales.displacement,
+        }
         for name in measurement.outputs:
-            true = {
-                "voltage": lambda: (
-                    device.terminal_voltage(system.transducer, v, e) * scales.voltage
-                ),
-                "displacement": lambda: x * scales.displacement,
-                "velocity": lambda: v * scales.displacement,
-            }[name]()
+            true = signals[name]
             if name == "velocity" and measurement.velocity_is_absolute:
                 true = true + self._base_velocity(number, values)[inside]
             columns.append(self._sensed(number, name, true, values, edges))
@@ -365,10 +354,6 @@ class Responses:
         delay = rate * self._sensor(number, values, key + "delay")
         low = self._sensor(number, values, key + "filter")
         high = self._corners(number, values, name)
-        present = [
-            effect in self.keys or effect in measurement.sensors
-            for effect in (key + effect_name for effect_name in ("filter", *HIGHPASSES))
-        ]
         memory = [rate * low, *(2.0 * math.pi * corner / rate for corner in high)]
         gain = self._sensor(number, values, key + "scale")
         offset = self._sensor(number, values, key + "offset")
@@ -378,7 +363,8 @@ class Responses:
         simulated = gain * filtered(true, edges, *memory) + offset
         seen = measurement.outputs[name][edges[0] : edges[-1]]
         decays = [
-            value if is_present else None for value, is_present in zip(memory, present, strict=True)
+            value if key + effect in self.keys or key + effect in measurement.sensors else None
+            for effect, value in zip(("filter", *HIGHPASSES), memory, strict=True)
         ]
         return without_memory(simulated, seen, edges, *decays)
 
@@ -403,12 +389,9 @@ def _general(system):
 
     One compiled integrator then serves all candidates.
     """
-    return system._replace(
-        spring=_padded(system.spring),
-        damper=QuadraticDamper(
-            system.damper.damping, getattr(system.damper, "quadratic_damping", 0.0)
-        ),
-    )
+    drag = getattr(system.damper, "quadratic_damping", 0.0)
+    damper = QuadraticDamper(system.damper.damping, drag)
+    return system._replace(spring=_padded(system.spring), damper=damper)
 
 
 def _padded(spring: Spring) -> Spring:
@@ -417,15 +400,9 @@ def _padded(spring: Spring) -> Spring:
     if not isinstance(spring, Polynomial):
         return spring
     size = 2 if max(len(spring.even), len(spring.odd)) <= 2 else 4
-
-    def filled(values, length):
-        return (*values, *([0.0] * (length - len(values))))
-
-    return spring._replace(
-        even=filled(spring.even, size),
-        odd=filled(spring.odd, size),
-        even_energy=filled(spring.even_energy, size),
-        odd_energy=filled(spring.odd_energy, size),
-        even_slope=filled(spring.even_slope, size - 1),
-        odd_slope=filled(spring.odd_slope, size),
-    )
+    names = ("even", "odd", "even_energy", "odd_energy", "even_slope", "odd_slope")
+    filled = {}
+    for name in names:
+        values, length = getattr(spring, name), size - (name == "even_slope")
+        filled[name] = (*values, *([0.0] * (length - len(values))))
+    return spring._replace(**filled)

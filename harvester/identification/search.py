@@ -75,17 +75,12 @@ def _short(responses, unknowns, start, lengths):
     ]
     shooting = Shooting(responses, sized, sizes)
     edges, noise, begun = [], [], []
-    for experiment, length, motion in zip(
-        responses.experiments, lengths, start.motions, strict=True
-    ):
-        cut = short_windows(experiment.measurement, 0, length)
+    for record, length, motion in zip(responses.experiments, lengths, start.motions, strict=True):
+        cut = short_windows(record.measurement, 0, length)
         edges.append(cut)
         begun.append(states_of(motion, cut[:-1]))
-        noise.append(
-            np.array(
-                [FIRST_NOISE * np.std(values) for values in experiment.measurement.outputs.values()]
-            )
-        )
+        outputs = record.measurement.outputs.values()
+        noise.append(np.array([FIRST_NOISE * np.std(values) for values in outputs]))
     everywhere = [np.ones(len(states), bool) for states in begun]
     fit, _ = repaired(shooting, ShootingFit(start.values.copy(), edges, begun, noise), everywhere)
     fit = shooting.minimized(fit, FIRST, COARSE)
@@ -163,19 +158,12 @@ def settle_windows(
     ]
     begun = ShootingFit(fit.values, edges, [], fit.noise)
     for number, cut in enumerate(edges):
-        everywhere, span = np.ones(cut.size - 1, bool), reach or _visited(shooting, fit, number)
+        everywhere = np.ones(cut.size - 1, bool)
+        span = reach or reach_of(shooting.states(fit, number)[:, 0])
         begun.starts.append(placed(shooting, number, begun, everywhere, span)[0])
     if not shooting.linearized(begun):
         return begun
     return followed(shooting, begun)
-
-
-def _visited(shooting, fit, number):
-    """Displacements between which the fitted motion stays."""
-    states, _, _ = shooting.responses.states(
-        number, fit.values, fit.edges[number], fit.starts[number]
-    )
-    return reach_of(states[:, 0])
 
 
 def short_windows(measurement: Measurement, first: int, last: int) -> np.ndarray:
@@ -190,7 +178,7 @@ def opened(shooting: Shooting, fit: ShootingFit) -> ShootingFit:
     """The fit cut into the shortest windows, whose starts lie on its own motion."""
     edges, starts = [], []
     for number, old in enumerate(fit.edges):
-        states, _, _ = shooting.responses.states(number, fit.values, old, fit.starts[number])
+        states = shooting.states(fit, number)
         measurement = shooting.responses.experiments[number].measurement
         cut = np.union1d(short_windows(measurement, old[0], old[-1]), old)
         edges.append(cut)
@@ -215,9 +203,7 @@ def mended(shooting: Shooting, fit: ShootingFit) -> ShootingFit:
     better, cut = fit, _doubtful(fit)
     if any(windows.any() for windows in cut):
         better, sums = repaired(shooting, fit, cut)
-        cut = [
-            _far_off(window_sums, edges) for window_sums, edges in zip(sums, fit.edges, strict=True)
-        ]
+        cut = _doubtful(fit, sums)
     cut = [
         doubtful | (growth > 2.0 * LARGEST_GROWTH)
         for doubtful, growth in zip(cut, fit.growth, strict=True)
@@ -229,16 +215,17 @@ def mended(shooting: Shooting, fit: ShootingFit) -> ShootingFit:
     return better if better.grams else fit
 
 
-def _doubtful(fit):
-    """Windows whose residuals are far beyond those of the others."""
-    return [
-        _far_off(grams[:, -1, -1], edges) for grams, edges in zip(fit.grams, fit.edges, strict=True)
-    ]
+def _doubtful(fit, sums=None):
+    """Windows whose residuals are far beyond those of the others.
 
-
-def _far_off(sums, edges):
-    mean_squares = sums / np.diff(edges)
-    return mean_squares > DOUBTFUL * np.median(mean_squares)
+    `sums` are the windows' sums of squares, by default those of the fit.
+    """
+    doubtful = []
+    for number, edges in enumerate(fit.edges):
+        squares = fit.grams[number][:, -1, -1] if sums is None else sums[number]
+        means = squares / np.diff(edges)
+        doubtful.append(means > DOUBTFUL * np.median(means))
+    return doubtful
 
 
 def lengthened(fit: ShootingFit, short: ShootingFit, most: Sequence[int]) -> ShootingFit | None:
@@ -293,7 +280,7 @@ def shortened(shooting: Shooting, fit: ShootingFit, where: Sequence[np.ndarray])
     """
     edges, starts = [], []
     for number, old in enumerate(fit.edges):
-        states, _, _ = shooting.responses.states(number, fit.values, old, fit.starts[number])
+        states = shooting.states(fit, number)
         cut = where[number] & (np.diff(old) >= 2 * FEWEST_SAMPLES)
         middles = ((old[:-1] + old[1:]) // 2)[cut]
         new = np.concatenate([old[:-1], middles])

@@ -112,6 +112,16 @@ class Shooting:
             return None, None
         return (outputs - self.seen(number, edges)) / noise, ends
 
+    def residuals_of(self, fit: ShootingFit, number: int) -> tuple[Any, Any]:
+        """`residuals` of one experiment of a fit."""
+        edges, starts, noise = fit.edges[number], fit.starts[number], fit.noise[number]
+        return self.residuals(number, fit.values, edges, starts, noise)
+
+    def states(self, fit: ShootingFit, number: int) -> Any:
+        """States at the samples of one experiment of a fit, shape (samples, 3)."""
+        edges, starts = fit.edges[number], fit.starts[number]
+        return self.responses.states(number, fit.values, edges, starts)[0]
+
     def seen(self, number: int, edges: np.ndarray) -> np.ndarray:
         """Measured outputs in the windows of one experiment, shape (samples, outputs)."""
         outputs = self.responses.experiments[number].measurement.outputs
@@ -120,10 +130,8 @@ class Shooting:
     def cost(self, fit: ShootingFit) -> float:
         """Sum of squares; inf where the device runs away."""
         total = 0.0
-        for number, (edges, starts, noise) in enumerate(
-            zip(fit.edges, fit.starts, fit.noise, strict=True)
-        ):
-            residuals, _ = self.residuals(number, fit.values, edges, starts, noise)
+        for number in range(len(fit.edges)):
+            residuals, _ = self.residuals_of(fit, number)
             if residuals is None:
                 return np.inf
             total += float(np.sum(residuals**2))
@@ -274,11 +282,8 @@ class Shooting:
                 return fit
             if last:
                 # So short a step does not change the linearization.
-                trial.grams, trial.transitions, trial.growth = (
-                    fit.grams,
-                    fit.transitions,
-                    fit.growth,
-                )
+                trial.grams, trial.transitions = fit.grams, fit.transitions
+                trial.growth = fit.growth
                 return trial if trial.cost < fit.cost else fit
             damping = max(0.2 * damping, LEAST_DAMPING)
             if not self.linearized(trial):
@@ -310,10 +315,8 @@ class Shooting:
     def reweighted(self, fit: ShootingFit) -> ShootingFit:
         """The fit with each output's noise as its residuals show it."""
         noise = []
-        for number, edges in enumerate(fit.edges):
-            residuals, _ = self.residuals(
-                number, fit.values, edges, fit.starts[number], fit.noise[number]
-            )
+        for number in range(len(fit.edges)):
+            residuals, _ = self.residuals_of(fit, number)
             rms = np.sqrt(np.mean(residuals**2, axis=0)) if residuals is not None else 1.0
             noise.append(fit.noise[number] * np.maximum(rms, 1e-6))
         return replace(fit, noise=noise)

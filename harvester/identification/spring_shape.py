@@ -76,10 +76,13 @@ def spring_shape(base: Fitted, sizes: dict[str, float]) -> SpringShape | None:
     if variant is None or base.settled is None:
         return None
     _, scene, keys = variant
-    shooting = _with_power(base, scene, keys, sizes)
-    fit = replace(base.fit, values=np.array([unknown.start for unknown in shooting.unknowns]))
-    if not shooting.linearized(fit):
+    # The added powers begin near 0, so their sizes come from the motion, not from their starts.
+    count = len(base.keys)
+    added = [replace(u, size=sizes[u.key]) for u in unknowns(scene, keys[count:], sizes)]
+    problem = base.with_more(added, sizes, scene, keys[:count])
+    if problem is None:
         return None
+    shooting, fit = problem
     normal, gradient = shooting.reduced(fit)
     step = -np.linalg.lstsq(normal, gradient, rcond=1e-14)[0] * shooting.sizes
     errors = np.sqrt(np.maximum(np.diag(intervals.covariance(shooting, fit)), 0.0))
@@ -101,25 +104,3 @@ def _power(key):
     name = key.rpartition(".")[2]
     index = name.removeprefix("restoring_force[").rstrip("]")
     return NAMED.get(name, 0) or (int(index) if index.isdigit() else 0)
-
-
-def _with_power(base, scene, keys, sizes):
-    """The problem of the fit with the next power free too, from the values that fit."""
-    added = keys[len(base.keys) :]
-    force = [k or 0.0 for k in scene.oscillator.coefficients]
-    reference = base.shooting.responses
-    experiments = [
-        replace(experiment, scene=experiment.scene.replace({"oscillator.restoring_force": force}))
-        for experiment in reference.experiments
-    ]
-    free = [
-        unknown.begun(value)
-        for unknown, value in zip(
-            unknowns(scene, keys[: len(base.keys)], sizes), base.values, strict=True
-        )
-    ]
-    # The added powers begin near 0, so their sizes come from the motion, not from their starts.
-    free += [replace(unknown, size=sizes[unknown.key]) for unknown in unknowns(scene, added, sizes)]
-    responses = reference.with_keys(keys)
-    responses.experiments = experiments
-    return base.shooting.beside(responses, free)

@@ -8,7 +8,6 @@ and Mook, Nonlinear Oscillations, 1979, ch. 2), and drag C2 adds 8/(3π) C2 ω a
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
@@ -39,16 +38,7 @@ class SteadyExperiment:
 
 
 class SteadyResponses(Responses):
-    """Responses of several experiments for values of the unknowns; their samples are frequencies.
-
-    Parameters
-    ----------
-    experiments : sequence of SteadyExperiment or Experiment
-        The last are records in time, whose samples are instants.
-    """
-
-    def __init__(self, experiments: Sequence[Any], keys: Sequence[str], length: float) -> None:
-        super().__init__(experiments, keys, "linear", length)
+    """Responses to sines: samples of a `SteadyExperiment` are frequencies, of others instants."""
 
     def states(
         self, number: int, values: np.ndarray, edges: np.ndarray, starts: np.ndarray
@@ -131,13 +121,10 @@ class SteadyResponses(Responses):
             return self._sensor(number, values, f"sensor.{name}")
 
         gain = effect("voltage_scale") / effect("acceleration_scale")
-        gain = (
-            gain * np.exp(-rate * effect("voltage_delay")) / (1.0 + rate * effect("voltage_filter"))
-        )
+        gain = gain * np.exp(-rate * effect("voltage_delay"))
+        gain = gain / (1.0 + rate * effect("voltage_filter"))
         for name, power in (("voltage", 1), ("acceleration", -1)):
-            first, second = (
-                effect(f"{name}_{effect_name}") / (1j * frequency) for effect_name in HIGHPASSES
-            )
+            first, second = (effect(f"{name}_{kind}") / (1j * frequency) for kind in HIGHPASSES)
             gain = gain * ((1.0 + first) * (1.0 + math.sqrt(2.0) * second + second**2)) ** -power
         return gain
 

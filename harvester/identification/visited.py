@@ -82,10 +82,7 @@ def visited(fitted: Fitted) -> Visited | None:
     # Records in time come first; sweeps and impedances after them have only small motion.
     experiments = responses.experiments[: len(fitted.settled.edges)]
     for number in range(len(experiments)):
-        states = [
-            responses.states(number, fitted.values, fit.edges[number], fit.starts[number])[0]
-            for fit in (fitted.fit, fitted.settled)
-        ]
+        states = [fitted.shooting.states(fit, number) for fit in (fitted.fit, fitted.settled)]
         for intervals, column in ((displacement, 0), (velocity, 1)):
             values = np.concatenate([path[:, column] for path in states]) * responses.length
             intervals.append((float(np.nanmin(values)), float(np.nanmax(values))))

@@ -82,7 +82,7 @@ def test_a_linear_device_follows_a_sine_as_its_closed_form_says():
     response = -mass / mechanical * electrical
     wave = np.exp(turn * np.arange(1200) / rate)
     record = Measurement(wave.imag, rate, voltage=(response * wave).imag)
-    responses = Responses([experiment(scene, record, frequency)], [], "smooth", 1e-3)
+    responses = Responses([experiment(scene, record)], [], 1e-3, "smooth")
     # From rest: what the start leaves dies within the first half.
     _, _, shown = responses.states(0, np.zeros(0), np.array([0, 1200]), np.zeros((1, 3)))
     late = slice(600, 1190)
