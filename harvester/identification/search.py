@@ -104,7 +104,10 @@ def followed(shooting: Shooting, fit: ShootingFit, rival: float = np.inf) -> Sho
     # The loop goes on while some window is longer than any that was allowed before.
     while fit.cost < hopeless and (2 * _longest(fit) > most).any():
         most = 2 * most
-        longer = lengthened(fit, _in_short_windows(shooting, fit), most)
+        short = opened(shooting, fit)
+        # Linearized in the windows' starts alone.
+        shooting.frozen().linearized(short)
+        longer = lengthened(fit, short, most)
         if longer is None:
             continue
         longer = shooting.minimized(longer, ON_THE_WAY, COARSE)
@@ -123,13 +126,6 @@ def followed(shooting: Shooting, fit: ShootingFit, rival: float = np.inf) -> Sho
 def _longest(fit):
     """Samples of each experiment's longest window."""
     return np.array([np.diff(edges).max() for edges in fit.edges])
-
-
-def _in_short_windows(shooting, fit):
-    """The fit in the shortest windows, linearized in their starts alone."""
-    short = opened(shooting, fit)
-    shooting.frozen().linearized(short)
-    return short
 
 
 def settle_windows(
