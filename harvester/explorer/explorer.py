@@ -6,6 +6,7 @@ densities on its coarse grid: both in worker processes.
 
 from __future__ import annotations
 
+import html
 import importlib.util
 import math
 import time
@@ -22,10 +23,13 @@ from harvester.estimates.estimate import Density
 from harvester.files.plain_text import one_line, shown
 from harvester.prepared.prepared import prepared
 from harvester.prepared.steps import knot_spacing, steps_per_knot
+from harvester.results.drawing import axis_label, draw_density, frame
 from harvester.results.result import Result
 from harvester.scene.model import Scene
 from harvester.scene.numbers import number, numbers
+from harvester.show import figures
 from harvester.show.numbers import with_error
+from harvester.show.palette import CIRCUIT, LINES, MONTE_CARLO
 from harvester.simulation.simulate import simulate
 from harvester.stationary.fokker_planck import outline
 from harvester.workers.pools import WorkerPool
@@ -35,14 +39,8 @@ if TYPE_CHECKING:
 
 # Default sliders: those of these keys that the scene has.
 USUAL_KEYS = (
-    "intensity",
-    "correlation_time",
-    "damping",
-    "gap",
-    "coupling",
-    "resistance",
-    "decay_rate",
-)
+    "intensity", "correlation_time", "damping", "gap", "coupling", "resistance", "decay_rate",
+)  # fmt: skip
 # Default range of a slider: the scene's value divided by and multiplied by this.
 RANGE_RATIO = 3.0
 # A slider whose range exceeds this ratio is logarithmic.
@@ -55,12 +53,13 @@ NETLIST_COST, SWITCHING_COST = 4, 20
 WAVEFORM_PERIODS = 25
 # Wall-clock limit of one realization, in seconds. A setting that takes longer is refused.
 TIME_LIMIT = 60.0
-QUANTITIES = (
-    "mean_power",
-    "power_conversion_efficiency",
-    "mean_output_power",
-    "rms_voltage",
-)
+# Margins of the picture.
+MARGINS = {"left": 0.115, "right": 0.98, "bottom": 0.1, "top": 0.93, "hspace": 0.34}
+# Steps of a slider.
+SLIDER_STEPS = 100
+# Opacity of a picture that does not belong to the present setting of the sliders.
+LOST = "0.35"
+QUANTITIES = ("mean_power", "power_conversion_efficiency", "mean_output_power", "rms_voltage")
 
 
 @dataclass(frozen=True)
@@ -89,19 +88,16 @@ class View:
 
     def sentence(self) -> str:
         """Power, efficiency and rms voltage with their standard errors, in one line."""
-        found = {name: self.result[name] for name in QUANTITIES if name in self.result}
-        said = [
-            f"{name.replace('_', ' ')} {with_error(each, self.result.unit(each.dimension))}"
-            for name, each in found.items()
+        estimates = {name: self.result[name] for name in QUANTITIES if name in self.result}
+        phrases = [
+            f"{name.replace('_', ' ')} {with_error(estimate, self.result.unit(estimate.dimension))}"
+            for name, estimate in estimates.items()
         ]
-        return ", ".join(said)
+        return ", ".join(phrases)
 
     def figure(self) -> Figure:
         """Densities by both methods, above displacement and voltage over time."""
-        from harvester.explorer import drawing as explorer_figure
-        from harvester.show import figures
-
-        return figures.drawn(explorer_figure.draw, self)
+        return figures.drawn(_draw, self)
 
 
 class Explorer:
@@ -122,9 +118,7 @@ class Explorer:
         self.at({})
         self.widget: Any = None
         if importlib.util.find_spec("ipywidgets"):
-            from harvester.explorer import widget as explorer_widget
-
-            self.widget = explorer_widget.built(self)
+            self.widget = _widget(self)
 
     @property
     def scene(self) -> Scene:
@@ -144,16 +138,13 @@ class Explorer:
         HarvesterError
             A value that the scene cannot have, or a run that failed.
         """
-        from harvester.explorer import drawing as explorer_figure
-        from harvester.show import figures
-
         clock = time.perf_counter()
         scene = cut_short(self._origin.replace(dict(values)))
         solving = self._pool.submit(outlined, {"scene": scene}, TIME_LIMIT)
         result = self._simulated(scene)
         densities, refusal = _answer(solving)
         view = View(scene, result, densities, refusal, math.nan)
-        self.picture = figures.picture(explorer_figure.draw, view, "png")
+        self.picture = figures.picture(_draw, view, "png")
         self.view = replace(view, seconds=time.perf_counter() - clock)
         return self.view
 
@@ -205,26 +196,22 @@ def explore(
         No such number, no range; or the scene itself cannot be simulated.
     """
     keys = _usual(scene) if over is None else [over] if isinstance(over, str) else over
-    given = dict(keys) if isinstance(keys, Mapping) else {}
-    return Explorer(scene, {key: _range(scene, key, given.get(key)) for key in keys})
+    ranges = dict(keys) if isinstance(keys, Mapping) else {}
+    return Explorer(scene, {key: _range(scene, key, ranges.get(key)) for key in keys})
 
 
 def cut_short(scene: Scene) -> Scene:
     """The scene with its run shortened to `STEPS_SHOWN` steps of Monte Carlo."""
-    ready = prepared(scene)
-    per_second = steps_per_knot(ready, engine="monte-carlo") / knot_spacing(ready)
+    setup = prepared(scene)
+    per_second = steps_per_knot(setup, engine="monte-carlo") / knot_spacing(setup)
     load = scene.load.circuit
     if load and load.resistance is None:
         per_second *= SWITCHING_COST if load.switches else NETLIST_COST
     longest = STEPS_SHOWN / FEWEST_REALIZATIONS / per_second - scene.run.settle
-    duration = min(scene.run.duration, max(longest, scene.run.settle, knot_spacing(ready)))
+    duration = min(scene.run.duration, max(longest, scene.run.settle, knot_spacing(setup)))
     count = int(STEPS_SHOWN / per_second / (scene.run.settle + duration))
-    return scene.replace(
-        {
-            "run.duration": duration,
-            "run.realizations": min(scene.run.realizations, max(count, FEWEST_REALIZATIONS)),
-        }
-    )
+    realizations = min(scene.run.realizations, max(count, FEWEST_REALIZATIONS))
+    return scene.replace({"run.duration": duration, "run.realizations": realizations})
 
 
 def outlined(scene: Scene, report: Callable) -> dict[str, Density]:
@@ -243,16 +230,16 @@ def outlined(scene: Scene, report: Callable) -> dict[str, Density]:
         "velocity": (v, joint.sum(axis=0) * (x[1] - x[0])),
         "voltage": density.tabulated("voltage"),
     }
-    return {name: Density(*each, None, name) for name, each in marginals.items()}
+    return {name: Density(*curve, None, name) for name, curve in marginals.items()}
 
 
 def _answer(solving):
     """The solver's answer and "", or an empty answer and the reason."""
     try:
-        found = solving.result()
+        answer = solving.result()
     except HarvesterError as error:
-        found = error
-    return ({}, str(found)) if isinstance(found, HarvesterError) else (found, "")
+        answer = error
+    return ({}, str(answer)) if isinstance(answer, HarvesterError) else (answer, "")
 
 
 def _usual(scene):
@@ -274,3 +261,101 @@ def _range(scene, key, ends):
     if not low < high:
         raise HarvesterError(f"{key}: no range from {low:g} to {high:g}; give it as (low, high)")
     return min(low, value), max(high, value)
+
+
+def _draw(view: View) -> Figure:
+    """Draw p(X), p(X') and p(V) by Monte Carlo and the stationary solver; X and V over time."""
+    from matplotlib import rc_context
+
+    # Setting tick labels as formulas would take as long as the rest of the drawing.
+    with rc_context({"axes.formatter.use_mathtext": False}):
+        return _drawn(view)
+
+
+def _drawn(view):
+    from matplotlib.figure import Figure
+
+    result = view.result
+    figure = Figure(figsize=(8.0, 4.8))
+    figure.set_layout_engine("none")
+    halves = figure.add_gridspec(2, 1, **MARGINS)
+    across = halves[0].subgridspec(1, len(result.densities), wspace=0.28)
+    for column, name in enumerate(result.densities):
+        axes = figure.add_subplot(across[column])
+        draw_density(axes, result, name, MONTE_CARLO, "-", "Monte Carlo")
+        if name in view.outline:
+            solver = replace(result, densities=view.outline)
+            draw_density(axes, solver, name, LINES["fokker_planck"][0], ":", "stationary solver")
+        axes.set_xlabel(axis_label(result, name))
+        axes.set_ylim(bottom=0.0)
+        axes.locator_params(axis="x", nbins=5)
+        frame(axes, [result], name)
+        if column == 0:
+            axes.set_ylabel("probability density")
+            figure.legend(*axes.get_legend_handles_labels(), loc="upper right", ncols=2)
+    motion = halves[1].subgridspec(2, 1, hspace=0.18)
+    above = figure.add_subplot(motion[0])
+    below = figure.add_subplot(motion[1], sharex=above)
+    for axes, name in ((above, "displacement"), (below, "voltage")):
+        axes.plot(result.waveform.time, result.waveform[name], color=CIRCUIT, linewidth=0.8)
+        axes.set_ylabel(axis_label(result, name).replace(" ", "\n"), fontsize=8)
+    figure.align_ylabels((above, below))
+    above.tick_params(labelbottom=False)
+    below.set_xlabel("time [s]")
+    return figure
+
+
+def _widget(explorer: Explorer) -> Any:
+    """Build sliders, a line of text and the picture, which follow the explorer."""
+    from ipywidgets import HTML, GridBox, Image, Layout, VBox
+
+    line, picture = HTML(), Image(format="png")
+    picture.layout.max_width = "100%"
+    origin = explorer.scene
+    sliders = {
+        key: _slider(key, number(origin, key, "explore")[0], *ends)
+        for key, ends in explorer.ranges.items()
+    }
+
+    def show() -> None:
+        view = explorer.view
+        solver = f" No stationary solver: {view.refusal}" if view.refusal else ""
+        line.value = _line(f"{view.sentence()} ({view.seconds:.1f} s).{solver}")
+        picture.value, picture.layout.opacity = explorer.picture, "1"
+
+    def follow(_: object) -> None:
+        line.value = _line("…")
+        try:
+            explorer.at({key: slider.value for key, slider in sliders.items()})
+        except HarvesterError as error:
+            line.value, picture.layout.opacity = _line(str(error), "#A50026"), LOST
+        else:
+            show()
+
+    for slider in sliders.values():
+        slider.observe(follow, "value")
+    show()
+    columns = Layout(grid_template_columns="repeat(auto-fit, minmax(min(30em, 100%), 1fr))")
+    return VBox([GridBox([*sliders.values()], layout=columns), line, picture])
+
+
+def _slider(key, value, low, high):
+    """One slider, in equal ratios where its range is wide; it speaks when it is let go."""
+    from ipywidgets import FloatLogSlider, FloatSlider, Layout
+
+    common = {
+        "value": value,
+        "description": key,
+        "continuous_update": False,
+        "readout_format": ".4g",
+        "style": {"description_width": "14em"},
+        "layout": Layout(width="auto"),
+    }
+    if low > 0.0 and high / low >= LOGARITHMIC_RATIO:
+        low, high = math.log10(low), math.log10(high)
+        return FloatLogSlider(min=low, max=high, step=(high - low) / SLIDER_STEPS, **common)
+    return FloatSlider(min=low, max=high, step=(high - low) / SLIDER_STEPS, **common)
+
+
+def _line(text, colour="inherit"):
+    return f'<span style="color: {colour}">{html.escape(one_line(text))}</span>'

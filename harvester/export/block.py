@@ -47,10 +47,8 @@ class Block:
 
     Attributes
     ----------
-    ready : harvester.prepared.prepared.Prepared
     name : str
         Name of sub-circuit or module, and of the files.
-    parameters : circuits.block.parameters.Parameters
     vibration : ndarray of shape (knots, 2)
         Time (s) and acceleration of the base (m/s²), straight lines between them.
     step, stop : float
@@ -72,8 +70,8 @@ class Block:
     @property
     def load_resistance(self) -> float:
         """Resistance (Ω) of the scene's resistor, else one that takes power well."""
-        table, given = self.ready.scene.transducer, self.ready.setting.resistance
-        return given or table.matched_resistance(self.parameters.rate)
+        table, resistance = self.ready.scene.transducer, self.ready.setting.resistance
+        return resistance or table.matched_resistance(self.parameters.rate)
 
 
 def block_of(
@@ -87,7 +85,6 @@ def block_of(
 
     Parameters
     ----------
-    scene : Scene
     step : str or float
         Longest step of the deck: a name in `STEP_LEVELS`, or seconds.
     realization : int
@@ -101,21 +98,16 @@ def block_of(
     ------
     HarvesterError
     """
-    ready = prepared(scene)
-    check_block(ready)
+    setup = prepared(scene)
+    check_block(setup)
     check_realization(scene, realization)
     longest = check_step(step)
     if isinstance(longest, str):
-        longest = longest_step(ready) / STEP_LEVELS[longest]
-    stop = duration or TEST_PERIODS * 2.0 * math.pi / timescales.angular_frequency(ready.system)
-    return Block(
-        ready,
-        "harvester_" + re.sub(r"\W", "_", scene.name),
-        Parameters(ready, start_state(ready, realization), displacement_unit),
-        _vibration(ready, realization, stop),
-        longest,
-        stop,
-    )
+        longest = longest_step(setup) / STEP_LEVELS[longest]
+    stop = duration or TEST_PERIODS * 2.0 * math.pi / timescales.angular_frequency(setup.system)
+    name = "harvester_" + re.sub(r"\W", "_", scene.name)
+    parameters = Parameters(setup, start_state(setup, realization), displacement_unit)
+    return Block(setup, name, parameters, _vibration(setup, realization, stop), longest, stop)
 
 
 def _vibration(ready, realization, stop):
@@ -132,13 +124,7 @@ def _vibration(ready, realization, stop):
 
 
 def folder_of(output: str | Path, kind: str) -> Path:
-    """The folder that several files go to.
-
-    Raises
-    ------
-    HarvesterError
-        The output is a stream or cannot be written.
-    """
+    """Return the folder for several files; raise HarvesterError if it cannot be written."""
     if is_stream(output):
         raise HarvesterError(f"--as {kind} writes several files: say where, --output DIR")
     check_folder(output)
@@ -156,37 +142,32 @@ def write_files(folder: Path, files: dict[str, str]) -> list[Path]:
 def write_subcircuit(
     scene: Scene,
     output: str | Path,
-    dialect: str,
-    step: str | float,
-    realization: int,
-    displacement_unit: float,
-    duration: float | None,
+    dialect: str = "ngspice",
+    step: str | float = "default",
+    realization: int = 0,
+    displacement_unit: float = 1e-3,
+    duration: float | None = None,
 ) -> list[Path]:
     """Write the sub-circuit, a symbol, a deck that tries it and the vibration.
 
     Parameters
     ----------
-    scene : Scene
     output : str or Path
         Folder.
     dialect : str
         One of `circuits.block.dialects.DIALECTS`.
     step, realization, displacement_unit, duration
         See `block_of`.
-
-    Returns
-    -------
-    list of Path
     """
     check_dialect(dialect, DIALECTS)
     folder = folder_of(output, "subckt")
     block = block_of(scene, step, realization, displacement_unit, duration)
-    said = "".join(f"* {line}".rstrip() + "\n" for line in block.comment)
+    comment = "".join(f"* {line}".rstrip() + "\n" for line in block.comment)
     if dialect != "ngspice":
         # These simulators may read a file as one-byte characters.
-        said = said.encode("ascii", "replace").decode()
+        comment = comment.encode("ascii", "replace").decode()
     name, library = block.name, f"{block.name}.lib"
-    files = {library: said + in_dialect(subcircuit(name, block.parameters), dialect)}
+    files = {library: comment + in_dialect(subcircuit(name, block.parameters), dialect)}
     files |= _vibration_file(block, dialect)
     files[f"{name}_test.cir"] = _deck(block, dialect)
     if dialect == "ngspice":
@@ -199,10 +180,10 @@ def write_subcircuit(
 def write_verilog_a(
     scene: Scene,
     output: str | Path,
-    step: str | float,
-    realization: int,
-    displacement_unit: float,
-    duration: float | None,
+    step: str | float = "default",
+    realization: int = 0,
+    displacement_unit: float = 1e-3,
+    duration: float | None = None,
 ) -> list[Path]:
     """Write the Verilog-A module, a deck for VACASK and one for an ngspice with OSDI.
 
@@ -210,10 +191,6 @@ def write_verilog_a(
     ----------
     scene, output, step, realization, displacement_unit, duration
         See `write_subcircuit`.
-
-    Returns
-    -------
-    list of Path
     """
     folder = folder_of(output, "verilog-a")
     block = block_of(scene, step, realization, displacement_unit, duration)

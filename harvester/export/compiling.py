@@ -28,9 +28,9 @@ def compiler() -> tuple[str, ...] | None:
     # Relative entries of PATH are left out: a compiler in the working folder is never called.
     path = os.pathsep.join(filter(os.path.isabs, os.get_exec_path()))
     for name in filter(None, (os.environ.get("CC"), "cc", "gcc", "clang")):
-        found = shutil.which(name, path=path)
-        if found:
-            return (found,)
+        program = shutil.which(name, path=path)
+        if program:
+            return (program,)
     return (sys.executable, "-m", "ziglang", "cc") if find_spec("ziglang") else None
 
 
@@ -71,5 +71,5 @@ def compile_library(files: dict[str, str], target: str | Path) -> None:
             raise ExportError(f"{words[0]}: cannot compile the device: {error}") from None
     if done.returncode != 0:
         lines = done.stderr.strip().splitlines() or ["it says nothing"]
-        said = next((line for line in lines if "error" in line), lines[0])
-        raise ExportError(f"{words[0]}: cannot compile the device: {said}")
+        message = next((line for line in lines if "error" in line), lines[0])
+        raise ExportError(f"{words[0]}: cannot compile the device: {message}")

@@ -112,19 +112,19 @@ class Coupled:
         token, files = unit_files(scene, 2)
         self._library, self._folder = _library(tuple(files.items()))
         listed = variables(scene)
-        self._places = {each.name: place for place, each in enumerate(listed)}
+        self._places = {variable.name: index for index, variable in enumerate(listed)}
         self._terminal = listed[TERMINAL].name
-        ready = prepared(scene)
-        self._name, self._range = scene.name, ready.system.spring.range
-        self._length = ready.setting.length
-        self._path, self._unit = noise_path(ready, realization), -ready.excitation_unit
+        setup = prepared(scene)
+        self._name, self._range = scene.name, setup.system.spring.range
+        self._length = setup.setting.length
+        self._path, self._unit = noise_path(setup, realization), -setup.excitation_unit
         self._first, self._knots = 0, self._unit * self._path.read(KNOTS)
         calls = self._library
         self._device = calls.fmi2Instantiate(b"device", 1, token.encode(), b"", None, 0, 0)
         weakref.finalize(self, calls.fmi2FreeInstance, self._device)
         self.time = 0.0
-        x, v, state = start_state(ready, realization)
-        state *= scene.transducer.state_unit(ready.setting)
+        x, v, state = start_state(setup, realization)
+        state *= scene.transducer.state_unit(setup.setting)
         self._set("start_displacement", x * self._length)
         self._set("start_velocity", v * self._length)
         self._set(listed[START_STATE].name, state)
@@ -164,8 +164,8 @@ class Coupled:
             end = min(time, knot)
             self._set("base_acceleration", begin)
             order, value = (ctypes.c_int * 1)(1), (ctypes.c_double * 1)(slope)
-            place = self._place("base_acceleration")
-            self._library.fmi2SetRealInputDerivatives(self._device, place, 1, order, value)
+            reference = self._place("base_acceleration")
+            self._library.fmi2SetRealInputDerivatives(self._device, reference, 1, order, value)
             failed = self._library.fmi2DoStep(self._device, self.time, end - self.time, 1)
             self.time = end
             if failed:
@@ -209,9 +209,9 @@ class Coupled:
         knot = math.floor(self.time / spacing + 1e-9)
         while knot + 1 >= self._first + self._knots.size:
             self._first += self._knots.size - 1
-            more = self._unit * self._path.read(KNOTS)
-            self._knots = np.concatenate([self._knots[-1:], more])
-        before, after = (float(each) for each in self._knots[knot - self._first :][:2])
+            samples = self._unit * self._path.read(KNOTS)
+            self._knots = np.concatenate([self._knots[-1:], samples])
+        before, after = (float(knot_value) for knot_value in self._knots[knot - self._first :][:2])
         slope = (after - before) / spacing
         return before + slope * (self.time - knot * spacing), slope, (knot + 1) * spacing
 
@@ -219,8 +219,8 @@ class Coupled:
         return (ctypes.c_uint * 1)(self._places[name])
 
     def _set(self, name: str, value: float) -> None:
-        given = (ctypes.c_double * 1)(value)
-        self._library.fmi2SetReal(self._device, self._place(name), 1, given)
+        content = (ctypes.c_double * 1)(value)
+        self._library.fmi2SetReal(self._device, self._place(name), 1, content)
 
     def _get(self, name: str) -> float:
         value = (ctypes.c_double * 1)()
@@ -248,15 +248,12 @@ def _library(files: tuple[tuple[str, str], ...]) -> tuple[ctypes.CDLL, Temporary
     compile_library(dict(files), path)
     library = ctypes.CDLL(str(path))
     text, number, pointer = ctypes.c_char_p, ctypes.c_double, ctypes.c_void_p
+    integer, size = ctypes.c_int, ctypes.c_size_t
     library.fmi2Instantiate.restype = pointer
-    library.fmi2Instantiate.argtypes = [
-        text, ctypes.c_int, text, text, pointer, ctypes.c_int, ctypes.c_int,
-    ]  # fmt: skip
-    library.fmi2DoStep.argtypes = [pointer, number, number, ctypes.c_int]
+    library.fmi2Instantiate.argtypes = [text, integer, text, text, pointer, integer, integer]
+    library.fmi2DoStep.argtypes = [pointer, number, number, integer]
     library.fmi2FreeInstance.argtypes = [pointer]
     for call in (library.fmi2SetReal, library.fmi2GetReal):
-        call.argtypes = [pointer, pointer, ctypes.c_size_t, pointer]
-    library.fmi2SetRealInputDerivatives.argtypes = [
-        pointer, pointer, ctypes.c_size_t, pointer, pointer,
-    ]  # fmt: skip
+        call.argtypes = [pointer, pointer, size, pointer]
+    library.fmi2SetRealInputDerivatives.argtypes = [pointer, pointer, size, pointer, pointer]
     return library, folder

@@ -21,13 +21,16 @@ DIALECTS = ("ngspice", "ltspice")
 
 
 def write_deck(
-    scene: Scene, output: str | Path, dialect: str, step: str | float, realization: int
+    scene: Scene,
+    output: str | Path,
+    dialect: str = "ngspice",
+    step: str | float = "default",
+    realization: int = 0,
 ) -> list[Path]:
-    """Write a stand-alone .cir; for LTspice the noise in a file beside it.
+    """Write a stand-alone .cir with load and noise; for LTspice the noise in a second file.
 
     Parameters
     ----------
-    scene : harvester.scene.model.Scene
     output : str or Path
         File, or folder for SCENE.cir; - for standard output.
     dialect : str
@@ -36,10 +39,6 @@ def write_deck(
         Longest step, see `harvester.prepared.steps.steps_per_knot`.
     realization : int
         Whose noise path.
-
-    Returns
-    -------
-    list of Path
 
     Raises
     ------
@@ -55,9 +54,9 @@ def write_deck(
         target = in_folder(target, f"{scene.name}.cir")
     check_writable(target)
     check_realization(scene, realization)
-    ready = prepared(scene)
-    call = (ready, noise_path(ready, realization))
-    start, longest = start_state(ready, realization), check_step(step)
+    setup = prepared(scene)
+    call = (setup, noise_path(setup, realization))
+    start, longest = start_state(setup, realization), check_step(step)
     if dialect == "ngspice":
         write_text(target, stand_alone(*call, start, longest).text + ".end\n")
         return [] if is_stream(target) else [Path(target)]
@@ -73,12 +72,7 @@ def write_deck(
 
 
 def check_dialect(dialect: str, known: tuple[str, ...]) -> None:
-    """Refuse an unknown dialect.
-
-    Raises
-    ------
-    HarvesterError
-    """
+    """Raise HarvesterError if a dialect is unknown."""
     if dialect not in known:
         raise HarvesterError(
             f"--dialect {dialect}: no such dialect{nearest(dialect, known)}; "
@@ -87,12 +81,7 @@ def check_dialect(dialect: str, known: tuple[str, ...]) -> None:
 
 
 def check_realization(scene: Scene, realization: int) -> None:
-    """Refuse a realization that the scene does not have.
-
-    Raises
-    ------
-    HarvesterError
-    """
+    """Raise HarvesterError if the scene does not have a realization."""
     if not 0 <= realization < scene.run.realizations:
         raise HarvesterError(
             f"--realization {realization}: must be a whole number in "

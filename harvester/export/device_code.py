@@ -44,13 +44,8 @@ def write_c(scene: Scene, output: str | Path) -> list[Path]:
 
     Parameters
     ----------
-    scene : harvester.scene.model.Scene
     output : str or Path
         Folder.
-
-    Returns
-    -------
-    list of Path
 
     Raises
     ------
@@ -84,19 +79,23 @@ def equations(scene: Scene) -> str:
             f"{scene.name}: excitation.kind = {scene.excitation.kind!r}: the displacement is given "
             "and no mass moves; use a kind that accelerates the base"
         )
-    ready = prepared(scene)
+    setup = prepared(scene)
     constants: dict[str, str] = {}
 
     def named(key: str, value: float, *meaning: str) -> str:
         # Formulas are of the circuit, whose time is in units of 1/rate: here of a second.
-        said = f" /* {meaning[0].replace('/rate^2', '')} */" if meaning and meaning[0] else ""
-        constants[key] = f"static const double {key} = {number(value)};{said}\n"
+        comment = f" /* {meaning[0].replace('/rate^2', '')} */" if meaning and meaning[0] else ""
+        constants[key] = f"static const double {key} = {number(value)};{comment}\n"
         return key
 
-    functions = _forces(ready.system, named) + _contacts(ready.system, named)
+    functions = _forces(setup.system, named) + _contacts(setup.system, named)
     sign = SIGN if "sgn(" in functions else ""
-    said = f"/* Of the scene {scene.name}. Lengths are over LENGTH, forces over MASS LENGTH. */\n"
-    return "\n".join([HEAD + said + _numbers(ready), "".join(constants.values()), sign + functions])
+    comment = (
+        f"/* Of the scene {scene.name}. Lengths are over LENGTH, forces over MASS LENGTH. */\n"
+    )
+    return "\n".join(
+        [HEAD + comment + _numbers(setup), "".join(constants.values()), sign + functions]
+    )
 
 
 def _numbers(ready: Prepared) -> str:
@@ -120,8 +119,8 @@ def _numbers(ready: Prepared) -> str:
         "START_STATE": (state * state_unit, "V or A"),
     }
     lines = [
-        f"#define {key} ({c_number(value)}){f' /* {said} */' if said else ''}\n"
-        for key, (value, said) in values.items()
+        f"#define {key} ({c_number(value)}){f' /* {comment} */' if comment else ''}\n"
+        for key, (value, comment) in values.items()
     ]
     return "".join(lines) + _transducer(ready.scene)
 
@@ -181,8 +180,8 @@ def _contacts(s: System, named: Any) -> str:
 
         _, force = contacts.formulas(contact, s.spring, "x", "u", 1.0, own, "held")
         cases += f"    case {k}: return {c_text(force)};\n"
-    sides = [each.side for _, each in pairs] or [0.0]
-    gaps = [each.gap for _, each in pairs] or [0.0]
+    sides = [contact.side for _, contact in pairs] or [0.0]
+    gaps = [contact.gap for _, contact in pairs] or [0.0]
     rows = {"SIDES": sides, "GAPS": gaps, "EDGES": contacts.edges(s.contacts)}
     arrays = "".join(
         f"static const double {key}[] = {{{', '.join(map(c_number, row))}}};\n"

@@ -54,10 +54,10 @@ class Variable(NamedTuple):
 
 def variables(scene: Scene) -> list[Variable]:
     """All variables, in the order that `sources/fmi.h` numbers them."""
-    ready = prepared(scene)
-    x, v, state = start_state(ready, 0)
-    length = ready.setting.length
-    state *= scene.transducer.state_unit(ready.setting)
+    setup = prepared(scene)
+    x, v, state = start_state(setup, 0)
+    length = setup.setting.length
+    state *= scene.transducer.state_unit(setup.setting)
     drawn = Variable("current", "input", "A", "Drawn out of the positive terminal", 0.0)
     across = Variable("voltage", "input", "V", "Across the terminals", 0.0)
     if isinstance(scene.transducer, PiezoTable):
@@ -97,22 +97,17 @@ def unit_files(scene: Scene, version: int) -> tuple[str, dict[str, str]]:
     return token, files
 
 
-def write_fmu(scene: Scene, output: str | Path, report: Callable[[str], None]) -> list[Path]:
+def write_fmu(scene: Scene, output: str | Path, *, report: Callable[[str], None]) -> list[Path]:
     """Write a scene's device as FMUs of both versions: SCENE.fmi2.fmu and SCENE.fmi3.fmu.
 
     Compiled for this machine where a C compiler is there; the sources are in them.
 
     Parameters
     ----------
-    scene : harvester.scene.model.Scene
     output : str or Path
         Folder.
     report : callable
         Told where no compiler is there.
-
-    Returns
-    -------
-    list of Path
 
     Raises
     ------
@@ -132,11 +127,12 @@ def write_fmu(scene: Scene, output: str | Path, report: Callable[[str], None]) -
 
 def _fmu(scene: Scene, version: int) -> bytes:
     """The zipped content of one FMU."""
-    name = identifier(scene.name)
+    # The scene's name as a C identifier.
+    name = re.sub(r"^(?=\d)", "_", re.sub(r"[^A-Za-z0-9_]", "_", scene.name))
     token, files = unit_files(scene, version)
-    content = {f"sources/{each}": text.encode() for each, text in files.items()}
+    content = {f"sources/{file}": text.encode() for file, text in files.items()}
     describe = _description2 if version == 2 else _description3
-    compiled = sorted(each for each in files if each.endswith(".c"))
+    compiled = sorted(file for file in files if file.endswith(".c"))
     content["modelDescription.xml"] = describe(scene, name, token, compiled).encode()
     if version == 3:
         content["sources/buildDescription.xml"] = _build_description(name, compiled).encode()
@@ -151,11 +147,6 @@ def _fmu(scene: Scene, version: int) -> bytes:
             # No time stamp is stored: the same scene gives the same bytes.
             archive.writestr(zipfile.ZipInfo(path), data, zipfile.ZIP_DEFLATED)
     return packed.getvalue()
-
-
-def identifier(name: str) -> str:
-    """A scene's name as a C identifier."""
-    return re.sub(r"^(?=\d)", "_", re.sub(r"[^A-Za-z0-9_]", "_", name))
 
 
 def platform_folder(version: int) -> str:
@@ -178,10 +169,17 @@ def _attributes(**values: object) -> str:
     )
 
 
-def _units() -> str:
-    return "".join(
+def _definitions(scene: Scene) -> str:
+    """Units and default experiment, up to the beginning of the variables."""
+    units = "".join(
         f"    <Unit name={quoteattr(name)}><BaseUnit{_attributes(**exponents)}/></Unit>\n"
         for name, exponents in UNITS.items()
+    )
+    stop = float(scene.run.duration)
+    experiment = _attributes(startTime=0.0, stopTime=stop, stepSize=EXCHANGE)
+    return (
+        f"  <UnitDefinitions>\n{units}  </UnitDefinitions>\n  <DefaultExperiment{experiment}/>\n"
+        "  <ModelVariables>\n"
     )
 
 
@@ -192,12 +190,6 @@ def _head(scene: Scene, version: str, token: str) -> str:
         description=f"Vibration energy harvester, scene {scene.name}",
         generationTool=f"harvester {__version__}", variableNamingConvention="structured",
     )  # fmt: skip
-
-
-def _experiment(scene: Scene) -> str:
-    stop = float(scene.run.duration)
-    values = _attributes(startTime=0.0, stopTime=stop, stepSize=EXCHANGE)
-    return f"  <DefaultExperiment{values}/>\n"
 
 
 def _kinds(each: Variable) -> dict[str, str | None]:
@@ -217,17 +209,16 @@ def _description2(scene: Scene, name: str, token: str, compiled: list[str]) -> s
         canInterpolateInputs="true",
     )  # fmt: skip
     text += f"  <CoSimulation{ability}>\n    <SourceFiles>\n"
-    text += "".join(f"      <File{_attributes(name=each)}/>\n" for each in compiled)
-    text += f"    </SourceFiles>\n  </CoSimulation>\n  <UnitDefinitions>\n{_units()}"
-    text += f"  </UnitDefinitions>\n{_experiment(scene)}  <ModelVariables>\n"
-    for reference, each in enumerate(listed):
-        shown = _attributes(
-            name=each.name, valueReference=reference, description=each.description,
-            causality=each.causality, **_kinds(each),
+    text += "".join(f"      <File{_attributes(name=file)}/>\n" for file in compiled)
+    text += f"    </SourceFiles>\n  </CoSimulation>\n{_definitions(scene)}"
+    for reference, variable in enumerate(listed):
+        attributes = _attributes(
+            name=variable.name, valueReference=reference, description=variable.description,
+            causality=variable.causality, **_kinds(variable),
         )  # fmt: skip
-        real = _attributes(unit=each.unit, start=each.start)
-        text += f"    <ScalarVariable{shown}><Real{real}/></ScalarVariable>\n"
-    outputs = [k for k, each in enumerate(listed, start=1) if each.causality == "output"]
+        real = _attributes(unit=variable.unit, start=variable.start)
+        text += f"    <ScalarVariable{attributes}><Real{real}/></ScalarVariable>\n"
+    outputs = [k for k, variable in enumerate(listed, start=1) if variable.causality == "output"]
     unknowns = "".join(f"      <Unknown{_attributes(index=k)}/>\n" for k in outputs)
     return (
         f"{text}  </ModelVariables>\n  <ModelStructure>\n    <Outputs>\n{unknowns}    </Outputs>\n"
@@ -240,15 +231,15 @@ def _description3(scene: Scene, name: str, token: str, compiled: list[str]) -> s
     """modelDescription.xml of FMI 3.0."""
     listed = variables(scene)
     ability = _attributes(modelIdentifier=name, canHandleVariableCommunicationStepSize="true")
-    text = f"{_head(scene, '3.0', token)}>\n  <CoSimulation{ability}/>\n  <UnitDefinitions>\n"
-    text += f"{_units()}  </UnitDefinitions>\n{_experiment(scene)}  <ModelVariables>\n"
-    for reference, each in enumerate(listed):
-        shown = _attributes(
-            name=each.name, valueReference=reference, description=each.description,
-            causality=each.causality, unit=each.unit, start=each.start, **_kinds(each),
+    text = f"{_head(scene, '3.0', token)}>\n  <CoSimulation{ability}/>\n{_definitions(scene)}"
+    for reference, variable in enumerate(listed):
+        attributes = _attributes(
+            name=variable.name, valueReference=reference, description=variable.description,
+            causality=variable.causality, unit=variable.unit, start=variable.start,
+            **_kinds(variable),
         )  # fmt: skip
-        text += f"    <Float64{shown}/>\n"
-    outputs = [k for k, each in enumerate(listed) if each.causality == "output"]
+        text += f"    <Float64{attributes}/>\n"
+    outputs = [k for k, variable in enumerate(listed) if variable.causality == "output"]
     structure = "".join(f"    <Output{_attributes(valueReference=k)}/>\n" for k in outputs)
     structure += "".join(f"    <InitialUnknown{_attributes(valueReference=k)}/>\n" for k in outputs)
     return (
@@ -259,7 +250,7 @@ def _description3(scene: Scene, name: str, token: str, compiled: list[str]) -> s
 
 def _build_description(name: str, compiled: list[str]) -> str:
     """sources/buildDescription.xml of FMI 3.0."""
-    files = "".join(f"      <SourceFile{_attributes(name=each)}/>\n" for each in compiled)
+    files = "".join(f"      <SourceFile{_attributes(name=file)}/>\n" for file in compiled)
     return (
         '<?xml version="1.0" encoding="UTF-8"?>\n<fmiBuildDescription fmiVersion="3.0">\n'
         f"  <BuildConfiguration{_attributes(modelIdentifier=name)}>\n"

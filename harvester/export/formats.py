@@ -1,12 +1,12 @@
-"""Formats of `harvester export` by name: each is a function that writes files and returns their
-paths.
+"""Formats of `harvester export` by name: each has a function that writes files and returns paths.
 
-A further kind is a function here and its entry in `FORMATS`. Its keyword arguments are those
-options of `harvester export` that it has.
+A further format is such a function and its entry in `FORMATS`. The function's optional arguments
+are those options of `harvester export` that the format has.
 """
 
 from __future__ import annotations
 
+import importlib
 import inspect
 from collections.abc import Callable
 from pathlib import Path
@@ -18,6 +18,17 @@ from harvester.files.plain_text import nearest
 if TYPE_CHECKING:
     from harvester.scene.model import Scene
 
+# Module and function of each format; a module is imported at its first use.
+FORMATS = {
+    "deck": ("deck", "write_deck"),
+    "subckt": ("block", "write_subcircuit"),
+    "verilog-a": ("block", "write_verilog_a"),
+    "fmu": ("fmu", "write_fmu"),
+    "c": ("device_code", "write_c"),
+    "csv": ("traces", "write_csv"),
+    "shepherd": ("traces", "write_shepherd"),
+}
+
 
 def write(
     scene: Scene,
@@ -26,19 +37,18 @@ def write(
     report: Callable[[str], None] = lambda text: None,
     **options: Any,
 ) -> list[Path]:
-    """Write a scene as one of the kinds.
+    """Write a scene in one of the formats.
 
     Parameters
     ----------
-    scene : harvester.scene.model.Scene
     kind : str
         A name in `FORMATS`.
     output : str or Path
         Folder; for a deck also a file, or - for standard output.
     report : callable
-        Told what the reader must know of what is written, in a line each.
+        Called with notes on what is written, in a line each.
     **options
-        Those of the kind; None stands for the kind's own default.
+        Options of the format; None stands for the format's default.
 
     Returns
     -------
@@ -48,120 +58,21 @@ def write(
     Raises
     ------
     HarvesterError
-        No such kind, or an option that it does not have.
+        No such format, or an option that it does not have.
     """
     if kind not in FORMATS:
         raise HarvesterError(
             f"--as {kind}: no such kind{nearest(kind, FORMATS)}; there are {', '.join(FORMATS)}"
         )
-    writer = FORMATS[kind]
-    given = {name: value for name, value in options.items() if value is not None}
-    known = inspect.signature(writer).parameters
-    for name in given:
-        if name not in known:
+    module, name = FORMATS[kind]
+    writer = getattr(importlib.import_module(f"harvester.export.{module}"), name)
+    arguments = {name: value for name, value in options.items() if value is not None}
+    parameters = inspect.signature(writer).parameters
+    for name in arguments:
+        if name not in parameters:
             raise HarvesterError(
                 f"--{name.replace('_', '-')}: `export --as {kind}` has no such option; leave it out"
             )
-    if "report" in known:
-        given["report"] = report
-    return writer(scene, output, **given)
-
-
-def deck(
-    scene: Scene,
-    output: str | Path,
-    *,
-    dialect: str = "ngspice",
-    step: str | float = "default",
-    realization: int = 0,
-) -> list[Path]:
-    """A whole deck with load and noise, see `harvester.export.deck.write_deck`."""
-    from harvester.export.deck import write_deck
-
-    return write_deck(scene, output, dialect, step, realization)
-
-
-def subckt(
-    scene: Scene,
-    output: str | Path,
-    *,
-    dialect: str = "ngspice",
-    step: str | float = "default",
-    realization: int = 0,
-    displacement_unit: float = 1e-3,
-    duration: float | None = None,
-) -> list[Path]:
-    """A sub-circuit in SI, see `harvester.export.block.write_subcircuit`."""
-    from harvester.export.block import write_subcircuit
-
-    return write_subcircuit(scene, output, dialect, step, realization, displacement_unit, duration)
-
-
-def verilog_a(
-    scene: Scene,
-    output: str | Path,
-    *,
-    step: str | float = "default",
-    realization: int = 0,
-    displacement_unit: float = 1e-3,
-    duration: float | None = None,
-) -> list[Path]:
-    """A Verilog-A module in SI, see `harvester.export.block.write_verilog_a`."""
-    from harvester.export.block import write_verilog_a
-
-    return write_verilog_a(scene, output, step, realization, displacement_unit, duration)
-
-
-def c(scene: Scene, output: str | Path) -> list[Path]:
-    """The device as C, see `harvester.export.device_code.write_c`."""
-    from harvester.export.device_code import write_c
-
-    return write_c(scene, output)
-
-
-def fmu(scene: Scene, output: str | Path, *, report: Callable[[str], None]) -> list[Path]:
-    """The device as FMUs of both versions, see `harvester.export.fmu.write_fmu`."""
-    from harvester.export.fmu import write_fmu
-
-    return write_fmu(scene, output, report)
-
-
-def csv(
-    scene: Scene,
-    output: str | Path,
-    *,
-    rate: float | None = None,
-    duration: float | None = None,
-    realization: int = 0,
-    report: Callable[[str], None],
-) -> list[Path]:
-    """Voltage and current over time, see `harvester.export.traces.write_csv`."""
-    from harvester.export.traces import write_csv
-
-    return write_csv(scene, output, rate, duration, realization, report)
-
-
-def shepherd(
-    scene: Scene,
-    output: str | Path,
-    *,
-    data: str = "ivsample",
-    duration: float | None = None,
-    realization: int = 0,
-    report: Callable[[str], None],
-) -> list[Path]:
-    """The same for the Shepherd testbed, see `harvester.export.traces.write_shepherd`."""
-    from harvester.export.traces import write_shepherd
-
-    return write_shepherd(scene, output, data, duration, realization, report)
-
-
-FORMATS: dict[str, Callable[..., list[Path]]] = {
-    "deck": deck,
-    "subckt": subckt,
-    "verilog-a": verilog_a,
-    "fmu": fmu,
-    "c": c,
-    "csv": csv,
-    "shepherd": shepherd,
-}
+    if "report" in parameters:
+        arguments["report"] = report
+    return writer(scene, output, **arguments)

@@ -30,8 +30,8 @@ def ltspice_symbol(name: str, library: str, pins: tuple[str, ...]) -> str:
         f"SYMATTR Description Vibration energy harvester {name}",
     ]
     for order, pin in enumerate(pins, start=1):
-        side, place = PLACES[pin]
-        x, y = (-64 if side == "left" else 64), -32 * place
+        side, position = PLACES[pin]
+        x, y = (-64 if side == "left" else 64), -32 * position
         lines += [f"PIN {x} {y} {side.upper()} 8", f"PINATTR PinName {pin}",
                   f"PINATTR SpiceOrder {order}"]  # fmt: skip
     return "\n".join(lines) + "\n"
@@ -67,11 +67,11 @@ def kicad_symbol(name: str, library: str, pins: tuple[str, ...]) -> str:
 
 
 def _kicad_pin(number, name):
-    side, place = PLACES[name]
+    side, position = PLACES[name]
     x, angle = (-10.16, 0) if side == "left" else (10.16, 180)
     kind = {"base": "input", "x": "output"}.get(name, "passive")
     font = "(effects (font (size 1.27 1.27)))"
     return (
-        f"      (pin {kind} line (at {x} {2.54 * place:g} {angle}) (length 2.54)\n"
+        f"      (pin {kind} line (at {x} {2.54 * position:g} {angle}) (length 2.54)\n"
         f'        (name "{name}" {font}) (number "{number}" {font}))\n'
     )

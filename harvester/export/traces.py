@@ -95,7 +95,6 @@ def record_trace(scene: Scene, rate: float, duration: float, realization: int) -
 
     Parameters
     ----------
-    scene : Scene
     rate : float
         Samples a second.
     duration : float
@@ -104,17 +103,17 @@ def record_trace(scene: Scene, rate: float, duration: float, realization: int) -
         Whose excitation.
     """
     scene = scene.replace({"run.duration": duration})
-    ready, engine, load = prepared(scene), MonteCarlo(), scene.load.circuit
+    setup, engine, load = prepared(scene), MonteCarlo(), scene.load.circuit
     engine.check(scene)
     start = scene.run.settle
     terminals = _Points()
     output = _Points() if load and load.has_output else None
-    engine.prepare(ready)
+    engine.prepare(setup)
     engine.run_realizations(
-        ready,
-        [noise_path(ready, realization)],
-        [start_state(ready, realization)],
-        with_range_watch(ready, [[terminals]]),
+        setup,
+        [noise_path(setup, realization)],
+        [start_state(setup, realization)],
+        with_range_watch(setup, [[terminals]]),
         [output] if output else None,
     )
     # Without a resistor across the output, the trace is that of the terminals.
@@ -122,12 +121,12 @@ def record_trace(scene: Scene, rate: float, duration: float, realization: int) -
     if output and output.conductance > 0.0:
         time, voltage, power = output.points()
         power = output.conductance * power
-    voltage, power = voltage * ready.scales.voltage, power * ready.scales.power
+    voltage, power = voltage * setup.scales.voltage, power * setup.scales.power
     size = np.abs(voltage)
-    known = size > LEAST_VOLTAGE * size.max(initial=0.0)
-    if not known.any():
+    nonzero = size > LEAST_VOLTAGE * size.max(initial=0.0)
+    if not nonzero.any():
         raise ExportError(f"{scene.name}: the load's voltage is zero all along: nothing to record")
-    current = np.interp(time, time[known], power[known] / voltage[known])
+    current = np.interp(time, time[nonzero], power[nonzero] / voltage[nonzero])
     return _sampled(time, voltage, current, power, rate, start, duration)
 
 
@@ -142,8 +141,8 @@ def _sampled(time, voltage, current, power, rate, start, duration):
     # the last.
     ends = np.clip(at[[0, -1]] + np.array([-0.5, 0.5]) / rate, time[0], time[-1])
     product = sampled[0] * sampled[1]
-    given = product[product > 0.0].sum()
-    returned = 1.0 - product.sum() / given if given > 0.0 else 0.0
+    delivered = product[product > 0.0].sum()
+    returned = 1.0 - product.sum() / delivered if delivered > 0.0 else 0.0
     return Trace(
         rate=rate,
         voltage=np.abs(sampled[0]),
@@ -162,29 +161,30 @@ def with_resistor(scene: Scene, resistance: float) -> Scene:
 def replay_loss(scene: Scene, trace: Trace, realization: int) -> str:
     """A sentence that compares a live device at other loads with the replay of its trace."""
     power = trace.voltage * trace.current
-    own = float(np.mean(trace.voltage**2) / np.mean(power))
+    reference = float(np.mean(trace.voltage**2) / np.mean(power))
     duration, recorded = trace.voltage.size / trace.rate, float(np.mean(power))
     live = []
     for factor in OTHER_LOADS:
-        other = with_resistor(scene, factor * own)
-        there = record_trace(other, trace.rate, duration, realization)
-        live.append((factor * own, float(np.mean(there.voltage * there.current))))
-    shown = "; ".join(
-        f"{found:.3g} W at {resistance:.3g} Ω, {found / recorded - 1.0:+.0%}"
-        for resistance, found in live
+        other = with_resistor(scene, factor * reference)
+        live_trace = record_trace(other, trace.rate, duration, realization)
+        live.append((factor * reference, float(np.mean(live_trace.voltage * live_trace.current))))
+    comparisons = "; ".join(
+        f"{watts:.3g} W at {resistance:.3g} Ω, {watts / recorded - 1.0:+.0%}"
+        for resistance, watts in live
     )
     return (
-        f"recorded at {own:.3g} Ω (V² over power): {recorded:.3g} W. A replay offers this whatever "
-        f"is drawn; the live device gives {shown}"
+        f"recorded at {reference:.3g} Ω (V² over power): {recorded:.3g} W. A replay offers this "
+        f"whatever is drawn; the live device gives {comparisons}"
     )
 
 
 def write_csv(
     scene: Scene,
     output: str | Path,
-    rate: float | None,
-    duration: float | None,
-    realization: int,
+    rate: float | None = None,
+    duration: float | None = None,
+    realization: int = 0,
+    *,
     report: Callable[[str], None],
 ) -> list[Path]:
     """Write time (s), voltage (V) and current (A) of a scene's load as SCENE-trace.csv.
@@ -203,10 +203,6 @@ def write_csv(
         Whose excitation.
     report : callable
         Told beforehand how large the file will be, and afterwards what a replay loses.
-
-    Returns
-    -------
-    list of Path
 
     Raises
     ------
@@ -228,9 +224,10 @@ def write_csv(
 def write_shepherd(
     scene: Scene,
     output: str | Path,
-    data: str,
-    duration: float | None,
-    realization: int,
+    data: str = "ivsample",
+    duration: float | None = None,
+    realization: int = 0,
+    *,
     report: Callable[[str], None],
 ) -> list[Path]:
     """Write a scene's load, or its open and shorted terminals, as Shepherd's SCENE-DATA.h5.
@@ -262,19 +259,19 @@ def write_shepherd(
 def _extremes(scene, duration, realization, report):
     """Open-circuit voltage and short-circuit current; reports the power of a straight line
     between."""
-    ready = prepared(scene)
-    rate = timescales.angular_frequency(ready.system)
+    setup = prepared(scene)
+    rate = timescales.angular_frequency(setup.system)
     matched = scene.transducer.matched_resistance(rate)
     opened, shorted, live = (
         record_trace(with_resistor(scene, factor * matched), SHEPHERD_RATE, duration, realization)
         for factor in (OPEN, SHORTED, 1.0)
     )
     promised = float(np.mean(opened.voltage * shorted.current)) / 4.0
-    given = float(np.mean(live.voltage * live.current))
+    delivered = float(np.mean(live.voltage * live.current))
     report(
         "open voltage and shorted current are of two runs, as the motion differs. A straight line "
-        f"between them promises {promised:.3g} W at its best; the live device gives {given:.3g} W "
-        f"at its matched {matched:.3g} Ω"
+        f"between them promises {promised:.3g} W at its best; the live device gives "
+        f"{delivered:.3g} W at its matched {matched:.3g} Ω"
     )
     return opened.voltage, shorted.current
 

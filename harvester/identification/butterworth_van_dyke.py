@@ -46,7 +46,7 @@ SYMBOLS = dict(zip(NUMBERS, ("fs", "fp", "Cp", "k²", "Q", "tan δ"), strict=Tru
 
 
 @dataclass(frozen=True)
-class Circuit:
+class ButterworthVanDyke:
     """A fitted circuit.
 
     Attributes
@@ -91,10 +91,6 @@ class Circuit:
         variances = np.einsum("ij,jk,ik->i", slopes, self.covariance, slopes)
         return dict(zip(NUMBERS, map(float, np.sqrt(variances)), strict=True))
 
-    def nearest_mode(self, frequency: float) -> int:
-        """The mode whose resonance lies nearest to a frequency (Hz), by their ratio."""
-        return int(np.argmin(np.abs(np.log(self.resonances / frequency))))
-
 
 def jacobian(function: Callable[[np.ndarray], np.ndarray], at: np.ndarray) -> np.ndarray:
     """∂function/∂parameters by central differences, shape (values, parameters)."""
@@ -133,7 +129,7 @@ def _slopes(frequency, parameters):
     return -np.column_stack(columns) / branches.sum(axis=1)[:, None]
 
 
-def fitted_circuit(frequency: np.ndarray, impedance: np.ndarray, where: str) -> Circuit:
+def fitted_circuit(frequency: np.ndarray, impedance: np.ndarray, where: str) -> ButterworthVanDyke:
     """The circuit of an impedance: as many modes as it shows.
 
     Parameters
@@ -176,18 +172,23 @@ def fitted_circuit(frequency: np.ndarray, impedance: np.ndarray, where: str) -> 
 _EQUAL = (1.0, 1.0)
 
 
-def _linear(frequency, impedance, shapes):
-    """C0, tan δ and each mode's capacitance, its (fs, Q) given: least relative error of Y."""
+def _equations(frequency, impedance, shapes):
+    """Matrix and right-hand side of Y(f) Z(f) = 1, linear in the capacitances, as real numbers."""
     rate = 2j * math.pi * frequency
     columns = [rate, -1j * rate, *(_unit_branch(frequency, *shape) for shape in shapes)]
-    table = _stacked(np.column_stack(columns) * impedance[:, None])
-    wanted = _stacked(np.ones((frequency.size, 1)))[:, 0]
+    target = np.concatenate([np.ones(frequency.size), np.zeros(frequency.size)])
+    return _stacked(np.column_stack(columns) * impedance[:, None]), target
+
+
+def _linear(frequency, impedance, shapes):
+    """C0, tan δ and each mode's capacitance, its (fs, Q) given: least relative error of Y."""
+    table, target = _equations(frequency, impedance, shapes)
     sizes = np.abs(table).max(axis=0)
-    found = np.linalg.lstsq(table / sizes, wanted, rcond=None)[0] / sizes
-    largest = np.abs(found).max()
-    clamped = max(found[0], 1e-3 * largest)
-    parameters = [math.log(clamped), found[1] / clamped]
-    for shape, motional in zip(shapes, found[2:], strict=True):
+    coefficients = np.linalg.lstsq(table / sizes, target, rcond=None)[0] / sizes
+    largest = np.abs(coefficients).max()
+    clamped = max(coefficients[0], 1e-3 * largest)
+    parameters = [math.log(clamped), coefficients[1] / clamped]
+    for shape, motional in zip(shapes, coefficients[2:], strict=True):
         parameters += [*np.log(shape), math.log(max(motional, 1e-6 * largest))]
     return np.array(parameters)
 
@@ -204,12 +205,10 @@ def _stacked(table):
 
 def _with_another(frequency, impedance, parameters):
     """Parameters with the mode that takes most off the relative error of Y."""
-    shapes = [tuple(np.exp(each[:2])) for each in parameters[2:].reshape(-1, 3)]
-    rate = 2j * math.pi * frequency
-    columns = [rate, -1j * rate, *(_unit_branch(frequency, *shape) for shape in shapes)]
-    basis, _ = np.linalg.qr(_stacked(np.column_stack(columns) * impedance[:, None]))
-    wanted = _stacked(np.ones((frequency.size, 1)))[:, 0]
-    wanted = wanted - basis @ (basis.T @ wanted)
+    shapes = [tuple(np.exp(row[:2])) for row in parameters[2:].reshape(-1, 3)]
+    table, target = _equations(frequency, impedance, shapes)
+    basis, _ = np.linalg.qr(table)
+    target = target - basis @ (basis.T @ target)
     places = frequency[1:-1][:: max(1, math.ceil(frequency.size / MOST_PLACES))]
     best, most = (places[0], QUALITIES[0]), 0.0
     for quality in QUALITIES:
@@ -218,14 +217,19 @@ def _with_another(frequency, impedance, parameters):
         sizes = np.linalg.norm(table, axis=0)
         table = table - basis @ (basis.T @ table)
         norms = np.linalg.norm(table, axis=0)
-        along = wanted @ table
+        along = target @ table
         # Only branches with a positive motional capacitance are candidates.
         gains = np.where((along > 0.0) & (norms > 1e-6 * sizes), along / norms, 0.0)
         if gains.max() > most:
             most, best = float(gains.max()), (float(places[gains.argmax()]), float(quality))
     begun = _linear(frequency, impedance, [*shapes, best])
-    order = np.argsort(begun[2::3])
-    return np.concatenate([begun[:2], begun[2:].reshape(-1, 3)[order].ravel()])
+    return _by_frequency(begun)
+
+
+def _by_frequency(parameters):
+    """Parameters with the modes sorted by their resonances."""
+    order = np.argsort(parameters[2::3])
+    return np.concatenate([parameters[:2], parameters[2:].reshape(-1, 3)[order].ravel()])
 
 
 def _polished(frequency, impedance, begun, noise):
@@ -245,14 +249,12 @@ def _polished(frequency, impedance, begun, noise):
 
     with np.errstate(all="ignore"):
         try:
-            found = least_squares(
+            solution = least_squares(
                 residuals, begun, slopes, method="lm", x_scale=1.0, xtol=1e-12, ftol=1e-12
             )
         except ValueError:
             return begun, math.inf
-    order = np.argsort(found.x[2::3])
-    parameters = np.concatenate([found.x[:2], found.x[2:].reshape(-1, 3)[order].ravel()])
-    return parameters, float(2.0 * found.cost)
+    return _by_frequency(solution.x), float(2.0 * solution.cost)
 
 
 def _concluded(frequency, impedance, parameters):
@@ -273,7 +275,7 @@ def _concluded(frequency, impedance, parameters):
         normal += columns.T @ columns / (size**2 * _correlation(residuals))
     scale = np.sqrt(np.diag(normal))
     covariance = np.linalg.pinv(normal / np.outer(scale, scale)) / np.outer(scale, scale)
-    return Circuit(parameters, covariance, noise)
+    return ButterworthVanDyke(parameters, covariance, noise)
 
 
 def _correlation(residuals):
@@ -292,20 +294,15 @@ def _correlation(residuals):
     return total
 
 
-def check_width(frequency: np.ndarray, circuit: Circuit, mode: int, where: str) -> None:
-    """Refuse a resonance over which too few points lie.
-
-    Raises
-    ------
-    IdentificationError
-    """
-    known = circuit.numbers(mode)
-    resonance = known["series_resonance"]
-    width = resonance / known["quality"]
+def check_width(frequency: np.ndarray, circuit: ButterworthVanDyke, mode: int, where: str) -> None:
+    """Raise IdentificationError if too few points lie over a resonance."""
+    branch = circuit.numbers(mode)
+    resonance = branch["series_resonance"]
+    width = resonance / branch["quality"]
     inside = np.abs(frequency - resonance) <= 0.5 * width
     # Where the series and the parallel resonance are farther apart than the width, all points
     # between them count.
-    between = (frequency >= resonance) & (frequency <= known["parallel_resonance"])
+    between = (frequency >= resonance) & (frequency <= branch["parallel_resonance"])
     points = int(np.count_nonzero(inside | between))
     if points < FEWEST_OVER_WIDTH:
         raise IdentificationError(

@@ -1,11 +1,16 @@
-"""Other models of the same device: with one part more than the scene, or with one part less."""
+"""Other models of the same device: with one part more than the scene, or with one part less.
+
+Where a model leaves more than the sensors' noise, effects of sensors (filters, delays, signs) are
+tried too. A high-pass, a delay and a low-pass turn a residual's phase with the frequency. The slope
+of the cost at zero strength estimates what each of them would gain (a score test), so that only the
+most promising are fitted.
+"""
 
 from __future__ import annotations
 
-import contextlib
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -15,7 +20,8 @@ from harvester.identification.fitted_model import MISSED_SHARE, MOST_NOISE, NOTE
 from harvester.identification.fitting import fitted
 from harvester.identification.measured_response import MeasuredResponse
 from harvester.identification.proof import blocks_of, sensor_noise
-from harvester.identification.sensor_candidates import promising, turned
+from harvester.identification.sensors import HIGHPASSES
+from harvester.identification.unknowns import unknowns
 
 if TYPE_CHECKING:
     from harvester.identification.measurement import Measurement
@@ -35,6 +41,10 @@ SOFT_RANGE = 1.25
 # A model predicts better if its mean square error is lower by more than this many standard errors,
 # and its rms error by more than the share `NOTED`.
 SURE = 3.0
+# An effect is fitted if it promises to lower the cost by this share; at most so many are fitted.
+PROMISING, MOST_FITTED = 0.02, 2
+# A mean is an offset beyond so many standard errors and this share of the channel's deviation.
+OFFSET_ERRORS, LEAST_OFFSET = 3.0, 0.01
 
 
 @dataclass(frozen=True)
@@ -45,7 +55,6 @@ class Candidate:
     ----------
     name : str
         How it differs, such as "with drag"; "as given" for the scene's own.
-    fitted : Fitted
     better : float
         Logarithm of the mean square error on what was kept aside over that of the scene's model,
         on average over blocks; negative: better.
@@ -82,17 +91,14 @@ def candidates(
     ----------
     base : Fitted
         The scene's own.
-    measurements : sequence of Measurement
-    sizes : dict of str to float
     start : Scene
         The scene before the fit.
     is_noise : bool
         Whether the scene's own model leaves only the sensors' noise; else sensor effects are tried
         too.
     """
-    found = [Candidate("as given", base, 0.0, 0.0)]
-    keys = base.keys
-    for name, scene, free in variants(base.scene, keys, sizes):
+    models = [Candidate("as given", base, 0.0, 0.0)]
+    for name, scene, free in variants(base.scene, base.keys, sizes):
         # A fit of a wrong model does not converge to one with stoppers: such a variant starts from
         # scratch.
         anew = scene.stoppers and not base.scene.stoppers and not base.adequate
@@ -102,32 +108,27 @@ def candidates(
             if is_noise and base.adequate:
                 continue
             anew = True
-        try:
-            other = fitted(scene, measurements, free, sizes, warm=None if anew else base)
-        except HarvesterError:
-            continue
-        found.append(Candidate(name, other, *_compared(base, other)))
-    if not is_noise:
-        found += _of_sensors(base, measurements, sizes, start)
-    return found
-
-
-def _of_sensors(base, measurements, sizes, start):
-    """Models with sensor effects: small ones first, then columns of another sign or frame."""
-    if isinstance(measurements[0], MeasuredResponse):
-        return []
-    found = []
+        models += _tried(name, base, scene, measurements, free, sizes, None if anew else base)
+    if is_noise or isinstance(measurements[0], MeasuredResponse):
+        return models
+    # Small effects of sensors come first, then columns of another sign or frame.
+    effects = []
     for trial in promising(base, measurements, sizes):
-        with contextlib.suppress(HarvesterError):
-            other = fitted(base.scene, measurements, [*base.keys, *trial.keys], sizes, warm=base)
-            found.append(Candidate(trial.name, other, *_compared(base, other)))
-    if any(each.is_better and _explains_all(each.fitted) for each in found):
-        return found
-    for trial in turned(measurements):
-        with contextlib.suppress(HarvesterError):
-            other = fitted(start, trial.measurements, base.keys, sizes)
-            found.append(Candidate(trial.name, other, *_compared(base, other)))
-    return found
+        keys = [*base.keys, *trial.keys]
+        effects += _tried(trial.name, base, base.scene, measurements, keys, sizes, base)
+    if not any(model.is_better and _explains_all(model.fitted) for model in effects):
+        for trial in turned(measurements):
+            effects += _tried(trial.name, base, start, trial.measurements, base.keys, sizes, None)
+    return models + effects
+
+
+def _tried(name, base, scene, measurements, keys, sizes, warm):
+    """The candidate alone in a list; an empty list where it cannot be fitted."""
+    try:
+        other = fitted(scene, measurements, keys, sizes, warm)
+    except HarvesterError:
+        return []
+    return [Candidate(name, other, *_compared(base, other))]
 
 
 def _explains_all(fitted):
@@ -151,17 +152,17 @@ def _compared(base, other):
     ratios: list[float] = []
     for mine, theirs in zip(base.stretches, other.stretches, strict=True):
         units = np.sqrt(np.mean(mine.residuals**2, axis=0))
-        own, new = (
-            np.array([np.mean(part**2) for part in blocks_of(each.residuals / units)])
-            for each in (mine, theirs)
+        old, new = (
+            np.array([np.mean(part**2) for part in blocks_of(stretch.residuals / units)])
+            for stretch in (mine, theirs)
         )
-        ratios += [float(ratio) for ratio in np.log(new / own)]
+        ratios += [float(ratio) for ratio in np.log(new / old)]
     return float(np.mean(ratios)), float(np.std(ratios, ddof=1)) / math.sqrt(len(ratios))
 
 
 def proposed(found: Sequence[Candidate]) -> Candidate:
     """The simplest that predicts as well as the best."""
-    return min(_of_the_best(found), key=lambda each: (len(each.fitted.keys), each.better))
+    return min(_of_the_best(found), key=lambda model: (len(model.fitted.keys), model.better))
 
 
 def rivals(found: Sequence[Candidate]) -> list[Candidate]:
@@ -169,35 +170,35 @@ def rivals(found: Sequence[Candidate]) -> list[Candidate]:
     between them."""
     best = proposed(found)
     return [
-        each
-        for each in _of_the_best(found)
-        if each is not best and len(each.fitted.keys) == len(best.fitted.keys)
+        model
+        for model in _of_the_best(found)
+        if model is not best and len(model.fitted.keys) == len(best.fitted.keys)
     ]
 
 
 def _of_the_best(found):
     """Candidates that predict as well as the best, within two standard errors or `NOTED`."""
-    best = min(found, key=lambda each: each.better)
+    best = min(found, key=lambda model: model.better)
     if not best.is_better:
-        return [each for each in found if each.is_as_good]
+        return [model for model in found if model.is_as_good]
     return [
-        each
-        for each in found
-        if each.better - best.better < max(2.0 * math.hypot(each.error, best.error), 2.0 * NOTED)
+        model
+        for model in found
+        if model.better - best.better < max(2.0 * math.hypot(model.error, best.error), 2.0 * NOTED)
     ]
 
 
 def variants(scene: Scene, keys: Sequence[str], sizes: dict[str, float]) -> list:
     """(name, scene, keys) of the models that differ by one part."""
-    found = []
+    models = []
     for make in (_symmetry, _cubic, _richer, _plainer, _softening, _drag, _stoppers):
         try:
-            made = make(scene, list(keys), sizes)
+            variant = make(scene, list(keys), sizes)
         except HarvesterError:
             continue
-        if made:
-            found.append(made)
-    return found
+        if variant:
+            models.append(variant)
+    return models
 
 
 def _force(scene):
@@ -206,13 +207,16 @@ def _force(scene):
     return [k or 0.0 for k in scene.oscillator.coefficients]
 
 
-def _spring_keys(keys, force):
-    """Keys with those of the short form as places in the list; and the others."""
-    places = {
-        "oscillator.linear_stiffness": FORCE.format(1),
-        "oscillator.cubic_stiffness": FORCE.format(3),
-    }
-    return [places.get(key, key) for key in keys]
+def _with_spring(name, scene, keys, force, added=(), left_out=(), others=None):
+    """A variant with other coefficients, of which some powers become free and some do not stay so.
+
+    `others` are further changes of the scene.
+    """
+    short = {"oscillator.linear_stiffness": 1, "oscillator.cubic_stiffness": 3}
+    keys = [FORCE.format(short[key]) if key in short else key for key in keys]
+    dropped = {FORCE.format(n) for n in left_out}
+    free = [*(key for key in keys if key not in dropped), *(FORCE.format(n) for n in added)]
+    return name, scene.replace({"oscillator.restoring_force": force, **(others or {})}), free
 
 
 def _symmetry(scene, keys, sizes):
@@ -220,15 +224,12 @@ def _symmetry(scene, keys, sizes):
     force = _force(scene)
     even = [n for n in range(2, len(force), 2) if force[n] != 0.0]
     if even:
-        plain = [0.0 if n in even else k for n, k in enumerate(force)]
-        left_out = {FORCE.format(n) for n in even}
-        kept = [key for key in _spring_keys(keys, force) if key not in left_out]
-        return "symmetric spring", scene.replace({"oscillator.restoring_force": plain}), kept
+        odd = [0.0 if n in even else k for n, k in enumerate(force)]
+        return _with_spring("symmetric spring", scene, keys, odd, left_out=even)
     if len(force) < 4 or force[3] == 0.0:
         return None
     force[2] = LITTLE * sizes[FORCE.format(2)]
-    uneven = scene.replace({"oscillator.restoring_force": force})
-    return "asymmetric spring", uneven, [*_spring_keys(keys, force), FORCE.format(2)]
+    return _with_spring("asymmetric spring", scene, keys, force, added=[2])
 
 
 def _cubic(scene, keys, sizes):
@@ -237,16 +238,9 @@ def _cubic(scene, keys, sizes):
     if len(force) > 4 or force[1] <= 0.0:
         return None
     if len(force) == 4 and force[3] != 0.0:
-        linear = scene.replace({"oscillator.restoring_force": [force[0], force[1]]})
-        nonlinear = {FORCE.format(2), FORCE.format(3)}
-        return (
-            "linear spring",
-            linear,
-            [key for key in _spring_keys(keys, force) if key not in nonlinear],
-        )
+        return _with_spring("linear spring", scene, keys, force[:2], left_out=[2, 3])
     force = [*force[:2], 0.0, LITTLE * sizes[FORCE.format(3)]]
-    cubic = scene.replace({"oscillator.restoring_force": force})
-    return "cubic spring", cubic, [*_spring_keys(keys, force), FORCE.format(3)]
+    return _with_spring("cubic spring", scene, keys, force, added=[3])
 
 
 def _degree(force):
@@ -271,9 +265,7 @@ def richer(
     force = [*force[: degree + 1], 0.0, 0.0]
     for n in added:
         force[n] = LITTLE * sizes[FORCE.format(n)]
-    higher = scene.replace({"oscillator.restoring_force": force})
-    free = [*_spring_keys(keys, force), *(FORCE.format(n) for n in added)]
-    return f"spring up to power {degree + 2}", higher, free
+    return _with_spring(f"spring up to power {degree + 2}", scene, keys, force, added=added)
 
 
 def _plainer(scene, keys, sizes):
@@ -282,11 +274,9 @@ def _plainer(scene, keys, sizes):
     degree = _degree(force)
     if degree <= 3:
         return None
-    kept = 3 + 2 * ((degree - 4) // 2)
-    lower = scene.replace({"oscillator.restoring_force": force[: kept + 1]})
-    left_out = {FORCE.format(n) for n in range(kept + 1, len(force))}
-    free = [key for key in _spring_keys(keys, force) if key not in left_out]
-    return f"spring only up to power {kept}", lower, free
+    power = 3 + 2 * ((degree - 4) // 2)
+    left_out, name = range(power + 1, len(force)), f"spring only up to power {power}"
+    return _with_spring(name, scene, keys, force[: power + 1], left_out=left_out)
 
 
 def _softening(scene, keys, sizes):
@@ -299,32 +289,127 @@ def _softening(scene, keys, sizes):
         return None
     force[3] = -LITTLE * sizes[FORCE.format(3)]
     reach = SOFT_RANGE * sizes["stoppers.gap"]
-    soft = scene.replace(
-        {
-            "oscillator.restoring_force": force,
-            "oscillator.restoring_force_range": [-reach, reach],
-        }
-    )
-    free = [key for key in _spring_keys(keys, force) if key != FORCE.format(3)]
-    return "softening spring", soft, [*free, FORCE.format(3)]
+    limit = {"oscillator.restoring_force_range": [-reach, reach]}
+    return _with_spring("softening spring", scene, keys, force, [3], [3], limit)
 
 
 def _drag(scene, keys, sizes):
     """The variant without the air's drag, or with it."""
     key = "oscillator.quadratic_damping"
     if scene.oscillator.quadratic_damping > 0.0:
-        return "no drag", scene.replace({key: 0.0}), [each for each in keys if each != key]
+        return "no drag", scene.replace({key: 0.0}), [name for name in keys if name != key]
     return "drag", scene.replace({key: LITTLE * sizes[key]}), [*keys, key]
 
 
 def _stoppers(scene, keys, sizes):
     """The variant without stoppers, or with a pair near the greatest displacement."""
     if scene.stoppers:
-        kept = [key for key in keys if not key.startswith("stoppers")]
-        return "no stoppers", scene.replace(stoppers=None), kept
+        free = [key for key in keys if not key.startswith("stoppers")]
+        return "no stoppers", scene.replace(stoppers=None), free
     table = {
         "gap": STOPPER_PLACE * sizes["stoppers.gap"],
         "stiffness": STOPPER_STIFFNESS * sizes["stoppers.stiffness"],
         "restitution": 0.7,
     }
     return "stoppers", scene.replace(stoppers=table), [*keys, "stoppers.gap", "stoppers.stiffness"]
+
+
+@dataclass(frozen=True)
+class Trial:
+    """Records and unknowns of a candidate.
+
+    Attributes
+    ----------
+    keys : list of str
+        Keys of the free values: the sensors' beside the device's.
+    """
+
+    name: str
+    measurements: Sequence[Measurement]
+    keys: list[str]
+
+
+def effects_of(base: Fitted, measurements: Sequence[Measurement]) -> list[Trial]:
+    """Effects that can be free: all that are not yet, by the channels that there are."""
+    outputs = list(measurements[0].sensed)
+    effects = {"AC-coupled accelerometer": ["sensor.acceleration_highpass"]}
+    effects["delay between the channels"] = [f"sensor.{output}_delay" for output in outputs]
+    effects |= {f"low-pass of the {output}": [f"sensor.{output}_filter"] for output in outputs}
+    if "voltage" in outputs:
+        effects["AC-coupled voltage"] = ["sensor.voltage_highpass"]
+    specified = {key for record in measurements for key in record.sensors}
+    return [
+        Trial(name, measurements, keys)
+        for name, keys in effects.items()
+        if not {*keys} & {*base.keys, *specified}
+    ]
+
+
+def promising(
+    base: Fitted, measurements: Sequence[Measurement], sizes: dict[str, float]
+) -> list[Trial]:
+    """The effects that would lower the cost most, to first order."""
+    trials = effects_of(base, measurements)
+    keys = [key for trial in trials for key in trial.keys]
+    if not keys:
+        return []
+    count = len(base.keys)
+    problem = base.with_more(unknowns(base.scene, keys, sizes), sizes, base.scene, base.keys)
+    if problem is None:
+        return []
+    shooting, fit = problem
+    normal, gradient = shooting.reduced(fit)
+    least = _promised(normal, gradient, range(count))[0]
+    gains = []
+    for trial in trials:
+        places = [*range(count), *(count + keys.index(key) for key in trial.keys)]
+        gain, step = _promised(normal, gradient, places)
+        bounded = trial.keys[0].endswith(("_filter", *HIGHPASSES))
+        if not (bounded and step[count] < 0.0) and gain - least > PROMISING * fit.cost:
+            gains.append((gain, trial))
+    return [trial for _, trial in sorted(gains, key=lambda pair: -pair[0])[:MOST_FITTED]]
+
+
+def _promised(normal, gradient, places):
+    """Expected decrease of the cost by a step in some unknowns, and that step."""
+    some = list(places)
+    step = -np.linalg.lstsq(normal[np.ix_(some, some)], gradient[some], rcond=1e-12)[0]
+    return float(-gradient[some] @ step), step
+
+
+def turned(measurements: Sequence[Measurement]) -> list[Trial]:
+    """Records whose columns mean something else: without an offset, another sign, another frame."""
+    outputs = list(measurements[0].sensed)
+    trials = _without_mean(measurements, "voltage") + _without_mean(measurements, "velocity")
+    # With one channel one sign is enough: the other gives the mirrored device.
+    turnable = ["acceleration"] if outputs[0] != "voltage" else ["voltage"]
+    turnable += ["acceleration"] if len(outputs) > 1 and turnable == ["voltage"] else []
+    for name in turnable:
+        key = f"sensor.{name}_scale"
+        if any(key in record.sensors for record in measurements):
+            continue
+        swapped = [
+            replace(record, sensors={**record.sensors, key: -1.0}) for record in measurements
+        ]
+        trials.append(Trial(f"swapped polarity of the {name}", swapped, []))
+    if "velocity" in outputs and not any(record.velocity_is_absolute for record in measurements):
+        moved = [replace(record, velocity_is_absolute=True) for record in measurements]
+        trials.append(Trial("velocity in the room", moved, []))
+    return trials
+
+
+def _without_mean(measurements, name):
+    """The records without the means of a channel that has none over long times, if those show."""
+    key, changed, largest = f"sensor.{name}_offset", [], 0.0
+    for record in measurements:
+        values = record.sensed.get(name)
+        if values is None or key in record.sensors:
+            return []
+        means = np.array([float(np.mean(part)) for part in blocks_of(values)])
+        mean, error = float(means.mean()), float(np.std(means, ddof=1)) / math.sqrt(means.size)
+        if abs(mean) > max(OFFSET_ERRORS * error, LEAST_OFFSET * float(np.std(values))):
+            largest = max(largest, mean, key=abs)
+        changed.append(replace(record, sensors={**record.sensors, key: mean}))
+    if not largest:
+        return []
+    return [Trial(f"offset of the {name} (its mean, {key} = {largest:.3g})", changed, [])]

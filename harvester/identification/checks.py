@@ -8,9 +8,11 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from harvester.errors import IdentificationError
+from harvester.files.plain_text import named, nearest
 from harvester.identification.measured_response import MeasuredResponse
 from harvester.identification.reconstruction import frequencies
 from harvester.identification.sensors import VELOCITY_SCALE
+from harvester.scene.numbers import numbers
 from harvester.scene.units import require_resistor
 
 if TYPE_CHECKING:
@@ -46,17 +48,17 @@ def check_records(scene: Scene, measurements: Sequence[Measurement]) -> None:
             "--record: name at least one measured record, or an impedance by --impedance"
         )
     shared = set(measurements[0].sensed)
-    for each in measurements:
-        require_resistor(scene.replace(each.changes), "identify")
-        if each.sensed and not shared & set(each.sensed):
+    for record in measurements:
+        require_resistor(scene.replace(record.changes), "identify")
+        if record.sensed and not shared & set(record.sensed):
             raise IdentificationError(
-                f"{each.name}: measures {', '.join(each.sensed)}, and the first record "
+                f"{record.name}: measures {', '.join(record.sensed)}, and the first record "
                 f"{', '.join(sorted(shared))}: records need a quantity in common"
             )
-        if isinstance(each, MeasuredResponse):
-            each.check()
+        if isinstance(record, MeasuredResponse):
+            record.check()
         else:
-            _check_record(each)
+            _check_record(record)
 
 
 def scale_is_missing(record: Measurement | MeasuredResponse) -> bool:
@@ -65,23 +67,50 @@ def scale_is_missing(record: Measurement | MeasuredResponse) -> bool:
 
 
 def check_volts(measurements: Sequence[Measurement], keys: Sequence[str]) -> None:
-    """Refuse a velocity in volts whose scale is neither given nor to be found.
-
-    Raises
-    ------
-    IdentificationError
-    """
-    for each in filter(scale_is_missing, measurements):
+    """Raise IdentificationError if the scale of a velocity in volts is neither given nor free."""
+    for record in filter(scale_is_missing, measurements):
         if VELOCITY_SCALE not in keys:
             raise IdentificationError(
-                f"{each.name}: the velocity is in volts: name its scale with --free "
+                f"{record.name}: the velocity is in volts: name its scale with --free "
                 f"{VELOCITY_SCALE}, or give it behind the file as {VELOCITY_SCALE}=VOLTS_PER_M/S"
             )
-        if len(each.outputs) == 1:
+        if len(record.outputs) == 1:
             raise IdentificationError(
-                f"{each.name}: a velocity in volts alone does not tell its scale: give it behind "
+                f"{record.name}: a velocity in volts alone does not tell its scale: give it behind "
                 f"the file as {VELOCITY_SCALE}=VOLTS_PER_M/S, or name a voltage or a displacement"
             )
+
+
+def check_kept_aside(
+    scene: Scene,
+    fitted: Sequence[Measurement | MeasuredResponse],
+    aside: Sequence[Measurement | MeasuredResponse],
+) -> None:
+    """Raise IdentificationError for responses kept aside, and for keys that no record can free."""
+    names = [key for key in numbers(scene) if not key.startswith(("excitation.", "load.", "run."))]
+    if aside and all(isinstance(record, MeasuredResponse) for record in fitted):
+        raise IdentificationError(
+            f"--keep-aside {aside[0].name}: a fit to frequency responses alone predicts no record: "
+            "give a record to fit to, too (--record)"
+        )
+    for record in fitted:
+        for key in getattr(record, "own", ()):
+            raise IdentificationError(
+                f"{record.name}: {named(key)} = free: only a record kept aside (--keep-aside) can "
+                "free a value for itself: give the value, or free it for all records (--free)"
+            )
+    for record in aside:
+        if isinstance(record, MeasuredResponse):
+            raise IdentificationError(
+                f"--keep-aside {record.name}: a frequency response is no record of a motion: give "
+                "it as --record, of which every third frequency is kept aside"
+            )
+        for key in record.own:
+            if key not in names:
+                raise IdentificationError(
+                    f"{record.name}: {named(key)} = free: no number of this scene"
+                    f"{nearest(key, names)}; there are {', '.join(names)}"
+                )
 
 
 def _check_record(record):

@@ -11,11 +11,11 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
-from harvester.identification.base_noise import base_noise
+from harvester.identification.intervals import base_noise
 from harvester.identification.proof import noise_floor
 from harvester.identification.sensors import integrals
 from harvester.identification.window_states import without_states
@@ -41,7 +41,6 @@ class Misfit:
 
     Attributes
     ----------
-    record, output : str
     left : float
         rms of the residuals.
     noise : float
@@ -69,89 +68,61 @@ def misfits(fitted: Fitted) -> list[Misfit]:
     """Misfits of each record's outputs in the part kept aside; none of frequency responses."""
     if fitted.settled is None:
         return []
-    return [
-        each
-        for number in range(len(fitted.settled.edges))
-        for each in _Residuals(fitted, number).misfits()
-    ]
+    records = range(len(fitted.settled.edges))
+    return [misfit for number in records for misfit in _misfits_of(fitted, number)]
 
 
 def worst(found: Sequence[Misfit]) -> Misfit | None:
     """The misfit that is farthest from noise; None where all are noise."""
-    wrong = [each for each in found if not each.is_noise]
-    return max(wrong, key=lambda each: each.systematic, default=None)
+    wrong = [misfit for misfit in found if not misfit.is_noise]
+    return max(wrong, key=lambda misfit: misfit.systematic, default=None)
 
 
-class _Residuals:
-    """Weighted residuals of one record, with the fitted starts of the windows projected out."""
-
-    def __init__(self, fitted: Fitted, number: int) -> None:
-        settled: Any = fitted.settled
-        self.responses, self.number = fitted.shooting.responses, number
-        self.values, self.edges = fitted.values, settled.edges[number]
-        self.starts, self.noise = settled.starts[number], settled.noise[number]
-        self.inside = slice(self.edges[0], self.edges[-1])
-        self._cuts = self.edges - self.edges[0]
-        frozen = fitted.shooting.frozen()
-        self.measured = frozen.seen(number, self.edges)
-        self.table = frozen.jacobian(settled, number)[0]
-        self.experiment = self.responses.experiments[number]
-
-    def misfits(self) -> list[Misfit]:
-        left, drawn = self.table[..., -1], self._drawn()
-        simulated = left * self.noise + self.measured
-        found = []
-        for output, name in enumerate(self.experiment.measurement.outputs):
-            signals = self._signals(output, simulated[:, output])
-            spectrum = _smooth(np.mean(np.abs(np.fft.rfft(drawn[:, output], axis=0)) ** 2, axis=1))
-            systematic, ratio = _regressed(left[:, output], signals, spectrum)
-            unit = float(self.noise[output] / np.std(self.measured[:, output]))
-            found.append(
-                Misfit(
-                    self.experiment.measurement.name,
-                    name,
-                    unit * _rms(left[:, output]),
-                    unit * _rms(drawn[:, output]),
-                    unit * systematic,
-                    ratio,
-                )
-            )
-        return found
-
-    def _drawn(self):
-        """Simulated residuals of a right model, shape (samples, outputs, draws)."""
-        measurement, random = self.experiment.measurement, np.random.default_rng(0)
-        rate, base = measurement.sampling_rate, measurement.acceleration
-        floors = np.array([noise_floor(each, rate) for each in self.measured.T])
-        shaken = base_noise(base, rate) * random.standard_normal((base.size, DRAWS))
-        drawn = self.responses.moved_by_noise(
-            self.number, shaken, self.values, self.edges, self.starts
-        )
-        drawn += floors[:, None] * random.standard_normal(drawn.shape)
-        return without_states(drawn / self.noise[:, None], self.table[..., :-1], self._cuts)
-
-    def _signals(self, output, simulated):
-        """Signals that a wrong model would leave in an output's residuals, shape (samples,
-        signals)."""
-        measurement = self.experiment.measurement
-        places = np.arange(measurement.acceleration.size)
-        integral = integrals(measurement.acceleration, measurement.sampling_rate, places)[0]
-        moved = simulated - simulated.mean()
-        slope = np.gradient(moved)
-        made = [
-            moved,
-            slope,
-            measurement.acceleration[self.inside],
-            integral[self.inside],
-            moved**2,
-            moved**3,
-            moved**2 * slope,
-        ]
-        columns = np.column_stack([each - each.mean() for each in made])
-        columns = columns / np.maximum(columns.std(axis=0), 1e-300)
-        alone = np.zeros((*self.measured.shape, columns.shape[1]))
+def _misfits_of(fitted, number):
+    """Misfits of one record, the fitted starts of the windows projected out of its residuals."""
+    shooting, fit = fitted.shooting.frozen(), fitted.settled
+    measurement = shooting.responses.experiments[number].measurement
+    edges, noise = fit.edges[number], fit.noise[number]
+    cuts, inside = edges - edges[0], slice(edges[0], edges[-1])
+    measured, table = shooting.seen(number, edges), shooting.jacobian(fit, number)[0]
+    left, starts = table[..., -1], table[..., :-1]
+    drawn = without_states(_drawn(shooting, fit, number, measured) / noise[:, None], starts, cuts)
+    simulated = left * noise + measured
+    results = []
+    for output, name in enumerate(measurement.outputs):
+        columns = _signals(measurement, inside, simulated[:, output])
+        alone = np.zeros((*measured.shape, columns.shape[1]))
         alone[:, output] = columns
-        return without_states(alone, self.table[..., :-1], self._cuts)[:, output]
+        signals = without_states(alone, starts, cuts)[:, output]
+        spectrum = _smooth(np.mean(np.abs(np.fft.rfft(drawn[:, output], axis=0)) ** 2, axis=1))
+        systematic, ratio = _regressed(left[:, output], signals, spectrum)
+        unit = float(noise[output] / np.std(measured[:, output]))
+        rms, drawn_rms = (unit * _rms(values[:, output]) for values in (left, drawn))
+        results.append(Misfit(measurement.name, name, rms, drawn_rms, unit * systematic, ratio))
+    return results
+
+
+def _drawn(shooting, fit, number, measured):
+    """Simulated residuals of a right model, shape (samples, outputs, draws)."""
+    measurement = shooting.responses.experiments[number].measurement
+    random = np.random.default_rng(0)
+    rate, base = measurement.sampling_rate, measurement.acceleration
+    floors = np.array([noise_floor(series, rate) for series in measured.T])
+    shaken = base_noise(base, rate) * random.standard_normal((base.size, DRAWS))
+    edges, starts = fit.edges[number], fit.starts[number]
+    drawn = shooting.responses.moved_by_noise(number, shaken, fit.values, edges, starts)
+    return drawn + floors[:, None] * random.standard_normal(drawn.shape)
+
+
+def _signals(measurement, inside, simulated):
+    """Signals that a wrong model would leave in an output's residuals, shape (samples, signals)."""
+    places = np.arange(measurement.acceleration.size)
+    integral = integrals(measurement.acceleration, measurement.sampling_rate, places)[0][inside]
+    base, moved = measurement.acceleration[inside], simulated - simulated.mean()
+    slope = np.gradient(moved)
+    signals = [moved, slope, base, integral, moved**2, moved**3, moved**2 * slope]
+    columns = np.column_stack([signal - signal.mean() for signal in signals])
+    return columns / np.maximum(columns.std(axis=0), 1e-300)
 
 
 def _regressed(left, signals, spectrum):

@@ -14,8 +14,6 @@ from harvester.show.panels import entitle, legend_below
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-    from harvester.identification.identification import Identification
-
 MEASURED, PREDICTED, RESIDUAL = "0.35", CIRCUIT, MONTE_CARLO
 SHOWN_PERIODS = 12.0
 BINS = 60
@@ -23,8 +21,11 @@ BINS = 60
 SEGMENTS = 12
 
 
-def draw(found: Identification) -> Figure:
-    """The first record's part kept aside: waveforms, spectra, densities, residuals' correlation."""
+def draw(found: Any) -> Figure:
+    """Draw an `Identification`'s prediction of the first record's part that was kept aside.
+
+    Panels are waveforms, spectra, densities and the residuals' correlation.
+    """
     from matplotlib.figure import Figure
 
     stretch = found.fitted.stretches[0]
@@ -61,7 +62,7 @@ def _response_figure(found, stretch):
     return figure
 
 
-def draw_posterior(found: Identification) -> Figure:
+def draw_posterior(found: Any) -> Figure:
     """Draws of every value and of every pair of them; 95 % intervals of the sandwich in grey."""
     from matplotlib.figure import Figure
 

@@ -11,11 +11,13 @@ import numpy as np
 from harvester.errors import IdentificationError
 from harvester.excitation.recorded import RecordedMotion
 from harvester.identification.intervals import undetermined
-from harvester.identification.proof import Stretch, sensor_noise
-from harvester.identification.shooting import Fit, Shooting
-from harvester.identification.unknowns import Unknown, with_values
+from harvester.identification.measured_response import MeasuredResponse
+from harvester.identification.proof import ValidationStretch, sensor_noise
+from harvester.identification.shooting import Shooting, ShootingFit
+from harvester.identification.unknowns import Unknown, first_sizes, sizes_of, unknowns, with_values
 
 if TYPE_CHECKING:
+    from harvester.identification.measurement import Measurement
     from harvester.scene.model import Scene
 
 
@@ -34,40 +36,35 @@ class Fitted:
     ----------
     scene : Scene
         The scene with the fitted values.
-    unknowns : list of Unknown
     values : ndarray, shape (unknowns,)
     covariance : ndarray, shape (unknowns, unknowns)
-    undetermined : list of harvester.identification.intervals.Undetermined
-    stretches : list of Stretch
+    stretches : list of ValidationStretch
         The kept-aside part of each record.
     interpolation : str
         Interpolation of the acceleration between its samples.
-    shooting : Shooting
-    fit : Fit
-    settled : Fit or None
+    settled : ShootingFit or None
         Windows of the parts kept aside, of records in time.
     """
 
     scene: Scene
-    unknowns: list[Unknown]
     values: np.ndarray
     covariance: np.ndarray
     undetermined: list
-    stretches: list[Stretch]
+    stretches: list[ValidationStretch]
     interpolation: str
     shooting: Shooting
-    fit: Fit
-    settled: Fit | None = None
+    fit: ShootingFit
+    settled: ShootingFit | None = None
 
     @classmethod
     def concluded(
         cls,
         scene: Scene,
         shooting: Shooting,
-        fit: Fit,
+        fit: ShootingFit,
         covariance: np.ndarray,
-        stretches: Sequence[Stretch],
-        settled: Fit | None = None,
+        stretches: list[ValidationStretch],
+        settled: ShootingFit | None = None,
     ) -> Fitted:
         """The model at the end of a fit; `scene` is the scene that the fit began with.
 
@@ -76,29 +73,21 @@ class Fitted:
         IdentificationError
             No device has these values.
         """
-        keys = [each.key for each in shooting.unknowns]
-        made = with_values(scene, keys, fit.values)
-        if made is None:
+        keys = [unknown.key for unknown in shooting.unknowns]
+        fitted_scene = with_values(scene, keys, fit.values)
+        if fitted_scene is None:
             raise IdentificationError(
                 f"{scene.name}: the scene refuses the best-fitting values: check the columns' "
                 "units and signs, free fewer (--free), or begin nearer (--set)"
             )
         path = shooting.responses.interpolation
-        base = made.excitation
+        base = fitted_scene.excitation
         if isinstance(base, RecordedMotion) and base.knot_spacing is None:
             # Later simulations under this record then interpolate it as the fit did.
-            made = made.replace({"excitation.interpolation": path})
+            fitted_scene = fitted_scene.replace({"excitation.interpolation": path})
+        unclear = undetermined(keys, fit.values, shooting.sizes, covariance)
         return cls(
-            made,
-            shooting.unknowns,
-            fit.values,
-            covariance,
-            undetermined(keys, fit.values, shooting.sizes, covariance),
-            list(stretches),
-            path,
-            shooting,
-            fit,
-            settled,
+            fitted_scene, fit.values, covariance, unclear, stretches, path, shooting, fit, settled
         )
 
     def with_covariance(self, covariance: np.ndarray) -> Fitted:
@@ -107,10 +96,34 @@ class Fitted:
         unclear = undetermined(self.keys, self.values, sizes, covariance)
         return replace(self, covariance=covariance, undetermined=unclear)
 
+    def with_more(
+        self, added: Sequence[Unknown], sizes: dict[str, float], scene: Scene, keys: Sequence[str]
+    ) -> tuple[Shooting, ShootingFit] | None:
+        """The problem with more unknowns, linearized at the values that fit; None if it diverges.
+
+        Experiments get the spring of `scene`, in which the model's values have these keys.
+        """
+        free = [
+            unknown.begun(value)
+            for unknown, value in zip(unknowns(scene, keys, sizes), self.values, strict=True)
+        ]
+        free += added
+        experiments = self.shooting.responses.experiments
+        if scene is not self.scene:
+            force = [k or 0.0 for k in scene.oscillator.coefficients]
+            experiments = [
+                replace(other, scene=other.scene.replace({"oscillator.restoring_force": force}))
+                for other in experiments
+            ]
+        names = [unknown.key for unknown in free]
+        shooting = self.shooting.beside(self.shooting.responses.replaced(experiments, names), free)
+        fit = replace(self.fit, values=np.array([unknown.start for unknown in free]))
+        return (shooting, fit) if shooting.linearized(fit) else None
+
     @property
     def sensor_noise(self) -> float:
         """Noise of the first output's sensor, as a share of its rms, in the noisiest record."""
-        return max(sensor_noise(each) for each in self.stretches)
+        return max(sensor_noise(part) for part in self.stretches)
 
     @property
     def adequate(self) -> bool:
@@ -122,12 +135,12 @@ class Fitted:
     def leaves_noise(self) -> bool:
         """Whether the residuals of the data kept aside are only noise, so that no model can
         be better."""
-        return all(each.nrmse() <= (1.0 + NOTED) * sensor_noise(each) for each in self.stretches)
+        return all(part.nrmse() <= (1.0 + NOTED) * sensor_noise(part) for part in self.stretches)
 
     @property
     def keys(self) -> list[str]:
         """Keys of the values."""
-        return [each.key for each in self.unknowns]
+        return self.shooting.responses.keys
 
     @property
     def standard_errors(self) -> np.ndarray:
@@ -137,4 +150,18 @@ class Fitted:
     @property
     def nrmse(self) -> float:
         """Normalized rms error of the first output over all stretches kept aside."""
-        return float(np.sqrt(np.mean([each.nrmse() ** 2 for each in self.stretches])))
+        return float(np.sqrt(np.mean([part.nrmse() ** 2 for part in self.stretches])))
+
+
+def fitted_sizes(base: Fitted, measurements: Sequence[Measurement]) -> dict[str, float]:
+    """Sizes from the fitted motion; for a frequency response those of `first_sizes`."""
+    if isinstance(measurements[0], MeasuredResponse):
+        return first_sizes(base.scene, measurements)
+    reach, speed = 0.0, 0.0
+    fit = base.fit
+    for number in range(len(fit.edges)):
+        states = base.shooting.states(fit, number)
+        reach = max(reach, float(np.abs(states[:, 0]).max()))
+        speed = max(speed, float(np.std(states[:, 1])))
+    length = base.shooting.responses.length
+    return sizes_of(base.scene, measurements, reach * length, speed * length)

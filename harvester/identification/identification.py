@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import html
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
@@ -12,7 +13,7 @@ from harvester.device import timescales
 from harvester.files.serialising import plain
 from harvester.identification.candidates import Candidate, proposed
 from harvester.identification.fitting import responses_of
-from harvester.identification.intervals import HALF_INTERVAL
+from harvester.identification.intervals import HALF_INTERVAL, interval
 from harvester.identification.proof import ResponseStretch, sensor_noise
 from harvester.identification.response import FINE_STEPS
 from harvester.identification.scene_file import scene_text
@@ -31,9 +32,20 @@ if TYPE_CHECKING:
     from harvester.identification.posterior import Posterior
     from harvester.identification.proof import Whiteness
     from harvester.identification.spring_shape import SpringShape
-    from harvester.identification.verdict import Verdict
+    from harvester.identification.verdict import FitVerdict
     from harvester.identification.visited import Visited
     from harvester.scene.model import Scene
+
+
+LEGEND = (
+    "95 % intervals, which allow for residuals that are correlated. The last third of each record "
+    "was kept aside: nothing was fitted to it but the states at the beginnings of windows."
+)
+CAPTION = (
+    "The part kept aside. Grey: measured; blue: predicted (waveforms in windows, spectra and "
+    "densities from one start alone); orange: the difference in windows."
+)
+POSTERIOR_CAPTION = "Draws of each value and of each pair; grey: the 95 % intervals of the table."
 
 
 @dataclass(frozen=True)
@@ -46,7 +58,6 @@ class Identification:
         The scene with the fitted values.
     start : Scene
         The scene that the fit began with.
-    measurements : list of Measurement
     fitted : Fitted
         Values, covariance, and what the model predicts of the data kept aside.
     kept : list of (str, Undetermined)
@@ -55,7 +66,6 @@ class Identification:
         The scene's own model first.
     whiteness : Whiteness
         Whiteness of the residuals of the first record's part that was kept aside.
-    verdict : Verdict
     seconds : float
         Wall-clock.
     posterior : Posterior, optional
@@ -79,7 +89,7 @@ class Identification:
     kept: list[tuple[str, Undetermined]]
     candidates: Sequence[Candidate]
     whiteness: Whiteness
-    verdict: Verdict
+    verdict: FitVerdict
     seconds: float
     posterior: Posterior | None = None
     impedance: FromImpedance | None = None
@@ -106,13 +116,8 @@ class Identification:
     @property
     def intervals(self) -> dict[str, tuple[float, float]]:
         """95 % intervals by key."""
-        return {
-            key: (
-                value - HALF_INTERVAL * self.standard_errors[key],
-                value + HALF_INTERVAL * self.standard_errors[key],
-            )
-            for key, value in self.values.items()
-        }
+        errors = self.standard_errors
+        return {key: interval(value, errors[key]) for key, value in self.values.items()}
 
     @property
     def covariance(self) -> np.ndarray:
@@ -122,7 +127,7 @@ class Identification:
     @property
     def undetermined(self) -> set[str]:
         """Keys whose values the records do not determine."""
-        return {key for each in self.fitted.undetermined for key in each.keys}
+        return {key for direction in self.fitted.undetermined for key in direction.keys}
 
     @property
     def proposed(self) -> Candidate:
@@ -143,13 +148,13 @@ class Identification:
         dict of str to ndarray, shape (n,)
             By the output's name.
         """
-        own = self.fitted.shooting.responses
-        responses = responses_of(self.scene, [measurement], self.keys, own.length, FINE_STEPS)
+        reference = self.fitted.shooting.responses
+        responses = responses_of(self.scene, [measurement], self.keys, reference.length, FINE_STEPS)
         responses.interpolation = self.fitted.interpolation
         system, _ = responses.known_device(0, self.fitted.values)
-        rest = np.array([[timescales.rest(system), 0.0, 0.0]])
+        start = np.array([[timescales.rest(system), 0.0, 0.0]])
         edges = np.array([0, measurement.acceleration.size])
-        _, _, outputs = responses.states(0, self.fitted.values, edges, rest)
+        _, _, outputs = responses.states(0, self.fitted.values, edges, start)
         return dict(zip(measurement.outputs, outputs.T, strict=True))
 
     def table(self) -> tuple[list[str], list[list[str]]]:
@@ -181,40 +186,40 @@ class Identification:
         if self.impedance:
             lines += self.impedance.sentences("oscillator.mass" in self.keys)
         lines += [
-            f"{each.name}: {remark}"
-            for each in self.measurements
-            for remark in getattr(each, "remarks", ())
+            f"{record.name}: {remark}"
+            for record in self.measurements
+            for remark in getattr(record, "remarks", ())
         ]
         if self.visited:
             lines.append(f"visited: {self.visited.ranges}")
             lines.append(f"extrapolated: {', '.join(self.visited.extrapolated)}")
         lines += [
-            f"{each.record}: {each.output} NRMSE {each.left:.2%}, {each.noise:.2%} is the sensors' "
-            f"noise, {each.systematic:.2%} follow from the motion"
-            f"{'' if each.is_noise else ', which is no noise'}"
-            for each in self.misfits
+            f"{misfit.record}: {misfit.output} NRMSE {misfit.left:.2%}, {misfit.noise:.2%} is "
+            f"the sensors' noise, {misfit.systematic:.2%} follow from the motion"
+            f"{'' if misfit.is_noise else ', which is no noise'}"
+            for misfit in self.misfits
         ]
-        lines += [str(each) for each in self.fitted.undetermined]
+        lines += [str(direction) for direction in self.fitted.undetermined]
         lines += [f"{unclear}; {key} is kept as in the scene" for key, unclear in self.kept]
         for stretch in self.fitted.stretches:
             measured, predicted, difference = stretch.powers()
             name, unit = stretch.compared
+            in_windows = f" in {_counted(stretch.windows, 'window')}" if stretch.long else ""
             lines.append(
                 f"{stretch.name}, {stretch.aside}: {stretch.quantity} NRMSE {stretch.nrmse():.2%}"
-                f"{_windows(stretch)}; {name} measured {with_error(measured, unit)}, "
-                f"predicted {with_error(predicted, unit)}, difference "
-                f"{share_with_error(difference)}"
+                f"{in_windows}; {name} measured {with_error(measured, unit)}, predicted "
+                f"{with_error(predicted, unit)}, difference {share_with_error(difference)}"
             )
             if stretch.windows > 1:
                 lines.append(
                     f"{stretch.name}: from one start alone, whose path may diverge from the "
                     f"measured one, {name} {with_error(stretch.free_power(), unit)}"
                 )
-        lines += [str(each) for each in self.kept_aside]
+        lines += [str(prediction) for prediction in self.kept_aside]
         lines += [
-            f"model {each.name}: {len(each.fitted.keys)} values, NRMSE {each.fitted.nrmse:.2%} on "
-            f"the data kept aside{self._sensors(each.fitted)}"
-            for each in self.candidates[1:]
+            f"model {model.name}: {len(model.fitted.keys)} values, NRMSE {model.fitted.nrmse:.2%} "
+            f"on the data kept aside{self._sensors(model.fitted)}"
+            for model in self.candidates[1:]
         ]
         if self.posterior:
             lines.append(
@@ -230,26 +235,26 @@ class Identification:
 
     def _sensors(self, other):
         """Sensor effects of another model that this one lacks, in words."""
-        found = zip(other.keys, other.values, other.standard_errors, strict=True)
+        effects = zip(other.keys, other.values, other.standard_errors, strict=True)
         return "".join(
             f", {key} = {value:.4g} ± {HALF_INTERVAL * error:.2g}"
-            for key, value, error in found
+            for key, value, error in effects
             if key.startswith("sensor.") and key not in self.keys
         )
 
     def _fitted_part(self):
         """Text: the part of the records that was fitted."""
         stretches = self.fitted.stretches
-        steady = sum(isinstance(each, ResponseStretch) for each in stretches)
-        lines = f"two of every three frequencies of {_records(steady)}"
+        steady = sum(isinstance(stretch, ResponseStretch) for stretch in stretches)
+        lines = f"two of every three frequencies of {_counted(steady, 'record')}"
         if steady == len(stretches):
             return lines
         count = len(stretches) - steady
         windows = sum(edges.size - 1 for edges in self.fitted.fit.edges[:count])
         return (
-            f"the first two thirds of {_records(count)} in {windows} "
-            f"{'window' if windows == 1 else 'windows'}, acceleration "
-            f"{self.fitted.interpolation} between samples{f', and {lines}' if steady else ''}"
+            f"the first two thirds of {_counted(count, 'record')} in "
+            f"{_counted(windows, 'window')}, acceleration {self.fitted.interpolation} between "
+            f"samples{f', and {lines}' if steady else ''}"
         )
 
     def to_dict(self) -> dict[str, Any]:
@@ -271,27 +276,28 @@ class Identification:
                 },
                 "keys": self.keys,
                 "covariance": self.covariance,
-                "undetermined": [str(each) for each in self.fitted.undetermined],
+                "undetermined": [str(direction) for direction in self.fitted.undetermined],
                 "kept": {key: str(unclear) for key, unclear in self.kept},
-                "records": [_record(each) for each in self.fitted.stretches],
+                "records": [_record(stretch) for stretch in self.fitted.stretches],
                 "misfits": list(self.misfits),
                 "spring_shape": self.spring_shape,
                 "visited": self.visited,
                 "kept_aside": [
-                    {**vars(each), "within_interval": each.holds} for each in self.kept_aside
+                    {**vars(prediction), "within_interval": prediction.holds}
+                    for prediction in self.kept_aside
                 ],
                 "residuals_white": self.whiteness.white,
                 "whiteness_probability": self.whiteness.probability,
                 "candidates": [
                     {
-                        "model": each.name,
-                        "keys": each.fitted.keys,
-                        "values": each.fitted.values,
-                        "nrmse": each.fitted.nrmse,
-                        "log_ratio_of_mean_squares": each.better,
-                        "standard_error": each.error,
+                        "model": model.name,
+                        "keys": model.fitted.keys,
+                        "values": model.fitted.values,
+                        "nrmse": model.fitted.nrmse,
+                        "log_ratio_of_mean_squares": model.better,
+                        "standard_error": model.error,
                     }
-                    for each in self.candidates
+                    for model in self.candidates
                 ],
                 "proposed": self.proposed.name,
                 "interpolation": self.fitted.interpolation,
@@ -310,53 +316,64 @@ class Identification:
 
     def scene_text(self, candidate: Candidate | None = None) -> str:
         """The scene as a TOML file with intervals in comments; that of another model on demand."""
-        made = candidate.fitted if candidate else self.fitted
-        comments = {
-            key: f"identified, ± {HALF_INTERVAL * error:.2g} (95 %)"
-            for key, error in zip(made.keys, made.standard_errors, strict=True)
-        }
+        model = candidate.fitted if candidate else self.fitted
+        errors = dict(zip(model.keys, HALF_INTERVAL * model.standard_errors, strict=True))
+        comments = {key: f"identified, ± {error:.2g} (95 %)" for key, error in errors.items()}
         if BASE_FACTOR in comments:
             comments[BASE_FACTOR] += "; as much as the accelerometer's scale is right"
-        for each in made.undetermined:
-            comments |= {key: "not determined by the records" for key in each.keys}
-        names = ", ".join(each.name for each in self.measurements)
+        for direction in model.undetermined:
+            comments |= {key: "not determined by the records" for key in direction.keys}
+        names = ", ".join(record.name for record in self.measurements)
         sensors = [
-            f"{key} = {value:.6g} ± {HALF_INTERVAL * error:.2g} (95 %)"
-            for key, value, error in zip(made.keys, made.values, made.standard_errors, strict=True)
+            f"{key} = {value:.6g} ± {errors[key]:.2g} (95 %)"
+            for key, value in zip(model.keys, model.values, strict=True)
             if key.startswith("sensor.")
         ]
-        path = f'Between samples of a record: interpolation = "{made.interpolation}".'
+        path = f'Between samples of a record: interpolation = "{model.interpolation}".'
         heading = [f"Identified from {names}.", self.verdict.sentence, path, *sensors]
-        return scene_text(made.scene, comments, heading)
+        return scene_text(model.scene, comments, heading)
 
     def page(self) -> str:
-        """One self-contained HTML page with everything."""
-        from harvester.identification.report import report
+        """One self-contained page of HTML with everything."""
+        from harvester.identification.drawing import draw, draw_posterior
+        from harvester.show import figures, page
 
-        return report(self)
+        first, *others = self.sentences()
+        verdicts = [page.Verdict(first, self.verdict.good), *map(page.Verdict, others)]
+        models = [
+            (model.name, str(len(model.fitted.keys)), f"{model.fitted.nrmse:.2%}")
+            for model in self.candidates
+        ]
+        name, records = self.scene.name, ", ".join(record.name for record in self.measurements)
+        proof = page.figure_of(figures.picture(draw, self), f"{name}: proof", CAPTION)
+        sections = {
+            "Verdict": page.verdict_list(verdicts),
+            "Values": page.wide(page.table_of(*self.table())) + page.facts(LEGEND),
+            "Figures": proof,
+        }
+        if self.posterior:
+            picture = figures.picture(draw_posterior, self)
+            sections["Posterior"] = page.figure_of(picture, f"{name}: posterior", POSTERIOR_CAPTION)
+        sections["Models"] = page.wide(page.table_of(("model", "values", "NRMSE"), models))
+        sections["Scene"] = page.wide(f"<pre>{html.escape(self.scene_text())}</pre>")
+        about = f"scene {self.scene.digest()[:12]}"
+        return page.page(f"{name}: identified from {records}", about, sections)
 
     def texts(self) -> dict[str, str]:
         """Further files of the result: the scenes, that proposed where it is another, the page."""
-        found = {".toml": self.scene_text(), ".html": self.page()}
+        files = {".toml": self.scene_text(), ".html": self.page()}
         if self.proposed is not self.candidates[0]:
-            found["-proposed.toml"] = self.scene_text(self.proposed)
-        return found
+            files["-proposed.toml"] = self.scene_text(self.proposed)
+        return files
 
 
-def _records(count):
-    return f"{count} {'record' if count == 1 else 'records'}"
-
-
-def _windows(stretch):
-    if isinstance(stretch, ResponseStretch):
-        return ""
-    return f" in {stretch.windows} {'window' if stretch.windows == 1 else 'windows'}"
+def _counted(count, noun):
+    return f"{count} {noun}{'' if count == 1 else 's'}"
 
 
 def _record(stretch):
-    powers = dict(
-        zip(("measured", "predicted", "relative_difference"), stretch.powers(), strict=True)
-    )
+    names = ("measured", "predicted", "relative_difference")
+    powers = dict(zip(names, stretch.powers(), strict=True))
     return {
         "name": stretch.name,
         "outputs": stretch.outputs,
@@ -365,7 +382,7 @@ def _record(stretch):
         "windows": stretch.windows,
         "compared": stretch.compared[0],
         **{
-            name: {"estimate": each.estimate, "standard_error": each.standard_error}
-            for name, each in {"free": stretch.free_power(), **powers}.items()
+            name: {"estimate": estimate.estimate, "standard_error": estimate.standard_error}
+            for name, estimate in {"free": stretch.free_power(), **powers}.items()
         },
     }

@@ -14,7 +14,7 @@ from harvester.files.plain_text import shown
 from harvester.signatures import Kind, one_record_of, records_of
 
 if TYPE_CHECKING:
-    from harvester.identification.fitting import Fitted
+    from harvester.identification.fitted_model import Fitted
     from harvester.identification.identification import Identification
     from harvester.identification.intervals import Undetermined
     from harvester.identification.measurement import Measurement
@@ -100,17 +100,18 @@ def identify(
     IdentificationError
         The records do not determine the values asked for.
     """
+    from harvester.identification import checks
     from harvester.identification.candidates import Candidate, candidates
-    from harvester.identification.checks import check_records, check_volts, scale_is_missing
     from harvester.identification.consistency import misfits, worst
+    from harvester.identification.fitted_model import fitted_sizes
     from harvester.identification.identification import Identification
     from harvester.identification.impedance_fit import from_impedance
     from harvester.identification.intervals import moved_by_records
     from harvester.identification.kept_aside import kept_aside
-    from harvester.identification.own_values import check_kept_aside
+    from harvester.identification.measured_impedance import MeasuredImpedance, read_impedance
     from harvester.identification.posterior import posterior as posterior_of
-    from harvester.identification.proof import typical_period, whiteness
-    from harvester.identification.sizes import fitted_sizes
+    from harvester.identification.proof import whiteness
+    from harvester.identification.reconstruction import frequencies
     from harvester.identification.spring_shape import spring_shape
     from harvester.identification.unknowns import checked_keys, default_keys
     from harvester.identification.verdict import verdict
@@ -126,7 +127,9 @@ def identify(
     measurements = _measurements(scene, records)
     analysed, begun = None, scene
     if impedance is not None:
-        analysed = from_impedance(scene, _measured_impedance(impedance))
+        if not isinstance(impedance, MeasuredImpedance):
+            impedance = _read(impedance, "impedance", read_impedance)
+        analysed = from_impedance(scene, impedance)
         if not measurements:
             if keep_aside is not None:
                 raise IdentificationError(
@@ -141,11 +144,11 @@ def identify(
             "--record: none is given, and records kept aside are not fitted: name at least one "
             "record to fit"
         )
-    check_kept_aside(begun, measurements, aside)
-    check_records(begun, [*measurements, *aside])
+    checks.check_kept_aside(begun, measurements, aside)
+    checks.check_records(begun, [*measurements, *aside])
     outputs = list(measurements[0].sensed)
     named = None if free is None else listed(free, "free", 'free=["oscillator.damping"]')
-    volts = any(map(scale_is_missing, measurements))
+    volts = any(map(checks.scale_is_missing, measurements))
     keys = default_keys(begun, outputs, volts)
     if analysed and "voltage" in outputs:
         keys = [MASS, *keys]
@@ -153,12 +156,12 @@ def identify(
         keys = checked_keys(begun, named, outputs)
     if not keys:
         raise IdentificationError(f"{scene.name}: nothing is free; name keys with --free")
-    check_volts(measurements, keys)
+    checks.check_volts(measurements, keys)
     follow(0.0, "fit")
     try:
-        base, kept = _determined(begun, measurements, keys, free is None)
+        base, undetermined = _determined(begun, measurements, keys, free is None)
     except IdentificationError as error:
-        remarks = [each for record in measurements for each in getattr(record, "remarks", ())]
+        remarks = [remark for record in measurements for remark in getattr(record, "remarks", ())]
         raise IdentificationError("; ".join([str(error), *remarks])) from None
     follow(MODELS_BEGIN, "other models")
     sizes = fitted_sizes(base, measurements)
@@ -168,36 +171,32 @@ def identify(
         base = base.with_covariance(base.covariance + moved)
     shape = None if worst(left) else spring_shape(base, sizes)
     unexplained = worst(left) is not None or bool(shape and shape.is_refuted)
-    found = [Candidate("as given", base, 0.0, 0.0)]
-    if compare and any(each.acceleration is not None for each in measurements):
-        found = candidates(base, measurements, sizes, scene, not unexplained)
-    sampled = None
+    models = [Candidate("as given", base, 0.0, 0.0)]
+    if compare and any(record.acceleration is not None for record in measurements):
+        models = candidates(base, measurements, sizes, scene, not unexplained)
+
+    def follow_last(text: str) -> Callable[[float], None]:
+        return lambda share: follow(POSTERIOR_BEGINS + (1.0 - POSTERIOR_BEGINS) * share, text)
+
+    sampled, seed = None, scene.run.seed
     if posterior:
         follow(POSTERIOR_BEGINS, "posterior")
-        sampled = posterior_of(
-            base, scene.run.seed, lambda share: follow(_later(share), "posterior")
-        )
+        sampled = posterior_of(base, seed, follow_last("posterior"))
     where = visited(base)
     unseen = []
     if where:
-        unseen = kept_aside(
-            base,
-            aside,
-            where,
-            left,
-            scene.run.seed,
-            lambda share: follow(_later(share), "records kept aside"),
-        )
-    white = whiteness(base.stretches[0], 0, typical_period(base.shooting.responses))
+        unseen = kept_aside(base, aside, where, left, seed, follow_last("records kept aside"))
+    frequency = frequencies(base.shooting.responses.experiments[0].measurement)[0]
+    white = whiteness(base.stretches[0], 0, 1.0 / frequency)
     return Identification(
         scene=base.scene,
         start=scene,
         measurements=measurements,
         fitted=base,
-        kept=kept,
-        candidates=found,
+        kept=undetermined,
+        candidates=models,
         whiteness=white,
-        verdict=verdict(base, found, white, left, where, unseen, shape),
+        verdict=verdict(base, models, white, left, where, unseen, shape),
         misfits=left,
         spring_shape=shape,
         kept_aside=unseen,
@@ -212,9 +211,10 @@ def _of_impedance(scene, analysed, free, posterior, clock):
     """The identification from an impedance alone, without records in time."""
     from harvester.identification.candidates import Candidate
     from harvester.identification.identification import Identification
-    from harvester.identification.impedance_fit import fitted_impedance, impedance_verdict
+    from harvester.identification.impedance_fit import fitted_impedance
     from harvester.identification.posterior import posterior as posterior_of
     from harvester.identification.proof import whiteness
+    from harvester.identification.verdict import impedance_verdict
 
     if free is not None:
         raise IdentificationError(
@@ -238,22 +238,14 @@ def _of_impedance(scene, analysed, free, posterior, clock):
     )
 
 
-def _measured_impedance(given):
-    """The measured impedance, read from its file where a path was given."""
-    from harvester.identification.measured_impedance import MeasuredImpedance, read_impedance
-
-    if isinstance(given, MeasuredImpedance):
-        return given
-    file, settings = given if isinstance(given, tuple) and len(given) == 2 else (given, None)
+def _read(item, name, reader, *options):
+    """A measurement from a file or a pair (file, settings)."""
+    file, settings = item if isinstance(item, tuple) and len(item) == 2 else (item, None)
     if not isinstance(file, (str, Path)):
         raise IdentificationError(
-            f"impedance: {shown(given)}: must be a file or what read_impedance returns"
+            f"{name}: {shown(item)}: must be a file or what {reader.__name__} returns"
         )
-    return read_impedance(file, settings)
-
-
-def _later(share):
-    return POSTERIOR_BEGINS + (1.0 - POSTERIOR_BEGINS) * share
+    return reader(file, settings, *options)
 
 
 def _measurements(scene, records):
@@ -263,19 +255,14 @@ def _measurements(scene, records):
 
     if isinstance(records, (Measurement, MeasuredResponse, str, Path)):
         records = [records]
-    found = []
-    for each in listed(records, "records", '["shaker.csv"]'):
-        if isinstance(each, (Measurement, MeasuredResponse)):
-            found.append(each)
-            continue
-        file, settings = each if isinstance(each, tuple) and len(each) == 2 else (each, None)
-        if not isinstance(file, (str, Path)):
-            raise IdentificationError(
-                f"records: {shown(each)}: must be a file or what read_measurement returns"
-            )
-        found.append(read_measurement(file, settings, scene.units))
+    measurements = [
+        item
+        if isinstance(item, (Measurement, MeasuredResponse))
+        else _read(item, "records", read_measurement, scene.units)
+        for item in listed(records, "records", '["shaker.csv"]')
+    ]
     # Records in time come first, because they show the motion.
-    return sorted(found, key=lambda each: isinstance(each, MeasuredResponse))
+    return sorted(measurements, key=lambda record: isinstance(record, MeasuredResponse))
 
 
 def _determined(
@@ -283,23 +270,18 @@ def _determined(
 ) -> tuple[Fitted, list[tuple[str, Undetermined]]]:
     """The fit of the values that the records determine, and the keys kept at the scene's values."""
     from harvester.identification.fitting import fitted
-    from harvester.identification.sizes import first_sizes
+    from harvester.identification.unknowns import first_sizes
 
-    kept: list[tuple[str, Undetermined]] = []
+    undetermined: list[tuple[str, Undetermined]] = []
     sizes = first_sizes(scene, measurements)
-    found = fitted(scene, measurements, keys, sizes)
-    while drop and found.undetermined and len(found.keys) > 1:
-        unclear = found.undetermined[0]
-        out = _to_keep(unclear)
-        kept.append((out, unclear))
-        found = fitted(scene, measurements, [key for key in found.keys if key != out], sizes)
-    return found, kept
-
-
-def _to_keep(unclear):
-    """The key of an undetermined direction that stays as in the scene."""
-    for name in KEPT_FIRST:
-        for key in unclear.keys:
-            if key.endswith(name):
-                return key
-    return unclear.keys[0]
+    model = fitted(scene, measurements, keys, sizes)
+    while drop and model.undetermined and len(model.keys) > 1:
+        unclear = model.undetermined[0]
+        # The first of `KEPT_FIRST` that belongs to the direction, else the direction's first key.
+        out = next(
+            (key for name in KEPT_FIRST for key in unclear.keys if key.endswith(name)),
+            unclear.keys[0],
+        )
+        undetermined.append((out, unclear))
+        model = fitted(scene, measurements, [key for key in model.keys if key != out], sizes)
+    return model, undetermined

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Any, ClassVar
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -19,20 +19,18 @@ from harvester.errors import IdentificationError, SceneError
 from harvester.identification.butterworth_van_dyke import (
     NUMBERS,
     SYMBOLS,
-    Circuit,
+    ButterworthVanDyke,
     check_width,
     fitted_circuit,
     jacobian,
 )
 from harvester.identification.fitted_model import Fitted
-from harvester.identification.intervals import HALF_INTERVAL
+from harvester.identification.intervals import HALF_INTERVAL, interval
 from harvester.identification.measured_impedance import MeasuredImpedance
-from harvester.identification.proof import NORMAL_RMS, ResponseStretch, blocks_of
-from harvester.identification.shooting import Fit, Shooting
-from harvester.identification.steady_fit import KEPT_ASIDE, NO_STATES
-from harvester.identification.steady_response import ImpedanceExperiment, SteadyResponses
+from harvester.identification.proof import predicted_lines
+from harvester.identification.shooting import Shooting, ShootingFit
+from harvester.identification.steady_response import NO_STATES, SteadyExperiment, SteadyResponses
 from harvester.identification.unknowns import unknowns
-from harvester.identification.verdict import Verdict
 from harvester.prepared.prepared import prepared
 from harvester.scene.numbers import numbers
 
@@ -55,20 +53,18 @@ class FromImpedance:
 
     Attributes
     ----------
-    circuit : Circuit
     mode : int
         Index of the circuit's mode that is the scene's.
     measured : MeasuredImpedance
         The impedance, with the background of the other modes and of the loss.
     scene : Scene
         The scene with the fitted values.
-    keys : list of str
     values : ndarray, shape (keys,)
     covariance : ndarray, shape (keys, keys)
         The mass being known.
     """
 
-    circuit: Circuit
+    circuit: ButterworthVanDyke
     mode: int
     measured: MeasuredImpedance
     scene: Scene
@@ -78,19 +74,16 @@ class FromImpedance:
 
     def table(self) -> dict[str, dict[str, Any]]:
         """fs, fp, Cp, k², Q and tan δ, each with its 95 % interval."""
-        known = self.circuit.numbers(self.mode)
+        branch = self.circuit.numbers(self.mode)
         errors = self.circuit.standard_errors(self.mode)
         return {
             name: {
                 "value": value,
                 "standard_error": errors[name],
-                "interval": (
-                    value - HALF_INTERVAL * errors[name],
-                    value + HALF_INTERVAL * errors[name],
-                ),
+                "interval": interval(value, errors[name]),
                 "unit": NUMBERS[name],
             }
-            for name, value in known.items()
+            for name, value in branch.items()
         }
 
     def sentences(self, mass_is_free: bool) -> list[str]:
@@ -115,45 +108,10 @@ class FromImpedance:
 
 def _in_words(table):
     return ", ".join(
-        f"{SYMBOLS[name]} {each['value']:.5g} ± {HALF_INTERVAL * each['standard_error']:.1g}"
-        f"{' ' if each['unit'] else ''}{each['unit']}"
-        for name, each in table.items()
+        f"{SYMBOLS[name]} {entry['value']:.5g} ± {HALF_INTERVAL * entry['standard_error']:.1g}"
+        f"{' ' if entry['unit'] else ''}{entry['unit']}"
+        for name, entry in table.items()
     )
-
-
-@dataclass(frozen=True)
-class ImpedanceStretch(ResponseStretch):
-    """The frequencies of an impedance that were kept aside; outputs are ln |Z| and phase."""
-
-    aside: ClassVar[str] = "every third frequency"
-
-    @property
-    def quantity(self) -> str:
-        """Name of the quantity that `nrmse` refers to."""
-        return "impedance"
-
-    def nrmse(self, output: int = 0) -> float:
-        """Root mean square of the relative error of Z."""
-        return float(np.sqrt(np.mean(np.sum(self.residuals**2, axis=1))))
-
-    def noise(self, output: int = 0) -> float:
-        """Noise of the analyser, as relative error of Z: both outputs together."""
-        medians = np.median(np.abs(self.residuals), axis=0)
-        return NORMAL_RMS * float(np.linalg.norm(medians))
-
-    @property
-    def compared(self) -> tuple[str, str]:
-        """Quantity and unit of `powers`."""
-        return "mean |Z|", "Ω"
-
-    def _blocks(self, values):
-        sizes = np.exp(values[:, 0])
-        return np.array([float(np.mean(part)) for part in blocks_of(sizes)])
-
-
-def kept_aside(measured: Any) -> np.ndarray:
-    """Mask of the lines of a response that are kept aside."""
-    return np.arange(measured.frequency.size) % KEPT_ASIDE == 1
 
 
 def from_impedance(scene: Scene, measured: MeasuredImpedance) -> FromImpedance:
@@ -173,60 +131,55 @@ def from_impedance(scene: Scene, measured: MeasuredImpedance) -> FromImpedance:
             '"SI" and a table [piezo]'
         )
     measured.check()
-    lines = ~kept_aside(measured)
+    lines = ~measured.aside
     circuit = fitted_circuit(measured.frequency[lines], measured.response[lines], measured.name)
     system = prepared(scene).system
     resting = float(system.spring.slope(timescales.rest(system)))
-    mode = circuit.nearest_mode(math.sqrt(max(resting, 1e-300)) / (2.0 * math.pi))
-    known, errors = circuit.numbers(mode), circuit.standard_errors(mode)
-    _check_capacitance(scene, known["capacitance"], measured.name)
+    # The circuit's mode whose frequency is nearest to the scene's, by their ratio, is the scene's.
+    frequency = math.sqrt(max(resting, 1e-300)) / (2.0 * math.pi)
+    mode = int(np.argmin(np.abs(np.log(circuit.resonances / frequency))))
+    branch, errors = circuit.numbers(mode), circuit.standard_errors(mode)
+    _check_capacitance(scene, branch["capacitance"], measured.name)
     check_width(measured.frequency[lines], circuit, mode, measured.name)
-    leaks = known["loss_tangent"] > SURE_OF_LOSS * errors["loss_tangent"]
+    leaks = branch["loss_tangent"] > SURE_OF_LOSS * errors["loss_tangent"]
     mass, spring_key = numbers(scene)["oscillator.mass"][0], _spring_key(scene)
-    stiffness = mass * (2.0 * math.pi * known["series_resonance"]) ** 2
+    stiffness = mass * (2.0 * math.pi * branch["series_resonance"]) ** 2
     first, slope = _linear_term(scene, spring_key, stiffness)
     keys = [spring_key, "oscillator.damping", "piezo.coupling", "piezo.capacitance"]
     keys += ["piezo.leakage_resistance"] if leaks else []
 
     def values(parameters: np.ndarray) -> np.ndarray:
-        own = replace(circuit, parameters=parameters).numbers(mode)
-        rate = 2.0 * math.pi * own["series_resonance"]
-        motional = own["capacitance"] * own["coupling_factor"] / (1.0 - own["coupling_factor"])
-        found = [
+        branch = replace(circuit, parameters=parameters).numbers(mode)
+        rate = 2.0 * math.pi * branch["series_resonance"]
+        share = branch["coupling_factor"]
+        motional = branch["capacitance"] * share / (1.0 - share)
+        converted = [
             first + slope * (mass * rate**2 - stiffness),
-            mass * rate / own["quality"],
+            mass * rate / branch["quality"],
             rate * math.sqrt(mass * motional),
-            own["capacitance"],
+            branch["capacitance"],
         ]
         if leaks:
-            found.append(1.0 / (rate * own["capacitance"] * own["loss_tangent"]))
-        return np.array(found)
+            converted.append(1.0 / (rate * branch["capacitance"] * branch["loss_tangent"]))
+        return np.array(converted)
 
     slopes = jacobian(values, circuit.parameters)
-    found = values(circuit.parameters)
-    made = scene.replace({key: float(value) for key, value in zip(keys, found, strict=True)})
-    background = circuit.admittance(measured.frequency) - _own_admittance(
-        made, circuit, mode, measured.frequency
-    )
-    return FromImpedance(
-        circuit,
-        mode,
-        replace(measured, background=background),
-        made,
-        keys,
-        found,
-        slopes @ circuit.covariance @ slopes.T,
-    )
+    estimates = values(circuit.parameters)
+    fitted_scene = scene.replace(dict(zip(keys, map(float, estimates), strict=True)))
+    part = _own_admittance(fitted_scene, circuit, mode, measured.frequency)
+    measured = replace(measured, background=circuit.admittance(measured.frequency) - part)
+    covariance = slopes @ circuit.covariance @ slopes.T
+    return FromImpedance(circuit, mode, measured, fitted_scene, keys, estimates, covariance)
 
 
 def _own_admittance(scene, circuit, mode, frequency):
     """Admittance of the scene's own part of the circuit: one mode, its capacitance, its leak."""
-    known = circuit.numbers(mode)
-    rate, ratio = 2j * math.pi * frequency, frequency / known["series_resonance"]
-    motional = known["capacitance"] * known["coupling_factor"] / (1.0 - known["coupling_factor"])
+    branch = circuit.numbers(mode)
+    rate, ratio = 2j * math.pi * frequency, frequency / branch["series_resonance"]
+    motional = branch["capacitance"] * branch["coupling_factor"] / (1.0 - branch["coupling_factor"])
     leak = scene.transducer.leakage_resistance
-    own = rate * known["capacitance"] + (1.0 / leak if leak else 0.0)
-    return own + rate * motional / (1.0 - ratio**2 + 1j * ratio / known["quality"])
+    admittance = rate * branch["capacitance"] + (1.0 / leak if leak else 0.0)
+    return admittance + rate * motional / (1.0 - ratio**2 + 1j * ratio / branch["quality"])
 
 
 def _spring_key(scene):
@@ -241,7 +194,7 @@ def _spring_key(scene):
 
 def _linear_term(scene, key, stiffness):
     """(k1, ∂k1/∂stiffness) with which the device has this stiffness where it rests (N/m)."""
-    mass, begun = (numbers(scene)[each][0] for each in ("oscillator.mass", key))
+    mass, begun = (numbers(scene)[name][0] for name in ("oscillator.mass", key))
 
     def off(k1):
         try:
@@ -281,55 +234,17 @@ def _check_capacitance(scene, capacitance, where):
 
 def fitted_impedance(found: FromImpedance) -> Fitted:
     """The model fitted to an impedance alone, with its predictions of the lines kept aside."""
-    aside = kept_aside(found.measured)
+    aside, keys = found.measured.aside, found.keys
     length = prepared(found.scene).scales.displacement
     free = unknowns(found.scene, found.keys, {})
-    experiments = [
-        ImpedanceExperiment(found.measured.part(lines), found.scene) for lines in (~aside, aside)
-    ]
-    responses, kept = (SteadyResponses([each], found.keys, length) for each in experiments)
+    responses, validation = (
+        SteadyResponses([SteadyExperiment(found.measured.part(lines), found.scene)], keys, length)
+        for lines in (~aside, aside)
+    )
     shooting = Shooting(responses, free, [np.zeros(3)])
     edges = np.array([0, int(np.count_nonzero(~aside))])
     noise = np.array(found.circuit.noise)
-    fit = Fit(found.values, [edges], [NO_STATES], [noise])
+    fit = ShootingFit(found.values, [edges], [NO_STATES], [noise])
     shooting.linearized(fit)
-    stretch = impedance_stretch(kept, found.values, 0)
+    stretch = predicted_lines(validation, found.values, 0)
     return Fitted.concluded(found.scene, shooting, fit, found.covariance, [stretch])
-
-
-def impedance_stretch(kept: SteadyResponses, values: np.ndarray, number: int) -> ImpedanceStretch:
-    """The model's prediction of the lines of an impedance that were kept aside."""
-    measured: Any = kept.experiments[number].measurement
-    seen = np.column_stack(list(measured.outputs.values()))
-    _, _, found = kept.states(number, values, np.array([0, seen.shape[0]]), NO_STATES)
-    frequency = measured.frequency
-    return ImpedanceStretch(
-        name=measured.name,
-        outputs=tuple(measured.outputs),
-        rate=float((frequency.size - 1) / (frequency[-1] - frequency[0])),
-        measured=seen,
-        windowed=found,
-        free=found,
-        windows=1,
-        resistance=None,
-        frequency=frequency,
-    )
-
-
-def impedance_verdict(base: Fitted) -> Verdict:
-    """Verdict of a fit to an impedance alone, which covers only small motion."""
-    said = (
-        f"impedance to {base.nrmse:.2%} of itself on every third frequency, kept aside (about "
-        f"{base.sensor_noise:.2%} is the analyser's noise)"
-    )
-    if not base.adequate:
-        return Verdict(
-            "incomplete",
-            f"the model is wrong or incomplete: {said}: it has more than modes, a capacitance and "
-            "its loss",
-        )
-    return Verdict(
-        "predicts",
-        f"the model predicts {said}; that is small motion about the place where it rests, the base "
-        "clamped: it does not cover large motion, stoppers and the response to acceleration",
-    )

@@ -5,6 +5,13 @@ the windows' starts eliminated from J. Γ is that of a stationary series with th
 spectral density, so that Jᵀ Γ J is a sum over frequencies (Ljung, System Identification, ch. 9).
 Where residuals are largest just where J is, as those of a noisy drive are, that is too little: a
 variance is never below that from sums of Jᵀ r over blocks of the record.
+
+Noise of the base's sensor drives the model, so the residuals that it causes are as narrow as the
+resonance and largest where the values have their effect. A single record shows their spectrum there
+by some ten independent lines, and a smoothed spectrum is too low. Hence the spectrum is simulated:
+white noise is added to the acceleration and sent through the model in the fit's own windows. Its
+size relative to the outputs' white noise is the one that explains the residuals (Whittle's
+likelihood).
 """
 
 from __future__ import annotations
@@ -14,11 +21,12 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from harvester.identification.base_noise import covariance_of_scores
+from harvester.identification.proof import noise_floor
+from harvester.identification.response import Experiment
 from harvester.identification.window_states import without_states
 
 if TYPE_CHECKING:
-    from harvester.identification.shooting import Fit, Shooting
+    from harvester.identification.shooting import Shooting, ShootingFit
 
 # Half width of a normal variable's 95 % interval, in standard errors.
 HALF_INTERVAL = 1.96
@@ -36,6 +44,13 @@ SHARE_OF_DIRECTION = 0.1
 BLOCKS = 12
 # Number of segments that a residual's spectrum is averaged over.
 SEGMENTS = 12
+# Number of drawn noise records of each experiment: a variance from them is known to a third.
+DRAWS = 16
+# Largest and smallest noise that is drawn, as shares of the base's rms. A higher floor is motion up
+# to half the sampling rate; a record without noise still has a direction in which noise would act.
+MOST_BASE_NOISE, LEAST_BASE_NOISE = 0.05, 1e-6
+# Iterations of Whittle's likelihood; from the third on its sizes change by less than 1 %.
+WHITTLE_STEPS = 5
 
 
 @dataclass(frozen=True)
@@ -64,7 +79,12 @@ class Undetermined:
         return f"{' and '.join(names)} are not determined apart, only {' · '.join(factors)}"
 
 
-def covariance(shooting: Shooting, fit: Fit) -> np.ndarray:
+def interval(value: float, standard_error: float) -> tuple[float, float]:
+    """95 % interval of a normal estimate."""
+    return value - HALF_INTERVAL * standard_error, value + HALF_INTERVAL * standard_error
+
+
+def covariance(shooting: Shooting, fit: ShootingFit) -> np.ndarray:
     """Covariance of the values, in the scene's units squared, shape (unknowns, unknowns)."""
     p = len(shooting.unknowns)
     normal, meat, blocks, noise = (np.zeros((p, p)) for _ in range(4))
@@ -85,13 +105,13 @@ def covariance(shooting: Shooting, fit: Fit) -> np.ndarray:
     normal += SMALLEST_EIGENVALUE * np.diag(sizes)
     meat += SMALLEST_EIGENVALUE * np.diag(sizes)
     inverse = _inverse(normal)
-    found = inverse @ meat @ inverse
-    least = np.maximum(*(np.diag(inverse @ each @ inverse) for each in (blocks, noise)))
-    shares = shooting.sizes * np.sqrt(np.maximum(least / np.diag(found), 1.0))
-    return found * np.outer(shares, shares)
+    sandwich = inverse @ meat @ inverse
+    least = np.maximum(*(np.diag(inverse @ matrix @ inverse) for matrix in (blocks, noise)))
+    shares = shooting.sizes * np.sqrt(np.maximum(least / np.diag(sandwich), 1.0))
+    return sandwich * np.outer(shares, shares)
 
 
-def moved_by_records(shooting: Shooting, fit: Fit, records: int) -> np.ndarray:
+def moved_by_records(shooting: Shooting, fit: ShootingFit, records: int) -> np.ndarray:
     """Covariance from the changes of the values as each record is left out in turn (jackknife).
 
     It holds a model's error, which differs from record to record. Each fit without a record is one
@@ -100,8 +120,6 @@ def moved_by_records(shooting: Shooting, fit: Fit, records: int) -> np.ndarray:
 
     Parameters
     ----------
-    shooting : Shooting
-    fit : Fit
     records : int
         Number of records in time, which come first. Frequency responses and impedances stay in:
         what one of them alone determines, such as the mass, would be without a bound where it is
@@ -118,8 +136,8 @@ def moved_by_records(shooting: Shooting, fit: Fit, records: int) -> np.ndarray:
     if records < 2 or not (fit.grams or shooting.linearized(fit)):
         return np.zeros((p, p))
     normal, gradient = shooting.reduced(fit)
-    own = [shooting.reduced(replace(fit, grams=[grams])) for grams in fit.grams[:records]]
-    moves = np.array([-_inverse(normal - n) @ (gradient - g) for n, g in own]) * shooting.sizes
+    systems = [shooting.reduced(replace(fit, grams=[grams])) for grams in fit.grams[:records]]
+    moves = np.array([-_inverse(normal - n) @ (gradient - g) for n, g in systems]) * shooting.sizes
     moves = np.clip(moves, -MOST_MOVED * shooting.sizes, MOST_MOVED * shooting.sizes)
     moves -= moves.mean(axis=0)
     student = t.ppf(0.5 + 0.5 * HELD, records - 1) / HALF_INTERVAL
@@ -131,7 +149,8 @@ def _meat(columns, residuals):
     from scipy import signal
 
     samples, outputs, p = columns.shape
-    segment = max(16, 2 * samples // (SEGMENTS + 1))
+    segment = min(max(16, 2 * samples // (SEGMENTS + 1)), samples)
+    options = {"nperseg": segment, "detrend": False, "return_onesided": False}
     spectra = np.fft.rfft(columns, axis=0)
     frequencies = np.fft.rfftfreq(samples)
     # Each line stands for positive and negative frequency, except the first and the last.
@@ -142,16 +161,10 @@ def _meat(columns, residuals):
     total = np.zeros((p, p))
     for a in range(outputs):
         for b in range(outputs):
-            f, density = signal.csd(
-                residuals[:, a],
-                residuals[:, b],
-                nperseg=min(segment, samples),
-                detrend=False,
-                return_onesided=False,
-            )
-            kept = f >= 0.0
-            order = np.argsort(f[kept])
-            values = np.interp(frequencies, f[kept][order], density[kept][order])
+            f, density = signal.csd(residuals[:, a], residuals[:, b], **options)
+            positive = f >= 0.0
+            order = np.argsort(f[positive])
+            values = np.interp(frequencies, f[positive][order], density[positive][order])
             products = np.einsum(
                 "k,ki,kj->ij", weight * values, spectra[:, a].conj(), spectra[:, b]
             )
@@ -174,22 +187,20 @@ def undetermined(
 
     Parameters
     ----------
-    keys : list of str
     values, sizes : ndarray
         Values and sizes of the unknowns; a value much smaller than its size counts in sizes.
-    covariance : ndarray
     """
     units = np.where(np.abs(values) > 1e-3 * sizes, np.abs(values), sizes)
     relative = covariance / np.outer(units, units)
     spread, directions = np.linalg.eigh(relative)
-    found = []
+    unclear = []
     for k in np.flatnonzero(np.sqrt(np.maximum(spread, 0.0)) > UNDETERMINED)[::-1]:
         direction = directions[:, k]
         members = np.flatnonzero(np.abs(direction) > SHARE_OF_DIRECTION * np.abs(direction).max())
         members = members[np.argsort(-np.abs(direction[members]))]
         names = tuple(keys[n] for n in members)
-        found.append(Undetermined(names, _determined_powers(relative, members)))
-    return found
+        unclear.append(Undetermined(names, _determined_powers(relative, members)))
+    return unclear
 
 
 def _determined_powers(relative, members):
@@ -199,3 +210,69 @@ def _determined_powers(relative, members):
     _, directions = np.linalg.eigh(relative[np.ix_(members, members)])
     best = directions[:, 0]
     return tuple(float(power) for power in np.round(best / best[np.argmax(np.abs(best))], 3))
+
+
+def base_noise(acceleration: np.ndarray, rate: float) -> float:
+    """rms noise of the base's sensor, from the floor of its spectrum.
+
+    Parameters
+    ----------
+    acceleration : ndarray, shape (n,)
+    rate : float
+        Hz.
+    """
+    return min(noise_floor(acceleration, rate), MOST_BASE_NOISE * float(np.std(acceleration)))
+
+
+def covariance_of_scores(
+    shooting: Shooting, fit: ShootingFit, number: int, table: np.ndarray, columns: np.ndarray
+) -> np.ndarray:
+    """Covariance of one experiment's scores, shape (unknowns, unknowns), in the fit's weights.
+
+    Zero of a frequency response or an impedance.
+
+    Parameters
+    ----------
+    table : ndarray, shape (samples, outputs, unknowns + 4)
+        [J_unknowns, J_states, r].
+    columns : ndarray, shape (samples, outputs, unknowns)
+        J_unknowns without what the windows' starts explain.
+    """
+    p = columns.shape[-1]
+    if not isinstance(shooting.responses.experiments[number], Experiment):
+        return np.zeros((p, p))
+    cuts = fit.edges[number] - fit.edges[number][0]
+    drawn = without_states(_drawn(shooting, fit, number), table[..., p : p + 3], cuts)
+    of_base, of_outputs = _sizes(table[..., -1], drawn)
+    scores = np.einsum("noi,nod->id", columns, drawn)
+    covariance = of_base / drawn.shape[-1] * scores @ scores.T
+    return covariance + np.einsum("o,noi,noj->ij", of_outputs, columns, columns)
+
+
+def _drawn(shooting, fit, number):
+    """Weighted residuals from drawn noise of the base's sensor, shape (samples, outputs, draws)."""
+    measurement = shooting.responses.experiments[number].measurement
+    base, rate = measurement.acceleration, measurement.sampling_rate
+    size = max(base_noise(base, rate), LEAST_BASE_NOISE * float(np.std(base)))
+    noise = size * np.random.default_rng(0).standard_normal((base.size, DRAWS))
+    residuals = shooting.responses.moved_by_noise(
+        number, noise, fit.values, fit.edges[number], fit.starts[number]
+    )
+    return residuals / fit.noise[number][:, None]
+
+
+def _sizes(left, drawn):
+    """Share of the drawn spectrum in the residuals', and each output's own mean square."""
+    from scipy.optimize import nnls
+
+    samples, outputs = left.shape
+    seen = np.abs(np.fft.rfft(left, axis=0)[1:]) ** 2 / samples
+    shape = np.mean(np.abs(np.fft.rfft(drawn, axis=0)[1:]) ** 2, axis=-1) / samples
+    white = np.kron(np.eye(outputs), np.ones((seen.shape[0], 1)))
+    parts = np.column_stack([shape.T.ravel(), white])
+    spectrum = seen.T.ravel()
+    explained = np.repeat(np.maximum(seen.mean(axis=0), 1e-300), seen.shape[0])
+    for _ in range(WHITTLE_STEPS):
+        sizes = nnls(parts / explained[:, None], spectrum / explained)[0]
+        explained = np.maximum(parts @ sizes, 1e-12 * explained.max())
+    return sizes[0], sizes[1:]

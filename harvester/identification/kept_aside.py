@@ -23,11 +23,10 @@ from harvester.estimates.estimate import Estimate
 from harvester.identification.intervals import HALF_INTERVAL, HELD
 from harvester.identification.own_values import own_values
 from harvester.identification.proof import blocks_of, predicted, sensor_noise
-from harvester.identification.reconstruction import frequencies
-from harvester.identification.response import FINE_STEPS, Responses, experiment
+from harvester.identification.response import experiment
 from harvester.identification.search import HOPELESS
 from harvester.identification.sensors import OUTPUT_UNITS
-from harvester.identification.shooting import Fit
+from harvester.identification.shooting import ShootingFit
 from harvester.identification.visited import band
 from harvester.show.numbers import with_error
 
@@ -64,13 +63,11 @@ class Kept:
 
     Attributes
     ----------
-    name : str
     claimed : bool
         Whether the model claims this record: one orbit for all likely values, within what the
         fitted records visited.
     why : str
         Why not; empty where it does.
-    measured_orbit, predicted_orbit : str
     left : float
         Of the first output in windows, beyond the sensor's noise, as a share of its standard
         deviation.
@@ -109,16 +106,14 @@ class Kept:
     @property
     def holds(self) -> bool:
         """Whether what was measured lies within the prediction: the orbit, rms and power."""
-        return self.measured_orbit == self.predicted_orbit and all(
-            _within(*pair)
-            for pair in (
-                (self.measured_rms, self.predicted_rms),
-                (self.measured_power, self.predicted_power),
-            )
+        return (
+            self.measured_orbit == self.predicted_orbit
+            and _within(self.measured_rms, self.predicted_rms)
+            and _within(self.measured_power, self.predicted_power)
         )
 
     def __str__(self) -> str:
-        said = "claimed" if self.claimed else f"not claimed ({self.why})"
+        claim = "claimed" if self.claimed else f"not claimed ({self.why})"
         outcome = "within its interval" if self.holds else "not as predicted"
         measured, expected = (
             f"{orbit}, rms {_text(rms, self.rms_unit)}, {self.quantity} {_text(power, self.unit)}"
@@ -127,10 +122,10 @@ class Kept:
                 (self.predicted_orbit, self.predicted_rms, self.predicted_power),
             )
         )
-        found = self.own.items() if self.follows else ()
-        values = ", ".join(f"{key} = {_text(each, '')}" for key, each in found)
+        values_of_record = self.own.items() if self.follows else ()
+        values = ", ".join(f"{key} = {_text(estimate, '')}" for key, estimate in values_of_record)
         return (
-            f"{self.name}, kept aside: {said}, {outcome}; measured {measured}; predicted "
+            f"{self.name}, kept aside: {claim}, {outcome}; measured {measured}; predicted "
             f"{expected} (that orbit by {self.agreement:.0%} of the likely values)"
             f"{f', with {values}, found in this record' if values else ''}"
         )
@@ -148,8 +143,6 @@ def kept_aside(
 
     Parameters
     ----------
-    fitted : Fitted
-    measurements : sequence of Measurement
     visited : Visited
         Ranges that the fitted records visited.
     misfits : sequence of Misfit
@@ -163,13 +156,13 @@ def kept_aside(
         return []
     model_error = _model_error(fitted, misfits)
     values = _likely(fitted, seed, model_error)
-    worst = max((each.systematic for each in misfits if not each.is_noise), default=0.0)
+    worst = max((misfit.systematic for misfit in misfits if not misfit.is_noise), default=0.0)
     most = max(FOLLOWS * worst, FOLLOWS_SHARE)
-    found = []
-    for number, each in enumerate(measurements):
+    predictions = []
+    for number, record in enumerate(measurements):
         report(number / len(measurements))
-        found.append(_of_record(fitted, each, visited, values, model_error, most))
-    return found
+        predictions.append(_of_record(fitted, record, visited, values, model_error, most))
+    return predictions
 
 
 def _likely(fitted, seed, model_error):
@@ -180,18 +173,18 @@ def _likely(fitted, seed, model_error):
     random = np.random.default_rng(np.random.SeedSequence(seed))
     spread, directions = np.linalg.eigh(fitted.covariance)
     root = directions * np.sqrt(np.maximum(spread, 0.0))
-    own = _fitted_runs(fitted, fitted.values)
-    found: list[np.ndarray] = []
+    best_runs = _fitted_runs(fitted, fitted.values)
+    accepted: list[np.ndarray] = []
     refuted: list[np.ndarray] = []
     for share in np.repeat(SHARES, TRIED):
-        each = fitted.values + share * root @ random.standard_normal(fitted.values.size)
-        each = np.clip(each, fitted.shooting.low, fitted.shooting.high)
-        runs = _fitted_runs(fitted, each)
+        draw = fitted.values + share * root @ random.standard_normal(fitted.values.size)
+        draw = np.clip(draw, fitted.shooting.low, fitted.shooting.high)
+        runs = _fitted_runs(fitted, draw)
         if runs is not None:
-            (found if _agree(runs, own, model_error) else refuted).append(each)
-        if len(found) == DRAWS:
+            (accepted if _agree(runs, best_runs, model_error) else refuted).append(draw)
+        if len(accepted) == DRAWS:
             break
-    return [fitted.values, *(found + refuted)[:DRAWS]]
+    return [fitted.values, *(accepted + refuted)[:DRAWS]]
 
 
 def _fitted_runs(fitted, values):
@@ -199,21 +192,21 @@ def _fitted_runs(fitted, values):
 
     Of the part that was kept aside, without its first share.
     """
-    responses, found = fitted.shooting.responses, []
+    responses, runs = fitted.shooting.responses, []
     for number, edges in enumerate(fitted.settled.edges):
-        made = responses.device(number, values)
-        if made is None:
+        equations = responses.device(number, values)
+        if equations is None:
             return None
-        whole, start = edges[[0, -1]], fitted.settled.starts[number][:1]
-        states, _, outputs = responses.states(number, values, whole, start)
+        span, start = edges[[0, -1]], fitted.settled.starts[number][:1]
+        states, _, outputs = responses.states(number, values, span, start)
         late = int(FORGOTTEN * len(outputs))
         repeats = _repeats(responses.experiments[number].measurement)
-        saddles = np.array(timescales.saddles(made[0]))
+        saddles = np.array(timescales.saddles(equations[0]))
         x = states[late:, 0]
         orbit = _orbit(x, saddles, np.array([0, x.size]), repeats)
-        seen = fitted.shooting.seen(number, whole)
-        found.append((orbit, _root(outputs[late:]), _root(seen[late:])))
-    return found
+        seen = fitted.shooting.seen(number, span)
+        runs.append((orbit, _root(outputs[late:]), _root(seen[late:])))
+    return runs
 
 
 def _agree(runs, own, model_error):
@@ -233,15 +226,14 @@ def _model_error(fitted, misfits):
     """
     from scipy.stats import t
 
-    off = np.array(
-        [
-            math.log(max(each.free_power().estimate, 1e-300) / each.powers()[0].estimate)
-            for each in fitted.stretches
-            # Frequency responses have no power of a run.
-            if each.long
-        ]
-    )
-    missed = np.array([0.0 if each.is_noise else 2.0 * each.systematic for each in misfits])
+    # Frequency responses have no power of a run.
+    ratios = [
+        max(stretch.free_power().estimate, 1e-300) / stretch.powers()[0].estimate
+        for stretch in fitted.stretches
+        if stretch.long
+    ]
+    off = np.array([math.log(ratio) for ratio in ratios])
+    missed = np.array([0.0 if misfit.is_noise else 2.0 * misfit.systematic for misfit in misfits])
     error = math.sqrt(float(np.mean(off**2)) + float(np.mean(missed**2)))
     return error * float(t.ppf(0.5 + 0.5 * HELD, off.size)) / HALF_INTERVAL
 
@@ -249,23 +241,20 @@ def _model_error(fitted, misfits):
 def _of_record(fitted, measurement, visited, values, model_error, most):
     """Compare one record kept aside with its prediction; `most` may be left of it in windows."""
     shooting, noise = _shooting(fitted, measurement)
-    values, own, errors, reach = _with_own(fitted, measurement, visited, values, noise, most)
+    values, local, errors, reach = _with_own(fitted, measurement, visited, values, noise, most)
     stretch, settled = _settled(shooting, values[0], noise, reach)
     responses, edges, starts = shooting.responses, settled.edges[0], settled.starts[0]
     system, _ = responses.known_device(0, values[0])
     saddles = np.array(timescales.saddles(system))
-    followed = responses.states(0, values[0], edges, starts)[0][:, 0]
+    followed = shooting.states(settled, 0)[:, 0]
     repeats = _repeats(measurement)
     late = int(FORGOTTEN * followed.size)
     measured = _orbit(followed, saddles, edges, repeats)
-    runs = [_run(shooting, each, starts[:1], late) for each in values]
+    runs = [_run(shooting, draw, starts[:1], late) for draw in values]
     orbits = [_orbit(x, saddles, np.array([0, x.size]), repeats) for x, _ in runs]
-    agreement = float(np.mean([each == orbits[0] for each in orbits]))
+    agreement = float(np.mean([orbit == orbits[0] for orbit in orbits]))
     late_stretch = replace(
-        stretch,
-        measured=stretch.measured[late:],
-        windowed=stretch.windowed[late:],
-        free=runs[0][1],
+        stretch, measured=stretch.measured[late:], windowed=stretch.windowed[late:], free=runs[0][1]
     )
     quantity, unit = stretch.compared
     why = _why_not(visited, responses, runs[0][0])
@@ -289,19 +278,17 @@ def _of_record(fitted, measurement, visited, values, model_error, most):
         unit=unit,
         measured_rms=_root(late_stretch.measured),
         predicted_rms=_with_error(
-            _root(runs[0][1]),
-            [_root(each).estimate for _, each in runs],
-            0.5 * model_error,
+            _root(runs[0][1]), [_root(outputs).estimate for _, outputs in runs], 0.5 * model_error
         ),
         measured_power=late_stretch.powers()[0],
         predicted_power=_with_error(
             late_stretch.free_power(),
-            [replace(late_stretch, free=each).free_power().estimate for _, each in runs],
+            [replace(late_stretch, free=outputs).free_power().estimate for _, outputs in runs],
             model_error,
         ),
         own={
             key: _with_error(
-                Estimate(own[0][n], float(errors[n]), 1.0, "1"), [each[n] for each in own], 0.0
+                Estimate(local[0][n], float(errors[n]), 1.0, "1"), [row[n] for row in local], 0.0
             )
             for n, key in enumerate(measurement.own)
         },
@@ -316,16 +303,17 @@ def _with_own(fitted, measurement, visited, values, noise, most):
     if not measurement.own:
         return values, [], np.array([]), (-farthest, farthest)
     low, high = float(ends.min()), float(ends.max())
-    there = (low - BEYOND * (high - low), high + BEYOND * (high - low))
-    own, errors, reach = own_values(
-        fitted, measurement, values, (-farthest, farthest), there, noise, most
+    interval = (low - BEYOND * (high - low), high + BEYOND * (high - low))
+    local_values, errors, reach = own_values(
+        fitted, measurement, values, (-farthest, farthest), interval, noise, most
     )
     # A key that the fit has too is the record's own here.
-    taken = np.flatnonzero([key in measurement.own for key in fitted.keys])
+    indices = np.flatnonzero([key in measurement.own for key in fitted.keys])
     values = [
-        np.append(np.delete(each, taken), more) for each, more in zip(values, own, strict=True)
+        np.append(np.delete(draw, indices), local)
+        for draw, local in zip(values, local_values, strict=True)
     ]
-    return values, own, errors, reach
+    return values, local_values, errors, reach
 
 
 def _settled(shooting, values, noise, reach):
@@ -333,36 +321,37 @@ def _settled(shooting, values, noise, reach):
 
     A sine in one well looks nearly alike in the other, so windows placed anywhere may lie in both.
     """
-    whole = [(0, shooting.responses.experiments[0].samples)]
-    begun = Fit(values, [], [], [noise])
+    span = [(0, shooting.responses.experiments[0].samples)]
+    begun = ShootingFit(values, [], [], [noise])
 
     def found(ends):
-        (stretch,), settled = predicted(shooting, begun, whole, ends)
+        (stretch,), settled = predicted(shooting, begun, span, ends)
         return stretch, settled, float(np.mean((stretch.residuals / noise) ** 2))
 
     system, _ = shooting.responses.known_device(0, values)
-    saddles = [each for each in timescales.saddles(system) if reach[0] < each < reach[1]]
+    saddles = [saddle for saddle in timescales.saddles(system) if reach[0] < saddle < reach[1]]
     best = anywhere = found(reach)
     if saddles:
         wells = [found(ends) for ends in pairwise([reach[0], *sorted(saddles), reach[1]])]
-        best = min(wells, key=lambda each: each[-1])
+        best = min(wells, key=lambda solution: solution[-1])
     stretch, settled, _ = best if best[-1] <= HOPELESS * anywhere[-1] else anywhere
     return stretch, settled
 
 
 def _shooting(fitted, measurement):
     """The problem of one more record, whose only unknowns are its windows' starts."""
-    own = fitted.shooting.responses
-    made = experiment(fitted.scene, measurement, frequencies(measurement)[1], FINE_STEPS)
-    keys = [*(key for key in own.keys if key not in measurement.own), *measurement.own]
-    responses = Responses([made], keys, own.interpolation, own.length)
-    shooting = fitted.shooting.beside(responses, [], records=1)
-    known = {
+    reference = fitted.shooting.responses
+    record = experiment(fitted.scene, measurement)
+    keys = [*(key for key in reference.keys if key not in measurement.own), *measurement.own]
+    shooting = fitted.shooting.beside(reference.replaced([record], keys), [], records=1)
+    fitted_noise = {
         name: level
-        for each, levels in zip(own.experiments, fitted.fit.noise, strict=True)
-        for name, level in zip(each.measurement.outputs, levels, strict=True)
+        for other, levels in zip(reference.experiments, fitted.fit.noise, strict=True)
+        for name, level in zip(other.measurement.outputs, levels, strict=True)
     }
-    noise = [known.get(name, 0.05 * float(np.std(v))) for name, v in measurement.outputs.items()]
+    noise = [
+        fitted_noise.get(name, 0.05 * float(np.std(v))) for name, v in measurement.outputs.items()
+    ]
     return shooting, np.array(noise)
 
 
@@ -378,14 +367,14 @@ def _repeats(measurement):
     """Samples of a period of a base that is a sine; None of others."""
     base = measurement.acceleration - measurement.acceleration.mean()
     power = np.abs(np.fft.rfft(base * np.hanning(base.size))) ** 2
-    place = int(np.argmax(power))
-    near = power[max(place - SINE_LINES, 0) : place + SINE_LINES + 1]
-    if place == 0 or near.sum() < SINE * power.sum():
+    line = int(np.argmax(power))
+    near = power[max(line - SINE_LINES, 0) : line + SINE_LINES + 1]
+    if line == 0 or near.sum() < SINE * power.sum():
         return None
     # The frequency lies between lines: the mean of the strongest and its neighbours, weighted by
     # power.
-    weights = power[place - 1 : place + 2]
-    return base.size / float(weights @ np.arange(place - 1, place + 2) / weights.sum())
+    weights = power[line - 1 : line + 2]
+    return base.size / float(weights @ np.arange(line - 1, line + 2) / weights.sum())
 
 
 def _orbit(x, saddles, edges, period):
@@ -406,17 +395,17 @@ def _orbit(x, saddles, edges, period):
 
 def _why_not(visited, responses, x):
     """Why a record lies outside the fitted records' ranges; empty if it lies within them."""
-    low = min(each[0] for each in visited.displacement)
-    high = max(each[1] for each in visited.displacement)
-    more = BEYOND * (high - low)
+    low = min(interval[0] for interval in visited.displacement)
+    high = max(interval[1] for interval in visited.displacement)
+    margin = BEYOND * (high - low)
     x = x * responses.length
-    if x.min() < low - more or x.max() > high + more:
+    if x.min() < low - margin or x.max() > high + margin:
         return "the run leaves the visited displacements"
-    made = responses.experiments[0]
-    load = float(made.scene.load.resistance)
+    record = responses.experiments[0]
+    load = float(record.scene.load.resistance)
     if not (1.0 - BEYOND) * min(visited.loads) <= load <= (1.0 + BEYOND) * max(visited.loads):
         return "its load was not visited"
-    slowest, fastest = band([made.measurement])
+    slowest, fastest = band([record.measurement])
     if slowest < visited.frequency[0] / BEYOND_BAND or fastest > BEYOND_BAND * visited.frequency[1]:
         return "its frequencies were not visited"
     return ""

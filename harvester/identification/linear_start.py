@@ -12,7 +12,7 @@ looked for on a grid.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -43,23 +43,21 @@ LEAST_DAMPING_RATIO = 0.003
 
 
 @dataclass(frozen=True)
-class Start:
+class StartingPoint:
     """Values of the unknowns, and the motion of each experiment that goes with them.
 
     Attributes
     ----------
     values : ndarray, shape (unknowns,)
-    motions : list of Motion
-    misfit : float
-        Misfit of the regression, as a share; NaN where there was none.
     """
 
     values: np.ndarray
     motions: list[Motion]
-    misfit: float
 
 
-def as_it_is(responses: Responses, values: np.ndarray, centre: float | None = None) -> Start:
+def as_it_is(
+    responses: Responses, values: np.ndarray, centre: float | None = None
+) -> StartingPoint:
     """The start at given values with the motions that follow from them, centred if `centre`
     is given."""
     motions = []
@@ -67,44 +65,39 @@ def as_it_is(responses: Responses, values: np.ndarray, centre: float | None = No
         system, scales = responses.known_device(number, values)
         seen = motion(system, scales, responses.shown(number, values))
         motions.append(seen if centre is None else seen.centred(centre))
-    return Start(values, motions, np.nan)
+    return StartingPoint(values, motions)
 
 
-def regressed(responses: Responses, values: np.ndarray, number: int, drifts: bool) -> list[Start]:
+def regressed(
+    responses: Responses, values: np.ndarray, number: int, drifts: bool
+) -> list[StartingPoint]:
     """Starts by regression on one experiment, one for each likely origin of its displacement.
 
     Parameters
     ----------
-    responses : Responses
     values : ndarray
         Values of the unknowns, used for those that a regression does not give.
-    number : int
-        Number of the experiment.
     drifts : bool
         Whether the slow part of an integrated voltage is kept: it is needed if the mass changes
         wells; otherwise it only adds noise.
     """
     tried = [
         _of_electrical(responses, values, number, factor, drifts)
-        for factor in _electrical_factors(responses)
+        for factor in (ELECTRICAL_FACTORS if "piezo.capacitance" in responses.keys else (1.0,))
     ]
-    found = min((each for each in tried if each), key=lambda each: each.misfit, default=None)
-    starts: list[Start] = []
-    if found is None:
+    best = min((trial for trial in tried if trial), key=lambda trial: trial.misfit, default=None)
+    starts: list[StartingPoint] = []
+    if best is None:
         return starts
-    for changed, origin in found.results():
+    for changed, origin in best.results():
         if responses.device(number, changed) is None:
             continue
         start = as_it_is(responses, changed)
         # The regression gives only this record's origin; the other records' motions begin about the
         # same place.
-        motions = [each.centred(origin) for each in start.motions]
-        starts.append(Start(changed, motions, found.misfit))
+        motions = [path.centred(origin) for path in start.motions]
+        starts.append(StartingPoint(changed, motions))
     return starts
-
-
-def _electrical_factors(responses):
-    return ELECTRICAL_FACTORS if "piezo.capacitance" in responses.keys else (1.0,)
 
 
 def _with(responses, values, changes):
@@ -119,18 +112,18 @@ def _value(responses, values, key, number):
     """Value of a scene's key, whether it is free or not; 0 where the scene has no such key."""
     if key in responses.keys:
         return float(values[responses.keys.index(key)])
-    found = numbers(responses.experiments[number].scene).get(key)
-    return float(found[0]) if found else 0.0
+    entry = numbers(responses.experiments[number].scene).get(key)
+    return float(entry[0]) if entry else 0.0
 
 
 def _of_electrical(responses, values, number, factor, drifts):
     """The solved regression for one trial capacitance; None where the scene refuses it."""
     capacitance = _value(responses, values, "piezo.capacitance", number) * factor
     values = _with(responses, values, {"piezo.capacitance": capacitance})
-    made = responses.device(number, values)
-    if made is None:
+    equations = responses.device(number, values)
+    if equations is None:
         return None
-    system, scales = made
+    system, scales = equations
     seen = motion(system, scales, responses.shown(number, values))
     if not drifts:
         seen = seen.without_drift(responses.experiments[number].measurement)
@@ -146,10 +139,17 @@ class _Regression:
         experiment = responses.experiments[number]
         self.scene = experiment.scene
         self.powers = _powers(self.scene.oscillator)
+        self.degree = max(n for n, k in enumerate(self.powers) if k or n == 1)
+        self.mass = self.scene.oscillator.mass if self.scene.units == "SI" else 1.0
+        self.stops = [stop for stop in self.scene.stoppers if stop.stiffness > 0.0]
         self.offset = float(np.mean(seen.x))
         self.z, self.w, self.state = seen.x - self.offset, seen.v, seen.state
         self.centred = "displacement" not in experiment.measurement.outputs
         self.unit = float(np.std(self.z)) or 1.0
+        # The transducer's force has a coefficient to be fitted: β of a scaled scene.
+        self.linear_force = self.scene.units != "SI" and "piezo.coupling" in responses.keys
+        # The drive has an unknown factor, and the motion a known scale.
+        self.free_drive = bool({BASE_SCALE, BASE_FACTOR} & {*responses.keys}) and not self.centred
         rate = experiment.measurement.sampling_rate
         period = 1.0 / frequencies(experiment.measurement)[0]
         width = int(np.clip(round(COVERED_PERIODS * period * rate), 16, self.z.size // 4))
@@ -189,77 +189,52 @@ class _Regression:
         )
         known_scale |= not self.drive.any()
         factors = (1.0,) if known_scale else SCALE_FACTORS
-        gap_shares = GAP_SHARES if self._gap_keys() else (None,)
-        found = []
+        has_gaps = any(key.startswith("stoppers") and "gap" in key for key in numbers(self.scene))
+        gap_shares = GAP_SHARES if has_gaps else (None,)
+        solutions = []
         for share in gap_shares:
-            columns, names = self._columns(share)
-            found += [(*each, share, names) for each in self._solved(columns, factors)]
-        return min(found, key=lambda each: each[0])
+            columns = self._columns(share)
+            solved = self._solved(np.column_stack(list(columns.values())), factors)
+            solutions += [(*solution, share, list(columns)) for solution in solved]
+        return min(solutions, key=lambda solution: solution[0])
 
     def results(self) -> list:
         """(values, mean displacement) for each likely origin."""
         _, solution, s, share, names = self.solved
-        found = dict(zip(names, solution, strict=True))
-        return [self._translated(found, s, share, shift) for shift in self._shifts(found, s)]
-
-    def _gap_keys(self):
-        return [key for key in numbers(self.scene) if key.startswith("stoppers") and "gap" in key]
-
-    def _degree(self):
-        return max(n for n, k in enumerate(self.powers) if k or n == 1)
+        terms = dict(zip(names, solution, strict=True))
+        return [self._translated(terms, s, share, shift) for shift in self._shifts(terms, s)]
 
     def _columns(self, share):
-        """The regression's columns (integrals of the terms, over s) and the coefficients' names."""
+        """Columns of the regression (integrals of terms, over s) by their coefficients' names."""
         z = self.z / self.unit
-        names, columns = ["damping"], [self.damping]
+        columns = {"damping": self.damping}
         if "oscillator.quadratic_damping" in self.responses.keys:
-            names.append("drag")
-            columns.append(self._integrated(np.abs(self.w) * self.w))
-        for power in range(self._degree() + 1):
-            names.append(f"k{power}")
-            columns.append(self._integrated(z**power))
-        if share is not None:
-            for place, (side, exponent) in enumerate(self._contacts()):
-                push = self._push(share, side, exponent)
-                names.append(f"contact{place}")
-                columns.append(self._integrated(push))
-                names.append(f"dashpot{place}")
-                columns.append(self._integrated(np.abs(push) * self.w))
-        if self._linear_force():
-            names.append("force")
-            columns.append(self.force)
-        if self._free_drive():
-            names.append("drive")
-            columns.append(-self.drive)
-        return np.column_stack(columns), names
+            columns["drag"] = self._integrated(np.abs(self.w) * self.w)
+        for power in range(self.degree + 1):
+            columns[f"k{power}"] = self._integrated(z**power)
+        for index, stop in enumerate(self.stops if share is not None else ()):
+            push = self._push(share, stop)
+            columns[f"contact{index}"] = self._integrated(push)
+            columns[f"dashpot{index}"] = self._integrated(np.abs(push) * self.w)
+        if self.linear_force:
+            columns["force"] = self.force
+        if self.free_drive:
+            columns["drive"] = -self.drive
+        return columns
 
-    def _linear_force(self):
-        """Whether the transducer's force has a coefficient to be fitted: β of a scaled scene."""
-        return self.scene.units != "SI" and "piezo.coupling" in self.responses.keys
-
-    def _free_drive(self):
-        """Whether the drive has an unknown factor, and the motion a known scale."""
-        keys = self.responses.keys
-        return (BASE_SCALE in keys or BASE_FACTOR in keys) and not self.centred
-
-    def _contacts(self):
-        return [(each.side, each.exponent) for each in self.scene.stoppers if each.stiffness > 0.0]
-
-    def _push(self, share, side, exponent):
-        right = np.maximum(self.z - share * self.z.max(), 0.0) ** exponent
-        left = np.maximum(-self.z + share * self.z.min() * 1.0, 0.0) ** exponent
-        return {"right": right, "left": -left, "both": right - left}[side]
+    def _push(self, share, stop):
+        right = np.maximum(self.z - share * self.z.max(), 0.0) ** stop.exponent
+        left = np.maximum(-self.z + share * self.z.min() * 1.0, 0.0) ** stop.exponent
+        return {"right": right, "left": -left, "both": right - left}[stop.side]
 
     def _solved(self, columns, factors):
         """(misfit, coefficients, s) for each scale s of the motion.
 
         What the coefficients are to make is a sum of terms in s⁰, s¹ and s⁻¹, each solved once.
         """
-        drives, forces = self._free_drive(), self._linear_force()
         # A term with an unknown coefficient is among the columns and left out here.
-        terms = np.column_stack(
-            [self.drive * (not drives), -self.inertia, -self.force * (not forces)]
-        )
+        drive, force = self.drive * (not self.free_drive), -self.force * (not self.linear_force)
+        terms = np.column_stack([drive, -self.inertia, force])
         norms = np.linalg.norm(columns, axis=0)
         norms[norms == 0.0] = 1.0
         solutions = np.linalg.lstsq(columns / norms, terms, rcond=1e-10)[0] / norms[:, None]
@@ -267,13 +242,13 @@ class _Regression:
         size = np.linalg.norm(terms[:, 0]) or np.linalg.norm(self.inertia)
         powers = [np.array([1.0, s, 1.0 / s]) for s in factors]
         return [
-            (np.linalg.norm(left @ each) / size, solutions @ each, s)
-            for each, s in zip(powers, factors, strict=True)
+            (np.linalg.norm(left @ scale_powers) / size, solutions @ scale_powers, s)
+            for scale_powers, s in zip(powers, factors, strict=True)
         ]
 
     def _force(self, found, s):
         """Coefficients of F as a polynomial of s z, scaled."""
-        return np.array([found[f"k{n}"] / (s * self.unit) ** n for n in range(self._degree() + 1)])
+        return np.array([found[f"k{n}"] / (s * self.unit) ** n for n in range(self.degree + 1)])
 
     def _translated(self, found, s, share, shift):
         """(values, mean displacement) with x = s z + shift."""
@@ -282,19 +257,16 @@ class _Regression:
         changes |= self._transduced(found, s)
         if found.get("drive"):
             # The drive is the base factor over the sensor's scale; only one of them is free.
-            own = _value(self.responses, self.values, BASE_SCALE, self.number)
-            changes[BASE_SCALE] = own / found["drive"]
-            own = _value(self.responses, self.values, BASE_FACTOR, self.number)
-            changes[BASE_FACTOR] = own * found["drive"]
+            value = _value(self.responses, self.values, BASE_SCALE, self.number)
+            changes[BASE_SCALE] = value / found["drive"]
+            value = _value(self.responses, self.values, BASE_FACTOR, self.number)
+            changes[BASE_FACTOR] = value * found["drive"]
         if share is not None:
             changes |= self._stops(found, s, share, shift)
         return _with(self.responses, self.values, self._within(changes)), shift
 
-    def _mass(self):
-        return self.scene.oscillator.mass if self.scene.units == "SI" else 1.0
-
     def _mechanical(self, found, s, coefficients):
-        mass, length = self._mass(), self.scales.displacement
+        mass, length = self.mass, self.scales.displacement
         stiffness = abs(coefficients[1]) if coefficients.size > 1 else 1.0
         least = 2.0 * LEAST_DAMPING_RATIO * np.sqrt(stiffness)
         changes = {"oscillator.damping": mass * max(found["damping"] / s, least)}
@@ -320,19 +292,18 @@ class _Regression:
 
     def _stops(self, found, s, share, shift):
         """Gaps and stiffnesses of the contacts."""
-        mass, length = self._mass(), self.scales.displacement
+        mass, length = self.mass, self.scales.displacement
         changes = {}
-        tables = [each for each in self.scene.stoppers if each.stiffness > 0.0]
-        several = len(tables) > 1 or tables[0].side != "both"
-        for place, each in enumerate(tables):
-            table = f"stoppers[{place}]" if several else "stoppers"
+        several = len(self.stops) > 1 or self.stops[0].side != "both"
+        for index, stop in enumerate(self.stops):
+            table = f"stoppers[{index}]" if several else "stoppers"
             right = share * self.z.max() * s + shift
             left = -share * self.z.min() * s - shift
-            gap = {"right": right, "left": left, "both": 0.5 * (right + left)}[each.side]
-            push = found[f"contact{place}"] / s**each.exponent
+            gap = {"right": right, "left": left, "both": 0.5 * (right + left)}[stop.side]
+            push = found[f"contact{index}"] / s**stop.exponent
             changes[f"{table}.gap"] = gap * length
             if push > 0.0:
-                changes[f"{table}.stiffness"] = push * mass * length ** (1.0 - each.exponent)
+                changes[f"{table}.stiffness"] = push * mass * length ** (1.0 - stop.exponent)
         return changes
 
     def _shifts(self, found, s):
@@ -345,42 +316,41 @@ class _Regression:
             return [0.0]
         force, rms = self._force(found, s), s * self.unit
         off = np.zeros(ORIGINS.size)
-        for place, origin in enumerate(ORIGINS * rms):
+        for index, origin in enumerate(ORIGINS * rms):
             moved = _shifted(force, origin)
-            off[place] = sum(
+            off[index] = sum(
                 ((moved[n] - k) * rms**n) ** 2 for n, k in fixed.items() if n < moved.size
             )
         around = np.concatenate([[np.inf], off, [np.inf]])
         dips = np.flatnonzero((off < around[:-2]) & (off <= around[2:]))
-        best = sorted(dips, key=lambda place: off[place])[:MOST_ORIGINS]
-        return [float(ORIGINS[place] * rms) for place in best]
+        best = sorted(dips, key=lambda index: off[index])[:MOST_ORIGINS]
+        return [float(ORIGINS[index] * rms) for index in best]
 
     def _kept_coefficients(self):
         """Scaled coefficients of the spring that are not free, by their powers."""
-        mass, length = self._mass(), self.scales.displacement
-        coefficients = self.powers
-        fixed = {}
-        for n in range(self._degree() + 1):
+        length, fixed = self.scales.displacement, {}
+        for n in range(self.degree + 1):
             short = {1: "linear_stiffness", 3: "cubic_stiffness"}.get(n, "none")
             if self.scene.oscillator.restoring_force is not None:
                 short = f"restoring_force[{n}]"
             if f"oscillator.{short}" not in self.responses.keys:
-                value = coefficients[n] if n < len(coefficients) else 0.0
-                fixed[n] = value * length ** (n - 1) / mass
+                value = self.powers[n] if n < len(self.powers) else 0.0
+                fixed[n] = value * length ** (n - 1) / self.mass
         return fixed
 
     def _within(self, changes):
         """The changes of free values, clipped to their bounds."""
-        known = numbers(self.scene)
-        kept = {}
+        specs = numbers(self.scene)
+        bounded = {}
         if BASE_SCALE in changes and BASE_SCALE in self.responses.keys:
-            kept[BASE_SCALE] = changes[BASE_SCALE]
+            bounded[BASE_SCALE] = changes[BASE_SCALE]
         for key, value in changes.items():
-            if key in known and key in self.responses.keys and np.isfinite(value):
-                low, start = known[key][1].low, abs(known[key][0])
-                least = low if known[key][1].low_allowed or low == -np.inf else low + 1e-2 * start
-                kept[key] = min(max(value, least), known[key][1].high)
-        return kept
+            if key in specs and key in self.responses.keys and np.isfinite(value):
+                start, spec = specs[key]
+                is_open = not spec.low_allowed and spec.low != -np.inf
+                least = spec.low + 1e-2 * abs(start) if is_open else spec.low
+                bounded[key] = min(max(value, least), spec.high)
+        return bounded
 
 
 def _powers(oscillator):
@@ -398,36 +368,29 @@ def _shifted(coefficients, distance):
     return np.append(moved.coef, np.zeros(len(coefficients)))[: len(coefficients)]
 
 
-def _ways(measurement):
-    """Ways to take the motion: with the slow drift of an integrated voltage, and without it."""
-    return (True,) if "displacement" in measurement.outputs else (True, False)
-
-
-def starts_from(responses: Responses, values: np.ndarray) -> list[Start]:
+def starts_from(responses: Responses, values: np.ndarray) -> list[StartingPoint]:
     """All starts worth a trial: the scene as it is, and regressions on each record."""
-    found = [
-        start
-        for number in range(len(responses.experiments))
-        for drifts in _ways(responses.experiments[number].measurement)
-        for start in regressed(responses, values, number, drifts)
-    ]
+    starts: list[StartingPoint] = []
+    for number, experiment in enumerate(responses.experiments):
+        starts += regressed(responses, values, number, True)
+        if "displacement" not in experiment.measurement.outputs:
+            # An integrated voltage has a slow drift: the motion is tried without it, too.
+            starts += regressed(responses, values, number, False)
     system, _ = responses.known_device(0, values)
     wells, saddles = timescales.wells(system), timescales.saddles(system)
     measured = "displacement" in responses.experiments[0].measurement.outputs
     places = [*wells[:1]] if measured else [*wells, *saddles]
-    found += [as_it_is(responses, values, place) for place in places]
-    return [_with_velocity_scale(responses, each) for each in found]
+    starts += [as_it_is(responses, values, centre) for centre in places]
+    return [_with_velocity_scale(responses, start) for start in starts]
 
 
 def _with_velocity_scale(responses, start):
     """The start with the free scale of a velocity's sensor as its motion has it."""
     if VELOCITY_SCALE not in responses.keys:
         return start
-    for number, motion_there in enumerate(start.motions):
-        velocity = motion_there.v * responses.length
-        scale = responses.velocity_scale(number, velocity, start.values)
+    for number, path in enumerate(start.motions):
+        scale = responses.velocity_scale(number, path.v * responses.length, start.values)
         if scale:
-            return replace(
-                start, values=_with(responses, start.values, {VELOCITY_SCALE: abs(scale)})
-            )
+            values = _with(responses, start.values, {VELOCITY_SCALE: abs(scale)})
+            return StartingPoint(values, start.motions)
     return start

@@ -76,12 +76,7 @@ class MeasuredImpedance(MeasuredResponse):
         )
 
     def check(self) -> None:
-        """Refuse an impedance with fewer than `FEWEST_FREQUENCIES` frequencies.
-
-        Raises
-        ------
-        IdentificationError
-        """
+        """Raise IdentificationError if there are too few frequencies."""
         if self.frequency.size < FEWEST_FREQUENCIES:
             raise IdentificationError(
                 f"{self.name}: too short: {self.frequency.size} frequencies, and "
@@ -114,17 +109,17 @@ def read_impedance(
         A column or a unit is missing, or what it holds is no impedance.
     """
     path, where = str(file), named(str(file))
-    given = {OTHER_NAMES.get(key, key): str(value) for key, value in (settings or {}).items()}
-    for key in given:
+    columns = {OTHER_NAMES.get(key, key): str(value) for key, value in (settings or {}).items()}
+    for key in columns:
         if key not in SETTINGS:
             raise SceneError(f"{where}: unknown setting {named(key)}{nearest(key, SETTINGS)}")
     content, _ = read_record(path)
     if Path(path).suffix.lower() == ".s1p":
-        if given:
+        if columns:
             raise SceneError(f"{where}: a Touchstone file says its columns itself: leave them out")
         frequency, impedance = _touchstone(content, where)
     else:
-        frequency, impedance = _columns(MeasuredFile(path, content), given)
+        frequency, impedance = _columns(MeasuredFile(path, content), columns)
     frequency, impedance = _ordered(frequency, impedance, where)
     _check_passive(impedance, where)
     return MeasuredImpedance(frequency, impedance, name=plain_name(Path(path).name))
@@ -141,9 +136,9 @@ def _touchstone(content, where):
             if option and "Y" in words and "[version]" not in text.lower():
                 # Version 1 divides Y by the conductance of the reference; scikit-rf 2.2 multiplies
                 # by it. With a reference of 1 ohm both agree.
-                place = words.index("R") if "R" in words else len(words)
-                scale = float([*words, "R", "50"][place + 1])
-                line = " ".join([*words[:place], *words[place + 2 :], "R", "1"])
+                index = words.index("R") if "R" in words else len(words)
+                scale = float([*words, "R", "50"][index + 1])
+                line = " ".join([*words[:index], *words[index + 2 :], "R", "1"])
                 text = f"{text[: option.start()]}{line}\n{text[option.end() :]}"
             stream = io.StringIO(text)
             stream.name = "impedance.s1p"
@@ -161,8 +156,8 @@ def _touchstone(content, where):
 def _columns(measured, given):
     """Frequency (Hz) and Z (Ω) by the columns that a file has."""
     chosen = {name: _chosen(measured, name, given.get(name)) for name in SETTINGS}
-    there = {name for name, (place, _) in chosen.items() if place is not None}
-    if "frequency" not in there:
+    available = {name for name, (index, _) in chosen.items() if index is not None}
+    if "frequency" not in available:
         raise SceneError(
             f"{measured.where}: no column of frequencies: write frequency [Hz] in its header, or "
             f"frequency=COLUMN:UNIT behind the file; the file has {measured.listed()}"
@@ -171,31 +166,29 @@ def _columns(measured, given):
     polar = {"impedance"} if is_complex else {"impedance", "phase"}
     parts = {"resistance", "reactance"}
     # Columns that the user named come before those found by their headings.
-    wanted = next((each for each in (polar, parts) if each & set(given) and each <= there), None)
-    wanted = wanted or next((each for each in (polar, parts) if each <= there), None)
-    if wanted is None:
+    form = next((kind for kind in (polar, parts) if kind & set(given) and kind <= available), None)
+    form = form or next((kind for kind in (polar, parts) if kind <= available), None)
+    if form is None:
         raise SceneError(
             f"{measured.where}: no columns of an impedance: write {COLUMNS_NEEDED}; the file has "
             f"{measured.listed()}"
         )
-    found = {
-        name: _values(measured, name, *chosen[name]) for name in ("frequency", *sorted(wanted))
-    }
-    if wanted is parts:
-        return found["frequency"], found["resistance"] + 1j * found["reactance"]
-    turned = 1.0 if is_complex else np.exp(1j * found["phase"])
-    return found["frequency"], found["impedance"] * turned
+    values = {name: _values(measured, name, *chosen[name]) for name in ("frequency", *sorted(form))}
+    if form is parts:
+        return values["frequency"], values["resistance"] + 1j * values["reactance"]
+    turned = 1.0 if is_complex else np.exp(1j * values["phase"])
+    return values["frequency"], values["impedance"] * turned
 
 
 def _chosen(measured, quantity, text):
     """Index of a quantity's column, and the unit that is given for it."""
-    found = measured.of(quantity)
-    other = [name for name, usual in OTHER_NAMES.items() if usual == quantity and not found]
-    found = found or [place for name in other for place in measured.of(name)]
-    if quantity == "phase" and not found:
-        titles = [each.title.lower().replace("_", " ") for each in measured.headings]
-        found = [place for place, title in enumerate(titles) if title in PHASE_TITLES]
-    return measured.chosen(quantity, text, found)
+    indices = measured.of(quantity)
+    other = [name for name, usual in OTHER_NAMES.items() if usual == quantity and not indices]
+    indices = indices or [index for name in other for index in measured.of(name)]
+    if quantity == "phase" and not indices:
+        titles = [heading.title.lower().replace("_", " ") for heading in measured.headings]
+        indices = [index for index, title in enumerate(titles) if title in PHASE_TITLES]
+    return measured.chosen(quantity, text, indices)
 
 
 def _values(measured, quantity, place, given):
@@ -206,16 +199,16 @@ def _values(measured, quantity, place, given):
         raise SceneError(
             f"{measured.where}: {measured.label(place)}: lines without a number: leave them out"
         )
-    known = QUANTITIES[quantity]
+    factors = QUANTITIES[quantity]
     if not unit:
         raise SceneError(
             f"{measured.where}: {quantity} has no unit{_looks(quantity, values)}: write it behind "
-            f"the name in its header, as {quantity} [{next(iter(known))}], or {quantity}="
-            f"COLUMN:UNIT behind the file; units are {', '.join(known)}"
+            f"the name in its header, as {quantity} [{next(iter(factors))}], or {quantity}="
+            f"COLUMN:UNIT behind the file; units are {', '.join(factors)}"
         )
     if quantity == "phase":
         _check_phase(measured, place, values, unit)
-    return values * known[unit]
+    return values * factors[unit]
 
 
 def _looks(quantity, values):
@@ -230,22 +223,25 @@ def _check_phase(measured, place, values, unit):
     """Refuse degrees that are radians, and radians that are degrees."""
     largest = float(np.abs(values).max())
     limit = math.radians(LARGEST_PHASE)
-    said = f"{measured.where}: {measured.label(place)} lies within ±{largest:.3g} {unit}, "
     if unit == "rad" and largest > limit:
-        raise SceneError(
-            f"{said}and a passive part's phase within ±1.571 rad: if it is in degrees, say so "
+        cause = (
+            "a passive part's phase within ±1.571 rad: if it is in degrees, say so "
             "(phase=COLUMN:deg); if not, the column is not that of the impedance's phase"
         )
-    if unit == "deg" and largest > LARGEST_PHASE:
-        raise SceneError(
-            f"{said}and a passive part's phase within ±90 deg: the column is not that of the "
-            "impedance's phase"
+    elif unit == "deg" and largest > LARGEST_PHASE:
+        cause = (
+            "a passive part's phase within ±90 deg: the column is not that of the impedance's phase"
         )
-    if unit == "deg" and largest <= limit:
-        raise SceneError(
-            f"{said}and a piezo's impedance has −90 deg away from its resonances: if it is in "
-            "radians, say so (phase=COLUMN:rad)"
+    elif unit == "deg" and largest <= limit:
+        cause = (
+            "a piezo's impedance has −90 deg away from its resonances: if it is in radians, say so "
+            "(phase=COLUMN:rad)"
         )
+    else:
+        return
+    raise SceneError(
+        f"{measured.where}: {measured.label(place)} lies within ±{largest:.3g} {unit}, and {cause}"
+    )
 
 
 def _ordered(frequency, impedance, where):

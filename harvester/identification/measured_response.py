@@ -9,8 +9,8 @@ import numpy as np
 
 from harvester.errors import IdentificationError, SceneError
 
-# Fewest frequencies in a response; a third of them is kept aside.
-FEWEST_FREQUENCIES = 12
+# Fewest frequencies in a response. One line in three is kept aside.
+FEWEST_FREQUENCIES, KEPT_ASIDE = 12, 3
 # A response is conjugated if it turns by more than this share of all its turning, lines weighted by
 # their squares, towards larger phases: a device's turns the other way, noise either way.
 RISING = 0.5
@@ -78,6 +78,11 @@ class MeasuredResponse:
         """Frequency of the greatest amplitude (Hz)."""
         return float(self.frequency[np.argmax(np.abs(self.response))])
 
+    @property
+    def aside(self) -> np.ndarray:
+        """Mask of the lines that are kept aside."""
+        return np.arange(self.frequency.size) % KEPT_ASIDE == 1
+
     def part(self, lines: np.ndarray) -> MeasuredResponse:
         """A selection of its frequencies."""
         base = self.acceleration if self.acceleration is None else self.acceleration[lines]
@@ -114,10 +119,7 @@ class MeasuredResponse:
 
 
 def response_of(
-    columns: dict[str, np.ndarray],
-    changes: dict[str, Any],
-    name: str,
-    sensors: dict[str, float],
+    columns: dict[str, np.ndarray], changes: dict[str, Any], name: str, sensors: dict[str, float]
 ) -> MeasuredResponse:
     """A response from columns by their quantities, in the scene's units.
 

@@ -117,10 +117,10 @@ class Measurement:
 
 def _marker_remarks(columns):
     """A remark on each column, of 1 dimension, that holds markers such as -9999 or a rail."""
-    found = {name: marker_remark(values) for name, values in columns.items() if values.ndim == 1}
+    remarks = {name: marker_remark(values) for name, values in columns.items() if values.ndim == 1}
     return tuple(
         f"{name}: {remark}, and taken as measured: cut the record there"
-        for name, remark in found.items()
+        for name, remark in remarks.items()
         if remark
     )
 
@@ -185,30 +185,30 @@ def read_measurement(
     """
     path, settings = str(file), dict(settings or {})
     where = named(path)
-    given = {name: str(settings.pop(name)) for name in COLUMNS if name in settings}
+    columns_of = {name: str(settings.pop(name)) for name in COLUMNS if name in settings}
     lines = {name: _number(where, name, settings.pop(name)) for name in LINES if name in settings}
     rate = _number(where, "sampling_rate", settings.pop("sampling_rate", None))
     for key in settings:
         if "." not in key:
-            known = [*COLUMNS, *LINES, "sampling_rate"]
-            raise SceneError(f"{where}: unknown setting {named(key)}{nearest(key, known)}")
+            names = [*COLUMNS, *LINES, "sampling_rate"]
+            raise SceneError(f"{where}: unknown setting {named(key)}{nearest(key, names)}")
     sensors = checked_sensors(
         {key: settings.pop(key) for key in list(settings) if key.startswith("sensor.")},
         OUTPUTS,
         where,
     )
-    own = tuple(key for key, value in settings.items() if value == FREE)
-    settings = {key: value for key, value in settings.items() if key not in own}
-    absolute = _taken_absolute(where, given)
+    free_keys = tuple(key for key, value in settings.items() if value == FREE)
+    settings = {key: value for key, value in settings.items() if key not in free_keys}
+    absolute = _taken_absolute(where, columns_of)
     content, _ = read_record(path)
     measured = MeasuredFile(path, content)
     rate = measured.table.rate if rate is None else rate
-    columns, remarks, unit_of = _columns(measured, given, lines, units, rate)
+    columns, remarks, unit_of = _columns(measured, columns_of, lines, units, rate)
     if "frequency" in columns or "response" in columns:
-        if own:
+        if free_keys:
             raise SceneError(
-                f"{where}: {named(own[0])} = free: only a record of a motion can free a value for "
-                "itself, and this is a frequency response: give the value"
+                f"{where}: {named(free_keys[0])} = free: only a record of a motion can free a "
+                "value for itself, and this is a frequency response: give the value"
             )
         return response_of(columns, settings, plain_name(Path(path).name), sensors)
     if "acceleration" not in columns:
@@ -226,7 +226,7 @@ def read_measurement(
         sensors=sensors,
         velocity_is_absolute=absolute,
         velocity_in_volts=unit_of.get("velocity") in QUANTITIES["voltage"],
-        own=own,
+        own=free_keys,
         **columns,
     )
 
@@ -258,20 +258,20 @@ def _number(where, key, value):
 def _columns(measured, given, lines, units, rate):
     """Columns of each quantity in SI, or in the scene's scaled units, remarks, and the units."""
     chosen, unit_of = _chosen(measured, given), {}
-    places = {quantity: place for quantity, (place, _) in chosen.items()}
-    for quantity, (place, unit) in chosen.items():
+    places = {quantity: index for quantity, (index, _) in chosen.items()}
+    for quantity, (index, unit) in chosen.items():
         scaled_by = any(f"{quantity}_{end}" in lines for end in LINE_ENDS)
-        unit_of[quantity] = _unit(measured, quantity, place, unit, units, scaled_by)
+        unit_of[quantity] = _unit(measured, quantity, index, unit, units, scaled_by)
     values = dict(zip(places, measured.take(list(places.values())), strict=True))
     # The checks below compare numbers as they stand in the file, before units and scales.
     remarks = _marker_remarks({k: v for k, v in values.items() if k in ("acceleration", *OUTPUTS)})
     for quantity, unit in unit_of.items():
         if quantity == "time":
             cure = "write sampling_rate=HZ behind the file"
-            place = places[quantity]
-            values[quantity] = measured.seconds(values[quantity], place, unit or "s", rate, cure)
+            index = places[quantity]
+            values[quantity] = measured.seconds(values[quantity], index, unit or "s", rate, cure)
             if rate is not None:
-                measured.compare_rates(values[quantity], rate, place)
+                measured.compare_rates(values[quantity], rate, index)
             continue
         factor = QUANTITIES[quantity][unit] if unit else 1.0
         scale, offset = (lines.get(f"{quantity}_{end}") for end in LINE_ENDS)
@@ -284,10 +284,10 @@ def _chosen(measured, given):
     """(index, given unit) of each quantity's column: the plainest title goes first."""
     chosen = {}
     for quantity in COLUMNS:
-        found = measured.times() if quantity == "time" else measured.of(quantity)
-        plain = [place for place in found if measured.headings[place].title.lower() == quantity]
-        found = (plain or found)[:1] if plain or quantity == "time" else found
-        chosen[quantity] = measured.chosen(quantity, given.get(quantity), found)
+        candidates = measured.times() if quantity == "time" else measured.of(quantity)
+        plain = [n for n in candidates if measured.headings[n].title.lower() == quantity]
+        candidates = (plain or candidates)[:1] if plain or quantity == "time" else candidates
+        chosen[quantity] = measured.chosen(quantity, given.get(quantity), candidates)
     return {quantity: pair for quantity, pair in chosen.items() if pair[0] is not None}
 
 
@@ -298,8 +298,8 @@ def _unit(measured, quantity, place, given, units, is_scaled):
         return ""
     if is_scaled and given:
         # The heading's unit is that of the raw column, so only the given one counts.
-        known = QUANTITIES[quantity]
-        factor_of(quantity, given, f"{where}: {quantity}", f"write {next(iter(known))} or the like")
+        usual = next(iter(QUANTITIES[quantity]))
+        factor_of(quantity, given, f"{where}: {quantity}", f"write {usual} or the like")
         return unit_named(quantity, given)
     unit = measured.agreed_unit(quantity, place, f"{quantity}=COLUMN:UNIT", given)
     if units != "SI" and quantity not in ("time", "frequency", "phase"):
@@ -308,10 +308,10 @@ def _unit(measured, quantity, place, given, units, is_scaled):
             '"scaled": take one with units = "SI", or a record in scaled units'
         )
     if not unit and quantity != "time":
-        known = QUANTITIES[quantity]
+        factors = QUANTITIES[quantity]
         raise SceneError(
-            f"{where}: {quantity} has no unit: write {quantity} [{next(iter(known))}] in its "
-            f"header, or {quantity}=COLUMN:UNIT behind the file; units are {', '.join(known)}"
+            f"{where}: {quantity} has no unit: write {quantity} [{next(iter(factors))}] in its "
+            f"header, or {quantity}=COLUMN:UNIT behind the file; units are {', '.join(factors)}"
         )
     return unit
 

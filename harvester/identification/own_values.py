@@ -15,70 +15,22 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from harvester.errors import IdentificationError
-from harvester.files.plain_text import named, nearest
+from harvester.identification.fitted_model import fitted_sizes
 from harvester.identification.intervals import covariance
-from harvester.identification.measured_response import MeasuredResponse
-from harvester.identification.reconstruction import frequencies
-from harvester.identification.response import COARSE_STEPS, Responses, experiment
-from harvester.identification.search import (
-    COARSE,
-    HOPELESS,
-    ON_THE_WAY,
-    followed,
-    short_windows,
-)
-from harvester.identification.shooting import Fit
-from harvester.identification.sizes import fitted_sizes
+from harvester.identification.response import COARSE_STEPS, experiment
+from harvester.identification.search import COARSE, HOPELESS, ON_THE_WAY, followed, short_windows
+from harvester.identification.shooting import ShootingFit
 from harvester.identification.unknowns import unknowns, with_values
 from harvester.identification.window_states import placed, reach_of
-from harvester.scene.numbers import numbers
 
 if TYPE_CHECKING:
     from harvester.identification.fitted_model import Fitted
     from harvester.identification.measurement import Measurement
-    from harvester.scene.model import Scene
 
 # First values, as shares of what counts as a change of order one, beside the scene's own.
 FIRST_SHARES = (0.0, 0.1, -0.1, 0.2, -0.2)
 # Two minima are the same if no value differs by more than this share of its size.
 SAME = 0.02
-
-
-def check_kept_aside(
-    scene: Scene,
-    fitted: Sequence[Measurement | MeasuredResponse],
-    aside: Sequence[Measurement | MeasuredResponse],
-) -> None:
-    """Refuse frequency responses kept aside, and keys that a record cannot free for itself.
-
-    Raises
-    ------
-    IdentificationError
-    """
-    known = [key for key in numbers(scene) if not key.startswith(("excitation.", "load.", "run."))]
-    if aside and all(isinstance(each, MeasuredResponse) for each in fitted):
-        raise IdentificationError(
-            f"--keep-aside {aside[0].name}: a fit to frequency responses alone predicts no record: "
-            "give a record to fit to, too (--record)"
-        )
-    for each in fitted:
-        for key in getattr(each, "own", ()):
-            raise IdentificationError(
-                f"{each.name}: {named(key)} = free: only a record kept aside (--keep-aside) can "
-                "free a value for itself: give the value, or free it for all records (--free)"
-            )
-    for each in aside:
-        if isinstance(each, MeasuredResponse):
-            raise IdentificationError(
-                f"--keep-aside {each.name}: a frequency response is no record of a motion: give it "
-                "as --record, of which every third frequency is kept aside"
-            )
-        for key in each.own:
-            if key not in known:
-                raise IdentificationError(
-                    f"{each.name}: {named(key)} = free: no number of this scene"
-                    f"{nearest(key, known)}; there are {', '.join(known)}"
-                )
 
 
 def own_values(
@@ -94,7 +46,6 @@ def own_values(
 
     Parameters
     ----------
-    fitted : Fitted
     measurement : Measurement
         With the keys in `own`.
     likely : sequence of ndarray, shape (keys,)
@@ -134,19 +85,18 @@ def own_values(
             f"{measurement.name}: no value of {', '.join(measurement.own)} follows the record: "
             "check the columns' units and signs, or give the value"
         )
-    found = [fit.values]
+    solutions = [fit.values]
     for values in likely[1:]:
-        begun = Fit(fit.values, fit.edges, fit.starts, fit.noise)
+        begun = ShootingFit(fit.values, fit.edges, fit.starts, fit.noise)
         near = _problem(fitted, measurement, values).minimized(begun, ON_THE_WAY, COARSE)
-        found.append(near.values)
-    states, _, _ = problem.responses.states(0, fit.values, fit.edges[0], fit.starts[0])
+        solutions.append(near.values)
     errors = np.sqrt(np.maximum(np.diag(covariance(problem, fit)), 0.0))
-    return found, errors, reach_of(states[:, 0])
+    return solutions, errors, reach_of(problem.states(fit, 0)[:, 0])
 
 
 def _problem(fitted, measurement, values):
     """The least-squares problem of the record's own values, the fitted ones being as given."""
-    own = fitted.shooting.responses
+    reference = fitted.shooting.responses
     # Likely values are of a device: the fitted records were run with them.
     scene = with_values(fitted.scene, fitted.keys, values) or fitted.scene
     sensors = {
@@ -155,10 +105,10 @@ def _problem(fitted, measurement, values):
         if key.startswith("sensor.")
     }
     seen = replace(measurement, sensors={**sensors, **measurement.sensors})
-    made = experiment(scene, seen, frequencies(seen)[1], COARSE_STEPS)
-    responses = Responses([made], list(seen.own), own.interpolation, own.length)
-    known = [each.measurement for each in own.experiments]
-    free = unknowns(made.scene, seen.own, fitted_sizes(fitted, known))
+    record = experiment(scene, seen, COARSE_STEPS)
+    responses = reference.replaced([record], seen.own)
+    records = [other.measurement for other in reference.experiments]
+    free = unknowns(record.scene, seen.own, fitted_sizes(fitted, records))
     return fitted.shooting.beside(responses, free, records=1)
 
 
@@ -166,26 +116,26 @@ def _best(shooting, reach, noise):
     """The best fit in long windows, followed from each minimum in short ones; None without any."""
     measurement = shooting.responses.experiments[0].measurement
     edges = [short_windows(measurement, 0, measurement.acceleration.size)]
-    first = np.array([each.start for each in shooting.unknowns])
-    minima: list[Fit] = []
+    first = np.array([unknown.start for unknown in shooting.unknowns])
+    minima: list[ShootingFit] = []
     for share in FIRST_SHARES:
         values = np.clip(first + share * shooting.sizes, shooting.low, shooting.high)
-        begun = Fit(values, edges, [], [noise])
+        begun = ShootingFit(values, edges, [], [noise])
         everywhere = np.ones(edges[0].size - 1, bool)
         begun.starts.append(placed(shooting.frozen(), 0, begun, everywhere, reach)[0])
         fit = shooting.minimized(begun, ON_THE_WAY, COARSE)
-        moved = [np.abs(fit.values - each.values) / shooting.sizes for each in minima]
-        if fit.grams and all(each.max() > SAME for each in moved):
+        moved = [np.abs(fit.values - minimum.values) / shooting.sizes for minimum in minima]
+        if fit.grams and all(distance.max() > SAME for distance in moved):
             minima.append(fit)
-    fits = [followed(shooting, each) for each in minima]
-    return min(fits, key=lambda each: _cost(shooting, each, noise), default=None)
+    fits = [followed(shooting, minimum) for minimum in minima]
+    return min(fits, key=lambda fit: _cost(shooting, fit, noise), default=None)
 
 
 def _cost(shooting, fit, noise):
     """Cost of a fit by a noise that all have, and what its windows' starts took off it."""
     # A fit that was followed is weighted by its own residuals.
-    same = Fit(fit.values, fit.edges, fit.starts, [noise])
-    return shooting.cost(same) + sum(each.size for each in fit.starts)
+    same = ShootingFit(fit.values, fit.edges, fit.starts, [noise])
+    return shooting.cost(same) + sum(states.size for states in fit.starts)
 
 
 def _left(shooting, fit):

@@ -36,7 +36,6 @@ class Posterior:
 
     Attributes
     ----------
-    keys : list of str
     draws : ndarray, shape (draws, keys)
     independent : float
         Draws that are worth as much as independent ones.
@@ -75,8 +74,6 @@ def posterior(
 
     Parameters
     ----------
-    found : Fitted
-    seed : int
     follow : callable, optional
         Function of the share done.
 
@@ -104,12 +101,9 @@ def posterior(
         if done > ENOUGH_TIMES * np.max(times):
             break
     draws = sampler.get_chain(discard=int(LEFT_OUT * done), flat=True)
-    return Posterior(
-        found.keys,
-        draws,
-        float(draws.shape[0] / np.max(times)),
-        float(np.mean(sampler.acceptance_fraction)),
-    )
+    independent = float(draws.shape[0] / np.max(times))
+    accepted = float(np.mean(sampler.acceptance_fraction))
+    return Posterior(found.keys, draws, independent, accepted)
 
 
 def log_density(found: Fitted) -> Callable[[np.ndarray], float]:
@@ -119,9 +113,9 @@ def log_density(found: Fitted) -> Callable[[np.ndarray], float]:
     bases, free = [], -len(found.keys)
     for number, edges in enumerate(fit.edges):
         table, _ = shooting.jacobian(fit, number)
-        there = shooting.states_there[number]
-        free += table[..., 0].size - int(there.sum()) * (edges.size - 1)
-        columns = table[..., len(found.keys) : -1][..., there]
+        existing = shooting.states_there[number]
+        free += table[..., 0].size - int(existing.sum()) * (edges.size - 1)
+        columns = table[..., len(found.keys) : -1][..., existing]
         cuts = edges - edges[0]
         parts = [np.concatenate(columns[a:b]) for a, b in pairwise(cuts)]
         bases.append([np.linalg.qr(part)[0] for part in parts])
@@ -142,12 +136,10 @@ def _cost(shooting, fit, bases):
     """Sum of squares, minimised over the windows' starts to first order."""
     total = 0.0
     for number, edges in enumerate(fit.edges):
-        found, _ = shooting.residuals(
-            number, fit.values, edges, fit.starts[number], fit.noise[number]
-        )
-        if found is None:
+        residuals, _ = shooting.residuals_of(fit, number)
+        if residuals is None:
             return np.inf
-        total += float(np.sum(found**2))
+        total += float(np.sum(residuals**2))
         for (a, b), basis in zip(pairwise(edges - edges[0]), bases[number], strict=True):
-            total -= float(np.sum((basis.T @ found[a:b].ravel()) ** 2))
+            total -= float(np.sum((basis.T @ residuals[a:b].ravel()) ** 2))
     return total

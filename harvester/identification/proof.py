@@ -5,18 +5,19 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, ClassVar
+from typing import TYPE_CHECKING, Any, ClassVar
 
 import numpy as np
 
 from harvester.estimates.estimate import Estimate
-from harvester.identification.reconstruction import frequencies
+from harvester.identification.measured_impedance import MeasuredImpedance
 from harvester.identification.search import settle_windows
-from harvester.identification.shooting import Fit, Shooting
+from harvester.identification.shooting import Shooting, ShootingFit
+from harvester.identification.steady_response import NO_STATES, SteadyResponses
 from harvester.scene.units import load_resistance
 
 if TYPE_CHECKING:
-    from harvester.identification.response import Responses
+    pass
 
 # Number of blocks of a stretch; the scatter of their means gives an error bar.
 BLOCKS = 12
@@ -32,19 +33,16 @@ WHITE_PERIODS = 1.0
 
 
 @dataclass(frozen=True)
-class Stretch:
+class ValidationStretch:
     """Measured and simulated outputs of one experiment's stretch.
 
     Attributes
     ----------
-    name : str
-    outputs : tuple of str
     rate : float
         Hz.
     measured, windowed, free : ndarray, shape (samples, outputs)
         `windowed` is simulated in windows whose starts were found in this stretch, the device's
         numbers being as they were; `free` goes on from the first start alone.
-    windows : int
     resistance : float or None
         Resistance of the load (Ω).
     """
@@ -108,13 +106,13 @@ class Stretch:
         return _of_blocks(self._blocks(self.free))
 
     def _blocks(self, values):
-        place = self.outputs.index("voltage") if "voltage" in self.outputs else 0
+        column = self.outputs.index("voltage") if "voltage" in self.outputs else 0
         factor = 1.0 / self.resistance if self.compared[1] == "W" and self.resistance else 1.0
-        return factor * np.array([float(np.mean(part**2)) for part in blocks_of(values[:, place])])
+        return factor * np.array([float(np.mean(part**2)) for part in blocks_of(values[:, column])])
 
 
 @dataclass(frozen=True)
-class ResponseStretch(Stretch):
+class ResponseStretch(ValidationStretch):
     """The frequencies of a measured response that were kept aside.
 
     Attributes
@@ -127,11 +125,8 @@ class ResponseStretch(Stretch):
 
     aside: ClassVar[str] = "every third frequency"
     long: ClassVar[bool] = False
-
-    @property
-    def quantity(self) -> str:
-        """Name of the quantity that `nrmse` refers to."""
-        return "response"
+    quantity: ClassVar[str] = "response"
+    compared: ClassVar[tuple[str, str]] = ("mean square response", "(V/(m/s²))²")
 
     def nrmse(self, output: int = 0) -> float:
         """Root mean square of the residuals over that of the response, both parts together."""
@@ -155,14 +150,30 @@ class ResponseStretch(Stretch):
         """Share of the response's square that the model explains, both parts together."""
         return _explained(np.sum(self.measured**2, axis=1), np.sum(self.residuals**2, axis=1))
 
-    @property
-    def compared(self) -> tuple[str, str]:
-        """Quantity and unit of `powers`."""
-        return "mean square response", "(V/(m/s²))²"
-
     def _blocks(self, values):
         squares = np.sum(values**2, axis=1)
         return np.array([float(np.mean(part)) for part in blocks_of(squares)])
+
+
+@dataclass(frozen=True)
+class ImpedanceStretch(ResponseStretch):
+    """The frequencies of an impedance that were kept aside; outputs are ln |Z| and phase."""
+
+    quantity: ClassVar[str] = "impedance"
+    compared: ClassVar[tuple[str, str]] = ("mean |Z|", "Ω")
+
+    def nrmse(self, output: int = 0) -> float:
+        """Root mean square of the relative error of Z."""
+        return float(np.sqrt(np.mean(np.sum(self.residuals**2, axis=1))))
+
+    def noise(self, output: int = 0) -> float:
+        """Noise of the analyser, as relative error of Z: both outputs together."""
+        medians = np.median(np.abs(self.residuals), axis=0)
+        return NORMAL_RMS * float(np.linalg.norm(medians))
+
+    def _blocks(self, values):
+        sizes = np.exp(values[:, 0])
+        return np.array([float(np.mean(part)) for part in blocks_of(sizes)])
 
 
 def blocks_of(values: np.ndarray) -> list[np.ndarray]:
@@ -183,16 +194,14 @@ def _of_blocks(values):
 
 def predicted(
     shooting: Shooting,
-    fit: Fit,
+    fit: ShootingFit,
     stretches: Sequence[tuple[int, int]],
     reach: tuple[float, float] | None = None,
-) -> tuple[list[Stretch], Fit]:
+) -> tuple[list[ValidationStretch], ShootingFit]:
     """Motion and outputs of the fitted device in a stretch of each experiment.
 
     Parameters
     ----------
-    shooting : Shooting
-    fit : Fit
     stretches : sequence of (int, int)
         First sample, and that behind the last.
     reach : (float, float), optional
@@ -200,22 +209,22 @@ def predicted(
 
     Returns
     -------
-    list of Stretch
-    Fit
+    list of ValidationStretch
+    ShootingFit
         The windows of the stretches with their starts.
     """
     settled = settle_windows(shooting.frozen(), fit, stretches, reach)
-    responses, found = shooting.responses, []
+    responses, predictions = shooting.responses, []
     for number, edges in enumerate(settled.edges):
         experiment = responses.experiments[number]
         starts = settled.starts[number]
         _, _, windowed = responses.states(number, fit.values, edges, starts)
-        whole = edges[[0, -1]]
-        _, _, free = responses.states(number, fit.values, whole, starts[:1])
+        span = edges[[0, -1]]
+        _, _, free = responses.states(number, fit.values, span, starts[:1])
         outputs = experiment.measurement.outputs
         scene = experiment.scene
-        found.append(
-            Stretch(
+        predictions.append(
+            ValidationStretch(
                 name=experiment.measurement.name,
                 outputs=tuple(outputs),
                 rate=experiment.measurement.sampling_rate,
@@ -226,10 +235,31 @@ def predicted(
                 resistance=load_resistance(scene) if scene.units == "SI" else None,
             )
         )
-    return found, settled
+    return predictions, settled
 
 
-def sensor_noise(stretch: Stretch, output: int = 0) -> float:
+def predicted_lines(responses: SteadyResponses, values: np.ndarray, number: int) -> ResponseStretch:
+    """Predictions of the lines of a response or an impedance that were kept aside."""
+    measurement: Any = responses.experiments[number].measurement
+    measured = np.column_stack(list(measurement.outputs.values()))
+    edges = np.array([0, measured.shape[0]])
+    _, _, simulated = responses.states(number, values, edges, NO_STATES)
+    frequency = measurement.frequency
+    is_impedance = isinstance(measurement, MeasuredImpedance)
+    return (ImpedanceStretch if is_impedance else ResponseStretch)(
+        name=measurement.name,
+        outputs=tuple(measurement.outputs),
+        rate=float((frequency.size - 1) / (frequency[-1] - frequency[0])),
+        measured=measured,
+        windowed=simulated,
+        free=simulated,
+        windows=1,
+        resistance=None,
+        frequency=frequency,
+    )
+
+
+def sensor_noise(stretch: ValidationStretch, output: int = 0) -> float:
     """Noise of an output, as a share of its standard deviation, from the floor of its spectrum.
 
     Of a response it is the median of the residuals.
@@ -280,7 +310,7 @@ class Whiteness:
         return self.probability > 1e-3
 
 
-def whiteness(stretch: Stretch, output: int, period: float) -> Whiteness:
+def whiteness(stretch: ValidationStretch, output: int, period: float) -> Whiteness:
     """Autocorrelation of a stretch's residuals over a period of the motion (s)."""
     from scipy.stats import chi2
 
@@ -292,8 +322,3 @@ def whiteness(stretch: Stretch, output: int, period: float) -> Whiteness:
     correlations = series[1:] / series[0] if series[0] > 0.0 else np.zeros(lags)
     statistic = n * (n + 2) * float(np.sum(correlations**2 / (n - np.arange(1, lags + 1))))
     return Whiteness(correlations, 1.96 / math.sqrt(n), float(chi2.sf(statistic, lags)))
-
-
-def typical_period(responses: Responses) -> float:
-    """Period of the motion of the first experiment (s), from its median frequency."""
-    return 1.0 / frequencies(responses.experiments[0].measurement)[0]

@@ -27,7 +27,6 @@ class Motion:
 
     Attributes
     ----------
-    x, v, state : ndarray
     measured : bool
         Whether the displacement itself was measured.
     """
@@ -37,14 +36,10 @@ class Motion:
     state: np.ndarray
     measured: bool
 
-    def shifted(self, distance: float) -> Motion:
-        """The motion displaced by a distance."""
-        return replace(self, x=self.x + distance)
-
     def centred(self, place: float) -> Motion:
         """The motion with its mean at a place; unchanged if the displacement itself was
         measured."""
-        return self if self.measured else self.shifted(place - float(self.x.mean()))
+        return self if self.measured else replace(self, x=self.x + (place - float(self.x.mean())))
 
     def without_drift(self, measurement: Measurement) -> Motion:
         """The motion with its slow drift removed by a high-pass."""

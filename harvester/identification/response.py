@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+import os
+from collections.abc import Callable, Iterable, Sequence
+from concurrent.futures import ThreadPoolExecutor
 from copy import copy
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any
@@ -16,18 +18,17 @@ from harvester.device.polynomial import Polynomial
 from harvester.device.spring import Ranged
 from harvester.errors import HarvesterError, IdentificationError
 from harvester.excitation.conditioning import smoothed
+from harvester.identification.reconstruction import frequencies
 from harvester.identification.sensors import (
     HIGHPASSES,
     VELOCITY_SCALE,
-    highpassed,
+    filtered,
     integrals,
-    lowpassed,
     neutral,
     parallel,
     put_right,
     without_memory,
 )
-from harvester.identification.shooting import side_by_side
 from harvester.identification.unknowns import BASE_FACTOR, with_values
 from harvester.monte_carlo.sampled import states_at_samples
 from harvester.prepared.prepared import prepared
@@ -53,7 +54,6 @@ class Experiment:
 
     Attributes
     ----------
-    measurement : Measurement
     scene : Scene
         The scene with the record's own changes.
     steps : int
@@ -74,31 +74,19 @@ class Experiment:
 
     def integrals(self, quantity: str, steps: int) -> tuple[np.ndarray, np.ndarray]:
         """First and second integral of a column, at so many places between samples."""
-        kept: dict[Any, Any] = self.__dict__.setdefault("_integrals", {})
-        if (quantity, steps) not in kept:
+        cache: dict[Any, Any] = self.__dict__.setdefault("_integrals", {})
+        if (quantity, steps) not in cache:
             samples = getattr(self.measurement, quantity)
             places = np.arange(steps * (samples.size - 1) + 1) / steps
-            kept[quantity, steps] = integrals(samples, self.measurement.sampling_rate, places)
-        return kept[quantity, steps]
+            cache[quantity, steps] = integrals(samples, self.measurement.sampling_rate, places)
+        return cache[quantity, steps]
 
 
-def experiment(
-    scene: Scene, measurement: Measurement, frequency: float, per_period: int = FINE_STEPS
-) -> Experiment:
-    """Prepare a measurement for simulation: its steps, and the acceleration at them.
-
-    Parameters
-    ----------
-    scene : Scene
-    measurement : Measurement
-    frequency : float
-        Fastest of the motion (Hz), which the steps are to resolve.
-    per_period : int
-        Steps in a period of it.
-    """
+def experiment(scene: Scene, measurement: Measurement, per_period: int = FINE_STEPS) -> Experiment:
+    """Prepare a measurement for simulation with this many steps in the motion's fastest period."""
     rate = measurement.sampling_rate
     # At least two steps between samples, because a smooth path needs points there.
-    steps = max(2, math.ceil(per_period * frequency / rate - 1e-9))
+    steps = max(2, math.ceil(per_period * frequencies(measurement)[1] / rate - 1e-9))
     changed = scene.replace(measurement.changes)
     paths = {name: _path(measurement.acceleration, steps, name) for name in INTERPOLATIONS}
     return Experiment(measurement, changed, steps, paths)
@@ -108,9 +96,18 @@ def _path(samples, steps, interpolation):
     """Acceleration at the steps, of one record or of several, shape (n, records)."""
     if interpolation == "smooth":
         return smoothed(samples, steps)
-    known = np.arange(len(samples))
+    indices = np.arange(len(samples))
     places = np.arange(steps * (len(samples) - 1) + 1) / steps
-    return np.apply_along_axis(lambda each: np.interp(places, known, each), 0, samples)
+    return np.apply_along_axis(lambda series: np.interp(places, indices, series), 0, samples)
+
+
+def side_by_side(function: Callable[[Any], Any], items: Iterable[Any]) -> list[Any]:
+    """A function of each, by as many threads as there are processors.
+
+    The integrator is free of Python's lock.
+    """
+    with ThreadPoolExecutor(os.cpu_count()) as threads:
+        return list(threads.map(function, items))
 
 
 class Responses:
@@ -118,45 +115,44 @@ class Responses:
 
     Parameters
     ----------
-    experiments : sequence of Experiment
     keys : sequence of str
         Keys of the unknowns, in the order of their values.
-    interpolation : str
-        A name in `INTERPOLATIONS`.
     length : float
         Unit of the states' displacement, in the scene's units: the same for all trial values.
+    interpolation : str
+        A name in `INTERPOLATIONS`.
     """
 
     def __init__(
         self,
-        experiments: Sequence[Experiment],
+        experiments: Sequence[Any],
         keys: Sequence[str],
-        interpolation: str,
         length: float,
+        interpolation: str = INTERPOLATIONS[0],
     ) -> None:
         self.experiments, self.keys = list(experiments), list(keys)
         self.interpolation, self.length = interpolation, length
 
-    def with_keys(self, keys: Sequence[str]) -> Responses:
-        """The same experiments with other unknowns."""
+    def replaced(self, experiments: Sequence[Any], keys: Sequence[str]) -> Responses:
+        """Responses of other experiments or of other unknowns."""
         other = copy(self)
-        other.keys = list(keys)
+        other.experiments, other.keys = list(experiments), list(keys)
         return other
 
     def device(self, number: int, values: np.ndarray) -> tuple[System, Scales] | None:
         """Scaled equations of one experiment; None where the scene refuses the values."""
         scene = self.experiments[number].scene
         unit = {"length_scale": self.length} if scene.units == "SI" else {}
-        made = with_values(scene, self.keys, values, unit)
-        if made is None:
+        changed = with_values(scene, self.keys, values, unit)
+        if changed is None:
             return None
         probe = self._sensor(number, values, "sensor.voltage_resistance")
         try:
             if math.isfinite(probe):
-                load = parallel(numbers(made)["load.resistance"][0], probe)
-                made = made.replace({"load.resistance": load})
-            ready = prepared(made)
-            system, scales = ready.system, ready.scales
+                load = parallel(numbers(changed)["load.resistance"][0], probe)
+                changed = changed.replace({"load.resistance": load})
+            prepared_scene = prepared(changed)
+            system, scales = prepared_scene.system, prepared_scene.scales
         except (HarvesterError, ArithmeticError, ValueError):
             return None
         return _general(system), scales
@@ -169,29 +165,21 @@ class Responses:
         IdentificationError
             The scene refuses the values.
         """
-        made = self.device(number, values)
-        if made is None:
+        equations = self.device(number, values)
+        if equations is None:
             raise IdentificationError(
                 "the fit reached values that the scene refuses: check the columns' units and "
                 "signs, free fewer (--free), or begin nearer (--set)"
             )
-        return made
+        return equations
 
     def states(
-        self,
-        number: int,
-        values: np.ndarray,
-        edges: np.ndarray,
-        starts: np.ndarray,
+        self, number: int, values: np.ndarray, edges: np.ndarray, starts: np.ndarray
     ) -> tuple[Any, Any, Any]:
         """States at samples, states behind each window, and the outputs, of one experiment.
 
         Parameters
         ----------
-        number : int
-            Number of the experiment.
-        values : ndarray
-            Values of the unknowns.
         edges : ndarray of int, shape (windows + 1,)
         starts : ndarray, shape (windows, 3)
             Scaled X, X' and transducer's state.
@@ -201,14 +189,14 @@ class Responses:
         ndarray, shape (samples, 3); ndarray, shape (windows, 3); ndarray, shape (samples, outputs)
             None instead of each where the scene refuses the values.
         """
-        made = self.device(number, values)
-        if made is None:
+        equations = self.device(number, values)
+        if equations is None:
             return None, None, None
-        system, scales = made
-        each = self.experiments[number]
+        system, scales = equations
+        record = self.experiments[number]
         eta = self.excitation(number, values)
-        spacing = 1.0 / (each.measurement.sampling_rate * each.steps)
-        states, ends = states_at_samples(system, eta, spacing, each.steps, edges, starts)
+        spacing = 1.0 / (record.measurement.sampling_rate * record.steps)
+        states, ends = states_at_samples(system, eta, spacing, record.steps, edges, starts)
         return states, ends, self._outputs(number, values, system, scales, states, edges)
 
     def moved_by_noise(
@@ -223,8 +211,6 @@ class Responses:
 
         Parameters
         ----------
-        number : int
-            Of the experiment.
         noise : ndarray, shape (n, draws)
         values, edges, starts
             As of `states`.
@@ -234,33 +220,32 @@ class Responses:
         ndarray, shape (samples, outputs, draws)
             Where a solution runs away, 0.
         """
-        each = self.experiments[number]
-        base = each.measurement.acceleration
-        path = each.acceleration[self.interpolation]
-        own = self.states(number, values, edges, starts)[2]
+        record = self.experiments[number]
+        base = record.measurement.acceleration
+        path = record.acceleration[self.interpolation]
+        undisturbed = self.states(number, values, edges, starts)[2]
 
         def moved(draw):
-            shaken, more = draw
-            other = copy(self)
-            other.experiments = list(self.experiments)
+            shaken, path_noise = draw
+            other = self.replaced(self.experiments, self.keys)
             other.experiments[number] = replace(
-                each,
-                measurement=replace(each.measurement, acceleration=base + shaken),
-                acceleration={self.interpolation: path + more},
+                record,
+                measurement=replace(record.measurement, acceleration=base + shaken),
+                acceleration={self.interpolation: path + path_noise},
             )
-            return other.states(number, values, edges, starts)[2] - own
+            return other.states(number, values, edges, starts)[2] - undisturbed
 
-        paths = _path(noise, each.steps, self.interpolation)
-        found = np.stack(side_by_side(moved, zip(noise.T, paths.T, strict=True)), axis=-1)
-        return np.nan_to_num(found, posinf=0.0, neginf=0.0)
+        paths = _path(noise, record.steps, self.interpolation)
+        changes = np.stack(side_by_side(moved, zip(noise.T, paths.T, strict=True)), axis=-1)
+        return np.nan_to_num(changes, posinf=0.0, neginf=0.0)
 
     def excitation(self, number: int, values: np.ndarray) -> np.ndarray:
         """η at the steps of one experiment, scaled."""
-        each = self.experiments[number]
-        factor = (-1.0 if each.scene.units == "SI" else 1.0) / self.length
-        path = each.acceleration[self.interpolation]
+        record = self.experiments[number]
+        factor = (-1.0 if record.scene.units == "SI" else 1.0) / self.length
+        path = record.acceleration[self.interpolation]
         factor *= self.base_factor(number, values)
-        return factor * self._base(number, values, path, each.steps)
+        return factor * self._base(number, values, path, record.steps)
 
     def base_factor(self, number: int, values: np.ndarray) -> float:
         """Base factor of one experiment's device: drive per base acceleration."""
@@ -270,21 +255,21 @@ class Responses:
 
     def _base(self, number, values, path, steps):
         """True base acceleration from the path that its sensor showed."""
-        each = self.experiments[number]
+        record = self.experiments[number]
         corners = self._corners(number, values, "acceleration")
         if any(corners):
-            path = put_right(path, each.integrals("acceleration", steps), *corners)
+            path = put_right(path, record.integrals("acceleration", steps), *corners)
         gain = self._sensor(number, values, "sensor.acceleration_scale")
         offset = self._sensor(number, values, "sensor.acceleration_offset")
         return (path - offset) / gain
 
     def _base_velocity(self, number, values):
         """Velocity of the base at the samples, in the scene's units."""
-        each = self.experiments[number]
-        base = self._base(number, values, each.measurement.acceleration, 1)
-        sign = 1.0 if each.scene.units == "SI" else -1.0
-        places = np.arange(each.samples)
-        return sign * integrals(base, each.measurement.sampling_rate, places)[0]
+        record = self.experiments[number]
+        base = self._base(number, values, record.measurement.acceleration, 1)
+        sign = 1.0 if record.scene.units == "SI" else -1.0
+        places = np.arange(record.samples)
+        return sign * integrals(base, record.measurement.sampling_rate, places)[0]
 
     def _corners(self, number, values, quantity):
         """Corner frequencies (Hz) of a sensor's high-passes of first and of second order."""
@@ -304,18 +289,18 @@ class Responses:
         """A record with the sensors' effects removed from its outputs, except delays and
         low-passes."""
         measurement = self.experiments[number].measurement
-        found = {}
+        true_outputs = {}
         for name, values_shown in measurement.outputs.items():
             true = values_shown + self._taken_away(number, values, name)
             true = true - self._sensor(number, values, f"sensor.{name}_offset")
             true = true / self._sensor(number, values, f"sensor.{name}_scale")
             if name == "velocity" and measurement.velocity_is_absolute:
                 true = true - self._base_velocity(number, values)
-            found[name] = true
-        if VELOCITY_SCALE in self.keys and len(found) > 1:
+            true_outputs[name] = true
+        if VELOCITY_SCALE in self.keys and len(true_outputs) > 1:
             # A velocity of unknown scale is left out where other channels show the motion.
-            found["velocity"] = None
-        return replace(measurement, **found)
+            true_outputs["velocity"] = None
+        return replace(measurement, **true_outputs)
 
     def velocity_scale(self, number: int, velocity: np.ndarray, values: np.ndarray) -> float | None:
         """Scale of the velocity's sensor that fits its record to a motion (least squares).
@@ -324,12 +309,8 @@ class Responses:
 
         Parameters
         ----------
-        number : int
-            Number of the experiment.
         velocity : ndarray, shape (n,)
             Relative to the base, in the scene's units.
-        values : ndarray
-            Values of the unknowns.
         """
         measurement = self.experiments[number].measurement
         if measurement.velocity is None:
@@ -344,23 +325,22 @@ class Responses:
         corners = self._corners(number, values, name)
         if not any(corners):
             return 0.0
-        each = self.experiments[number]
-        seen = each.measurement.voltage
-        return put_right(seen, each.integrals(name, 1), *corners) - seen
+        record = self.experiments[number]
+        seen = record.measurement.voltage
+        return put_right(seen, record.integrals(name, 1), *corners) - seen
 
     def _outputs(self, number, values, system, scales, states, edges):
         """Simulated sensor signals from the device's states, shape (samples, outputs)."""
         measurement = self.experiments[number].measurement
         x, v, e = states.T
         columns, inside = [], slice(edges[0], edges[-1])
+        signals = {
+            "voltage": device.terminal_voltage(system.transducer, v, e) * scales.voltage,
+            "displacement": x * scales.displacement,
+            "velocity": v * scales.displacement,
+        }
         for name in measurement.outputs:
-            true = {
-                "voltage": lambda: (
-                    device.terminal_voltage(system.transducer, v, e) * scales.voltage
-                ),
-                "displacement": lambda: x * scales.displacement,
-                "velocity": lambda: v * scales.displacement,
-            }[name]()
+            true = signals[name]
             if name == "velocity" and measurement.velocity_is_absolute:
                 true = true + self._base_velocity(number, values)[inside]
             columns.append(self._sensed(number, name, true, values, edges))
@@ -374,22 +354,19 @@ class Responses:
         delay = rate * self._sensor(number, values, key + "delay")
         low = self._sensor(number, values, key + "filter")
         high = self._corners(number, values, name)
-        there = [
-            effect in self.keys or effect in measurement.sensors
-            for effect in (key + each for each in ("filter", *HIGHPASSES))
-        ]
         memory = [rate * low, *(2.0 * math.pi * corner / rate for corner in high)]
         gain = self._sensor(number, values, key + "scale")
         offset = self._sensor(number, values, key + "offset")
         if delay:
             pieces = np.split(true, edges[1:-1] - edges[0])
             true = np.concatenate([_delayed(piece, delay) for piece in pieces])
-        if memory[0] > 0.0:
-            true = lowpassed(true, edges, memory[0])
-        shown = gain * highpassed(true, edges, *memory[1:]) + offset
+        simulated = gain * filtered(true, edges, *memory) + offset
         seen = measurement.outputs[name][edges[0] : edges[-1]]
-        known = [value if each else None for value, each in zip(memory, there, strict=True)]
-        return without_memory(shown, seen, edges, *known)
+        decays = [
+            value if key + effect in self.keys or key + effect in measurement.sensors else None
+            for effect, value in zip(("filter", *HIGHPASSES), memory, strict=True)
+        ]
+        return without_memory(simulated, seen, edges, *decays)
 
 
 def _delayed(values, samples):
@@ -412,12 +389,9 @@ def _general(system):
 
     One compiled integrator then serves all candidates.
     """
-    return system._replace(
-        spring=_padded(system.spring),
-        damper=QuadraticDamper(
-            system.damper.damping, getattr(system.damper, "quadratic_damping", 0.0)
-        ),
-    )
+    drag = getattr(system.damper, "quadratic_damping", 0.0)
+    damper = QuadraticDamper(system.damper.damping, drag)
+    return system._replace(spring=_padded(system.spring), damper=damper)
 
 
 def _padded(spring: Spring) -> Spring:
@@ -426,15 +400,9 @@ def _padded(spring: Spring) -> Spring:
     if not isinstance(spring, Polynomial):
         return spring
     size = 2 if max(len(spring.even), len(spring.odd)) <= 2 else 4
-
-    def filled(values, length):
-        return (*values, *([0.0] * (length - len(values))))
-
-    return spring._replace(
-        even=filled(spring.even, size),
-        odd=filled(spring.odd, size),
-        even_energy=filled(spring.even_energy, size),
-        odd_energy=filled(spring.odd_energy, size),
-        even_slope=filled(spring.even_slope, size - 1),
-        odd_slope=filled(spring.odd_slope, size),
-    )
+    names = ("even", "odd", "even_energy", "odd_energy", "even_slope", "odd_slope")
+    filled = {}
+    for name in names:
+        values, length = getattr(spring, name), size - (name == "even_slope")
+        filled[name] = (*values, *([0.0] * (length - len(values))))
+    return spring._replace(**filled)

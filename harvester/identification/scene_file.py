@@ -19,7 +19,6 @@ def scene_text(scene: Scene, comments: dict[str, str], heading: list[str]) -> st
 
     Parameters
     ----------
-    scene : Scene
     comments : dict of str to str
         Comments by the key of a number, `table.key`, `table[n].key` or `table.key[n]`.
     heading : list of str
@@ -32,8 +31,8 @@ def scene_text(scene: Scene, comments: dict[str, str], heading: list[str]) -> st
         if isinstance(table, dict):
             lines += ["", f"[{name}]", *_entries(name, table, comments)]
         elif _is_table(table):
-            for place, each in enumerate(table):
-                lines += ["", f"[[{name}]]", *_entries(f"{name}[{place}]", each, comments)]
+            for index, row in enumerate(table):
+                lines += ["", f"[[{name}]]", *_entries(f"{name}[{index}]", row, comments)]
     return "\n".join(lines) + "\n"
 
 
@@ -50,8 +49,8 @@ def _entries(table, values, comments):
         if isinstance(value, (list, tuple)) and any(f"{name}[{n}]" in comments for n in range(8)):
             lines.append(f"{key} = [")
             lines += [
-                _commented(f"    {_value(each)},", comments.get(f"{name}[{n}]", ""))
-                for n, each in enumerate(value)
+                _commented(f"    {_value(item)},", comments.get(f"{name}[{n}]", ""))
+                for n, item in enumerate(value)
             ]
             lines.append("]")
         else:

@@ -9,14 +9,8 @@ import numpy as np
 
 from harvester.identification.linear_start import starts_from
 from harvester.identification.reconstruction import frequencies
-from harvester.identification.shooting import Fit, Shooting
+from harvester.identification.shooting import Shooting, ShootingFit
 from harvester.identification.window_states import placed, reach_of, repaired, states_of
-from harvester.identification.windows import (
-    LARGEST_GROWTH,
-    equal_windows,
-    lengthened,
-    shortened,
-)
 
 if TYPE_CHECKING:
     from harvester.identification.measurement import Measurement
@@ -41,21 +35,24 @@ DOUBTFUL = 4.0
 MENDINGS = 4
 # A fit is given up if its cost exceeds this multiple of a rival model's cost.
 HOPELESS = 1.25
+# Windows are joined while an error of the start grows at most by the first factor, and one that
+# arises within the window by the second.
+LARGEST_GROWTH, LARGEST_GROWTH_WITHIN = 5.0, 1000.0
+# Samples in the shortest window, which must determine three states.
+FEWEST_SAMPLES = 12
 
 
 def searched(
     responses: Responses, unknowns: Sequence[Unknown], lengths: Sequence[int]
-) -> tuple[Shooting, Fit] | None:
+) -> tuple[Shooting, ShootingFit] | None:
     """The best fit; None where no start gives one.
 
     Parameters
     ----------
-    responses : Responses
-    unknowns : sequence of Unknown
     lengths : sequence of int
         Samples of each experiment, from its first, that are fitted to.
     """
-    values = np.array([each.start for each in unknowns])
+    values = np.array([unknown.start for unknown in unknowns])
     best = None
     for start in starts_from(responses, values):
         tried = _short(responses, unknowns, start, lengths)
@@ -71,33 +68,33 @@ def searched(
 def _short(responses, unknowns, start, lengths):
     """A fit with short windows."""
     sizes = [
-        np.array([np.std(each.x), np.std(each.v), np.std(each.state)]) for each in start.motions
+        np.array([np.std(path.x), np.std(path.v), np.std(path.state)]) for path in start.motions
     ]
-    sized = [each.begun(float(value)) for each, value in zip(unknowns, start.values, strict=True)]
+    sized = [
+        unknown.begun(float(value)) for unknown, value in zip(unknowns, start.values, strict=True)
+    ]
     shooting = Shooting(responses, sized, sizes)
     edges, noise, begun = [], [], []
-    for each, length, motion in zip(responses.experiments, lengths, start.motions, strict=True):
-        cut = short_windows(each.measurement, 0, length)
+    for record, length, motion in zip(responses.experiments, lengths, start.motions, strict=True):
+        cut = short_windows(record.measurement, 0, length)
         edges.append(cut)
         begun.append(states_of(motion, cut[:-1]))
-        noise.append(
-            np.array([FIRST_NOISE * np.std(values) for values in each.measurement.outputs.values()])
-        )
-    everywhere = [np.ones(len(each), bool) for each in begun]
-    fit, _ = repaired(shooting, Fit(start.values.copy(), edges, begun, noise), everywhere)
+        outputs = record.measurement.outputs.values()
+        noise.append(np.array([FIRST_NOISE * np.std(values) for values in outputs]))
+    everywhere = [np.ones(len(states), bool) for states in begun]
+    fit, _ = repaired(shooting, ShootingFit(start.values.copy(), edges, begun, noise), everywhere)
     fit = shooting.minimized(fit, FIRST, COARSE)
     return (shooting, fit) if fit.grams else None
 
 
-def followed(shooting: Shooting, fit: Fit, rival: float = np.inf) -> Fit:
+def followed(shooting: Shooting, fit: ShootingFit, rival: float = np.inf) -> ShootingFit:
     """Fit with windows that double in length while errors stay small in them, to the end.
 
     Longer windows do not make a fit better: one that is hopeless in short ones stays in them.
 
     Parameters
     ----------
-    shooting : Shooting
-    fit : Fit
+    fit : ShootingFit
         A fit with short windows, linearized.
     rival : float
         Cost of a model beside it.
@@ -107,7 +104,10 @@ def followed(shooting: Shooting, fit: Fit, rival: float = np.inf) -> Fit:
     # The loop goes on while some window is longer than any that was allowed before.
     while fit.cost < hopeless and (2 * _longest(fit) > most).any():
         most = 2 * most
-        longer = lengthened(fit, _in_short_windows(shooting, fit), most)
+        short = opened(shooting, fit)
+        # Linearized in the windows' starts alone.
+        shooting.frozen().linearized(short)
+        longer = lengthened(fit, short, most)
         if longer is None:
             continue
         longer = shooting.minimized(longer, ON_THE_WAY, COARSE)
@@ -115,7 +115,7 @@ def followed(shooting: Shooting, fit: Fit, rival: float = np.inf) -> Fit:
             break
         fit = mended(shooting, longer)
     for _ in range(MENDINGS):
-        if not fit.cost < hopeless or not any(each.any() for each in _doubtful(fit)):
+        if not fit.cost < hopeless or not any(doubtful.any() for doubtful in _doubtful(fit)):
             break
         fit = mended(shooting, fit)
     if not fit.cost < hopeless:
@@ -128,26 +128,19 @@ def _longest(fit):
     return np.array([np.diff(edges).max() for edges in fit.edges])
 
 
-def _in_short_windows(shooting, fit):
-    """The fit in the shortest windows, linearized in their starts alone."""
-    short = opened(shooting, fit)
-    shooting.frozen().linearized(short)
-    return short
-
-
 def settle_windows(
     shooting: Shooting,
-    fit: Fit,
+    fit: ShootingFit,
     stretches: Sequence[tuple[int, int]],
     reach: tuple[float, float] | None = None,
-) -> Fit:
+) -> ShootingFit:
     """Fit the starts of windows in other stretches of the records, the device's values fixed.
 
     Parameters
     ----------
     shooting : Shooting
         A problem without unknowns of the device.
-    fit : Fit
+    fit : ShootingFit
         The fit that gives the values and the noise.
     stretches : sequence of (int, int)
         First sample of each experiment, and that behind the last.
@@ -156,46 +149,40 @@ def settle_windows(
     """
     experiments = shooting.responses.experiments
     edges = [
-        short_windows(each.measurement, first, last)
-        for each, (first, last) in zip(experiments, stretches, strict=True)
+        short_windows(experiment.measurement, first, last)
+        for experiment, (first, last) in zip(experiments, stretches, strict=True)
     ]
-    begun = Fit(fit.values, edges, [], fit.noise)
+    begun = ShootingFit(fit.values, edges, [], fit.noise)
     for number, cut in enumerate(edges):
-        everywhere, there = np.ones(cut.size - 1, bool), reach or _visited(shooting, fit, number)
-        begun.starts.append(placed(shooting, number, begun, everywhere, there)[0])
+        everywhere = np.ones(cut.size - 1, bool)
+        span = reach or reach_of(shooting.states(fit, number)[:, 0])
+        begun.starts.append(placed(shooting, number, begun, everywhere, span)[0])
     if not shooting.linearized(begun):
         return begun
     return followed(shooting, begun)
-
-
-def _visited(shooting, fit, number):
-    """Displacements between which the fitted motion stays."""
-    states, _, _ = shooting.responses.states(
-        number, fit.values, fit.edges[number], fit.starts[number]
-    )
-    return reach_of(states[:, 0])
 
 
 def short_windows(measurement: Measurement, first: int, last: int) -> np.ndarray:
     """Edges of the shortest windows from one sample to another."""
     period = measurement.sampling_rate / frequencies(measurement)[0]
     width = max(SHORT_PERIODS * period, (last - first) / MOST_FIRST_WINDOWS)
-    return first + equal_windows(last - first, width)
+    count = max(1, round((last - first) / max(width, FEWEST_SAMPLES)))
+    return first + np.unique(np.linspace(0, last - first, count + 1).round().astype(int))
 
 
-def opened(shooting: Shooting, fit: Fit) -> Fit:
+def opened(shooting: Shooting, fit: ShootingFit) -> ShootingFit:
     """The fit cut into the shortest windows, whose starts lie on its own motion."""
     edges, starts = [], []
     for number, old in enumerate(fit.edges):
-        states, _, _ = shooting.responses.states(number, fit.values, old, fit.starts[number])
+        states = shooting.states(fit, number)
         measurement = shooting.responses.experiments[number].measurement
         cut = np.union1d(short_windows(measurement, old[0], old[-1]), old)
         edges.append(cut)
         starts.append(states[cut[:-1] - old[0]])
-    return Fit(fit.values, edges, starts, fit.noise)
+    return ShootingFit(fit.values, edges, starts, fit.noise)
 
 
-def followed_anew(shooting: Shooting, begun: Fit, rival: float) -> Fit | None:
+def followed_anew(shooting: Shooting, begun: ShootingFit, rival: float) -> ShootingFit | None:
     """A fit that begins in short windows, to the end; None where no motion follows."""
     fit = shooting.minimized(begun, ON_THE_WAY, COARSE)
     if fit.grams:
@@ -203,34 +190,98 @@ def followed_anew(shooting: Shooting, begun: Fit, rival: float) -> Fit | None:
     return fit if fit.grams else None
 
 
-def mended(shooting: Shooting, fit: Fit) -> Fit:
+def mended(shooting: Shooting, fit: ShootingFit) -> ShootingFit:
     """The fit with better starts of windows in doubt, or with those cut in half.
 
     Windows in which an error at the start grows beyond what is allowed are cut, too. Returns the
     same fit where nothing is in doubt or no better one is found.
     """
     better, cut = fit, _doubtful(fit)
-    if any(each.any() for each in cut):
+    if any(windows.any() for windows in cut):
         better, sums = repaired(shooting, fit, cut)
-        cut = [_far_off(each, edges) for each, edges in zip(sums, fit.edges, strict=True)]
+        cut = _doubtful(fit, sums)
     cut = [
         doubtful | (growth > 2.0 * LARGEST_GROWTH)
         for doubtful, growth in zip(cut, fit.growth, strict=True)
     ]
-    if any(each.any() for each in cut):
+    if any(windows.any() for windows in cut):
         better = shortened(shooting, better, cut)
     if better is not fit:
         better = shooting.minimized(better, ON_THE_WAY, COARSE)
     return better if better.grams else fit
 
 
-def _doubtful(fit):
-    """Windows whose residuals are far beyond those of the others."""
-    return [
-        _far_off(grams[:, -1, -1], edges) for grams, edges in zip(fit.grams, fit.edges, strict=True)
-    ]
+def _doubtful(fit, sums=None):
+    """Windows whose residuals are far beyond those of the others.
+
+    `sums` are the windows' sums of squares, by default those of the fit.
+    """
+    doubtful = []
+    for number, edges in enumerate(fit.edges):
+        squares = fit.grams[number][:, -1, -1] if sums is None else sums[number]
+        means = squares / np.diff(edges)
+        doubtful.append(means > DOUBTFUL * np.median(means))
+    return doubtful
 
 
-def _far_off(sums, edges):
-    mean_squares = sums / np.diff(edges)
-    return mean_squares > DOUBTFUL * np.median(mean_squares)
+def lengthened(fit: ShootingFit, short: ShootingFit, most: Sequence[int]) -> ShootingFit | None:
+    """The fit with neighbouring windows joined as long as errors stay small; None if none can be.
+
+    Parameters
+    ----------
+    fit, short : ShootingFit
+        `short` is the same motion in the shortest windows, linearized.
+    most : sequence of int
+        Samples in a window at most, by experiment.
+    """
+    edges, starts, joined = [], [], False
+    if not short.grams:
+        return None
+    for number, old in enumerate(short.edges):
+        first_windows = _kept(short.transitions[number], short.growth[number], old, most[number])
+        joined |= first_windows.size < len(fit.starts[number])
+        edges.append(np.append(old[first_windows], old[-1]))
+        starts.append(short.starts[number][first_windows])
+    return ShootingFit(fit.values, edges, starts, fit.noise) if joined else None
+
+
+def _kept(transitions, growth, edges, most):
+    """Indices of the windows at which the joined windows begin.
+
+    An error of the start may decay, and one from an inexact value may still grow later. So `totals`
+    holds the transition matrices from the start and from all places whose errors grow.
+    """
+    first_windows, totals = [0], transitions[:1]
+    for window in range(1, len(transitions)):
+        sizes = np.linalg.norm(totals, 2, axis=(1, 2)) * growth[window]
+        small = sizes[0] <= LARGEST_GROWTH and sizes.max() <= LARGEST_GROWTH_WITHIN
+        if not small or edges[window + 1] - edges[first_windows[-1]] > most:
+            first_windows.append(window)
+            totals = transitions[window : window + 1]
+        else:
+            totals = transitions[window] @ np.concatenate([totals, np.eye(3)[None]])
+            grows = np.linalg.norm(totals, 2, axis=(1, 2)) > 1.0
+            grows[0] = True
+            totals = totals[grows]
+    return np.array(first_windows)
+
+
+def shortened(shooting: Shooting, fit: ShootingFit, where: Sequence[np.ndarray]) -> ShootingFit:
+    """The fit with some windows cut in half, the second half beginning where the first ends.
+
+    Parameters
+    ----------
+    where : sequence of ndarray of bool
+        The windows to cut, by experiment.
+    """
+    edges, starts = [], []
+    for number, old in enumerate(fit.edges):
+        states = shooting.states(fit, number)
+        cut = where[number] & (np.diff(old) >= 2 * FEWEST_SAMPLES)
+        middles = ((old[:-1] + old[1:]) // 2)[cut]
+        new = np.concatenate([old[:-1], middles])
+        order = np.argsort(new, kind="stable")
+        begun = np.concatenate([fit.starts[number], states[middles - old[0]]])
+        edges.append(np.append(new[order], old[-1]))
+        starts.append(begun[order])
+    return ShootingFit(fit.values, edges, starts, fit.noise)

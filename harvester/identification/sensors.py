@@ -58,11 +58,11 @@ REQUIRED = {
 
 def sensor_keys(outputs: Sequence[str]) -> dict[str, float]:
     """Keys of the sensors that a record has, to their values without effect."""
-    found = {f"sensor.acceleration_{effect}": v for effect, v in BASE_EFFECTS.items()}
+    keys = {f"sensor.acceleration_{effect}": v for effect, v in BASE_EFFECTS.items()}
     for output in outputs:
         effects = OUTPUT_EFFECTS | (VOLTAGE_EFFECTS if output == "voltage" else {})
-        found |= {f"sensor.{output}_{effect}": v for effect, v in effects.items()}
-    return found
+        keys |= {f"sensor.{output}_{effect}": v for effect, v in effects.items()}
+    return keys
 
 
 def neutral(key: str) -> float:
@@ -80,17 +80,17 @@ def checked_sensors(
     SceneError
         No such effect, no number, or one that no sensor has.
     """
-    known, found = sensor_keys(outputs), {}
+    neutral_values, numbers = sensor_keys(outputs), {}
     for key, value in values.items():
-        if key not in known:
-            raise SceneError(f"{where}: unknown setting {named(key)}{nearest(key, known)}")
+        if key not in neutral_values:
+            raise SceneError(f"{where}: unknown setting {named(key)}{nearest(key, neutral_values)}")
         number = float(value) if isinstance(value, (int, float)) else math.nan
         effect = key.rpartition("_")[2]
-        wanted, holds = REQUIRED.get(effect, ("a number", math.isfinite))
+        requirement, holds = REQUIRED.get(effect, ("a number", math.isfinite))
         if math.isnan(number) or not holds(number):
-            raise SceneError(f"{where}: {key} = {shown(value)}: must be {wanted}")
-        found[key] = number
-    return found
+            raise SceneError(f"{where}: {key} = {shown(value)}: must be {requirement}")
+        numbers[key] = number
+    return numbers
 
 
 def integrals(
@@ -123,10 +123,7 @@ def _without_drift(values, degree):
 
 
 def put_right(
-    values: np.ndarray,
-    integral: tuple[np.ndarray, np.ndarray],
-    corner: float,
-    second_corner: float,
+    values: np.ndarray, integral: tuple[np.ndarray, np.ndarray], corner: float, second_corner: float
 ) -> np.ndarray:
     """The true signal, from what a sensor with these high-passes shows.
 
@@ -145,15 +142,15 @@ def put_right(
     return values + (once + math.sqrt(2.0) * twice) * first + twice**2 * second
 
 
-def lowpassed(values: np.ndarray, edges: np.ndarray, time_constant: float) -> np.ndarray:
-    """Windows of a series behind a low-pass of first order, from any state, in samples."""
-    return _convolved(values, edges, -1.0 / time_constant, 1.0 / time_constant)
-
-
-def highpassed(
-    values: np.ndarray, edges: np.ndarray, corner: float, second_corner: float
+def filtered(
+    values: np.ndarray, edges: np.ndarray, time_constant: float, corner: float, second_corner: float
 ) -> np.ndarray:
-    """Windows of a series behind high-passes, from any state, corners in radians per sample."""
+    """Windows of a series behind a low-pass of first order and high-passes, from any state.
+
+    The time constant is in samples, 0 for no low-pass; corners are in radians per sample.
+    """
+    if time_constant > 0.0:
+        values = _convolved(values, edges, -1.0 / time_constant, 1.0 / time_constant)
     if corner:
         values = values - _convolved(values, edges, -corner, corner)
     if second_corner:
@@ -182,9 +179,9 @@ def _convolved(values, edges, pole, residue):
     # A window that runs away disturbs no later one, nor does the step from one to the next.
     drive[~np.isfinite(drive)] = 0.0
     drive[cuts[1:-1] - 1] = 0.0
-    found = lfilter([1.0], [1.0, -np.exp(pole)], np.concatenate([[0.0], drive]))
-    found[~np.isfinite(values)] = np.nan
-    return found
+    filtered = lfilter([1.0], [1.0, -np.exp(pole)], np.concatenate([[0.0], drive]))
+    filtered[~np.isfinite(values)] = np.nan
+    return filtered
 
 
 def _moments(pole, count):
@@ -193,10 +190,10 @@ def _moments(pole, count):
         return (QUADRATURE_WEIGHTS * np.exp(pole * (1.0 - QUADRATURE_PLACES))) @ (
             QUADRATURE_PLACES[:, None] ** np.arange(count)
         )
-    found = [(np.exp(pole) - 1.0) / pole]
+    moments = [(np.exp(pole) - 1.0) / pole]
     for n in range(1, count):
-        found.append((n * found[-1] - 1.0) / pole)
-    return np.array(found)
+        moments.append((n * moments[-1] - 1.0) / pole)
+    return np.array(moments)
 
 
 def without_memory(
@@ -233,12 +230,12 @@ def without_memory(
         modes.append(np.exp(-turned) * places * np.sinc(turned / math.pi))
     if not modes:
         return shown
-    table, found = np.column_stack(modes), shown.copy()
+    table, corrected = np.column_stack(modes), shown.copy()
     for begin, end in pairwise(cuts):
-        off, own = shown[begin:end] - seen[begin:end], table[: end - begin]
+        off, columns = shown[begin:end] - seen[begin:end], table[: end - begin]
         if np.isfinite(off).all():
-            found[begin:end] -= own @ np.linalg.lstsq(own, off, rcond=None)[0]
-    return found
+            corrected[begin:end] -= columns @ np.linalg.lstsq(columns, off, rcond=None)[0]
+    return corrected
 
 
 def parallel(resistance: float, beside: float) -> float:

@@ -7,17 +7,16 @@ three states for each window; those are eliminated window by window from the nor
 
 from __future__ import annotations
 
-import os
-from collections.abc import Callable, Iterable, Sequence
-from concurrent.futures import ThreadPoolExecutor
+from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from itertools import pairwise
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from harvester.identification.response import Responses, side_by_side
+
 if TYPE_CHECKING:
-    from harvester.identification.response import Responses
     from harvester.identification.unknowns import Unknown
 
 # Step of the difference quotients, in sizes of the unknowns and rms values of the states.
@@ -29,17 +28,8 @@ LARGEST_SLOPE = 1e12
 FIRST_DAMPING, LEAST_DAMPING, MOST_DAMPING = 1e-3, 1e-9, 1e9
 
 
-def side_by_side(function: Callable[[Any], Any], items: Iterable[Any]) -> list[Any]:
-    """A function of each, by as many threads as there are processors.
-
-    The integrator is free of Python's lock.
-    """
-    with ThreadPoolExecutor(os.cpu_count()) as threads:
-        return list(threads.map(function, items))
-
-
 @dataclass
-class Fit:
+class ShootingFit:
     """State of a fit: values, windows, their starts, and the linearization.
 
     Attributes
@@ -74,25 +64,20 @@ class Shooting:
 
     Parameters
     ----------
-    responses : Responses
-    unknowns : sequence of Unknown
     state_sizes : sequence of ndarray, shape (3,)
         rms of each state, by experiment; a state that does not exist has 0.
     """
 
     def __init__(
-        self,
-        responses: Responses,
-        unknowns: Sequence[Unknown],
-        state_sizes: Sequence[np.ndarray],
+        self, responses: Responses, unknowns: Sequence[Unknown], state_sizes: Sequence[np.ndarray]
     ) -> None:
         self.responses = responses
         self.unknowns = list(unknowns)
-        self.sizes = np.array([each.size for each in unknowns])
-        self.low = np.array([each.low for each in unknowns])
-        self.high = np.array([each.high for each in unknowns])
-        self.state_sizes = [np.where(each > 0.0, each, 1.0) for each in state_sizes]
-        self.states_there = [each > 0.0 for each in state_sizes]
+        self.sizes = np.array([unknown.size for unknown in unknowns])
+        self.low = np.array([unknown.low for unknown in unknowns])
+        self.high = np.array([unknown.high for unknown in unknowns])
+        self.state_sizes = [np.where(sizes > 0.0, sizes, 1.0) for sizes in state_sizes]
+        self.states_there = [sizes > 0.0 for sizes in state_sizes]
 
     def frozen(self) -> Shooting:
         """The problem with the windows' starts as its only unknowns."""
@@ -105,8 +90,6 @@ class Shooting:
 
         Parameters
         ----------
-        responses : Responses
-        unknowns : sequence of Unknown
         records : int, optional
             Number of experiments whose sizes are taken, from the first; all by default.
         """
@@ -129,24 +112,32 @@ class Shooting:
             return None, None
         return (outputs - self.seen(number, edges)) / noise, ends
 
+    def residuals_of(self, fit: ShootingFit, number: int) -> tuple[Any, Any]:
+        """`residuals` of one experiment of a fit."""
+        edges, starts, noise = fit.edges[number], fit.starts[number], fit.noise[number]
+        return self.residuals(number, fit.values, edges, starts, noise)
+
+    def states(self, fit: ShootingFit, number: int) -> Any:
+        """States at the samples of one experiment of a fit, shape (samples, 3)."""
+        edges, starts = fit.edges[number], fit.starts[number]
+        return self.responses.states(number, fit.values, edges, starts)[0]
+
     def seen(self, number: int, edges: np.ndarray) -> np.ndarray:
         """Measured outputs in the windows of one experiment, shape (samples, outputs)."""
         outputs = self.responses.experiments[number].measurement.outputs
-        return np.column_stack([each[edges[0] : edges[-1]] for each in outputs.values()])
+        return np.column_stack([series[edges[0] : edges[-1]] for series in outputs.values()])
 
-    def cost(self, fit: Fit) -> float:
+    def cost(self, fit: ShootingFit) -> float:
         """Sum of squares; inf where the device runs away."""
         total = 0.0
-        for number, (edges, starts, noise) in enumerate(
-            zip(fit.edges, fit.starts, fit.noise, strict=True)
-        ):
-            found, _ = self.residuals(number, fit.values, edges, starts, noise)
-            if found is None:
+        for number in range(len(fit.edges)):
+            residuals, _ = self.residuals_of(fit, number)
+            if residuals is None:
                 return np.inf
-            total += float(np.sum(found**2))
+            total += float(np.sum(residuals**2))
         return total
 
-    def jacobian(self, fit: Fit, number: int) -> tuple[Any, Any]:
+    def jacobian(self, fit: ShootingFit, number: int) -> tuple[Any, Any]:
         """[J_unknowns, J_states, r] of one experiment and its windows' transitions, or None.
 
         Columns are in sizes; transitions have the shape (windows, 3, 3).
@@ -155,7 +146,7 @@ class Shooting:
         base, ends = self.residuals(number, fit.values, edges, starts, noise)
         if base is None:
             return None, None
-        p, there = len(self.unknowns), self.states_there[number]
+        p, existing = len(self.unknowns), self.states_there[number]
         table = np.zeros((*base.shape, p + 4))
         table[..., -1] = base
         transitions = np.zeros((len(starts), 3, 3))
@@ -163,26 +154,26 @@ class Shooting:
         def of_value(k):
             moved = fit.values.copy()
             moved[k] += DIFFERENCE * self.sizes[k] * (-1.0 if moved[k] >= self.high[k] else 1.0)
-            found, _ = self.residuals(number, moved, edges, starts, noise)
-            if found is not None:
-                table[..., k] = (found - base) / ((moved[k] - fit.values[k]) / self.sizes[k])
+            shifted, _ = self.residuals(number, moved, edges, starts, noise)
+            if shifted is not None:
+                table[..., k] = (shifted - base) / ((moved[k] - fit.values[k]) / self.sizes[k])
 
         def of_state(k):
             moved = starts.copy()
             moved[:, k] += DIFFERENCE * self.state_sizes[number][k]
-            found, moved_ends = self.residuals(number, fit.values, edges, moved, noise)
-            if found is not None:
-                table[..., p + k] = (found - base) / DIFFERENCE
+            shifted, moved_ends = self.residuals(number, fit.values, edges, moved, noise)
+            if shifted is not None:
+                table[..., p + k] = (shifted - base) / DIFFERENCE
                 transitions[:, :, k] = (moved_ends - ends) / self.state_sizes[number] / DIFFERENCE
 
         # Each call fills its own column, so the threads' order does not change the result.
         side_by_side(
             lambda column: of_value(column) if column < p else of_state(column - p),
-            [*range(p), *(p + np.flatnonzero(there))],
+            [*range(p), *(p + np.flatnonzero(existing))],
         )
         return table, transitions
 
-    def linearized(self, fit: Fit) -> bool:
+    def linearized(self, fit: ShootingFit) -> bool:
         """Fill the Gram matrices of all windows; whether the device stays within bounds."""
         fit.grams, fit.transitions, fit.growth = [], [], []
         p = len(self.unknowns)
@@ -199,15 +190,15 @@ class Shooting:
             shares = self._shares(number, fit.noise[number])
             moved = np.linalg.norm(table[..., p:-1] * shares[:, None], axis=(1, 2))
             fit.growth.append(np.maximum.reduceat(moved, cuts[:-1]))
-        fit.cost = float(sum(each[:, -1, -1].sum() for each in fit.grams))
+        fit.cost = float(sum(gram[:, -1, -1].sum() for gram in fit.grams))
         return True
 
     def _shares(self, number, noise):
         """Noise level of each output, divided by the output's rms."""
         outputs = self.responses.experiments[number].measurement.outputs
-        return noise / np.array([np.std(each) for each in outputs.values()])
+        return noise / np.array([np.std(series) for series in outputs.values()])
 
-    def step(self, fit: Fit, damping: float) -> tuple[np.ndarray, list[np.ndarray]]:
+    def step(self, fit: ShootingFit, damping: float) -> tuple[np.ndarray, list[np.ndarray]]:
         """Change of the unknowns and of all starts, in sizes, by the damped normal equations."""
         p = len(self.unknowns)
         normal, gradient = self.reduced(fit, damping)
@@ -229,7 +220,9 @@ class Shooting:
             change = (target - fit.values) / self.sizes
         return change, self.state_moves(fit, change, damping)
 
-    def state_moves(self, fit: Fit, change: np.ndarray, damping: float = 0.0) -> list[np.ndarray]:
+    def state_moves(
+        self, fit: ShootingFit, change: np.ndarray, damping: float = 0.0
+    ) -> list[np.ndarray]:
         """Changes of all window starts that go with a change of the unknowns, both in sizes."""
         p, moves = len(self.unknowns), []
         for grams in fit.grams:
@@ -238,7 +231,7 @@ class Shooting:
             moves.append(-np.einsum("wij,wj->wi", inverse, right))
         return moves
 
-    def reduced(self, fit: Fit, damping: float = 0.0) -> tuple[np.ndarray, np.ndarray]:
+    def reduced(self, fit: ShootingFit, damping: float = 0.0) -> tuple[np.ndarray, np.ndarray]:
         """Normal matrix and gradient of the unknowns alone, the starts eliminated."""
         p = len(self.unknowns)
         normal, gradient = np.zeros((p, p)), np.zeros(p)
@@ -256,19 +249,18 @@ class Shooting:
 
     def _state_inverse(self, grams, damping):
         p = len(self.unknowns)
-        own = grams[:, p : p + 3, p : p + 3].copy()
-        sizes = np.einsum("wii->wi", own)
+        block = grams[:, p : p + 3, p : p + 3].copy()
+        sizes = np.einsum("wii->wi", block)
         largest = sizes.max(axis=1, keepdims=True)
         ridge = damping * sizes + 1e-10 * np.where(largest > 0.0, largest, 1.0)
-        own[:, range(3), range(3)] += ridge
-        return np.linalg.inv(own)
+        block[:, range(3), range(3)] += ridge
+        return np.linalg.inv(block)
 
-    def minimized(self, fit: Fit, iterations: int, tolerance: float) -> Fit:
+    def minimized(self, fit: ShootingFit, iterations: int, tolerance: float) -> ShootingFit:
         """The fit at the minimum of its cost, its windows as they are.
 
         Parameters
         ----------
-        fit : Fit
         iterations : int
             Largest number of iterations.
         tolerance : float
@@ -290,11 +282,8 @@ class Shooting:
                 return fit
             if last:
                 # So short a step does not change the linearization.
-                trial.grams, trial.transitions, trial.growth = (
-                    fit.grams,
-                    fit.transitions,
-                    fit.growth,
-                )
+                trial.grams, trial.transitions = fit.grams, fit.transitions
+                trial.growth = fit.growth
                 return trial if trial.cost < fit.cost else fit
             damping = max(0.2 * damping, LEAST_DAMPING)
             if not self.linearized(trial):
@@ -304,7 +293,7 @@ class Shooting:
                 return fit
         return fit
 
-    def promised(self, fit: Fit, change: np.ndarray, moves: Sequence[np.ndarray]) -> float:
+    def promised(self, fit: ShootingFit, change: np.ndarray, moves: Sequence[np.ndarray]) -> float:
         """Least decrease of the cost by a damped step, were the problem linear."""
         p, total = len(self.unknowns), 0.0
         for grams, move in zip(fit.grams, moves, strict=True):
@@ -312,22 +301,22 @@ class Shooting:
             total -= float(np.sum(grams[:, p : p + 3, -1] * move))
         return total
 
-    def moved(self, fit: Fit, change: np.ndarray, moves: Sequence[np.ndarray]) -> Fit:
+    def moved(
+        self, fit: ShootingFit, change: np.ndarray, moves: Sequence[np.ndarray]
+    ) -> ShootingFit:
         """The fit changed by steps in sizes."""
         starts = [
-            each + move * size
-            for each, move, size in zip(fit.starts, moves, self.state_sizes, strict=True)
+            states + move * size
+            for states, move, size in zip(fit.starts, moves, self.state_sizes, strict=True)
         ]
         values = fit.values + change * self.sizes if change.size else fit.values
-        return Fit(values, fit.edges, starts, fit.noise)
+        return ShootingFit(values, fit.edges, starts, fit.noise)
 
-    def reweighted(self, fit: Fit) -> Fit:
+    def reweighted(self, fit: ShootingFit) -> ShootingFit:
         """The fit with each output's noise as its residuals show it."""
         noise = []
-        for number, edges in enumerate(fit.edges):
-            found, _ = self.residuals(
-                number, fit.values, edges, fit.starts[number], fit.noise[number]
-            )
-            own = np.sqrt(np.mean(found**2, axis=0)) if found is not None else 1.0
-            noise.append(fit.noise[number] * np.maximum(own, 1e-6))
+        for number in range(len(fit.edges)):
+            residuals, _ = self.residuals_of(fit, number)
+            rms = np.sqrt(np.mean(residuals**2, axis=0)) if residuals is not None else 1.0
+            noise.append(fit.noise[number] * np.maximum(rms, 1e-6))
         return replace(fit, noise=noise)

@@ -51,7 +51,7 @@ class SpringShape:
     @property
     def is_refuted(self) -> bool:
         """Whether the records need the next power, and it changes a value noticeably."""
-        noticed = any(abs(each) > NOTED for each in self.moves.values())
+        noticed = any(abs(move) > NOTED for move in self.moves.values())
         return noticed and abs(self.significance) > SURE
 
     @property
@@ -66,21 +66,23 @@ def spring_shape(base: Fitted, sizes: dict[str, float]) -> SpringShape | None:
 
     Parameters
     ----------
-    base : Fitted
     sizes : dict of str to float
         Sizes from the motion that was fitted.
     """
     try:
-        made = richer(base.scene, base.keys, sizes)
+        variant = richer(base.scene, base.keys, sizes)
     except HarvesterError:
         return None
-    if made is None or base.settled is None:
+    if variant is None or base.settled is None:
         return None
-    _, scene, keys = made
-    shooting = _with_power(base, scene, keys, sizes)
-    fit = replace(base.fit, values=np.array([each.start for each in shooting.unknowns]))
-    if not shooting.linearized(fit):
+    _, scene, keys = variant
+    # The added powers begin near 0, so their sizes come from the motion, not from their starts.
+    count = len(base.keys)
+    added = [replace(u, size=sizes[u.key]) for u in unknowns(scene, keys[count:], sizes)]
+    problem = base.with_more(added, sizes, scene, keys[:count])
+    if problem is None:
         return None
+    shooting, fit = problem
     normal, gradient = shooting.reduced(fit)
     step = -np.linalg.lstsq(normal, gradient, rcond=1e-14)[0] * shooting.sizes
     errors = np.sqrt(np.maximum(np.diag(intervals.covariance(shooting, fit)), 0.0))
@@ -100,27 +102,5 @@ def spring_shape(base: Fitted, sizes: dict[str, float]) -> SpringShape | None:
 def _power(key):
     """Power of x that a key's spring coefficient belongs to; 0 for other keys."""
     name = key.rpartition(".")[2]
-    place = name.removeprefix("restoring_force[").rstrip("]")
-    return NAMED.get(name, 0) or (int(place) if place.isdigit() else 0)
-
-
-def _with_power(base, scene, keys, sizes):
-    """The problem of the fit with the next power free too, from the values that fit."""
-    added = keys[len(base.keys) :]
-    force = [k or 0.0 for k in scene.oscillator.coefficients]
-    own = base.shooting.responses
-    experiments = [
-        replace(each, scene=each.scene.replace({"oscillator.restoring_force": force}))
-        for each in own.experiments
-    ]
-    free = [
-        each.begun(value)
-        for each, value in zip(
-            unknowns(scene, keys[: len(base.keys)], sizes), base.values, strict=True
-        )
-    ]
-    # The added powers begin near 0, so their sizes come from the motion, not from their starts.
-    free += [replace(each, size=sizes[each.key]) for each in unknowns(scene, added, sizes)]
-    responses = own.with_keys(keys)
-    responses.experiments = experiments
-    return base.shooting.beside(responses, free)
+    index = name.removeprefix("restoring_force[").rstrip("]")
+    return NAMED.get(name, 0) or (int(index) if index.isdigit() else 0)

@@ -8,7 +8,6 @@ and Mook, Nonlinear Oscillations, 1979, ch. 2), and drag C2 adds 8/(3π) C2 ω a
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
@@ -16,61 +15,30 @@ import numpy as np
 
 from harvester.device import system as device
 from harvester.device import timescales
-from harvester.identification.measured_impedance import impedance_outputs
+from harvester.identification.measured_impedance import MeasuredImpedance, impedance_outputs
 from harvester.identification.response import Experiment, Responses
 from harvester.identification.sensors import HIGHPASSES
 
 if TYPE_CHECKING:
-    from harvester.identification.measured_impedance import MeasuredImpedance
     from harvester.identification.measured_response import MeasuredResponse
     from harvester.scene.model import Scene
 
 # Secant steps for the displacement's amplitude.
 AMPLITUDE_STEPS = 12
+# Start of the one window of a response, whose samples have no states.
+NO_STATES = np.zeros((1, 3))
 
 
 @dataclass(frozen=True)
 class SteadyExperiment:
-    """A measured response with the scene it belongs to.
-
-    Attributes
-    ----------
-    measurement : MeasuredResponse
-    scene : Scene
-        The scene with the record's own changes.
-    """
+    """A measured response or impedance with the scene of its record."""
 
     measurement: MeasuredResponse
     scene: Scene
 
 
-@dataclass(frozen=True)
-class ImpedanceExperiment:
-    """A measured impedance with the scene it belongs to.
-
-    Attributes
-    ----------
-    measurement : MeasuredImpedance
-    scene : Scene
-    """
-
-    measurement: MeasuredImpedance
-    scene: Scene
-
-
 class SteadyResponses(Responses):
-    """Responses of several experiments for values of the unknowns; their samples are frequencies.
-
-    Parameters
-    ----------
-    experiments : sequence of SteadyExperiment, ImpedanceExperiment or Experiment
-        The last are records in time, whose samples are instants.
-    keys : sequence of str
-    length : float
-    """
-
-    def __init__(self, experiments: Sequence[Any], keys: Sequence[str], length: float) -> None:
-        super().__init__(experiments, keys, "linear", length)
+    """Responses to sines: samples of a `SteadyExperiment` are frequencies, of others instants."""
 
     def states(
         self, number: int, values: np.ndarray, edges: np.ndarray, starts: np.ndarray
@@ -79,42 +47,42 @@ class SteadyResponses(Responses):
         in time."""
         if isinstance(self.experiments[number], Experiment):
             return super().states(number, values, edges, starts)
-        made = self.device(number, values)
-        if made is None:
+        equations = self.device(number, values)
+        if equations is None:
             return None, None, None
-        system, scales = made
-        each: Any = self.experiments[number]
-        if isinstance(each, ImpedanceExperiment):
+        system, scales = equations
+        experiment: Any = self.experiments[number]
+        if isinstance(experiment.measurement, MeasuredImpedance):
             outputs = self._impedance(system, number, values)
             return np.zeros((outputs.shape[0], 3)), starts, outputs
-        found = self._gain_of_sensors(number, values)
-        found = found * self._response(system, scales, number, values)
-        if np.iscomplexobj(each.measurement.response):
-            outputs = np.column_stack([found.real, found.imag])
+        response = self._gain_of_sensors(number, values)
+        response = response * self._response(system, scales, number, values)
+        if np.iscomplexobj(experiment.measurement.response):
+            outputs = np.column_stack([response.real, response.imag])
         else:
-            outputs = np.abs(found)[:, None]
-        return np.zeros((found.size, 3)), starts, outputs
+            outputs = np.abs(response)[:, None]
+        return np.zeros((response.size, 3)), starts, outputs
 
     def _impedance(self, system, number, values):
         """ln |Z| and phase with the base clamped."""
-        each: Any = self.experiments[number]
-        rate = 2j * math.pi * each.measurement.frequency
+        experiment: Any = self.experiments[number]
+        rate = 2j * math.pi * experiment.measurement.frequency
         linear = float(system.spring.slope(timescales.rest(system)))
         mechanical = linear + system.damper.damping * rate + rate**2
         of_capacitance = system.transducer.own_rate + rate
         of_capacitance = of_capacitance + system.transducer.coupling * rate / mechanical
         key = "piezo.capacitance"
-        own = each.scene.transducer.capacitance
+        capacitance = experiment.scene.transducer.capacitance
         if key in self.keys:
-            own = values[self.keys.index(key)]
-        admittance = own * of_capacitance + each.measurement.background
+            capacitance = values[self.keys.index(key)]
+        admittance = capacitance * of_capacitance + experiment.measurement.background
         outputs = impedance_outputs(1.0 / admittance)
         return np.column_stack(list(outputs.values()))
 
     def _response(self, system, scales, number, values):
         """Complex voltage per base acceleration, before the sensors' effects."""
-        each: Any = self.experiments[number]
-        measured = each.measurement
+        experiment: Any = self.experiments[number]
+        measured = experiment.measurement
         rate = 2j * math.pi * measured.frequency
         transducer = system.transducer
         # These three belong to a unit of displacement: the state, the force on the mass, the
@@ -135,9 +103,9 @@ class SteadyResponses(Responses):
         if measured.acceleration is not None:
             gain = self._sensor(number, values, "sensor.acceleration_scale")
             drive = factor * measured.acceleration / gain / self.length
-            shown = np.abs(measured.response) * measured.acceleration
-            amplitude = _amplitude(impedance, drive, shown / np.abs(volts))
-        sign = -1.0 if each.scene.units == "SI" else 1.0
+            voltage = np.abs(measured.response) * measured.acceleration
+            amplitude = _amplitude(impedance, drive, voltage / np.abs(volts))
+        sign = -1.0 if experiment.scene.units == "SI" else 1.0
         moved = impedance(amplitude)
         # The base drives the state as X does, by the share of η; the part of the force that stems
         # from it is subtracted.
@@ -153,19 +121,18 @@ class SteadyResponses(Responses):
             return self._sensor(number, values, f"sensor.{name}")
 
         gain = effect("voltage_scale") / effect("acceleration_scale")
-        gain = (
-            gain * np.exp(-rate * effect("voltage_delay")) / (1.0 + rate * effect("voltage_filter"))
-        )
+        gain = gain * np.exp(-rate * effect("voltage_delay"))
+        gain = gain / (1.0 + rate * effect("voltage_filter"))
         for name, power in (("voltage", 1), ("acceleration", -1)):
-            first, second = (effect(f"{name}_{each}") / (1j * frequency) for each in HIGHPASSES)
+            first, second = (effect(f"{name}_{kind}") / (1j * frequency) for kind in HIGHPASSES)
             gain = gain * ((1.0 + first) * (1.0 + math.sqrt(2.0) * second + second**2)) ** -power
         return gain
 
 
 def _taylor(system):
     """Stiffness where the device rests, and its slope over the squared amplitude."""
-    rest = timescales.rest(system)
-    linear, square, cube = system.spring.taylor(rest)
+    equilibrium = timescales.rest(system)
+    linear, square, cube = system.spring.taylor(equilibrium)
     return linear, 0.75 * cube - (5.0 / 6.0 * square**2 / linear if linear > 0.0 else 0.0)
 
 

@@ -12,16 +12,14 @@ import numpy as np
 
 from harvester.errors import HarvesterError, SceneError
 from harvester.files.plain_text import named, nearest
-from harvester.identification.sensors import (
-    HIGHPASSES,
-    PROBE,
-    VELOCITY_SCALE,
-    neutral,
-    sensor_keys,
-)
+from harvester.identification.reconstruction import frequencies
+from harvester.identification.sensors import HIGHPASSES, PROBE, VELOCITY_SCALE, neutral, sensor_keys
+from harvester.prepared.prepared import prepared
 from harvester.scene.numbers import numbers
+from harvester.scene.units import restoring_spring
 
 if TYPE_CHECKING:
+    from harvester.identification.measurement import Measurement
     from harvester.scene.model import Scene
 
 # Tables of the scene whose numbers describe the device; the load's values are given.
@@ -38,6 +36,8 @@ DEVICE = "device"
 ORIGIN = "oscillator.restoring_force[0]"
 # A number that must be positive stays above this share of its size or first value.
 SMALLEST_SHARE = 1e-3
+SHARE_OF_PERIOD = 0.1
+POWERS = 8
 
 
 @dataclass(frozen=True)
@@ -76,24 +76,19 @@ def default_keys(scene: Scene, outputs: Sequence[str], volts: bool = False) -> l
     record tells where x = 0 is: then the constant force is kept. A velocity in `volts` has a scale.
     """
     keys = [VELOCITY_SCALE] if volts else []
-    for key in numbers(scene):
+    for key, (value, _) in numbers(scene).items():
         table, _, name = key.rpartition(".")
         if table.partition("[")[0] not in DEVICE_TABLES or name in KNOWN:
             continue
         if key == ORIGIN and "displacement" not in outputs:
             continue
-        if _unused(scene, key):
+        # A value of 0 means that the device has no such part.
+        if value == 0.0 and key not in (ORIGIN, "oscillator.damping"):
             continue
         if table in ("piezo", "coil") and "voltage" not in outputs:
             continue
         keys.append(key)
     return keys
-
-
-def _unused(scene, key):
-    """Whether a key's value is 0 in the scene, which means that the device has no such part."""
-    value = numbers(scene)[key][0]
-    return value == 0.0 and key != ORIGIN and key != "oscillator.damping"
 
 
 def checked_keys(scene: Scene, keys: Sequence[str], outputs: Sequence[str]) -> list[str]:
@@ -104,18 +99,18 @@ def checked_keys(scene: Scene, keys: Sequence[str], outputs: Sequence[str]) -> l
     HarvesterError
         Unknown or twice; with the nearest that there is.
     """
-    known = [*numbers(scene), *sensor_keys(outputs)]
-    known = [key for key in known if not key.startswith("excitation.")]
+    names = [*numbers(scene), *sensor_keys(outputs)]
+    names = [key for key in names if not key.startswith("excitation.")]
     if DEVICE in keys:
-        own = [key for key in default_keys(scene, outputs) if key not in keys]
-        keys = [*own, *(key for key in keys if key != DEVICE)]
-    for place, key in enumerate(keys):
-        if key not in known:
+        default = [key for key in default_keys(scene, outputs) if key not in keys]
+        keys = [*default, *(key for key in keys if key != DEVICE)]
+    for index, key in enumerate(keys):
+        if key not in names:
             raise HarvesterError(
                 f"--free {named(key)}: no number of this scene or its sensors"
-                f"{nearest(key, known)}; there are {', '.join(known)}"
+                f"{nearest(key, names)}; there are {', '.join(names)}"
             )
-        if key in keys[:place]:
+        if key in keys[:index]:
             raise HarvesterError(f"--free {named(key)}: is there twice")
     if BASE_FACTOR in keys and BASE_SCALE in keys:
         raise HarvesterError(
@@ -130,24 +125,22 @@ def unknowns(scene: Scene, keys: Sequence[str], sizes: dict[str, float]) -> list
 
     Parameters
     ----------
-    scene : Scene
-    keys : sequence of str
     sizes : dict of str to float
         Sizes of keys whose start may be 0.
     """
-    known = numbers(scene)
-    found = []
+    specified = numbers(scene)
+    result = []
     for key in keys:
         if key.startswith("sensor."):
-            found.append(_of_sensor(key, sizes))
+            result.append(_of_sensor(key, sizes))
             continue
-        start, spec = known[key]
+        start, spec = specified[key]
         size = abs(start) or sizes.get(key, 0.0) or 1.0
         low = spec.low
         if math.isfinite(low) and not spec.low_allowed:
             low += SMALLEST_SHARE * size
-        found.append(Unknown(key, float(start), low, spec.high, size))
-    return found
+        result.append(Unknown(key, float(start), low, spec.high, size))
+    return result
 
 
 def _of_sensor(key, sizes):
@@ -177,3 +170,47 @@ def with_values(
         return scene.replace({**changes, **others})
     except SceneError:
         return None
+
+
+def sizes_of(
+    scene: Scene, measurements: Sequence[Measurement], reach: float, speed: float
+) -> dict[str, float]:
+    """Typical magnitudes of the unknowns, including the sensors', by their keys.
+
+    Parameters
+    ----------
+    reach, speed : float
+        Greatest displacement and rms velocity, in the scene's units.
+    """
+    force = [k or 0.0 for k in scene.oscillator.coefficients]
+    # The largest force that one power of the spring has at the greatest displacement.
+    greatest = max((abs(k) * reach**n for n, k in enumerate(force)), default=0.0)
+    if scene.oscillator.force_table is not None:
+        greatest = float(np.abs(restoring_spring(scene.oscillator).force(reach)))
+    greatest = greatest or 1.0
+    sizes = {f"oscillator.restoring_force[{n}]": greatest / reach**n for n in range(POWERS)}
+    sizes["oscillator.linear_stiffness"] = greatest / reach
+    sizes["oscillator.cubic_stiffness"] = greatest / reach**3
+    damping = scene.oscillator.damping or 1e-2 * greatest / speed
+    sizes["oscillator.damping"] = damping
+    sizes["oscillator.quadratic_damping"] = damping / speed
+    sizes["stoppers.gap"] = reach
+    sizes["stoppers.stiffness"] = greatest / reach**1.5
+    frequency = frequencies(measurements[0])[0]
+    for name in ("acceleration", "voltage"):
+        for effect in HIGHPASSES:
+            sizes[f"sensor.{name}_{effect}"] = SHARE_OF_PERIOD * frequency
+    base = measurements[0].acceleration
+    sizes["sensor.acceleration_offset"] = 1.0 if base is None else float(np.std(base)) or 1.0
+    for name, values in measurements[0].sensed.items():
+        sizes[f"sensor.{name}_offset"] = float(np.std(values))
+        for effect in ("delay", "filter"):
+            sizes[f"sensor.{name}_{effect}"] = SHARE_OF_PERIOD / frequency
+    return sizes
+
+
+def first_sizes(scene: Scene, measurements: Sequence[Measurement]) -> dict[str, float]:
+    """Sizes before any fit: a motion of one length unit of the scene, at the measured frequency."""
+    length = prepared(scene).scales.displacement
+    speed = 2.0 * np.pi * frequencies(measurements[0])[0] * length
+    return sizes_of(scene, measurements, length, speed)

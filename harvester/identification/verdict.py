@@ -25,7 +25,7 @@ MOSTLY_NOISE = 0.9
 
 
 @dataclass(frozen=True)
-class Verdict:
+class FitVerdict:
     """The judgement on the scene's model.
 
     Attributes
@@ -33,7 +33,6 @@ class Verdict:
     word : str
         "predicts"; "fits" where the records do not tell the spring from others; "wrong",
         "incomplete", or "nothing" where there is nothing to judge by.
-    sentence : str
     """
 
     word: str
@@ -53,12 +52,11 @@ def verdict(
     visited: Visited | None = None,
     kept: Sequence[Kept] = (),
     shape: SpringShape | None = None,
-) -> Verdict:
+) -> FitVerdict:
     """Judge a model by what it predicts of the data kept aside: its worst record and channel.
 
     Parameters
     ----------
-    base : Fitted
     found : sequence of Candidate
         The scene's own first.
     whiteness : Whiteness
@@ -72,30 +70,49 @@ def verdict(
     shape : SpringShape, optional
         The spring beside one with the next power.
     """
-    if all(_is_noise(each, whiteness) for each in base.stretches):
-        return Verdict("nothing", _nothing(base))
-    said, claims, best = _said(base, misfits, whiteness), _claims(kept), proposed(found)
+    if all(_is_noise(stretch, whiteness) for stretch in base.stretches):
+        return FitVerdict("nothing", _nothing(base))
+    claim, claims, best = _said(base, misfits, whiteness), _claims(kept), proposed(found)
     if best.is_better:
-        return Verdict(
+        return FitVerdict(
             "wrong",
-            f"the model is wrong: {said}; {best.name} leaves {best.fitted.nrmse:.2%} and is "
+            f"the model is wrong: {claim}; {best.name} leaves {best.fitted.nrmse:.2%} and is "
             f"proposed instead{_freed(best, base)}{_rivals(found, base)}{claims}",
         )
     fault = _fault(base, whiteness, misfits, kept, shape)
     if fault is not None:
         others = ", and none of the other models that were tried does better" if found[1:] else ""
-        return Verdict(
-            "incomplete", f"the model is wrong or incomplete: {said}{fault}{others}{claims}"
+        return FitVerdict(
+            "incomplete", f"the model is wrong or incomplete: {claim}{fault}{others}{claims}"
         )
     simpler = "" if best is found[0] else f"; {best.name} predicts as well and is simpler"
     if shape and shape.untold:
-        return Verdict(
+        return FitVerdict(
             "fits",
-            f"the model fits, and the records do not tell its spring from others: {said}"
+            f"the model fits, and the records do not tell its spring from others: {claim}"
             f"{_power(base)}{_untold(shape)}{claims}{_where(visited)}{simpler}",
         )
-    return Verdict(
-        "predicts", f"the model predicts {said}{_power(base)}{claims}{_where(visited)}{simpler}"
+    return FitVerdict(
+        "predicts", f"the model predicts {claim}{_power(base)}{claims}{_where(visited)}{simpler}"
+    )
+
+
+def impedance_verdict(base: Fitted) -> FitVerdict:
+    """Verdict of a fit to an impedance alone, which covers only small motion."""
+    claim = (
+        f"impedance to {base.nrmse:.2%} of itself on every third frequency, kept aside (about "
+        f"{base.sensor_noise:.2%} is the analyser's noise)"
+    )
+    if not base.adequate:
+        return FitVerdict(
+            "incomplete",
+            f"the model is wrong or incomplete: {claim}: it has more than modes, a capacitance and "
+            "its loss",
+        )
+    return FitVerdict(
+        "predicts",
+        f"the model predicts {claim}; that is small motion about the place where it rests, the "
+        "base clamped: it does not cover large motion, stoppers and the response to acceleration",
     )
 
 
@@ -142,10 +159,10 @@ def _fault(base, whiteness, misfits, kept, shape):
             f"({abs(shape.significance):.1f} standard errors), which moves its values by up to "
             f"{max(shape.moves.values()):.0%}"
         )
-    refuted = [each for each in kept if each.claimed and not each.holds]
+    refuted = [record for record in kept if record.claimed and not record.holds]
     if refuted:
         return f": {refuted[0].name} is not as predicted"
-    others = [each for each in kept if not each.follows]
+    others = [record for record in kept if not record.follows]
     if others:
         return (
             f": {others[0].left:.0%} of the record {others[0].name}, kept aside, is left even in "
@@ -175,7 +192,7 @@ def _freed(best, base):
 
 def _rivals(found, base):
     """Text: other models that fit the records as well as the proposed one."""
-    names = [f"{each.name}{_freed(each, base)}" for each in rivals(found)]
+    names = [f"{rival.name}{_freed(rival, base)}" for rival in rivals(found)]
     if not names:
         return ""
     return f"; the records do not tell it from {' nor from '.join(names)}"
@@ -186,15 +203,15 @@ def _claims(kept):
     agree."""
     if not kept:
         return ""
-    claimed = [each for each in kept if each.claimed]
+    claimed = [record for record in kept if record.claimed]
     if not claimed:
         return f"; of the records kept aside ({len(kept)}) it claims none"
-    held = sum(each.holds for each in claimed)
+    held = sum(record.holds for record in claimed)
     widths = [
-        HALF_INTERVAL * (each.predicted_rms.standard_error or 0.0) / each.predicted_rms.estimate
-        for each in claimed
+        HALF_INTERVAL * (record.predicted_rms.standard_error or 0.0) / record.predicted_rms.estimate
+        for record in claimed
     ]
-    low, high = (f"{100.0 * each:.2g}" for each in (min(widths), max(widths)))
+    low, high = (f"{100.0 * width:.2g}" for width in (min(widths), max(widths)))
     return (
         f"; it claims {len(claimed)} of {len(kept)} records kept aside, and {held} of those lie "
         f"within their intervals, of ± {low if low == high else f'{low} to {high}'} % of the rms"
@@ -221,15 +238,15 @@ def _said(base, misfits, whiteness):
             f"{'white' if whiteness.white else 'correlated'}"
         )
     channels = [
-        max((each for each in misfits if each.output == name), key=_beyond)
-        for name in dict.fromkeys(each.output for each in misfits)
+        max((misfit for misfit in misfits if misfit.output == name), key=_beyond)
+        for name in dict.fromkeys(misfit.output for misfit in misfits)
     ]
     first, *others = sorted(channels, key=_beyond, reverse=True)
-    several = len({each.record for each in misfits}) > 1
-    place = f" of {first.record}, the worst of the records" if several else ""
-    also = "".join(f", {each.output} to {each.left:.2%} ({each.noise:.2%})" for each in others)
+    several = len({misfit.record for misfit in misfits}) > 1
+    source = f" of {first.record}, the worst of the records" if several else ""
+    also = "".join(f", {other.output} to {other.left:.2%} ({other.noise:.2%})" for other in others)
     return (
-        f"{first.output} to {first.left:.2%} NRMSE on the data kept aside{place} (about "
+        f"{first.output} to {first.left:.2%} NRMSE on the data kept aside{source} (about "
         f"{first.noise:.2%} is the sensors' noise){also}"
     )
 
@@ -254,6 +271,6 @@ def _is_noise(stretch, whiteness):
 
 def _power(base):
     """Predicted against measured power, in words, of the record with the largest difference."""
-    found = [(each, each.powers()[2]) for each in base.stretches]
-    stretch, difference = max(found, key=lambda each: abs(each[1].estimate))
+    powers = [(stretch, stretch.powers()[2]) for stretch in base.stretches]
+    stretch, difference = max(powers, key=lambda pair: abs(pair[1].estimate))
     return f", and the {stretch.compared[0]} to {share_with_error(difference)}"

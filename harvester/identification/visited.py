@@ -55,22 +55,18 @@ class Visited:
     @property
     def ranges(self) -> str:
         """The visited ranges, in words."""
-        speed = max(abs(end) for each in self.velocity for end in each)
+        speed = max(abs(end) for interval in self.velocity for end in interval)
         moved = " and ".join(
             f"{self._length(low)} … {self._length(high)}"
             for low, high in _joined(self.displacement)
         )
         low, high = self.frequency
-        loads = ", ".join(f"{each:.4g}" for each in self.loads)
+        loads = ", ".join(f"{load:.4g}" for load in self.loads)
         return (
             f"displacement {moved}{' mm' if self.si else ''}, velocity up to {speed:.3g}"
             f"{' m/s' if self.si else ''}, frequency {low:.3g} … {high:.3g}"
             f"{' Hz' if self.si else ''}, load {loads}{' Ω' if self.si else ''}"
         )
-
-    def holds(self, place: float) -> bool:
-        """Whether a displacement was visited."""
-        return _inside(self.displacement, place)
 
     def _length(self, value):
         return f"{1e3 * value if self.si else value:.3g}"
@@ -86,22 +82,21 @@ def visited(fitted: Fitted) -> Visited | None:
     # Records in time come first; sweeps and impedances after them have only small motion.
     experiments = responses.experiments[: len(fitted.settled.edges)]
     for number in range(len(experiments)):
-        states = [
-            responses.states(number, fitted.values, fit.edges[number], fit.starts[number])[0]
-            for fit in (fitted.fit, fitted.settled)
-        ]
-        for found, column in ((displacement, 0), (velocity, 1)):
-            values = np.concatenate([each[:, column] for each in states]) * responses.length
-            found.append((float(np.nanmin(values)), float(np.nanmax(values))))
+        states = [fitted.shooting.states(fit, number) for fit in (fitted.fit, fitted.settled)]
+        for intervals, column in ((displacement, 0), (velocity, 1)):
+            values = np.concatenate([path[:, column] for path in states]) * responses.length
+            intervals.append((float(np.nanmin(values)), float(np.nanmax(values))))
     system, scales = responses.known_device(0, fitted.values)
     si = fitted.scene.units == "SI"
     loads = {
-        float(numbers(each.scene)["load.resistance"][0])
-        for each in experiments
-        if "load.resistance" in numbers(each.scene)
+        float(numbers(experiment.scene)["load.resistance"][0])
+        for experiment in experiments
+        if "load.resistance" in numbers(experiment.scene)
     }
     ranges = tuple(displacement)
-    spring = () if _inside(ranges, 0.0) else _of_spring(fitted.keys)
+    spring: tuple[str, ...] = ()
+    if not _inside(ranges, 0.0):
+        spring = tuple(k for k in fitted.keys if k.rpartition(".")[2].startswith(SPRING))
     outside = _outside(system, scales.displacement, ranges, si, len(loads) > 1)
     if spring:
         names = ", ".join(key.rpartition(".")[2] for key in spring)
@@ -109,7 +104,7 @@ def visited(fitted: Fitted) -> Visited | None:
     return Visited(
         displacement=ranges,
         velocity=tuple(velocity),
-        frequency=band(each.measurement for each in experiments),
+        frequency=band(experiment.measurement for experiment in experiments),
         loads=tuple(sorted(loads)),
         extrapolated=outside,
         values=spring,
@@ -120,12 +115,12 @@ def visited(fitted: Fitted) -> Visited | None:
 def band(measurements: Iterable[Measurement]) -> tuple[float, float]:
     """Frequencies between which the base has most of its power, of all records (Hz)."""
     ends = []
-    for each in measurements:
-        values = each.acceleration - each.acceleration.mean()
+    for record in measurements:
+        values = record.acceleration - record.acceleration.mean()
         power = np.abs(np.fft.rfft(values * np.hanning(values.size))) ** 2
         gathered = np.cumsum(power)
         places = np.searchsorted(gathered, np.array(BAND) * gathered[-1])
-        frequencies = np.fft.rfftfreq(values.size, 1.0 / each.sampling_rate)
+        frequencies = np.fft.rfftfreq(values.size, 1.0 / record.sampling_rate)
         ends.append(frequencies[np.minimum(places, frequencies.size - 1)])
     return float(min(low for low, _ in ends)), float(max(high for _, high in ends))
 
@@ -136,29 +131,25 @@ def _outside(system, length, ranges, si, several_loads):
     def at(place):
         return f"{1e3 * place:.3g} mm" if si else f"{place:.3g}"
 
-    found = []
-    wells = [length * each for each in timescales.wells(system)]
+    parts = []
+    wells = [length * well for well in timescales.wells(system)]
     for well in wells:
         if not _inside(ranges, well):
-            found.append(f"the {'other ' if len(wells) > 1 else ''}well at {at(well)}")
+            parts.append(f"the {'other ' if len(wells) > 1 else ''}well at {at(well)}")
     for saddle in timescales.saddles(system):
         if not _inside(ranges, length * saddle):
             height = float(potential(system, saddle) - potential(system, timescales.rest(system)))
             energy = f" of {height * length**2:.3g} J/kg" if si else f" of {height:.3g}"
-            found.append(f"the barrier at {at(length * saddle)}{energy}")
+            parts.append(f"the barrier at {at(length * saddle)}{energy}")
     for edge in contact.edges(system.contacts):
         if np.isfinite(edge) and edge and not _inside(ranges, length * edge):
-            found.append(f"the stopper at {at(length * edge)}")
-    low = min(each[0] for each in ranges)
-    high = max(each[1] for each in ranges)
-    found.append(f"the walls beyond {at(low)} and {at(high)}")
+            parts.append(f"the stopper at {at(length * edge)}")
+    low = min(interval[0] for interval in ranges)
+    high = max(interval[1] for interval in ranges)
+    parts.append(f"the walls beyond {at(low)} and {at(high)}")
     if not several_loads:
-        found.append("other loads (coupling and capacitance are as right as the load's resistance)")
-    return tuple(found)
-
-
-def _of_spring(keys):
-    return tuple(key for key in keys if key.rpartition(".")[2].startswith(SPRING))
+        parts.append("other loads (coupling and capacitance are as right as the load's resistance)")
+    return tuple(parts)
 
 
 def _inside(ranges, place):
@@ -169,10 +160,10 @@ def _inside(ranges, place):
 
 def _joined(ranges):
     """Ranges that overlap as one, ascending."""
-    found: list[list[float]] = []
+    merged: list[list[float]] = []
     for low, high in sorted(ranges):
-        if found and low <= found[-1][1]:
-            found[-1][1] = max(found[-1][1], high)
+        if merged and low <= merged[-1][1]:
+            merged[-1][1] = max(merged[-1][1], high)
         else:
-            found.append([low, high])
-    return found
+            merged.append([low, high])
+    return merged

@@ -13,7 +13,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from harvester.identification.reconstruction import motion
-from harvester.identification.shooting import DIFFERENCE, Fit, Shooting, side_by_side
+from harvester.identification.response import side_by_side
+from harvester.identification.shooting import DIFFERENCE, Shooting, ShootingFit
 
 if TYPE_CHECKING:
     from harvester.identification.reconstruction import Motion
@@ -27,7 +28,7 @@ SETTLED = 1e-4
 
 
 def weighted_residuals(
-    shooting: Shooting, number: int, fit: Fit, starts: np.ndarray
+    shooting: Shooting, number: int, fit: ShootingFit, starts: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
     """Weighted residuals of windows with these starts, and each window's sum of squares.
 
@@ -37,14 +38,18 @@ def weighted_residuals(
     _, _, outputs = shooting.responses.states(number, fit.values, edges, starts)
     if outputs is None:
         outputs = np.nan
-    found = (outputs - shooting.seen(number, edges)) / fit.noise[number]
-    costs = np.add.reduceat(np.sum(found**2, axis=1), edges[:-1] - edges[0])
+    residuals = (outputs - shooting.seen(number, edges)) / fit.noise[number]
+    costs = np.add.reduceat(np.sum(residuals**2, axis=1), edges[:-1] - edges[0])
     costs[~np.isfinite(costs)] = np.inf
-    return np.nan_to_num(found, posinf=0.0, neginf=0.0), costs
+    return np.nan_to_num(residuals, posinf=0.0, neginf=0.0), costs
 
 
 def settled(
-    shooting: Shooting, number: int, fit: Fit, starts: np.ndarray, iterations: int = ITERATIONS
+    shooting: Shooting,
+    number: int,
+    fit: ShootingFit,
+    starts: np.ndarray,
+    iterations: int = ITERATIONS,
 ) -> tuple[np.ndarray, np.ndarray]:
     """Starts at the minimum of each window's own cost, and those costs.
 
@@ -58,10 +63,10 @@ def settled(
         begun = np.where(moving[:, None], starts, np.nan)
         step, promised = _step(shooting, number, fit, begun, residuals, damping)
         trial = begun + step * sizes
-        found, tried = weighted_residuals(shooting, number, fit, trial)
+        trial_residuals, tried = weighted_residuals(shooting, number, fit, trial)
         better = tried < costs
         starts = np.where(better[:, None], trial, starts)
-        residuals = np.where(np.repeat(better, lengths)[:, None], found, residuals)
+        residuals = np.where(np.repeat(better, lengths)[:, None], trial_residuals, residuals)
         moving &= promised > SETTLED * costs
         costs = np.where(better, tried, costs)
         damping = np.where(better, 0.1 * damping, np.minimum(10.0 * damping, 1e6))
@@ -78,8 +83,8 @@ def _step(shooting, number, fit, starts, residuals, damping):
     def of_state(k):
         moved = starts.copy()
         moved[:, k] += DIFFERENCE * sizes[k]
-        found, _ = weighted_residuals(shooting, number, fit, moved)
-        columns[..., k] = (found - residuals) / DIFFERENCE
+        shifted, _ = weighted_residuals(shooting, number, fit, moved)
+        columns[..., k] = (shifted - residuals) / DIFFERENCE
 
     side_by_side(of_state, np.flatnonzero(shooting.states_there[number]))
     cuts = fit.edges[number][:-1] - fit.edges[number][0]
@@ -92,85 +97,71 @@ def _step(shooting, number, fit, starts, residuals, damping):
     return step, -np.einsum("wk,wk->w", gradient, step)
 
 
-def measured_motion(shooting: Shooting, number: int, values: np.ndarray) -> Motion:
-    """The motion that a record shows if the device has these numbers."""
-    system, scales = shooting.responses.known_device(number, values)
-    return motion(system, scales, shooting.responses.shown(number, values))
-
-
 def placed(
-    shooting: Shooting,
-    number: int,
-    fit: Fit,
-    where: np.ndarray,
-    reach: tuple[float, float],
+    shooting: Shooting, number: int, fit: ShootingFit, where: np.ndarray, reach: tuple[float, float]
 ) -> tuple[np.ndarray, np.ndarray]:
     """The best starts with the displacement anywhere within reach, settled, and their costs.
 
     Parameters
     ----------
-    shooting : Shooting
-    number : int
-        Number of the experiment.
-    fit : Fit
     where : ndarray of bool, shape (windows,)
         Windows to look at; the others' starts are NaN.
     reach : (float, float)
         Least and greatest displacement.
     """
-    seen = measured_motion(shooting, number, fit.values)
+    responses = shooting.responses
+    system, scales = responses.known_device(number, fit.values)
+    seen = motion(system, scales, responses.shown(number, fit.values))
     places = fit.edges[number][:-1]
-    known = np.where(where[:, None], states_of(seen, places), np.nan)
+    states = np.where(where[:, None], states_of(seen, places), np.nan)
     if seen.measured:
-        return settled(shooting, number, fit, known)
+        return settled(shooting, number, fit, states)
 
     def begun_at(x):
-        return np.column_stack([np.where(where, x, np.nan), known[:, 1:]])
+        return np.column_stack([np.where(where, x, np.nan), states[:, 1:]])
 
     tried = np.linspace(*reach, DISPLACEMENTS)
     costs = side_by_side(lambda x: weighted_residuals(shooting, number, fit, begun_at(x))[1], tried)
     order = np.argsort(costs, axis=0)
-    best = known, np.full(places.size, np.inf)
+    best = states, np.full(places.size, np.inf)
     for rank in range(MOST_TRIED):
         best = _better(best, settled(shooting, number, fit, begun_at(tried[order[rank]])))
     return best
 
 
 def repaired(
-    shooting: Shooting, fit: Fit, where: Sequence[np.ndarray]
-) -> tuple[Fit, list[np.ndarray]]:
+    shooting: Shooting, fit: ShootingFit, where: Sequence[np.ndarray]
+) -> tuple[ShootingFit, list[np.ndarray]]:
     """The fit with some windows' starts at the best places that can be found for them.
 
     Parameters
     ----------
-    shooting : Shooting
-    fit : Fit
     where : sequence of ndarray of bool, shape (windows,)
         Which windows of each experiment are repaired.
 
     Returns
     -------
-    Fit
+    ShootingFit
     list of ndarray, shape (windows,)
         Each window's sum of squares.
     """
     starts, sums = [], []
     for number, chosen in enumerate(where):
-        own = fit.starts[number]
-        best = own, weighted_residuals(shooting, number, fit, own)[1]
-        begun = np.where(chosen[:, None], own, np.nan)
+        current = fit.starts[number]
+        best = current, weighted_residuals(shooting, number, fit, current)[1]
+        begun = np.where(chosen[:, None], current, np.nan)
         best = _better(best, settled(shooting, number, fit, begun, ITERATIONS // 2))
-        own = best[0]
-        states, ends, _ = shooting.responses.states(number, fit.values, fit.edges[number], own)
+        current = best[0]
+        states, ends, _ = shooting.responses.states(number, fit.values, fit.edges[number], current)
         if np.isfinite(states[:, 0]).any():
             reach = reach_of(states[:, 0])
             best = _better(best, placed(shooting, number, fit, chosen, reach))
-            before = np.vstack([own[:1], ends[:-1]])
+            before = np.vstack([current[:1], ends[:-1]])
             begun = np.where(chosen[:, None] & np.isfinite(before), before, begun)
             best = _better(best, settled(shooting, number, fit, begun))
         starts.append(best[0])
         sums.append(best[1])
-    return Fit(fit.values, fit.edges, starts, fit.noise), sums
+    return ShootingFit(fit.values, fit.edges, starts, fit.noise), sums
 
 
 def _better(own, other):
@@ -182,8 +173,8 @@ def _better(own, other):
 def reach_of(x: np.ndarray) -> tuple[float, float]:
     """Range of displacements to search: from the 1 % to the 99 % quantile, and a tenth beyond."""
     low, high = np.nanquantile(x, [0.01, 0.99])
-    more = 0.1 * (high - low)
-    return float(low - more), float(high + more)
+    margin = 0.1 * (high - low)
+    return float(low - margin), float(high + margin)
 
 
 def without_states(series: np.ndarray, states: np.ndarray, cuts: np.ndarray) -> np.ndarray:
@@ -196,14 +187,14 @@ def without_states(series: np.ndarray, states: np.ndarray, cuts: np.ndarray) -> 
         Outputs' derivatives by the start of the window that a sample is in.
     cuts : ndarray of int, shape (windows + 1,)
     """
-    found = series.copy()
+    remainder = series.copy()
     for begin, end in pairwise(cuts):
         effects = states[begin:end].reshape(-1, states.shape[-1])
         effects = effects[:, np.abs(effects).max(axis=0) > 0.0]
-        own = series[begin:end].reshape(effects.shape[0], -1)
-        explained = effects @ np.linalg.lstsq(effects, own, rcond=1e-10)[0]
-        found[begin:end] = (own - explained).reshape(found[begin:end].shape)
-    return found
+        block = series[begin:end].reshape(effects.shape[0], -1)
+        explained = effects @ np.linalg.lstsq(effects, block, rcond=1e-10)[0]
+        remainder[begin:end] = (block - explained).reshape(remainder[begin:end].shape)
+    return remainder
 
 
 def states_of(seen: Motion, places: np.ndarray) -> np.ndarray:

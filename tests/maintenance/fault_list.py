@@ -613,8 +613,8 @@ FAULTS = [
     Fault(
         "identification: starts of windows are taken for known",
         "harvester/identification/window_states.py",
-        "(own - explained)",
-        "(own - 0.0 * explained)",
+        "(block - explained)",
+        "(block - 0.0 * explained)",
         OF_INTERVALS,
     ),
     Fault(

@@ -10,7 +10,6 @@ from measured_records import band_noise, measured, off, scene_of
 from harvester.errors import HarvesterError, IdentificationError, SceneError
 from harvester.identification.identify import identify
 from harvester.identification.measurement import Measurement, read_measurement
-from harvester.identification.report import report
 from harvester.scene.model import Scene
 from harvester.scene.numbers import numbers
 
@@ -217,7 +216,7 @@ def test_the_result_is_shown_written_and_drawn(found):
     header, rows = found.table()
     assert len(rows) == len(found.keys)
     assert all(len(row) == len(header) for row in rows)
-    page = report(found)
+    page = found.page()
     assert "95 % intervals" in page
     assert "data:image/svg+xml" in page
     figure = found.figure()

@@ -14,7 +14,6 @@ from harvester.identification.impedance_fit import from_impedance
 from harvester.identification.measured_impedance import MeasuredImpedance, read_impedance
 from harvester.identification.measured_response import MeasuredResponse
 from harvester.identification.measurement import Measurement
-from harvester.identification.report import report
 from harvester.identification.scene_file import scene_text
 from harvester.scene.model import Scene
 from harvester.scene.numbers import numbers
@@ -115,7 +114,7 @@ def test_an_impedance_gives_a_scene_up_to_its_mass(tmp_path, capsys):
     for (key, value), true in zip(found.values.items(), wanted, strict=True):
         assert abs(value - true) < 4.0 * found.standard_errors[key], key
     assert found.to_dict()["impedance"]["quality"]["interval"][0] < TRUE["quality"]
-    assert "impedance" in report(found)
+    assert "impedance" in found.page()
 
 
 @pytest.mark.slow

@@ -13,7 +13,6 @@ from harvester.identification.identify import identify
 from harvester.identification.measured_response import MeasuredResponse
 from harvester.identification.measurement import read_measurement
 from harvester.identification.proof import ResponseStretch
-from harvester.identification.report import report
 from harvester.identification.verdict import _nothing
 from harvester.scene.numbers import numbers
 
@@ -60,7 +59,7 @@ def test_a_linear_device_is_found_from_its_response(parts):
     assert found.standard_errors[keys[0]] < 0.01 * STIFFNESS
     assert found.verdict.good
     if parts == "complex":
-        assert "every third frequency" in report(found)
+        assert "every third frequency" in found.page()
         assert len(found.figure().axes) == 2
 
 
@@ -128,7 +127,7 @@ def test_the_posterior_of_a_nearly_linear_problem_is_as_wide_as_the_intervals(mo
     content = found.to_dict()["posterior"]
     assert np.array(content["correlations"]).shape == (2, 2)
     assert len(found.table()[0]) == len(found.table()[1][0]) == 6
-    assert "Posterior" in report(found)
+    assert "Posterior" in found.page()
     monkeypatch.setattr(sampling, "MOST_STEPS", sampling.STEPS)
     once, twice, other = (sampling.posterior(found.fitted, seed).draws for seed in (3, 3, 4))
     assert np.array_equal(once, twice)

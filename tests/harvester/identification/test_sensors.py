@@ -10,13 +10,12 @@ from measured_sets import a_set
 from scipy import signal
 
 from harvester.errors import IdentificationError, SceneError
+from harvester.identification.candidates import turned
 from harvester.identification.identify import identify
 from harvester.identification.measurement import Measurement, read_measurement
-from harvester.identification.sensor_candidates import turned
 from harvester.identification.sensors import (
-    highpassed,
+    filtered,
     integrals,
-    lowpassed,
     parallel,
     put_right,
     without_memory,
@@ -56,22 +55,20 @@ def test_what_an_ac_coupled_sensor_was_shown_comes_back(order, corners):
 # Edges of windows, and a sine of twelve samples a period in them.
 EDGES, TURN = np.array([0, 150, 230, 400]), 2.0 * math.pi / 12.0
 MODES = {
-    "low": (lambda u: lowpassed(u, EDGES, 0.48), (0.48, None, None), (1, 1.0 / 0.48, "lowpass")),
-    "high": (lambda u: highpassed(u, EDGES, 0.05, 0.0), (None, 0.05, None), (1, 0.05, "highpass")),
-    "second": (
-        lambda u: highpassed(u, EDGES, 0.0, 0.07), (None, None, 0.07), (2, 0.07, "highpass"),
-    ),
-}  # fmt: skip
+    "low": ((0.48, 0.0, 0.0), (0.48, None, None), (1, 1.0 / 0.48, "lowpass")),
+    "high": ((0.0, 0.05, 0.0), (None, 0.05, None), (1, 0.05, "highpass")),
+    "second": ((0.0, 0.0, 0.07), (None, None, 0.07), (2, 0.07, "highpass")),
+}
 
 
 @pytest.mark.parametrize("name", MODES)
 def test_windows_of_an_output_go_through_its_sensor_s_filter(name):
     """Each window from any state of the filter, as analog filters of scipy show a sine."""
-    through, memory, filter_of = MODES[name]
+    settings, memory, filter_of = MODES[name]
     places = np.arange(EDGES[-1])
     _, response = signal.freqs(*signal.butter(*filter_of, analog=True), [TURN])
     shown = np.imag(response[0] * np.exp(1j * (TURN * places + 0.4)))
-    behind = through(np.sin(TURN * places + 0.4))
+    behind = filtered(np.sin(TURN * places + 0.4), EDGES, *settings)
     assert np.abs(behind - shown).max() > 0.02
     assert without_memory(behind, shown, EDGES, *memory) == pytest.approx(shown, abs=3e-4)
 
@@ -80,7 +77,7 @@ def test_a_window_that_runs_away_disturbs_no_later_one():
     values = np.sin(TURN * np.arange(EDGES[-1]))
     broken = values.copy()
     broken[100:150] = np.nan
-    whole, other = (highpassed(each, EDGES, 0.05, 0.0) for each in (values, broken))
+    whole, other = (filtered(each, EDGES, 0.0, 0.05, 0.0) for each in (values, broken))
     seen = np.zeros_like(values)
     memory = (None, 0.05, None)
     whole, other = (without_memory(each, seen, EDGES, *memory) for each in (whole, other))

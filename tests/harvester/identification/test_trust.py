@@ -13,7 +13,7 @@ from harvester.estimates.attractors import repeats_in_noise
 from harvester.identification.identify import identify
 from harvester.identification.intervals import HALF_INTERVAL, moved_by_records
 from harvester.identification.kept_aside import _orbit, _repeats
-from harvester.identification.shooting import Fit, Shooting
+from harvester.identification.shooting import Shooting, ShootingFit
 from harvester.identification.unknowns import Unknown
 from harvester.scene.numbers import numbers
 
@@ -82,7 +82,7 @@ def test_leaving_records_out_gives_the_variance_of_a_mean_of_means():
     shooting = Shooting(None, [unknown], [])
     shooting.sizes = np.array([1.0])
     edges = [np.array([0, samples])] * 4
-    fit = Fit(np.array([means.mean()]), edges, [], [], grams=grams)
+    fit = ShootingFit(np.array([means.mean()]), edges, [], [], grams=grams)
     found = moved_by_records(shooting, fit, 4)[0, 0]
     wanted = np.var(means, ddof=1) / 4 * (t.ppf(0.975, 3) / HALF_INTERVAL) ** 2
     assert found == pytest.approx(wanted, rel=1e-3)

@@ -5,7 +5,12 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from harvester.identification.proof import ResponseStretch, Stretch, sensor_noise, whiteness
+from harvester.identification.proof import (
+    ResponseStretch,
+    ValidationStretch,
+    sensor_noise,
+    whiteness,
+)
 from harvester.identification.spring_shape import SpringShape
 from harvester.identification.verdict import verdict
 
@@ -15,7 +20,7 @@ MOTION = np.sin(2.0 * np.pi * 5.0 * TIME)
 NOISE = np.random.default_rng(1).standard_normal(SAMPLES)
 
 
-def judged(measured, predicted, kind=Stretch, shape=None, **more):
+def judged(measured, predicted, kind=ValidationStretch, shape=None, **more):
     """The verdict on one stretch, of a scene's own model alone."""
     columns = [each[:, None] if each.ndim == 1 else each for each in (measured, predicted)]
     stretch = kind("made.csv", ("voltage",), RATE, *columns, columns[1], 10, None, **more)

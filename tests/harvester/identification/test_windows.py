@@ -6,8 +6,8 @@ from measured_records import scene_of
 
 from harvester.identification.measurement import Measurement
 from harvester.identification.response import Responses, experiment
-from harvester.identification.shooting import Fit
-from harvester.identification.windows import lengthened
+from harvester.identification.search import lengthened
+from harvester.identification.shooting import ShootingFit
 from harvester.monte_carlo.sampled import states_at_samples
 from harvester.prepared.prepared import prepared
 
@@ -17,7 +17,7 @@ WINDOWS, SAMPLES = 9, 20
 def in_windows(factors):
     """Equal windows in which errors grow by these factors."""
     edges = SAMPLES * np.arange(WINDOWS + 1)
-    return Fit(
+    return ShootingFit(
         np.zeros(0),
         [edges],
         [np.zeros((WINDOWS, 3))],
@@ -82,7 +82,7 @@ def test_a_linear_device_follows_a_sine_as_its_closed_form_says():
     response = -mass / mechanical * electrical
     wave = np.exp(turn * np.arange(1200) / rate)
     record = Measurement(wave.imag, rate, voltage=(response * wave).imag)
-    responses = Responses([experiment(scene, record, frequency)], [], "smooth", 1e-3)
+    responses = Responses([experiment(scene, record)], [], 1e-3, "smooth")
     # From rest: what the start leaves dies within the first half.
     _, _, shown = responses.states(0, np.zeros(0), np.array([0, 1200]), np.zeros((1, 3)))
     late = slice(600, 1190)
