@@ -59,9 +59,9 @@ def _add_joint(result, variables, coordinates):
     """The joint density of displacement and velocity, along coordinates of its own."""
     joint, across = result.joint_density, ("displacement", "velocity")
     names, area = [f"joint_{name}" for name in across], 1.0
-    for name, own in zip(across, names, strict=True):
+    for name, axis in zip(across, names, strict=True):
         factor = result.scales.of(name)
-        coordinates[own] = (own, getattr(joint, name) * factor, {"unit": result.unit(name)})
+        coordinates[axis] = (axis, getattr(joint, name) * factor, {"unit": result.unit(name)})
         area *= factor
     unit = {"unit": f"1/({result.unit('displacement')} {result.unit('velocity')})"}
     variables["joint_density"] = (names, joint.density / area, unit)

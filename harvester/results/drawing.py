@@ -38,8 +38,8 @@ def draw_result(result: Result) -> Figure | None:
     if not panels:
         return None
     figure = Figure(figsize=(3.0 * panels, 2.6))
-    for place, name in enumerate(result.densities):
-        axes = figure.add_subplot(1, panels, place + 1)
+    for column, name in enumerate(result.densities):
+        axes = figure.add_subplot(1, panels, column + 1)
         draw_density(axes, result, name, CIRCUIT, "-", None)
         axes.set_xlabel(axis_label(result, name))
         axes.set_ylabel(density_label(result, name))
@@ -59,9 +59,9 @@ def _draw_section(axes, result):
     if result.scene.excitation.random:
         axes.hist2d(x, v, bins=SECTION_BINS, density=True, cmin=1e-300, cmap="viridis")
     elif result.attractors:
-        for each in result.attractors:
-            label = f"{each.name}: {each.share:.1%}"
-            axes.plot(*each.points.T, "o" if each.period else ".", markersize=3.0, label=label)
+        for orbit in result.attractors:
+            label = f"{orbit.name}: {orbit.share:.1%}"
+            axes.plot(*orbit.points.T, "o" if orbit.period else ".", markersize=3.0, label=label)
         axes.legend(fontsize=6)
     else:
         axes.plot(x, v, ".", color=CIRCUIT, markersize=2.0)

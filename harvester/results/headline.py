@@ -17,12 +17,12 @@ NOT_NAMED = ("kind", "knot_spacing", "full_scale")
 
 def headline(result: Result) -> str:
     """One line: the power, the load, the excitation and the method."""
-    known, scene = result.scaled_quantities, result.scene
-    name = next((each for each in ("mean_output_power", "mean_power") if each in known), "")
+    quantities, scene = result.scaled_quantities, result.scene
+    name = next((key for key in ("mean_output_power", "mean_power") if key in quantities), "")
     if not name:
         return f"No power of {scene.name}: {conditions(scene)}, by {result.engine}."
-    found = result.quantity(name)
-    power = with_error(found, result.unit(found.dimension))
+    estimate = result.quantity(name)
+    power = with_error(estimate, result.unit(estimate.dimension))
     where = "at the output of" if name == "mean_output_power" else "into"
     return f"{power} {where} {load(scene)}; {conditions(scene)}; by {result.engine}."
 
@@ -40,13 +40,13 @@ def load(scene: Scene) -> str:
 def conditions(scene: Scene) -> str:
     """The excitation in words."""
     table = scene.to_tables()["excitation"]
-    said = [*_values("excitation", table, scene)]
+    values = [*_values("excitation", table, scene)]
     kind = f"{table['kind']} excitation"
     if "file" in table:
         kind = f"record {PurePath(table['file']).name}"
     if isinstance(table.get("column"), str):
         kind += f", column {table['column']}"
-    return ", ".join([kind, *said])
+    return ", ".join([kind, *values])
 
 
 def _values(prefix, table, scene):

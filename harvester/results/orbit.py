@@ -82,7 +82,8 @@ class Attractor:
     def to_dict(self, unit: Callable[[str], str]) -> dict[str, Any]:
         """Plain values for JSON; `unit` gives that of a dimension."""
         quantities = {
-            name: each.to_dict(unit(each.dimension)) for name, each in self.quantities.items()
+            name: estimate.to_dict(unit(estimate.dimension))
+            for name, estimate in self.quantities.items()
         }
         return plain({"kind": self.kind, **vars(self), "quantities": quantities})
 

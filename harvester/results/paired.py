@@ -44,12 +44,12 @@ def paired_difference(result: Any, reference: Any) -> dict[str, Estimate]:
         efficiency.
     """
     balances = [
-        well_balance(each.scene, prepared(each.scene).system, each.moments)
-        for each in (result, reference)
+        well_balance(run.scene, prepared(run.scene).system, run.moments)
+        for run in (result, reference)
     ]
     ours, theirs = (
-        complete_batches(weighted(each.moments, balance))
-        for each, balance in zip((result, reference), balances, strict=True)
+        complete_batches(weighted(run.moments, balance))
+        for run, balance in zip((result, reference), balances, strict=True)
     )
     if ours is None or theirs is None or ours.shape != theirs.shape:
         return {}
@@ -100,13 +100,13 @@ def _paired_efficiency(ours, theirs, balances):
     load, loss = QUANTITIES.index("load_power"), QUANTITIES.index("loss_power")
     shares = []
     for batches in (ours, theirs):
-        used = batches[:, :, load] + batches[:, :, loss]
+        absorbed = batches[:, :, load] + batches[:, :, loss]
         if not batches[:, :, load].any():
             return None
         # For each batch: its load power over the mean of all, less its used power over the mean of
         # all.
-        share = batches[:, :, load] / batches[:, :, load].mean() - used / used.mean()
-        shares.append((batches[:, :, load].sum() / used.sum(), share))
+        share = batches[:, :, load] / batches[:, :, load].mean() - absorbed / absorbed.mean()
+        shares.append((batches[:, :, load].sum() / absorbed.sum(), share))
     ratio = float(shares[0][0] / shares[1][0])
     error = _relative_error([share for _, share in shares], balances)
     note = why_no_error(ratio, error)

@@ -103,16 +103,16 @@ def _load(result, p, totals, stored):
     left = totals["input_power"] - totals["load_power"] - totals["loss_power"] - stored
     loss = totals["loss_power"] - totals["transducer_loss"]
     takers = {"load": totals["load_power"], "transducer": totals["transducer_loss"]}
-    going = {name: _together(left, taken) for name, taken in takers.items()}
-    found = [
+    going = {name: _together(left, energy) for name, energy in takers.items()}
+    absorbers = [
         name
         for name, share in going.items()
         if share >= max(LEAST_CORRELATION, _together(left, loss))
     ]
-    if not found or abs(result.energy_balance_residual) < _of_the_step(result):
+    if not absorbers or abs(result.energy_balance_residual) < _of_the_step(result):
         return ""
-    share = left.sum() / takers[found[0]].sum()
-    names = " or the ".join(found)
+    share = left.sum() / takers[absorbers[0]].sum()
+    names = " or the ".join(absorbers)
     return (
         f"the {names}: the missing energy is proportional to what it takes, {share:+.2g} of it in "
         f"every realization; the circuit's {names} differs from the one that the power is computed "
@@ -167,9 +167,9 @@ def _of_the_step(result):
 
 def _fastest(result):
     """Angular frequency of the fastest motion, the device's own or that under the excitation."""
-    ready = prepared(result.scene)
-    own = timescales.fastest_angular_frequency(ready.system)
-    if ready.scene.excitation.prescribes_displacement:
-        return own
+    device = prepared(result.scene)
+    natural = timescales.fastest_angular_frequency(device.system)
+    if device.scene.excitation.prescribes_displacement:
+        return natural
     # Far above the resonance E[X²] goes with the fourth power of the frequency.
-    return max(own, 0.5 * misplacement(ready, knot_spacing(ready), 2) ** 0.5)
+    return max(natural, 0.5 * misplacement(device, knot_spacing(device), 2) ** 0.5)

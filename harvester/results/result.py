@@ -191,15 +191,15 @@ class Result:
             {
                 **{name: getattr(self, name) for name in _IN_JSON},
                 "quantities": {
-                    name: each.to_dict(self.unit(each.dimension))
-                    for name, each in self.quantities.items()
+                    name: estimate.to_dict(self.unit(estimate.dimension))
+                    for name, estimate in self.quantities.items()
                 },
                 "scaled_quantities": {
-                    name: {**each.to_dict("scaled"), "dimension": each.dimension}
-                    for name, each in self.scaled_quantities.items()
+                    name: {**estimate.to_dict("scaled"), "dimension": estimate.dimension}
+                    for name, estimate in self.scaled_quantities.items()
                 },
                 **(
-                    {"attractors": [each.to_dict(self.unit) for each in self.attractors]}
+                    {"attractors": [attractor.to_dict(self.unit) for attractor in self.attractors]}
                     if self.attractors
                     else {}
                 ),
@@ -264,18 +264,18 @@ class Result:
         header = ["quantity", "unit"]
         header += [f"{'value ± numerical' if numerical else 'estimate ± standard'} error"]
         header += [] if numerical else ["effective samples"]
-        shown = with_roots(self.quantities)
-        bare = any(each.note for each in shown.values())
+        printed = with_roots(self.quantities)
+        bare = any(estimate.note for estimate in printed.values())
         header += ["no error bar because"] * bare
         rows = [
             [
                 name.replace("_", " "),
-                self.in_print(name, each)[1],
-                with_error(each.times(self.in_print(name, each)[0])),
-                *([] if numerical else [count(each.effective_sample_size)]),
-                *[each.note] * bare,
+                self.in_print(name, estimate)[1],
+                with_error(estimate.times(self.in_print(name, estimate)[0])),
+                *([] if numerical else [count(estimate.effective_sample_size)]),
+                *[estimate.note] * bare,
             ]
-            for name, each in shown.items()
+            for name, estimate in printed.items()
         ]
         return header, rows
 
@@ -367,8 +367,8 @@ class Result:
         first = next(iter(self.quantities.items()), None)
         unit = self.unit(first[1].dimension) if first else ""
         says = f"{first[0]} = {with_error(first[1], unit)}, " if first else ""
-        more = f"{says}{len(self.scaled_quantities)} quantities, {self.outcome}"
-        return one_line(f"<Result of {self.scene.name} by {self.engine}: {more}>")
+        summary = f"{says}{len(self.scaled_quantities)} quantities, {self.outcome}"
+        return one_line(f"<Result of {self.scene.name} by {self.engine}: {summary}>")
 
     def _repr_html_(self) -> str:
         from harvester.show.page import facts, table_of
@@ -378,32 +378,36 @@ class Result:
 
     def evidence(self) -> list[str]:
         """Sentences on the runs and methods behind the numbers."""
-        said = [self.engine_version]
+        sentences = [self.engine_version]
         if self.simulated_time > 0.0:
-            said.append(
+            sentences.append(
                 f"{self.realizations} × {self.simulated_time / self.realizations:.6g} s, "
                 f"{count(self.steps)} steps of at most {quantity(self.step or 0.0, 's', 3)}, "
                 f"seed {self.scene.run.seed}"
             )
         if self.step_error is not None:
-            said.append(f"the steps cost powers up to {100.0 * self.step_error:.1g} %")
+            sentences.append(f"the steps cost powers up to {100.0 * self.step_error:.1g} %")
         if self.energy_balance_residual is not None:
-            said.append(f"energy balance residual {self.energy_balance_residual:.2%}")
-        said.append(f"{self.wall_seconds:.2f} s")
+            sentences.append(f"energy balance residual {self.energy_balance_residual:.2%}")
+        sentences.append(f"{self.wall_seconds:.2f} s")
         if self.netlist_sha256:
-            said.append(f"netlist {self.netlist_sha256[:12]}")
-        return said
+            sentences.append(f"netlist {self.netlist_sha256[:12]}")
+        return sentences
 
 
 def with_roots(quantities: dict[str, Estimate]) -> dict[str, Estimate]:
     """The quantities, each mean square followed by its root (rms)."""
-    found: dict[str, Estimate] = {}
-    for name, each in quantities.items():
-        found[name] = each
+    extended: dict[str, Estimate] = {}
+    for name, estimate in quantities.items():
+        extended[name] = estimate
         of_root = name.replace("mean_square", "rms")
-        if of_root not in quantities and name.startswith("mean_square") and each.estimate >= 0.0:
-            found[of_root] = root(each)
-    return found
+        if (
+            of_root not in quantities
+            and name.startswith("mean_square")
+            and estimate.estimate >= 0.0
+        ):
+            extended[of_root] = root(estimate)
+    return extended
 
 
 def _result_of(kind, content, folder):
@@ -420,36 +424,38 @@ def _result_of(kind, content, folder):
         for name in _IN_JSON
         if name not in ("quantities", "seed", "step_error")
     }
-    for name, each in values["scaled_quantities"].items():
-        _check_dimension(each.dimension, f"scaled_quantities.{name}.dimension")
+    for name, estimate in values["scaled_quantities"].items():
+        _check_dimension(estimate.dimension, f"scaled_quantities.{name}.dimension")
     for name, value in vars(values["scales"]).items():
         if name not in content["scales"]:
             raise NotAValue(f"scales.{name} is missing")
         if not 0.0 < value < math.inf:
             raise NotAValue(f"scales.{name} = {shown(value)}: must be a number > 0")
-    for name, each in values["scaled_quantities"].items():
+    for name, estimate in values["scaled_quantities"].items():
         for key in ("standard_error", "effective_sample_size"):
-            _check_size(getattr(each, key), f"scaled_quantities.{name}.{key}")
+            _check_size(getattr(estimate, key), f"scaled_quantities.{name}.{key}")
     for name in ("simulated_time", "wall_seconds", "engine_seconds", "step"):
         _check_size(values[name], name)
     if math.isnan(values["simulated_time"]) or values["error_kind"] not in ERROR_KINDS:
         raise NotAValue("simulated_time or error_kind is none")
     scene = Scene.from_dict(content["scene"], folder)
-    own = vars(scale(scene)[1])
-    if not all(math.isclose(own[k], each, rel_tol=1e-9) for k, each in content["scales"].items()):
-        raise NotAValue(f"scales: the scene's are {own}")
+    computed = vars(scale(scene)[1])
+    if not all(
+        math.isclose(computed[k], stored, rel_tol=1e-9) for k, stored in content["scales"].items()
+    ):
+        raise NotAValue(f"scales: the scene's are {computed}")
     fit = content.get("spectrum_fit")
-    made = kind(
+    result = kind(
         **values,
         scene=scene,
         step_error=read(float | None, content.get("step_error"), "step_error"),
         spectrum_fit=SpectrumFit.from_dict(fit) if fit else None,
     )
-    again = made.to_dict()
+    again = result.to_dict()
     for name in _IN_JSON:
         if name in content and content[name] != again[name]:
             raise NotAValue(f"{name} is not what the other values say, or not finite")
-    return made
+    return result
 
 
 def _check_size(value, where):

@@ -213,8 +213,8 @@ _MOTION = ("displacement", "velocity", "voltage")
 def _current(record: Record) -> np.ndarray:
     """Power into the load over the voltage; straight lines through the voltage's zeros."""
     sizes: Any = np.abs(record.voltage)
-    known = sizes > SMALL_VOLTAGE * sizes.max(initial=0.0)
-    if not known.any():
+    nonzero = sizes > SMALL_VOLTAGE * sizes.max(initial=0.0)
+    if not nonzero.any():
         return np.zeros_like(record.voltage)
-    found = record.load_power[known] / record.voltage[known]
-    return np.interp(record.time, record.time[known], found)
+    currents = record.load_power[nonzero] / record.voltage[nonzero]
+    return np.interp(record.time, record.time[nonzero], currents)

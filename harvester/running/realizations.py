@@ -62,7 +62,7 @@ def realizations(
     """
     clock = time.process_time()
     window = _window(scene) if waveform else None
-    found = run(
+    solutions = run(
         scene,
         engine_of(method, step=step, **settings or {}),
         indices,
@@ -70,14 +70,14 @@ def realizations(
         report,
         stroboscope=several_starts(scene),
     )
-    moments = [each.moments for each in found]
+    moments = [solution.moments for solution in solutions]
     if not density:
         # Histograms are by far the largest part of an answer.
         moments = [dataclasses.replace(m, histograms=np.zeros((1, 0, 0))) for m in moments]
     return {
         "moments": moments,
-        "waveform": _even(found[0].waveform) if waveform else None,
-        "stroboscope": last_samples(found),
+        "waveform": _even(solutions[0].waveform) if waveform else None,
+        "stroboscope": last_samples(solutions),
         "seconds": time.process_time() - clock,
     }
 
@@ -101,8 +101,8 @@ def averages(
         quantities, shape = result.scaled_quantities, result.densities.get("displacement")
     else:
         # Tabulating the density takes as long as all means.
-        found = averages_of(scene, closure, tolerance)
-        quantities, shape = estimates_of(found), None
+        means = averages_of(scene, closure, tolerance)
+        quantities, shape = estimates_of(means), None
     seconds = time.process_time() - clock
     return {"quantities": quantities, "density": shape, "seconds": seconds}
 
@@ -219,10 +219,10 @@ def averaging(scene: Scene, method: Stationary, density: bool = True) -> Task:
 
 def _misfit_of_averages(found):
     quantities = found["quantities"].values()
-    if not all(isinstance(each, Estimate) for each in quantities):
+    if not all(isinstance(estimate, Estimate) for estimate in quantities):
         return "its quantities are none"
-    for each in quantities:
-        Scales().of(each.dimension)
+    for estimate in quantities:
+        Scales().of(estimate.dimension)
     return ""
 
 
@@ -278,7 +278,7 @@ def _fits(moments, template, rows, density):
             if np.shape(getattr(output, name)) != np.shape(getattr(expected, name)):
                 return False
         sums = output.integrals, output.measured, output.stored
-        if not all(np.isfinite(each).all() for each in sums):
+        if not all(np.isfinite(array).all() for array in sums):
             return False
     squares = QUANTITIES.index("square_velocity") + 1
     return bool((integrals[:, :squares] >= 0.0).all() and integrals[:, 0].sum() > 0.0)
@@ -289,12 +289,15 @@ def _jumps_fit(jumps, template):
     if jumps is None or template is None:
         return jumps is template
     counted = ("times", "counts")
-    for name in (each.name for each in dataclasses.fields(template)):
-        found, expected = getattr(jumps, name), getattr(template, name)
+    for name in (attribute.name for attribute in dataclasses.fields(template)):
+        stored, expected = getattr(jumps, name), getattr(template, name)
         if name in counted:
-            if np.shape(found) != expected.shape or not (np.isfinite(found) & (found >= 0.0)).all():
+            if (
+                np.shape(stored) != expected.shape
+                or not (np.isfinite(stored) & (stored >= 0.0)).all()
+            ):
                 return False
-        elif name not in ("well", "time") and not np.array_equal(found, expected):
+        elif name not in ("well", "time") and not np.array_equal(stored, expected):
             return False
     return True
 

@@ -103,8 +103,10 @@ class Request:
         Each realization is cut into as many batches as in a run of many realizations. If a request
         runs the scene's own number of realizations and that is small, each is cut into more.
         """
-        own = self.realizations is None and self.precision is None
-        count = min(self.scene.run.realizations, MANY_REALIZATIONS) if own else MANY_REALIZATIONS
+        unrefined = self.realizations is None and self.precision is None
+        count = (
+            min(self.scene.run.realizations, MANY_REALIZATIONS) if unrefined else MANY_REALIZATIONS
+        )
         return replace(self.scene, run=replace(self.scene.run, realizations=count))
 
     @property
@@ -112,8 +114,8 @@ class Request:
         """Number of realizations in the first round."""
         if self.precision:
             return self.realizations or FIRST_REALIZATIONS
-        wanted = self.realizations or self.scene.run.realizations
-        return distinct_realizations(prepared(self.scene), wanted)
+        requested = self.realizations or self.scene.run.realizations
+        return distinct_realizations(prepared(self.scene), requested)
 
 
 @dataclass(frozen=True)
@@ -267,10 +269,10 @@ def in_rounds(
     generator
         Of what `judge` made of the last round.
     """
-    had, count, found, ahead = 0, first, [], 0.0
+    had, count, answers, ahead = 0, first, [], 0.0
     while True:
-        found += yield Wanted(cut.tasks(had, count, most), ahead)
-        good, ended = good_ones(found)
+        answers += yield Wanted(cut.tasks(had, count, most), ahead)
+        good, ended = good_ones(answers)
         content, reached = judge(good, ended)
         if ended or count >= most or precision is None or reached <= precision:
             return content
@@ -308,38 +310,40 @@ def residual_notes(residual: float) -> list[str]:
 
 def in_units(quantities: dict[str, Estimate], scales: Scales) -> dict[str, Estimate]:
     """Scaled estimates in the units of a scene."""
-    return {name: each.times(scales.of(each.dimension)) for name, each in quantities.items()}
+    return {
+        name: estimate.times(scales.of(estimate.dimension)) for name, estimate in quantities.items()
+    }
 
 
 def told(error: HarvesterError) -> str:
     """The name of an error's class and its message, in one line of printable characters."""
     text = f"{type(error).__name__}: {error}"
-    return "".join(each if each.isprintable() else " " for each in text)
+    return "".join(character if character.isprintable() else " " for character in text)
 
 
 def good_ones(found: Sequence) -> tuple[list, HarvesterError | str]:
     """The answers before the first missing one, and its reason: an error, or that time ran out."""
     good: list = []
-    for each in found:
-        if each is None:
+    for answer in found:
+        if answer is None:
             return good, OUT_OF_TIME
-        if isinstance(each, HarvesterError):
-            return good, each
-        good.append(each)
+        if isinstance(answer, HarvesterError):
+            return good, answer
+        good.append(answer)
     return good, ""
 
 
 def _averaged(request, density):
     task = averaging(request.scene, request.method, density)
-    (found,) = yield Wanted([task])
-    if found is None or isinstance(found, HarvesterError):
-        return found
+    (answer,) = yield Wanted([task])
+    if answer is None or isinstance(answer, HarvesterError):
+        return answer
     return Answer(
         scene=request.scene,
         method=request.method.name,
-        quantities=found["quantities"],
-        seconds=found["seconds"],
-        density=found["density"] if request.density else None,
+        quantities=answer["quantities"],
+        seconds=answer["seconds"],
+        density=answer["density"] if request.density else None,
     )
 
 
@@ -363,36 +367,36 @@ def _answer(request, good, ended):
     """The answer from some tasks' answers, and the relative error that decides."""
     cost = step_error(prepared(request.scene), request.method.step, request.method.name)
     scene, moments, orbits, on_orbits = followed(request.scene, good, cost)
-    ready = prepared(scene)
-    parameters = ready.system
-    found = run_estimates(ready, moments, cost)
-    if not abs(found.residual) <= LARGEST_RESIDUAL:
-        return not_balanced(found.residual), 0.0
-    reached, unseen = _reached(request, scene, parameters, found.whole)
+    device = prepared(scene)
+    parameters = device.system
+    estimates = run_estimates(device, moments, cost)
+    if not abs(estimates.residual) <= LARGEST_RESIDUAL:
+        return not_balanced(estimates.residual), 0.0
+    reached, unseen = _reached(request, scene, parameters, estimates.whole)
     shape = None
     if request.density:
         even = is_symmetric(scene, parameters)
-        shape = densities(found.moments, even, found.balance).get("displacement")
-    if found.shortfalls and shape:
+        shape = densities(estimates.moments, even, estimates.balance).get("displacement")
+    if estimates.shortfalls and shape:
         shape = replace(shape, standard_error=None)
-    notes = [*notes_on_excitation(scene), *on_orbits, *found.notes]
-    notes += residual_notes(found.residual)
+    notes = [*notes_on_excitation(scene), *on_orbits, *estimates.notes]
+    notes += residual_notes(estimates.residual)
     if request.precision and note_on_steps(request.precision, cost):
         notes.append(note_on_steps(request.precision, cost))
     if request.precision and reached > aim_beside_steps(request.precision, cost):
-        said = f"{reached:.1%}" if math.isfinite(reached) else "unknown"
-        notes.append(f"relative standard error {said}, not the {request.precision:.1%} asked for")
+        error = f"{reached:.1%}" if math.isfinite(reached) else "unknown"
+        notes.append(f"relative standard error {error}, not the {request.precision:.1%} asked for")
     if isinstance(ended, HarvesterError):
         ended = told(ended)
     answer = Answer(
         scene=scene,
         method=request.method.name,
-        quantities=found.scaled,
+        quantities=estimates.scaled,
         seconds=sum(part["seconds"] for part in good),
         outcome=f"ended after {len(moments)} realizations: {ended}" if ended else COMPLETE,
         realizations=len(moments),
-        simulated_time=sum(each.time_reached for each in moments),
-        energy_balance_residual=found.residual,
+        simulated_time=sum(realization.time_reached for realization in moments),
+        energy_balance_residual=estimates.residual,
         misses_jumps=bool(request.precision and unseen > request.precision),
         notes=tuple(notes),
         on_orbits=on_orbits,
@@ -411,9 +415,9 @@ def _reached(request, scene, parameters, scaled):
     """
     unknown = [name for name in request.quantities if name not in scaled]
     if len(unknown) == len(request.quantities):
-        known = ", ".join(scaled)
+        names = ", ".join(scaled)
         raise HarvesterError(
-            f"unknown quantity {unknown[0]}{nearest(unknown[0], scaled)}; there are {known}"
+            f"unknown quantity {unknown[0]}{nearest(unknown[0], scaled)}; there are {names}"
         )
     reached = max(relative_error(scaled.get(n)) for n in request.quantities if n not in unknown)
     square = scaled["mean_square_voltage"].estimate

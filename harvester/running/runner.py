@@ -87,12 +87,12 @@ class Runner:
     @contextlib.contextmanager
     def reserving(self, share: float) -> Iterator[None]:
         """Within the block, reserve this share of the remaining time for what follows it."""
-        whole, now = self._deadline, time.monotonic()
-        self._deadline = now + (1.0 - share) * (whole - now)
+        deadline, now = self._deadline, time.monotonic()
+        self._deadline = now + (1.0 - share) * (deadline - now)
         try:
             yield
         finally:
-            self._deadline = whole
+            self._deadline = deadline
 
     def run(self, tasks: Sequence[Task]) -> list:
         """Answers of some tasks, in their order.
@@ -141,9 +141,9 @@ class Runner:
         if not self._circuit:
             from circuits.ngspice.engine import describe
 
-            found = self.pool.map(describe, [{}])[0]
-            device = "behavioural" if found["compiled_device_off"] else "compiled"
-            self._circuit = f"{found['version']}, {device} device"
+            program = self.pool.map(describe, [{}])[0]
+            device = "behavioural" if program["compiled_device_off"] else "compiled"
+            self._circuit = f"{program['version']}, {device} device"
         return self._circuit
 
     def follow(
@@ -209,18 +209,18 @@ class _Following:
         """Go on with a plan for as long as everything that it asks for is there."""
         while True:
             try:
-                wanted = self._plans[plan].send(results)
+                request = self._plans[plan].send(results)
             except StopIteration as end:
                 self._returned[plan] = end.value
                 self._progress.end(plan)
                 if self._on_end:
                     self._on_end(plan, end.value)
                 return
-            label = wanted.tasks[0].label if wanted.tasks else ""
-            self._progress.ask(plan, label, wanted.ahead)
-            self._wanted[plan] = [task.key for task in wanted.tasks]
+            label = request.tasks[0].label if request.tasks else ""
+            self._progress.ask(plan, label, request.ahead)
+            self._wanted[plan] = [task.key for task in request.tasks]
             self._results[plan] = {}
-            for task in wanted.tasks:
+            for task in request.tasks:
                 self._ask(plan, task)
             if len(self._results[plan]) < len(set(self._wanted[plan])):
                 return
@@ -236,19 +236,19 @@ class _Following:
         if key in self._waiting:
             self._waiting[key].add(plan)
             return
-        found = self._store.get(task)
-        if found is not MISSING:
+        answer = self._store.get(task)
+        if answer is not MISSING:
             runner._reused |= {key} - runner._computed
         elif runner._is_time_spent():
             runner.out_of_time = True
-            found = None
+            answer = None
         else:
             self._waiting[key] = {plan}
             self._progress.wait(task.label)
-            place = plan if self._in_turn else 0
-            heapq.heappush(self._ready, (place, next(self._number), task))
+            priority = plan if self._in_turn else 0
+            heapq.heappush(self._ready, (priority, next(self._number), task))
             return
-        self._results[plan][key] = found
+        self._results[plan][key] = answer
 
     def _hand_over(self):
         """Keep the processes busy: two tasks each, so that none waits for this one."""
@@ -265,8 +265,8 @@ class _Following:
         """Start no further tasks: tasks that have not begun get the answer None."""
         for future in self._futures:
             future.cancel()
-        ready, self._ready = self._ready, []
-        for *_, task in ready:
+        left_out, self._ready = self._ready, []
+        for *_, task in left_out:
             self._runner.out_of_time = True
             self._settle(task, None, 0.0)
 
@@ -311,13 +311,13 @@ def _outcome(future):
     if future.cancelled():
         return None, 0.0
     try:
-        found = future.result()
+        outcome = future.result()
     except HarvesterError:
         raise
     except (Exception, CancelledError) as error:
         raise lost(error) from error
     # If the process itself ended, the failure stands there without a time.
-    return found if isinstance(found, tuple) else (found, 0.0)
+    return outcome if isinstance(outcome, tuple) else (outcome, 0.0)
 
 
 def _cut(request):

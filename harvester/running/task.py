@@ -104,9 +104,9 @@ def _plain(value):
     if isinstance(value, Scene):
         return {"scene": value.digest()}
     if isinstance(value, dict):
-        return {"dict": sorted([str(key), _plain(each)] for key, each in value.items())}
+        return {"dict": sorted([str(key), _plain(item)] for key, item in value.items())}
     if isinstance(value, (list, tuple)):
-        return [_plain(each) for each in value]
+        return [_plain(item) for item in value]
     if isinstance(value, np.generic):
         return value.item()
     if value is None or isinstance(value, (bool, int, float, str)):

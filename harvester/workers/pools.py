@@ -217,8 +217,8 @@ def processes(
     elif executor is not None:
         yield ExecutorPool(executor)
     else:
-        with WorkerPool(calls, workers) as own:
-            yield own
+        with WorkerPool(calls, workers) as pool:
+            yield pool
 
 
 def _of_one(on_progress, index):
