@@ -89,23 +89,23 @@ def repetition(samples: np.ndarray, scale: np.ndarray | None = None) -> np.ndarr
     ndarray of int, shape (starts,)
     """
     scale = sizes_of(samples) if scale is None else scale
-    found = np.zeros(len(samples), dtype=int)
+    periods = np.zeros(len(samples), dtype=int)
     longest = min(LONGEST_PERIOD, int(samples.shape[1] / SEEN))
     for period in range(1, longest + 1):
-        open_ = np.flatnonzero(found == 0)
+        open_ = np.flatnonzero(periods == 0)
         if not open_.size:
             break
         # Only the last two periods are compared, so that a start may settle late.
         back = min(samples.shape[1], max(math.ceil(SEEN * period), period + 4))
         last = samples[open_, -back:]
         repeats = _change(last, period, scale) <= REPEATS
-        found[open_[repeats]] = period
+        periods[open_[repeats]] = period
         for shorter in range(1, period // 2 + 1):
             if period % shorter == 0:
                 nearly = repeats & (_change(last, shorter, scale) <= STILL_SETTLING)
-                found[open_[nearly]] = shorter
+                periods[open_[nearly]] = shorter
                 repeats &= ~nearly
-    return found
+    return periods
 
 
 def transients(samples: np.ndarray, memory: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
@@ -129,18 +129,20 @@ def transients(samples: np.ndarray, memory: float) -> tuple[np.ndarray, np.ndarr
     """
     inside = np.isfinite(samples).all(axis=(1, 2))
     samples = np.where(inside[:, None, None], samples, 0.0)
-    own = np.abs(samples).max(axis=1, keepdims=True)
-    scaled = samples / np.where(own > 1e-12 * own.max(axis=2, keepdims=True), own, 1.0)
+    greatest = np.abs(samples).max(axis=1, keepdims=True)
+    scaled = samples / np.where(
+        greatest > 1e-12 * greatest.max(axis=2, keepdims=True), greatest, 1.0
+    )
     periods = np.where(inside, repetition(scaled, np.ones(samples.shape[2])), 0)
     changes, remains = np.full((2, len(samples)), np.inf)
     for period in np.unique(periods[periods > 0]):
-        here, stretch = periods == period, stretch_of(period, samples.shape[1])
+        selected, stretch = periods == period, stretch_of(period, samples.shape[1])
         if stretch:
-            moved = np.abs(scaled[here, stretch:] - scaled[here, :-stretch]).max(axis=2)
+            moved = np.abs(scaled[selected, stretch:] - scaled[selected, :-stretch]).max(axis=2)
             now, before = moved[:, stretch:].max(axis=1), moved[:, :-stretch].max(axis=1)
             left = np.where(now < before, now * now / np.maximum(before - now, SMALLEST), np.inf)
             left = np.maximum(left, now * memory / stretch)
-            changes[here], remains[here] = now, np.where(now <= ROUNDING, now, left)
+            changes[selected], remains[selected] = now, np.where(now <= ROUNDING, now, left)
     return periods, changes, remains
 
 
@@ -177,8 +179,8 @@ def means_of(samples: np.ndarray, seconds: float, steps: float, memory: float) -
         errors = np.abs(means - before.mean(axis=0)) * remains / max(change, SMALLEST)
     else:
         means = rates.mean(axis=(0, 1))
-        found = [standard_error(rates[:, :, k]) for k in range(means.size)]
-        errors = np.array([math.nan if each is None else each for each in found])
+        scatters = [standard_error(rates[:, :, k]) for k in range(means.size)]
+        errors = np.array([math.nan if scatter is None else scatter for scatter in scatters])
     errors = np.hypot(errors, steps * means)
     roots = np.sqrt(means[1:])
     errors[1:] /= 2.0 * np.maximum(roots, SMALLEST)
@@ -233,14 +235,14 @@ def groups_of(samples: np.ndarray) -> list[Group]:
     """
     scale = sizes_of(samples)
     periods = repetition(samples, scale)
-    found = [
+    groups = [
         group
         for period in np.unique(periods[periods > 0])
         for group in _cycles(samples, scale, int(period), np.flatnonzero(periods == period))
     ]
-    found, wandering = _joined(found, samples, scale, np.flatnonzero(periods == 0))
-    found += _wanderers(samples, wandering)
-    return sorted(found, key=lambda group: (-group.members.size, group.members[0]))
+    groups, wandering = _joined(groups, samples, scale, np.flatnonzero(periods == 0))
+    groups += _wanderers(samples, wandering)
+    return sorted(groups, key=lambda group: (-group.members.size, group.members[0]))
 
 
 def groups_that_meet(samples: np.ndarray) -> list[Group]:
@@ -251,36 +253,36 @@ def groups_that_meet(samples: np.ndarray) -> list[Group]:
     samples : ndarray, shape (starts, samples, 3)
         Samples of all starts at the same times, the last ones of their runs.
     """
-    scale, left, found = sizes_of(samples), np.arange(len(samples)), []
+    scale, left, groups = sizes_of(samples), np.arange(len(samples)), []
     while left.size:
         apart = np.abs(samples[left] - samples[left[0]]) / scale
-        here = apart.max(axis=(1, 2)) <= SAME_CYCLE
-        found.append(Group(None, left[here], samples[left[0]]))
-        left = left[~here]
-    return sorted(found, key=lambda group: (-group.members.size, group.members[0]))
+        joining = apart.max(axis=(1, 2)) <= SAME_CYCLE
+        groups.append(Group(None, left[joining], samples[left[0]]))
+        left = left[~joining]
+    return sorted(groups, key=lambda group: (-group.members.size, group.members[0]))
 
 
 def _cycles(samples, scale, period, members):
     """Starts whose motions have the same period, grouped by the cycle that they reach."""
     last = samples[members, -period:]
-    left, found = np.arange(members.size), []
+    left, groups = np.arange(members.size), []
     while left.size:
         cycle = last[left[0]]
         apart = np.full(left.size, np.inf)
         for shift in range(period):
             turned = np.roll(cycle, shift, axis=0)
-            here = (np.abs(last[left] - turned) / scale).max(axis=(1, 2))
-            apart = np.minimum(apart, here)
+            distance = (np.abs(last[left] - turned) / scale).max(axis=(1, 2))
+            apart = np.minimum(apart, distance)
         same = apart <= SAME_CYCLE
-        found.append(Group(period, members[left[same]], cycle))
+        groups.append(Group(period, members[left[same]], cycle))
         left = left[~same]
-    return found
+    return groups
 
 
 def _joined(cycles, samples, scale, members):
     """Cycles with late starts added (those close to a cycle at the end), and the remaining
     starts."""
-    found = []
+    extended = []
     for cycle in cycles:
         back = min(samples.shape[1], 2 * cycle.period + STAYS)
         last = samples[members, -back:]
@@ -288,9 +290,9 @@ def _joined(cycles, samples, scale, members):
         turns = (np.arange(-back, 0)[None, :] + np.arange(cycle.period)[:, None]) % cycle.period
         apart = np.abs(last[:, None] - cycle.points[turns]) / scale
         late = apart.max(axis=(2, 3)).min(axis=1) <= SAME_CYCLE
-        found.append(replace(cycle, members=np.union1d(cycle.members, members[late])))
+        extended.append(replace(cycle, members=np.union1d(cycle.members, members[late])))
         members = members[~late]
-    return found, members
+    return extended, members
 
 
 def _wanderers(samples, members):
@@ -305,8 +307,8 @@ def _wanderers(samples, members):
     # For each group: its filled cells, and these together with the neighbouring ones.
     filled: list[tuple[np.ndarray, np.ndarray]] = []
     groups: list[list[int]] = []
-    for place in range(members.size):
-        x, v = cells[place].T
+    for index in range(members.size):
+        x, v = cells[index].T
         shares = [float(near[x, v].mean()) for _, near in filled]
         best = int(np.argmax(shares)) if shares else -1
         if best < 0 or shares[best] < SAME_CELLS:
@@ -314,26 +316,26 @@ def _wanderers(samples, members):
             filled.append((nothing, nothing))
             groups.append([])
             best = len(filled) - 1
-        own = filled[best][0]
-        own[x, v] = True
-        filled[best] = (own, _beside(own))
-        groups[best].append(place)
-    return [_wandering(samples, members, each) for each in _united(filled, groups)]
+        visited = filled[best][0]
+        visited[x, v] = True
+        filled[best] = (visited, _beside(visited))
+        groups[best].append(index)
+    return [_wandering(samples, members, united) for united in _united(filled, groups)]
 
 
 def _united(filled, groups):
     """Groups, after those whose cells mostly belong to another group are joined to it."""
     order = sorted(range(len(groups)), key=lambda k: -int(filled[k][0].sum()))
-    kept: list[int] = []
+    separate: list[int] = []
     for k in order:
-        for other in kept:
-            own, near = filled[k][0], filled[other][1]
-            if (own & near).sum() >= SAME_CELLS * own.sum():
+        for other in separate:
+            visited, near = filled[k][0], filled[other][1]
+            if (visited & near).sum() >= SAME_CELLS * visited.sum():
                 groups[other] += groups[k]
                 break
         else:
-            kept.append(k)
-    return [sorted(groups[k]) for k in kept]
+            separate.append(k)
+    return [sorted(groups[k]) for k in separate]
 
 
 def _beside(filled):

@@ -241,7 +241,7 @@ def _joined(series):
 
 def measured_time(moments: Sequence[Moments]) -> float:
     """Time that the integrals of all realizations hold (s); 0 before a first whole step."""
-    return float(sum(each.integrals[:, 0].sum() for each in moments))
+    return float(sum(realization.integrals[:, 0].sum() for realization in moments))
 
 
 def complete_batches(moments: Sequence[Moments]) -> np.ndarray | None:

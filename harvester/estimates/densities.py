@@ -38,7 +38,7 @@ def densities(
         width = max(float(m.bin_widths[k]) for m in moments)
         of_each = [_rebinned(m, k, width) for m in moments]
         if drawn:
-            of_each = [each.sum(axis=0, keepdims=True) for each in of_each]
+            of_each = [histogram.sum(axis=0, keepdims=True) for histogram in of_each]
         groups = np.concatenate(of_each)
         if symmetric:
             groups = 0.5 * (groups + groups[:, ::-1])
@@ -50,15 +50,15 @@ def densities(
         density = groups.sum(axis=0) / (times.sum() * width)
         error = None
         if len(groups) >= FEWEST_BATCHES:
-            each = (groups / width - density * times[:, None]) / times.mean()
+            deviations = (groups / width - density * times[:, None]) / times.mean()
             if balance is None:
-                error = each.std(axis=0, ddof=1) / math.sqrt(len(groups))
+                error = deviations.std(axis=0, ddof=1) / math.sqrt(len(groups))
             else:
-                error = balance.errors_of_groups(each)
+                error = balance.errors_of_groups(deviations)
         bins = groups.shape[1]
         centre = (np.arange(bins) - bins // 2 + 0.5) * width
-        used = np.flatnonzero(density)
-        inside = slice(used[0], used[-1] + 1)
+        filled = np.flatnonzero(density)
+        inside = slice(filled[0], filled[-1] + 1)
         result[name] = Density(
             centre[inside], density[inside], None if error is None else error[inside], name
         )
@@ -74,7 +74,7 @@ def _rebinned(moments, row, width):
         return groups
     factor = min(factor, half)
     wide = np.zeros_like(groups)
-    kept = half // factor
+    reach = half // factor
     merged = groups.reshape(groups.shape[0], -1, factor).sum(axis=2)
-    wide[:, half - kept : half + kept] = merged
+    wide[:, half - reach : half + reach] = merged
     return wide

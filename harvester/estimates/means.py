@@ -91,11 +91,11 @@ def _jump_rates(moments, batches, alike, error_of):
     """Rates of jumps (1/s): jumps out of a well over the time for which it was the last one
     reached.
     """
-    jumps = [each.jumps for each in moments]
+    jumps = [realization.jumps for realization in moments]
     if jumps[0] is None:
         return {}
-    counts = np.stack([each.counts[:batches] for each in jumps])
-    times = np.stack([each.times[:batches] for each in jumps])
+    counts = np.stack([tally.counts[:batches] for tally in jumps])
+    times = np.stack([tally.times[:batches] for tally in jumps])
     estimates = {}
     for name, pairs in jump_rates(times.shape[2], alike).items():
         count = sum(counts[:, :, well, other] for well, other in pairs)
@@ -133,13 +133,13 @@ def _efficiencies(series, products, error_of):
         products["load_power", "load_power"],
         products["load_power", "loss_power"],
     )
-    used = load_load + 2.0 * load_loss + products["loss_power", "loss_power"]
+    square_of_sum = load_load + 2.0 * load_loss + products["loss_power", "loss_power"]
     mean_used = float((load + loss).sum() / series["time"].sum())
     mean_input = float(put_in.sum() / series["time"].sum())
     cross, square = products["input_power", "load_power"], products["input_power", "input_power"]
     return {
         "power_conversion_efficiency": _efficiency(
-            load, load + loss, mean_used, load_load, load_load + load_loss, used, error_of
+            load, load + loss, mean_used, load_load, load_load + load_loss, square_of_sum, error_of
         ),
         "power_conversion_efficiency_of_input": _efficiency(
             load, put_in, mean_input, load_load, cross, square, error_of

@@ -58,13 +58,13 @@ def estimate_measures(
     batches, output = complete_batches(moments), moments[0].output
     if batches is None or output is None:
         return {}
-    found: dict[str, Estimate] = {}
+    estimates: dict[str, Estimate] = {}
     for row, (kind, name) in enumerate(output.rows):
         if kind not in _QUANTITIES:
             continue
         series = measured_series(moments, row)
-        found.update(_QUANTITIES[kind](name, series, batches, moments, row, error_of))
-    return found
+        estimates.update(_QUANTITIES[kind](name, series, batches, moments, row, error_of))
+    return estimates
 
 
 def measured_series(moments: Sequence[Moments], row: int) -> np.ndarray:
@@ -76,8 +76,8 @@ def measured_series(moments: Sequence[Moments], row: int) -> np.ndarray:
     """
     batches = complete_batches(moments)
     count = 0 if batches is None else batches.shape[1]
-    outputs = [each.output for each in moments if each.output is not None]
-    return np.stack([each.measured[:count, row] for each in outputs])
+    outputs = [realization.output for realization in moments if realization.output is not None]
+    return np.stack([output.measured[:count, row] for output in outputs])
 
 
 def without_value(moments: Sequence[Moments]) -> list[tuple[str, str]]:
@@ -122,7 +122,7 @@ def _state(name, series, batches, moments, row, error_of):
         for event in ("starts", "stops"):
             yield f"{name}_{event}_per_hour", replace(share, dimension="hourly_rate")
         return
-    yield f"{name}_first_time", _first([each.output.first[row] for each in moments])
+    yield f"{name}_first_time", _first([realization.output.first[row] for realization in moments])
     yield f"{name}_starts_per_hour", _hourly(series[:, :, RISES], _time(batches))
     yield f"{name}_stops_per_hour", _hourly(series[:, :, FALLS], _time(batches))
 
@@ -163,7 +163,7 @@ def _hourly(events, time):
 
 def _first(times):
     """Mean over the realizations that reached the state; an error bar only if all did."""
-    reached = [each for each in times if math.isfinite(each)]
+    reached = [time for time in times if math.isfinite(time)]
     if not reached:
         return Estimate(math.nan, None, None, "time", "never")
     mean = float(np.mean(reached))

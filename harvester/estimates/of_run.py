@@ -127,7 +127,7 @@ def run_estimates(
             f"{scene.name}: run.duration = {scene.run.duration:g}: no whole step lies in it; "
             "raise it to some periods of the motion"
         )
-    step_error = max(step_error, *(each.step_error for each in moments))
+    step_error = max(step_error, *(realization.step_error for realization in moments))
     balance = well_balance(scene, system, moments)
     balanced = weighted(moments, balance)
     memory = correlation_time(ready, moments)
@@ -135,36 +135,38 @@ def run_estimates(
     error = balance.error if balance else error_of(scene, memory / batch)
     # A source that matches the load discharges a store twice as fast as the load alone.
     stores = store_states(ready, moments)
-    slow = memory + 0.5 * max((each.memory for each in stores), default=0.0)
+    slow = memory + 0.5 * max((store.memory for store in stores), default=0.0)
     error_of_output = balance.error if balance else error_of(scene, slow / batch)
-    whole = estimate_all(balanced, system, error) | estimate_output(balanced, error_of_output)
-    whole |= estimate_strain(balanced, scene.excitation, error)
-    whole = {name: with_steps(scene, each, step_error) for name, each in whole.items()}
-    found = shortfalls(ready, moments, whole, balance, stores)
+    estimates = estimate_all(balanced, system, error) | estimate_output(balanced, error_of_output)
+    estimates |= estimate_strain(balanced, scene.excitation, error)
+    estimates = {
+        name: with_steps(scene, estimate, step_error) for name, estimate in estimates.items()
+    }
+    reasons = shortfalls(ready, moments, estimates, balance, stores)
     sensitive = scene.excitation.transient(scene.run) and step_error >= NOTED_CHANGE
     notes = (
         *source_notes(scene.load.circuit),
         *_loose_nodes(scene.load.circuit),
         *_without_value(scene.load.circuit, moments),
         *(scene.load.circuit.reading_notes if scene.load.circuit else ()),
-        *efficiency_notes(whole, scales.of("power"), unit_of(scene, "power")),
-        *supply_notes(whole, scales.of("power"), unit_of(scene, "power")),
-        *faint_output_notes(whole),
+        *efficiency_notes(estimates, scales.of("power"), unit_of(scene, "power")),
+        *supply_notes(estimates, scales.of("power"), unit_of(scene, "power")),
+        *faint_output_notes(estimates),
         *strain_notes(scene, moments),
         *magnet_notes(scene.magnets),
-        *(each.note for each in found),
+        *(reason.note for reason in reasons),
         *slow_exchange(scene, balance),
         *(SENSITIVE,) * sensitive,
     )
     residual = energy_balance_residual(moments, system)
-    whole = _with_lengths(scene, balanced, whole, memory)
-    return RunEstimates(whole, found, step_error, residual, notes, balanced, error, balance)
+    estimates = _with_lengths(scene, balanced, estimates, memory)
+    return RunEstimates(estimates, reasons, step_error, residual, notes, balanced, error, balance)
 
 
 def _with_lengths(scene, moments, whole, memory):
     """The estimates; where one has no error bar, its note names the duration that would give it."""
     batches, period = complete_batches(moments), scene.excitation.period
-    if batches is None or all(each.note != TOO_SHORT for each in whole.values()):
+    if batches is None or all(estimate.note != TOO_SHORT for estimate in whole.values()):
         return whole
     series = batches[:, :, QUANTITIES.index("square_voltage")]
     if not scene.excitation.random:
@@ -176,8 +178,8 @@ def _with_lengths(scene, moments, whole, memory):
         return whole
     note = f"too short for an error bar: set run.duration = {duration:.2g} or more"
     return {
-        name: replace(each, note=note) if each.note == TOO_SHORT else each
-        for name, each in whole.items()
+        name: replace(estimate, note=note) if estimate.note == TOO_SHORT else estimate
+        for name, estimate in whole.items()
     }
 
 
@@ -211,7 +213,7 @@ def correlation_time(ready: Prepared, moments: Sequence[Moments]) -> float:
     float
         0 where the rate is not positive.
     """
-    sums = sum(each.integrals.sum(axis=0) for each in moments)
+    sums = sum(realization.integrals.sum(axis=0) for realization in moments)
     lost = sum(sums[QUANTITIES.index(name)] for name in LOSSES)
     square = sums[QUANTITIES.index("square_velocity")]
     if not lost > 0.0 or not square > 0.0:
@@ -279,5 +281,5 @@ def _loose_nodes(load):
     """A note on nodes of a load that lead nowhere: a misspelt name makes such."""
     if load is None or not load.loose_nodes:
         return ()
-    more = " …" if load.loose_nodes[3:] else ""
-    return (f"nothing else is connected to the node {', '.join(load.loose_nodes[:3])}{more}",)
+    ellipsis = " …" if load.loose_nodes[3:] else ""
+    return (f"nothing else is connected to the node {', '.join(load.loose_nodes[:3])}{ellipsis}",)

@@ -117,15 +117,15 @@ def output_ratio(moments: Sequence[Any], name: str) -> tuple[np.ndarray, np.ndar
     batches = complete_batches(moments)
     if batches is None:
         raise ValueError("moments without a whole batch have no ratio")
-    series = {each: batches[:, :, row] for row, each in enumerate(PIEZO_QUANTITIES)}
+    series = {quantity: batches[:, :, row] for row, quantity in enumerate(PIEZO_QUANTITIES)}
     load, put_in, time = series["load_power"], series["input_power"], series["time"]
     output = _output_series(moments, batches)
-    used, stored = _used_and_stored(moments, output)
-    given = sum(supplied(moments).values(), np.zeros_like(time))
-    lost = load + given - used - stored
-    used, harvested = _without(used, given), _without(used + stored, given)
+    consumed, stored = _used_and_stored(moments, output)
+    delivered = sum(supplied(moments).values(), np.zeros_like(time))
+    lost = load + delivered - consumed - stored
+    consumed, harvested = _without(consumed, delivered), _without(consumed + stored, delivered)
     return {
-        "mean_output_power": (used, time),
+        "mean_output_power": (consumed, time),
         "mean_storage_power": (stored, time),
         "mean_converter_loss": (lost, time),
         "converter_efficiency": (harvested, load),
@@ -139,8 +139,8 @@ def supplied(moments: Sequence[Any]) -> dict[str, np.ndarray]:
     batches = complete_batches(moments)
     if batches is None:
         return {}
-    used, stored = _used_and_stored(moments, _output_series(moments, batches))
-    least = LEAST_SUPPLY * abs(used.sum() + stored.sum())
+    consumed, stored = _used_and_stored(moments, _output_series(moments, batches))
+    least = LEAST_SUPPLY * abs(consumed.sum() + stored.sum())
     return {
         name: -series
         for kind, name, series in _sources(moments)
@@ -163,14 +163,14 @@ def _sources(moments):
 
 def _used_and_stored(moments, output):
     """Energy given to what the load is for, sources' energy included, and energy stored."""
-    used = moments[0].output.conductance * output["square_voltage"]
-    stored = np.stack([m.output.stored[: used.shape[1]] for m in moments])
+    consumed = moments[0].output.conductance * output["square_voltage"]
+    stored = np.stack([m.output.stored[: consumed.shape[1]] for m in moments])
     for kind, _, series in _sources(moments):
         if kind == OUTPUT:
-            used = used + series
+            consumed = consumed + series
         elif kind == BATTERY and series.sum() > 0.0:
             stored = stored + series
-    return used, stored
+    return consumed, stored
 
 
 def _squares(moments, output):
@@ -183,13 +183,13 @@ def _squares(moments, output):
     powers = [measured_series(moments, row)[:, :, SQUARE] for row in measured]
     if conductance > 0.0:
         powers.append(conductance**2 * output["fourth_power_of_voltage"])
-    found = {"output_voltage": output["square_voltage"]}
-    return found | ({"mean_output_power": powers[0]} if len(powers) == 1 else {})
+    squares = {"output_voltage": output["square_voltage"]}
+    return squares | ({"mean_output_power": powers[0]} if len(powers) == 1 else {})
 
 
 def _output_series(moments, batches):
-    own = np.stack([m.output.integrals[: batches.shape[1]] for m in moments])
-    return {name: own[:, :, row] for row, name in enumerate(QUANTITIES)}
+    integrals = np.stack([m.output.integrals[: batches.shape[1]] for m in moments])
+    return {name: integrals[:, :, row] for row, name in enumerate(QUANTITIES)}
 
 
 def _ripple(output, time, error_of):

@@ -54,37 +54,39 @@ def efficiency_notes(
         # NaN: no power was put in.
         and estimate.estimate == estimate.estimate
     ]
-    taken = estimates["mean_power"].estimate if "mean_power" in estimates else 0.0
-    kept = (
-        estimates["mean_converter_loss"].estimate if "mean_converter_loss" in estimates else taken
+    absorbed = estimates["mean_power"].estimate if "mean_power" in estimates else 0.0
+    lost = (
+        estimates["mean_converter_loss"].estimate
+        if "mean_converter_loss" in estimates
+        else absorbed
     )
-    if kept < 0.0:
-        share = -kept / abs(taken) if taken else math.inf
+    if lost < 0.0:
+        share = -lost / abs(absorbed) if absorbed else math.inf
         if share <= STEPS_OWN_EXCESS:
             return (
                 f"the load gives {share:.1g} of its power more than it takes: this is the error "
                 "of the steps, as the load has hardly any loss",
             )
-        excess = f"{-kept * power_scale:.3g} {unit} more than it takes from the piezo"
+        excess = f"{-lost * power_scale:.3g} {unit} more than it takes from the piezo"
         if share <= SMALL_EXCESS:
             return (
                 f"the load is not passive, or the step too long: it gives {excess}, {share:.1g} of "
                 "its power; choose a shorter --step",
             )
         return (
-            f"the load is not passive: it gives {excess} ({taken * power_scale:.3g} {unit}), out "
-            "of its own sources or of what it held at the start; its efficiencies are not shares "
+            f"the load is not passive: it gives {excess} ({absorbed * power_scale:.3g} {unit}), "
+            "out of its own sources or of what it held at the start; its efficiencies are not shares "
             "of the piezo's power",
         )
-    given, stored = (
+    delivered, stored = (
         estimates[name].estimate if name in estimates else 0.0
         for name in ("mean_output_power", "mean_storage_power")
     )
-    if outside and given < min(0.0, 2.0 * stored):
+    if outside and delivered < min(0.0, 2.0 * stored):
         return (
             f"not between 0 and 1: {', '.join(outside)}: a source in the load feeds "
-            f"{-given * power_scale:.3g} {unit} into its output, as a sink of constant power does "
-            "whose voltage has collapsed: it asks for more than the device delivers; lower it",
+            f"{-delivered * power_scale:.3g} {unit} into its output, as a sink of constant power "
+            "does whose voltage has collapsed: it asks for more than the device delivers; lower it",
         )
     if outside:
         return (
@@ -104,12 +106,14 @@ def faint_output_notes(estimates: dict[str, Estimate]) -> tuple[str, ...]:
     """
     if "mean_output_power" not in estimates:
         return ()
-    given, taken = (estimates[f"mean_{name}_power"].estimate for name in ("output", "input"))
-    if not 0.0 < given < FAINT_OUTPUT * taken:
+    output_power, input_power = (
+        estimates[f"mean_{name}_power"].estimate for name in ("output", "input")
+    )
+    if not 0.0 < output_power < FAINT_OUTPUT * input_power:
         return ()
     return (
-        f"the output power is {given / taken:.1g} of what the base puts in: steps may change it "
-        "by some per cent; compare with --step finest",
+        f"the output power is {output_power / input_power:.1g} of what the base puts in: steps may "
+        "change it by some per cent; compare with --step finest",
     )
 
 
@@ -121,8 +125,8 @@ def supply_notes(estimates: dict[str, Estimate], power_scale: float, unit: str) 
     estimates, power_scale, unit : as for `efficiency_notes`.
     """
     supplied = [
-        f"supplied by {name.removeprefix(SUPPLIED)}: {each.estimate * power_scale:.3g} {unit}"
-        for name, each in estimates.items()
+        f"supplied by {name.removeprefix(SUPPLIED)}: {estimate.estimate * power_scale:.3g} {unit}"
+        for name, estimate in estimates.items()
         if name.startswith(SUPPLIED)
     ]
     return bool(supplied) * (

@@ -108,7 +108,7 @@ def shortfalls(
     scene, p = ready.scene, ready.system
     if scene.excitation.drifts or "mean_square_voltage" not in estimates:
         return []
-    found = [
+    reasons = [
         _motion(p, scene.run, estimates),
         _charge(scene, p, moments, estimates),
         _storage(scene, stores, estimates),
@@ -116,8 +116,8 @@ def shortfalls(
         # Without chance the well is decided by the start, and a longer run has no more jumps.
         _residence(moments, estimates, balance) if scene.excitation.random else None,
     ]
-    found = [each for each in found if each]
-    return found or _drift(moments, balance)
+    reasons = [reason for reason in reasons if reason]
+    return reasons or _drift(moments, balance)
 
 
 def withheld(estimates: dict[str, Estimate], found: list[Shortfall]) -> dict[str, Estimate]:
@@ -218,7 +218,7 @@ def _motion(p, run, estimates):
 
     def left(settle):
         missing = _left_in_squares(p, matrix, replace(run, settle=settle))
-        return max(missing[place] for place in places)
+        return max(missing[state] for state in places)
 
     try:
         with warnings.catch_warnings():
@@ -243,11 +243,11 @@ def _linear(p, square):
     Also the indices of the states whose mean squares are tested. The stiffness of a monostable
     spring is that at the measured E[X²].
     """
-    rest = timescales.rest(p)
-    stiffness = timescales.stiffness(p, rest)
+    equilibrium = timescales.rest(p)
+    stiffness = timescales.stiffness(p, equilibrium)
     if not timescales.bistable(p):
-        spread = math.sqrt(max(square - rest**2, 0.0))
-        stiffness = sum(float(p.spring.slope(rest + s * spread)) for s in (1, -1)) / 2.0
+        spread = math.sqrt(max(square - equilibrium**2, 0.0))
+        stiffness = sum(float(p.spring.slope(equilibrium + s * spread)) for s in (1, -1)) / 2.0
     memory = 1.0 / p.noise.correlation_time
     decay, damping = p.transducer.decay_rate(), p.damper.damping + p.transducer.damping()
     if decay == 0.0:
@@ -353,8 +353,8 @@ def _residence(moments, estimates, balance):
     shares = [name for name in estimates if name.startswith("share_of_time_in_well_")]
     if not shares:
         return None
-    counts = sum(each.jumps.counts[:-1].sum(axis=0) for each in moments)
-    times = sum(each.jumps.times[:-1].sum(axis=0) for each in moments)
+    counts = sum(realization.jumps.counts[:-1].sum(axis=0) for realization in moments)
+    times = sum(realization.jumps.times[:-1].sum(axis=0) for realization in moments)
     if balance is None:
         # If the wells are alike, or all runs stay in the well of a given start, only the shares are
         # affected.
@@ -362,15 +362,15 @@ def _residence(moments, estimates, balance):
         if counts.sum() >= FEWEST_JUMPS:
             return None
     else:
-        names = tuple(name for name, each in estimates.items() if _unknown(name, each))
+        names = tuple(name for name, estimate in estimates.items() if _unknown(name, estimate))
         if not names:
             return None
     fewest = float(min(counts.sum(axis=0).min(), counts.sum(axis=1).min()))
-    wanted = FEWEST_JUMPS / (fewest + 1.0) * times.sum()
+    needed = FEWEST_JUMPS / (fewest + 1.0) * times.sum()
     return Shortfall(
         f"{counts.sum():.0f} jumps between uneven wells in {times.sum():.3g} s, "
         f"{fewest:.0f} to or from one of them",
-        f"shares of time and what depends on them are not known; simulate {wanted:.1g} s in all or "
+        f"shares of time and what depends on them are not known; simulate {needed:.1g} s in all or "
         "longer (run.duration times run.realizations), or average by fokker_planck",
         names,
     )
@@ -419,9 +419,9 @@ def _expected_jumps(p, moments, estimates):
     The charge stays behind: it lifts the barrier by as much as the load is slower than the motion.
     """
     square, decay = timescales.angular_frequency(p) ** 2, p.transducer.decay_rate()
-    kept, lifting = square / (decay**2 + square), p.transducer.stiffness(square)
+    lagging, lifting = square / (decay**2 + square), p.transducer.stiffness(square)
     barrier = min(
-        timescales.barrier(p, well) + 0.5 * kept * lifting * (well - saddle) ** 2
+        timescales.barrier(p, well) + 0.5 * lagging * lifting * (well - saddle) ** 2
         for well in timescales.wells(p)
         for saddle in timescales.beside(p, well)
     )
@@ -442,8 +442,8 @@ def _drift(moments, balance):
     }
     time = batches[:, :, QUANTITIES.index("time")]
     if all(m.has_output for m in moments):
-        own = np.stack([m.output.integrals[: batches.shape[1]] for m in moments])
-        series["the output voltage"] = own[:, :, 1]
+        integrals = np.stack([m.output.integrals[: batches.shape[1]] for m in moments])
+        series["the output voltage"] = integrals[:, :, 1]
     for name, values in series.items():
         values = values / time
         change = _change(balance.without_wells(values) if balance else values)
@@ -467,12 +467,12 @@ def _change(values):
         return 0.0
     errors = [standard_error(part) for part in (early, late)]
     if len(values) >= FEWEST_BATCHES:
-        each = late.mean(axis=1) - early.mean(axis=1)
-        spread = float(each.std(ddof=1)) / math.sqrt(len(values))
+        differences = late.mean(axis=1) - early.mean(axis=1)
+        spread = float(differences.std(ddof=1)) / math.sqrt(len(values))
         error = max(spread, math.hypot(*(one or 0.0 for one in errors)))
     else:
-        known = [each for each in errors if each is not None]
-        if len(known) < len(errors):
+        bars = [bar for bar in errors if bar is not None]
+        if len(bars) < len(errors):
             return 0.0
-        error = math.hypot(*known)
+        error = math.hypot(*bars)
     return change / abs(mean) if abs(change) > DRIFT_IN_STANDARD_ERRORS * error else 0.0

@@ -91,10 +91,10 @@ class WellBalance:
         slopes = _slopes(off, series)
         within = series - off @ slopes
         error = self.error_of_parts(within + self.innovations @ slopes)
-        own = standard_error(within)
-        if error is None or own is None:
+        within_error = standard_error(within)
+        if error is None or within_error is None:
             return None
-        if not self._stand_on_enough(np.array([own]), slopes[:, None], series.size):
+        if not self._stand_on_enough(np.array([within_error]), slopes[:, None], series.size):
             return None
         return error * math.sqrt(series.size / (series.size - len(slopes)))
 
@@ -142,8 +142,8 @@ class WellBalance:
         off = joined(self.weights[:, :, None] * (self.features - self.balanced))
         slopes = np.linalg.lstsq(off, series, rcond=None)[0]
         within = series - off @ slopes
-        own = within.std(axis=0, ddof=1) / math.sqrt(count)
-        if not self._stand_on_enough(own, slopes, count):
+        within_errors = within.std(axis=0, ddof=1) / math.sqrt(count)
+        if not self._stand_on_enough(within_errors, slopes, count):
             return None
         parts = within + joined(self.innovations) @ slopes
         return parts.std(axis=0, ddof=1) / math.sqrt(count - len(slopes))
@@ -156,8 +156,8 @@ class WellBalance:
         seen = self.counts[:, :, None] + 1.0
         jumps = (self.changes @ slopes) ** 2 * seen
         samples = (own**2 + jumps.sum(axis=(0, 1))) ** 2
-        known = own**4 / count + (jumps**2 / seen).sum(axis=(0, 1))
-        return bool(np.all(samples >= FEWEST_JUMPS * known))
+        spread = own**4 / count + (jumps**2 / seen).sum(axis=(0, 1))
+        return bool(np.all(samples >= FEWEST_JUMPS * spread))
 
     def without_wells(self, series: np.ndarray) -> np.ndarray:
         """An unweighted series of batches with the wells' effect regressed out; its mean is
@@ -182,7 +182,9 @@ def well_balance(scene: Scene, system: System, moments: Sequence[Moments]) -> We
         return None
     count = batches.shape[1]
     jumps, times = (
-        np.stack([_with_settling(getattr(each.jumps, name), count) for each in moments])
+        np.stack(
+            [_with_settling(getattr(realization.jumps, name), count) for realization in moments]
+        )
         for name in ("counts", "times")
     )
     total, time = jumps.sum(axis=(0, 1)), times.sum(axis=(0, 1))
@@ -199,8 +201,8 @@ def well_balance(scene: Scene, system: System, moments: Sequence[Moments]) -> We
     balanced, changes = _balanced(rates, shares, total > 0.0)
     changes /= time[:, None, None]
     weights = _weights(features, balanced)
-    more = jumps - times[:, :, :, None] * rates
-    innovations = np.einsum("rbij,ijk->rbk", more, changes) * weights.size
+    surplus = jumps - times[:, :, :, None] * rates
+    innovations = np.einsum("rbij,ijk->rbk", surplus, changes) * weights.size
     return WellBalance(
         total, time, shares, exchange, weights, features, balanced, innovations, changes
     )
@@ -217,7 +219,10 @@ def weighted(moments: Sequence[Moments], balance: WellBalance | None) -> list[Mo
     """
     if balance is None or balance.shares is None:
         return list(moments)
-    return [_weighted(each, row) for each, row in zip(moments, balance.weights, strict=True)]
+    return [
+        _weighted(realization, row)
+        for realization, row in zip(moments, balance.weights, strict=True)
+    ]
 
 
 def _wells_differ(scene, system, batches):
@@ -251,16 +256,16 @@ def _stationary(rates):
     if not math.isfinite(exchange):
         return None, exchange
     ones = np.ones((1, len(rates)))
-    known = np.append(np.zeros(len(rates)), 1.0)
-    shares = np.linalg.lstsq(np.vstack([change.T / decays[-1], ones]), known, rcond=None)[0]
+    right_side = np.append(np.zeros(len(rates)), 1.0)
+    shares = np.linalg.lstsq(np.vstack([change.T / decays[-1], ones]), right_side, rcond=None)[0]
     return np.maximum(shares, 0.0), exchange
 
 
 def _features(moments, batches, total):
     """Shares of time in the wells and, for each kind of jump that was seen, jumps per second."""
     count = batches.shape[1]
-    stays = np.stack([each.jumps.times[:count] for each in moments])
-    jumps = np.stack([each.jumps.counts[:count][:, total > 0.0] for each in moments])
+    stays = np.stack([realization.jumps.times[:count] for realization in moments])
+    jumps = np.stack([realization.jumps.counts[:count][:, total > 0.0] for realization in moments])
     return np.concatenate([stays, jumps], axis=2) / batches[:, :, :1]
 
 
@@ -270,8 +275,8 @@ def _balanced(rates, shares, seen):
     of_shares = _changes(rates, shares)
     of_flows = (of_shares[:, :, :, None] * rates)[:, :, seen]
     places = np.argwhere(seen)
-    for place, (well, other) in enumerate(places):
-        of_flows[well, other, place] += shares[well]
+    for column, (well, other) in enumerate(places):
+        of_flows[well, other, column] += shares[well]
     return np.append(shares, flows), np.concatenate([of_shares, of_flows], axis=2)
 
 
@@ -298,26 +303,26 @@ def _group_of(batches, groups):
 
 def _weighted(moments, weights):
     """One realization's; what lies behind the last complete batch has no weight of its own."""
-    whole = np.append(weights, np.ones(len(moments.integrals) - len(weights)))
+    padded = np.append(weights, np.ones(len(moments.integrals) - len(weights)))
     groups = len(moments.histograms)
-    places = _group_of(len(whole), groups)
-    of_groups = np.bincount(places, whole, groups) / np.bincount(places, minlength=groups)
+    places = _group_of(len(padded), groups)
+    of_groups = np.bincount(places, padded, groups) / np.bincount(places, minlength=groups)
     output = moments.output
     if output is not None:
         output = replace(
             output,
-            integrals=output.integrals * whole[:, None],
-            measured=output.measured * whole[:, None, None],
-            stored=output.stored * whole,
+            integrals=output.integrals * padded[:, None],
+            measured=output.measured * padded[:, None, None],
+            stored=output.stored * padded,
         )
     strain = moments.strain
     if strain is not None:
-        damage = None if strain.damage is None else strain.damage * whole
-        strain = replace(strain, squares=strain.squares * whole[:, None], damage=damage)
+        damage = None if strain.damage is None else strain.damage * padded
+        strain = replace(strain, squares=strain.squares * padded[:, None], damage=damage)
     return replace(
         moments,
-        integrals=moments.integrals * whole[:, None],
-        products=moments.products * whole.mean(),
+        integrals=moments.integrals * padded[:, None],
+        products=moments.products * padded.mean(),
         histograms=moments.histograms * of_groups[:, None, None],
         output=output,
         strain=strain,

@@ -51,9 +51,9 @@ def prepare(ready: Prepared) -> None:
     """Load the compiled code for a scene's parts, so that it does not count as simulation."""
     s = ready.system
     tally = SeveralMoments([_unwanted(0.0, 1.0)], 1.0).tally
-    room, place = Room.of(s, [(0.0, 0.0, 0.0)], 0), _beginning()
+    room, position = Room.of(s, [(0.0, 0.0, 0.0)], 0), _beginning()
     noise = np.zeros((1, 1, TOGETHER))
-    advance(Scheme.RUNGE_KUTTA.argument, s, _edges(s), noise, 0, 1.0, 1, 1, room, tally, place)
+    advance(Scheme.RUNGE_KUTTA.argument, s, _edges(s), noise, 0, 1.0, 1, 1, room, tally, position)
 
 
 def run_realizations(
@@ -83,23 +83,27 @@ def run_realizations(
     in_contact = steps_per_contact(ready, step, "monte-carlo")
     for first in range(0, len(paths), MOST_TOGETHER):
         some = slice(first, first + MOST_TOGETHER)
-        moments = [each for each in itertools.chain(*observers[some]) if isinstance(each, Moments)]
+        moments = [
+            observer
+            for observer in itertools.chain(*observers[some])
+            if isinstance(observer, Moments)
+        ]
         others = [
-            (k, each)
+            (k, observer)
             for k, watching in enumerate(observers[some])
-            for each in watching
-            if not isinstance(each, Moments)
+            for observer in watching
+            if not isinstance(observer, Moments)
         ]
         chunks = integrate(
             s, paths[some], starts[some], stop_time(ready), fixed, scheme, in_contact,
-            moments, any(getattr(each, "reads_points", True) for _, each in others),
+            moments, any(getattr(observer, "reads_points", True) for _, observer in others),
         )  # fmt: skip
         for columns, points in chunks:
             for k, other in others:
                 other.add(record_of(columns, points, k))
-    used = scheme_of(s, scheme, paths[0].spacing / fixed)
+    chosen = scheme_of(s, scheme, paths[0].spacing / fixed)
     return {
-        "engine_version": f"{used.value}, numba {numba.__version__}",
+        "engine_version": f"{chosen.value}, numba {numba.__version__}",
         "netlist_sha256": None,
     }
 
@@ -156,7 +160,7 @@ def integrate(
     SolutionDiverged
     """
     spacing, edges = paths[0].spacing, _edges(s)
-    used = scheme_of(s, scheme, spacing / steps_per_knot)
+    chosen = scheme_of(s, scheme, spacing / steps_per_knot)
     knots = math.ceil(stop / spacing - 1e-9)
     most = (SEGMENTS_KEPT if keep else SEGMENTS) // len(paths)
     first_knots = [float(path.read(1)[0]) for path in paths]
@@ -164,7 +168,7 @@ def integrate(
         (x, v, system.begun_state(s, state, eta))
         for (x, v, state), eta in zip(starts, first_knots, strict=True)
     ]
-    room, place = Room.of(s, begun, _points(most) if keep else 0), _beginning()
+    room, position = Room.of(s, begun, _points(most) if keep else 0), _beginning()
     several = SeveralMoments(moments or [_unwanted(stop, spacing) for _ in paths], spacing)
     noise = np.zeros((most + 1, len(room.states), TOGETHER))
     samples = noise.reshape(most + 1, -1)
@@ -173,12 +177,12 @@ def integrate(
         count = min(most, knots - first)
         for k, path in enumerate(paths):
             path.read_into(samples[1 : count + 1, k])
-        place[:3] = 0
-        while place[0] < count:
+        position[:3] = 0
+        while position[0] < count:
             room.points[:] = 0
             advance(
-                used.argument, s, edges, noise[: count + 1], first, spacing,
-                steps_per_knot, steps_per_contact, room, several.tally, place,
+                chosen.argument, s, edges, noise[: count + 1], first, spacing,
+                steps_per_knot, steps_per_contact, room, several.tally, position,
             )  # fmt: skip
             several.collect(room.points)
             if several.diverged is not None:

@@ -272,13 +272,13 @@ def _go_on(s, edges, knots, begin, end, step, steps_per_contact, count, batch, r
     Returns how many realizations are not at the end of the grid's step yet, and the largest number
     of points that any of them has.
     """
-    rest, fullest = 0, 0
-    for place in range(count):
-        cells, i = room.apart[place // TOGETHER], place % TOGETHER
+    remaining, fullest = 0, 0
+    for slot in range(count):
+        cells, i = room.apart[slot // TOGETHER], slot % TOGETHER
         if cells[LEAVES + i] != 0.0 and cells[ENTERS + i] == 0.0:
             _land(cells, i, cells[END + DISPLACEMENT + i], cells[END + VELOCITY + i])
         else:
-            realization = room.which[place]
+            realization = room.which[slot]
             block, k = realization // TOGETHER, realization % TOGETHER
             rows = tally.rows[block]
             _correct(s, cells, i, cells[LENGTH + i], batch >= 0, rows, k)
@@ -300,13 +300,13 @@ def _go_on(s, edges, knots, begin, end, step, steps_per_contact, count, batch, r
             several.follow(tally, block, k, k + 1, batch)
             fullest = max(fullest, _keep(room, rows, realization))
             _resolve(s, end, steps_per_contact, cells, i)
-        if rest < place:
-            others, j = room.apart[rest // TOGETHER], rest % TOGETHER
+        if remaining < slot:
+            others, j = room.apart[remaining // TOGETHER], remaining % TOGETHER
             for row in range(0, END, TOGETHER):
                 others[row + j] = cells[row + i]
-            room.which[rest] = room.which[place]
-        rest += 1
-    return rest, fullest
+            room.which[remaining] = room.which[slot]
+        remaining += 1
+    return remaining, fullest
 
 
 @merged
@@ -359,11 +359,11 @@ def _powers(s, v, state, noise, contact_damping):
     """Voltage, load power, input power, loss and the transducer's own loss in one state."""
     damping = system.damping_rate(s.damper, v) + contact_damping
     current = system.load_current(s.transducer, v, state)
-    own = system.own_loss(s.transducer, v, state, current)
+    transducer_loss = system.own_loss(s.transducer, v, state, current)
     put_in = noise * system.base_speed(s.transducer, v, state, current)
     voltage = system.terminal_voltage(s.transducer, v, state)
     load = system.load_power(s.transducer, v, state)
-    return voltage, load, put_in, damping * v * v + own, own
+    return voltage, load, put_in, damping * v * v + transducer_loss, transducer_loss
 
 
 @merged
@@ -376,8 +376,8 @@ def _point(s, cells, i, motion, excited, time, measured, tally, rows, k):
     x, v = cells[motion + DISPLACEMENT + i], cells[motion + VELOCITY + i]
     state, noise = cells[motion + TRANSDUCER + i], cells[excited + i]
     values = _powers(s, v, state, noise, cells[CONTACT_DAMPING + i])
-    kept = system.kept_state(s.transducer, state, noise)
-    several.add_point(rows, k, measured, tally.low, tally.high, time, x, v, *values, kept)
+    stored_state = system.kept_state(s.transducer, state, noise)
+    several.add_point(rows, k, measured, tally.low, tally.high, time, x, v, *values, stored_state)
 
 
 @merged
@@ -400,25 +400,25 @@ def _correct(s, cells, i, length, measured, rows, k):
     longer = max(length, before)
     for ahead in (-longer, longer):
         x1, v1 = x + ahead * v, v + ahead * acceleration
-        voltage, load, put_in, loss, own = _powers(
+        voltage, load, put_in, loss, transducer_loss = _powers(
             s, v1, state + ahead * rate, noise + ahead * slope, 0.0
         )
         weight = (length * length - before * before) / (24.0 * ahead)
         sums = (voltage * voltage, x1 * x1, v1 * v1, load, put_in, loss)
         for row in range(len(sums)):
             rows[several.SQUARE_VOLTAGES + row * TOGETHER + k] += weight * sums[row]
-        rows[several.OWN_LOSSES + k] += weight * own
+        rows[several.OWN_LOSSES + k] += weight * transducer_loss
 
 
 @merged
 def _keep(room, rows, realization):
     """Count a realization's latest point, keep it where that is wanted; returns their number."""
-    k, place = realization % TOGETHER, room.points[realization]
+    k, point = realization % TOGETHER, room.points[realization]
     if room.columns.shape[2] > 0:
         for row in range(room.columns.shape[1]):
-            room.columns[realization, row, place] = rows[row * TOGETHER + k]
-    room.points[realization] = place + 1
-    return place + 1
+            room.columns[realization, row, point] = rows[row * TOGETHER + k]
+    room.points[realization] = point + 1
+    return point + 1
 
 
 @merged

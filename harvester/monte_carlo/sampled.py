@@ -82,8 +82,8 @@ def _run(scheme, s, zones, eta, spacing, every, edges, starts, states, ends):
         low, high = zones[zone], zones[zone + 1]
         touching = not low < 0.0 < high
         knot, stop = edges[window] * every, min(edges[window + 1] * every, final)
-        place = edges[window] - edges[0]
-        states[place, 0], states[place, 1], states[place, 2] = x, v, voltage
+        sample = edges[window] - edges[0]
+        states[sample, 0], states[sample, 1], states[sample, 2] = x, v, voltage
         while knot < stop:
             slope = (eta[knot + 1] - eta[knot]) / spacing
             noise = eta[knot] + slope * phase
@@ -126,8 +126,8 @@ def _run(scheme, s, zones, eta, spacing, every, edges, starts, states, ends):
                 phase = 0.0
                 knot += 1
                 if knot % every == 0 and knot < edges[window + 1] * every:
-                    place = knot // every - edges[0]
-                    states[place, 0], states[place, 1], states[place, 2] = x, v, voltage
+                    sample = knot // every - edges[0]
+                    states[sample, 0], states[sample, 1], states[sample, 2] = x, v, voltage
         if knot >= stop:
             ends[window, 0], ends[window, 1], ends[window, 2] = x, v, voltage
 

@@ -69,12 +69,12 @@ def _add_samples(time, x, v, latest, start, interval, counts, widths):
 def _place(value, axis, counts, widths):
     """Bin of a value from the middle on; bins are doubled until it lies in one."""
     half = BINS // 2
-    place = np.floor(value / widths[axis])
-    while place >= half or place < -half:
+    position = np.floor(value / widths[axis])
+    while position >= half or position < -half:
         _double(counts if axis == 0 else counts.T)
         widths[axis] *= 2.0
-        place = np.floor(value / widths[axis])
-    return int(place)
+        position = np.floor(value / widths[axis])
+    return int(position)
 
 
 @compiled

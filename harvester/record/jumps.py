@@ -140,13 +140,13 @@ def add_jumps(
             continue
         # The mass is beside the well that it reached last. Is it in the core of the well that lies
         # here?
-        here = np.searchsorted(saddles, x[i])
+        nearest = np.searchsorted(saddles, x[i])
         energy = 0.5 * v[i] * v[i] + energy_at(energies, low, high, x[i])
-        if energy <= limits[here]:
+        if energy <= limits[nearest]:
             if well >= 0:
                 times[batch, well] += last - since
-                counts[batch, well, here] += 1.0
-            since, well = last, here
+                counts[batch, well, nearest] += 1.0
+            since, well = last, nearest
             left, right = neighbours(saddles, well)
     if well >= 0:
         times[batch, well] += last - since
@@ -156,9 +156,9 @@ def add_jumps(
 @merged
 def energy_at(energies: np.ndarray, low: float, high: float, x: float) -> float:
     """U(x) between two displacements from a table over them, linear between its entries."""
-    place = (x - low) / ((high - low) / (energies.size - 1))
-    below = int(place)
-    return energies[below] + (place - below) * (energies[below + 1] - energies[below])
+    position = (x - low) / ((high - low) / (energies.size - 1))
+    below = int(position)
+    return energies[below] + (position - below) * (energies[below + 1] - energies[below])
 
 
 @compiled

@@ -202,20 +202,20 @@ def add_points(
 ) -> None:
     """Accumulate one chunk that follows the ones before; see `Moments` for the rest."""
     count, before = record.time.size, last.copy()
-    place = np.int64(0)
+    begin = np.int64(0)
     copy_point(record, count - 1, last)
     if not last[0] >= start:
         return
     if not before[0] >= start:
-        place = np.searchsorted(record.time, start)
-        copy_point(record, place, before)
-        place += 1
+        begin = np.searchsorted(record.time, start)
+        copy_point(record, begin, before)
+        begin += 1
     if np.isnan(first[0]):
         for k in range(first.size):
             first[k] = before[k]
-    if place == count:
+    if begin == count:
         return
-    record = part(record, place, count)
+    record = part(record, begin, count)
     _add_integrals(before, record, start, batch_length, low, high, saddles, integrals, products)
     length = batch_length * len(integrals) / len(histograms)
     _add_samples(before, record, start, length, interval, histograms, widths)
@@ -331,17 +331,17 @@ def _add_samples(before, record, start, group_length, interval, histograms, widt
     groups = histograms.shape[0]
     time, columns = record.time, (record.displacement, record.velocity, record.voltage)
     sample = np.floor(before[0] / interval + 1e-9) + 1.0
-    end, place = time[-1] + 1e-9 * interval, 0
+    end, later = time[-1] + 1e-9 * interval, 0
     while sample * interval <= end:
         moment = sample * interval
-        while moment > time[place] + 1e-9 * interval:
-            place += 1
-        earlier = time[place - 1] if place > 0 else before[0]
-        share = (moment - earlier) / (time[place] - earlier)
+        while moment > time[later] + 1e-9 * interval:
+            later += 1
+        earlier = time[later - 1] if later > 0 else before[0]
+        share = (moment - earlier) / (time[later] - earlier)
         group = min(int((moment - start) / group_length), groups - 1)
         for k, column in enumerate(columns):
-            value = column[place - 1] if place > 0 else before[k + 1]
-            value += share * (column[place] - value)
+            value = column[later - 1] if later > 0 else before[k + 1]
+            value += share * (column[later] - value)
             count_sample(histograms, widths, group, k, value)
         sample += 1.0
 

@@ -221,7 +221,7 @@ def _spans(time, before, start, batch_length, batches):
 
     An interval bears the number of the point at its end.
     """
-    begin, count, found = 0, time.size, 0
+    begin, count, filled = 0, time.size, 0
     if not before >= start:
         begin = np.searchsorted(time, start) + 1
     spans = np.empty((batches, 3), np.int64)
@@ -235,9 +235,9 @@ def _spans(time, before, start, batch_length, batches):
                 end = middle + 1
             else:
                 beyond = middle
-        spans[found, 0], spans[found, 1], spans[found, 2] = begin, end, batch
-        begin, found = end, found + 1
-    return spans[:found]
+        spans[filled, 0], spans[filled, 1], spans[filled, 2] = begin, end, batch
+        begin, filled = end, filled + 1
+    return spans[:filled]
 
 
 @compiled

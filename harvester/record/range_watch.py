@@ -45,8 +45,8 @@ class RangeWatch:
         if outside.any():
             first = int(np.argmax(outside))
             low, high, x = (
-                self._length * each
-                for each in (self._low, self._high, float(record.displacement[first]))
+                self._length * displacement
+                for displacement in (self._low, self._high, float(record.displacement[first]))
             )
             raise SpringRangeLeft(
                 f"the mass left oscillator.restoring_force_range = [{low:.6g}, {high:.6g}] at "
@@ -68,7 +68,7 @@ def with_range_watch(
     """Observers of some realizations, with one more each where the spring has a range."""
     low, high = ready.system.spring.range
     if math.isinf(high - low):
-        return [list(each) for each in observers]
+        return [list(watching) for watching in observers]
     unit = " m" if ready.scene.units == "SI" else ""
     length = ready.scales.displacement
-    return [[RangeWatch(low, high, length, unit), *each] for each in observers]
+    return [[RangeWatch(low, high, length, unit), *watching] for watching in observers]

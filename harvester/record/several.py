@@ -93,7 +93,9 @@ class SeveralMoments:
     def __init__(self, moments: Sequence[Moments], spacing: float) -> None:
         self._moments = moments
         one, count = moments[0], len(moments)
-        self._jumps = [each.jumps for each in moments if each.jumps is not None]
+        self._jumps = [
+            realization.jumps for realization in moments if realization.jumps is not None
+        ]
         counted = self._jumps or [Jumps.between_no_wells(len(one.integrals))] * count
         rows = np.zeros((math.ceil(count / TOGETHER), BLOCK))
         rows[:, TIME : TIME + TOGETHER] = np.nan
@@ -127,8 +129,8 @@ class SeveralMoments:
         tally = self.tally
         latest = tally.rows[:, :TOTALS].reshape(-1, FIELDS, TOGETHER).transpose(0, 2, 1)
         self._last[:] = latest.reshape(-1, FIELDS)[: len(self._last)]
-        for each, count in zip(self._moments, points.tolist(), strict=True):
-            each.points += count
+        for realization, count in zip(self._moments, points.tolist(), strict=True):
+            realization.points += count
         reached = zip(tally.wells.tolist(), self._last[:, 0].tolist(), strict=True)
         for jumps, (well, time) in zip(self._jumps, reached, strict=False):
             jumps.well, jumps.time = well, time
@@ -143,9 +145,9 @@ class SeveralMoments:
 
 def _stacked(parts, name):
     """An array of several objects as one with a leading axis, of which each keeps its own."""
-    stack = np.stack([getattr(each, name) for each in parts])
-    for each, row in zip(parts, stack, strict=True):
-        setattr(each, name, row)
+    stack = np.stack([getattr(part, name) for part in parts])
+    for part, row in zip(parts, stack, strict=True):
+        setattr(part, name, row)
     return stack
 
 
@@ -173,12 +175,12 @@ def end_batch(tally: Tally, batch: int) -> None:
                 tally.first[k, row] = cells[row * TOGETHER + lane]
         else:
             for row in range(SUMS):
-                place = TOTALS + row * TOGETHER + lane
+                cell = TOTALS + row * TOGETHER + lane
                 if row < quantities:
-                    tally.integrals[k, batch, row] += cells[place]
+                    tally.integrals[k, batch, row] += cells[cell]
                 else:
-                    tally.products[k, row - quantities] += cells[place]
-                cells[place] = 0.0
+                    tally.products[k, row - quantities] += cells[cell]
+                cells[cell] = 0.0
         # Well −1 (none reached yet) would be counted in the last row.
         if tally.wells[k] >= 0:
             tally.times[k, batch, tally.wells[k]] += cells[TIME + lane] - tally.since[k]
@@ -265,15 +267,15 @@ def follow(tally: Tally, block: int, first: int, end: int, batch: int) -> None:
 def _reach(tally, cells, realization, k, batch):
     """Count a jump where a mass beside the well reached last is in the core of another one."""
     x, v, time = cells[DISPLACEMENT + k], cells[VELOCITY + k], cells[TIME + k]
-    here, well = np.searchsorted(tally.saddles, x), tally.wells[realization]
+    nearest, well = np.searchsorted(tally.saddles, x), tally.wells[realization]
     potential = energy_at(tally.energies, tally.core_low, tally.core_high, x)
-    if 0.5 * v * v + potential > tally.limits[here]:
+    if 0.5 * v * v + potential > tally.limits[nearest]:
         return
     if well >= 0:
         tally.times[realization, batch, well] += time - tally.since[realization]
-        tally.counts[realization, batch, well, here] += 1.0
-    tally.since[realization], tally.wells[realization] = time, here
-    cells[LEFT + k], cells[RIGHT + k] = neighbours(tally.saddles, here)
+        tally.counts[realization, batch, well, nearest] += 1.0
+    tally.since[realization], tally.wells[realization] = time, nearest
+    cells[LEFT + k], cells[RIGHT + k] = neighbours(tally.saddles, nearest)
 
 
 @uncounted

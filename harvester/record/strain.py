@@ -50,9 +50,9 @@ class StrainMoments:
         """Nothing kept yet; None of a scene without a drawing."""
         if ready.scene.beam is None:
             return None
-        made, scales = strain_of_layers(ready.scene.beam), ready.scales
-        strain = np.array([made.per_displacement, made.per_volt])
-        stress = made.modulus * strain + [0.0, made.stress_per_volt]
+        layers, scales = strain_of_layers(ready.scene.beam), ready.scales
+        strain = np.array([layers.per_displacement, layers.per_volt])
+        stress = layers.modulus * strain + [0.0, layers.stress_per_volt]
         rows = np.array([strain, stress]) * [scales.displacement, scales.voltage]
         return cls(rows, np.zeros((batches, 3)), np.zeros((batches, 2)))
 
@@ -103,8 +103,8 @@ class StrainWatch:
         turns = (
             np.concatenate([*self._turns, self._last[1:, :2]]) if self._turns else np.empty((0, 2))
         )
-        found = self._rainflow.extract_cycles(turns[:, 1]) if len(turns) else ()
-        for span, _, share, _, end in found:
+        extracted = self._rainflow.extract_cycles(turns[:, 1]) if len(turns) else ()
+        for span, _, share, _, end in extracted:
             batch = int((turns[end, 0] - self._moments.start) / self._moments.batch_length)
             damage[min(batch, len(damage) - 1)] += share * (0.5 * span / limit) ** exponent
         self._strain.damage = damage / cycles
@@ -113,7 +113,11 @@ class StrainWatch:
 def strain_watches(ready: Prepared, moments: Sequence[Moments]) -> list[StrainWatch]:
     """One for each realization; none of a scene without a drawing."""
     beam = ready.scene.beam
-    return [] if beam is None else [StrainWatch(each, beam.fatigue_line) for each in moments]
+    return (
+        []
+        if beam is None
+        else [StrainWatch(realization, beam.fatigue_line) for realization in moments]
+    )
 
 
 @compiled

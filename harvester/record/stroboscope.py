@@ -56,8 +56,8 @@ class Stroboscope:
         if record.time.size == 0 or self._next == self.times.size:
             return
         if record.time[-1] < self.times[0]:
-            last = (each[-1] for each in (record.time, *_motion(record)))
-            self._last = np.array([*last, 0.0, 0.0, 0.0, *(each[-1] for each in _rates(record))])
+            last = (column[-1] for column in (record.time, *_motion(record)))
+            self._last = np.array([*last, 0.0, 0.0, 0.0, *(rate[-1] for rate in _rates(record))])
             return
         points = np.empty((record.time.size + 1, 1 + len(COLUMNS)))
         points[1:, 0] = record.time

@@ -30,11 +30,11 @@ def draw_spectrum(scene: Scene) -> Figure:
 
     figure = Figure(figsize=(6.0, 2.6))
     axes = figure.add_subplot()
-    device = prepared(scene)
+    prepared_scene = prepared(scene)
     frequency, density = excitation_spectrum(scene)
     seen = density > LEAST_SHARE * density.max()
     axes.loglog(frequency[seen], density[seen], color=CIRCUIT, linewidth=0.9, label="excitation")
-    resonance = timescales.angular_frequency(device.system) / (2.0 * np.pi)
+    resonance = timescales.angular_frequency(prepared_scene.system) / (2.0 * np.pi)
     if resonance > 0.0:
         axes.axvline(resonance, color="0.3", linestyle=":", label="device, small oscillations")
     what = "displacement" if scene.excitation.prescribes_displacement else "acceleration"
@@ -56,10 +56,10 @@ def excitation_spectrum(scene: Scene) -> tuple[np.ndarray, np.ndarray]:
     """
     from scipy import signal
 
-    device = prepared(scene)
-    spacing, run = knot_spacing(device), scene.run
+    prepared_scene = prepared(scene)
+    spacing, run = knot_spacing(prepared_scene), scene.run
     knots = min(MOST_KNOTS, max(2, int((run.settle + run.duration) / spacing)))
-    samples = noise_path(device, 0).read(knots) * device.scales.displacement
+    samples = noise_path(prepared_scene, 0).read(knots) * prepared_scene.scales.displacement
     length = max(2, min(knots, 2 * knots // SEGMENTS))
     frequency, density = signal.welch(samples, 1.0 / spacing, nperseg=length)
     return frequency[1:], density[1:]

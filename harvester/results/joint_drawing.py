@@ -61,8 +61,8 @@ def _draw_panel(axes, result, places, values, highest):
     visible = np.ma.masked_less(values, least)
     norm = LogNorm(least, highest)
     mesh = axes.pcolormesh(x, v, visible.T, norm=norm, cmap=COLOURS, rasterized=True)
-    device = prepared(result.scene)
-    system, scales = device.system, device.scales
+    prepared_scene = prepared(result.scene)
+    system, scales = prepared_scene.system, prepared_scene.scales
     for displacements, mark in ((timescales.wells(system), "o"), (timescales.saddles(system), "x")):
         where = np.array(displacements) * scales.displacement
         axes.plot(where, 0.0 * where, mark, color="white", markersize=3.5, markeredgewidth=1.0)

@@ -167,9 +167,9 @@ def _of_the_step(result):
 
 def _fastest(result):
     """Angular frequency of the fastest motion, the device's own or that under the excitation."""
-    device = prepared(result.scene)
-    natural = timescales.fastest_angular_frequency(device.system)
-    if device.scene.excitation.prescribes_displacement:
+    prepared_scene = prepared(result.scene)
+    natural = timescales.fastest_angular_frequency(prepared_scene.system)
+    if prepared_scene.scene.excitation.prescribes_displacement:
         return natural
     # Far above the resonance E[X²] goes with the fourth power of the frequency.
-    return max(natural, 0.5 * misplacement(device, knot_spacing(device), 2) ** 0.5)
+    return max(natural, 0.5 * misplacement(prepared_scene, knot_spacing(prepared_scene), 2) ** 0.5)

@@ -367,9 +367,9 @@ def _answer(request, good, ended):
     """The answer from some tasks' answers, and the relative error that decides."""
     cost = step_error(prepared(request.scene), request.method.step, request.method.name)
     scene, moments, orbits, on_orbits = followed(request.scene, good, cost)
-    device = prepared(scene)
-    parameters = device.system
-    estimates = run_estimates(device, moments, cost)
+    prepared_scene = prepared(scene)
+    parameters = prepared_scene.system
+    estimates = run_estimates(prepared_scene, moments, cost)
     if not abs(estimates.residual) <= LARGEST_RESIDUAL:
         return not_balanced(estimates.residual), 0.0
     reached, unseen = _reached(request, scene, parameters, estimates.whole)

@@ -249,10 +249,10 @@ def engine_of(method: str | Method, **options: Any) -> Engine:
     if isinstance(method, Engine):
         return method.beside_options(options, DEFAULTS)
     _check_options(options)
-    made: Engine = ENGINES[check_name("method", _written(method), ENGINES)]()
-    if (options.get("copies") or 1) > 1 and not hasattr(made, "copies"):
+    engine: Engine = ENGINES[check_name("method", _written(method), ENGINES)]()
+    if (options.get("copies") or 1) > 1 and not hasattr(engine, "copies"):
         raise _no_copies(options["copies"])
-    return made.with_options(options)
+    return engine.with_options(options)
 
 
 def method_of(method: str | Method, **options: Any) -> Method:

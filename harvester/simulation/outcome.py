@@ -53,47 +53,51 @@ def result_of(
 ) -> Result:
     """The result of the realizations that were completed, with the failures named and the
     motions found."""
-    ready = prepared(scene)
-    parameters, scales = ready.system, ready.scales
+    prepared_scene = prepared(scene)
+    parameters, scales = prepared_scene.system, prepared_scene.scales
     moments = [realization.moments for realization in realizations]
     first = min(realization.started for realization in realizations)
     last = max(realization.ended for realization in realizations)
-    cost = step_error(ready, engine.step, engine.name)
-    found = run_estimates(ready, moments, cost)
+    cost = step_error(prepared_scene, engine.step, engine.name)
+    estimates = run_estimates(prepared_scene, moments, cost)
     drawn = scene.run.starts is not None
-    shapes = densities(found.moments, is_symmetric(scene, parameters), found.balance, drawn)
+    shapes = densities(estimates.moments, is_symmetric(scene, parameters), estimates.balance, drawn)
     joints = [realization.joint for realization in realizations if realization.joint is not None]
     joint = joint_density_of(joints, is_symmetric(scene, parameters)) if joints else None
-    kept = [each.stroboscope for each in realizations if each.stroboscope is not None]
-    samples = np.array(kept) if kept else None
-    if found.shortfalls or scene.excitation.transient(scene.run):
+    strobed = [
+        realization.stroboscope
+        for realization in realizations
+        if realization.stroboscope is not None
+    ]
+    samples = np.array(strobed) if strobed else None
+    if estimates.shortfalls or scene.excitation.transient(scene.run):
         shapes = {name: replace(shape, standard_error=None) for name, shape in shapes.items()}
-    if found.shortfalls or slow_exchange(scene, found.balance):
+    if estimates.shortfalls or slow_exchange(scene, estimates.balance):
         # Samples of the joint density have no weights, so that their shares of the wells follow the
         # starts.
         joint = joint and replace(joint, standard_error=None)
     return Result(
         scene=scene,
         engine=engine.title,
-        scaled_quantities=found.scaled,
+        scaled_quantities=estimates.scaled,
         scales=scales,
         error_kind="statistical",
-        energy_balance_residual=found.residual,
+        energy_balance_residual=estimates.residual,
         wall_seconds=last - first,
         engine_seconds=sum(realization.seconds for realization in realizations),
         simulated_time=sum(m.time_reached for m in moments),
         steps=sum(m.points for m in moments),
         step=moments[0].step
-        or knot_spacing(ready) / steps_per_knot(ready, engine.step, engine.name),
-        step_error=None if engine.chooses_steps else found.step_error,
+        or knot_spacing(prepared_scene) / steps_per_knot(prepared_scene, engine.step, engine.name),
+        step_error=None if engine.chooses_steps else estimates.step_error,
         realizations=len(moments),
         engine_version=realizations[0].engine_version,
         netlist_sha256=realizations[0].netlist_sha256,
         notes=(
             *notes_on_excitation(scene),
             *_notes_on_starts(scene, motions),
-            *found.notes,
-            *_density_notes(found, shapes),
+            *estimates.notes,
+            *_density_notes(estimates, shapes),
             *_failure_notes(failures, len(moments)),
         ),
         failures={index: f"{type(e).__name__}: {e}" for index, e in failures.items()},
@@ -151,13 +155,13 @@ def partial_result(scene: Scene, engine: Engine, error: SimulationError) -> Resu
 
 def notes_on_excitation(scene: Scene) -> tuple[str, ...]:
     """Notes for the result on the excitation that a scene was run with."""
-    ready = prepared(scene)
-    frequency = timescales.angular_frequency(ready.system)
-    spacing, decay = knot_spacing(ready), ready.system.transducer.decay_rate()
+    prepared_scene = prepared(scene)
+    frequency = timescales.angular_frequency(prepared_scene.system)
+    spacing, decay = knot_spacing(prepared_scene), prepared_scene.system.transducer.decay_rate()
     notes = scene.excitation.notes(spacing, frequency, scene.run)
     # Noise without a highest frequency moves the base by so much more than its straight lines do.
     banded = isinstance(scene.excitation, Spectrum)
-    missing = timescales.base_share(ready.system, spacing) * 0.5 * decay * spacing
+    missing = timescales.base_share(prepared_scene.system, spacing) * 0.5 * decay * spacing
     if scene.excitation.endless and not banded and missing > NOTED_MISSING:
         notes += (
             f"the noise is linear over {spacing:.2g} s, and the load's voltage decays in "
@@ -171,13 +175,13 @@ def _notes_on_starts(scene, motions):
     """Notes on how many different motions a deterministic run's starts reach."""
     if scene.excitation.random:
         return ()
-    count, given = distinct_realizations(prepared(scene)), scene.run.realizations
-    repeated = _notes_on_repetition(count, given)
+    count, asked = distinct_realizations(prepared(scene)), scene.run.realizations
+    repeated = _notes_on_repetition(count, asked)
     if count == 1:
         return (*repeated, *note_on_one_start(scene))
     unit = unit_of(scene, "power")
-    lines = (*repeated, *(each.sentence(unit) for each in motions))
-    if any(each.kind == UNTOLD for each in motions):
+    lines = (*repeated, *(motion.sentence(unit) for motion in motions))
+    if any(motion.kind == UNTOLD for motion in motions):
         lines += (
             "whether what has no period is chaotic: run.starts = 100 or harvester basins give its "
             "exponent",
@@ -185,7 +189,7 @@ def _notes_on_starts(scene, motions):
     if scene.run.starts:
         lines += (
             "the quantities above are means over all starts; their error bars include the chance "
-            f"of {given} drawn starts; a motion that fewer than {3.0 / given:.1%} of all starts "
+            f"of {asked} drawn starts; a motion that fewer than {3.0 / asked:.1%} of all starts "
             "reach may be missing",
         )
     elif len(motions) > 1:

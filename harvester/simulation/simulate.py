@@ -122,18 +122,18 @@ def simulate(
     The same seed gives the same noise to every engine and the same numbers whatever the
     number of workers.
     """
-    given = {
+    options = {
         "step": step, "source": source, "device": device, "copies": copies, "scheme": scheme,
         "tolerance": tolerance,
     }  # fmt: skip
     if isinstance(method, Stationary):
-        return _averaged(scene, method.beside_options(given, DEFAULTS))
+        return _averaged(scene, method.beside_options(options, DEFAULTS))
     from harvester.prepared.prepared import prepared
     from harvester.record.range_watch import leaves_range
     from harvester.simulation import outcome, spread
     from harvester.simulation.orbits import attractors, several_starts
 
-    engine = engine_of(method, **given)
+    engine = engine_of(method, **options)
     engine.check(scene)
     stretch = spread.stretch_of(scene, window, nodes)
     follow = spread.Follower(scene, engine.name, progress) if progress else None
@@ -141,14 +141,16 @@ def simulate(
         with spread.running(runner, executor, scene.run.realizations, workers) as pool:
             # A run without noise may have several motions, distinguished by the samples of their
             # starts.
-            several, ready = several_starts(scene), prepared(scene)
+            several, prepared_scene = several_starts(scene), prepared(scene)
             strobe = stroboscope or several
             together = spread.copies_that_pay(scene, engine, pool)
             calls = spread.calls_of(scene, engine, together, stretch, joint_density, strobe)
             outcomes = spread.outcomes(pool, calls, time_limit, follow, keep_going or several)
             failures = {k: o for k, o in enumerate(outcomes) if isinstance(o, SimulationError)}
             # To leave the range of the spring is an outcome of a start, not a failure.
-            lost = {k: o for k, o in failures.items() if several and leaves_range(ready, o)}
+            lost = {
+                k: o for k, o in failures.items() if several and leaves_range(prepared_scene, o)
+            }
             failures = {k: o for k, o in failures.items() if k not in lost}
             if failures and not keep_going:
                 raise next(iter(failures.values()))
@@ -159,8 +161,8 @@ def simulate(
     except SimulationError as error:
         error.partial = outcome.partial_result(scene, engine, error)
         raise
-    found = outcome.result_of(scene, engine, [*good.values()], failures, motions=motions)
-    return outcome.checked(found if stroboscope else replace(found, stroboscope=None))
+    result = outcome.result_of(scene, engine, [*good.values()], failures, motions=motions)
+    return outcome.checked(result if stroboscope else replace(result, stroboscope=None))
 
 
 def _averaged(scene: Scene, method: Stationary) -> Result:
