@@ -75,8 +75,8 @@ def efficiency_notes(
             )
         return (
             f"the load is not passive: it gives {excess} ({absorbed * power_scale:.3g} {unit}), "
-            "out of its own sources or of what it held at the start; its efficiencies are not shares "
-            "of the piezo's power",
+            "out of its own sources or of what it held at the start; its efficiencies are not "
+            "shares of the piezo's power",
         )
     delivered, stored = (
         estimates[name].estimate if name in estimates else 0.0
