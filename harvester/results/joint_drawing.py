@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -15,7 +15,6 @@ from harvester.show.panels import entitle
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-    from harvester.results.result import Result
 
 # A density is coloured down to this share of its peak.
 LEAST_SHARE = 1e-3
@@ -23,7 +22,7 @@ COLOURS = "viridis"
 TITLES = {"averaging fokker_planck": "Fokker–Planck equation", "monte-carlo": "Monte Carlo"}
 
 
-def draw(results: Sequence[Result]) -> Figure | None:
+def draw(results: Sequence[Any]) -> Figure | None:
     """p(X, X') of every result that has one, in the places and the colours of the last of them.
 
     Wells are marked by dots, saddles by crosses.

@@ -77,7 +77,7 @@ class Attractor:
             return "one motion"
         if self.lyapunov is None:
             return UNTOLD
-        return wandering_kind(self.lyapunov)
+        return "chaotic" if self.lyapunov.chaotic else NOT_SETTLED
 
     def to_dict(self, unit: Callable[[str], str]) -> dict[str, Any]:
         """Plain values for JSON; `unit` gives that of a dimension."""
@@ -96,11 +96,6 @@ class Attractor:
         parts = "" if self.lyapunov is None else f", largest Lyapunov exponent {self.lyapunov} 1/s"
         label = self.name if self.name in UNSTEADY else f"orbit {self.name} ({self.kind})"
         return f"{label}: {self.starts} start{plural}, {self.share:.1%}{error}{gives}{parts}"
-
-
-def wandering_kind(exponent: Divergence | None) -> str:
-    """Kind of a motion without a period, in words, by its largest Lyapunov exponent."""
-    return "chaotic" if exponent is not None and exponent.chaotic else NOT_SETTLED
 
 
 def share_error(part: int, count: int) -> float:

@@ -80,7 +80,8 @@ def _relative_error(shares, balances):
 
     Where both went through the same wells in every batch, what jumps add is common to both.
     """
-    if all(balances) and _same_wells(*balances):
+    features = [balance.features for balance in balances if balance]
+    if all(balances) and np.allclose(*features, rtol=0.0, atol=SAME_WELLS):
         return standard_error(shares[0] - shares[1])
     parts = []
     for share, balance in zip(shares, balances, strict=True):
@@ -89,10 +90,6 @@ def _relative_error(shares, balances):
         parts.append(share if balance is None else balance.parts(share))
     error = WellBalance.error_of_parts if any(balances) else standard_error
     return error(parts[0] - parts[1])
-
-
-def _same_wells(ours, theirs):
-    return np.allclose(ours.features, theirs.features, rtol=0.0, atol=SAME_WELLS)
 
 
 def _paired_efficiency(ours, theirs, balances):

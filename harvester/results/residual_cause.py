@@ -29,15 +29,12 @@ FEWEST_REALIZATIONS, LEAST_CORRELATION = 4, 0.98
 
 
 def suspected_cause(result: Result) -> str:
-    """One clause that names the likeliest cause of the residual, with its evidence.
-
-    Parameters
-    ----------
-    result : harvester.results.result.Result
-        A result with its moments and its energy balance residual.
-    """
+    """One clause that names the likeliest cause of the energy balance residual, with evidence."""
     p = prepared(result.scene).system
-    totals, stored = _energies(result.moments, p)
+    # Integrals of each realization, and the change of its stored energy.
+    sums = np.array([m.integrals.sum(axis=0) for m in result.moments])
+    totals = {name: sums[:, column] for column, name in enumerate(QUANTITIES)}
+    stored = np.array([stored_change(m, p) for m in result.moments])
     finders = (_diverged, _active_load, _short_run, _load, _switching, _contacts, _step)
     for find in finders:
         cause = find(result, p, totals, stored)
@@ -47,13 +44,6 @@ def suspected_cause(result: Result) -> str:
         "neither load, contacts, step nor length of the run explains it: compare a run with "
         "--step fine"
     )
-
-
-def _energies(moments, p):
-    """Integrals of each realization, {quantity: array}, and the change of its stored energy."""
-    sums = np.array([m.integrals.sum(axis=0) for m in moments])
-    stored = [stored_change(m, p) for m in moments]
-    return {name: sums[:, column] for column, name in enumerate(QUANTITIES)}, np.array(stored)
 
 
 def _diverged(result, p, totals, stored):

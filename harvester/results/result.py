@@ -15,6 +15,7 @@ from harvester.estimates.joint_density import JointDensity
 from harvester.estimates.strain import without_line
 from harvester.estimates.units import SI_UNITS, unit_of
 from harvester.excitation.spectrum_fit import SpectrumFit
+from harvester.files.libraries import optional_library
 from harvester.files.plain_text import nearest, one_line, shown
 from harvester.files.serialising import NotAValue, plain, read
 from harvester.record.moments import Moments
@@ -159,8 +160,7 @@ class Result:
         estimate = self.scaled_quantities[name]
         return estimate.times(self.scales.of(estimate.dimension))
 
-    def __getitem__(self, name: str) -> Estimate:
-        return self.quantity(name)
+    __getitem__ = quantity
 
     def __iter__(self) -> Iterator[str]:
         return iter(self.scaled_quantities)
@@ -232,16 +232,50 @@ class Result:
         raise HarvesterError(f"no result: {reason}; give what Result.to_dict returned")
 
     def to_xarray(self) -> Dataset:
-        """Quantities, their standard errors and the densities, in the scene's units.
+        """All quantities and densities in the scene's units, each with its standard error or nan.
+
+        Returns
+        -------
+        xarray.Dataset
+            Quantities without a dimension; `displacement_density` and so on along `displacement`
+            and so on, the bins' centres; `joint_density`, if the result has one, along
+            `joint_displacement` and `joint_velocity`. Every error is `…_standard_error`; the
+            attribute `unit` is the unit.
 
         Raises
         ------
         MissingLibrary
-            xarray, of the extra `study`.
         """
-        from harvester.results.dataset import dataset_of
-
-        return dataset_of(self)
+        xarray = optional_library("xarray", "Result.to_xarray", "study")
+        variables: dict[str, tuple] = {}
+        coordinates: dict[str, tuple] = {}
+        for name, estimate in self.quantities.items():
+            unit = {"unit": self.unit(estimate.dimension)}
+            error = math.nan if estimate.standard_error is None else estimate.standard_error
+            variables[name] = ((), estimate.estimate, unit)
+            variables[f"{name}_standard_error"] = ((), error, unit)
+        for name, density in self.densities.items():
+            scale, across = self.scales.of(density.dimension), self.unit(density.dimension)
+            coordinates[name] = (name, density.centre * scale, {"unit": across})
+            _add_density(variables, name, name, density, scale, across)
+        if self.joint_density is not None:
+            names, area = [], 1.0
+            for name in ("displacement", "velocity"):
+                axis, scale = f"joint_{name}", self.scales.of(name)
+                values = getattr(self.joint_density, name) * scale
+                coordinates[axis] = (axis, values, {"unit": self.unit(name)})
+                names.append(axis)
+                area *= scale
+            across = f"{self.unit('displacement')} {self.unit('velocity')}"
+            _add_density(variables, "joint", names, self.joint_density, area, across)
+        attributes = {
+            "scene": self.scene.name,
+            "scene_sha256": self.scene.digest(),
+            "engine": self.engine,
+            "engine_version": self.engine_version,
+            "outcome": self.outcome,
+        }
+        return xarray.Dataset(variables, coordinates, attributes)
 
     def density_table(self) -> str:
         """CSV of the densities in the scene's units: quantity, centre, density, error."""
@@ -329,7 +363,7 @@ class Result:
         axes.set(xlabel=axis_label(self, name), ylabel=density_label(self, name))
 
     def results_by_method(self) -> dict[str, Result]:
-        """Itself, by the name of its engine or closure."""
+        """The result itself, by the name of its engine or closure."""
         return {self.engine: self}
 
     def figure(self) -> Figure | None:
@@ -395,6 +429,15 @@ class Result:
         return sentences
 
 
+def _add_density(variables, name, axes, density, scale, unit):
+    """Add a density along its axes, and its error; `scale` and `unit` are those of its area."""
+    inverse = {"unit": f"1/({unit})"}
+    variables[f"{name}_density"] = (axes, density.density / scale, inverse)
+    if density.standard_error is not None:
+        errors = density.standard_error / scale
+        variables[f"{name}_density_standard_error"] = (axes, errors, inverse)
+
+
 def with_roots(quantities: dict[str, Estimate]) -> dict[str, Estimate]:
     """The quantities, each mean square followed by its root (rms)."""
     extended: dict[str, Estimate] = {}
@@ -411,13 +454,7 @@ def with_roots(quantities: dict[str, Estimate]) -> dict[str, Estimate]:
 
 
 def _result_of(kind, content, folder):
-    """See `Result.from_dict`.
-
-    Raises
-    ------
-    NotAValue, KeyError, TypeError, AttributeError
-        Something is missing, or is something else.
-    """
+    """See `Result.from_dict`; raises NotAValue, KeyError, TypeError or AttributeError."""
     hints = get_type_hints(kind)
     values = {
         name: read(hints[name], content[name], name)
@@ -425,7 +462,11 @@ def _result_of(kind, content, folder):
         if name not in ("quantities", "seed", "step_error")
     }
     for name, estimate in values["scaled_quantities"].items():
-        _check_dimension(estimate.dimension, f"scaled_quantities.{name}.dimension")
+        # A known quantity and a whole power of it, such as "voltage^2".
+        base, power, exponent = estimate.dimension.partition("^")
+        if base not in SI_UNITS or (power and not exponent.removeprefix("-").isdecimal()):
+            where = f"scaled_quantities.{name}.dimension"
+            raise NotAValue(f"{where} = {shown(estimate.dimension)}: is no dimension")
     for name, value in vars(values["scales"]).items():
         if name not in content["scales"]:
             raise NotAValue(f"scales.{name} is missing")
@@ -462,10 +503,3 @@ def _check_size(value, where):
     """Check a size: NaN and None stand for one that is not known."""
     if value is not None and value < 0.0:
         raise NotAValue(f"{where} = {shown(value)}: must be a number ≥ 0")
-
-
-def _check_dimension(dimension, where):
-    """Check a dimension such as "voltage^2": a known quantity and a whole power of it."""
-    base, power, exponent = dimension.partition("^")
-    if base not in SI_UNITS or (power and not exponent.removeprefix("-").isdecimal()):
-        raise NotAValue(f"{where} = {shown(dimension)}: is no dimension")
