@@ -13,7 +13,7 @@ from harvester.errors import HarvesterError
 from harvester.running.folder import StudyFolder
 from harvester.running.progress import Progress
 from harvester.running.request import Answer, Request, answering
-from harvester.running.store import MISSING, Store
+from harvester.running.store import MISSING, AnswerStore
 from harvester.running.task import Task, Wanted, compute
 from harvester.simulation.simulate import TIME_LIMIT
 from harvester.workers.pools import LOOK_AROUND, ExecutorPool, WorkerPool, lost
@@ -53,7 +53,7 @@ class Runner:
     ):
         self.pool, self.folder, self.time_limit = pool, folder, time_limit
         self.out_of_time = False
-        self._store, self._deadline = Store(folder), deadline
+        self._store, self._deadline = AnswerStore(folder), deadline
         self._overrun = OVERRUN * (deadline - time.monotonic())
         self._progress = Progress(progress or (lambda share, words: None))
         self._computed: set[str] = set()

@@ -12,7 +12,7 @@ from harvester.running.task import Task
 MISSING = object()
 
 
-class Store:
+class AnswerStore:
     """Answers by the keys of their tasks.
 
     An answer is written aside and renamed: it is on disk whole or not at all.

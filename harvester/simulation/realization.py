@@ -79,7 +79,7 @@ class Realization:
     stroboscope: np.ndarray | None = None
 
 
-class Stretch(NamedTuple):
+class WaveformWindow(NamedTuple):
     """The part of the first realization that is kept as a waveform.
 
     Attributes
@@ -95,7 +95,7 @@ class Stretch(NamedTuple):
     probes: tuple[Probe, ...] = ()
 
 
-class Waveform:
+class WaveformObserver:
     """Keeps the points of a record between two times, and what a load's output has there."""
 
     def __init__(self, start: float, stop: float, most: float = math.inf) -> None:
@@ -135,7 +135,7 @@ class Waveform:
 class _WatchedOutput:
     """Hands a load's output on to its moments and to a waveform."""
 
-    def __init__(self, moments: OutputMoments, waveform: Waveform) -> None:
+    def __init__(self, moments: OutputMoments, waveform: WaveformObserver) -> None:
         self._moments, self._waveform = moments, waveform
         self.conductance = self.capacitance = math.nan
 
@@ -179,7 +179,7 @@ def run(
     window: tuple[float, float] | None,
     report: Callable,
     joint_density: bool = False,
-    stretch: Stretch | None = None,
+    stretch: WaveformWindow | None = None,
     stroboscope: bool = False,
 ) -> list[Realization]:
     """Simulate realizations of a scene; the circuit engine takes them side by side.
@@ -266,9 +266,9 @@ def _run(scene, engine, indices, window, report, joint_density, stretch, strobos
             realization.output = its_output
     observers: list[list] = [[realization] for realization in moments]
     observers[-1].append(Reporter(moments, report))
-    waveforms = [Waveform(*window) if window else None for _ in indices]
+    waveforms = [WaveformObserver(*window) if window else None for _ in indices]
     if stretch:
-        waveforms[0] = first = Waveform(stretch.start, stretch.stop, stretch.most)
+        waveforms[0] = first = WaveformObserver(stretch.start, stretch.stop, stretch.most)
         if outputs:
             outputs[0] = _WatchedOutput(outputs[0], first)
     sampled = (scene.run.settle, knot_spacing(prepared_scene))

@@ -18,7 +18,7 @@ from harvester.prepared.steps import stop_time
 from harvester.scene.model import Scene
 from harvester.simulation import side_by_side
 from harvester.simulation.methods import Circuit, Engine, MonteCarlo
-from harvester.simulation.realization import Realization, Stretch, run
+from harvester.simulation.realization import Realization, WaveformWindow, run
 from harvester.workers.pools import Workers, processes
 
 if TYPE_CHECKING:
@@ -70,7 +70,7 @@ def calls_of(
     scene: Scene,
     engine: Engine,
     copies: int,
-    stretch: Stretch | None,
+    stretch: WaveformWindow | None,
     joint_density: bool,
     stroboscope: bool = False,
 ) -> list[dict[str, Any]]:
@@ -90,7 +90,9 @@ def calls_of(
     ]
 
 
-def stretch_of(scene: Scene, window: Sequence[float] | str | None, nodes: Sequence[str]) -> Stretch:
+def stretch_of(
+    scene: Scene, window: Sequence[float] | str | None, nodes: Sequence[str]
+) -> WaveformWindow:
     """The part of the first realization that is kept as the result's waveform.
 
     Raises
@@ -115,13 +117,13 @@ def stretch_of(scene: Scene, window: Sequence[float] | str | None, nodes: Sequen
             raise HarvesterError(f"window = {shown(window)}: must be two times in s") from None
         if not 0.0 <= start < stop:
             raise HarvesterError(f"--window {start:g}:{stop:g}: must be 0 ≤ START < END, in s")
-        return Stretch(start, stop, probes=probes)
+        return WaveformWindow(start, stop, probes=probes)
     prepared_scene = prepared(scene)
     start, stop = scene.run.settle, stop_time(prepared_scene)
     rate = timescales.angular_frequency(prepared_scene.system)
     if rate > 0.0:
         stop = min(stop, start + SHOWN_PERIODS * 2.0 * math.pi / rate)
-    return Stretch(start, stop, MOST_POINTS, probes)
+    return WaveformWindow(start, stop, MOST_POINTS, probes)
 
 
 def outcomes(
