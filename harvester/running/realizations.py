@@ -101,8 +101,7 @@ def averages(
         quantities, shape = result.scaled_quantities, result.densities.get("displacement")
     else:
         # Tabulating the density takes as long as all means.
-        means = averages_of(scene, closure, tolerance)
-        quantities, shape = estimates_of(means), None
+        quantities, shape = estimates_of(averages_of(scene, closure, tolerance)), None
     seconds = time.process_time() - clock
     return {"quantities": quantities, "density": shape, "seconds": seconds}
 
@@ -237,14 +236,12 @@ def _together(scene, method):
 
 
 def _window(scene):
-    start = scene.run.settle
-    return start, start + min(periods_of(scene), scene.run.duration)
+    return scene.run.settle, scene.run.settle + min(periods_of(scene), scene.run.duration)
 
 
 def periods_of(scene: Scene) -> float:
     """Time of `PERIODS` periods of the small oscillations, in the scene's units."""
-    parameters = prepared(scene).system
-    return PERIODS * 2.0 * math.pi / timescales.angular_frequency(parameters)
+    return PERIODS * 2.0 * math.pi / timescales.angular_frequency(prepared(scene).system)
 
 
 def _even(waveform):
@@ -258,30 +255,32 @@ def _fits(moments, template, rows, density):
     `rows` are the measures of a load with an output, None of one without.
     """
     same = ("start", "batch_length", "free", "saddles", "sample_interval")
-    shaped = ("integrals", "products", "bin_widths", "first", "last")
+    shaped = ["integrals", "products", "bin_widths", "first", "last"] + ["histograms"] * density
     if not all(np.array_equal(getattr(moments, name), getattr(template, name)) for name in same):
         return False
-    for name in (*shaped, "histograms") if density else shaped:
-        array = getattr(moments, name)
-        if np.shape(array) != np.shape(getattr(template, name)) or not np.isfinite(array).all():
-            return False
+    if not (_same_shapes(moments, template, shaped) and _finite(moments, shaped)):
+        return False
     if not _jumps_fit(moments.jumps, template.jumps):
         return False
     output, integrals = moments.output, moments.integrals
     if (rows is None) != (output is None):
         return False
     if output is not None:
-        expected = OutputMoments.beside(moments, rows)
-        if output.rows != expected.rows:
+        expected, sums = OutputMoments.beside(moments, rows), ("integrals", "measured", "stored")
+        if output.rows != expected.rows or not _finite(output, sums):
             return False
-        for name in ("integrals", "measured", "stored", "first", "latest", "passages"):
-            if np.shape(getattr(output, name)) != np.shape(getattr(expected, name)):
-                return False
-        sums = output.integrals, output.measured, output.stored
-        if not all(np.isfinite(array).all() for array in sums):
+        if not _same_shapes(output, expected, (*sums, "first", "latest", "passages")):
             return False
     squares = QUANTITIES.index("square_velocity") + 1
     return bool((integrals[:, :squares] >= 0.0).all() and integrals[:, 0].sum() > 0.0)
+
+
+def _same_shapes(stored, template, names):
+    return all(np.shape(getattr(stored, n)) == np.shape(getattr(template, n)) for n in names)
+
+
+def _finite(stored, names):
+    return all(np.isfinite(getattr(stored, name)).all() for name in names)
 
 
 def _jumps_fit(jumps, template):

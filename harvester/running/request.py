@@ -168,8 +168,7 @@ class Answer:
 
     def in_units(self) -> dict[str, Estimate]:
         """The quantities in the scene's units."""
-        scales = prepared(self.scene).scales
-        return in_units(self.quantities, scales)
+        return in_units(self.quantities, prepared(self.scene).scales)
 
     def to_dict(self) -> dict:
         """Plain values for JSON."""
@@ -216,13 +215,25 @@ def answering(
         Of the Answer; the HarvesterError that its first task ended with; None where the time was
         spent before that.
     """
+    density = density or request.density
     if request.is_averaged:
-        return (yield from _averaged(request, density or request.density))
+        return (yield from _averaged(request, density))
     try:
         request.method.check(request.scene)
     except HarvesterError as error:
         return error
-    return (yield from _simulated(request, version, density or request.density))
+    cut = Realizations.of(request.cut_from, request.method, version, density)
+    most = cut.whole(request.most) if request.precision else request.first
+    first = min(cut.whole(request.first), most)
+    cost = step_error(prepared(request.scene), request.method.step, request.method.name)
+    aim = aim_beside_steps(request.precision, cost) if request.precision else None
+
+    def judge(good, ended):
+        if not good:
+            return None if ended == OUT_OF_TIME else ended, 0.0
+        return _answer(request, good, ended, cost)
+
+    return (yield from in_rounds(cut, first, most, aim, judge))
 
 
 def aim_beside_steps(precision: float, step_error: float) -> float:
@@ -276,16 +287,12 @@ def in_rounds(
         content, reached = judge(good, ended)
         if ended or count >= most or precision is None or reached <= precision:
             return content
-        had, count = count, _next_count(count, reached, precision, cut, most)
+        had = count
+        # The ratio is limited before it is squared, since the square may overflow.
+        needed = had * min(MARGIN * min(reached / precision, GROWTH) ** 2, GROWTH)
+        count = min(max(cut.whole(math.ceil(needed)), had + cut.size), most)
         needed = min(had * min(reached / precision, most) ** 2, most)
         ahead = max(needed - count, 0.0) / cut.size
-
-
-def _next_count(had, reached, precision, cut, most):
-    """Realizations of the next round, from the error that so many have reached."""
-    # The ratio is limited before it is squared, since the square may overflow.
-    needed = had * min(MARGIN * min(reached / precision, GROWTH) ** 2, GROWTH)
-    return min(max(cut.whole(math.ceil(needed)), had + cut.size), most)
 
 
 def relative_error(estimate: Estimate | None) -> float:
@@ -347,45 +354,31 @@ def _averaged(request, density):
     )
 
 
-def _simulated(request, version, density):
-    """The realizations that the request needs, by an engine."""
-    cut = Realizations.of(request.cut_from, request.method, version, density)
-    most = cut.whole(request.most) if request.precision else request.first
-    first = min(cut.whole(request.first), most)
-    cost = step_error(prepared(request.scene), request.method.step, request.method.name)
-    aim = aim_beside_steps(request.precision, cost) if request.precision else None
+def _answer(request, good, ended, cost):
+    """The answer from some tasks' answers, and the relative error that decides.
 
-    def judge(good, ended):
-        if not good:
-            return None if ended == OUT_OF_TIME else ended, 0.0
-        return _answer(request, good, ended)
-
-    return (yield from in_rounds(cut, first, most, aim, judge))
-
-
-def _answer(request, good, ended):
-    """The answer from some tasks' answers, and the relative error that decides."""
-    cost = step_error(prepared(request.scene), request.method.step, request.method.name)
+    `cost` is the share of a power that the steps may cost.
+    """
     scene, moments, orbits, on_orbits = followed(request.scene, good, cost)
-    prepared_scene = prepared(scene)
-    parameters = prepared_scene.system
-    estimates = run_estimates(prepared_scene, moments, cost)
+    system = prepared(scene).system
+    estimates = run_estimates(prepared(scene), moments, cost)
     if not abs(estimates.residual) <= LARGEST_RESIDUAL:
         return not_balanced(estimates.residual), 0.0
-    reached, unseen = _reached(request, scene, parameters, estimates.whole)
+    reached, unseen = _reached(request, scene, system, estimates.whole)
     shape = None
     if request.density:
-        even = is_symmetric(scene, parameters)
+        even = is_symmetric(scene, system)
         shape = densities(estimates.moments, even, estimates.balance).get("displacement")
     if estimates.shortfalls and shape:
         shape = replace(shape, standard_error=None)
     notes = [*notes_on_excitation(scene), *on_orbits, *estimates.notes]
     notes += residual_notes(estimates.residual)
-    if request.precision and note_on_steps(request.precision, cost):
-        notes.append(note_on_steps(request.precision, cost))
-    if request.precision and reached > aim_beside_steps(request.precision, cost):
+    precision = request.precision
+    if precision and note_on_steps(precision, cost):
+        notes.append(note_on_steps(precision, cost))
+    if precision and reached > aim_beside_steps(precision, cost):
         error = f"{reached:.1%}" if math.isfinite(reached) else "unknown"
-        notes.append(f"relative standard error {error}, not the {request.precision:.1%} asked for")
+        notes.append(f"relative standard error {error}, not the {precision:.1%} asked for")
     if isinstance(ended, HarvesterError):
         ended = told(ended)
     answer = Answer(
@@ -397,7 +390,7 @@ def _answer(request, good, ended):
         realizations=len(moments),
         simulated_time=sum(realization.time_reached for realization in moments),
         energy_balance_residual=estimates.residual,
-        misses_jumps=bool(request.precision and unseen > request.precision),
+        misses_jumps=bool(precision and unseen > precision),
         notes=tuple(notes),
         on_orbits=on_orbits,
         orbits=orbits,
@@ -407,7 +400,7 @@ def _answer(request, good, ended):
     return answer, reached
 
 
-def _reached(request, scene, parameters, scaled):
+def _reached(request, scene, system, scaled):
     """The largest relative error of the quantities that decide, and the share of an unseen jump.
 
     The latter is by which share of itself a single further jump between the wells would raise
@@ -415,14 +408,13 @@ def _reached(request, scene, parameters, scaled):
     """
     unknown = [name for name in request.quantities if name not in scaled]
     if len(unknown) == len(request.quantities):
-        names = ", ".join(scaled)
         raise HarvesterError(
-            f"unknown quantity {unknown[0]}{nearest(unknown[0], scaled)}; there are {names}"
+            f"unknown quantity {unknown[0]}{nearest(unknown[0], scaled)}; there are "
+            f"{', '.join(scaled)}"
         )
     reached = max(relative_error(scaled.get(n)) for n in request.quantities if n not in unknown)
     square = scaled["mean_square_voltage"].estimate
-    measured = scene.run.duration * scene.run.realizations
-    unseen = unseen_jump(parameters, square, measured)
+    unseen = unseen_jump(system, square, scene.run.duration * scene.run.realizations)
     # The effect of one jump falls as 1/time, an error as 1/√time.
     if request.precision and unseen > request.precision:
         reached = max(reached, math.sqrt(unseen * request.precision))

@@ -62,12 +62,10 @@ class Runner:
 
     @property
     def computed(self) -> int:
-        """Tasks that were computed."""
         return len(self._computed)
 
     @property
     def reused(self) -> int:
-        """Tasks whose answers were there before."""
         return len(self._reused)
 
     @property

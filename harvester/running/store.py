@@ -5,7 +5,7 @@ import stat
 from pathlib import Path
 
 from harvester.files.writing import whole_file
-from harvester.running.codec import NotAnAnswer, is_final, packed, read
+from harvester.running.codec import NotAnAnswer, is_lasting, packed, read
 from harvester.running.task import Task
 
 # Stands for a missing answer, since None may be an answer.
@@ -57,7 +57,8 @@ class AnswerStore:
 
     def put(self, task: Task, answer: object) -> None:
         """Keep an answer; on return it is on disk, if a repeated run would give the same."""
-        final = is_final(answer)
+        is_error = isinstance(answer, BaseException)
+        final = not is_error or is_lasting(type(answer).__name__, str(answer))
         self.passing += not final
         if not (self.on_disk and final and self._is_free(task)):
             self._held[task.key] = answer
