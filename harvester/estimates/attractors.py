@@ -57,13 +57,10 @@ class Group:
 
     Attributes
     ----------
-    period : int or None
-        Period of the motion in forcing periods; None if it does not repeat itself.
-    members : ndarray of int
-        Numbers of the starts, ascending.
-    points : ndarray, shape (period or samples, 3)
-        Its stroboscopic section: X, X' and the transducer's state, scaled; of a motion without a
-        period the samples of all members, at most some thousand.
+    period : in forcing periods; None of a motion that does not repeat itself.
+    members : numbers of the starts, ascending.
+    points : its stroboscopic section, X, X' and the transducer's state, scaled; shape (period or
+        samples, 3); of a motion without a period the samples of all members, at most some thousand.
     """
 
     period: int | None
@@ -78,15 +75,8 @@ MOST_POINTS = 5000
 def repetition(samples: np.ndarray, scale: np.ndarray | None = None) -> np.ndarray:
     """The period of each start's last samples, in forcing periods; 0 where they do not repeat.
 
-    Parameters
-    ----------
-    samples : ndarray, shape (starts, samples, 3)
-    scale : ndarray, shape (3,), or None
-        Sizes of the three, against which differences count; None: the greatest of all samples.
-
-    Returns
-    -------
-    ndarray of int, shape (starts,)
+    `samples` has the shape (starts, samples, 3); `scale` holds the sizes of the three against
+    which differences count, by default the greatest of all samples.
     """
     scale = sizes_of(samples) if scale is None else scale
     periods = np.zeros(len(samples), dtype=int)
@@ -123,9 +113,8 @@ def transients(samples: np.ndarray, memory: float) -> tuple[np.ndarray, np.ndarr
     Returns
     -------
     (ndarray of int, ndarray, ndarray), shapes (starts,)
-        The periods as `repetition` has them; the change over the last stretch, and what remains,
-        as shares of the start's greatest samples: infinite where nothing repeats or the changes do
-        not decay.
+        Periods as in `repetition`; the change over the last stretch, and what remains, as shares
+        of the start's greatest samples: infinite where nothing repeats or changes do not decay.
     """
     inside = np.isfinite(samples).all(axis=(1, 2))
     samples = np.where(inside[:, None, None], samples, 0.0)
@@ -154,6 +143,9 @@ def stretch_of(period: int, count: int) -> int:
 def means_of(samples: np.ndarray, seconds: float, steps: float, memory: float) -> np.ndarray:
     """`QUANTITIES` of one motion, and their errors; shape (2, 3), in the units of the samples.
 
+    Of a periodic motion the means are over its last whole cycles, and the errors hold what remains
+    of the transient. Else both are those of all samples; NaN where these are too few for an error.
+
     Parameters
     ----------
     samples : ndarray, shape (starts, samples, columns)
@@ -164,11 +156,6 @@ def means_of(samples: np.ndarray, seconds: float, steps: float, memory: float) -
         Share of a mean that the steps may cost.
     memory : float
         As in `transients`.
-
-    Notes
-    -----
-    Of a periodic motion the means are over its last whole cycles, and the errors hold what remains
-    of the transient. Else both are those of all samples; NaN where these are too few for an error.
     """
     rates = np.diff(samples[:, :, STATE:], axis=1) / seconds
     (period, *_), (change, *_), (remains, *_) = transients(samples[:, :, :STATE], memory)
@@ -190,15 +177,9 @@ def means_of(samples: np.ndarray, seconds: float, steps: float, memory: float) -
 def repeats_in_noise(path: np.ndarray, period: float) -> bool:
     """Whether a measured path repeats itself after some periods of the forcing.
 
-    The samples of one path with a sensor's noise in it never agree as those that `repetition` asks
-    for: here the whole path and the path some periods later are correlated.
-
-    Parameters
-    ----------
-    path : ndarray, shape (n,)
-        Evenly spaced; its first third, in which a start is forgotten, does not count.
-    period : float
-        Period of the forcing, in samples.
+    The samples of one path with a sensor's noise never agree as `repetition` requires: here the
+    path and the same path some periods later are correlated. `path` is evenly spaced; its first
+    third, in which a start is forgotten, does not count. `period` is in samples.
     """
     late = path[path.size // 3 :] - np.mean(path[path.size // 3 :])
     places = np.arange(late.size)
@@ -228,10 +209,7 @@ def sizes_of(samples: np.ndarray) -> np.ndarray:
 def groups_of(samples: np.ndarray) -> list[Group]:
     """Starts grouped by the steady motion that they reached, the largest group first.
 
-    Parameters
-    ----------
-    samples : ndarray, shape (starts, samples, 3)
-        Stroboscopic samples after the starts are forgotten.
+    `samples` are stroboscopic, taken after the starts are forgotten; shape (starts, samples, 3).
     """
     scale = sizes_of(samples)
     periods = repetition(samples, scale)
@@ -248,10 +226,7 @@ def groups_of(samples: np.ndarray) -> list[Group]:
 def groups_that_meet(samples: np.ndarray) -> list[Group]:
     """Starts grouped by the path that they reached under one record.
 
-    Parameters
-    ----------
-    samples : ndarray, shape (starts, samples, 3)
-        Samples of all starts at the same times, the last ones of their runs.
+    `samples` of all starts are from the same times at the end; shape (starts, samples, 3).
     """
     scale, left, groups = sizes_of(samples), np.arange(len(samples)), []
     while left.size:
@@ -361,13 +336,7 @@ def _wandering(samples, members, places):
 
 @dataclass(frozen=True)
 class Divergence:
-    """The largest Lyapunov exponent, from how fast neighbours part.
-
-    Attributes
-    ----------
-    exponent, standard_error : float
-        1/s.
-    """
+    """The largest Lyapunov exponent (1/s) and its error, from how fast neighbours part."""
 
     exponent: float
     standard_error: float
@@ -392,14 +361,8 @@ TURNED_PERIODS = 8
 def divergence(pairs: np.ndarray, scale: np.ndarray, period: float) -> Divergence | None:
     """The exponent from pairs of neighbouring starts; None where none could be followed.
 
-    Parameters
-    ----------
-    pairs : ndarray, shape (pairs, 2, samples, 3)
-        Samples of both of each pair, one every forcing period.
-    scale : ndarray, shape (3,)
-        Sizes of the three.
-    period : float
-        s.
+    `pairs` holds samples of both of each pair, one every forcing period (s); shape
+    (pairs, 2, samples, 3). `scale` has the sizes of the three columns.
     """
     apart = np.sqrt((((pairs[:, 1] - pairs[:, 0]) / scale) ** 2).sum(axis=2))
     growth, lasting = [], []

@@ -24,14 +24,16 @@ def densities(
 ) -> dict[str, Density]:
     """Densities of displacement, velocity and voltage, {name: Density}, scaled units.
 
-    `balance` is that of the wells by whose weights the moments are weighted. There are no error
-    bars where it gives none.
-
-    `drawn` says that only the starts are by chance: error bars are then those among realizations.
-
-    `symmetric` says that −η is as likely as η. Eq. 4 is then the same for (−X, −V, −η), so each
-    value counts half for its mirror image: a run that spent its time in one well would else give
-    one well's density, with an error bar that knows nothing of the other.
+    Parameters
+    ----------
+    symmetric : bool
+        Whether −η is as likely as η. Eq. 4 is then the same for (−X, −V, −η), so each value counts
+        half for its mirror image: a run that spent its time in one well would else give one well's
+        density, with an error bar that knows nothing of the other.
+    balance : WellBalance or None
+        Balance by whose weights the moments are weighted; there are no error bars if it has none.
+    drawn : bool
+        Whether only the starts are by chance: error bars are then those among realizations.
     """
     result = {}
     for k, name in enumerate(HISTOGRAMS):

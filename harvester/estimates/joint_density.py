@@ -21,11 +21,9 @@ class JointDensity:
 
     Attributes
     ----------
-    displacement, velocity : ndarray, shapes (n,) and (m,)
-        Centres of the bins, or nodes.
-    density : ndarray, shape (n, m)
-    standard_error : ndarray, shape (n, m), or None
-        Among realizations; None where there are too few or none.
+    displacement, velocity : centres of the bins, or nodes; shapes (n,) and (m,).
+    density : shape (n, m).
+    standard_error : among realizations, shape (n, m); None where there are too few or none.
     """
 
     displacement: np.ndarray
@@ -57,15 +55,10 @@ class JointDensity:
 def joint_density(
     histograms: Sequence[JointHistogram], symmetric: bool = True
 ) -> JointDensity | None:
-    """The density that all realizations have sampled; None where there is no sample.
+    """The density that all realizations have sampled; None without a sample.
 
-    Parameters
-    ----------
-    histograms : sequence of JointHistogram
-        One of each realization.
-    symmetric : bool
-        As in `harvester.estimates.densities.densities`: each sample counts half for its mirror
-        image −(X, X').
+    `symmetric` is as in `harvester.estimates.densities.densities`: each sample counts half for its
+    mirror image −(X, X').
     """
     widths = np.max([histogram.bin_widths for histogram in histograms], axis=0)
     factors = np.array(

@@ -43,20 +43,10 @@ MEANS = {
 def estimate_all(
     moments: list[Moments], parameters: System, error_of: Callable = standard_error
 ) -> dict[str, Estimate]:
-    """Every quantity of a set of realizations.
+    """Every quantity of a set of realizations, scaled; incomplete batches are left out.
 
-    Parameters
-    ----------
-    moments : sequence of harvester.record.moments.Moments
-        One per realization; batches that were not completed are left out.
-    parameters : harvester.device.system.System
-    error_of : callable
-        `standard_error`, or `standard_error_of_drift`.
-
-    Returns
-    -------
-    dict of str to Estimate
-        Scaled units.
+    `error_of` is `standard_error`, or another error of a mean from batches: see
+    `harvester.estimates.of_run.error_of`.
     """
     batches = complete_batches(moments)
     if batches is None:
@@ -88,9 +78,7 @@ def estimate_all(
 
 
 def _jump_rates(moments, batches, alike, error_of):
-    """Rates of jumps (1/s): jumps out of a well over the time for which it was the last one
-    reached.
-    """
+    """Rates of jumps (1/s): jumps out of a well over the time since it was reached."""
     jumps = [realization.jumps for realization in moments]
     if jumps[0] is None:
         return {}

@@ -38,22 +38,12 @@ INTEGRAL, CHANGE, RISES, FALLS, SQUARE = range(len(MEASURED))
 def estimate_measures(
     moments: Sequence[Moments], error_of: Callable = standard_error
 ) -> dict[str, Estimate]:
-    """Quantities of the measures of a load.
+    """Quantities of the measures of a load with an output, scaled.
 
-    Parameters
-    ----------
-    moments : sequence of harvester.record.moments.Moments
-        Moments of a load with an output.
-    error_of : callable
-        See `harvester.estimates.means.estimate_all`.
-
-    Returns
-    -------
-    dict of str to Estimate
-        Scaled units. Of a loss `NAME_loss` and `NAME_loss_share`, of an output `NAME_power` and
-        `NAME_power_share`, of a store `NAME_storage_power`; of a state `NAME_time_share`,
-        `NAME_first_time` (from the run's beginning), `NAME_starts_per_hour` and
-        `NAME_stops_per_hour`, and where it takes a power `NAME_energy`, each time that it holds.
+    Of a loss `NAME_loss` and `NAME_loss_share`, of an output `NAME_power` and `NAME_power_share`,
+    of a store `NAME_storage_power`; of a state `NAME_time_share`, `NAME_first_time` (from the
+    run's beginning), `NAME_starts_per_hour` and `NAME_stops_per_hour`, and where it takes a power
+    `NAME_energy`, each time that it holds.
     """
     batches, output = complete_batches(moments), moments[0].output
     if batches is None or output is None:
@@ -68,12 +58,7 @@ def estimate_measures(
 
 
 def measured_series(moments: Sequence[Moments], row: int) -> np.ndarray:
-    """Sums of one measure over all complete batches.
-
-    Returns
-    -------
-    ndarray, shape (realizations, batches, len(MEASURED))
-    """
+    """Sums of one measure over complete batches, shape (realizations, batches, len(MEASURED))."""
     batches = complete_batches(moments)
     count = 0 if batches is None else batches.shape[1]
     outputs = [realization.output for realization in moments if realization.output is not None]

@@ -69,22 +69,14 @@ class RunEstimates:
 
     Attributes
     ----------
-    whole : dict of str to Estimate
-        All estimates, each with its error bar.
-    shortfalls : list of Shortfall
-        The relaxations for which the run was too short.
-    step_error : float
-        Share of a power that the steps may cost.
-    residual : float
-        Residual of the energy balance, as a share of the energy put in.
-    notes : tuple of str
-        Notes on sources in the load, efficiencies above 1 and the shortfalls.
-    moments : list of Moments
-        Moments, weighted by `harvester.estimates.well_balance` where wells differ.
-    error : callable
-        The error of a mean from batches of these.
-    balance : WellBalance or None
-        Balance of the jumps between wells, where these differ.
+    whole : all estimates, each with its error bar.
+    shortfalls : the relaxations for which the run was too short.
+    step_error : share of a power that the steps may cost.
+    residual : of the energy balance, as a share of the energy put in.
+    notes : on sources in the load, efficiencies above 1 and the shortfalls.
+    moments : weighted by `harvester.estimates.well_balance` where wells differ.
+    error : the error of a mean from batches of these.
+    balance : of the jumps between wells, where these differ; else None.
     """
 
     whole: dict[str, Estimate]
@@ -107,13 +99,8 @@ def run_estimates(
 ) -> RunEstimates:
     """Estimates from the moments of a scene's realizations.
 
-    Parameters
-    ----------
-    ready : Prepared
-    moments : sequence of Moments
-    step_error : float
-        Share that the steps may cost, see `harvester.prepared.steps.step_error`: where nothing is
-        by chance it is part of the error.
+    `step_error` is the share that the steps may cost, see `harvester.prepared.steps.step_error`:
+    where nothing is by chance it is part of the error.
 
     Raises
     ------
@@ -201,17 +188,7 @@ def correlation_time(ready: Prepared, moments: Sequence[Moments]) -> float:
     A mean square of Gaussian motion with the density S(f) has the variance ∫S² df/T of its mean,
     relative to (∫S df)²: that of an exponential autocorrelation with the time
     ∫S² df/(2 (∫S df)²). S is the excitation's density through a resonance with the rate at which
-    the run lost its energy.
-
-    Parameters
-    ----------
-    ready : Prepared
-    moments : sequence of Moments
-
-    Returns
-    -------
-    float
-        0 where the rate is not positive.
+    the run lost its energy; 0 where that rate is not positive.
     """
     sums = sum(realization.integrals.sum(axis=0) for realization in moments)
     lost = sum(sums[QUANTITIES.index(name)] for name in LOSSES)
@@ -236,14 +213,9 @@ def correlation_time(ready: Prepared, moments: Sequence[Moments]) -> float:
 
 
 def error_of(scene: Scene, memory: float = 0.0) -> Callable:
-    """The function that gives a mean's standard error from batches, chosen by excitation and
-    starts.
+    """The function that gives a mean's error from batches, chosen by excitation and starts.
 
-    Parameters
-    ----------
-    scene : Scene
-    memory : float
-        Least correlation time in batches, see `correlation_time`.
+    `memory` is the least correlation time in batches, see `correlation_time`.
     """
     excitation = scene.excitation
     drawn = excitation.random or scene.run.starts is not None

@@ -48,22 +48,13 @@ RATIOS = {
 def estimate_output(
     moments: Sequence[Any], error_of: Callable = standard_error
 ) -> dict[str, Estimate]:
-    """Quantities of the output side of a set of realizations.
+    """Quantities of the load's output side, scaled; empty without an output.
 
-    Parameters
-    ----------
-    moments : sequence of harvester.record.moments.Moments
-    error_of : callable
-        See `harvester.estimates.means.estimate_all`.
-
-    Returns
-    -------
-    dict of str to Estimate
-        Scaled units; empty where the load has no output; with those of `estimate_measures`.
-        What is harvested is what goes into the output's resistors, what the load's file measures
-        as an output, and what its capacitors, coils and batteries store, less what its sources
-        deliver, `supplied_by_NAME` each: `converter_efficiency` is its share of the power leaving
-        the piezo, `end_to_end_efficiency` that of the mechanical input.
+    What is harvested is what goes into the output's resistors, what the load's file measures as an
+    output, and what its capacitors, coils and batteries store, less what its sources deliver,
+    `supplied_by_NAME` each: `converter_efficiency` is its share of the power leaving the piezo,
+    `end_to_end_efficiency` that of the mechanical input. The quantities of `estimate_measures` are
+    included.
     """
     batches = complete_batches(moments)
     if batches is None or not all(m.has_output for m in moments):
@@ -101,19 +92,7 @@ def estimate_output(
 
 
 def output_ratio(moments: Sequence[Any], name: str) -> tuple[np.ndarray, np.ndarray]:
-    """Batches of the two sums that a quantity of `RATIOS` is the ratio of.
-
-    Parameters
-    ----------
-    moments : sequence of harvester.record.moments.Moments
-        Moments of a load with an output.
-    name : str
-
-    Returns
-    -------
-    ndarray, ndarray
-        Numerator and denominator, each of shape (realizations, batches).
-    """
+    """Numerator and denominator of a quantity of `RATIOS`, of shape (realizations, batches)."""
     batches = complete_batches(moments)
     if batches is None:
         raise ValueError("moments without a whole batch have no ratio")

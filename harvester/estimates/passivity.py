@@ -32,19 +32,7 @@ def efficiency_notes(
 
     What goes into the output's resistors and storage comes through the piezo's terminals, unless
     the load has a source, a negative resistance, or energy that it held at the start.
-
-    Parameters
-    ----------
-    estimates : dict of str to Estimate
-        Scaled units, of `estimate_all` and, where the load has an output, `estimate_output`.
-    power_scale : float
-        Value of a scaled power of 1 in `unit`.
-    unit : str
-
-    Returns
-    -------
-    tuple of str
-        Empty for a load that takes more than it gives and efficiencies that are shares.
+    `power_scale` is the value of a scaled power of 1 in `unit`.
     """
     outside = [
         name.replace("_", " ")
@@ -97,13 +85,7 @@ def efficiency_notes(
 
 
 def faint_output_notes(estimates: dict[str, Estimate]) -> tuple[str, ...]:
-    """A note on an output so small that steps may cost it more than `step_error` says.
-
-    Parameters
-    ----------
-    estimates : dict of str to Estimate
-        Estimates as for `efficiency_notes`.
-    """
+    """A note on an output so small that steps may cost it more than `step_error` says."""
     if "mean_output_power" not in estimates:
         return ()
     output_power, input_power = (
@@ -118,12 +100,7 @@ def faint_output_notes(estimates: dict[str, Estimate]) -> tuple[str, ...]:
 
 
 def supply_notes(estimates: dict[str, Estimate], power_scale: float, unit: str) -> tuple[str, ...]:
-    """A note on what sources of a load deliver to it.
-
-    Parameters
-    ----------
-    estimates, power_scale, unit : as for `efficiency_notes`.
-    """
+    """A note on what sources of a load deliver to it; see `efficiency_notes`."""
     supplied = [
         f"supplied by {name.removeprefix(SUPPLIED)}: {estimate.estimate * power_scale:.3g} {unit}"
         for name, estimate in estimates.items()
@@ -136,13 +113,7 @@ def supply_notes(estimates: dict[str, Estimate], power_scale: float, unit: str) 
 
 
 def source_notes(load: Any) -> tuple[str, ...]:
-    """A note on parts of a load that may deliver energy, which cannot be separated from the
-    piezo's.
-
-    Parameters
-    ----------
-    load : circuits.loads.subcircuits.LoadCircuit or None
-    """
+    """A note on parts of a load whose energy, if they deliver any, counts as the piezo's."""
     if load is None:
         return ()
     sources = unbooked(load) if load.has_output else load.sources

@@ -63,12 +63,9 @@ class Shortfall:
 
     Attributes
     ----------
-    reason : str
-        The reason in a few words, shown beside each estimate.
-    advice : str
-        The consequence, and the setting to change.
-    names : tuple of str or None
-        Estimates that lose their error bar; None: all.
+    reason : in a few words, shown beside each estimate.
+    advice : the consequence, and the setting to change.
+    names : estimates that lose their error bar; None: all.
     """
 
     reason: str
@@ -88,22 +85,10 @@ def shortfalls(
     balance: WellBalance | None = None,
     stores: Sequence[StoreState] = (),
 ) -> list[Shortfall]:
-    """All reasons for which a run was too short; empty if there are none.
+    """All reasons for which a run was too short; none for one pass of a record.
 
-    Parameters
-    ----------
-    ready : Prepared
-    moments : sequence of harvester.record.moments.Moments
-    estimates : dict of str to Estimate
-    balance : WellBalance or None
-        Balance of the jumps between wells, where they differ.
-    stores : sequence of StoreState
-        The load's stores at the end of the run.
-
-    Returns
-    -------
-    list of Shortfall
-        Empty for one pass of a record: its means are those of that event.
+    The means of one pass are those of that event. `balance` is that of the jumps between wells
+    where these differ; `stores` are the load's at the end of the run.
     """
     scene, p = ready.scene, ready.system
     if scene.excitation.drifts or "mean_square_voltage" not in estimates:
@@ -265,8 +250,7 @@ def _linear(p, square):
 
 
 def _left_in_squares(p, matrix, run):
-    """Share by which the mean squares over the measured time differ from their stationary
-    values."""
+    """Relative distance of the mean squares over the measured time from their stationary values."""
     from scipy.linalg import expm, solve_continuous_lyapunov
 
     noise = np.zeros_like(matrix)
@@ -348,8 +332,7 @@ def _jumps(scene, p, moments, estimates):
 
 
 def _residence(moments, estimates, balance):
-    """The shortfall of a run with few jumps between wells, for quantities that depend on the
-    well."""
+    """The shortfall of a run with few jumps between wells, in what depends on the well."""
     shares = [name for name in estimates if name.startswith("share_of_time_in_well_")]
     if not shares:
         return None
@@ -383,14 +366,7 @@ def _unknown(name, estimate):
 
 
 def slow_exchange(scene: Scene, balance: WellBalance | None) -> tuple[str, ...]:
-    """A note where settling and run are short against the time in which wells exchange.
-
-    Parameters
-    ----------
-    scene : Scene
-    balance : WellBalance or None
-        See `harvester.estimates.well_balance`.
-    """
+    """A note where settling and run are short against the time in which wells exchange."""
     if balance is None or balance.shares is None:
         return ()
     run = scene.run

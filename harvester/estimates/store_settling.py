@@ -40,14 +40,9 @@ class StoreState:
     Attributes
     ----------
     name, where : as in `circuits.loads.stores.Store`.
-    missing : float
-        Distance from where it settles, as a share of what it holds.
-    error : float
-        Standard error of `missing`.
-    time : float
-        Relaxation time (s); nan where it could not be determined.
-    memory : float
-        Time over which what it holds is remembered under noise (s).
+    missing, error : distance from where it settles, as a share of what it holds; standard error.
+    time : relaxation time (s); nan where it could not be determined.
+    memory : time over which what it holds is remembered under noise (s).
     """
 
     name: str
@@ -59,13 +54,7 @@ class StoreState:
 
 
 def store_states(ready: Prepared, moments: Sequence[Moments]) -> list[StoreState]:
-    """The stores of a scene's load as a run left them; empty without any.
-
-    Parameters
-    ----------
-    ready : Prepared
-    moments : sequence of Moments
-    """
+    """The stores of a scene's load as a run left them; empty without any."""
     batches, load = complete_batches(moments), ready.scene.load.circuit
     output = moments[0].output
     if batches is None or load is None or output is None:

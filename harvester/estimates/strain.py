@@ -30,21 +30,11 @@ NO_CYCLE = "no cycle of strain was seen"
 def estimate_strain(
     moments: Sequence[Moments], excitation: Excitation, error_of: Callable = standard_error
 ) -> dict[str, Estimate]:
-    """Strain and stress of a set of realizations, and their life where there is a line of Basquin.
+    """Strain and stress (Pa) of a set of realizations; their life if there is a Basquin's line.
 
-    Parameters
-    ----------
-    moments : sequence of Moments
-    excitation : Excitation
-        The scene's, for whether realizations differ by chance, and have periods.
-    error_of : callable
-        See `harvester.estimates.means.estimate_all`.
-
-    Returns
-    -------
-    dict of str to Estimate
-        Strain, and stress in Pa; empty of a scene without a drawing. A peak is the mean over
-        realizations of the greatest magnitude in the measured time.
+    Empty of a scene without a drawing. A peak is the mean over realizations of the greatest
+    magnitude in the measured time. `excitation` says whether realizations differ by chance, and
+    have periods.
     """
     batches = complete_batches(moments)
     if batches is None or moments[0].strain is None:

@@ -40,26 +40,20 @@ class WellBalance:
 
     Attributes
     ----------
-    counts : ndarray, shape (wells, wells)
-        Jumps from one well (row) to another, of all realizations, those before `run.settle`
-        included.
-    times : ndarray, shape (wells,)
-        Time for which each well was the last one reached (s), by the same count.
-    shares : ndarray, shape (wells,), or None
-        Stationary shares of time by the rates; None where too few wells were reached or left.
-    exchange_time : float
-        The slowest time in which the wells forget which one was begun in (s).
-    weights : ndarray, shape (realizations, batches)
-        Weights with mean 1, with which the mean of `features` is `balanced`.
-    features : ndarray, shape (realizations, batches, wells + kinds of jumps)
-        Each batch's share of time in each well and its jumps per second, kind by kind.
-    balanced : ndarray, shape (wells + kinds of jumps,)
-        Stationary means of the features, from the jump rates.
-    innovations : ndarray, as `features`
-        How far `balanced` lies off by each batch's jumps, more or less than the rates expect, were
-        all batches like it.
-    changes : ndarray, shape (wells, wells, wells + kinds of jumps)
-        How far `balanced` changes by one jump more from the first well to the second.
+    counts : jumps from one well (row) to another, of all realizations, those before `run.settle`
+        included; shape (wells, wells).
+    times : time for which each well was the last one reached (s), by the same count.
+    shares : stationary shares of time by the rates; None where too few wells were reached or left.
+    exchange_time : the slowest time in which the wells forget which one was begun in (s).
+    weights : with mean 1, with which the mean of `features` is `balanced`; shape (realizations,
+        batches).
+    features : each batch's share of time in each well and its jumps per second, kind by kind;
+        shape (realizations, batches, wells + kinds of jumps).
+    balanced : stationary means of the features, from the jump rates.
+    innovations : how far `balanced` lies off by each batch's jumps, more or less than the rates
+        expect, were all batches like it; as `features`.
+    changes : how far `balanced` changes by one jump more from the first well to the second; shape
+        (wells, wells, wells + kinds of jumps).
     """
 
     counts: np.ndarray
@@ -75,14 +69,8 @@ class WellBalance:
     def error(self, series: np.ndarray) -> float | None:
         """Standard error of a mean from the deviations of its weighted batches.
 
-        Parameters
-        ----------
-        series : ndarray, shape (realizations, batches)
-
-        Returns
-        -------
-        float or None
-            None where fewer than `FEWEST_JUMPS` jumps, or too few batches, support it.
+        `series` has the shape (realizations, batches). None where fewer than `FEWEST_JUMPS` jumps,
+        or too few batches, support the error.
         """
         series = np.asarray(series, dtype=float)
         if self.shares is None:
@@ -101,10 +89,8 @@ class WellBalance:
     def parts(self, series: np.ndarray) -> np.ndarray:
         """Each batch's contribution to a mean's deviation: within the wells, and by its jumps.
 
-        Parameters
-        ----------
-        series : ndarray, shape (realizations, batches)
-            Deviations of the weighted batches from their mean.
+        `series` holds deviations of the weighted batches from their mean, shape (realizations,
+        batches).
         """
         off = self.weights[:, :, None] * (self.features - self.balanced)
         slopes = _slopes(off, series)
@@ -120,15 +106,8 @@ class WellBalance:
     def errors_of_groups(self, series: np.ndarray) -> np.ndarray | None:
         """Standard errors of many means from groups of batches that are independent.
 
-        Parameters
-        ----------
-        series : ndarray, shape (realizations × groups, means)
-            Deviations of the weighted groups of realizations from their means.
-
-        Returns
-        -------
-        ndarray, shape (means,), or None
-            None where fewer than `FEWEST_JUMPS` jumps support one of them.
+        `series` holds deviations of the weighted groups from their means, shape (realizations ×
+        groups, means). None where fewer than `FEWEST_JUMPS` jumps support one of the means.
         """
         if self.shares is None:
             return None
@@ -160,23 +139,13 @@ class WellBalance:
         return bool(np.all(samples >= FEWEST_JUMPS * spread))
 
     def without_wells(self, series: np.ndarray) -> np.ndarray:
-        """An unweighted series of batches with the wells' effect regressed out; its mean is
-        unchanged.
-        """
+        """Unweighted batches with the wells' effect regressed out; their mean is unchanged."""
         off = self.features - self.features.mean(axis=(0, 1))
         return series - off @ _slopes(off, series - series.mean())
 
 
 def well_balance(scene: Scene, system: System, moments: Sequence[Moments]) -> WellBalance | None:
-    """The balance of a run's jumps; None where wells do not differ or nothing is by chance.
-
-    Parameters
-    ----------
-    scene : Scene
-    system : System
-    moments : sequence of Moments
-        Moments of all realizations.
-    """
+    """The balance of a run's jumps; None where wells do not differ or nothing is by chance."""
     batches = complete_batches(moments)
     if batches is None or not _wells_differ(scene, system, batches):
         return None
@@ -209,14 +178,7 @@ def well_balance(scene: Scene, system: System, moments: Sequence[Moments]) -> We
 
 
 def weighted(moments: Sequence[Moments], balance: WellBalance | None) -> list[Moments]:
-    """Moments whose sums have the balance's weights; `jumps` and the last points stay.
-
-    Parameters
-    ----------
-    moments : sequence of Moments
-    balance : WellBalance or None
-        The balance of these moments; None: the moments are returned unchanged.
-    """
+    """Moments whose sums have the balance's weights; `jumps` and the last points stay."""
     if balance is None or balance.shares is None:
         return list(moments)
     return [
@@ -281,8 +243,7 @@ def _balanced(rates, shares, seen):
 
 
 def _changes(rates, shares):
-    """Derivatives of the stationary shares by each jump rate (from the first well to the
-    second)."""
+    """Derivatives of the stationary shares by each jump rate (row: from, column: to)."""
     change = rates - np.diag(rates.sum(axis=1))
     answer = np.linalg.inv(shares[None] - change)
     return shares[:, None, None] * (answer[None] - answer[:, None])

@@ -68,15 +68,6 @@ def run_realizations(
     """Integrate realizations side by side; see `circuits.ngspice.engine.run_realizations`.
 
     `scheme` is "runge-kutta" or "heun". `outputs` is not used: a resistor has no output side.
-
-    Returns
-    -------
-    dict
-        engine_version, netlist_sha256 (None).
-
-    Raises
-    ------
-    SolutionDiverged
     """
     s = ready.system
     fixed = steps_per_knot(ready, step, "monte-carlo")

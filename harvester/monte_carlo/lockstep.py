@@ -55,14 +55,12 @@ class Room(NamedTuple):
 
     Attributes
     ----------
-    states, apart : ndarray, shape (blocks of eight, ROWS · 8)
-        All realizations, and copies of those stepped apart.
-    which : ndarray of int64
-        The realization that stands in each place of `apart`.
-    points : ndarray of int64, shape (realizations,)
-        Points of each since it was last zero.
-    columns : ndarray, shape (realizations, fields of `Record`, points)
-        Array for the recorded points; of length 0 if none are kept.
+    states, apart : all realizations, and copies of those stepped apart; shape (blocks of eight,
+        ROWS · 8).
+    which : the realization that stands in each place of `apart`.
+    points : of each realization since it was last zero.
+    columns : the recorded points, shape (realizations, fields of `Record`, points); of length 0 if
+        none are kept.
     """
 
     states: np.ndarray
@@ -73,14 +71,9 @@ class Room(NamedTuple):
 
     @classmethod
     def of(cls, s: System, starts: Sequence[tuple[float, float, float]], points: int) -> Room:
-        """Realizations at their starts (X, X', transducer's state), with room for so many points.
+        """Realizations at their starts, with room for so many points each, at least 2 or none.
 
-        Parameters
-        ----------
-        s : harvester.device.system.System
-        starts : sequence of (float, float, float)
-        points : int
-            Number of points of each realization, at least 2, or 0 to keep none.
+        A start is (X, X', transducer's state).
         """
         blocks = math.ceil(len(starts) / TOGETHER)
         states = np.zeros((blocks, ROWS, TOGETHER))

@@ -19,14 +19,10 @@ class JointHistogram:
 
     Attributes
     ----------
-    start, interval : float
-        Begin of the measured time, and time between samples (s).
-    counts : ndarray of uint32, shape (BINS, BINS)
-        Counts by displacement (rows) and velocity (columns).
-    bin_widths : ndarray, shape (2,)
-        Powers of two, doubled whenever a value falls outside.
-    latest : ndarray, shape (3,)
-        Time, displacement and velocity of the latest point.
+    start, interval : begin of the measured time, and time between samples (s).
+    counts : by displacement (rows) and velocity (columns), shape (BINS, BINS).
+    bin_widths : powers of two, doubled whenever a value falls outside.
+    latest : time, displacement and velocity of the latest point.
     """
 
     start: float

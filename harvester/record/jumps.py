@@ -26,24 +26,17 @@ class Jumps:
 
     Attributes
     ----------
-    start, batch_length : float
-        As in `harvester.record.moments.Moments` (s).
-    saddles : ndarray, shape (wells − 1,)
-        Displacements of the saddles, ascending; wells are counted from the left.
-    limits : ndarray, shape (wells,)
-        Largest ½X'² + U(X) in each core, scaled.
-    ends : (float, float)
-        Displacements between which all cores lie.
-    energies : ndarray
-        U(X) at evenly spaced displacements from the first to the second.
-    times : ndarray, shape (batches + 1, wells)
-        Time for which each well was the last one reached (s); last, that before `start`.
-    counts : ndarray, shape (batches + 1, wells, wells)
-        Jumps from one well (row) to another (column); last, those before `start`.
-    well : int
-        The last one reached; −1 before the first.
-    time : float
-        Time of the latest point (s).
+    start, batch_length : as in `harvester.record.moments.Moments` (s).
+    saddles : their displacements, ascending; wells are counted from the left.
+    limits : largest ½X'² + U(X) in the core of each well, scaled.
+    ends : displacements between which all cores lie.
+    energies : U(X) at evenly spaced displacements from the first to the second.
+    times : time for which each well was the last one reached (s); last, that before `start`; shape
+        (batches + 1, wells).
+    counts : jumps from one well (row) to another (column); last, those before `start`; shape
+        (batches + 1, wells, wells).
+    well : the last one reached; −1 before the first.
+    time : of the latest point (s).
     """
 
     start: float
@@ -120,9 +113,8 @@ def add_jumps(
 ) -> int:
     """Add up times and jumps, see `Jumps`; returns the well that was reached last.
 
-    `last` is the time of the point before.
-
-    An interval belongs to the batch of its middle and to the well reached before it.
+    `last` is the time of the point before. An interval belongs to the batch of its middle and to
+    the well reached before it.
     """
     batches, batch, stop, since = len(times) - 1, -1, -np.inf, last
     left, right = neighbours(saddles, well)

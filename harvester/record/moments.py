@@ -56,35 +56,23 @@ class Moments:
 
     Attributes
     ----------
-    start, batch_length : float
-        Beginning of the first batch and length of each (s).
-    free : (float, float)
-        Displacements between which no contact acts, to count impacts.
-    saddles : ndarray of float
-        Displacements that part the wells, ascending, to count crossings.
-    integrals : ndarray, shape (batches, len(QUANTITIES) or more)
-    products : ndarray, shape (len(PRODUCTS),)
-    histograms : ndarray of uint32, shape (groups, 3, BINS)
-        Samples in each bin of displacement, velocity, voltage; bins symmetric about 0.
-    sample_interval : float
-        Time between the histograms' samples (s), which are taken at regular times: an engine's
-        own points crowd where contact begins.
-    bin_widths : ndarray, shape (3,)
-        Powers of two, doubled whenever a value falls outside.
-    first, last : ndarray, shape (9,)
-        The first measured and the latest point, in `Record`'s order.
-    points : int
-        Accepted points, those before `start` included.
-    output : OutputMoments or None
-        Moments of the load's output side and of what its stores hold, where it has them.
-    jumps : Jumps or None
-        Between wells, where there are several.
-    strain : StrainMoments or None
-        Strain of the layers, for a scene with a drawing; `StrainWatch` adds to it.
-    step : float or None
-        Longest step (s), where the run chose it; None: the engine's.
-    step_error : float
-        Relative change of the energies from a run with steps twice as long, where one was made.
+    start, batch_length : beginning of the first batch and length of each (s).
+    free : displacements between which no contact acts, to count impacts.
+    saddles : displacements that part the wells, ascending, to count crossings.
+    integrals : shape (batches, len(QUANTITIES) or more).
+    products : shape (len(PRODUCTS),).
+    histograms : samples in each bin of displacement, velocity, voltage; bins symmetric about 0;
+        shape (groups, 3, BINS).
+    sample_interval : time between the histograms' samples (s), which are taken at regular times:
+        an engine's own points crowd where contact begins.
+    bin_widths : powers of two, doubled whenever a value falls outside.
+    first, last : the first measured and the latest point, in `Record`'s order.
+    points : accepted points, those before `start` included.
+    output : moments of the load's output side and of what its stores hold, where it has them.
+    jumps : between wells, where there are several.
+    strain : of the layers, for a scene with a drawing; `StrainWatch` adds to it.
+    step : longest step (s), where the run chose it; None: the engine's.
+    step_error : relative change of the energies from a run with steps twice as long, if made.
     """
 
     start: float

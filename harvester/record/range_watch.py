@@ -19,14 +19,8 @@ if TYPE_CHECKING:
 class RangeWatch:
     """Looks at every accepted point of one realization.
 
-    Parameters
-    ----------
-    low, high : float
-        Ends of the range, scaled.
-    length : float
-        The length unit, in the scene's units.
-    unit : str
-        Name of the unit of length, for the message.
+    `low` and `high` are the ends of the range, scaled; `length` is the length unit in the scene's
+    units, and `unit` its name in the message.
     """
 
     def __init__(self, low: float, high: float, length: float, unit: str) -> None:
@@ -34,13 +28,7 @@ class RangeWatch:
         self._length, self._unit = length, unit
 
     def add(self, record: Record) -> None:
-        """Check the points of one chunk.
-
-        Raises
-        ------
-        SpringRangeLeft
-            The mass is outside at one of them.
-        """
+        """Check the points of one chunk; raises SpringRangeLeft if the mass is outside at one."""
         outside = (record.displacement < self._low) | (record.displacement > self._high)
         if outside.any():
             first = int(np.argmax(outside))

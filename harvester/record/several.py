@@ -43,16 +43,13 @@ BLOCK = RIGHT + TOGETHER
 
 
 class Tally(NamedTuple):
-    """Arrays that compiled code adds to; leading axes are realizations, else as in `Moments` and
-    `Jumps`.
+    """Arrays that compiled code adds to, as in `Moments` and `Jumps`, with a leading realization.
 
     Attributes
     ----------
-    rows : ndarray, shape (blocks of eight, BLOCK)
-    wells : ndarray of int64
-        Reached last; −1 before the first.
-    since : ndarray
-        Time (s) up to which the stay in that well has been added.
+    rows : shape (blocks of eight, BLOCK).
+    wells : reached last; −1 before the first.
+    since : time (s) up to which the stay in that well has been added.
     """
 
     start: float
@@ -80,14 +77,8 @@ class Tally(NamedTuple):
 class SeveralMoments:
     """Moments of several realizations of one scene, without an output side.
 
-    What is added to `tally` appears in each of them, with `collect`.
-
-    Parameters
-    ----------
-    moments : sequence of Moments
-        Empty, their samples at multiples of the knots' spacing.
-    spacing : float
-        Between knots (s).
+    What is added to `tally` appears in each of them, with `collect`. The moments are empty at
+    first, their samples at multiples of the knots' `spacing` (s).
     """
 
     def __init__(self, moments: Sequence[Moments], spacing: float) -> None:
@@ -124,8 +115,7 @@ class SeveralMoments:
         )
 
     def collect(self, points: np.ndarray) -> None:
-        """Copy the latest points into each realization's moments, and add to its number of
-        points."""
+        """Copy the latest points into each realization's moments; add to its number of points."""
         tally = self.tally
         latest = tally.rows[:, :TOTALS].reshape(-1, FIELDS, TOGETHER).transpose(0, 2, 1)
         self._last[:] = latest.reshape(-1, FIELDS)[: len(self._last)]

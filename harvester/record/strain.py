@@ -24,19 +24,14 @@ STRAIN, STRESS = 0, 1
 
 @dataclass
 class StrainMoments:
-    """Sums and peaks that are kept of one realization's strain and stress, in the batches of
-    `Moments`.
+    """Sums and peaks of one realization's strain and stress, in the batches of `Moments`.
 
     Attributes
     ----------
-    rows : ndarray, shape (2, 2)
-        Strain and stress (Pa) for each scaled displacement and voltage.
-    squares : ndarray, shape (batches, 3)
-        Time, and time integrals of the strain's and the stress's square.
-    peaks : ndarray, shape (batches, 2)
-        Greatest magnitude of strain and stress.
-    damage : ndarray, shape (batches,), or None
-        Share of the life that the cycles which end in each batch take; None without a line of
+    rows : strain and stress (Pa) for each scaled displacement and voltage.
+    squares : time, and time integrals of the strain's and the stress's square; shape (batches, 3).
+    peaks : greatest magnitude of strain and stress; shape (batches, 2).
+    damage : share of the life that the cycles which end in each batch take; None without a line of
         Basquin, and before the realization's end.
     """
 
@@ -60,17 +55,8 @@ class StrainMoments:
 class StrainWatch:
     """Adds one realization's record to its `StrainMoments`.
 
-    Parameters
-    ----------
-    moments : Moments
-        Moments whose `strain` is added to.
-    line : tuple of float or None
-        Strain, cycles and exponent of Basquin's line, where cycles are to be counted.
-
-    Raises
-    ------
-    MissingLibrary
-        rainflow, where there is a line.
+    `line` holds strain, cycles and exponent of Basquin's line where cycles are to be counted; this
+    needs rainflow, else MissingLibrary is raised.
     """
 
     def __init__(self, moments: Moments, line: tuple[float, float, float] | None) -> None:

@@ -24,22 +24,11 @@ STATE = 3
 
 
 class Stroboscope:
-    """Takes samples of one realization's record at `first`, `first + period`, ….
+    """Takes samples of one realization's record at `first`, `first + period`, … (s).
 
     Between the record's points a sample is linear; engines have points at the excitation's knots,
-    and a period is a whole number of these.
-
-    Parameters
-    ----------
-    first, period : float
-        s.
-    count : int
-        Samples wanted.
-
-    Attributes
-    ----------
-    samples : ndarray, shape (count, len(COLUMNS))
-        Scaled; NaN at times that the record has not reached yet.
+    and a period is a whole number of these. `samples` has the shape (count, len(COLUMNS)), scaled;
+    NaN at times that the record has not reached yet.
     """
 
     def __init__(self, first: float, period: float, count: int) -> None:

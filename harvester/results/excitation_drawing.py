@@ -47,13 +47,7 @@ def draw_spectrum(scene: Scene) -> Figure:
 
 
 def excitation_spectrum(scene: Scene) -> tuple[np.ndarray, np.ndarray]:
-    """One-sided spectral density of the first realization's path, in the scene's units.
-
-    Returns
-    -------
-    frequency, density : ndarray, shape (n,)
-        Hz, and the excitation's unit squared per Hz.
-    """
+    """One-sided spectral density of the first realization's path (Hz, the scene's unit² per Hz)."""
     from scipy import signal
 
     prepared_scene = prepared(scene)

@@ -116,22 +116,11 @@ def has_deviations(name: str) -> bool:
 
 
 def deviations(moments: Sequence[Moments], name: str) -> Any:
-    """Deviation of each batch from an estimate, to first order.
+    """Deviation of each batch from an estimate, to first order; shape (realizations, batches).
 
     Combinations of several results on common noise get their error from the same combination of
-    these: `standard_error` of it knows what the results have in common.
-
-    Parameters
-    ----------
-    moments : sequence of harvester.record.moments.Moments
-    name : str
-        Name of a quantity for which `has_deviations` is true: a mean over time, an efficiency, the
-        output's power.
-
-    Returns
-    -------
-    ndarray, shape (realizations, batches)
-        Mean 0, in the estimate's scaled units.
+    these: `standard_error` of it knows what the results have in common. The mean is 0, the unit the
+    estimate's scaled one; `name` is one for which `has_deviations` is true.
     """
     upper, lower = sums(moments, name)
     return (upper - upper.sum() / lower.sum() * lower) / lower.mean()

@@ -143,13 +143,7 @@ class Result:
     attractors: tuple[Attractor, ...] = ()
 
     def quantity(self, name: str) -> Estimate:
-        """One estimate in the scene's units, as `result[name]`.
-
-        Raises
-        ------
-        UnknownQuantity
-            Which is a KeyError too.
-        """
+        """One estimate in the scene's units, as `result[name]`; raises UnknownQuantity."""
         if name not in self.scaled_quantities:
             raise UnknownQuantity(
                 without_line(self.scene, name)
@@ -346,10 +340,6 @@ class Result:
             Label in the legend (default: the method).
         **style
             `colour` and `line`, as matplotlib has them.
-
-        Raises
-        ------
-        UnknownQuantity
         """
         from harvester.results.drawing import axis_label, density_label, draw_density
 
@@ -383,14 +373,7 @@ class Result:
     def section(self) -> np.ndarray:
         """Displacement and velocity of all stroboscopic samples, in the scene's units.
 
-        Returns
-        -------
-        ndarray, shape (realizations, samples, 2)
-
-        Raises
-        ------
-        HarvesterError
-            None were kept.
+        Shape (realizations, samples, 2). Raises HarvesterError if none were kept.
         """
         if self.stroboscope is None:
             raise HarvesterError(f"{self.scene.name}: no samples were kept: ask for stroboscope")

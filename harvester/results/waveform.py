@@ -101,24 +101,14 @@ class Waveform:
         return header, np.column_stack([self.time, *self.columns.values()]).tolist()
 
     def to_pandas(self) -> DataFrame:
-        """A DataFrame over `time`; `attrs` has the units.
-
-        Raises
-        ------
-        MissingLibrary
-        """
+        """A DataFrame over `time`; `attrs` has the units. Raises MissingLibrary without pandas."""
         pandas = optional_library("pandas", "Waveform.to_pandas", "study")
         frame = pandas.DataFrame(self.columns, index=pandas.Index(self.time, name="time"))
         frame.attrs["units"] = {"time": "s", **self.units}
         return frame
 
     def to_xarray(self) -> Dataset:
-        """A Dataset over `time`; each variable's attribute `unit` says its unit.
-
-        Raises
-        ------
-        MissingLibrary
-        """
+        """A Dataset over `time`, each `unit` an attribute. Raises MissingLibrary without xarray."""
         variables = {
             name: ("time", values, {"unit": self.units[name]})
             for name, values in self.columns.items()
@@ -136,11 +126,7 @@ class Waveform:
     def save(self, path: str | Path) -> None:
         """Write it as CSV, NetCDF or a picture, as the path's ending says.
 
-        Raises
-        ------
-        HarvesterError
-            Another ending.
-        OutputError
+        Raises HarvesterError for another ending, OutputError if it cannot be written.
         """
         check_ending(path)
         ending = Path(path).suffix
@@ -165,12 +151,7 @@ class Waveform:
 
 
 def check_ending(path: str | Path) -> None:
-    """Refuse a file that a waveform is not written into.
-
-    Raises
-    ------
-    HarvesterError
-    """
+    """Raise HarvesterError for a file that a waveform is not written into."""
     if Path(path).suffix not in ENDINGS:
         raise HarvesterError(
             f"--waveform {named(str(path))}: its ending says the kind: {', '.join(ENDINGS)}"

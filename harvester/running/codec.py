@@ -69,12 +69,8 @@ def is_lasting(name: str, text: str) -> bool:
 def packed(key: str, answer: object) -> bytes:
     """The bytes of an answer's file.
 
-    Raises
-    ------
-    TypeError
-        It holds something that cannot be kept.
-    NotAnAnswer
-        It is too large to be read back.
+    Raises TypeError if it holds something that cannot be kept, NotAnAnswer if it is too large to
+    be read back.
     """
     arrays: dict[str, Any] = {}
     tree = {"key": key, "answer": _encoded(answer, arrays)}
@@ -88,12 +84,7 @@ def packed(key: str, answer: object) -> bytes:
 
 
 def unpacked(content: bytes, key: str) -> object:
-    """The answer of a file's bytes.
-
-    Raises
-    ------
-    NotAnAnswer
-    """
+    """The answer of a file's bytes; raises NotAnAnswer."""
     try:
         arrays = _arrays(content)
         digest = str(arrays.pop(DIGEST))
@@ -114,13 +105,7 @@ def unpacked(content: bytes, key: str) -> object:
 
 
 def read(path: os.PathLike, key: str) -> object:
-    """The answer at a path.
-
-    Raises
-    ------
-    FileNotFoundError
-    NotAnAnswer
-    """
+    """The answer at a path; raises FileNotFoundError or NotAnAnswer."""
     try:
         # Links are not followed, and opening a pipe does not wait for its writer.
         handle = os.open(path, os.O_RDONLY | os.O_NOFOLLOW | os.O_NONBLOCK)

@@ -18,14 +18,9 @@ _HANDLES: set[int] = set()
 
 
 class StudyFolder(os.PathLike):
-    """A folder that one run at a time holds.
+    """A folder that one run at a time holds; `notes` are for the user.
 
     The lock is the system's, on an open file: it ends with the process, however that ends.
-
-    Attributes
-    ----------
-    notes : list of str
-        Notes for the user, such as that the file system cannot lock files.
     """
 
     def __init__(self, path: str | os.PathLike):
@@ -40,11 +35,7 @@ class StudyFolder(os.PathLike):
     def hold(self) -> None:
         """Hold it until `close`, and take away what a killed run left aside; again is free.
 
-        Raises
-        ------
-        FolderInUse
-        OutputError
-            The folder cannot be used.
+        Raises FolderInUse, or OutputError if the folder cannot be used.
         """
         if self._handle is not None:
             return

@@ -87,10 +87,7 @@ def averages(
 ) -> dict[str, Any]:
     """A scene by a closure, in a worker process.
 
-    Returns
-    -------
-    dict
-        `quantities`, scaled; `density` of the displacement, or None; `seconds` of one core.
+    Returns `quantities`, scaled; `density` of the displacement, or None; `seconds` of one core.
     """
     # Imported here, not at the head: a process that only simulates starts in half the time.
     from harvester.averaging.of_scene import average, averages_of, estimates_of
@@ -112,15 +109,10 @@ class Realizations:
 
     Attributes
     ----------
-    scene : Scene
-        The scene; its number of realizations only sets the number of batches of each.
-    method : Engine
-    size : int
-        Size of a task.
-    version : str
-        Version of the program that computes, see `Runner.version`.
-    density, waveform : bool
-        Whether histograms, and the beginning of the first realization, are kept.
+    scene : its number of realizations only sets the number of batches of each.
+    size : of a task.
+    version : of the program that computes, see `Runner.version`.
+    density, waveform : whether histograms, and the beginning of the first realization, are kept.
     """
 
     scene: Scene
@@ -196,13 +188,7 @@ class Realizations:
 
 
 def averaging(scene: Scene, method: Stationary, density: bool = True) -> Task:
-    """The task of a scene by a closure.
-
-    Raises
-    ------
-    HarvesterError
-        It asks for what only `harvester.average` gives.
-    """
+    """The task of a scene by a closure; raises HarvesterError for options of `average` alone."""
     for name in method.settings.keys() & {"fit", "jump_rates"}:
         raise HarvesterError(f"{method}: {name} is for harvester.average alone; leave it out")
     # A closure's answer does not depend on [run]: scenes that differ only there are the same.

@@ -203,7 +203,6 @@ def answering(
 
     Parameters
     ----------
-    request : Request
     version : str
         Version of the program that computes, see `Runner.version`.
     density : bool
@@ -266,7 +265,6 @@ def in_rounds(
 
     Parameters
     ----------
-    cut : Realizations
     first, most : int
         Realizations of the first round, and of all.
     precision : float or None

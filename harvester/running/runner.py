@@ -93,17 +93,9 @@ class Runner:
             self._deadline = deadline
 
     def run(self, tasks: Sequence[Task]) -> list:
-        """Answers of some tasks, in their order.
+        """Answers of some tasks, in their order; tasks begin in that order, equal ones once.
 
-        Parameters
-        ----------
-        tasks : sequence of Task
-            Begun in the order given; equal ones once.
-
-        Returns
-        -------
-        list
-            Answers; the HarvesterError that a task ended with; None where the time was spent.
+        An answer is the HarvesterError that a task ended with; None where the time was spent.
         """
         return self.follow([_alone(task) for task in tasks])
 
@@ -115,14 +107,8 @@ class Runner:
     ) -> list[Answer | HarvesterError | None]:
         """Answers to requests, in their order; see `harvester.running.request.answering`.
 
-        Parameters
-        ----------
-        requests : sequence of Request
-            Begun in the order given; equal ones once.
-        on_answer : callable or None
-            Given (index, answer) as soon as there is one.
-        in_turn : bool
-            See `follow`.
+        Requests begin in that order, equal ones once. `on_answer` is given (index, answer) as soon
+        as there is one; `in_turn` as for `follow`.
         """
         # Requests with the same tasks share them: a density that one asks for is computed for all.
         shapes = {_cut(request) for request in requests if request.density}

@@ -70,11 +70,7 @@ class Task:
 class Wanted(NamedTuple):
     """Tasks whose answers a plan needs: the plan yields this and is sent the answers.
 
-    Attributes
-    ----------
-    tasks : sequence of Task
-    ahead : float
-        About how many more it will ask for after these: for the time left.
+    `ahead` is about how many more it will ask for after these: for the time left.
     """
 
     tasks: Sequence[Task]

@@ -37,14 +37,7 @@ PARTING_PERIODS = 150
 
 
 class Replayed(ExcitationPath):
-    """A path that was read once, for all starts.
-
-    Parameters
-    ----------
-    samples : ndarray
-    spacing : float
-        s.
-    """
+    """A path that was read once, for all starts; `spacing` of its samples in s."""
 
     def __init__(self, samples: np.ndarray, spacing: float) -> None:
         self.spacing = spacing
@@ -174,12 +167,10 @@ def calls_of(
 def neighbours(
     scene: Scene, samples: np.ndarray, starts: np.ndarray, members: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Pairs of close starts on a motion, and its size.
+    """Pairs of close starts on a motion of a scene from `forced`, and its size.
 
     Parameters
     ----------
-    scene : Scene
-        A scene as returned by `forced`.
     samples : ndarray, shape (starts, samples, columns or STATE)
     starts : ndarray, shape (starts, STATE)
     members : ndarray of int

@@ -80,13 +80,9 @@ class Engine(Method):
 
         Parameters
         ----------
-        ready : Prepared
-        paths : list of ExcitationPath
-            One for each realization.
-        starts : list of (float, float, float)
-            X, X' and transducer's state of each realization at the beginning, scaled.
+        paths, starts : list of ExcitationPath, list of (float, float, float)
+            For each realization its excitation, and its X, X' and transducer's state, scaled.
         observers : list of lists of objects with `add(record)`
-            Those of each realization.
         outputs : list of harvester.record.output_side.OutputMoments or None
             For a load that has an output side, one for each realization.
 
@@ -188,12 +184,7 @@ class MonteCarlo(Engine):
     schemes: ClassVar[tuple[str, ...]] = ("runge-kutta", "heun")
 
     def check(self, scene: Scene) -> None:
-        """Refuse what Monte Carlo does not take: a motion prescribed, some elements of a load.
-
-        Raises
-        ------
-        LoadError
-        """
+        """Refuse what Monte Carlo does not take: a motion prescribed, some elements of a load."""
         from harvester.prepared.prepared import prepared
         from harvester.scene.units import require_mass
 
@@ -241,10 +232,7 @@ DEFAULTS = {"step": "default", "source": "external", "device": "automatic"}
 def engine_of(method: str | Method, **options: Any) -> Engine:
     """The engine that a call asks for, by its name and options or as an object.
 
-    Raises
-    ------
-    HarvesterError
-        An unknown name, a closure, or an unknown option.
+    Raises HarvesterError for an unknown name, a closure, or an unknown option.
     """
     if isinstance(method, Engine):
         return method.beside_options(options, DEFAULTS)
@@ -256,12 +244,7 @@ def engine_of(method: str | Method, **options: Any) -> Engine:
 
 
 def method_of(method: str | Method, **options: Any) -> Method:
-    """The engine or the closure that a call asks for; see `engine_of`.
-
-    Raises
-    ------
-    HarvesterError
-    """
+    """The engine or the closure that a call asks for; see `engine_of`."""
     if isinstance(method, Engine) or method in ENGINES:
         return engine_of(method, **options)
     from harvester.averaging import CLOSURES
@@ -275,12 +258,7 @@ def method_of(method: str | Method, **options: Any) -> Method:
 
 
 def check_step(step: str | float) -> str | float:
-    """A level's name or a positive number of seconds.
-
-    Raises
-    ------
-    HarvesterError
-    """
+    """A level's name or a positive number of seconds; raises HarvesterError for anything else."""
     from harvester.prepared.steps import STEP_LEVELS
 
     if isinstance(step, str) and step not in STEP_LEVELS:

@@ -80,12 +80,10 @@ def attractors(
 ) -> tuple[Attractor, ...]:
     """The motions on which a run's starts settled, the one with the most starts first.
 
-    Behind them is what the other starts do.
+    The last entries are what the other starts do.
 
     Parameters
     ----------
-    scene : Scene
-    engine : Engine
     realizations : dict of int to Realization
         Realizations by their numbers, with stroboscopic samples.
     escaped : int
@@ -158,12 +156,9 @@ class Followed(NamedTuple):
 
     Attributes
     ----------
-    scene : Scene
-        The scene of the realizations that are left.
-    moments : list of Moments
-        Moments of the starts on the followed orbit; all under noise.
-    orbits : tuple of Attractor
-        All orbits that starts reached, the followed one first; empty for a single start.
+    scene : the scene of the realizations that are left.
+    moments : of the starts on the followed orbit; all under noise.
+    orbits : all orbits that starts reached, the followed one first; empty for a single start.
     notes : tuple of str
     """
 
@@ -191,16 +186,10 @@ def last_samples(realizations: Sequence[Realization]) -> np.ndarray | None:
 
 
 def followed(scene: Scene, good: Sequence[dict], cost: float) -> Followed:
-    """The orbit that `run.orbit` names among those that starts reached.
+    """The orbit that `run.orbit` names among those that starts reached; see `with_orbit`.
 
-    Parameters
-    ----------
-    scene : Scene
-        Of a study: see `with_orbit`.
-    good : sequence of dict
-        Answers of `harvester.running.realizations.realizations`.
-    cost : float
-        Share of a mean power that the steps may cost.
+    `good` are answers of `harvester.running.realizations.realizations`; `cost` is the share of a
+    mean power that the steps may cost.
     """
     scene = with_orbit(scene)
     moments = [realization for part in good for realization in part["moments"]]

@@ -51,8 +51,7 @@ def result_of(
     outcome: str = "complete",
     motions: tuple[Attractor, ...] = (),
 ) -> Result:
-    """The result of the realizations that were completed, with the failures named and the
-    motions found."""
+    """The result of the completed realizations, with the failures and the motions found."""
     prepared_scene = prepared(scene)
     parameters, scales = prepared_scene.system, prepared_scene.scales
     moments = [realization.moments for realization in realizations]
@@ -222,10 +221,7 @@ def _failure_notes(failures, good):
 def checked(result: Result) -> Result:
     """The result, with a note where its energy balance does not quite close.
 
-    Raises
-    ------
-    EnergyNotBalanced
-        It is off by more than `LARGEST_RESIDUAL`.
+    Raises EnergyNotBalanced if it is off by more than `LARGEST_RESIDUAL`.
     """
     balance = result.energy_balance_residual
     residual = abs(math.nan if balance is None else balance)

@@ -47,23 +47,14 @@ class Realization:
 
     Attributes
     ----------
-    moments : Moments
-    waveform : Record or None
-        The stretch asked for.
-    electrical : dict of str to ndarray
-        Series beside the waveform: `output_voltage` (scaled) of a load with an output, and the
-        requested nodes and currents (V and A).
-    joint : JointHistogram or None
-        Joint histogram, if it was requested.
-    seconds : float
-        Processor time of one core (s), for the simulation alone, whatever else the machine does; of
-        realizations run together, its share.
-    started, ended : float
-        The system's clock (s).
-    engine_version : str
-    netlist_sha256 : str or None
-    stroboscope : ndarray or None
-        Samples at the beginnings of the excitation's periods, as
+    waveform : the stretch asked for.
+    electrical : series beside the waveform: `output_voltage` (scaled) of a load with an output, and
+        the requested nodes and currents (V and A).
+    joint : joint histogram, if it was requested.
+    seconds : processor time of one core (s), for the simulation alone, whatever else the machine
+        does; of realizations run together, its share.
+    started, ended : the system's clock (s).
+    stroboscope : samples at the beginnings of the excitation's periods, as
         `harvester.record.stroboscope.Stroboscope` has them; where they were asked for.
     """
 
@@ -186,8 +177,6 @@ def run(
 
     Parameters
     ----------
-    scene : Scene
-    engine : Engine
     indices : sequence of int
         Numbers of the realizations: each picks its seed and its starting well.
     window : (float, float) or None
@@ -196,10 +185,6 @@ def run(
         Given the list of moments so far.
     joint_density, stroboscope : bool
         See `harvester.simulate`.
-
-    Returns
-    -------
-    list of Realization
     """
     others = (indices, window, report, joint_density, stretch, stroboscope)
     if engine.chooses_steps or not scene.excitation.transient(scene.run):

@@ -173,12 +173,7 @@ def _averaged(scene: Scene, method: Stationary) -> Result:
 
 
 def require_paths(scene: Scene, command: str) -> None:
-    """Refuse excitations without as many independent paths as a command may ask for.
-
-    Raises
-    ------
-    HarvesterError
-    """
+    """Refuse excitations without as many independent paths as a command may ask for."""
     if not scene.excitation.endless:
         raise HarvesterError(
             f'{scene.name}: excitation.kind = "{scene.excitation.kind}": {command} needs an '
@@ -188,12 +183,7 @@ def require_paths(scene: Scene, command: str) -> None:
 
 
 def require_noise(scene: Scene, command: str) -> None:
-    """Refuse kinds of excitation that a command cannot vary or repeat.
-
-    Raises
-    ------
-    HarvesterError
-    """
+    """Refuse kinds of excitation that a command cannot vary or repeat."""
     from harvester.excitation import OrnsteinUhlenbeck
 
     if not isinstance(scene.excitation, OrnsteinUhlenbeck):

@@ -42,8 +42,7 @@ def running(
 
 
 def copies_that_pay(scene: Scene, engine: Engine, pool: Workers) -> int:
-    """Number of realizations in one call of an engine: its option `copies`, else the fastest
-    number."""
+    """Realizations in one call of an engine: its option `copies`, else the fastest number."""
     count = distinct_realizations(prepared(scene))
     if isinstance(engine, MonteCarlo):
         workers = getattr(pool, "size", math.inf)
@@ -95,10 +94,7 @@ def stretch_of(
 ) -> WaveformWindow:
     """The part of the first realization that is kept as the result's waveform.
 
-    Raises
-    ------
-    HarvesterError
-        A window without a length; a node that the load does not have.
+    Raises HarvesterError for a window without a length or a node that the load does not have.
     """
     nodes = listed(nodes, "nodes", 'nodes=["vc", "v(a,b)", "i(l1)"]')
     if nodes and scene.load.is_resistor:
@@ -135,12 +131,8 @@ def outcomes(
 ) -> list[Realization | SimulationError]:
     """A Realization or the SimulationError in its place, for every realization in order.
 
-    Realizations that failed together are tried again one by one.
-
-    Raises
-    ------
-    SimulationError
-        One failed and nothing keeps going, or all failed.
+    Realizations that failed together are tried again one by one. Raises SimulationError if one
+    failed and nothing keeps going, or if all failed.
     """
     most = max(len(call["indices"]) for call in calls)
     by_number: dict[int, Realization | SimulationError] = {}

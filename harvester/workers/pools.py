@@ -45,14 +45,9 @@ class WorkerPool:
     calls : int
         Most calls at a time that will be asked for.
     workers : int or None
-        Processes; None: one per core.
+        Processes; None: one per core. `size` is how many calls are made at a time.
     folders : sequence of str or Path
         See `Worker`.
-
-    Attributes
-    ----------
-    size : int
-        Calls that are made at a time.
     """
 
     def __init__(
@@ -84,24 +79,17 @@ class WorkerPool:
 
         Parameters
         ----------
-        function : callable
-            See `Worker.call`.
+        function, time_limit
+            As in `Worker.call`.
         calls : sequence of dict
             Arguments by name.
-        time_limit : float or None
-            Wall-clock seconds of each call.
         on_progress : callable or None
             Given (index, report).
         keep_going : bool
-            Make a call whose process crashed or ran out of time once more, and let a
-            SimulationError that stays stand in the place of its result. Without it the first
-            error ends the other calls and is raised, as any other error and an interrupt do;
-            the pool can be used again.
-
-        Returns
-        -------
-        list
-            Results, or SimulationError where a call failed.
+            Make a call whose process crashed or ran out of time once more, and return a
+            SimulationError that stays instead of its result. Without it the first error ends the
+            other calls and is raised, as any other error and an interrupt do; the pool can be used
+            again.
         """
         call = call_twice if keep_going else Worker.call
         futures = [

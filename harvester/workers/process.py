@@ -27,10 +27,7 @@ LAST_LINES = 3
 class Worker:
     """One process of `harvester.workers.worker`, started at its first call, again after a crash.
 
-    Parameters
-    ----------
-    folders : sequence of str or Path
-        Folders that the process imports from, after all others.
+    The process imports from `folders` after all others.
     """
 
     def __init__(self, folders: Sequence[str | Path] = ()) -> None:
