@@ -9,7 +9,6 @@ the same cells of the section.
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -378,11 +377,7 @@ def divergence(pairs: np.ndarray, scale: np.ndarray, period: float) -> Divergenc
         lasting.append((inside.size - 1) * period)
     if len(growth) < 2:
         return None
-    return _ratio(growth, lasting)
-
-
-def _ratio(growth: Sequence[float], lasting: Sequence[float]) -> Divergence:
-    """Growth over time of all pairs, and its error from how they differ."""
+    # The growth over the time of all pairs, and its error from how they differ.
     up, time = np.array(growth), np.array(lasting)
     exponent = up.sum() / time.sum()
     off = up - exponent * time

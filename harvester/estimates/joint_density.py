@@ -113,10 +113,8 @@ def _merged(counts, factors):
 
 def _of_one_shape(arrays):
     """Arrays padded on all sides to the largest of them."""
-    rows, columns = np.max([array.shape for array in arrays], axis=0)
-
-    def padded(each):
-        above, beside = (rows - each.shape[0]) // 2, (columns - each.shape[1]) // 2
-        return np.pad(each, [(above, above), (beside, beside)])
-
-    return np.stack([padded(each) for each in arrays])
+    largest = np.max([array.shape for array in arrays], axis=0)
+    margins = [(largest - array.shape) // 2 for array in arrays]
+    return np.stack(
+        [np.pad(a, [(k, k) for k in margin]) for a, margin in zip(arrays, margins, strict=True)]
+    )

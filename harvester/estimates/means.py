@@ -117,10 +117,8 @@ def _mean(series, products, name, dimension, error_of):
 def _efficiencies(series, products, error_of):
     """Eq. 35 in both forms: against what is lost and used, and against what is put in."""
     load, loss, put_in = series["load_power"], series["loss_power"], series["input_power"]
-    load_load, load_loss = (
-        products["load_power", "load_power"],
-        products["load_power", "loss_power"],
-    )
+    load_load = products["load_power", "load_power"]
+    load_loss = products["load_power", "loss_power"]
     square_of_sum = load_load + 2.0 * load_loss + products["loss_power", "loss_power"]
     mean_used = float((load + loss).sum() / series["time"].sum())
     mean_input = float(put_in.sum() / series["time"].sum())

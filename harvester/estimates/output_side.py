@@ -63,6 +63,11 @@ def estimate_output(
     time = batches[:, :, PIEZO_QUANTITIES.index("time")]
     half = 0.5 * moments[0].output.capacitance
     squares = _squares(moments, output) if not supplied(moments) else {}
+    # The final mean is that of the last half of the measured time. The load starts discharged, so
+    # that its start-up counts from the realization's beginning, settling included.
+    late = slice(time.shape[1] // 2, None)
+    final = abs(float(output["voltage"][:, late].sum() / time[:, late].sum()))
+    started = [m.output.passage(STARTED_SHARE * final) for m in moments]
     estimates = {
         name: ratio_estimate(
             *output_ratio(moments, name), dimension, NOTHING_PUT_IN, squares.get(name), error_of
@@ -72,15 +77,15 @@ def estimate_output(
     estimates |= {
         "output_ripple": _ripple(output, time, error_of),
         "output_peak_to_peak": _single([m.output.highest - m.output.lowest for m in moments]),
-        "start_up_time": _start_up(moments, output["voltage"], time),
+        "start_up_time": _single(started, "time"),
     }
     if half > 0.0:
         energies = half**2 * output["fourth_power_of_voltage"]
         estimates["stored_energy"] = ratio_estimate(
             half * output["square_voltage"], time, "energy", squares=energies, error_of=error_of
         )
-        final = [half * m.output.voltage**2 for m in moments]
-        estimates["final_stored_energy"] = _single(final, "energy")
+        stored = [half * m.output.voltage**2 for m in moments]
+        estimates["final_stored_energy"] = _single(stored, "energy")
     hourly = SECONDS_PER_HOUR * np.ones_like(time)
     estimates["stored_energy_per_hour"] = ratio_estimate(
         hourly * output_ratio(moments, "mean_storage_power")[0], time, "hourly_energy",
@@ -181,16 +186,6 @@ def _ripple(output, time, error_of):
     if error is not None:
         error = 0.5 * error / ripple if ripple > 0.0 else 0.0
     return Estimate(ripple, error, None, "voltage", why_no_error(ripple, error))
-
-
-def _start_up(moments, voltage, time):
-    """First time at 90 % of the final mean, that of the last half of the measured time.
-
-    Counted from the realization's beginning, settling included: the load starts discharged.
-    """
-    half = voltage.shape[1] // 2
-    final = abs(float(voltage[:, half:].sum() / time[:, half:].sum()))
-    return _single([m.output.passage(STARTED_SHARE * final) for m in moments], "time")
 
 
 def _single(values, dimension="voltage"):

@@ -42,12 +42,12 @@ def efficiency_notes(
         # NaN: no power was put in.
         and estimate.estimate == estimate.estimate
     ]
-    absorbed = estimates["mean_power"].estimate if "mean_power" in estimates else 0.0
-    lost = (
-        estimates["mean_converter_loss"].estimate
-        if "mean_converter_loss" in estimates
-        else absorbed
-    )
+
+    def value(name, missing=0.0):
+        return estimates[name].estimate if name in estimates else missing
+
+    absorbed = value("mean_power")
+    lost = value("mean_converter_loss", absorbed)
     if lost < 0.0:
         share = -lost / abs(absorbed) if absorbed else math.inf
         if share <= STEPS_OWN_EXCESS:
@@ -66,11 +66,8 @@ def efficiency_notes(
             "out of its own sources or of what it held at the start; its efficiencies are not "
             "shares of the piezo's power",
         )
-    delivered, stored = (
-        estimates[name].estimate if name in estimates else 0.0
-        for name in ("mean_output_power", "mean_storage_power")
-    )
-    if outside and delivered < min(0.0, 2.0 * stored):
+    delivered = value("mean_output_power")
+    if outside and delivered < min(0.0, 2.0 * value("mean_storage_power")):
         return (
             f"not between 0 and 1: {', '.join(outside)}: a source in the load feeds "
             f"{-delivered * power_scale:.3g} {unit} into its output, as a sink of constant power "

@@ -146,16 +146,22 @@ class WellBalance:
 
 def well_balance(scene: Scene, system: System, moments: Sequence[Moments]) -> WellBalance | None:
     """The balance of a run's jumps; None where wells do not differ or nothing is by chance."""
-    batches = complete_batches(moments)
-    if batches is None or not _wells_differ(scene, system, batches):
+    batches, excitation = complete_batches(moments), scene.excitation
+    if batches is None or not excitation.random or excitation.drifts:
         return None
-    count = batches.shape[1]
-    jumps, times = (
-        np.stack(
-            [_with_settling(getattr(realization.jumps, name), count) for realization in moments]
-        )
-        for name in ("counts", "times")
-    )
+    wells, count = batches.shape[2] - WELLS, batches.shape[1]
+    if wells < 2 or (wells == 2 and system.symmetric):
+        return None
+
+    def with_settling(name):
+        # A start at rest is like an arrival by a jump: both are far from the energy at which the
+        # well is left. A well's stays that begin when settling ends would be too short by a
+        # relaxation time: the sums before the first batch, which are the last ones, belong to it.
+        sums = np.stack([getattr(m.jumps, name) for m in moments])
+        sums[:, 0] += sums[:, -1]
+        return sums[:, :count].copy()
+
+    jumps, times = with_settling("counts"), with_settling("times")
     total, time = jumps.sum(axis=(0, 1)), times.sum(axis=(0, 1))
     if not total.any() and scene.start is not None:
         # All runs stay in the well of the given start: the means are those of this well.
@@ -185,24 +191,6 @@ def weighted(moments: Sequence[Moments], balance: WellBalance | None) -> list[Mo
         _weighted(realization, row)
         for realization, row in zip(moments, balance.weights, strict=True)
     ]
-
-
-def _wells_differ(scene, system, batches):
-    """Whether means may depend on the well, and chance moves the device between several."""
-    wells = batches.shape[2] - WELLS
-    alike = wells == 2 and system.symmetric
-    return wells > 1 and not alike and scene.excitation.random and not scene.excitation.drifts
-
-
-def _with_settling(rows, count):
-    """The first batches' sums, those before them in the first.
-
-    A start at rest is like an arrival by a jump: both are far from the energy at which the well is
-    left. A well's stays that begin when settling ends would be too short by a relaxation time.
-    """
-    sums = rows[:count].copy()
-    sums[0] += rows[-1]
-    return sums
 
 
 def _slopes(off, series):

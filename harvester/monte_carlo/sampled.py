@@ -101,20 +101,9 @@ def _run(scheme, s, zones, eta, spacing, every, edges, starts, states, ends):
                 x, v, voltage, phase = x1, v1, voltage1, spacing
             else:
                 piece, entered, held, x, v, voltage = _contact_piece(
-                    scheme,
-                    s,
-                    touching,
-                    low,
-                    high,
-                    held,
-                    x,
-                    v,
-                    voltage,
-                    noise,
-                    slope,
-                    length,
+                    scheme, s, touching, low, high, held, x, v, voltage, noise, slope, length,
                     STEPS_PER_CONTACT,
-                )
+                )  # fmt: skip
                 if entered != 0:
                     zone += entered
                     low, high = zones[zone], zones[zone + 1]

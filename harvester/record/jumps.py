@@ -77,20 +77,10 @@ class Jumps:
         if record.time.size == 0:
             return
         self.well = add_jumps(
-            record.time,
-            record.displacement,
-            record.velocity,
-            self.time,
-            self.start,
-            self.batch_length,
-            self.saddles,
-            self.limits,
-            *self.ends,
-            self.energies,
-            self.well,
-            self.times,
-            self.counts,
-        )
+            record.time, record.displacement, record.velocity, self.time, self.start,
+            self.batch_length, self.saddles, self.limits, *self.ends, self.energies, self.well,
+            self.times, self.counts,
+        )  # fmt: skip
         self.time = float(record.time[-1])
 
 

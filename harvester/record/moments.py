@@ -144,19 +144,9 @@ class Moments:
         if self.jumps is not None:
             self.jumps.add(record)
         add_points(
-            record,
-            self.start,
-            self.batch_length,
-            *self.free,
-            self.saddles,
-            self.sample_interval,
-            self.integrals,
-            self.products,
-            self.histograms,
-            self.bin_widths,
-            self.first,
-            self.last,
-        )
+            record, self.start, self.batch_length, *self.free, self.saddles, self.sample_interval,
+            self.integrals, self.products, self.histograms, self.bin_widths, self.first, self.last,
+        )  # fmt: skip
 
 
 def prepare() -> None:

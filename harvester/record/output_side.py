@@ -119,15 +119,9 @@ class OutputMoments:
         self._add_levels(spans, time, levels)
         if values is not None and len(values):
             _add_measured(
-                time,
-                values,
-                self.time,
-                self.latest,
-                self.start,
-                self.batch_length,
-                self.measured,
+                time, values, self.time, self.latest, self.start, self.batch_length, self.measured,
                 self.first,
-            )
+            )  # fmt: skip
         reached = int(np.count_nonzero(np.isfinite(self.passages)))
         _add_passages(time, voltage, LEVELS, reached, self.passages)
         _add_integrals(spans, time, voltage, self.time, self.voltage, self.integrals)

@@ -32,10 +32,8 @@ class RangeWatch:
         outside = (record.displacement < self._low) | (record.displacement > self._high)
         if outside.any():
             first = int(np.argmax(outside))
-            low, high, x = (
-                self._length * displacement
-                for displacement in (self._low, self._high, float(record.displacement[first]))
-            )
+            low, high = self._length * self._low, self._length * self._high
+            x = self._length * float(record.displacement[first])
             raise SpringRangeLeft(
                 f"the mass left oscillator.restoring_force_range = [{low:.6g}, {high:.6g}] at "
                 f"t = {record.time[first]:.6g} s, x = {x:.6g}{self._unit}: the spring is not known "

@@ -84,9 +84,7 @@ class SeveralMoments:
     def __init__(self, moments: Sequence[Moments], spacing: float) -> None:
         self._moments = moments
         one, count = moments[0], len(moments)
-        self._jumps = [
-            realization.jumps for realization in moments if realization.jumps is not None
-        ]
+        self._jumps = [m.jumps for m in moments if m.jumps is not None]
         counted = self._jumps or [Jumps.between_no_wells(len(one.integrals))] * count
         rows = np.zeros((math.ceil(count / TOGETHER), BLOCK))
         rows[:, TIME : TIME + TOGETHER] = np.nan

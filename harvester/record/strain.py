@@ -99,11 +99,7 @@ class StrainWatch:
 def strain_watches(ready: Prepared, moments: Sequence[Moments]) -> list[StrainWatch]:
     """One for each realization; none of a scene without a drawing."""
     beam = ready.scene.beam
-    return (
-        []
-        if beam is None
-        else [StrainWatch(realization, beam.fatigue_line) for realization in moments]
-    )
+    return [] if beam is None else [StrainWatch(m, beam.fatigue_line) for m in moments]
 
 
 @compiled

@@ -72,7 +72,7 @@ class Engine(Method):
         self,
         ready: Prepared,
         paths: list,
-        starts: list[tuple[float, float, float]],
+        starts: list,
         observers: list,
         outputs: list | None = None,
     ) -> dict[str, Any]:
@@ -155,7 +155,7 @@ class Circuit(Engine):
         self,
         ready: Prepared,
         paths: list,
-        starts: list[tuple[float, float, float]],
+        starts: list,
         observers: list,
         outputs: list | None = None,
     ) -> dict[str, Any]:
@@ -200,7 +200,7 @@ class MonteCarlo(Engine):
         self,
         ready: Prepared,
         paths: list,
-        starts: list[tuple[float, float, float]],
+        starts: list,
         observers: list,
         outputs: list | None = None,
     ) -> dict[str, Any]:
@@ -237,7 +237,7 @@ def engine_of(method: str | Method, **options: Any) -> Engine:
     if isinstance(method, Engine):
         return method.beside_options(options, DEFAULTS)
     _check_options(options)
-    engine: Engine = ENGINES[check_name("method", _written(method), ENGINES)]()
+    engine: Engine = ENGINES[check_name("method", str(method), ENGINES)]()
     if (options.get("copies") or 1) > 1 and not hasattr(engine, "copies"):
         raise _no_copies(options["copies"])
     return engine.with_options(options)
@@ -252,7 +252,7 @@ def method_of(method: str | Method, **options: Any) -> Method:
     if isinstance(method, Stationary):
         check_name("method", method.closure, CLOSURES)
         return method.beside_options(options, DEFAULTS)
-    check_name("method", _written(method), {**ENGINES, **CLOSURES})
+    check_name("method", str(method), {**ENGINES, **CLOSURES})
     _check_options(options)
     return Stationary(str(method)).with_options(options)
 
@@ -289,8 +289,3 @@ def _no_copies(copies: int | None) -> HarvesterError:
         f"copies {copies}: only the circuit with its external source and a resistor as load "
         "takes more than one"
     )
-
-
-def _written(method: str | Method) -> str:
-    """A name as it is, an object as text, for what is refused."""
-    return method if isinstance(method, str) else str(method)

@@ -177,11 +177,7 @@ def with_orbit(scene: Scene) -> Scene:
 
 def last_samples(realizations: Sequence[Realization]) -> np.ndarray | None:
     """The samples that `followed` needs, shape (realizations, samples, columns), or None."""
-    samples = [
-        realization.stroboscope
-        for realization in realizations
-        if realization.stroboscope is not None
-    ]
+    samples = [run.stroboscope for run in realizations if run.stroboscope is not None]
     return np.array(samples)[:, -SAMPLES:] if samples else None
 
 

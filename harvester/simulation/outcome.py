@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import replace
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -53,21 +53,16 @@ def result_of(
 ) -> Result:
     """The result of the completed realizations, with the failures and the motions found."""
     prepared_scene = prepared(scene)
-    parameters, scales = prepared_scene.system, prepared_scene.scales
-    moments = [realization.moments for realization in realizations]
-    first = min(realization.started for realization in realizations)
-    last = max(realization.ended for realization in realizations)
+    moments = [run.moments for run in realizations]
+    first, last = min(run.started for run in realizations), max(run.ended for run in realizations)
     cost = step_error(prepared_scene, engine.step, engine.name)
     estimates = run_estimates(prepared_scene, moments, cost)
     drawn = scene.run.starts is not None
-    shapes = densities(estimates.moments, is_symmetric(scene, parameters), estimates.balance, drawn)
-    joints = [realization.joint for realization in realizations if realization.joint is not None]
-    joint = joint_density_of(joints, is_symmetric(scene, parameters)) if joints else None
-    strobed = [
-        realization.stroboscope
-        for realization in realizations
-        if realization.stroboscope is not None
-    ]
+    symmetric = is_symmetric(scene, prepared_scene.system)
+    shapes = densities(estimates.moments, symmetric, estimates.balance, drawn)
+    joints = [run.joint for run in realizations if run.joint is not None]
+    joint = joint_density_of(joints, symmetric) if joints else None
+    strobed = [run.stroboscope for run in realizations if run.stroboscope is not None]
     samples = np.array(strobed) if strobed else None
     if estimates.shortfalls or scene.excitation.transient(scene.run):
         shapes = {name: replace(shape, standard_error=None) for name, shape in shapes.items()}
@@ -75,45 +70,48 @@ def result_of(
         # Samples of the joint density have no weights, so that their shares of the wells follow the
         # starts.
         joint = joint and replace(joint, standard_error=None)
+    failure_notes: tuple[str, ...] = ()
+    if failures:
+        failed, example = len(failures), next(iter(failures.values()))
+        failure_notes = (f"{failed} of {failed + len(moments)} realizations failed: {example}",)
+    waveform, run = None, realizations[0]
+    if run.waveform is not None:
+        waveform = waveform_of(
+            scene, engine.title, prepared_scene.scales, run.waveform, run.electrical
+        )
     return Result(
         scene=scene,
         engine=engine.title,
         scaled_quantities=estimates.scaled,
-        scales=scales,
+        scales=prepared_scene.scales,
         error_kind="statistical",
         energy_balance_residual=estimates.residual,
         wall_seconds=last - first,
-        engine_seconds=sum(realization.seconds for realization in realizations),
+        engine_seconds=sum(run.seconds for run in realizations),
         simulated_time=sum(m.time_reached for m in moments),
         steps=sum(m.points for m in moments),
         step=moments[0].step
         or knot_spacing(prepared_scene) / steps_per_knot(prepared_scene, engine.step, engine.name),
         step_error=None if engine.chooses_steps else estimates.step_error,
         realizations=len(moments),
-        engine_version=realizations[0].engine_version,
-        netlist_sha256=realizations[0].netlist_sha256,
+        engine_version=run.engine_version,
+        netlist_sha256=run.netlist_sha256,
         notes=(
             *notes_on_excitation(scene),
             *_notes_on_starts(scene, motions),
             *estimates.notes,
             *_density_notes(estimates, shapes),
-            *_failure_notes(failures, len(moments)),
+            *failure_notes,
         ),
         failures={index: f"{type(e).__name__}: {e}" for index, e in failures.items()},
         densities=shapes,
         joint_density=joint,
-        waveform=_waveform(scene, engine.title, scales, realizations[0]),
+        waveform=waveform,
         moments=moments,
         stroboscope=samples,
         attractors=motions,
         outcome="incomplete" if failures else outcome,
     )
-
-
-def _waveform(scene, engine, scales, realization):
-    if realization.waveform is None:
-        return None
-    return waveform_of(scene, engine, scales, realization.waveform, realization.electrical)
 
 
 def _density_notes(found, shapes):
@@ -134,22 +132,8 @@ def is_symmetric(scene: Scene, parameters: System) -> bool:
 
 def partial_result(scene: Scene, engine: Engine, error: SimulationError) -> Result | None:
     """A result of the failed realizations' moments, or None when they had none."""
-    reached = [m for m in error.partial or () if measured_time([m]) > 0.0]
-    if not reached:
-        return None
-    nothing: dict[str, Any] = {
-        "waveform": None,
-        "joint": None,
-        "electrical": {},
-        "engine_version": "",
-        "netlist_sha256": None,
-    }
-    realizations = [
-        Realization(moments=m, seconds=math.nan, started=math.nan, ended=math.nan, **nothing)
-        for m in reached
-    ]
-    outcome = type(error).__name__
-    return result_of(scene, engine, realizations, {}, outcome)
+    reached = [Realization(m) for m in error.partial or () if measured_time([m]) > 0.0]
+    return result_of(scene, engine, reached, {}, type(error).__name__) if reached else None
 
 
 def notes_on_excitation(scene: Scene) -> tuple[str, ...]:
@@ -175,7 +159,14 @@ def _notes_on_starts(scene, motions):
     if scene.excitation.random:
         return ()
     count, asked = distinct_realizations(prepared(scene)), scene.run.realizations
-    repeated = _notes_on_repetition(count, asked)
+    repeated = []
+    if count != asked:
+        starts = "there is one" if count == 1 else f"there are {count}, one in each well"
+        repeated.append(
+            f"run.realizations = {asked}: the excitation is deterministic, so that realizations "
+            f"differ by their starts alone, and {starts}: each is run once; run.starts = 100 draws "
+            "others"
+        )
     if count == 1:
         return (*repeated, *note_on_one_start(scene))
     unit = unit_of(scene, "power")
@@ -197,25 +188,6 @@ def _notes_on_starts(scene, motions):
             "starts alone: others have other shares",
         )
     return lines
-
-
-def _notes_on_repetition(count, given):
-    """How many of the realizations asked for have a start of their own."""
-    if count == given:
-        return ()
-    starts = "there is one" if count == 1 else f"there are {count}, one in each well"
-    return (
-        f"run.realizations = {given}: the excitation is deterministic, so that realizations "
-        f"differ by their starts alone, and {starts}: each is run once; run.starts = 100 draws "
-        "others",
-    )
-
-
-def _failure_notes(failures, good):
-    if not failures:
-        return ()
-    first = next(iter(failures.values()))
-    return (f"{len(failures)} of {len(failures) + good} realizations failed: {first}",)
 
 
 def checked(result: Result) -> Result:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 import time
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from itertools import zip_longest
 from typing import TYPE_CHECKING, Any, NamedTuple
 
@@ -59,14 +59,14 @@ class Realization:
     """
 
     moments: Moments
-    waveform: Record | None
-    joint: JointHistogram | None
-    seconds: float
-    started: float
-    ended: float
-    engine_version: str
-    netlist_sha256: str | None
-    electrical: dict[str, np.ndarray]
+    waveform: Record | None = None
+    joint: JointHistogram | None = None
+    seconds: float = math.nan
+    started: float = math.nan
+    ended: float = math.nan
+    engine_version: str = ""
+    netlist_sha256: str | None = None
+    electrical: dict[str, np.ndarray] = field(default_factory=dict)
     stroboscope: np.ndarray | None = None
 
 
@@ -339,15 +339,9 @@ def empty_moments(ready: Prepared) -> Moments:
     saddles = timescales.saddles(parameters)
     even = len(saddles) == 1 and parameters.symmetric and scene.excitation.symmetric
     moments = Moments.empty(
-        start,
-        stop_time(ready),
-        timescales.free_zone(parameters),
-        saddles,
-        bool(saddles) and not even,
-        batches,
-        groups,
-        KNOTS_PER_SAMPLE * spacing,
-    )
+        start, stop_time(ready), timescales.free_zone(parameters), saddles,
+        bool(saddles) and not even, batches, groups, KNOTS_PER_SAMPLE * spacing,
+    )  # fmt: skip
     if saddles:
         moments.jumps = Jumps.empty(parameters, moments.start, moments.batch_length, batches)
     moments.strain = StrainMoments.of(ready, batches)

@@ -127,7 +127,9 @@ def simulate(
         "tolerance": tolerance,
     }  # fmt: skip
     if isinstance(method, Stationary):
-        return _averaged(scene, method.beside_options(options, DEFAULTS))
+        from harvester.averaging.of_scene import average
+
+        return average(scene, method=method.beside_options(options, DEFAULTS))
     from harvester.prepared.prepared import prepared
     from harvester.record.range_watch import leaves_range
     from harvester.simulation import outcome, spread
@@ -163,13 +165,6 @@ def simulate(
         raise
     result = outcome.result_of(scene, engine, [*good.values()], failures, motions=motions)
     return outcome.checked(result if stroboscope else replace(result, stroboscope=None))
-
-
-def _averaged(scene: Scene, method: Stationary) -> Result:
-    """The scene by a closure, which needs no realizations."""
-    from harvester.averaging.of_scene import average
-
-    return average(scene, method=method)
 
 
 def require_paths(scene: Scene, command: str) -> None:

@@ -10,6 +10,7 @@ import queue
 import threading
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import FIRST_EXCEPTION, CancelledError, ThreadPoolExecutor, wait
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Protocol
 
@@ -92,10 +93,10 @@ class WorkerPool:
             again.
         """
         call = call_twice if keep_going else Worker.call
-        futures = [
-            self._begin(call, function, arguments, time_limit, _of_one(on_progress, index))
-            for index, arguments in enumerate(calls)
-        ]
+        futures = []
+        for index, arguments in enumerate(calls):
+            report = partial(on_progress, index) if on_progress else None
+            futures.append(self._begin(call, function, arguments, time_limit, report))
         try:
             return gather(futures)
         except BaseException:
@@ -207,11 +208,6 @@ def processes(
     else:
         with WorkerPool(calls, workers) as pool:
             yield pool
-
-
-def _of_one(on_progress, index):
-    """The progress callback for one of several calls, or None."""
-    return (lambda content: on_progress(index, content)) if on_progress else None
 
 
 def lost(error: BaseException) -> HarvesterError:
