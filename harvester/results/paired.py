@@ -80,8 +80,8 @@ def _relative_error(shares, balances):
 
     Where both went through the same wells in every batch, what jumps add is common to both.
     """
-    features = [balance.features for balance in balances if balance]
-    if all(balances) and np.allclose(*features, rtol=0.0, atol=SAME_WELLS):
+    ours, theirs = balances
+    if ours and theirs and np.allclose(ours.features, theirs.features, rtol=0.0, atol=SAME_WELLS):
         return standard_error(shares[0] - shares[1])
     parts = []
     for share, balance in zip(shares, balances, strict=True):
