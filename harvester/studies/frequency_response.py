@@ -36,7 +36,7 @@ from harvester.show.numbers import quantity
 from harvester.show.palette import CIRCUIT, MONTE_CARLO
 from harvester.show.panels import Panel, Series, draw_panels, is_wide
 from harvester.simulation.methods import engine_of
-from harvester.simulation.realization import WaveformObserver
+from harvester.simulation.realization import WaveformObserver as Waveform
 from harvester.simulation.simulate import check_name
 
 if TYPE_CHECKING:
@@ -300,7 +300,7 @@ def _draw(response):
 class _Outputs:
     """Hands a load's output on to the windows of all frequencies."""
 
-    def __init__(self, windows: list[WaveformObserver], rows: Sequence[tuple[str, str]]) -> None:
+    def __init__(self, windows: list[Waveform], rows: Sequence[tuple[str, str]]) -> None:
         self._windows = windows
         self._powers = [k for k, (kind, _) in enumerate(rows) if kind == OUTPUT]
         self.conductance = self.capacitance = math.nan
@@ -341,7 +341,7 @@ def one_direction(
     windows = []
     for place, frequency in enumerate(excitation.frequencies):
         end = (place + 1) * excitation.dwell
-        windows.append(WaveformObserver(end - _measured(excitation, frequency) - 2.0 * path.spacing, end))
+        windows.append(Waveform(end - _measured(excitation, frequency) - 2.0 * path.spacing, end))
     load, output = scene.load.circuit, None
     if load and load.has_output:
         output = _Outputs(windows, load.recorded)
