@@ -3,17 +3,13 @@
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING
 
 import numpy as np
 
 from harvester.estimates.batch_means import FEWEST_BATCHES
 from harvester.estimates.estimate import Density
-from harvester.record.moments import HISTOGRAMS
-
-if TYPE_CHECKING:
-    from harvester.estimates.well_balance import WellBalance
-    from harvester.record.moments import Moments
+from harvester.estimates.well_balance import WellBalance
+from harvester.record.moments import HISTOGRAMS, Moments
 
 
 def densities(

@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from typing import TYPE_CHECKING
 
 import numpy as np
 
 from harvester.device import timescales
 from harvester.device.cores import jump_rates
+from harvester.device.system import System
 from harvester.estimates.batch_means import (
     FEWEST_EFFECTIVE,
     complete_batches,
@@ -19,11 +19,7 @@ from harvester.estimates.batch_means import (
     standard_error,
 )
 from harvester.estimates.estimate import NONE_SEEN, NOTHING_PUT_IN, Estimate, root, why_no_error
-from harvester.record.moments import PRODUCTS, QUANTITIES, WELLS
-
-if TYPE_CHECKING:
-    from harvester.device.system import System
-    from harvester.record.moments import Moments
+from harvester.record.moments import PRODUCTS, QUANTITIES, WELLS, Moments
 
 NEVER_REACHED = "no realization reached that well"
 # Means over time: for each the integral it is computed from, and its dimension.

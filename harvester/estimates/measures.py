@@ -9,7 +9,6 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import replace
-from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -22,11 +21,8 @@ from harvester.estimates.batch_means import (
     standard_error,
 )
 from harvester.estimates.estimate import NO_VALUE, TOO_SHORT, Estimate
-from harvester.record.moments import QUANTITIES
+from harvester.record.moments import QUANTITIES, Moments
 from harvester.record.output_side import MEASURED
-
-if TYPE_CHECKING:
-    from harvester.record.moments import Moments
 
 SECONDS_PER_HOUR = 3600.0
 # Up to so many events, the error of their number is that of independent events.

@@ -3,12 +3,10 @@
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from circuits.loads.supplies import unbooked
-
-if TYPE_CHECKING:
-    from harvester.estimates.estimate import Estimate
+from harvester.estimates.estimate import Estimate
 
 # Beginning of the names of quantities that say what a source of the load delivers.
 SUPPLIED = "supplied_by_"

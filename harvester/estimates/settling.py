@@ -3,6 +3,14 @@
 Realizations start at rest. What is left of that start in a mean over the measured time, once
 `run.settle` has passed, is not seen by batch means: where it exceeds the error bar, that bar is
 withheld, and a note names the time that was too long.
+
+    0       settle                     settle + duration
+    |-------|------------ measured ------------|
+     exp(−t/τ) of the start is left at t; its mean over the measured time is `left_of_start`
+
+Example: a store with τ = 400 s, a run with settle = 50 s and duration = 500 s. In the mean
+400/500 · exp(−50/400) · (1 − exp(−500/400)) = 50 % of the way from the start is missing. An error
+bar of 2 % would be wrong: it is withheld, and the advice is run.settle = 8 τ = 3200 s.
 """
 
 from __future__ import annotations
@@ -274,7 +282,8 @@ def _charge(scene, p, moments, estimates):
     decay = p.transducer.decay_rate()
     if not timescales.bistable(p) or not decay:
         return None
-    if not _crossings(moments) and _expected_jumps(p, moments, estimates) < UNLIKELY_JUMPS:
+    jumps = _total(moments, "well_crossings") or _expected_jumps(p, moments, estimates)
+    if jumps < UNLIKELY_JUMPS:
         return None
     error = _relative_error(estimates["mean_square_voltage"])
     return _slow(scene, 1.0 / decay, "the load's 1/λ", error, QUANTITIES_OF_THE_CHARGE)
@@ -307,7 +316,7 @@ def _storage(scene, stores, estimates):
 
 def _jumps(scene, p, moments, estimates):
     """The shortfall of a run with too few jumps to estimate their contribution to E[V²]."""
-    crossings = _crossings(moments)
+    crossings = _total(moments, "well_crossings")
     # Without chance a motion that stays in its well goes on staying, and a periodic one between
     # the wells passes as often in each period.
     if not scene.excitation.random and (scene.excitation.period or not crossings):
@@ -316,7 +325,7 @@ def _jumps(scene, p, moments, estimates):
     if not timescales.bistable(p) or not decay or crossings >= FEW_JUMPS:
         return None
     square = estimates["mean_square_voltage"]
-    measured = _measured(moments)
+    measured = _total(moments, "time")
     one = unseen_jump(p, square.estimate, measured)
     if one <= max(_relative_error(square), SMALLEST_DRIFT):
         return None
@@ -381,12 +390,8 @@ def slow_exchange(scene: Scene, balance: WellBalance | None) -> tuple[str, ...]:
     )
 
 
-def _crossings(moments):
-    return sum(float(m.integrals[:, QUANTITIES.index("well_crossings")].sum()) for m in moments)
-
-
-def _measured(moments):
-    return sum(float(m.integrals[:, QUANTITIES.index("time")].sum()) for m in moments)
+def _total(moments, quantity):
+    return sum(float(m.integrals[:, QUANTITIES.index(quantity)].sum()) for m in moments)
 
 
 def _expected_jumps(p, moments, estimates):
@@ -405,7 +410,7 @@ def _expected_jumps(p, moments, estimates):
     if not energy > 0.0 or not math.isfinite(barrier):
         return 0.0
     height = barrier / energy
-    return height * math.exp(-height) / timescales.relaxation_time(p) * _measured(moments)
+    return height * math.exp(-height) / timescales.relaxation_time(p) * _total(moments, "time")
 
 
 def _drift(moments, balance):

@@ -16,15 +16,18 @@ from __future__ import annotations
 import itertools
 import math
 from collections.abc import Iterator, Sequence
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
 from harvester.compilation import numba
 from harvester.device import contact, system
+from harvester.device.system import System
 from harvester.errors import SolutionDiverged
+from harvester.excitation.base import ExcitationPath
 from harvester.monte_carlo.lockstep import Room, advance
 from harvester.monte_carlo.schemes import Scheme, scheme_of
+from harvester.prepared.prepared import Prepared
 from harvester.prepared.steps import (
     EVEN_STEPS_PER_CONTACT,
     steps_per_contact,
@@ -34,11 +37,6 @@ from harvester.prepared.steps import (
 from harvester.record.moments import Moments
 from harvester.record.record import Observer, Record
 from harvester.record.several import TOGETHER, SeveralMoments
-
-if TYPE_CHECKING:
-    from harvester.device.system import System
-    from harvester.excitation.base import ExcitationPath
-    from harvester.prepared.prepared import Prepared
 
 # So many realizations are stepped together. More are hardly faster.
 MOST_TOGETHER = 64
@@ -119,22 +117,18 @@ def integrate(
 
     Parameters
     ----------
-    s : harvester.device.system.System
     paths : sequence of harvester.excitation.base.ExcitationPath
         All with the same knot spacing.
     starts : sequence of (float, float, float)
         X, X' and the transducer's state, scaled.
     stop : float
         End time (s), rounded up to a whole number of knots.
-    steps_per_knot : int
-        Steps between two knots where no contact asks for more.
+    steps_per_knot, steps_per_contact : int
+        Steps between two knots where no contact asks for more; fewest in a contact.
     scheme : str
         A name in `harvester.monte_carlo.schemes.NAMED`.
-    steps_per_contact : int
-        Fewest steps from the beginning of a contact to its end.
     moments : sequence of Moments
-        One for each path, empty at first; points are added to them. Empty sequence: none are
-        recorded.
+        One for each path, empty at first; points are added to them. Empty: none are recorded.
     keep : bool
         Whether the points are kept.
 

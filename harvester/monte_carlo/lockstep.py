@@ -5,6 +5,12 @@ without branches, which LLVM turns into instructions for eight of them at a time
 and those that the flight would bring into one, are gathered and stepped apart in a loop of the same
 kind, each with steps of its own, until they are at the step's end again.
 
+    realization   |------- step -------|------- step -------|
+         0        o--------------------o--------------------o    free flight: `_fly`
+         1        o---------x··x··x··x-o--------------------o    contact at x: `_gather`, then
+         2        o--------------------o--------------------o    `_try` and `_go_on` until it
+         …                                                       is at the step's end: `_arrive`
+
 Nothing is shared and no operation is reordered: a realization's numbers do not depend on what runs
 beside it.
 """
@@ -13,21 +19,18 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from typing import TYPE_CHECKING, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
 from harvester.compilation import merged, uncounted
 from harvester.device import contact, system
+from harvester.device.system import System
 from harvester.device.zones import crossing, overshoots
 from harvester.monte_carlo.schemes import one_step
 from harvester.record import several
 from harvester.record.record import Record
-from harvester.record.several import TOGETHER
-
-if TYPE_CHECKING:
-    from harvester.device.system import System
-    from harvester.record.several import Tally
+from harvester.record.several import TOGETHER, Tally
 
 # The number of points allowed if none are kept. No run reaches it.
 MOST_POINTS = 2**62
@@ -115,18 +118,14 @@ def advance(
     ----------
     scheme
         `argument` of a `harvester.monte_carlo.schemes.Scheme`.
-    s : harvester.device.system.System
     edges : ndarray
         Edges of the zones, from minus to plus infinity (scaled displacement).
     noise : ndarray, shape (knots, blocks, 8)
-        The excitation of all realizations at its knots.
+        The excitation of all realizations at its knots, `spacing` (s) apart.
     first_knot : int
         Number of the first of these knots in the run.
-    spacing : float
-        Between two knots (s).
     steps_per_knot, steps_per_contact : int
         Steps between two knots, and fewest from the beginning of a contact to its end.
-    room : Room
     tally : Tally
         Sums of the moments, added to.
     place : ndarray of int, changed

@@ -6,17 +6,13 @@ resolving a contact more finely.
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
-
 import numpy as np
 
 from harvester.compilation import compiled
 from harvester.device import contact, system
+from harvester.device.system import System
 from harvester.device.zones import crossing, overshoots
 from harvester.monte_carlo.schemes import one_step, scheme_of
-
-if TYPE_CHECKING:
-    from harvester.device.system import System
 
 # Steps per contact, four times those of Monte Carlo: an error of the contact's beginning would bias
 # the identified values of a stopper.
@@ -37,7 +33,6 @@ def states_at_samples(
 
     Parameters
     ----------
-    s : harvester.device.system.System
     eta : ndarray, shape (every (n − 1) + 1,)
         The excitation at its knots, linear between them.
     spacing : float
@@ -47,8 +42,8 @@ def states_at_samples(
     edges : ndarray of int, shape (windows + 1,)
         Samples at which windows begin, ascending, and behind them the end of the last one.
     starts : ndarray, shape (windows, 3)
-        X, X' and the transducer's state at each window's first sample, scaled; a window with NaN
-        there is left out.
+        X, X' and the transducer's state at each window's first sample, scaled; a window with NaN is
+        left out.
 
     Returns
     -------

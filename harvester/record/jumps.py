@@ -3,18 +3,14 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 import numpy as np
 
 from harvester.compilation import compiled, merged
 from harvester.device import timescales
 from harvester.device.cores import core_energies, cores_within
-from harvester.device.system import potential
-
-if TYPE_CHECKING:
-    from harvester.device.system import System
-    from harvester.record.record import Record
+from harvester.device.system import System, potential
+from harvester.record.record import Record
 
 # Number of displacements at which the potential is tabulated. It is linear between them.
 TABULATED = 2049

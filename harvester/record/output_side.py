@@ -2,17 +2,13 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING
+from typing import Any
 
 import numpy as np
 
 from harvester.compilation import compiled, summing
-
-if TYPE_CHECKING:
-    from collections.abc import Sequence
-
-    from harvester.record.moments import Moments
 
 # Columns of `OutputMoments.integrals`: time integrals.
 QUANTITIES = (
@@ -72,10 +68,7 @@ class OutputMoments:
 
     @classmethod
     def beside(
-        cls,
-        moments: Moments,
-        rows: tuple[tuple[str, str], ...] = (),
-        has_output: bool = True,
+        cls, moments: Any, rows: tuple[tuple[str, str], ...] = (), has_output: bool = True
     ) -> OutputMoments:
         """Nothing accumulated yet, in the batches of these `Moments`."""
         batches = len(moments.integrals)

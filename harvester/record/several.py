@@ -2,6 +2,13 @@
 
 All realizations take the same steps, and some of them have points of their own within a step. A
 step belongs to the batch of its middle, and is measured if it begins at or after the start.
+
+A block of memory holds eight realizations, one in each column:
+
+    cells[TIME + k]              t₀ t₁ … t₇   latest point: nine rows (`add_point` replaces it)
+    cells[SQUARE_VOLTAGES + k]   ΣV²Δt of     sums since the batch began (`add_point` adds to them,
+                                 0 … 7        `end_batch` moves them into the batch)
+    cells[BEFORE + k]            x₀ x₁ … x₇   displacement before the latest point (`follow`)
 """
 
 from __future__ import annotations

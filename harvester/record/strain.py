@@ -2,21 +2,17 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
 from harvester.beam.strain import strain_of_layers
 from harvester.compilation import compiled
 from harvester.files.libraries import optional_library
-
-if TYPE_CHECKING:
-    from collections.abc import Sequence
-
-    from harvester.prepared.prepared import Prepared
-    from harvester.record.moments import Moments
-    from harvester.record.record import Record
+from harvester.prepared.prepared import Prepared
+from harvester.record.record import Record
 
 # Columns of `StrainMoments.peaks`; `StrainMoments.squares` has the time before them.
 STRAIN, STRESS = 0, 1
@@ -59,7 +55,7 @@ class StrainWatch:
     needs rainflow, else MissingLibrary is raised.
     """
 
-    def __init__(self, moments: Moments, line: tuple[float, float, float] | None) -> None:
+    def __init__(self, moments: Any, line: tuple[float, float, float] | None) -> None:
         self._moments, self._line = moments, line
         self._strain: Any = moments.strain
         self._turns: list[np.ndarray] = []
@@ -96,7 +92,7 @@ class StrainWatch:
         self._strain.damage = damage / cycles
 
 
-def strain_watches(ready: Prepared, moments: Sequence[Moments]) -> list[StrainWatch]:
+def strain_watches(ready: Prepared, moments: Sequence[Any]) -> list[StrainWatch]:
     """One for each realization; none of a scene without a drawing."""
     beam = ready.scene.beam
     return [] if beam is None else [StrainWatch(m, beam.fatigue_line) for m in moments]

@@ -3,16 +3,13 @@
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING
 
 import numpy as np
 
 from harvester.device import timescales
+from harvester.prepared.prepared import Prepared
 from harvester.prepared.steps import stop_time
 from harvester.record.record import Record
-
-if TYPE_CHECKING:
-    from harvester.prepared.prepared import Prepared
 
 # Columns of `Stroboscope.samples`. The last three are time integrals, so that their differences
 # over a period are its means.

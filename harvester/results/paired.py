@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
@@ -13,10 +13,7 @@ from harvester.estimates.means import MEANS
 from harvester.estimates.output_side import RATIOS, output_ratio
 from harvester.estimates.well_balance import WellBalance, weighted, well_balance
 from harvester.prepared.prepared import prepared
-from harvester.record.moments import QUANTITIES
-
-if TYPE_CHECKING:
-    from harvester.record.moments import Moments
+from harvester.record.moments import QUANTITIES, Moments
 
 # Two paths go through the same wells if no batch's share of time in one differs by more than this:
 # jumps that two engines make at the same time end up so close, others differ by most of a batch.

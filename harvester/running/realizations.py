@@ -5,7 +5,7 @@ import math
 import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cached_property, partial
 from typing import Any
 
 import numpy as np
@@ -169,10 +169,7 @@ class Realizations:
     def _task(self, start, most):
         indices = range(start, int(min(start + self.size, most)))
         waveform = self.waveform and start == 0
-
-        def misfit(found):
-            return self.misfit(found, indices, waveform)
-
+        misfit = partial(self.misfit, indices=indices, waveform=waveform)
         arguments = {
             "scene": self.scene,
             "indices": list(indices),

@@ -51,24 +51,16 @@ class Request:
 
     Attributes
     ----------
-    scene : Scene
-        The length of each realization, their seed and, if no other number is given, their number.
-    method : Method
-        An engine or a closure; its name is taken too.
-    precision : float or None
-        Relative error of each of the quantities that realizations are added for: the standard
-        error, and what the steps may cost.
-    quantities : tuple of str
-        Quantities that the precision applies to; those that the scene does not have are ignored.
-    step, tolerance : str or float, float or None
-        Options of the method, if it is given by its name.
-    realizations : int or None
-        Number of realizations: of the first round with a precision, else in all. None:
-        `FIRST_REALIZATIONS` with one, else the scene's own.
-    most : int
-        Most realizations that a precision is worth.
-    density, moments : bool
-        Whether the answer is to hold them.
+    scene : length and seed of the realizations and, if no other is given, their number.
+    method : an engine or a closure; its name is taken too.
+    precision : relative error of each of the quantities that realizations are added for, or None:
+        the standard error, and what the steps may cost.
+    quantities : the precision applies to these; those that the scene does not have are ignored.
+    step, tolerance : options of the method, if it is given by its name.
+    realizations : number of the first round with a precision, else in all. None:
+        `FIRST_REALIZATIONS` with a precision, else the scene's own.
+    most : most realizations that a precision is worth.
+    density, moments : whether the answer is to hold them.
     """
 
     scene: Scene
@@ -124,31 +116,17 @@ class Answer:
 
     Attributes
     ----------
-    scene : Scene
-        The scene, with the number of realizations that were run.
-    method : str
-    quantities : dict of str to Estimate
-        Scaled units; `standard_error` is the numerical error for a closure.
-    seconds : float
-        Processor time of one core (s).
-    outcome : str
-        "complete", or what ended it early.
-    realizations : int
-    simulated_time : float
-        Simulated time of all realizations (s); 0 for a closure.
-    energy_balance_residual : float or None
-    misses_jumps : bool
-        Whether a single further jump between the wells would change E[V²] by more than the
-        precision; the error bar does not include jumps that no realization made.
-    notes : tuple of str
-    on_orbits : tuple of str
-        Those of the notes that say which orbit was followed.
-    orbits : tuple of Attractor
-        The orbits that starts reached without noise, the followed one first.
-    density : Density or None
-        Density of the displacement.
-    moments : tuple of harvester.record.moments.Moments
-        One per realization, for paired differences.
+    scene : with the number of realizations that were run.
+    quantities : scaled; `standard_error` is the numerical error for a closure.
+    seconds : processor time of one core (s).
+    outcome : "complete", or what ended it early.
+    simulated_time : of all realizations (s); 0 for a closure.
+    misses_jumps : whether a single further jump between the wells would change E[V²] by more than
+        the precision; the error bar does not include jumps that no realization made.
+    on_orbits : those of the notes that say which orbit was followed.
+    orbits : the orbits that starts reached without noise, the followed one first.
+    density : of the displacement.
+    moments : one per realization, for paired differences.
     """
 
     scene: Scene

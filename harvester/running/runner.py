@@ -35,12 +35,9 @@ class Runner:
 
     Attributes
     ----------
-    folder : StudyFolder or None
-        Folder in which answers are kept on disk; None: in memory only.
-    out_of_time : bool
-        Something was left out because the time budget was spent.
-    computed, reused : int
-        Tasks of this runner that were computed, and that were there before.
+    folder : where answers are kept on disk; None: in memory only.
+    out_of_time : whether something was left out because the time budget was spent.
+    computed, reused : tasks of this runner that were computed, and that were there before.
     """
 
     def __init__(
@@ -141,14 +138,13 @@ class Runner:
         Parameters
         ----------
         plans : iterable of generator
-            Each yields `Wanted` and is sent the results of its tasks, as `run` gives them, as
-            soon as all are there. Once a result is None the time is spent: it should return what
-            it has.
+            Each yields `Wanted` and is sent the results of its tasks, as `run` gives them, once all
+            are there. If a result is None the time is spent: it should return what it has.
         on_end : callable or None
             Given (index, returned value).
         in_turn : bool
-            Whether an earlier plan's later tasks go before a later plan's first ones: results
-            then come one after another, else all plans get further a step at a time.
+            Whether an earlier plan's later tasks go before a later plan's first ones: results then
+            come one after another, else all plans get further a step at a time.
         """
         return _Following(self, list(plans), on_end, in_turn).to_the_end()
 

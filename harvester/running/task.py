@@ -33,19 +33,13 @@ class Task:
 
     Attributes
     ----------
-    function : callable
-        A function of a module; called in a worker process as function(report=…, **arguments). It
-        returns what `harvester.running.codec` knows, and raises a HarvesterError where it fails.
-    arguments : dict of str to object
-        Scenes, numbers, strings, None, and lists, tuples and dictionaries of these.
-    version : str
-        Version of the program that computes, besides this package.
-    label : str
-        Tasks of one label take about as long as each other: for the time left.
-    time_limits : int
-        How many of the runner's limits on wall-clock time it may take.
-    misfit : callable or None
-        Given an answer that was read, says what cannot be an answer to this; "" where all may.
+    function : of a module; called in a worker process as function(report=…, **arguments); returns
+        what `harvester.running.codec` knows, and raises a HarvesterError where it fails.
+    arguments : scenes, numbers, strings, None, and lists, tuples and dictionaries of these.
+    version : of the program that computes, besides this package.
+    label : tasks of one label take about as long as each other: for the time left.
+    time_limits : how many of the runner's limits on wall-clock time it may take.
+    misfit : given an answer that was read, says what cannot be an answer to this; "" where all may.
     """
 
     function: Callable

@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import math
 from dataclasses import replace
-from typing import TYPE_CHECKING
 
 import numpy as np
 
 from harvester.device import timescales
+from harvester.device.system import System
 from harvester.errors import EnergyNotBalanced, SimulationError
 from harvester.estimates.batch_means import measured_time
 from harvester.estimates.densities import densities
@@ -26,12 +26,9 @@ from harvester.results.residual_cause import suspected_cause
 from harvester.results.result import Result
 from harvester.results.waveform import waveform_of
 from harvester.scene.model import Scene
+from harvester.simulation.methods import Engine
 from harvester.simulation.orbits import note_on_one_start
 from harvester.simulation.realization import Realization
-
-if TYPE_CHECKING:
-    from harvester.device.system import System
-    from harvester.simulation.methods import Engine
 
 # A result whose energy balance residual exceeds the first is an error; above the second it has a
 # note.

@@ -73,11 +73,8 @@ class Realization:
 class WaveformWindow(NamedTuple):
     """The part of the first realization that is kept as a waveform.
 
-    Attributes
-    ----------
-    start, stop : s from the run's beginning.
-    most : points.
-    probes : voltages and currents of the load's netlist.
+    From `start` to `stop` (s from the run's beginning), at most `most` points, with `probes` for
+    voltages and currents of the load's netlist.
     """
 
     start: float

@@ -3,14 +3,11 @@
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING
 
 from harvester.device import timescales
 from harvester.monte_carlo.engine import MOST_TOGETHER
+from harvester.prepared.prepared import Prepared
 from harvester.prepared.steps import knot_spacing, steps_per_contact, steps_per_knot
-
-if TYPE_CHECKING:
-    from harvester.prepared.prepared import Prepared
 
 # More copies in one netlist are no faster, as `work-precision` measures: behavioural elements soon
 # exceed the processor's cache.

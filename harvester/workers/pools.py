@@ -9,16 +9,20 @@ import os
 import queue
 import threading
 from collections.abc import Callable, Iterator, Sequence
-from concurrent.futures import FIRST_EXCEPTION, CancelledError, ThreadPoolExecutor, wait
+from concurrent.futures import (
+    FIRST_EXCEPTION,
+    CancelledError,
+    Executor,
+    Future,
+    ThreadPoolExecutor,
+    wait,
+)
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Protocol
+from typing import Any, Protocol
 
 from harvester.errors import HarvesterError, SimulationError, SimulatorCrashed, SimulatorTimeout
 from harvester.workers.process import Worker
-
-if TYPE_CHECKING:
-    from concurrent.futures import Executor, Future
 
 # Time between two checks for other events, in seconds.
 LOOK_AROUND = 0.5
@@ -147,8 +151,8 @@ class WorkerPool:
 class ExecutorPool:
     """A pool over any `concurrent.futures.Executor`: a process pool, Dask's, mpi4py's.
 
-    Each of the executor's processes keeps one worker process of its own, so that a crash or a
-    hang of the simulator never reaches the executor. There is no progress.
+    Each of its processes keeps a worker process of its own, so that a crash or a hang of the
+    simulator never reaches the executor. There is no progress.
     """
 
     # The executor queues tasks by itself.
