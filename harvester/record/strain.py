@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -90,12 +89,6 @@ class StrainWatch:
             batch = int((turns[end, 0] - self._moments.start) / self._moments.batch_length)
             damage[min(batch, len(damage) - 1)] += share * (0.5 * span / limit) ** exponent
         self._strain.damage = damage / cycles
-
-
-def strain_watches(ready: Prepared, moments: Sequence[Any]) -> list[StrainWatch]:
-    """One for each realization; none of a scene without a drawing."""
-    beam = ready.scene.beam
-    return [] if beam is None else [StrainWatch(m, beam.fatigue_line) for m in moments]
 
 
 @compiled

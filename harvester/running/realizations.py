@@ -24,7 +24,7 @@ from harvester.scene.model import Scene
 from harvester.scene.units import Scales
 from harvester.simulation import side_by_side
 from harvester.simulation.methods import Circuit, Engine, engine_of
-from harvester.simulation.orbits import last_samples, several_starts, with_orbit
+from harvester.simulation.orbits import SAMPLES, several_starts, with_orbit
 from harvester.simulation.realization import empty_moments, run
 
 # Realizations in one task if they run side by side or fast.
@@ -71,13 +71,14 @@ def realizations(
         stroboscope=several_starts(scene),
     )
     moments = [solution.moments for solution in solutions]
+    samples = [solution.stroboscope for solution in solutions if solution.stroboscope is not None]
     if not density:
         # Histograms are by far the largest part of an answer.
         moments = [dataclasses.replace(m, histograms=np.zeros((1, 0, 0))) for m in moments]
     return {
         "moments": moments,
         "waveform": _even(solutions[0].waveform) if waveform else None,
-        "stroboscope": last_samples(solutions),
+        "stroboscope": np.array(samples)[:, -SAMPLES:] if samples else None,
         "seconds": time.process_time() - clock,
     }
 

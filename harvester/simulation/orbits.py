@@ -175,12 +175,6 @@ def with_orbit(scene: Scene) -> Scene:
     return replace(scene, run=replace(scene.run, orbit="rest"))
 
 
-def last_samples(realizations: Sequence[Realization]) -> np.ndarray | None:
-    """The samples that `followed` needs, shape (realizations, samples, columns), or None."""
-    samples = [run.stroboscope for run in realizations if run.stroboscope is not None]
-    return np.array(samples)[:, -SAMPLES:] if samples else None
-
-
 def followed(scene: Scene, good: Sequence[dict], cost: float) -> Followed:
     """The orbit that `run.orbit` names among those that starts reached; see `with_orbit`.
 

@@ -26,7 +26,7 @@ from harvester.record.moments import prepare as prepare_moments
 from harvester.record.output_side import OutputMoments
 from harvester.record.range_watch import with_range_watch
 from harvester.record.record import Record
-from harvester.record.strain import StrainMoments, strain_watches
+from harvester.record.strain import StrainMoments, StrainWatch
 from harvester.record.strain import prepare as prepare_strain
 from harvester.record.stroboscope import Stroboscope, strobe_times
 from harvester.simulation.methods import Engine
@@ -258,7 +258,7 @@ def _run(scene, engine, indices, window, report, joint_density, stretch, strobos
     strobes = [Stroboscope(*strobe_times(prepared_scene)) if stroboscope else None for _ in indices]
     for watching, *others in zip(observers, waveforms, joints, strobes, strict=True):
         watching[:0] = [observer for observer in others if observer is not None]
-    strained = strain_watches(prepared_scene, moments)
+    strained = [StrainWatch(m, scene.beam.fatigue_line) for m in moments] if scene.beam else []
     for watching, watch in zip(observers, strained, strict=False):
         watching[:0] = [watch]
     engine.prepare(prepared_scene)
