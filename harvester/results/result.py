@@ -335,7 +335,7 @@ class Result:
         ----------
         axes : matplotlib.axes.Axes
         name : str
-            "displacement", "velocity" or "voltage".
+            "displacement", "velocity" or "voltage"; UnknownQuantity is raised for others.
         label : str or None
             Label in the legend (default: the method).
         **style
