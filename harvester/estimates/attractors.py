@@ -9,7 +9,6 @@ the same cells of the section.
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -57,13 +56,10 @@ class Group:
 
     Attributes
     ----------
-    period : int or None
-        Period of the motion in forcing periods; None if it does not repeat itself.
-    members : ndarray of int
-        Numbers of the starts, ascending.
-    points : ndarray, shape (period or samples, 3)
-        Its stroboscopic section: X, X' and the transducer's state, scaled; of a motion without a
-        period the samples of all members, at most some thousand.
+    period : in forcing periods; None of a motion that does not repeat itself.
+    members : numbers of the starts, ascending.
+    points : its stroboscopic section, X, X' and the transducer's state, scaled; shape (period or
+        samples, 3); of a motion without a period the samples of all members, at most some thousand.
     """
 
     period: int | None
@@ -78,34 +74,27 @@ MOST_POINTS = 5000
 def repetition(samples: np.ndarray, scale: np.ndarray | None = None) -> np.ndarray:
     """The period of each start's last samples, in forcing periods; 0 where they do not repeat.
 
-    Parameters
-    ----------
-    samples : ndarray, shape (starts, samples, 3)
-    scale : ndarray, shape (3,), or None
-        Sizes of the three, against which differences count; None: the greatest of all samples.
-
-    Returns
-    -------
-    ndarray of int, shape (starts,)
+    `samples` has the shape (starts, samples, 3); `scale` holds the sizes of the three against
+    which differences count, by default the greatest of all samples.
     """
     scale = sizes_of(samples) if scale is None else scale
-    found = np.zeros(len(samples), dtype=int)
+    periods = np.zeros(len(samples), dtype=int)
     longest = min(LONGEST_PERIOD, int(samples.shape[1] / SEEN))
     for period in range(1, longest + 1):
-        open_ = np.flatnonzero(found == 0)
+        open_ = np.flatnonzero(periods == 0)
         if not open_.size:
             break
         # Only the last two periods are compared, so that a start may settle late.
         back = min(samples.shape[1], max(math.ceil(SEEN * period), period + 4))
         last = samples[open_, -back:]
         repeats = _change(last, period, scale) <= REPEATS
-        found[open_[repeats]] = period
+        periods[open_[repeats]] = period
         for shorter in range(1, period // 2 + 1):
             if period % shorter == 0:
                 nearly = repeats & (_change(last, shorter, scale) <= STILL_SETTLING)
-                found[open_[nearly]] = shorter
+                periods[open_[nearly]] = shorter
                 repeats &= ~nearly
-    return found
+    return periods
 
 
 def transients(samples: np.ndarray, memory: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
@@ -123,24 +112,25 @@ def transients(samples: np.ndarray, memory: float) -> tuple[np.ndarray, np.ndarr
     Returns
     -------
     (ndarray of int, ndarray, ndarray), shapes (starts,)
-        The periods as `repetition` has them; the change over the last stretch, and what remains,
-        as shares of the start's greatest samples: infinite where nothing repeats or the changes do
-        not decay.
+        Periods as in `repetition`; the change over the last stretch, and what remains, as shares
+        of the start's greatest samples: infinite where nothing repeats or changes do not decay.
     """
     inside = np.isfinite(samples).all(axis=(1, 2))
     samples = np.where(inside[:, None, None], samples, 0.0)
-    own = np.abs(samples).max(axis=1, keepdims=True)
-    scaled = samples / np.where(own > 1e-12 * own.max(axis=2, keepdims=True), own, 1.0)
+    greatest = np.abs(samples).max(axis=1, keepdims=True)
+    scaled = samples / np.where(
+        greatest > 1e-12 * greatest.max(axis=2, keepdims=True), greatest, 1.0
+    )
     periods = np.where(inside, repetition(scaled, np.ones(samples.shape[2])), 0)
     changes, remains = np.full((2, len(samples)), np.inf)
     for period in np.unique(periods[periods > 0]):
-        here, stretch = periods == period, stretch_of(period, samples.shape[1])
+        selected, stretch = periods == period, stretch_of(period, samples.shape[1])
         if stretch:
-            moved = np.abs(scaled[here, stretch:] - scaled[here, :-stretch]).max(axis=2)
+            moved = np.abs(scaled[selected, stretch:] - scaled[selected, :-stretch]).max(axis=2)
             now, before = moved[:, stretch:].max(axis=1), moved[:, :-stretch].max(axis=1)
             left = np.where(now < before, now * now / np.maximum(before - now, SMALLEST), np.inf)
             left = np.maximum(left, now * memory / stretch)
-            changes[here], remains[here] = now, np.where(now <= ROUNDING, now, left)
+            changes[selected], remains[selected] = now, np.where(now <= ROUNDING, now, left)
     return periods, changes, remains
 
 
@@ -152,6 +142,9 @@ def stretch_of(period: int, count: int) -> int:
 def means_of(samples: np.ndarray, seconds: float, steps: float, memory: float) -> np.ndarray:
     """`QUANTITIES` of one motion, and their errors; shape (2, 3), in the units of the samples.
 
+    Of a periodic motion the means are over its last whole cycles, and the errors hold what remains
+    of the transient. Else both are those of all samples; NaN where these are too few for an error.
+
     Parameters
     ----------
     samples : ndarray, shape (starts, samples, columns)
@@ -162,11 +155,6 @@ def means_of(samples: np.ndarray, seconds: float, steps: float, memory: float) -
         Share of a mean that the steps may cost.
     memory : float
         As in `transients`.
-
-    Notes
-    -----
-    Of a periodic motion the means are over its last whole cycles, and the errors hold what remains
-    of the transient. Else both are those of all samples; NaN where these are too few for an error.
     """
     rates = np.diff(samples[:, :, STATE:], axis=1) / seconds
     (period, *_), (change, *_), (remains, *_) = transients(samples[:, :, :STATE], memory)
@@ -177,8 +165,8 @@ def means_of(samples: np.ndarray, seconds: float, steps: float, memory: float) -
         errors = np.abs(means - before.mean(axis=0)) * remains / max(change, SMALLEST)
     else:
         means = rates.mean(axis=(0, 1))
-        found = [standard_error(rates[:, :, k]) for k in range(means.size)]
-        errors = np.array([math.nan if each is None else each for each in found])
+        scatters = [standard_error(rates[:, :, k]) for k in range(means.size)]
+        errors = np.array([math.nan if scatter is None else scatter for scatter in scatters])
     errors = np.hypot(errors, steps * means)
     roots = np.sqrt(means[1:])
     errors[1:] /= 2.0 * np.maximum(roots, SMALLEST)
@@ -188,15 +176,9 @@ def means_of(samples: np.ndarray, seconds: float, steps: float, memory: float) -
 def repeats_in_noise(path: np.ndarray, period: float) -> bool:
     """Whether a measured path repeats itself after some periods of the forcing.
 
-    The samples of one path with a sensor's noise in it never agree as those that `repetition` asks
-    for: here the whole path and the path some periods later are correlated.
-
-    Parameters
-    ----------
-    path : ndarray, shape (n,)
-        Evenly spaced; its first third, in which a start is forgotten, does not count.
-    period : float
-        Period of the forcing, in samples.
+    The samples of one path with a sensor's noise never agree as `repetition` requires: here the
+    path and the same path some periods later are correlated. `path` is evenly spaced; its first
+    third, in which a start is forgotten, does not count. `period` is in samples.
     """
     late = path[path.size // 3 :] - np.mean(path[path.size // 3 :])
     places = np.arange(late.size)
@@ -226,61 +208,55 @@ def sizes_of(samples: np.ndarray) -> np.ndarray:
 def groups_of(samples: np.ndarray) -> list[Group]:
     """Starts grouped by the steady motion that they reached, the largest group first.
 
-    Parameters
-    ----------
-    samples : ndarray, shape (starts, samples, 3)
-        Stroboscopic samples after the starts are forgotten.
+    `samples` are stroboscopic, taken after the starts are forgotten; shape (starts, samples, 3).
     """
     scale = sizes_of(samples)
     periods = repetition(samples, scale)
-    found = [
+    groups = [
         group
         for period in np.unique(periods[periods > 0])
         for group in _cycles(samples, scale, int(period), np.flatnonzero(periods == period))
     ]
-    found, wandering = _joined(found, samples, scale, np.flatnonzero(periods == 0))
-    found += _wanderers(samples, wandering)
-    return sorted(found, key=lambda group: (-group.members.size, group.members[0]))
+    groups, wandering = _joined(groups, samples, scale, np.flatnonzero(periods == 0))
+    groups += _wanderers(samples, wandering)
+    return sorted(groups, key=lambda group: (-group.members.size, group.members[0]))
 
 
 def groups_that_meet(samples: np.ndarray) -> list[Group]:
     """Starts grouped by the path that they reached under one record.
 
-    Parameters
-    ----------
-    samples : ndarray, shape (starts, samples, 3)
-        Samples of all starts at the same times, the last ones of their runs.
+    `samples` of all starts are from the same times at the end; shape (starts, samples, 3).
     """
-    scale, left, found = sizes_of(samples), np.arange(len(samples)), []
+    scale, left, groups = sizes_of(samples), np.arange(len(samples)), []
     while left.size:
         apart = np.abs(samples[left] - samples[left[0]]) / scale
-        here = apart.max(axis=(1, 2)) <= SAME_CYCLE
-        found.append(Group(None, left[here], samples[left[0]]))
-        left = left[~here]
-    return sorted(found, key=lambda group: (-group.members.size, group.members[0]))
+        joining = apart.max(axis=(1, 2)) <= SAME_CYCLE
+        groups.append(Group(None, left[joining], samples[left[0]]))
+        left = left[~joining]
+    return sorted(groups, key=lambda group: (-group.members.size, group.members[0]))
 
 
 def _cycles(samples, scale, period, members):
     """Starts whose motions have the same period, grouped by the cycle that they reach."""
     last = samples[members, -period:]
-    left, found = np.arange(members.size), []
+    left, groups = np.arange(members.size), []
     while left.size:
         cycle = last[left[0]]
         apart = np.full(left.size, np.inf)
         for shift in range(period):
             turned = np.roll(cycle, shift, axis=0)
-            here = (np.abs(last[left] - turned) / scale).max(axis=(1, 2))
-            apart = np.minimum(apart, here)
+            distance = (np.abs(last[left] - turned) / scale).max(axis=(1, 2))
+            apart = np.minimum(apart, distance)
         same = apart <= SAME_CYCLE
-        found.append(Group(period, members[left[same]], cycle))
+        groups.append(Group(period, members[left[same]], cycle))
         left = left[~same]
-    return found
+    return groups
 
 
 def _joined(cycles, samples, scale, members):
     """Cycles with late starts added (those close to a cycle at the end), and the remaining
     starts."""
-    found = []
+    extended = []
     for cycle in cycles:
         back = min(samples.shape[1], 2 * cycle.period + STAYS)
         last = samples[members, -back:]
@@ -288,9 +264,9 @@ def _joined(cycles, samples, scale, members):
         turns = (np.arange(-back, 0)[None, :] + np.arange(cycle.period)[:, None]) % cycle.period
         apart = np.abs(last[:, None] - cycle.points[turns]) / scale
         late = apart.max(axis=(2, 3)).min(axis=1) <= SAME_CYCLE
-        found.append(replace(cycle, members=np.union1d(cycle.members, members[late])))
+        extended.append(replace(cycle, members=np.union1d(cycle.members, members[late])))
         members = members[~late]
-    return found, members
+    return extended, members
 
 
 def _wanderers(samples, members):
@@ -305,8 +281,8 @@ def _wanderers(samples, members):
     # For each group: its filled cells, and these together with the neighbouring ones.
     filled: list[tuple[np.ndarray, np.ndarray]] = []
     groups: list[list[int]] = []
-    for place in range(members.size):
-        x, v = cells[place].T
+    for index in range(members.size):
+        x, v = cells[index].T
         shares = [float(near[x, v].mean()) for _, near in filled]
         best = int(np.argmax(shares)) if shares else -1
         if best < 0 or shares[best] < SAME_CELLS:
@@ -314,26 +290,26 @@ def _wanderers(samples, members):
             filled.append((nothing, nothing))
             groups.append([])
             best = len(filled) - 1
-        own = filled[best][0]
-        own[x, v] = True
-        filled[best] = (own, _beside(own))
-        groups[best].append(place)
-    return [_wandering(samples, members, each) for each in _united(filled, groups)]
+        visited = filled[best][0]
+        visited[x, v] = True
+        filled[best] = (visited, _beside(visited))
+        groups[best].append(index)
+    return [_wandering(samples, members, united) for united in _united(filled, groups)]
 
 
 def _united(filled, groups):
     """Groups, after those whose cells mostly belong to another group are joined to it."""
     order = sorted(range(len(groups)), key=lambda k: -int(filled[k][0].sum()))
-    kept: list[int] = []
+    separate: list[int] = []
     for k in order:
-        for other in kept:
-            own, near = filled[k][0], filled[other][1]
-            if (own & near).sum() >= SAME_CELLS * own.sum():
+        for other in separate:
+            visited, near = filled[k][0], filled[other][1]
+            if (visited & near).sum() >= SAME_CELLS * visited.sum():
                 groups[other] += groups[k]
                 break
         else:
-            kept.append(k)
-    return [sorted(groups[k]) for k in kept]
+            separate.append(k)
+    return [sorted(groups[k]) for k in separate]
 
 
 def _beside(filled):
@@ -359,13 +335,7 @@ def _wandering(samples, members, places):
 
 @dataclass(frozen=True)
 class Divergence:
-    """The largest Lyapunov exponent, from how fast neighbours part.
-
-    Attributes
-    ----------
-    exponent, standard_error : float
-        1/s.
-    """
+    """The largest Lyapunov exponent (1/s) and its error, from how fast neighbours part."""
 
     exponent: float
     standard_error: float
@@ -390,14 +360,8 @@ TURNED_PERIODS = 8
 def divergence(pairs: np.ndarray, scale: np.ndarray, period: float) -> Divergence | None:
     """The exponent from pairs of neighbouring starts; None where none could be followed.
 
-    Parameters
-    ----------
-    pairs : ndarray, shape (pairs, 2, samples, 3)
-        Samples of both of each pair, one every forcing period.
-    scale : ndarray, shape (3,)
-        Sizes of the three.
-    period : float
-        s.
+    `pairs` holds samples of both of each pair, one every forcing period (s); shape
+    (pairs, 2, samples, 3). `scale` has the sizes of the three columns.
     """
     apart = np.sqrt((((pairs[:, 1] - pairs[:, 0]) / scale) ** 2).sum(axis=2))
     growth, lasting = [], []
@@ -413,11 +377,7 @@ def divergence(pairs: np.ndarray, scale: np.ndarray, period: float) -> Divergenc
         lasting.append((inside.size - 1) * period)
     if len(growth) < 2:
         return None
-    return _ratio(growth, lasting)
-
-
-def _ratio(growth: Sequence[float], lasting: Sequence[float]) -> Divergence:
-    """Growth over time of all pairs, and its error from how they differ."""
+    # The growth over the time of all pairs, and its error from how they differ.
     up, time = np.array(growth), np.array(lasting)
     exponent = up.sum() / time.sum()
     off = up - exponent * time

@@ -3,17 +3,13 @@
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING
 
 from harvester.device import system
-from harvester.record.moments import QUANTITIES
+from harvester.device.system import System
+from harvester.record.moments import QUANTITIES, Moments
 from harvester.record.record import Record
 
 STATE = Record._fields.index("transducer_state")
-
-if TYPE_CHECKING:
-    from harvester.device.system import System
-    from harvester.record.moments import Moments
 
 
 def energy_balance_residual(moments: list[Moments], parameters: System) -> float:

@@ -53,13 +53,8 @@ KNOTS_PER_SAMPLE = 4
 def batch_counts(realizations: int, knots: float, one_path: bool = False) -> tuple[int, int]:
     """Batches and histogram groups per realization.
 
-    Parameters
-    ----------
-    realizations : int
-    knots : float
-        Knots of the noise per realization: a batch spans several.
-    one_path : bool
-        Whether all realizations meet the same path, without a period.
+    A batch spans several of a realization's `knots` of the noise. `one_path` is true if all
+    realizations meet the same path, without a period.
     """
     most = max(1, int(knots / KNOTS_PER_BATCH))
     fewest = FEWEST_ON_ONE_PATH if one_path else FEWEST_TO_DRIFT
@@ -85,7 +80,7 @@ def standard_error(
     Returns
     -------
     float or None
-        None when fewer than `FEWEST_BATCHES` batches are left before they are uncorrelated, or when
+        None if fewer than `FEWEST_BATCHES` batches are left before they are uncorrelated, or if
         they count as fewer than `FEWEST_EFFECTIVE`.
     """
     series = np.asarray(series, dtype=float)
@@ -134,14 +129,8 @@ def _scatter(series, mean):
 def duration_for_error(series: np.ndarray, duration: float, memory: float) -> float:
     """Duration (s) of each realization that would about give `standard_error` an error bar.
 
-    Parameters
-    ----------
-    series : ndarray, shape (realizations, batches)
-        Of a run that was too short.
-    duration : float
-        Its duration (s).
-    memory : float
-        Least correlation time (s).
+    `series` is of a run that was too short, of the given `duration` (s); shape (realizations,
+    batches). `memory` is the least correlation time (s).
     """
     left, length, mean = LARGEST_CORRELATION, duration / series.shape[1], series.mean()
     while series.size >= FEWEST_BATCHES:
@@ -157,9 +146,9 @@ def duration_for_error(series: np.ndarray, duration: float, memory: float) -> fl
 def error_without_chance(series: np.ndarray, drawn: bool = False) -> float | None:
     """Error of a mean under a deterministic excitation, over whole periods of it.
 
-    It holds the transient that remains: the change from the first to the second half. Where the
-    motion has another period or none, how far batches scatter about that, as if each were by
-    chance. Realizations differ by their starts alone, so that these are errors of their mean.
+    It holds the transient that remains: the change from the first to the second half. If the
+    motion has another period or none, it holds how far batches scatter about that, as if each were
+    by chance. Realizations differ by their starts alone, so that these are errors of their mean.
 
     Parameters
     ----------
@@ -190,19 +179,10 @@ def error_without_chance(series: np.ndarray, drawn: bool = False) -> float | Non
 
 
 def error_of_starts(series: np.ndarray) -> float:
-    """Standard error of a mean over starts that are drawn independently of each other.
+    """Standard error of a mean over independently drawn starts; 0 for a single one.
 
     The variance among motions, by the multinomial of their shares, and within each motion: both
-    are that among the starts' own means.
-
-    Parameters
-    ----------
-    series : ndarray, shape (realizations, batches)
-
-    Returns
-    -------
-    float
-        0 for a single start.
+    are that among the starts' own means. `series` has the shape (realizations, batches).
     """
     means = np.asarray(series, dtype=float).mean(axis=1)
     return float(means.std(ddof=1)) / math.sqrt(means.size) if means.size > 1 else 0.0
@@ -241,7 +221,7 @@ def _joined(series):
 
 def measured_time(moments: Sequence[Moments]) -> float:
     """Time that the integrals of all realizations hold (s); 0 before a first whole step."""
-    return float(sum(each.integrals[:, 0].sum() for each in moments))
+    return float(sum(realization.integrals[:, 0].sum() for realization in moments))
 
 
 def complete_batches(moments: Sequence[Moments]) -> np.ndarray | None:
@@ -280,9 +260,8 @@ def ratio_estimate(
     Parameters
     ----------
     upper, lower : ndarray, shape (realizations, batches)
-    dimension : str
     nothing : str
-        Why there is none where `lower` is 0.
+        Why there is no ratio where `lower` is 0.
     squares : ndarray, optional
         Time integrals of the square of what `upper` integrates over the time `lower`: its variance
         tells the effective sample size.

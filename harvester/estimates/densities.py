@@ -3,17 +3,13 @@
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING
 
 import numpy as np
 
 from harvester.estimates.batch_means import FEWEST_BATCHES
 from harvester.estimates.estimate import Density
-from harvester.record.moments import HISTOGRAMS
-
-if TYPE_CHECKING:
-    from harvester.estimates.well_balance import WellBalance
-    from harvester.record.moments import Moments
+from harvester.estimates.well_balance import WellBalance
+from harvester.record.moments import HISTOGRAMS, Moments
 
 
 def densities(
@@ -24,21 +20,23 @@ def densities(
 ) -> dict[str, Density]:
     """Densities of displacement, velocity and voltage, {name: Density}, scaled units.
 
-    `balance` is that of the wells by whose weights the moments are weighted. There are no error
-    bars where it gives none.
-
-    `drawn` says that only the starts are by chance: error bars are then those among realizations.
-
-    `symmetric` says that −η is as likely as η. Eq. 4 is then the same for (−X, −V, −η), so each
-    value counts half for its mirror image: a run that spent its time in one well would else give
-    one well's density, with an error bar that knows nothing of the other.
+    Parameters
+    ----------
+    symmetric : bool
+        Whether −η is as likely as η. Eq. 4 is then the same for (−X, −V, −η), so each value counts
+        half for its mirror image: a run that spent its time in one well would else give one well's
+        density, with an error bar that knows nothing of the other.
+    balance : WellBalance or None
+        Balance by whose weights the moments are weighted; there are no error bars if it has none.
+    drawn : bool
+        Whether only the starts are by chance: error bars are then those among realizations.
     """
     result = {}
     for k, name in enumerate(HISTOGRAMS):
         width = max(float(m.bin_widths[k]) for m in moments)
         of_each = [_rebinned(m, k, width) for m in moments]
         if drawn:
-            of_each = [each.sum(axis=0, keepdims=True) for each in of_each]
+            of_each = [histogram.sum(axis=0, keepdims=True) for histogram in of_each]
         groups = np.concatenate(of_each)
         if symmetric:
             groups = 0.5 * (groups + groups[:, ::-1])
@@ -50,15 +48,15 @@ def densities(
         density = groups.sum(axis=0) / (times.sum() * width)
         error = None
         if len(groups) >= FEWEST_BATCHES:
-            each = (groups / width - density * times[:, None]) / times.mean()
+            deviations = (groups / width - density * times[:, None]) / times.mean()
             if balance is None:
-                error = each.std(axis=0, ddof=1) / math.sqrt(len(groups))
+                error = deviations.std(axis=0, ddof=1) / math.sqrt(len(groups))
             else:
-                error = balance.errors_of_groups(each)
+                error = balance.errors_of_groups(deviations)
         bins = groups.shape[1]
         centre = (np.arange(bins) - bins // 2 + 0.5) * width
-        used = np.flatnonzero(density)
-        inside = slice(used[0], used[-1] + 1)
+        filled = np.flatnonzero(density)
+        inside = slice(filled[0], filled[-1] + 1)
         result[name] = Density(
             centre[inside], density[inside], None if error is None else error[inside], name
         )
@@ -74,7 +72,7 @@ def _rebinned(moments, row, width):
         return groups
     factor = min(factor, half)
     wide = np.zeros_like(groups)
-    kept = half // factor
+    reach = half // factor
     merged = groups.reshape(groups.shape[0], -1, factor).sum(axis=2)
-    wide[:, half - kept : half + kept] = merged
+    wide[:, half - reach : half + reach] = merged
     return wide

@@ -21,11 +21,9 @@ class JointDensity:
 
     Attributes
     ----------
-    displacement, velocity : ndarray, shapes (n,) and (m,)
-        Centres of the bins, or nodes.
-    density : ndarray, shape (n, m)
-    standard_error : ndarray, shape (n, m), or None
-        Among realizations; None where there are too few or none.
+    displacement, velocity : centres of the bins, or nodes; shapes (n,) and (m,).
+    density : shape (n, m).
+    standard_error : among realizations, shape (n, m); None where there are too few or none.
     """
 
     displacement: np.ndarray
@@ -57,23 +55,23 @@ class JointDensity:
 def joint_density(
     histograms: Sequence[JointHistogram], symmetric: bool = True
 ) -> JointDensity | None:
-    """The density that all realizations have sampled; None where there is no sample.
+    """The density that all realizations have sampled; None without a sample.
 
-    Parameters
-    ----------
-    histograms : sequence of JointHistogram
-        One of each realization.
-    symmetric : bool
-        As in `harvester.estimates.densities.densities`: each sample counts half for its mirror
-        image −(X, X').
+    `symmetric` is as in `harvester.estimates.densities.densities`: each sample counts half for its
+    mirror image −(X, X').
     """
-    widths = np.max([each.bin_widths for each in histograms], axis=0)
-    factors = np.array([np.round(widths / each.bin_widths) for each in histograms], dtype=int)
-    counts = _of_one_shape(
-        [_merged(each.counts, f) for each, f in zip(histograms, factors, strict=True)]
+    widths = np.max([histogram.bin_widths for histogram in histograms], axis=0)
+    factors = np.array(
+        [np.round(widths / histogram.bin_widths) for histogram in histograms], dtype=int
     )
-    more = [_bins_to_merge(counts.sum(axis=(0, axis))) for axis in (2, 1)]
-    counts, widths = np.stack([_merged(each, more) for each in counts]).astype(float), widths * more
+    counts = _of_one_shape(
+        [_merged(histogram.counts, f) for histogram, f in zip(histograms, factors, strict=True)]
+    )
+    merging = [_bins_to_merge(counts.sum(axis=(0, axis))) for axis in (2, 1)]
+    counts, widths = (
+        np.stack([_merged(grid, merging) for grid in counts]).astype(float),
+        widths * merging,
+    )
     if symmetric:
         counts = 0.5 * (counts + counts[:, ::-1, ::-1])
     samples = counts.sum(axis=(1, 2))
@@ -83,18 +81,18 @@ def joint_density(
     area = float(np.prod(widths))
     density, error = counts.sum(axis=0) / (samples.sum() * area), None
     if len(counts) >= FEWEST_BATCHES:
-        each = counts / (samples[:, None, None] * area)
-        error = each.std(axis=0, ddof=1) / math.sqrt(len(counts))
-    used = [slice(k[0], k[-1] + 1) for k in (np.flatnonzero(density.sum(axis=a)) for a in (1, 0))]
+        densities = counts / (samples[:, None, None] * area)
+        error = densities.std(axis=0, ddof=1) / math.sqrt(len(counts))
+    ranges = [slice(k[0], k[-1] + 1) for k in (np.flatnonzero(density.sum(axis=a)) for a in (1, 0))]
     centres = [
         (np.arange(bins) - bins // 2 + 0.5) * width
         for bins, width in zip(density.shape, widths, strict=True)
     ]
     return JointDensity(
-        centres[0][used[0]],
-        centres[1][used[1]],
-        density[tuple(used)],
-        None if error is None else error[tuple(used)],
+        centres[0][ranges[0]],
+        centres[1][ranges[1]],
+        density[tuple(ranges)],
+        None if error is None else error[tuple(ranges)],
     )
 
 
@@ -115,10 +113,8 @@ def _merged(counts, factors):
 
 def _of_one_shape(arrays):
     """Arrays padded on all sides to the largest of them."""
-    rows, columns = np.max([each.shape for each in arrays], axis=0)
-
-    def padded(each):
-        above, beside = (rows - each.shape[0]) // 2, (columns - each.shape[1]) // 2
-        return np.pad(each, [(above, above), (beside, beside)])
-
-    return np.stack([padded(each) for each in arrays])
+    largest = np.max([array.shape for array in arrays], axis=0)
+    margins = [(largest - array.shape) // 2 for array in arrays]
+    return np.stack(
+        [np.pad(a, [(k, k) for k in margin]) for a, margin in zip(arrays, margins, strict=True)]
+    )

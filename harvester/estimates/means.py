@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from typing import TYPE_CHECKING
 
 import numpy as np
 
 from harvester.device import timescales
 from harvester.device.cores import jump_rates
+from harvester.device.system import System
 from harvester.estimates.batch_means import (
     FEWEST_EFFECTIVE,
     complete_batches,
@@ -19,11 +19,7 @@ from harvester.estimates.batch_means import (
     standard_error,
 )
 from harvester.estimates.estimate import NONE_SEEN, NOTHING_PUT_IN, Estimate, root, why_no_error
-from harvester.record.moments import PRODUCTS, QUANTITIES, WELLS
-
-if TYPE_CHECKING:
-    from harvester.device.system import System
-    from harvester.record.moments import Moments
+from harvester.record.moments import PRODUCTS, QUANTITIES, WELLS, Moments
 
 NEVER_REACHED = "no realization reached that well"
 # Means over time: for each the integral it is computed from, and its dimension.
@@ -43,20 +39,10 @@ MEANS = {
 def estimate_all(
     moments: list[Moments], parameters: System, error_of: Callable = standard_error
 ) -> dict[str, Estimate]:
-    """Every quantity of a set of realizations.
+    """Every quantity of a set of realizations, scaled; incomplete batches are left out.
 
-    Parameters
-    ----------
-    moments : sequence of harvester.record.moments.Moments
-        One per realization; batches that were not completed are left out.
-    parameters : harvester.device.system.System
-    error_of : callable
-        `standard_error`, or `standard_error_of_drift`.
-
-    Returns
-    -------
-    dict of str to Estimate
-        Scaled units.
+    `error_of` is `standard_error`, or another error of a mean from batches: see
+    `harvester.estimates.of_run.error_of`.
     """
     batches = complete_batches(moments)
     if batches is None:
@@ -88,14 +74,12 @@ def estimate_all(
 
 
 def _jump_rates(moments, batches, alike, error_of):
-    """Rates of jumps (1/s): jumps out of a well over the time for which it was the last one
-    reached.
-    """
-    jumps = [each.jumps for each in moments]
+    """Rates of jumps (1/s): jumps out of a well over the time since it was reached."""
+    jumps = [realization.jumps for realization in moments]
     if jumps[0] is None:
         return {}
-    counts = np.stack([each.counts[:batches] for each in jumps])
-    times = np.stack([each.times[:batches] for each in jumps])
+    counts = np.stack([tally.counts[:batches] for tally in jumps])
+    times = np.stack([tally.times[:batches] for tally in jumps])
     estimates = {}
     for name, pairs in jump_rates(times.shape[2], alike).items():
         count = sum(counts[:, :, well, other] for well, other in pairs)
@@ -129,17 +113,15 @@ def _mean(series, products, name, dimension, error_of):
 def _efficiencies(series, products, error_of):
     """Eq. 35 in both forms: against what is lost and used, and against what is put in."""
     load, loss, put_in = series["load_power"], series["loss_power"], series["input_power"]
-    load_load, load_loss = (
-        products["load_power", "load_power"],
-        products["load_power", "loss_power"],
-    )
-    used = load_load + 2.0 * load_loss + products["loss_power", "loss_power"]
+    load_load = products["load_power", "load_power"]
+    load_loss = products["load_power", "loss_power"]
+    square_of_sum = load_load + 2.0 * load_loss + products["loss_power", "loss_power"]
     mean_used = float((load + loss).sum() / series["time"].sum())
     mean_input = float(put_in.sum() / series["time"].sum())
     cross, square = products["input_power", "load_power"], products["input_power", "input_power"]
     return {
         "power_conversion_efficiency": _efficiency(
-            load, load + loss, mean_used, load_load, load_load + load_loss, used, error_of
+            load, load + loss, mean_used, load_load, load_load + load_loss, square_of_sum, error_of
         ),
         "power_conversion_efficiency_of_input": _efficiency(
             load, put_in, mean_input, load_load, cross, square, error_of

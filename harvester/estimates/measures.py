@@ -9,7 +9,6 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import replace
-from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -22,11 +21,8 @@ from harvester.estimates.batch_means import (
     standard_error,
 )
 from harvester.estimates.estimate import NO_VALUE, TOO_SHORT, Estimate
-from harvester.record.moments import QUANTITIES
+from harvester.record.moments import QUANTITIES, Moments
 from harvester.record.output_side import MEASURED
-
-if TYPE_CHECKING:
-    from harvester.record.moments import Moments
 
 SECONDS_PER_HOUR = 3600.0
 # Up to so many events, the error of their number is that of independent events.
@@ -38,46 +34,31 @@ INTEGRAL, CHANGE, RISES, FALLS, SQUARE = range(len(MEASURED))
 def estimate_measures(
     moments: Sequence[Moments], error_of: Callable = standard_error
 ) -> dict[str, Estimate]:
-    """Quantities of the measures of a load.
+    """Quantities of the measures of a load with an output, scaled.
 
-    Parameters
-    ----------
-    moments : sequence of harvester.record.moments.Moments
-        Moments of a load with an output.
-    error_of : callable
-        See `harvester.estimates.means.estimate_all`.
-
-    Returns
-    -------
-    dict of str to Estimate
-        Scaled units. Of a loss `NAME_loss` and `NAME_loss_share`, of an output `NAME_power` and
-        `NAME_power_share`, of a store `NAME_storage_power`; of a state `NAME_time_share`,
-        `NAME_first_time` (from the run's beginning), `NAME_starts_per_hour` and
-        `NAME_stops_per_hour`, and where it takes a power `NAME_energy`, each time that it holds.
+    Of a loss `NAME_loss` and `NAME_loss_share`, of an output `NAME_power` and `NAME_power_share`,
+    of a store `NAME_storage_power`; of a state `NAME_time_share`, `NAME_first_time` (from the
+    run's beginning), `NAME_starts_per_hour` and `NAME_stops_per_hour`, and where it takes a power
+    `NAME_energy`, each time that it holds.
     """
     batches, output = complete_batches(moments), moments[0].output
     if batches is None or output is None:
         return {}
-    found: dict[str, Estimate] = {}
+    estimates: dict[str, Estimate] = {}
     for row, (kind, name) in enumerate(output.rows):
         if kind not in _QUANTITIES:
             continue
         series = measured_series(moments, row)
-        found.update(_QUANTITIES[kind](name, series, batches, moments, row, error_of))
-    return found
+        estimates.update(_QUANTITIES[kind](name, series, batches, moments, row, error_of))
+    return estimates
 
 
 def measured_series(moments: Sequence[Moments], row: int) -> np.ndarray:
-    """Sums of one measure over all complete batches.
-
-    Returns
-    -------
-    ndarray, shape (realizations, batches, len(MEASURED))
-    """
+    """Sums of one measure over complete batches, shape (realizations, batches, len(MEASURED))."""
     batches = complete_batches(moments)
     count = 0 if batches is None else batches.shape[1]
-    outputs = [each.output for each in moments if each.output is not None]
-    return np.stack([each.measured[:count, row] for each in outputs])
+    outputs = [realization.output for realization in moments if realization.output is not None]
+    return np.stack([output.measured[:count, row] for output in outputs])
 
 
 def without_value(moments: Sequence[Moments]) -> list[tuple[str, str]]:
@@ -122,7 +103,7 @@ def _state(name, series, batches, moments, row, error_of):
         for event in ("starts", "stops"):
             yield f"{name}_{event}_per_hour", replace(share, dimension="hourly_rate")
         return
-    yield f"{name}_first_time", _first([each.output.first[row] for each in moments])
+    yield f"{name}_first_time", _first([realization.output.first[row] for realization in moments])
     yield f"{name}_starts_per_hour", _hourly(series[:, :, RISES], _time(batches))
     yield f"{name}_stops_per_hour", _hourly(series[:, :, FALLS], _time(batches))
 
@@ -163,7 +144,7 @@ def _hourly(events, time):
 
 def _first(times):
     """Mean over the realizations that reached the state; an error bar only if all did."""
-    reached = [each for each in times if math.isfinite(each)]
+    reached = [time for time in times if math.isfinite(time)]
     if not reached:
         return Estimate(math.nan, None, None, "time", "never")
     mean = float(np.mean(reached))

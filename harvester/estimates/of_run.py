@@ -70,22 +70,14 @@ class RunEstimates:
 
     Attributes
     ----------
-    whole : dict of str to Estimate
-        All estimates, each with its error bar.
-    shortfalls : list of Shortfall
-        The relaxations for which the run was too short.
-    step_error : float
-        Share of a power that the steps may cost.
-    residual : float
-        Residual of the energy balance, as a share of the energy put in.
-    notes : tuple of str
-        Notes on sources in the load, efficiencies above 1 and the shortfalls.
-    moments : list of Moments
-        Moments, weighted by `harvester.estimates.well_balance` where wells differ.
-    error : callable
-        The error of a mean from batches of these.
-    balance : WellBalance or None
-        Balance of the jumps between wells, where these differ.
+    whole : all estimates, each with its error bar.
+    shortfalls : the relaxations for which the run was too short.
+    step_error : share of a power that the steps may cost.
+    residual : of the energy balance, as a share of the energy put in.
+    notes : on sources in the load, efficiencies above 1 and the shortfalls.
+    moments : weighted by `harvester.estimates.well_balance` where wells differ.
+    error : the error of a mean from batches of these.
+    balance : of the jumps between wells, where these differ; else None.
     """
 
     whole: dict[str, Estimate]
@@ -108,13 +100,8 @@ def run_estimates(
 ) -> RunEstimates:
     """Estimates from the moments of a scene's realizations.
 
-    Parameters
-    ----------
-    ready : Prepared
-    moments : sequence of Moments
-    step_error : float
-        Share that the steps may cost, see `harvester.prepared.steps.step_error`: where nothing is
-        by chance it is part of the error.
+    `step_error` is the share that the steps may cost, see `harvester.prepared.steps.step_error`:
+    where nothing is by chance it is part of the error.
 
     Raises
     ------
@@ -128,7 +115,7 @@ def run_estimates(
             f"{scene.name}: run.duration = {scene.run.duration:g}: no whole step lies in it; "
             "raise it to some periods of the motion"
         )
-    step_error = max(step_error, *(each.step_error for each in moments))
+    step_error = max(step_error, *(realization.step_error for realization in moments))
     balance = well_balance(scene, system, moments)
     balanced = weighted(moments, balance)
     memory = correlation_time(ready, moments)
@@ -136,36 +123,38 @@ def run_estimates(
     error = balance.error if balance else error_of(scene, memory / batch)
     # A source that matches the load discharges a store twice as fast as the load alone.
     stores = store_states(ready, moments)
-    slow = memory + 0.5 * max((each.memory for each in stores), default=0.0)
+    slow = memory + 0.5 * max((store.memory for store in stores), default=0.0)
     error_of_output = balance.error if balance else error_of(scene, slow / batch)
-    whole = estimate_all(balanced, system, error) | estimate_output(balanced, error_of_output)
-    whole |= estimate_strain(balanced, scene.excitation, error)
-    whole = {name: with_steps(scene, each, step_error) for name, each in whole.items()}
-    found = shortfalls(ready, moments, whole, balance, stores)
+    estimates = estimate_all(balanced, system, error) | estimate_output(balanced, error_of_output)
+    estimates |= estimate_strain(balanced, scene.excitation, error)
+    estimates = {
+        name: with_steps(scene, estimate, step_error) for name, estimate in estimates.items()
+    }
+    reasons = shortfalls(ready, moments, estimates, balance, stores)
     sensitive = scene.excitation.transient(scene.run) and step_error >= NOTED_CHANGE
     notes = (
         *source_notes(scene.load.circuit),
         *_loose_nodes(scene.load.circuit),
         *_without_value(scene.load.circuit, moments),
         *(reading_notes(scene.load.circuit) if scene.load.circuit else ()),
-        *efficiency_notes(whole, scales.of("power"), unit_of(scene, "power")),
-        *supply_notes(whole, scales.of("power"), unit_of(scene, "power")),
-        *faint_output_notes(whole),
+        *efficiency_notes(estimates, scales.of("power"), unit_of(scene, "power")),
+        *supply_notes(estimates, scales.of("power"), unit_of(scene, "power")),
+        *faint_output_notes(estimates),
         *strain_notes(scene, moments),
         *magnet_notes(scene.magnets),
-        *(each.note for each in found),
+        *(reason.note for reason in reasons),
         *slow_exchange(scene, balance),
         *(SENSITIVE,) * sensitive,
     )
     residual = energy_balance_residual(moments, system)
-    whole = _with_lengths(scene, balanced, whole, memory)
-    return RunEstimates(whole, found, step_error, residual, notes, balanced, error, balance)
+    estimates = _with_lengths(scene, balanced, estimates, memory)
+    return RunEstimates(estimates, reasons, step_error, residual, notes, balanced, error, balance)
 
 
 def _with_lengths(scene, moments, whole, memory):
     """The estimates; where one has no error bar, its note names the duration that would give it."""
     batches, period = complete_batches(moments), scene.excitation.period
-    if batches is None or all(each.note != TOO_SHORT for each in whole.values()):
+    if batches is None or all(estimate.note != TOO_SHORT for estimate in whole.values()):
         return whole
     series = batches[:, :, QUANTITIES.index("square_voltage")]
     if not scene.excitation.random:
@@ -177,8 +166,8 @@ def _with_lengths(scene, moments, whole, memory):
         return whole
     note = f"too short for an error bar: set run.duration = {duration:.2g} or more"
     return {
-        name: replace(each, note=note) if each.note == TOO_SHORT else each
-        for name, each in whole.items()
+        name: replace(estimate, note=note) if estimate.note == TOO_SHORT else estimate
+        for name, estimate in whole.items()
     }
 
 
@@ -200,19 +189,9 @@ def correlation_time(ready: Prepared, moments: Sequence[Moments]) -> float:
     A mean square of Gaussian motion with the density S(f) has the variance ∫S² df/T of its mean,
     relative to (∫S df)²: that of an exponential autocorrelation with the time
     ∫S² df/(2 (∫S df)²). S is the excitation's density through a resonance with the rate at which
-    the run lost its energy.
-
-    Parameters
-    ----------
-    ready : Prepared
-    moments : sequence of Moments
-
-    Returns
-    -------
-    float
-        0 where the rate is not positive.
+    the run lost its energy; 0 where that rate is not positive.
     """
-    sums = sum(each.integrals.sum(axis=0) for each in moments)
+    sums = sum(realization.integrals.sum(axis=0) for realization in moments)
     lost = sum(sums[QUANTITIES.index(name)] for name in LOSSES)
     square = sums[QUANTITIES.index("square_velocity")]
     if not lost > 0.0 or not square > 0.0:
@@ -235,14 +214,9 @@ def correlation_time(ready: Prepared, moments: Sequence[Moments]) -> float:
 
 
 def error_of(scene: Scene, memory: float = 0.0) -> Callable:
-    """The function that gives a mean's standard error from batches, chosen by excitation and
-    starts.
+    """The function that gives a mean's error from batches, chosen by excitation and starts.
 
-    Parameters
-    ----------
-    scene : Scene
-    memory : float
-        Least correlation time in batches, see `correlation_time`.
+    `memory` is the least correlation time in batches, see `correlation_time`.
     """
     excitation = scene.excitation
     drawn = excitation.random or scene.run.starts is not None
@@ -280,5 +254,5 @@ def _loose_nodes(load):
     """A note on nodes of a load that lead nowhere: a misspelt name makes such."""
     if load is None or not load.loose_nodes:
         return ()
-    more = " …" if load.loose_nodes[3:] else ""
-    return (f"nothing else is connected to the node {', '.join(load.loose_nodes[:3])}{more}",)
+    ellipsis = " …" if load.loose_nodes[3:] else ""
+    return (f"nothing else is connected to the node {', '.join(load.loose_nodes[:3])}{ellipsis}",)

@@ -48,22 +48,13 @@ RATIOS = {
 def estimate_output(
     moments: Sequence[Any], error_of: Callable = standard_error
 ) -> dict[str, Estimate]:
-    """Quantities of the output side of a set of realizations.
+    """Quantities of the load's output side, scaled; empty without an output.
 
-    Parameters
-    ----------
-    moments : sequence of harvester.record.moments.Moments
-    error_of : callable
-        See `harvester.estimates.means.estimate_all`.
-
-    Returns
-    -------
-    dict of str to Estimate
-        Scaled units; empty where the load has no output; with those of `estimate_measures`.
-        What is harvested is what goes into the output's resistors, what the load's file measures
-        as an output, and what its capacitors, coils and batteries store, less what its sources
-        deliver, `supplied_by_NAME` each: `converter_efficiency` is its share of the power leaving
-        the piezo, `end_to_end_efficiency` that of the mechanical input.
+    What is harvested is what goes into the output's resistors, what the load's file measures as an
+    output, and what its capacitors, coils and batteries store, less what its sources deliver,
+    `supplied_by_NAME` each: `converter_efficiency` is its share of the power leaving the piezo,
+    `end_to_end_efficiency` that of the mechanical input. The quantities of `estimate_measures` are
+    included.
     """
     batches = complete_batches(moments)
     if batches is None or not all(m.has_output for m in moments):
@@ -72,6 +63,11 @@ def estimate_output(
     time = batches[:, :, PIEZO_QUANTITIES.index("time")]
     half = 0.5 * moments[0].output.capacitance
     squares = _squares(moments, output) if not supplied(moments) else {}
+    # The final mean is that of the last half of the measured time. The load starts discharged, so
+    # that its start-up counts from the realization's beginning, settling included.
+    late = slice(time.shape[1] // 2, None)
+    final = abs(float(output["voltage"][:, late].sum() / time[:, late].sum()))
+    started = [m.output.passage(STARTED_SHARE * final) for m in moments]
     estimates = {
         name: ratio_estimate(
             *output_ratio(moments, name), dimension, NOTHING_PUT_IN, squares.get(name), error_of
@@ -81,15 +77,15 @@ def estimate_output(
     estimates |= {
         "output_ripple": _ripple(output, time, error_of),
         "output_peak_to_peak": _single([m.output.highest - m.output.lowest for m in moments]),
-        "start_up_time": _start_up(moments, output["voltage"], time),
+        "start_up_time": _single(started, "time"),
     }
     if half > 0.0:
         energies = half**2 * output["fourth_power_of_voltage"]
         estimates["stored_energy"] = ratio_estimate(
             half * output["square_voltage"], time, "energy", squares=energies, error_of=error_of
         )
-        final = [half * m.output.voltage**2 for m in moments]
-        estimates["final_stored_energy"] = _single(final, "energy")
+        stored = [half * m.output.voltage**2 for m in moments]
+        estimates["final_stored_energy"] = _single(stored, "energy")
     hourly = SECONDS_PER_HOUR * np.ones_like(time)
     estimates["stored_energy_per_hour"] = ratio_estimate(
         hourly * output_ratio(moments, "mean_storage_power")[0], time, "hourly_energy",
@@ -101,31 +97,19 @@ def estimate_output(
 
 
 def output_ratio(moments: Sequence[Any], name: str) -> tuple[np.ndarray, np.ndarray]:
-    """Batches of the two sums that a quantity of `RATIOS` is the ratio of.
-
-    Parameters
-    ----------
-    moments : sequence of harvester.record.moments.Moments
-        Moments of a load with an output.
-    name : str
-
-    Returns
-    -------
-    ndarray, ndarray
-        Numerator and denominator, each of shape (realizations, batches).
-    """
+    """Numerator and denominator of a quantity of `RATIOS`, of shape (realizations, batches)."""
     batches = complete_batches(moments)
     if batches is None:
         raise ValueError("moments without a whole batch have no ratio")
-    series = {each: batches[:, :, row] for row, each in enumerate(PIEZO_QUANTITIES)}
+    series = {quantity: batches[:, :, row] for row, quantity in enumerate(PIEZO_QUANTITIES)}
     load, put_in, time = series["load_power"], series["input_power"], series["time"]
     output = _output_series(moments, batches)
-    used, stored = _used_and_stored(moments, output)
-    given = sum(supplied(moments).values(), np.zeros_like(time))
-    lost = load + given - used - stored
-    used, harvested = _without(used, given), _without(used + stored, given)
+    consumed, stored = _used_and_stored(moments, output)
+    delivered = sum(supplied(moments).values(), np.zeros_like(time))
+    lost = load + delivered - consumed - stored
+    consumed, harvested = _without(consumed, delivered), _without(consumed + stored, delivered)
     return {
-        "mean_output_power": (used, time),
+        "mean_output_power": (consumed, time),
         "mean_storage_power": (stored, time),
         "mean_converter_loss": (lost, time),
         "converter_efficiency": (harvested, load),
@@ -139,8 +123,8 @@ def supplied(moments: Sequence[Any]) -> dict[str, np.ndarray]:
     batches = complete_batches(moments)
     if batches is None:
         return {}
-    used, stored = _used_and_stored(moments, _output_series(moments, batches))
-    least = LEAST_SUPPLY * abs(used.sum() + stored.sum())
+    consumed, stored = _used_and_stored(moments, _output_series(moments, batches))
+    least = LEAST_SUPPLY * abs(consumed.sum() + stored.sum())
     return {
         name: -series
         for kind, name, series in _sources(moments)
@@ -163,14 +147,14 @@ def _sources(moments):
 
 def _used_and_stored(moments, output):
     """Energy given to what the load is for, sources' energy included, and energy stored."""
-    used = moments[0].output.conductance * output["square_voltage"]
-    stored = np.stack([m.output.stored[: used.shape[1]] for m in moments])
+    consumed = moments[0].output.conductance * output["square_voltage"]
+    stored = np.stack([m.output.stored[: consumed.shape[1]] for m in moments])
     for kind, _, series in _sources(moments):
         if kind == OUTPUT:
-            used = used + series
+            consumed = consumed + series
         elif kind == BATTERY and series.sum() > 0.0:
             stored = stored + series
-    return used, stored
+    return consumed, stored
 
 
 def _squares(moments, output):
@@ -183,13 +167,13 @@ def _squares(moments, output):
     powers = [measured_series(moments, row)[:, :, SQUARE] for row in measured]
     if conductance > 0.0:
         powers.append(conductance**2 * output["fourth_power_of_voltage"])
-    found = {"output_voltage": output["square_voltage"]}
-    return found | ({"mean_output_power": powers[0]} if len(powers) == 1 else {})
+    squares = {"output_voltage": output["square_voltage"]}
+    return squares | ({"mean_output_power": powers[0]} if len(powers) == 1 else {})
 
 
 def _output_series(moments, batches):
-    own = np.stack([m.output.integrals[: batches.shape[1]] for m in moments])
-    return {name: own[:, :, row] for row, name in enumerate(QUANTITIES)}
+    integrals = np.stack([m.output.integrals[: batches.shape[1]] for m in moments])
+    return {name: integrals[:, :, row] for row, name in enumerate(QUANTITIES)}
 
 
 def _ripple(output, time, error_of):
@@ -202,16 +186,6 @@ def _ripple(output, time, error_of):
     if error is not None:
         error = 0.5 * error / ripple if ripple > 0.0 else 0.0
     return Estimate(ripple, error, None, "voltage", why_no_error(ripple, error))
-
-
-def _start_up(moments, voltage, time):
-    """First time at 90 % of the final mean, that of the last half of the measured time.
-
-    Counted from the realization's beginning, settling included: the load starts discharged.
-    """
-    half = voltage.shape[1] // 2
-    final = abs(float(voltage[:, half:].sum() / time[:, half:].sum()))
-    return _single([m.output.passage(STARTED_SHARE * final) for m in moments], "time")
 
 
 def _single(values, dimension="voltage"):

@@ -3,12 +3,10 @@
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from circuits.loads.supplies import unbooked
-
-if TYPE_CHECKING:
-    from harvester.estimates.estimate import Estimate
+from harvester.estimates.estimate import Estimate
 
 # Beginning of the names of quantities that say what a source of the load delivers.
 SUPPLIED = "supplied_by_"
@@ -32,19 +30,7 @@ def efficiency_notes(
 
     What goes into the output's resistors and storage comes through the piezo's terminals, unless
     the load has a source, a negative resistance, or energy that it held at the start.
-
-    Parameters
-    ----------
-    estimates : dict of str to Estimate
-        Scaled units, of `estimate_all` and, where the load has an output, `estimate_output`.
-    power_scale : float
-        Value of a scaled power of 1 in `unit`.
-    unit : str
-
-    Returns
-    -------
-    tuple of str
-        Empty for a load that takes more than it gives and efficiencies that are shares.
+    `power_scale` is the value of a scaled power of 1 in `unit`.
     """
     outside = [
         name.replace("_", " ")
@@ -54,37 +40,36 @@ def efficiency_notes(
         # NaN: no power was put in.
         and estimate.estimate == estimate.estimate
     ]
-    taken = estimates["mean_power"].estimate if "mean_power" in estimates else 0.0
-    kept = (
-        estimates["mean_converter_loss"].estimate if "mean_converter_loss" in estimates else taken
-    )
-    if kept < 0.0:
-        share = -kept / abs(taken) if taken else math.inf
+
+    def value(name, missing=0.0):
+        return estimates[name].estimate if name in estimates else missing
+
+    absorbed = value("mean_power")
+    lost = value("mean_converter_loss", absorbed)
+    if lost < 0.0:
+        share = -lost / abs(absorbed) if absorbed else math.inf
         if share <= STEPS_OWN_EXCESS:
             return (
                 f"the load gives {share:.1g} of its power more than it takes: this is the error "
                 "of the steps, as the load has hardly any loss",
             )
-        excess = f"{-kept * power_scale:.3g} {unit} more than it takes from the piezo"
+        excess = f"{-lost * power_scale:.3g} {unit} more than it takes from the piezo"
         if share <= SMALL_EXCESS:
             return (
                 f"the load is not passive, or the step too long: it gives {excess}, {share:.1g} of "
                 "its power; choose a shorter --step",
             )
         return (
-            f"the load is not passive: it gives {excess} ({taken * power_scale:.3g} {unit}), out "
-            "of its own sources or of what it held at the start; its efficiencies are not shares "
-            "of the piezo's power",
+            f"the load is not passive: it gives {excess} ({absorbed * power_scale:.3g} {unit}), "
+            "out of its own sources or of what it held at the start; its efficiencies are not "
+            "shares of the piezo's power",
         )
-    given, stored = (
-        estimates[name].estimate if name in estimates else 0.0
-        for name in ("mean_output_power", "mean_storage_power")
-    )
-    if outside and given < min(0.0, 2.0 * stored):
+    delivered = value("mean_output_power")
+    if outside and delivered < min(0.0, 2.0 * value("mean_storage_power")):
         return (
             f"not between 0 and 1: {', '.join(outside)}: a source in the load feeds "
-            f"{-given * power_scale:.3g} {unit} into its output, as a sink of constant power does "
-            "whose voltage has collapsed: it asks for more than the device delivers; lower it",
+            f"{-delivered * power_scale:.3g} {unit} into its output, as a sink of constant power "
+            "does whose voltage has collapsed: it asks for more than the device delivers; lower it",
         )
     if outside:
         return (
@@ -95,34 +80,25 @@ def efficiency_notes(
 
 
 def faint_output_notes(estimates: dict[str, Estimate]) -> tuple[str, ...]:
-    """A note on an output so small that steps may cost it more than `step_error` says.
-
-    Parameters
-    ----------
-    estimates : dict of str to Estimate
-        Estimates as for `efficiency_notes`.
-    """
+    """A note on an output so small that steps may cost it more than `step_error` says."""
     if "mean_output_power" not in estimates:
         return ()
-    given, taken = (estimates[f"mean_{name}_power"].estimate for name in ("output", "input"))
-    if not 0.0 < given < FAINT_OUTPUT * taken:
+    output_power, input_power = (
+        estimates[f"mean_{name}_power"].estimate for name in ("output", "input")
+    )
+    if not 0.0 < output_power < FAINT_OUTPUT * input_power:
         return ()
     return (
-        f"the output power is {given / taken:.1g} of what the base puts in: steps may change it "
-        "by some per cent; compare with --step finest",
+        f"the output power is {output_power / input_power:.1g} of what the base puts in: steps may "
+        "change it by some per cent; compare with --step finest",
     )
 
 
 def supply_notes(estimates: dict[str, Estimate], power_scale: float, unit: str) -> tuple[str, ...]:
-    """A note on what sources of a load deliver to it.
-
-    Parameters
-    ----------
-    estimates, power_scale, unit : as for `efficiency_notes`.
-    """
+    """A note on what sources of a load deliver to it; see `efficiency_notes`."""
     supplied = [
-        f"supplied by {name.removeprefix(SUPPLIED)}: {each.estimate * power_scale:.3g} {unit}"
-        for name, each in estimates.items()
+        f"supplied by {name.removeprefix(SUPPLIED)}: {estimate.estimate * power_scale:.3g} {unit}"
+        for name, estimate in estimates.items()
         if name.startswith(SUPPLIED)
     ]
     return bool(supplied) * (
@@ -132,13 +108,7 @@ def supply_notes(estimates: dict[str, Estimate], power_scale: float, unit: str) 
 
 
 def source_notes(load: Any) -> tuple[str, ...]:
-    """A note on parts of a load that may deliver energy, which cannot be separated from the
-    piezo's.
-
-    Parameters
-    ----------
-    load : circuits.loads.load_circuit.LoadCircuit or None
-    """
+    """A note on parts of a load whose energy, if they deliver any, counts as the piezo's."""
     if load is None:
         return ()
     sources = unbooked(load.elements) if load.has_output else load.sources

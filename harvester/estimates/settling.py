@@ -3,6 +3,14 @@
 Realizations start at rest. What is left of that start in a mean over the measured time, once
 `run.settle` has passed, is not seen by batch means: where it exceeds the error bar, that bar is
 withheld, and a note names the time that was too long.
+
+    0       settle                     settle + duration
+    |-------|------------ measured ------------|
+     exp(−t/τ) of the start is left at t; its mean over the measured time is `left_of_start`
+
+Example: a store with τ = 400 s, a run with settle = 50 s and duration = 500 s. In the mean
+400/500 · exp(−50/400) · (1 − exp(−500/400)) = 50 % of the way from the start is missing. An error
+bar of 2 % would be wrong: it is withheld, and the advice is run.settle = 8 τ = 3200 s.
 """
 
 from __future__ import annotations
@@ -63,12 +71,9 @@ class Shortfall:
 
     Attributes
     ----------
-    reason : str
-        The reason in a few words, shown beside each estimate.
-    advice : str
-        The consequence, and the setting to change.
-    names : tuple of str or None
-        Estimates that lose their error bar; None: all.
+    reason : in a few words, shown beside each estimate.
+    advice : the consequence, and the setting to change.
+    names : estimates that lose their error bar; None: all.
     """
 
     reason: str
@@ -88,27 +93,15 @@ def shortfalls(
     balance: WellBalance | None = None,
     stores: Sequence[StoreState] = (),
 ) -> list[Shortfall]:
-    """All reasons for which a run was too short; empty if there are none.
+    """All reasons for which a run was too short; none for one pass of a record.
 
-    Parameters
-    ----------
-    ready : Prepared
-    moments : sequence of harvester.record.moments.Moments
-    estimates : dict of str to Estimate
-    balance : WellBalance or None
-        Balance of the jumps between wells, where they differ.
-    stores : sequence of StoreState
-        The load's stores at the end of the run.
-
-    Returns
-    -------
-    list of Shortfall
-        Empty for one pass of a record: its means are those of that event.
+    The means of one pass are those of that event. `balance` is that of the jumps between wells
+    where these differ; `stores` are the load's at the end of the run.
     """
     scene, p = ready.scene, ready.system
     if scene.excitation.drifts or "mean_square_voltage" not in estimates:
         return []
-    found = [
+    reasons = [
         _motion(p, scene.run, estimates),
         _charge(scene, p, moments, estimates),
         _storage(scene, stores, estimates),
@@ -116,8 +109,8 @@ def shortfalls(
         # Without chance the well is decided by the start, and a longer run has no more jumps.
         _residence(moments, estimates, balance) if scene.excitation.random else None,
     ]
-    found = [each for each in found if each]
-    return found or _drift(moments, balance)
+    reasons = [reason for reason in reasons if reason]
+    return reasons or _drift(moments, balance)
 
 
 def withheld(estimates: dict[str, Estimate], found: list[Shortfall]) -> dict[str, Estimate]:
@@ -218,7 +211,7 @@ def _motion(p, run, estimates):
 
     def left(settle):
         missing = _left_in_squares(p, matrix, replace(run, settle=settle))
-        return max(missing[place] for place in places)
+        return max(missing[state] for state in places)
 
     try:
         with warnings.catch_warnings():
@@ -243,11 +236,11 @@ def _linear(p, square):
     Also the indices of the states whose mean squares are tested. The stiffness of a monostable
     spring is that at the measured E[X²].
     """
-    rest = timescales.rest(p)
-    stiffness = timescales.stiffness(p, rest)
+    equilibrium = timescales.rest(p)
+    stiffness = timescales.stiffness(p, equilibrium)
     if not timescales.bistable(p):
-        spread = math.sqrt(max(square - rest**2, 0.0))
-        stiffness = sum(float(p.spring.slope(rest + s * spread)) for s in (1, -1)) / 2.0
+        spread = math.sqrt(max(square - equilibrium**2, 0.0))
+        stiffness = sum(float(p.spring.slope(equilibrium + s * spread)) for s in (1, -1)) / 2.0
     memory = 1.0 / p.noise.correlation_time
     decay, damping = p.transducer.decay_rate(), p.damper.damping + p.transducer.damping()
     if decay == 0.0:
@@ -265,8 +258,7 @@ def _linear(p, square):
 
 
 def _left_in_squares(p, matrix, run):
-    """Share by which the mean squares over the measured time differ from their stationary
-    values."""
+    """Relative distance of the mean squares over the measured time from their stationary values."""
     from scipy.linalg import expm, solve_continuous_lyapunov
 
     noise = np.zeros_like(matrix)
@@ -290,7 +282,8 @@ def _charge(scene, p, moments, estimates):
     decay = p.transducer.decay_rate()
     if not timescales.bistable(p) or not decay:
         return None
-    if not _crossings(moments) and _expected_jumps(p, moments, estimates) < UNLIKELY_JUMPS:
+    jumps = _total(moments, "well_crossings") or _expected_jumps(p, moments, estimates)
+    if jumps < UNLIKELY_JUMPS:
         return None
     error = _relative_error(estimates["mean_square_voltage"])
     return _slow(scene, 1.0 / decay, "the load's 1/λ", error, QUANTITIES_OF_THE_CHARGE)
@@ -323,7 +316,7 @@ def _storage(scene, stores, estimates):
 
 def _jumps(scene, p, moments, estimates):
     """The shortfall of a run with too few jumps to estimate their contribution to E[V²]."""
-    crossings = _crossings(moments)
+    crossings = _total(moments, "well_crossings")
     # Without chance a motion that stays in its well goes on staying, and a periodic one between
     # the wells passes as often in each period.
     if not scene.excitation.random and (scene.excitation.period or not crossings):
@@ -332,7 +325,7 @@ def _jumps(scene, p, moments, estimates):
     if not timescales.bistable(p) or not decay or crossings >= FEW_JUMPS:
         return None
     square = estimates["mean_square_voltage"]
-    measured = _measured(moments)
+    measured = _total(moments, "time")
     one = unseen_jump(p, square.estimate, measured)
     if one <= max(_relative_error(square), SMALLEST_DRIFT):
         return None
@@ -348,13 +341,12 @@ def _jumps(scene, p, moments, estimates):
 
 
 def _residence(moments, estimates, balance):
-    """The shortfall of a run with few jumps between wells, for quantities that depend on the
-    well."""
+    """The shortfall of a run with few jumps between wells, in what depends on the well."""
     shares = [name for name in estimates if name.startswith("share_of_time_in_well_")]
     if not shares:
         return None
-    counts = sum(each.jumps.counts[:-1].sum(axis=0) for each in moments)
-    times = sum(each.jumps.times[:-1].sum(axis=0) for each in moments)
+    counts = sum(realization.jumps.counts[:-1].sum(axis=0) for realization in moments)
+    times = sum(realization.jumps.times[:-1].sum(axis=0) for realization in moments)
     if balance is None:
         # If the wells are alike, or all runs stay in the well of a given start, only the shares are
         # affected.
@@ -362,15 +354,15 @@ def _residence(moments, estimates, balance):
         if counts.sum() >= FEWEST_JUMPS:
             return None
     else:
-        names = tuple(name for name, each in estimates.items() if _unknown(name, each))
+        names = tuple(name for name, estimate in estimates.items() if _unknown(name, estimate))
         if not names:
             return None
     fewest = float(min(counts.sum(axis=0).min(), counts.sum(axis=1).min()))
-    wanted = FEWEST_JUMPS / (fewest + 1.0) * times.sum()
+    needed = FEWEST_JUMPS / (fewest + 1.0) * times.sum()
     return Shortfall(
         f"{counts.sum():.0f} jumps between uneven wells in {times.sum():.3g} s, "
         f"{fewest:.0f} to or from one of them",
-        f"shares of time and what depends on them are not known; simulate {wanted:.1g} s in all or "
+        f"shares of time and what depends on them are not known; simulate {needed:.1g} s in all or "
         "longer (run.duration times run.realizations), or average by fokker_planck",
         names,
     )
@@ -383,14 +375,7 @@ def _unknown(name, estimate):
 
 
 def slow_exchange(scene: Scene, balance: WellBalance | None) -> tuple[str, ...]:
-    """A note where settling and run are short against the time in which wells exchange.
-
-    Parameters
-    ----------
-    scene : Scene
-    balance : WellBalance or None
-        See `harvester.estimates.well_balance`.
-    """
+    """A note where settling and run are short against the time in which wells exchange."""
     if balance is None or balance.shares is None:
         return ()
     run = scene.run
@@ -405,12 +390,8 @@ def slow_exchange(scene: Scene, balance: WellBalance | None) -> tuple[str, ...]:
     )
 
 
-def _crossings(moments):
-    return sum(float(m.integrals[:, QUANTITIES.index("well_crossings")].sum()) for m in moments)
-
-
-def _measured(moments):
-    return sum(float(m.integrals[:, QUANTITIES.index("time")].sum()) for m in moments)
+def _total(moments, quantity):
+    return sum(float(m.integrals[:, QUANTITIES.index(quantity)].sum()) for m in moments)
 
 
 def _expected_jumps(p, moments, estimates):
@@ -419,9 +400,9 @@ def _expected_jumps(p, moments, estimates):
     The charge stays behind: it lifts the barrier by as much as the load is slower than the motion.
     """
     square, decay = timescales.angular_frequency(p) ** 2, p.transducer.decay_rate()
-    kept, lifting = square / (decay**2 + square), p.transducer.stiffness(square)
+    lagging, lifting = square / (decay**2 + square), p.transducer.stiffness(square)
     barrier = min(
-        timescales.barrier(p, well) + 0.5 * kept * lifting * (well - saddle) ** 2
+        timescales.barrier(p, well) + 0.5 * lagging * lifting * (well - saddle) ** 2
         for well in timescales.wells(p)
         for saddle in timescales.beside(p, well)
     )
@@ -429,7 +410,7 @@ def _expected_jumps(p, moments, estimates):
     if not energy > 0.0 or not math.isfinite(barrier):
         return 0.0
     height = barrier / energy
-    return height * math.exp(-height) / timescales.relaxation_time(p) * _measured(moments)
+    return height * math.exp(-height) / timescales.relaxation_time(p) * _total(moments, "time")
 
 
 def _drift(moments, balance):
@@ -442,8 +423,8 @@ def _drift(moments, balance):
     }
     time = batches[:, :, QUANTITIES.index("time")]
     if all(m.has_output for m in moments):
-        own = np.stack([m.output.integrals[: batches.shape[1]] for m in moments])
-        series["the output voltage"] = own[:, :, 1]
+        integrals = np.stack([m.output.integrals[: batches.shape[1]] for m in moments])
+        series["the output voltage"] = integrals[:, :, 1]
     for name, values in series.items():
         values = values / time
         change = _change(balance.without_wells(values) if balance else values)
@@ -467,12 +448,12 @@ def _change(values):
         return 0.0
     errors = [standard_error(part) for part in (early, late)]
     if len(values) >= FEWEST_BATCHES:
-        each = late.mean(axis=1) - early.mean(axis=1)
-        spread = float(each.std(ddof=1)) / math.sqrt(len(values))
+        differences = late.mean(axis=1) - early.mean(axis=1)
+        spread = float(differences.std(ddof=1)) / math.sqrt(len(values))
         error = max(spread, math.hypot(*(one or 0.0 for one in errors)))
     else:
-        known = [each for each in errors if each is not None]
-        if len(known) < len(errors):
+        bars = [bar for bar in errors if bar is not None]
+        if len(bars) < len(errors):
             return 0.0
-        error = math.hypot(*known)
+        error = math.hypot(*bars)
     return change / abs(mean) if abs(change) > DRIFT_IN_STANDARD_ERRORS * error else 0.0

@@ -40,14 +40,9 @@ class StoreState:
     Attributes
     ----------
     name, where : as in `circuits.loads.stores.Store`.
-    missing : float
-        Distance from where it settles, as a share of what it holds.
-    error : float
-        Standard error of `missing`.
-    time : float
-        Relaxation time (s); nan where it could not be determined.
-    memory : float
-        Time over which what it holds is remembered under noise (s).
+    missing, error : distance from where it settles, as a share of what it holds; standard error.
+    time : relaxation time (s); nan where it could not be determined.
+    memory : time over which what it holds is remembered under noise (s).
     """
 
     name: str
@@ -59,13 +54,7 @@ class StoreState:
 
 
 def store_states(ready: Prepared, moments: Sequence[Moments]) -> list[StoreState]:
-    """The stores of a scene's load as a run left them; empty without any.
-
-    Parameters
-    ----------
-    ready : Prepared
-    moments : sequence of Moments
-    """
+    """The stores of a scene's load as a run left them; empty without any."""
     batches, load = complete_batches(moments), ready.scene.load.circuit
     output = moments[0].output
     if batches is None or load is None or output is None:
@@ -84,11 +73,11 @@ def store_states(ready: Prepared, moments: Sequence[Moments]) -> list[StoreState
     # Converted to volts, the unit of the levels.
     volts = ready.scales.voltage * math.sqrt(max(float(square), 0.0))
     levels = _Levels(series, time, mean, LEAST_HELD * volts, ready.scene.excitation.random)
-    held = np.array([weights(each, names) for each in load.stores])
+    held = np.array([weights(store, names) for store in load.stores])
     times = [None] * len(held) if matrix is None else times_of(matrix, held)
     return [
-        _state(each, levels, ends, matrix, own)
-        for each, ends, own in zip(load.stores, held, times, strict=True)
+        _state(store, levels, ends, matrix, relaxations)
+        for store, ends, relaxations in zip(load.stores, held, times, strict=True)
     ]
 
 
@@ -146,19 +135,20 @@ def _by_decay(changes, length):
     The rates in the last two quarters go on as a geometric series.
     """
     batches = changes.shape[1]
-    own = changes.sum(axis=0) / len(changes)
+    mean_changes = changes.sum(axis=0) / len(changes)
     quarter = batches // 4
     if not quarter:
         return math.inf, math.nan
     first, before, last = (
-        float(own[batches - (k + 1) * quarter : batches - k * quarter].sum()) for k in (2, 1, 0)
+        float(mean_changes[batches - (k + 1) * quarter : batches - k * quarter].sum())
+        for k in (2, 1, 0)
     )
     if not (first * before > 0.0 and last * before > 0.0):
         return math.inf, math.nan
     ratio, earlier = last / before, before / first
     if ratio > SLOWEST_DECAY or abs(ratio - earlier) > ALIKE * (1.0 - ratio):
         return math.inf, math.nan
-    to_the_end = float(own @ (np.arange(batches) + 0.5)) / batches
+    to_the_end = float(mean_changes @ (np.arange(batches) + 0.5)) / batches
     time = length * quarter / batches / -math.log(ratio)
     return to_the_end + last * ratio / (1.0 - ratio), time
 

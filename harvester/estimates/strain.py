@@ -30,40 +30,30 @@ NO_CYCLE = "no cycle of strain was seen"
 def estimate_strain(
     moments: Sequence[Moments], excitation: Excitation, error_of: Callable = standard_error
 ) -> dict[str, Estimate]:
-    """Strain and stress of a set of realizations, and their life where there is a line of Basquin.
+    """Strain and stress (Pa) of a set of realizations; their life if there is a Basquin's line.
 
-    Parameters
-    ----------
-    moments : sequence of Moments
-    excitation : Excitation
-        The scene's, for whether realizations differ by chance, and have periods.
-    error_of : callable
-        See `harvester.estimates.means.estimate_all`.
-
-    Returns
-    -------
-    dict of str to Estimate
-        Strain, and stress in Pa; empty of a scene without a drawing. A peak is the mean over
-        realizations of the greatest magnitude in the measured time.
+    Empty of a scene without a drawing. A peak is the mean over realizations of the greatest
+    magnitude in the measured time. `excitation` says whether realizations differ by chance, and
+    have periods.
     """
     batches = complete_batches(moments)
     if batches is None or moments[0].strain is None:
         return {}
-    strains: list[Any] = [each.strain for each in moments]
+    strains: list[Any] = [realization.strain for realization in moments]
     count = batches.shape[1]
-    squares = np.stack([each.squares[:count] for each in strains])
-    peaks = np.stack([each.peaks[:count] for each in strains])
-    time, found = squares[:, :, 0], {}
+    squares = np.stack([strain.squares[:count] for strain in strains])
+    peaks = np.stack([strain.peaks[:count] for strain in strains])
+    time, estimates = squares[:, :, 0], {}
     for row, (name, dimension) in enumerate((("strain", "1"), ("stress", "stress"))):
-        found[f"peak_{name}"] = _peak(peaks[:, :, row], dimension, excitation, error_of)
+        estimates[f"peak_{name}"] = _peak(peaks[:, :, row], dimension, excitation, error_of)
         square = f"{dimension}^2" if dimension != "1" else "1"
         mean = ratio_estimate(squares[:, :, row + 1], time, square, error_of=error_of)
-        found[f"rms_{name}"] = root(mean)
-    if all(each.damage is not None for each in strains):
-        damage = np.stack([each.damage[:count] for each in strains])
+        estimates[f"rms_{name}"] = root(mean)
+    if all(strain.damage is not None for strain in strains):
+        damage = np.stack([strain.damage[:count] for strain in strains])
         rate = ratio_estimate(damage, time, "rate", error_of=error_of)
-        found |= dict(zip(LIFE, (rate, _life(rate)), strict=True))
-    return found
+        estimates |= dict(zip(LIFE, (rate, _life(rate)), strict=True))
+    return estimates
 
 
 def _peak(peaks, dimension, excitation, error_of):
@@ -98,15 +88,15 @@ def strain_notes(scene: Scene, moments: Sequence[Moments]) -> tuple[str, ...]:
     if scene.beam is None:
         return ()
     limit, named = scene.beam.limit
-    strains: list[Any] = [each.strain for each in moments]
-    highest = [float(each.peaks[:, STRAIN].max()) for each in strains]
-    beyond = sum(each > limit for each in highest)
+    strains: list[Any] = [realization.strain for realization in moments]
+    highest = [float(strain.peaks[:, STRAIN].max()) for strain in strains]
+    beyond = sum(peak > limit for peak in highest)
     if not beyond:
         return ()
     return (
         f"the strain of the layers exceeds {limit:.3g}, {named}, in {beyond} of "
         f"{len(highest)} realizations, by up to {100.0 * (max(highest) / limit - 1.0):.3g} % "
-        f"(stress up to {max(each.peaks[:, STRESS].max() for each in strains) * 1e-6:.4g} MPa)",
+        f"(stress up to {max(strain.peaks[:, STRESS].max() for strain in strains) * 1e-6:.4g} MPa)",
     )
 
 

@@ -40,26 +40,20 @@ class WellBalance:
 
     Attributes
     ----------
-    counts : ndarray, shape (wells, wells)
-        Jumps from one well (row) to another, of all realizations, those before `run.settle`
-        included.
-    times : ndarray, shape (wells,)
-        Time for which each well was the last one reached (s), by the same count.
-    shares : ndarray, shape (wells,), or None
-        Stationary shares of time by the rates; None where too few wells were reached or left.
-    exchange_time : float
-        The slowest time in which the wells forget which one was begun in (s).
-    weights : ndarray, shape (realizations, batches)
-        Weights with mean 1, with which the mean of `features` is `balanced`.
-    features : ndarray, shape (realizations, batches, wells + kinds of jumps)
-        Each batch's share of time in each well and its jumps per second, kind by kind.
-    balanced : ndarray, shape (wells + kinds of jumps,)
-        Stationary means of the features, from the jump rates.
-    innovations : ndarray, as `features`
-        How far `balanced` lies off by each batch's jumps, more or less than the rates expect, were
-        all batches like it.
-    changes : ndarray, shape (wells, wells, wells + kinds of jumps)
-        How far `balanced` changes by one jump more from the first well to the second.
+    counts : jumps from one well (row) to another, of all realizations, those before `run.settle`
+        included; shape (wells, wells).
+    times : time for which each well was the last one reached (s), by the same count.
+    shares : stationary shares of time by the rates; None where too few wells were reached or left.
+    exchange_time : the slowest time in which the wells forget which one was begun in (s).
+    weights : with mean 1, with which the mean of `features` is `balanced`; shape (realizations,
+        batches).
+    features : each batch's share of time in each well and its jumps per second, kind by kind;
+        shape (realizations, batches, wells + kinds of jumps).
+    balanced : stationary means of the features, from the jump rates.
+    innovations : how far `balanced` lies off by each batch's jumps, more or less than the rates
+        expect, were all batches like it; as `features`.
+    changes : how far `balanced` changes by one jump more from the first well to the second; shape
+        (wells, wells, wells + kinds of jumps).
     """
 
     counts: np.ndarray
@@ -75,14 +69,8 @@ class WellBalance:
     def error(self, series: np.ndarray) -> float | None:
         """Standard error of a mean from the deviations of its weighted batches.
 
-        Parameters
-        ----------
-        series : ndarray, shape (realizations, batches)
-
-        Returns
-        -------
-        float or None
-            None where fewer than `FEWEST_JUMPS` jumps, or too few batches, support it.
+        `series` has the shape (realizations, batches). None where fewer than `FEWEST_JUMPS` jumps,
+        or too few batches, support the error.
         """
         series = np.asarray(series, dtype=float)
         if self.shares is None:
@@ -91,20 +79,18 @@ class WellBalance:
         slopes = _slopes(off, series)
         within = series - off @ slopes
         error = self.error_of_parts(within + self.innovations @ slopes)
-        own = standard_error(within)
-        if error is None or own is None:
+        within_error = standard_error(within)
+        if error is None or within_error is None:
             return None
-        if not self._stand_on_enough(np.array([own]), slopes[:, None], series.size):
+        if not self._stand_on_enough(np.array([within_error]), slopes[:, None], series.size):
             return None
         return error * math.sqrt(series.size / (series.size - len(slopes)))
 
     def parts(self, series: np.ndarray) -> np.ndarray:
         """Each batch's contribution to a mean's deviation: within the wells, and by its jumps.
 
-        Parameters
-        ----------
-        series : ndarray, shape (realizations, batches)
-            Deviations of the weighted batches from their mean.
+        `series` holds deviations of the weighted batches from their mean, shape (realizations,
+        batches).
         """
         off = self.weights[:, :, None] * (self.features - self.balanced)
         slopes = _slopes(off, series)
@@ -120,15 +106,8 @@ class WellBalance:
     def errors_of_groups(self, series: np.ndarray) -> np.ndarray | None:
         """Standard errors of many means from groups of batches that are independent.
 
-        Parameters
-        ----------
-        series : ndarray, shape (realizations × groups, means)
-            Deviations of the weighted groups of realizations from their means.
-
-        Returns
-        -------
-        ndarray, shape (means,), or None
-            None where fewer than `FEWEST_JUMPS` jumps support one of them.
+        `series` holds deviations of the weighted groups from their means, shape (realizations ×
+        groups, means). None where fewer than `FEWEST_JUMPS` jumps support one of the means.
         """
         if self.shares is None:
             return None
@@ -142,8 +121,8 @@ class WellBalance:
         off = joined(self.weights[:, :, None] * (self.features - self.balanced))
         slopes = np.linalg.lstsq(off, series, rcond=None)[0]
         within = series - off @ slopes
-        own = within.std(axis=0, ddof=1) / math.sqrt(count)
-        if not self._stand_on_enough(own, slopes, count):
+        within_errors = within.std(axis=0, ddof=1) / math.sqrt(count)
+        if not self._stand_on_enough(within_errors, slopes, count):
             return None
         parts = within + joined(self.innovations) @ slopes
         return parts.std(axis=0, ddof=1) / math.sqrt(count - len(slopes))
@@ -156,35 +135,33 @@ class WellBalance:
         seen = self.counts[:, :, None] + 1.0
         jumps = (self.changes @ slopes) ** 2 * seen
         samples = (own**2 + jumps.sum(axis=(0, 1))) ** 2
-        known = own**4 / count + (jumps**2 / seen).sum(axis=(0, 1))
-        return bool(np.all(samples >= FEWEST_JUMPS * known))
+        spread = own**4 / count + (jumps**2 / seen).sum(axis=(0, 1))
+        return bool(np.all(samples >= FEWEST_JUMPS * spread))
 
     def without_wells(self, series: np.ndarray) -> np.ndarray:
-        """An unweighted series of batches with the wells' effect regressed out; its mean is
-        unchanged.
-        """
+        """Unweighted batches with the wells' effect regressed out; their mean is unchanged."""
         off = self.features - self.features.mean(axis=(0, 1))
         return series - off @ _slopes(off, series - series.mean())
 
 
 def well_balance(scene: Scene, system: System, moments: Sequence[Moments]) -> WellBalance | None:
-    """The balance of a run's jumps; None where wells do not differ or nothing is by chance.
-
-    Parameters
-    ----------
-    scene : Scene
-    system : System
-    moments : sequence of Moments
-        Moments of all realizations.
-    """
-    batches = complete_batches(moments)
-    if batches is None or not _wells_differ(scene, system, batches):
+    """The balance of a run's jumps; None where wells do not differ or nothing is by chance."""
+    batches, excitation = complete_batches(moments), scene.excitation
+    if batches is None or not excitation.random or excitation.drifts:
         return None
-    count = batches.shape[1]
-    jumps, times = (
-        np.stack([_with_settling(getattr(each.jumps, name), count) for each in moments])
-        for name in ("counts", "times")
-    )
+    wells, count = batches.shape[2] - WELLS, batches.shape[1]
+    if wells < 2 or (wells == 2 and system.symmetric):
+        return None
+
+    def with_settling(name):
+        # A start at rest is like an arrival by a jump: both are far from the energy at which the
+        # well is left. A well's stays that begin when settling ends would be too short by a
+        # relaxation time: the sums before the first batch, which are the last ones, belong to it.
+        sums = np.stack([getattr(m.jumps, name) for m in moments])
+        sums[:, 0] += sums[:, -1]
+        return sums[:, :count].copy()
+
+    jumps, times = with_settling("counts"), with_settling("times")
     total, time = jumps.sum(axis=(0, 1)), times.sum(axis=(0, 1))
     if not total.any() and scene.start is not None:
         # All runs stay in the well of the given start: the means are those of this well.
@@ -199,43 +176,21 @@ def well_balance(scene: Scene, system: System, moments: Sequence[Moments]) -> We
     balanced, changes = _balanced(rates, shares, total > 0.0)
     changes /= time[:, None, None]
     weights = _weights(features, balanced)
-    more = jumps - times[:, :, :, None] * rates
-    innovations = np.einsum("rbij,ijk->rbk", more, changes) * weights.size
+    surplus = jumps - times[:, :, :, None] * rates
+    innovations = np.einsum("rbij,ijk->rbk", surplus, changes) * weights.size
     return WellBalance(
         total, time, shares, exchange, weights, features, balanced, innovations, changes
     )
 
 
 def weighted(moments: Sequence[Moments], balance: WellBalance | None) -> list[Moments]:
-    """Moments whose sums have the balance's weights; `jumps` and the last points stay.
-
-    Parameters
-    ----------
-    moments : sequence of Moments
-    balance : WellBalance or None
-        The balance of these moments; None: the moments are returned unchanged.
-    """
+    """Moments whose sums have the balance's weights; `jumps` and the last points stay."""
     if balance is None or balance.shares is None:
         return list(moments)
-    return [_weighted(each, row) for each, row in zip(moments, balance.weights, strict=True)]
-
-
-def _wells_differ(scene, system, batches):
-    """Whether means may depend on the well, and chance moves the device between several."""
-    wells = batches.shape[2] - WELLS
-    alike = wells == 2 and system.symmetric
-    return wells > 1 and not alike and scene.excitation.random and not scene.excitation.drifts
-
-
-def _with_settling(rows, count):
-    """The first batches' sums, those before them in the first.
-
-    A start at rest is like an arrival by a jump: both are far from the energy at which the well is
-    left. A well's stays that begin when settling ends would be too short by a relaxation time.
-    """
-    sums = rows[:count].copy()
-    sums[0] += rows[-1]
-    return sums
+    return [
+        _weighted(realization, row)
+        for realization, row in zip(moments, balance.weights, strict=True)
+    ]
 
 
 def _slopes(off, series):
@@ -251,16 +206,16 @@ def _stationary(rates):
     if not math.isfinite(exchange):
         return None, exchange
     ones = np.ones((1, len(rates)))
-    known = np.append(np.zeros(len(rates)), 1.0)
-    shares = np.linalg.lstsq(np.vstack([change.T / decays[-1], ones]), known, rcond=None)[0]
+    right_side = np.append(np.zeros(len(rates)), 1.0)
+    shares = np.linalg.lstsq(np.vstack([change.T / decays[-1], ones]), right_side, rcond=None)[0]
     return np.maximum(shares, 0.0), exchange
 
 
 def _features(moments, batches, total):
     """Shares of time in the wells and, for each kind of jump that was seen, jumps per second."""
     count = batches.shape[1]
-    stays = np.stack([each.jumps.times[:count] for each in moments])
-    jumps = np.stack([each.jumps.counts[:count][:, total > 0.0] for each in moments])
+    stays = np.stack([realization.jumps.times[:count] for realization in moments])
+    jumps = np.stack([realization.jumps.counts[:count][:, total > 0.0] for realization in moments])
     return np.concatenate([stays, jumps], axis=2) / batches[:, :, :1]
 
 
@@ -270,14 +225,13 @@ def _balanced(rates, shares, seen):
     of_shares = _changes(rates, shares)
     of_flows = (of_shares[:, :, :, None] * rates)[:, :, seen]
     places = np.argwhere(seen)
-    for place, (well, other) in enumerate(places):
-        of_flows[well, other, place] += shares[well]
+    for column, (well, other) in enumerate(places):
+        of_flows[well, other, column] += shares[well]
     return np.append(shares, flows), np.concatenate([of_shares, of_flows], axis=2)
 
 
 def _changes(rates, shares):
-    """Derivatives of the stationary shares by each jump rate (from the first well to the
-    second)."""
+    """Derivatives of the stationary shares by each jump rate (row: from, column: to)."""
     change = rates - np.diag(rates.sum(axis=1))
     answer = np.linalg.inv(shares[None] - change)
     return shares[:, None, None] * (answer[None] - answer[:, None])
@@ -298,26 +252,26 @@ def _group_of(batches, groups):
 
 def _weighted(moments, weights):
     """One realization's; what lies behind the last complete batch has no weight of its own."""
-    whole = np.append(weights, np.ones(len(moments.integrals) - len(weights)))
+    padded = np.append(weights, np.ones(len(moments.integrals) - len(weights)))
     groups = len(moments.histograms)
-    places = _group_of(len(whole), groups)
-    of_groups = np.bincount(places, whole, groups) / np.bincount(places, minlength=groups)
+    places = _group_of(len(padded), groups)
+    of_groups = np.bincount(places, padded, groups) / np.bincount(places, minlength=groups)
     output = moments.output
     if output is not None:
         output = replace(
             output,
-            integrals=output.integrals * whole[:, None],
-            measured=output.measured * whole[:, None, None],
-            stored=output.stored * whole,
+            integrals=output.integrals * padded[:, None],
+            measured=output.measured * padded[:, None, None],
+            stored=output.stored * padded,
         )
     strain = moments.strain
     if strain is not None:
-        damage = None if strain.damage is None else strain.damage * whole
-        strain = replace(strain, squares=strain.squares * whole[:, None], damage=damage)
+        damage = None if strain.damage is None else strain.damage * padded
+        strain = replace(strain, squares=strain.squares * padded[:, None], damage=damage)
     return replace(
         moments,
-        integrals=moments.integrals * whole[:, None],
-        products=moments.products * whole.mean(),
+        integrals=moments.integrals * padded[:, None],
+        products=moments.products * padded.mean(),
         histograms=moments.histograms * of_groups[:, None, None],
         output=output,
         strain=strain,

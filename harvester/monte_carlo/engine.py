@@ -16,15 +16,18 @@ from __future__ import annotations
 import itertools
 import math
 from collections.abc import Iterator, Sequence
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
 from harvester.compilation import numba
 from harvester.device import contact, system
+from harvester.device.system import System
 from harvester.errors import SolutionDiverged
+from harvester.excitation.base import ExcitationPath
 from harvester.monte_carlo.lockstep import Room, advance
 from harvester.monte_carlo.schemes import Scheme, scheme_of
+from harvester.prepared.prepared import Prepared
 from harvester.prepared.steps import (
     EVEN_STEPS_PER_CONTACT,
     steps_per_contact,
@@ -34,11 +37,6 @@ from harvester.prepared.steps import (
 from harvester.record.moments import Moments
 from harvester.record.record import Observer, Record
 from harvester.record.several import TOGETHER, SeveralMoments
-
-if TYPE_CHECKING:
-    from harvester.device.system import System
-    from harvester.excitation.base import ExcitationPath
-    from harvester.prepared.prepared import Prepared
 
 # So many realizations are stepped together. More are hardly faster.
 MOST_TOGETHER = 64
@@ -51,9 +49,9 @@ def prepare(ready: Prepared) -> None:
     """Load the compiled code for a scene's parts, so that it does not count as simulation."""
     s = ready.system
     tally = SeveralMoments([_unwanted(0.0, 1.0)], 1.0).tally
-    room, place = Room.of(s, [(0.0, 0.0, 0.0)], 0), _beginning()
+    room, position = Room.of(s, [(0.0, 0.0, 0.0)], 0), _beginning()
     noise = np.zeros((1, 1, TOGETHER))
-    advance(Scheme.RUNGE_KUTTA.argument, s, _edges(s), noise, 0, 1.0, 1, 1, room, tally, place)
+    advance(Scheme.RUNGE_KUTTA.argument, s, _edges(s), noise, 0, 1.0, 1, 1, room, tally, position)
 
 
 def run_realizations(
@@ -68,38 +66,33 @@ def run_realizations(
     """Integrate realizations side by side; see `circuits.ngspice.engine.run_realizations`.
 
     `scheme` is "runge-kutta" or "heun". `outputs` is not used: a resistor has no output side.
-
-    Returns
-    -------
-    dict
-        engine_version, netlist_sha256 (None).
-
-    Raises
-    ------
-    SolutionDiverged
     """
     s = ready.system
     fixed = steps_per_knot(ready, step, "monte-carlo")
     in_contact = steps_per_contact(ready, step, "monte-carlo")
     for first in range(0, len(paths), MOST_TOGETHER):
         some = slice(first, first + MOST_TOGETHER)
-        moments = [each for each in itertools.chain(*observers[some]) if isinstance(each, Moments)]
+        moments = [
+            observer
+            for observer in itertools.chain(*observers[some])
+            if isinstance(observer, Moments)
+        ]
         others = [
-            (k, each)
+            (k, observer)
             for k, watching in enumerate(observers[some])
-            for each in watching
-            if not isinstance(each, Moments)
+            for observer in watching
+            if not isinstance(observer, Moments)
         ]
         chunks = integrate(
             s, paths[some], starts[some], stop_time(ready), fixed, scheme, in_contact,
-            moments, any(getattr(each, "reads_points", True) for _, each in others),
+            moments, any(getattr(observer, "reads_points", True) for _, observer in others),
         )  # fmt: skip
         for columns, points in chunks:
             for k, other in others:
                 other.add(record_of(columns, points, k))
-    used = scheme_of(s, scheme, paths[0].spacing / fixed)
+    chosen = scheme_of(s, scheme, paths[0].spacing / fixed)
     return {
-        "engine_version": f"{used.value}, numba {numba.__version__}",
+        "engine_version": f"{chosen.value}, numba {numba.__version__}",
         "netlist_sha256": None,
     }
 
@@ -124,22 +117,18 @@ def integrate(
 
     Parameters
     ----------
-    s : harvester.device.system.System
     paths : sequence of harvester.excitation.base.ExcitationPath
         All with the same knot spacing.
     starts : sequence of (float, float, float)
         X, X' and the transducer's state, scaled.
     stop : float
         End time (s), rounded up to a whole number of knots.
-    steps_per_knot : int
-        Steps between two knots where no contact asks for more.
+    steps_per_knot, steps_per_contact : int
+        Steps between two knots where no contact asks for more; fewest in a contact.
     scheme : str
         A name in `harvester.monte_carlo.schemes.NAMED`.
-    steps_per_contact : int
-        Fewest steps from the beginning of a contact to its end.
     moments : sequence of Moments
-        One for each path, empty at first; points are added to them. Empty sequence: none are
-        recorded.
+        One for each path, empty at first; points are added to them. Empty: none are recorded.
     keep : bool
         Whether the points are kept.
 
@@ -156,7 +145,7 @@ def integrate(
     SolutionDiverged
     """
     spacing, edges = paths[0].spacing, _edges(s)
-    used = scheme_of(s, scheme, spacing / steps_per_knot)
+    chosen = scheme_of(s, scheme, spacing / steps_per_knot)
     knots = math.ceil(stop / spacing - 1e-9)
     most = (SEGMENTS_KEPT if keep else SEGMENTS) // len(paths)
     first_knots = [float(path.read(1)[0]) for path in paths]
@@ -164,7 +153,7 @@ def integrate(
         (x, v, system.begun_state(s, state, eta))
         for (x, v, state), eta in zip(starts, first_knots, strict=True)
     ]
-    room, place = Room.of(s, begun, _points(most) if keep else 0), _beginning()
+    room, position = Room.of(s, begun, _points(most) if keep else 0), _beginning()
     several = SeveralMoments(moments or [_unwanted(stop, spacing) for _ in paths], spacing)
     noise = np.zeros((most + 1, len(room.states), TOGETHER))
     samples = noise.reshape(most + 1, -1)
@@ -173,12 +162,12 @@ def integrate(
         count = min(most, knots - first)
         for k, path in enumerate(paths):
             path.read_into(samples[1 : count + 1, k])
-        place[:3] = 0
-        while place[0] < count:
+        position[:3] = 0
+        while position[0] < count:
             room.points[:] = 0
             advance(
-                used.argument, s, edges, noise[: count + 1], first, spacing,
-                steps_per_knot, steps_per_contact, room, several.tally, place,
+                chosen.argument, s, edges, noise[: count + 1], first, spacing,
+                steps_per_knot, steps_per_contact, room, several.tally, position,
             )  # fmt: skip
             several.collect(room.points)
             if several.diverged is not None:

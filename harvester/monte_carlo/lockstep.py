@@ -5,6 +5,12 @@ without branches, which LLVM turns into instructions for eight of them at a time
 and those that the flight would bring into one, are gathered and stepped apart in a loop of the same
 kind, each with steps of its own, until they are at the step's end again.
 
+    realization   |------- step -------|------- step -------|
+         0        o--------------------o--------------------o    free flight: `_fly`
+         1        o---------x··x··x··x-o--------------------o    contact at x: `_gather`, then
+         2        o--------------------o--------------------o    `_try` and `_go_on` until it
+         …                                                       is at the step's end: `_arrive`
+
 Nothing is shared and no operation is reordered: a realization's numbers do not depend on what runs
 beside it.
 """
@@ -13,21 +19,18 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from typing import TYPE_CHECKING, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
 from harvester.compilation import merged, uncounted
 from harvester.device import contact, system
+from harvester.device.system import System
 from harvester.device.zones import crossing, overshoots
 from harvester.monte_carlo.schemes import one_step
 from harvester.record import several
 from harvester.record.record import Record
-from harvester.record.several import TOGETHER
-
-if TYPE_CHECKING:
-    from harvester.device.system import System
-    from harvester.record.several import Tally
+from harvester.record.several import TOGETHER, Tally
 
 # The number of points allowed if none are kept. No run reaches it.
 MOST_POINTS = 2**62
@@ -55,14 +58,12 @@ class Room(NamedTuple):
 
     Attributes
     ----------
-    states, apart : ndarray, shape (blocks of eight, ROWS · 8)
-        All realizations, and copies of those stepped apart.
-    which : ndarray of int64
-        The realization that stands in each place of `apart`.
-    points : ndarray of int64, shape (realizations,)
-        Points of each since it was last zero.
-    columns : ndarray, shape (realizations, fields of `Record`, points)
-        Array for the recorded points; of length 0 if none are kept.
+    states, apart : all realizations, and copies of those stepped apart; shape (blocks of eight,
+        ROWS · 8).
+    which : the realization that stands in each place of `apart`.
+    points : of each realization since it was last zero.
+    columns : the recorded points, shape (realizations, fields of `Record`, points); of length 0 if
+        none are kept.
     """
 
     states: np.ndarray
@@ -73,14 +74,9 @@ class Room(NamedTuple):
 
     @classmethod
     def of(cls, s: System, starts: Sequence[tuple[float, float, float]], points: int) -> Room:
-        """Realizations at their starts (X, X', transducer's state), with room for so many points.
+        """Realizations at their starts, with room for so many points each, at least 2 or none.
 
-        Parameters
-        ----------
-        s : harvester.device.system.System
-        starts : sequence of (float, float, float)
-        points : int
-            Number of points of each realization, at least 2, or 0 to keep none.
+        A start is (X, X', transducer's state).
         """
         blocks = math.ceil(len(starts) / TOGETHER)
         states = np.zeros((blocks, ROWS, TOGETHER))
@@ -122,18 +118,14 @@ def advance(
     ----------
     scheme
         `argument` of a `harvester.monte_carlo.schemes.Scheme`.
-    s : harvester.device.system.System
     edges : ndarray
         Edges of the zones, from minus to plus infinity (scaled displacement).
     noise : ndarray, shape (knots, blocks, 8)
-        The excitation of all realizations at its knots.
+        The excitation of all realizations at its knots, `spacing` (s) apart.
     first_knot : int
         Number of the first of these knots in the run.
-    spacing : float
-        Between two knots (s).
     steps_per_knot, steps_per_contact : int
         Steps between two knots, and fewest from the beginning of a contact to its end.
-    room : Room
     tally : Tally
         Sums of the moments, added to.
     place : ndarray of int, changed
@@ -272,13 +264,13 @@ def _go_on(s, edges, knots, begin, end, step, steps_per_contact, count, batch, r
     Returns how many realizations are not at the end of the grid's step yet, and the largest number
     of points that any of them has.
     """
-    rest, fullest = 0, 0
-    for place in range(count):
-        cells, i = room.apart[place // TOGETHER], place % TOGETHER
+    remaining, fullest = 0, 0
+    for slot in range(count):
+        cells, i = room.apart[slot // TOGETHER], slot % TOGETHER
         if cells[LEAVES + i] != 0.0 and cells[ENTERS + i] == 0.0:
             _land(cells, i, cells[END + DISPLACEMENT + i], cells[END + VELOCITY + i])
         else:
-            realization = room.which[place]
+            realization = room.which[slot]
             block, k = realization // TOGETHER, realization % TOGETHER
             rows = tally.rows[block]
             _correct(s, cells, i, cells[LENGTH + i], batch >= 0, rows, k)
@@ -300,13 +292,13 @@ def _go_on(s, edges, knots, begin, end, step, steps_per_contact, count, batch, r
             several.follow(tally, block, k, k + 1, batch)
             fullest = max(fullest, _keep(room, rows, realization))
             _resolve(s, end, steps_per_contact, cells, i)
-        if rest < place:
-            others, j = room.apart[rest // TOGETHER], rest % TOGETHER
+        if remaining < slot:
+            others, j = room.apart[remaining // TOGETHER], remaining % TOGETHER
             for row in range(0, END, TOGETHER):
                 others[row + j] = cells[row + i]
-            room.which[rest] = room.which[place]
-        rest += 1
-    return rest, fullest
+            room.which[remaining] = room.which[slot]
+        remaining += 1
+    return remaining, fullest
 
 
 @merged
@@ -359,11 +351,11 @@ def _powers(s, v, state, noise, contact_damping):
     """Voltage, load power, input power, loss and the transducer's own loss in one state."""
     damping = system.damping_rate(s.damper, v) + contact_damping
     current = system.load_current(s.transducer, v, state)
-    own = system.own_loss(s.transducer, v, state, current)
+    transducer_loss = system.own_loss(s.transducer, v, state, current)
     put_in = noise * system.base_speed(s.transducer, v, state, current)
     voltage = system.terminal_voltage(s.transducer, v, state)
     load = system.load_power(s.transducer, v, state)
-    return voltage, load, put_in, damping * v * v + own, own
+    return voltage, load, put_in, damping * v * v + transducer_loss, transducer_loss
 
 
 @merged
@@ -376,8 +368,8 @@ def _point(s, cells, i, motion, excited, time, measured, tally, rows, k):
     x, v = cells[motion + DISPLACEMENT + i], cells[motion + VELOCITY + i]
     state, noise = cells[motion + TRANSDUCER + i], cells[excited + i]
     values = _powers(s, v, state, noise, cells[CONTACT_DAMPING + i])
-    kept = system.kept_state(s.transducer, state, noise)
-    several.add_point(rows, k, measured, tally.low, tally.high, time, x, v, *values, kept)
+    stored_state = system.kept_state(s.transducer, state, noise)
+    several.add_point(rows, k, measured, tally.low, tally.high, time, x, v, *values, stored_state)
 
 
 @merged
@@ -400,25 +392,25 @@ def _correct(s, cells, i, length, measured, rows, k):
     longer = max(length, before)
     for ahead in (-longer, longer):
         x1, v1 = x + ahead * v, v + ahead * acceleration
-        voltage, load, put_in, loss, own = _powers(
+        voltage, load, put_in, loss, transducer_loss = _powers(
             s, v1, state + ahead * rate, noise + ahead * slope, 0.0
         )
         weight = (length * length - before * before) / (24.0 * ahead)
         sums = (voltage * voltage, x1 * x1, v1 * v1, load, put_in, loss)
         for row in range(len(sums)):
             rows[several.SQUARE_VOLTAGES + row * TOGETHER + k] += weight * sums[row]
-        rows[several.OWN_LOSSES + k] += weight * own
+        rows[several.OWN_LOSSES + k] += weight * transducer_loss
 
 
 @merged
 def _keep(room, rows, realization):
     """Count a realization's latest point, keep it where that is wanted; returns their number."""
-    k, place = realization % TOGETHER, room.points[realization]
+    k, point = realization % TOGETHER, room.points[realization]
     if room.columns.shape[2] > 0:
         for row in range(room.columns.shape[1]):
-            room.columns[realization, row, place] = rows[row * TOGETHER + k]
-    room.points[realization] = place + 1
-    return place + 1
+            room.columns[realization, row, point] = rows[row * TOGETHER + k]
+    room.points[realization] = point + 1
+    return point + 1
 
 
 @merged

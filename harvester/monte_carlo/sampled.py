@@ -6,17 +6,13 @@ resolving a contact more finely.
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
-
 import numpy as np
 
 from harvester.compilation import compiled
 from harvester.device import contact, system
+from harvester.device.system import System
 from harvester.device.zones import crossing, overshoots
 from harvester.monte_carlo.schemes import one_step, scheme_of
-
-if TYPE_CHECKING:
-    from harvester.device.system import System
 
 # Steps per contact, four times those of Monte Carlo: an error of the contact's beginning would bias
 # the identified values of a stopper.
@@ -37,7 +33,6 @@ def states_at_samples(
 
     Parameters
     ----------
-    s : harvester.device.system.System
     eta : ndarray, shape (every (n − 1) + 1,)
         The excitation at its knots, linear between them.
     spacing : float
@@ -47,8 +42,8 @@ def states_at_samples(
     edges : ndarray of int, shape (windows + 1,)
         Samples at which windows begin, ascending, and behind them the end of the last one.
     starts : ndarray, shape (windows, 3)
-        X, X' and the transducer's state at each window's first sample, scaled; a window with NaN
-        there is left out.
+        X, X' and the transducer's state at each window's first sample, scaled; a window with NaN is
+        left out.
 
     Returns
     -------
@@ -82,8 +77,8 @@ def _run(scheme, s, zones, eta, spacing, every, edges, starts, states, ends):
         low, high = zones[zone], zones[zone + 1]
         touching = not low < 0.0 < high
         knot, stop = edges[window] * every, min(edges[window + 1] * every, final)
-        place = edges[window] - edges[0]
-        states[place, 0], states[place, 1], states[place, 2] = x, v, voltage
+        sample = edges[window] - edges[0]
+        states[sample, 0], states[sample, 1], states[sample, 2] = x, v, voltage
         while knot < stop:
             slope = (eta[knot + 1] - eta[knot]) / spacing
             noise = eta[knot] + slope * phase
@@ -101,20 +96,9 @@ def _run(scheme, s, zones, eta, spacing, every, edges, starts, states, ends):
                 x, v, voltage, phase = x1, v1, voltage1, spacing
             else:
                 piece, entered, held, x, v, voltage = _contact_piece(
-                    scheme,
-                    s,
-                    touching,
-                    low,
-                    high,
-                    held,
-                    x,
-                    v,
-                    voltage,
-                    noise,
-                    slope,
-                    length,
+                    scheme, s, touching, low, high, held, x, v, voltage, noise, slope, length,
                     STEPS_PER_CONTACT,
-                )
+                )  # fmt: skip
                 if entered != 0:
                     zone += entered
                     low, high = zones[zone], zones[zone + 1]
@@ -126,8 +110,8 @@ def _run(scheme, s, zones, eta, spacing, every, edges, starts, states, ends):
                 phase = 0.0
                 knot += 1
                 if knot % every == 0 and knot < edges[window + 1] * every:
-                    place = knot // every - edges[0]
-                    states[place, 0], states[place, 1], states[place, 2] = x, v, voltage
+                    sample = knot // every - edges[0]
+                    states[sample, 0], states[sample, 1], states[sample, 2] = x, v, voltage
         if knot >= stop:
             ends[window, 0], ends[window, 1], ends[window, 2] = x, v, voltage
 

@@ -3,15 +3,11 @@
 from __future__ import annotations
 
 import enum
-from typing import TYPE_CHECKING
 
 from harvester.compilation import compiled, merged
 from harvester.device import system
 from harvester.device.decay import decayed
-
-if TYPE_CHECKING:
-    from harvester.device.system import System
-
+from harvester.device.system import System
 
 # If load or damper let V or X' decay by more than exp(−1) in a step, the decay is computed exactly.
 # Explicit schemes are stable up to exponents of 2 (Heun) and 2.78 (Runge–Kutta).
@@ -72,7 +68,7 @@ def one_step(
     h: float,
     reaction: float,
 ) -> tuple[float, float, float]:
-    """One step of Eq. 4.
+    """One step of Eq. 4, of length `h`; returns X, X' and the transducer's state at its end.
 
     Parameters
     ----------
@@ -80,23 +76,14 @@ def one_step(
         `Scheme.argument` of the scheme to take.
     touching : bool
         Whether the mass is in contact throughout the step.
-    low, high : float
-        Ends of its zone.
-    held : float
-        Impact speed that the contact's law holds.
+    low, high, held : float
+        Ends of its zone; impact speed that the contact's law holds.
     x, v, voltage : float
         X, X' and the transducer's state at the step's beginning.
     noise, slope : float
         The excitation there, and its rate of change.
-    h : float
-        Length of the step.
     reaction : float
         The contacts' force at the step's beginning, which the step before has found.
-
-    Returns
-    -------
-    float, float, float
-        X, X' and the transducer's state at the step's end.
     """
     if scheme is None:
         return _runge_kutta(s, touching, low, high, held, x, v, voltage, noise, slope, h, reaction)

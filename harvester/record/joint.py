@@ -19,14 +19,10 @@ class JointHistogram:
 
     Attributes
     ----------
-    start, interval : float
-        Begin of the measured time, and time between samples (s).
-    counts : ndarray of uint32, shape (BINS, BINS)
-        Counts by displacement (rows) and velocity (columns).
-    bin_widths : ndarray, shape (2,)
-        Powers of two, doubled whenever a value falls outside.
-    latest : ndarray, shape (3,)
-        Time, displacement and velocity of the latest point.
+    start, interval : begin of the measured time, and time between samples (s).
+    counts : by displacement (rows) and velocity (columns), shape (BINS, BINS).
+    bin_widths : powers of two, doubled whenever a value falls outside.
+    latest : time, displacement and velocity of the latest point.
     """
 
     start: float
@@ -69,12 +65,12 @@ def _add_samples(time, x, v, latest, start, interval, counts, widths):
 def _place(value, axis, counts, widths):
     """Bin of a value from the middle on; bins are doubled until it lies in one."""
     half = BINS // 2
-    place = np.floor(value / widths[axis])
-    while place >= half or place < -half:
+    position = np.floor(value / widths[axis])
+    while position >= half or position < -half:
         _double(counts if axis == 0 else counts.T)
         widths[axis] *= 2.0
-        place = np.floor(value / widths[axis])
-    return int(place)
+        position = np.floor(value / widths[axis])
+    return int(position)
 
 
 @compiled

@@ -3,18 +3,14 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 import numpy as np
 
 from harvester.compilation import compiled, merged
 from harvester.device import timescales
 from harvester.device.cores import core_energies, cores_within
-from harvester.device.system import potential
-
-if TYPE_CHECKING:
-    from harvester.device.system import System
-    from harvester.record.record import Record
+from harvester.device.system import System, potential
+from harvester.record.record import Record
 
 # Number of displacements at which the potential is tabulated. It is linear between them.
 TABULATED = 2049
@@ -26,24 +22,17 @@ class Jumps:
 
     Attributes
     ----------
-    start, batch_length : float
-        As in `harvester.record.moments.Moments` (s).
-    saddles : ndarray, shape (wells − 1,)
-        Displacements of the saddles, ascending; wells are counted from the left.
-    limits : ndarray, shape (wells,)
-        Largest ½X'² + U(X) in each core, scaled.
-    ends : (float, float)
-        Displacements between which all cores lie.
-    energies : ndarray
-        U(X) at evenly spaced displacements from the first to the second.
-    times : ndarray, shape (batches + 1, wells)
-        Time for which each well was the last one reached (s); last, that before `start`.
-    counts : ndarray, shape (batches + 1, wells, wells)
-        Jumps from one well (row) to another (column); last, those before `start`.
-    well : int
-        The last one reached; −1 before the first.
-    time : float
-        Time of the latest point (s).
+    start, batch_length : as in `harvester.record.moments.Moments` (s).
+    saddles : their displacements, ascending; wells are counted from the left.
+    limits : largest ½X'² + U(X) in the core of each well, scaled.
+    ends : displacements between which all cores lie.
+    energies : U(X) at evenly spaced displacements from the first to the second.
+    times : time for which each well was the last one reached (s); last, that before `start`; shape
+        (batches + 1, wells).
+    counts : jumps from one well (row) to another (column); last, those before `start`; shape
+        (batches + 1, wells, wells).
+    well : the last one reached; −1 before the first.
+    time : of the latest point (s).
     """
 
     start: float
@@ -84,20 +73,10 @@ class Jumps:
         if record.time.size == 0:
             return
         self.well = add_jumps(
-            record.time,
-            record.displacement,
-            record.velocity,
-            self.time,
-            self.start,
-            self.batch_length,
-            self.saddles,
-            self.limits,
-            *self.ends,
-            self.energies,
-            self.well,
-            self.times,
-            self.counts,
-        )
+            record.time, record.displacement, record.velocity, self.time, self.start,
+            self.batch_length, self.saddles, self.limits, *self.ends, self.energies, self.well,
+            self.times, self.counts,
+        )  # fmt: skip
         self.time = float(record.time[-1])
 
 
@@ -120,9 +99,8 @@ def add_jumps(
 ) -> int:
     """Add up times and jumps, see `Jumps`; returns the well that was reached last.
 
-    `last` is the time of the point before.
-
-    An interval belongs to the batch of its middle and to the well reached before it.
+    `last` is the time of the point before. An interval belongs to the batch of its middle and to
+    the well reached before it.
     """
     batches, batch, stop, since = len(times) - 1, -1, -np.inf, last
     left, right = neighbours(saddles, well)
@@ -140,13 +118,13 @@ def add_jumps(
             continue
         # The mass is beside the well that it reached last. Is it in the core of the well that lies
         # here?
-        here = np.searchsorted(saddles, x[i])
+        nearest = np.searchsorted(saddles, x[i])
         energy = 0.5 * v[i] * v[i] + energy_at(energies, low, high, x[i])
-        if energy <= limits[here]:
+        if energy <= limits[nearest]:
             if well >= 0:
                 times[batch, well] += last - since
-                counts[batch, well, here] += 1.0
-            since, well = last, here
+                counts[batch, well, nearest] += 1.0
+            since, well = last, nearest
             left, right = neighbours(saddles, well)
     if well >= 0:
         times[batch, well] += last - since
@@ -156,9 +134,9 @@ def add_jumps(
 @merged
 def energy_at(energies: np.ndarray, low: float, high: float, x: float) -> float:
     """U(x) between two displacements from a table over them, linear between its entries."""
-    place = (x - low) / ((high - low) / (energies.size - 1))
-    below = int(place)
-    return energies[below] + (place - below) * (energies[below + 1] - energies[below])
+    position = (x - low) / ((high - low) / (energies.size - 1))
+    below = int(position)
+    return energies[below] + (position - below) * (energies[below + 1] - energies[below])
 
 
 @compiled

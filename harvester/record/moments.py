@@ -56,35 +56,23 @@ class Moments:
 
     Attributes
     ----------
-    start, batch_length : float
-        Beginning of the first batch and length of each (s).
-    free : (float, float)
-        Displacements between which no contact acts, to count impacts.
-    saddles : ndarray of float
-        Displacements that part the wells, ascending, to count crossings.
-    integrals : ndarray, shape (batches, len(QUANTITIES) or more)
-    products : ndarray, shape (len(PRODUCTS),)
-    histograms : ndarray of uint32, shape (groups, 3, BINS)
-        Samples in each bin of displacement, velocity, voltage; bins symmetric about 0.
-    sample_interval : float
-        Time between the histograms' samples (s), which are taken at regular times: an engine's
-        own points crowd where contact begins.
-    bin_widths : ndarray, shape (3,)
-        Powers of two, doubled whenever a value falls outside.
-    first, last : ndarray, shape (9,)
-        The first measured and the latest point, in `Record`'s order.
-    points : int
-        Accepted points, those before `start` included.
-    output : OutputMoments or None
-        Moments of the load's output side and of what its stores hold, where it has them.
-    jumps : Jumps or None
-        Between wells, where there are several.
-    strain : StrainMoments or None
-        Strain of the layers, for a scene with a drawing; `StrainWatch` adds to it.
-    step : float or None
-        Longest step (s), where the run chose it; None: the engine's.
-    step_error : float
-        Relative change of the energies from a run with steps twice as long, where one was made.
+    start, batch_length : beginning of the first batch and length of each (s).
+    free : displacements between which no contact acts, to count impacts.
+    saddles : displacements that part the wells, ascending, to count crossings.
+    integrals : shape (batches, len(QUANTITIES) or more).
+    products : shape (len(PRODUCTS),).
+    histograms : samples in each bin of displacement, velocity, voltage; bins symmetric about 0;
+        shape (groups, 3, BINS).
+    sample_interval : time between the histograms' samples (s), which are taken at regular times:
+        an engine's own points crowd where contact begins.
+    bin_widths : powers of two, doubled whenever a value falls outside.
+    first, last : the first measured and the latest point, in `Record`'s order.
+    points : accepted points, those before `start` included.
+    output : moments of the load's output side and of what its stores hold, where it has them.
+    jumps : between wells, where there are several.
+    strain : of the layers, for a scene with a drawing; `StrainWatch` adds to it.
+    step : longest step (s), where the run chose it; None: the engine's.
+    step_error : relative change of the energies from a run with steps twice as long, if made.
     """
 
     start: float
@@ -156,19 +144,9 @@ class Moments:
         if self.jumps is not None:
             self.jumps.add(record)
         add_points(
-            record,
-            self.start,
-            self.batch_length,
-            *self.free,
-            self.saddles,
-            self.sample_interval,
-            self.integrals,
-            self.products,
-            self.histograms,
-            self.bin_widths,
-            self.first,
-            self.last,
-        )
+            record, self.start, self.batch_length, *self.free, self.saddles, self.sample_interval,
+            self.integrals, self.products, self.histograms, self.bin_widths, self.first, self.last,
+        )  # fmt: skip
 
 
 def prepare() -> None:
@@ -202,20 +180,20 @@ def add_points(
 ) -> None:
     """Accumulate one chunk that follows the ones before; see `Moments` for the rest."""
     count, before = record.time.size, last.copy()
-    place = np.int64(0)
+    begin = np.int64(0)
     copy_point(record, count - 1, last)
     if not last[0] >= start:
         return
     if not before[0] >= start:
-        place = np.searchsorted(record.time, start)
-        copy_point(record, place, before)
-        place += 1
+        begin = np.searchsorted(record.time, start)
+        copy_point(record, begin, before)
+        begin += 1
     if np.isnan(first[0]):
         for k in range(first.size):
             first[k] = before[k]
-    if place == count:
+    if begin == count:
         return
-    record = part(record, place, count)
+    record = part(record, begin, count)
     _add_integrals(before, record, start, batch_length, low, high, saddles, integrals, products)
     length = batch_length * len(integrals) / len(histograms)
     _add_samples(before, record, start, length, interval, histograms, widths)
@@ -331,17 +309,17 @@ def _add_samples(before, record, start, group_length, interval, histograms, widt
     groups = histograms.shape[0]
     time, columns = record.time, (record.displacement, record.velocity, record.voltage)
     sample = np.floor(before[0] / interval + 1e-9) + 1.0
-    end, place = time[-1] + 1e-9 * interval, 0
+    end, later = time[-1] + 1e-9 * interval, 0
     while sample * interval <= end:
         moment = sample * interval
-        while moment > time[place] + 1e-9 * interval:
-            place += 1
-        earlier = time[place - 1] if place > 0 else before[0]
-        share = (moment - earlier) / (time[place] - earlier)
+        while moment > time[later] + 1e-9 * interval:
+            later += 1
+        earlier = time[later - 1] if later > 0 else before[0]
+        share = (moment - earlier) / (time[later] - earlier)
         group = min(int((moment - start) / group_length), groups - 1)
         for k, column in enumerate(columns):
-            value = column[place - 1] if place > 0 else before[k + 1]
-            value += share * (column[place] - value)
+            value = column[later - 1] if later > 0 else before[k + 1]
+            value += share * (column[later] - value)
             count_sample(histograms, widths, group, k, value)
         sample += 1.0
 

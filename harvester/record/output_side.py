@@ -2,17 +2,13 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING
+from typing import Any
 
 import numpy as np
 
 from harvester.compilation import compiled, summing
-
-if TYPE_CHECKING:
-    from collections.abc import Sequence
-
-    from harvester.record.moments import Moments
 
 # Columns of `OutputMoments.integrals`: time integrals.
 QUANTITIES = (
@@ -37,30 +33,20 @@ class OutputMoments:
 
     Attributes
     ----------
-    start, batch_length : float
-        As in `harvester.record.moments.Moments` (s).
-    integrals : ndarray, shape (batches, len(QUANTITIES))
-    rows : tuple of (str, str)
-        Kind and name of each measure of the load, then of each level.
-    measured : ndarray, shape (batches, len(rows), len(MEASURED))
-        Powers, energies and conditions, scaled; levels in V and A, without rises and falls.
-    stored : ndarray, shape (batches,)
-        Change of the energy in the load's capacitors and coils, scaled.
-    first : ndarray, shape (len(rows),)
-        When each measure was first above 0, settling included (s); nan: never, or a level.
-    latest : ndarray, shape (len(rows),)
-        Values of these rows at the latest point.
-    passages : ndarray, shape (len(LEVELS),)
-        When the voltage's size first reached each level, settling included (s); nan: never.
-    lowest, highest : float
-        Extremes of the voltage in the measured time.
-    conductance, capacitance : float
-        Sums over the resistors and capacitors across the output, scaled: power is conductance
-        voltage², energy ½ capacitance voltage². nan before the run's end.
-    time, voltage : float
-        Time and voltage of the latest point.
-    has_output : bool
-        Whether the load has an output; else its levels alone are meant.
+    start, batch_length : as in `harvester.record.moments.Moments` (s).
+    integrals : shape (batches, len(QUANTITIES)).
+    rows : kind and name of each measure of the load, then of each level.
+    measured : powers, energies and conditions, scaled; levels in V and A, without rises and falls;
+        shape (batches, len(rows), len(MEASURED)).
+    stored : change of the energy in the load's capacitors and coils in each batch, scaled.
+    first : when each measure was first above 0, settling included (s); nan: never, or a level.
+    latest : values of these rows at the latest point.
+    passages : when the voltage's size first reached each of LEVELS, as `first`; nan: never.
+    lowest, highest : extremes of the voltage in the measured time.
+    conductance, capacitance : sums over the resistors and capacitors across the output, scaled:
+        power is conductance voltage², energy ½ capacitance voltage². nan before the run's end.
+    time, voltage : of the latest point.
+    has_output : whether the load has an output; else its levels alone are meant.
     """
 
     start: float
@@ -82,10 +68,7 @@ class OutputMoments:
 
     @classmethod
     def beside(
-        cls,
-        moments: Moments,
-        rows: tuple[tuple[str, str], ...] = (),
-        has_output: bool = True,
+        cls, moments: Any, rows: tuple[tuple[str, str], ...] = (), has_output: bool = True
     ) -> OutputMoments:
         """Nothing accumulated yet, in the batches of these `Moments`."""
         batches = len(moments.integrals)
@@ -129,15 +112,9 @@ class OutputMoments:
         self._add_levels(spans, time, levels)
         if values is not None and len(values):
             _add_measured(
-                time,
-                values,
-                self.time,
-                self.latest,
-                self.start,
-                self.batch_length,
-                self.measured,
+                time, values, self.time, self.latest, self.start, self.batch_length, self.measured,
                 self.first,
-            )
+            )  # fmt: skip
         reached = int(np.count_nonzero(np.isfinite(self.passages)))
         _add_passages(time, voltage, LEVELS, reached, self.passages)
         _add_integrals(spans, time, voltage, self.time, self.voltage, self.integrals)
@@ -221,7 +198,7 @@ def _spans(time, before, start, batch_length, batches):
 
     An interval bears the number of the point at its end.
     """
-    begin, count, found = 0, time.size, 0
+    begin, count, filled = 0, time.size, 0
     if not before >= start:
         begin = np.searchsorted(time, start) + 1
     spans = np.empty((batches, 3), np.int64)
@@ -235,9 +212,9 @@ def _spans(time, before, start, batch_length, batches):
                 end = middle + 1
             else:
                 beyond = middle
-        spans[found, 0], spans[found, 1], spans[found, 2] = begin, end, batch
-        begin, found = end, found + 1
-    return spans[:found]
+        spans[filled, 0], spans[filled, 1], spans[filled, 2] = begin, end, batch
+        begin, filled = end, filled + 1
+    return spans[:filled]
 
 
 @compiled

@@ -19,14 +19,8 @@ if TYPE_CHECKING:
 class RangeWatch:
     """Looks at every accepted point of one realization.
 
-    Parameters
-    ----------
-    low, high : float
-        Ends of the range, scaled.
-    length : float
-        The length unit, in the scene's units.
-    unit : str
-        Name of the unit of length, for the message.
+    `low` and `high` are the ends of the range, scaled; `length` is the length unit in the scene's
+    units, and `unit` its name in the message.
     """
 
     def __init__(self, low: float, high: float, length: float, unit: str) -> None:
@@ -34,20 +28,12 @@ class RangeWatch:
         self._length, self._unit = length, unit
 
     def add(self, record: Record) -> None:
-        """Check the points of one chunk.
-
-        Raises
-        ------
-        SpringRangeLeft
-            The mass is outside at one of them.
-        """
+        """Check the points of one chunk; raises SpringRangeLeft if the mass is outside at one."""
         outside = (record.displacement < self._low) | (record.displacement > self._high)
         if outside.any():
             first = int(np.argmax(outside))
-            low, high, x = (
-                self._length * each
-                for each in (self._low, self._high, float(record.displacement[first]))
-            )
+            low, high = self._length * self._low, self._length * self._high
+            x = self._length * float(record.displacement[first])
             raise SpringRangeLeft(
                 f"the mass left oscillator.restoring_force_range = [{low:.6g}, {high:.6g}] at "
                 f"t = {record.time[first]:.6g} s, x = {x:.6g}{self._unit}: the spring is not known "
@@ -68,7 +54,7 @@ def with_range_watch(
     """Observers of some realizations, with one more each where the spring has a range."""
     low, high = ready.system.spring.range
     if math.isinf(high - low):
-        return [list(each) for each in observers]
+        return [list(watching) for watching in observers]
     unit = " m" if ready.scene.units == "SI" else ""
     length = ready.scales.displacement
-    return [[RangeWatch(low, high, length, unit), *each] for each in observers]
+    return [[RangeWatch(low, high, length, unit), *watching] for watching in observers]

@@ -2,6 +2,13 @@
 
 All realizations take the same steps, and some of them have points of their own within a step. A
 step belongs to the batch of its middle, and is measured if it begins at or after the start.
+
+A block of memory holds eight realizations, one in each column:
+
+    cells[TIME + k]              t₀ t₁ … t₇   latest point: nine rows (`add_point` replaces it)
+    cells[SQUARE_VOLTAGES + k]   ΣV²Δt of     sums since the batch began (`add_point` adds to them,
+                                 0 … 7        `end_batch` moves them into the batch)
+    cells[BEFORE + k]            x₀ x₁ … x₇   displacement before the latest point (`follow`)
 """
 
 from __future__ import annotations
@@ -43,16 +50,13 @@ BLOCK = RIGHT + TOGETHER
 
 
 class Tally(NamedTuple):
-    """Arrays that compiled code adds to; leading axes are realizations, else as in `Moments` and
-    `Jumps`.
+    """Arrays that compiled code adds to, as in `Moments` and `Jumps`, with a leading realization.
 
     Attributes
     ----------
-    rows : ndarray, shape (blocks of eight, BLOCK)
-    wells : ndarray of int64
-        Reached last; −1 before the first.
-    since : ndarray
-        Time (s) up to which the stay in that well has been added.
+    rows : shape (blocks of eight, BLOCK).
+    wells : reached last; −1 before the first.
+    since : time (s) up to which the stay in that well has been added.
     """
 
     start: float
@@ -80,20 +84,14 @@ class Tally(NamedTuple):
 class SeveralMoments:
     """Moments of several realizations of one scene, without an output side.
 
-    What is added to `tally` appears in each of them, with `collect`.
-
-    Parameters
-    ----------
-    moments : sequence of Moments
-        Empty, their samples at multiples of the knots' spacing.
-    spacing : float
-        Between knots (s).
+    What is added to `tally` appears in each of them, with `collect`. The moments are empty at
+    first, their samples at multiples of the knots' `spacing` (s).
     """
 
     def __init__(self, moments: Sequence[Moments], spacing: float) -> None:
         self._moments = moments
         one, count = moments[0], len(moments)
-        self._jumps = [each.jumps for each in moments if each.jumps is not None]
+        self._jumps = [m.jumps for m in moments if m.jumps is not None]
         counted = self._jumps or [Jumps.between_no_wells(len(one.integrals))] * count
         rows = np.zeros((math.ceil(count / TOGETHER), BLOCK))
         rows[:, TIME : TIME + TOGETHER] = np.nan
@@ -122,13 +120,12 @@ class SeveralMoments:
         )
 
     def collect(self, points: np.ndarray) -> None:
-        """Copy the latest points into each realization's moments, and add to its number of
-        points."""
+        """Copy the latest points into each realization's moments; add to its number of points."""
         tally = self.tally
         latest = tally.rows[:, :TOTALS].reshape(-1, FIELDS, TOGETHER).transpose(0, 2, 1)
         self._last[:] = latest.reshape(-1, FIELDS)[: len(self._last)]
-        for each, count in zip(self._moments, points.tolist(), strict=True):
-            each.points += count
+        for realization, count in zip(self._moments, points.tolist(), strict=True):
+            realization.points += count
         reached = zip(tally.wells.tolist(), self._last[:, 0].tolist(), strict=True)
         for jumps, (well, time) in zip(self._jumps, reached, strict=False):
             jumps.well, jumps.time = well, time
@@ -143,9 +140,9 @@ class SeveralMoments:
 
 def _stacked(parts, name):
     """An array of several objects as one with a leading axis, of which each keeps its own."""
-    stack = np.stack([getattr(each, name) for each in parts])
-    for each, row in zip(parts, stack, strict=True):
-        setattr(each, name, row)
+    stack = np.stack([getattr(part, name) for part in parts])
+    for part, row in zip(parts, stack, strict=True):
+        setattr(part, name, row)
     return stack
 
 
@@ -173,12 +170,12 @@ def end_batch(tally: Tally, batch: int) -> None:
                 tally.first[k, row] = cells[row * TOGETHER + lane]
         else:
             for row in range(SUMS):
-                place = TOTALS + row * TOGETHER + lane
+                cell = TOTALS + row * TOGETHER + lane
                 if row < quantities:
-                    tally.integrals[k, batch, row] += cells[place]
+                    tally.integrals[k, batch, row] += cells[cell]
                 else:
-                    tally.products[k, row - quantities] += cells[place]
-                cells[place] = 0.0
+                    tally.products[k, row - quantities] += cells[cell]
+                cells[cell] = 0.0
         # Well −1 (none reached yet) would be counted in the last row.
         if tally.wells[k] >= 0:
             tally.times[k, batch, tally.wells[k]] += cells[TIME + lane] - tally.since[k]
@@ -265,15 +262,15 @@ def follow(tally: Tally, block: int, first: int, end: int, batch: int) -> None:
 def _reach(tally, cells, realization, k, batch):
     """Count a jump where a mass beside the well reached last is in the core of another one."""
     x, v, time = cells[DISPLACEMENT + k], cells[VELOCITY + k], cells[TIME + k]
-    here, well = np.searchsorted(tally.saddles, x), tally.wells[realization]
+    nearest, well = np.searchsorted(tally.saddles, x), tally.wells[realization]
     potential = energy_at(tally.energies, tally.core_low, tally.core_high, x)
-    if 0.5 * v * v + potential > tally.limits[here]:
+    if 0.5 * v * v + potential > tally.limits[nearest]:
         return
     if well >= 0:
         tally.times[realization, batch, well] += time - tally.since[realization]
-        tally.counts[realization, batch, well, here] += 1.0
-    tally.since[realization], tally.wells[realization] = time, here
-    cells[LEFT + k], cells[RIGHT + k] = neighbours(tally.saddles, here)
+        tally.counts[realization, batch, well, nearest] += 1.0
+    tally.since[realization], tally.wells[realization] = time, nearest
+    cells[LEFT + k], cells[RIGHT + k] = neighbours(tally.saddles, nearest)
 
 
 @uncounted

@@ -3,20 +3,15 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
 from harvester.beam.strain import strain_of_layers
 from harvester.compilation import compiled
 from harvester.files.libraries import optional_library
-
-if TYPE_CHECKING:
-    from collections.abc import Sequence
-
-    from harvester.prepared.prepared import Prepared
-    from harvester.record.moments import Moments
-    from harvester.record.record import Record
+from harvester.prepared.prepared import Prepared
+from harvester.record.record import Record
 
 # Columns of `StrainMoments.peaks`; `StrainMoments.squares` has the time before them.
 STRAIN, STRESS = 0, 1
@@ -24,19 +19,14 @@ STRAIN, STRESS = 0, 1
 
 @dataclass
 class StrainMoments:
-    """Sums and peaks that are kept of one realization's strain and stress, in the batches of
-    `Moments`.
+    """Sums and peaks of one realization's strain and stress, in the batches of `Moments`.
 
     Attributes
     ----------
-    rows : ndarray, shape (2, 2)
-        Strain and stress (Pa) for each scaled displacement and voltage.
-    squares : ndarray, shape (batches, 3)
-        Time, and time integrals of the strain's and the stress's square.
-    peaks : ndarray, shape (batches, 2)
-        Greatest magnitude of strain and stress.
-    damage : ndarray, shape (batches,), or None
-        Share of the life that the cycles which end in each batch take; None without a line of
+    rows : strain and stress (Pa) for each scaled displacement and voltage.
+    squares : time, and time integrals of the strain's and the stress's square; shape (batches, 3).
+    peaks : greatest magnitude of strain and stress; shape (batches, 2).
+    damage : share of the life that the cycles which end in each batch take; None without a line of
         Basquin, and before the realization's end.
     """
 
@@ -50,9 +40,9 @@ class StrainMoments:
         """Nothing kept yet; None of a scene without a drawing."""
         if ready.scene.beam is None:
             return None
-        made, scales = strain_of_layers(ready.scene.beam), ready.scales
-        strain = np.array([made.per_displacement, made.per_volt])
-        stress = made.modulus * strain + [0.0, made.stress_per_volt]
+        layers, scales = strain_of_layers(ready.scene.beam), ready.scales
+        strain = np.array([layers.per_displacement, layers.per_volt])
+        stress = layers.modulus * strain + [0.0, layers.stress_per_volt]
         rows = np.array([strain, stress]) * [scales.displacement, scales.voltage]
         return cls(rows, np.zeros((batches, 3)), np.zeros((batches, 2)))
 
@@ -60,20 +50,11 @@ class StrainMoments:
 class StrainWatch:
     """Adds one realization's record to its `StrainMoments`.
 
-    Parameters
-    ----------
-    moments : Moments
-        Moments whose `strain` is added to.
-    line : tuple of float or None
-        Strain, cycles and exponent of Basquin's line, where cycles are to be counted.
-
-    Raises
-    ------
-    MissingLibrary
-        rainflow, where there is a line.
+    `line` holds strain, cycles and exponent of Basquin's line where cycles are to be counted; this
+    needs rainflow, else MissingLibrary is raised.
     """
 
-    def __init__(self, moments: Moments, line: tuple[float, float, float] | None) -> None:
+    def __init__(self, moments: Any, line: tuple[float, float, float] | None) -> None:
         self._moments, self._line = moments, line
         self._strain: Any = moments.strain
         self._turns: list[np.ndarray] = []
@@ -103,17 +84,11 @@ class StrainWatch:
         turns = (
             np.concatenate([*self._turns, self._last[1:, :2]]) if self._turns else np.empty((0, 2))
         )
-        found = self._rainflow.extract_cycles(turns[:, 1]) if len(turns) else ()
-        for span, _, share, _, end in found:
+        extracted = self._rainflow.extract_cycles(turns[:, 1]) if len(turns) else ()
+        for span, _, share, _, end in extracted:
             batch = int((turns[end, 0] - self._moments.start) / self._moments.batch_length)
             damage[min(batch, len(damage) - 1)] += share * (0.5 * span / limit) ** exponent
         self._strain.damage = damage / cycles
-
-
-def strain_watches(ready: Prepared, moments: Sequence[Moments]) -> list[StrainWatch]:
-    """One for each realization; none of a scene without a drawing."""
-    beam = ready.scene.beam
-    return [] if beam is None else [StrainWatch(each, beam.fatigue_line) for each in moments]
 
 
 @compiled

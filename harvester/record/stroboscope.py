@@ -3,16 +3,13 @@
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING
 
 import numpy as np
 
 from harvester.device import timescales
+from harvester.prepared.prepared import Prepared
 from harvester.prepared.steps import stop_time
 from harvester.record.record import Record
-
-if TYPE_CHECKING:
-    from harvester.prepared.prepared import Prepared
 
 # Columns of `Stroboscope.samples`. The last three are time integrals, so that their differences
 # over a period are its means.
@@ -24,22 +21,11 @@ STATE = 3
 
 
 class Stroboscope:
-    """Takes samples of one realization's record at `first`, `first + period`, ….
+    """Takes samples of one realization's record at `first`, `first + period`, … (s).
 
     Between the record's points a sample is linear; engines have points at the excitation's knots,
-    and a period is a whole number of these.
-
-    Parameters
-    ----------
-    first, period : float
-        s.
-    count : int
-        Samples wanted.
-
-    Attributes
-    ----------
-    samples : ndarray, shape (count, len(COLUMNS))
-        Scaled; NaN at times that the record has not reached yet.
+    and a period is a whole number of these. `samples` has the shape (count, len(COLUMNS)), scaled;
+    NaN at times that the record has not reached yet.
     """
 
     def __init__(self, first: float, period: float, count: int) -> None:
@@ -56,8 +42,8 @@ class Stroboscope:
         if record.time.size == 0 or self._next == self.times.size:
             return
         if record.time[-1] < self.times[0]:
-            last = (each[-1] for each in (record.time, *_motion(record)))
-            self._last = np.array([*last, 0.0, 0.0, 0.0, *(each[-1] for each in _rates(record))])
+            last = (column[-1] for column in (record.time, *_motion(record)))
+            self._last = np.array([*last, 0.0, 0.0, 0.0, *(rate[-1] for rate in _rates(record))])
             return
         points = np.empty((record.time.size + 1, 1 + len(COLUMNS)))
         points[1:, 0] = record.time

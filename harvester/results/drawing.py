@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -16,7 +16,6 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-    from harvester.results.result import Result
 
 # Densities are drawn down to this share of their peak.
 WORTH_DRAWING = 1e-3
@@ -28,8 +27,8 @@ SECTION_BINS = 60
 FEWEST_BINS = 40
 
 
-def draw_result(result: Result) -> Figure | None:
-    """Densities of displacement, velocity and voltage of one result; the fit to a record."""
+def draw_result(result: Any) -> Figure | None:
+    """Draw the densities of a `harvester.results.result.Result` and the fit to a record."""
     from matplotlib.figure import Figure
 
     fitted = result.spectrum_fit is not None and result.spectrum_fit.frequency.size > 0
@@ -38,8 +37,8 @@ def draw_result(result: Result) -> Figure | None:
     if not panels:
         return None
     figure = Figure(figsize=(3.0 * panels, 2.6))
-    for place, name in enumerate(result.densities):
-        axes = figure.add_subplot(1, panels, place + 1)
+    for column, name in enumerate(result.densities):
+        axes = figure.add_subplot(1, panels, column + 1)
         draw_density(axes, result, name, CIRCUIT, "-", None)
         axes.set_xlabel(axis_label(result, name))
         axes.set_ylabel(density_label(result, name))
@@ -54,14 +53,14 @@ def draw_result(result: Result) -> Figure | None:
 
 
 def _draw_section(axes, result):
-    """The stroboscopic section: its points, of each orbit in a colour; under noise its density."""
+    """Draw the stroboscopic section: points in a colour for each orbit; under noise a density."""
     x, v = result.section().reshape(-1, 2).T
     if result.scene.excitation.random:
         axes.hist2d(x, v, bins=SECTION_BINS, density=True, cmin=1e-300, cmap="viridis")
     elif result.attractors:
-        for each in result.attractors:
-            label = f"{each.name}: {each.share:.1%}"
-            axes.plot(*each.points.T, "o" if each.period else ".", markersize=3.0, label=label)
+        for orbit in result.attractors:
+            label = f"{orbit.name}: {orbit.share:.1%}"
+            axes.plot(*orbit.points.T, "o" if orbit.period else ".", markersize=3.0, label=label)
         axes.legend(fontsize=6)
     else:
         axes.plot(x, v, ".", color=CIRCUIT, markersize=2.0)
@@ -87,7 +86,7 @@ def _draw_fit(axes, result):
 
 def draw_density(
     axes: Axes,
-    result: Result,
+    result: Any,
     name: str,
     colour: str,
     style: str,
@@ -128,7 +127,7 @@ def _merged(result, name):
     return Density(means(density.centre), means(density.density), error, density.dimension)
 
 
-def frame(axes: Axes, results: Sequence[Result], name: str) -> None:
+def frame(axes: Axes, results: Sequence[Any], name: str) -> None:
     """Limit the axis to where the densities are worth drawing."""
     ends = []
     for result in results:
@@ -140,13 +139,13 @@ def frame(axes: Axes, results: Sequence[Result], name: str) -> None:
     axes.locator_params(axis="x", nbins=MOST_TICKS)
 
 
-def axis_label(result: Result, name: str) -> str:
+def axis_label(result: Any, name: str) -> str:
     """A dimension and its unit."""
     unit = result.unit(name)
     return f"{name} [{'scaled' if unit.startswith('scaled') else unit}]"
 
 
-def density_label(result: Result, name: str) -> str:
+def density_label(result: Any, name: str) -> str:
     """ "probability density [1/m]" of a dimension."""
     unit = result.unit(name)
     if unit.startswith("scaled"):

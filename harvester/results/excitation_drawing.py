@@ -30,13 +30,13 @@ def draw_spectrum(scene: Scene) -> Figure:
 
     figure = Figure(figsize=(6.0, 2.6))
     axes = figure.add_subplot()
-    ready = prepared(scene)
+    prepared_scene = prepared(scene)
     frequency, density = excitation_spectrum(scene)
     seen = density > LEAST_SHARE * density.max()
     axes.loglog(frequency[seen], density[seen], color=CIRCUIT, linewidth=0.9, label="excitation")
-    own = timescales.angular_frequency(ready.system) / (2.0 * np.pi)
-    if own > 0.0:
-        axes.axvline(own, color="0.3", linestyle=":", label="device, small oscillations")
+    resonance = timescales.angular_frequency(prepared_scene.system) / (2.0 * np.pi)
+    if resonance > 0.0:
+        axes.axvline(resonance, color="0.3", linestyle=":", label="device, small oscillations")
     what = "displacement" if scene.excitation.prescribes_displacement else "acceleration"
     unit = "m²/Hz" if what == "displacement" else "(m/s²)²/Hz"
     axes.set_xlabel("frequency [Hz]")
@@ -47,19 +47,13 @@ def draw_spectrum(scene: Scene) -> Figure:
 
 
 def excitation_spectrum(scene: Scene) -> tuple[np.ndarray, np.ndarray]:
-    """One-sided spectral density of the first realization's path, in the scene's units.
-
-    Returns
-    -------
-    frequency, density : ndarray, shape (n,)
-        Hz, and the excitation's unit squared per Hz.
-    """
+    """One-sided spectral density of the first realization's path (Hz, the scene's unit² per Hz)."""
     from scipy import signal
 
-    ready = prepared(scene)
-    spacing, run = knot_spacing(ready), scene.run
+    prepared_scene = prepared(scene)
+    spacing, run = knot_spacing(prepared_scene), scene.run
     knots = min(MOST_KNOTS, max(2, int((run.settle + run.duration) / spacing)))
-    samples = noise_path(ready, 0).read(knots) * ready.scales.displacement
+    samples = noise_path(prepared_scene, 0).read(knots) * prepared_scene.scales.displacement
     length = max(2, min(knots, 2 * knots // SEGMENTS))
     frequency, density = signal.welch(samples, 1.0 / spacing, nperseg=length)
     return frequency[1:], density[1:]

@@ -3,32 +3,31 @@
 from __future__ import annotations
 
 from pathlib import PurePath
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from harvester.show.numbers import quantity, with_error
 from harvester.show.symbols import key_words
 
 if TYPE_CHECKING:
-    from harvester.results.result import Result
     from harvester.scene.model import Scene
 
 NOT_NAMED = ("kind", "knot_spacing", "full_scale")
 
 
-def headline(result: Result) -> str:
+def headline(result: Any) -> str:
     """One line: the power, the load, the excitation and the method."""
-    known, scene = result.scaled_quantities, result.scene
-    name = next((each for each in ("mean_output_power", "mean_power") if each in known), "")
+    quantities, scene = result.scaled_quantities, result.scene
+    name = next((key for key in ("mean_output_power", "mean_power") if key in quantities), "")
     if not name:
         return f"No power of {scene.name}: {conditions(scene)}, by {result.engine}."
-    found = result.quantity(name)
-    power = with_error(found, result.unit(found.dimension))
+    estimate = result.quantity(name)
+    power = with_error(estimate, result.unit(estimate.dimension))
     where = "at the output of" if name == "mean_output_power" else "into"
     return f"{power} {where} {load(scene)}; {conditions(scene)}; by {result.engine}."
 
 
 def load(scene: Scene) -> str:
-    """The load in words, with the values it is given."""
+    """The load and its values in words."""
     table = scene.to_tables()["load"]
     values = [*_values("load", table, scene), *_values("load.parameters", table, scene)]
     name = PurePath(str(table.get("netlist", ""))).stem
@@ -40,13 +39,12 @@ def load(scene: Scene) -> str:
 def conditions(scene: Scene) -> str:
     """The excitation in words."""
     table = scene.to_tables()["excitation"]
-    said = [*_values("excitation", table, scene)]
     kind = f"{table['kind']} excitation"
     if "file" in table:
         kind = f"record {PurePath(table['file']).name}"
     if isinstance(table.get("column"), str):
         kind += f", column {table['column']}"
-    return ", ".join([kind, *said])
+    return ", ".join([kind, *_values("excitation", table, scene)])
 
 
 def _values(prefix, table, scene):

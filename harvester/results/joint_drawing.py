@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -15,7 +15,6 @@ from harvester.show.panels import entitle
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-    from harvester.results.result import Result
 
 # A density is coloured down to this share of its peak.
 LEAST_SHARE = 1e-3
@@ -23,24 +22,26 @@ COLOURS = "viridis"
 TITLES = {"averaging fokker_planck": "Fokker–Planck equation", "monte-carlo": "Monte Carlo"}
 
 
-def draw(results: Sequence[Result]) -> Figure | None:
+def draw(results: Sequence[Any]) -> Figure | None:
     """p(X, X') of every result that has one, in the places and the colours of the last of them.
 
     Wells are marked by dots, saddles by crosses.
     """
     from matplotlib.figure import Figure
 
-    found = [(each, each.joint_density) for each in results if each.joint_density is not None]
-    if not found:
+    drawn = [
+        (result, result.joint_density) for result in results if result.joint_density is not None
+    ]
+    if not drawn:
         return None
-    last, places = found[-1]
+    last, places = drawn[-1]
     area = last.scales.of("displacement") * last.scales.of("velocity")
-    values = np.stack([joint.on(places) for _, joint in found]) / area
-    figure = Figure(figsize=(0.9 + 3.3 * len(found), 3.1))
-    axes = figure.subplots(1, len(found), sharex=True, sharey=True, squeeze=False)[0]
+    values = np.stack([joint.on(places) for _, joint in drawn]) / area
+    figure = Figure(figsize=(0.9 + 3.3 * len(drawn), 3.1))
+    axes = figure.subplots(1, len(drawn), sharex=True, sharey=True, squeeze=False)[0]
     meshes = [
-        _draw_panel(panel, result, places, each, values.max())
-        for panel, (result, _), each in zip(axes, found, values, strict=True)
+        _draw_panel(panel, result, places, density, values.max())
+        for panel, (result, _), density in zip(axes, drawn, values, strict=True)
     ]
     _frame(axes[0], last, places, values.max(axis=0))
     axes[0].set_ylabel(axis_label(last, "velocity"))
@@ -56,13 +57,13 @@ def _draw_panel(axes, result, places, values, highest):
     least = LEAST_SHARE * highest
     x, v = _in_units(result, places)
     # Values below the least are left blank.
-    shown = np.ma.masked_less(values, least)
+    visible = np.ma.masked_less(values, least)
     norm = LogNorm(least, highest)
-    mesh = axes.pcolormesh(x, v, shown.T, norm=norm, cmap=COLOURS, rasterized=True)
-    ready = prepared(result.scene)
-    system, scales = ready.system, ready.scales
-    for found, mark in ((timescales.wells(system), "o"), (timescales.saddles(system), "x")):
-        where = np.array(found) * scales.displacement
+    mesh = axes.pcolormesh(x, v, visible.T, norm=norm, cmap=COLOURS, rasterized=True)
+    prepared_scene = prepared(result.scene)
+    system, scales = prepared_scene.system, prepared_scene.scales
+    for displacements, mark in ((timescales.wells(system), "o"), (timescales.saddles(system), "x")):
+        where = np.array(displacements) * scales.displacement
         axes.plot(where, 0.0 * where, mark, color="white", markersize=3.5, markeredgewidth=1.0)
     axes.set_title(TITLES.get(result.engine, result.engine))
     axes.set_xlabel(axis_label(result, "displacement"))

@@ -33,27 +33,17 @@ class Attractor:
 
     Attributes
     ----------
-    name : str
-        A, B, … in the order of their shares, or one of `UNSTEADY`.
-    period : int or None
-        Period of the motion in periods of the excitation; None if it does not repeat itself.
-    periodic_drive : bool
-        Whether the excitation has a period; under a record motions are those that meet.
-    starts : int
-        Number of starts that settled on it.
-    share : float
-        Share of all starts.
-    share_error : float or None
-        Standard error of the share, if starts are drawn at random.
-    quantities : dict of str to Estimate
-        Of a periodic motion power, voltage and displacement over whole cycles of the start that
-        converged best, and the others of its starts that had settled before the measurement; else
-        means of its starts alone. Empty for what is no steady motion.
-    points : ndarray, shape (n, 2)
-        Displacement and velocity at the beginnings of the excitation's periods.
-    lyapunov : Divergence or None
-        The largest Lyapunov exponent (1/s) of a motion without a period; None where it was not
-        looked for or no neighbours could be followed.
+    name : A, B, … in the order of their shares, or one of `UNSTEADY`.
+    period : of the motion in periods of the excitation; None if it does not repeat itself.
+    periodic_drive : whether the excitation has a period; else motions are those that meet.
+    starts, share : number of starts that settled on it, and their share of all starts.
+    share_error : standard error of the share, if starts are drawn at random.
+    quantities : of a periodic motion power, voltage and displacement over whole cycles of the start
+        that converged best, and the others of its starts that had settled before the measurement;
+        else means of its starts alone. Empty for what is no steady motion.
+    points : displacement and velocity at the beginnings of the excitation's periods; shape (n, 2).
+    lyapunov : the largest Lyapunov exponent (1/s) of a motion without a period; None where it was
+        not looked for or no neighbours could be followed.
     """
 
     name: str
@@ -77,12 +67,13 @@ class Attractor:
             return "one motion"
         if self.lyapunov is None:
             return UNTOLD
-        return wandering_kind(self.lyapunov)
+        return "chaotic" if self.lyapunov.chaotic else NOT_SETTLED
 
     def to_dict(self, unit: Callable[[str], str]) -> dict[str, Any]:
         """Plain values for JSON; `unit` gives that of a dimension."""
         quantities = {
-            name: each.to_dict(unit(each.dimension)) for name, each in self.quantities.items()
+            name: estimate.to_dict(unit(estimate.dimension))
+            for name, estimate in self.quantities.items()
         }
         return plain({"kind": self.kind, **vars(self), "quantities": quantities})
 
@@ -95,11 +86,6 @@ class Attractor:
         parts = "" if self.lyapunov is None else f", largest Lyapunov exponent {self.lyapunov} 1/s"
         label = self.name if self.name in UNSTEADY else f"orbit {self.name} ({self.kind})"
         return f"{label}: {self.starts} start{plural}, {self.share:.1%}{error}{gives}{parts}"
-
-
-def wandering_kind(exponent: Divergence | None) -> str:
-    """Kind of a motion without a period, in words, by its largest Lyapunov exponent."""
-    return "chaotic" if exponent is not None and exponent.chaotic else NOT_SETTLED
 
 
 def share_error(part: int, count: int) -> float:

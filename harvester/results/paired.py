@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
@@ -13,10 +13,7 @@ from harvester.estimates.means import MEANS
 from harvester.estimates.output_side import RATIOS, output_ratio
 from harvester.estimates.well_balance import WellBalance, weighted, well_balance
 from harvester.prepared.prepared import prepared
-from harvester.record.moments import QUANTITIES
-
-if TYPE_CHECKING:
-    from harvester.record.moments import Moments
+from harvester.record.moments import QUANTITIES, Moments
 
 # Two paths go through the same wells if no batch's share of time in one differs by more than this:
 # jumps that two engines make at the same time end up so close, others differ by most of a batch.
@@ -44,12 +41,12 @@ def paired_difference(result: Any, reference: Any) -> dict[str, Estimate]:
         efficiency.
     """
     balances = [
-        well_balance(each.scene, prepared(each.scene).system, each.moments)
-        for each in (result, reference)
+        well_balance(run.scene, prepared(run.scene).system, run.moments)
+        for run in (result, reference)
     ]
     ours, theirs = (
-        complete_batches(weighted(each.moments, balance))
-        for each, balance in zip((result, reference), balances, strict=True)
+        complete_batches(weighted(run.moments, balance))
+        for run, balance in zip((result, reference), balances, strict=True)
     )
     if ours is None or theirs is None or ours.shape != theirs.shape:
         return {}
@@ -80,7 +77,8 @@ def _relative_error(shares, balances):
 
     Where both went through the same wells in every batch, what jumps add is common to both.
     """
-    if all(balances) and _same_wells(*balances):
+    ours, theirs = balances
+    if ours and theirs and np.allclose(ours.features, theirs.features, rtol=0.0, atol=SAME_WELLS):
         return standard_error(shares[0] - shares[1])
     parts = []
     for share, balance in zip(shares, balances, strict=True):
@@ -91,22 +89,18 @@ def _relative_error(shares, balances):
     return error(parts[0] - parts[1])
 
 
-def _same_wells(ours, theirs):
-    return np.allclose(ours.features, theirs.features, rtol=0.0, atol=SAME_WELLS)
-
-
 def _paired_efficiency(ours, theirs, balances):
     """Relative difference of Eq. 35, both ratios linearised batch by batch; None without power."""
     load, loss = QUANTITIES.index("load_power"), QUANTITIES.index("loss_power")
     shares = []
     for batches in (ours, theirs):
-        used = batches[:, :, load] + batches[:, :, loss]
+        absorbed = batches[:, :, load] + batches[:, :, loss]
         if not batches[:, :, load].any():
             return None
         # For each batch: its load power over the mean of all, less its used power over the mean of
         # all.
-        share = batches[:, :, load] / batches[:, :, load].mean() - used / used.mean()
-        shares.append((batches[:, :, load].sum() / used.sum(), share))
+        share = batches[:, :, load] / batches[:, :, load].mean() - absorbed / absorbed.mean()
+        shares.append((batches[:, :, load].sum() / absorbed.sum(), share))
     ratio = float(shares[0][0] / shares[1][0])
     error = _relative_error([share for _, share in shares], balances)
     note = why_no_error(ratio, error)
@@ -119,22 +113,11 @@ def has_deviations(name: str) -> bool:
 
 
 def deviations(moments: Sequence[Moments], name: str) -> Any:
-    """Deviation of each batch from an estimate, to first order.
+    """Deviation of each batch from an estimate, to first order; shape (realizations, batches).
 
     Combinations of several results on common noise get their error from the same combination of
-    these: `standard_error` of it knows what the results have in common.
-
-    Parameters
-    ----------
-    moments : sequence of harvester.record.moments.Moments
-    name : str
-        Name of a quantity for which `has_deviations` is true: a mean over time, an efficiency, the
-        output's power.
-
-    Returns
-    -------
-    ndarray, shape (realizations, batches)
-        Mean 0, in the estimate's scaled units.
+    these: `standard_error` of it knows what the results have in common. The mean is 0, the unit the
+    estimate's scaled one; `name` is one for which `has_deviations` is true.
     """
     upper, lower = sums(moments, name)
     return (upper - upper.sum() / lower.sum() * lower) / lower.mean()

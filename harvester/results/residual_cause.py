@@ -29,15 +29,12 @@ FEWEST_REALIZATIONS, LEAST_CORRELATION = 4, 0.98
 
 
 def suspected_cause(result: Result) -> str:
-    """One clause that names the likeliest cause of the residual, with its evidence.
-
-    Parameters
-    ----------
-    result : harvester.results.result.Result
-        A result with its moments and its energy balance residual.
-    """
+    """One clause that names the likeliest cause of the energy balance residual, with evidence."""
     p = prepared(result.scene).system
-    totals, stored = _energies(result.moments, p)
+    # Integrals of each realization, and the change of its stored energy.
+    sums = np.array([m.integrals.sum(axis=0) for m in result.moments])
+    totals = {name: sums[:, column] for column, name in enumerate(QUANTITIES)}
+    stored = np.array([stored_change(m, p) for m in result.moments])
     finders = (_diverged, _active_load, _short_run, _load, _switching, _contacts, _step)
     for find in finders:
         cause = find(result, p, totals, stored)
@@ -49,21 +46,13 @@ def suspected_cause(result: Result) -> str:
     )
 
 
-def _energies(moments, p):
-    """Integrals of each realization, {quantity: array}, and the change of its stored energy."""
-    sums = np.array([m.integrals.sum(axis=0) for m in moments])
-    stored = [stored_change(m, p) for m in moments]
-    return {name: sums[:, column] for column, name in enumerate(QUANTITIES)}, np.array(stored)
-
-
 def _diverged(result, p, totals, stored):
     """Whether energies are not finite."""
-    if np.isfinite(result.energy_balance_residual) and np.all(np.isfinite(stored)):
-        return ""
-    return (
-        "the run diverged, its energies are not finite: look for a negative resistance or "
-        "a gain that feeds back in the load"
-    )
+    if not (np.isfinite(result.energy_balance_residual) and np.all(np.isfinite(stored))):
+        return (
+            "the run diverged, its energies are not finite: look for a negative resistance or "
+            "a gain that feeds back in the load"
+        )
 
 
 def _active_load(result, p, totals, stored):
@@ -81,38 +70,36 @@ def _active_load(result, p, totals, stored):
             "the load's output takes more than goes into the load: there is a source in its "
             "netlist, or its resistors and capacitors are not what was read"
         )
-    return ""
 
 
 def _short_run(result, p, totals, stored):
     """Whether what the device stores changes by about as much as flows through it."""
     flow = max(abs(totals["input_power"].sum()), totals["load_power"].sum())
     share = np.abs(stored).sum() / flow if flow > 0.0 else np.inf
-    if share < STORED_SHARE_OF_SHORT_RUNS:
-        return ""
-    return (
-        f"the run is too short: the stored energy changes by {share:.2g} of what is put in, so "
-        "that its ends matter; raise run.duration"
-    )
+    if not share < STORED_SHARE_OF_SHORT_RUNS:
+        return (
+            f"the run is too short: the stored energy changes by {share:.2g} of what is put in, so "
+            "that its ends matter; raise run.duration"
+        )
 
 
 def _load(result, p, totals, stored):
     """The clause for residuals that are proportional to the load's or the transducer's energy."""
     if len(stored) < FEWEST_REALIZATIONS:
-        return ""
+        return None
     left = totals["input_power"] - totals["load_power"] - totals["loss_power"] - stored
     loss = totals["loss_power"] - totals["transducer_loss"]
     takers = {"load": totals["load_power"], "transducer": totals["transducer_loss"]}
-    going = {name: _together(left, taken) for name, taken in takers.items()}
-    found = [
+    going = {name: _together(left, energy) for name, energy in takers.items()}
+    absorbers = [
         name
         for name, share in going.items()
         if share >= max(LEAST_CORRELATION, _together(left, loss))
     ]
-    if not found or abs(result.energy_balance_residual) < _of_the_step(result):
-        return ""
-    share = left.sum() / takers[found[0]].sum()
-    names = " or the ".join(found)
+    if not absorbers or abs(result.energy_balance_residual) < _of_the_step(result):
+        return None
+    share = left.sum() / takers[absorbers[0]].sum()
+    names = " or the ".join(absorbers)
     return (
         f"the {names}: the missing energy is proportional to what it takes, {share:+.2g} of it in "
         f"every realization; the circuit's {names} differs from the one that the power is computed "
@@ -129,35 +116,32 @@ def _together(left, taken):
 def _switching(result, p, totals, stored):
     """Whether the load switches, and the step alone does not explain the residual."""
     load = result.scene.load.circuit
-    if not (load and load.switches) or abs(result.energy_balance_residual) < _of_the_step(result):
-        return ""
-    return (
-        "the load's switches, coils or sources ask for shorter steps than these; choose a shorter "
-        "--step"
-    )
+    if load and load.switches and not abs(result.energy_balance_residual) < _of_the_step(result):
+        return (
+            "the load's switches, coils or sources ask for shorter steps than these; choose a "
+            "shorter --step"
+        )
 
 
 def _contacts(result, p, totals, stored):
     """Whether there were contacts that the steps do not resolve."""
     impacts = totals["impacts"].sum()
     resolving = steps_per_contact(prepared(result.scene), result.step, result.engine)
-    if not impacts or timescales.contact_time(p) > resolving * result.step:
-        return ""
-    return (
-        f"contacts: {impacts:.0f} of about {timescales.contact_time(p):.2g} s each, against steps "
-        f"of {result.step:.2g} s between them; choose a shorter --step"
-    )
+    if impacts and not timescales.contact_time(p) > resolving * result.step:
+        return (
+            f"contacts: {impacts:.0f} of about {timescales.contact_time(p):.2g} s each, against "
+            f"steps of {result.step:.2g} s between them; choose a shorter --step"
+        )
 
 
 def _step(result, p, totals, stored):
     """Whether the residual is as large as the step's own error may be."""
-    if abs(result.energy_balance_residual) > _of_the_step(result):
-        return ""
-    steps = 2.0 * np.pi / _fastest(result) / result.step
-    return (
-        f"the step: {result.step:.2g} s is {1.0 / steps:.2g} of the fastest period; choose a "
-        "shorter --step"
-    )
+    if not abs(result.energy_balance_residual) > _of_the_step(result):
+        steps = 2.0 * np.pi / _fastest(result) / result.step
+        return (
+            f"the step: {result.step:.2g} s is {1.0 / steps:.2g} of the fastest period; choose a "
+            "shorter --step"
+        )
 
 
 def _of_the_step(result):
@@ -167,9 +151,9 @@ def _of_the_step(result):
 
 def _fastest(result):
     """Angular frequency of the fastest motion, the device's own or that under the excitation."""
-    ready = prepared(result.scene)
-    own = timescales.fastest_angular_frequency(ready.system)
-    if ready.scene.excitation.prescribes_displacement:
-        return own
+    prepared_scene = prepared(result.scene)
+    natural = timescales.fastest_angular_frequency(prepared_scene.system)
+    if prepared_scene.scene.excitation.prescribes_displacement:
+        return natural
     # Far above the resonance E[X²] goes with the fourth power of the frequency.
-    return max(own, 0.5 * misplacement(ready, knot_spacing(ready), 2) ** 0.5)
+    return max(natural, 0.5 * misplacement(prepared_scene, knot_spacing(prepared_scene), 2) ** 0.5)

@@ -15,6 +15,7 @@ from harvester.estimates.joint_density import JointDensity
 from harvester.estimates.strain import without_line
 from harvester.estimates.units import SI_UNITS, unit_of
 from harvester.excitation.spectrum_fit import SpectrumFit
+from harvester.files.libraries import optional_library
 from harvester.files.plain_text import nearest, one_line, shown
 from harvester.files.serialising import NotAValue, plain, read
 from harvester.record.moments import Moments
@@ -142,13 +143,7 @@ class Result:
     attractors: tuple[Attractor, ...] = ()
 
     def quantity(self, name: str) -> Estimate:
-        """One estimate in the scene's units, as `result[name]`.
-
-        Raises
-        ------
-        UnknownQuantity
-            Which is a KeyError too.
-        """
+        """One estimate in the scene's units, as `result[name]`; raises UnknownQuantity."""
         if name not in self.scaled_quantities:
             raise UnknownQuantity(
                 without_line(self.scene, name)
@@ -159,8 +154,7 @@ class Result:
         estimate = self.scaled_quantities[name]
         return estimate.times(self.scales.of(estimate.dimension))
 
-    def __getitem__(self, name: str) -> Estimate:
-        return self.quantity(name)
+    __getitem__ = quantity
 
     def __iter__(self) -> Iterator[str]:
         return iter(self.scaled_quantities)
@@ -191,15 +185,15 @@ class Result:
             {
                 **{name: getattr(self, name) for name in _IN_JSON},
                 "quantities": {
-                    name: each.to_dict(self.unit(each.dimension))
-                    for name, each in self.quantities.items()
+                    name: estimate.to_dict(self.unit(estimate.dimension))
+                    for name, estimate in self.quantities.items()
                 },
                 "scaled_quantities": {
-                    name: {**each.to_dict("scaled"), "dimension": each.dimension}
-                    for name, each in self.scaled_quantities.items()
+                    name: {**estimate.to_dict("scaled"), "dimension": estimate.dimension}
+                    for name, estimate in self.scaled_quantities.items()
                 },
                 **(
-                    {"attractors": [each.to_dict(self.unit) for each in self.attractors]}
+                    {"attractors": [attractor.to_dict(self.unit) for attractor in self.attractors]}
                     if self.attractors
                     else {}
                 ),
@@ -232,16 +226,50 @@ class Result:
         raise HarvesterError(f"no result: {reason}; give what Result.to_dict returned")
 
     def to_xarray(self) -> Dataset:
-        """Quantities, their standard errors and the densities, in the scene's units.
+        """All quantities and densities in the scene's units, each with its standard error or nan.
+
+        Returns
+        -------
+        xarray.Dataset
+            Quantities without a dimension; `displacement_density` and so on along `displacement`
+            and so on, the bins' centres; `joint_density`, if the result has one, along
+            `joint_displacement` and `joint_velocity`. Every error is `…_standard_error`; the
+            attribute `unit` is the unit.
 
         Raises
         ------
         MissingLibrary
-            xarray, of the extra `study`.
         """
-        from harvester.results.dataset import dataset_of
-
-        return dataset_of(self)
+        xarray = optional_library("xarray", "Result.to_xarray", "study")
+        variables: dict[str, tuple] = {}
+        coordinates: dict[str, tuple] = {}
+        for name, estimate in self.quantities.items():
+            unit = {"unit": self.unit(estimate.dimension)}
+            error = math.nan if estimate.standard_error is None else estimate.standard_error
+            variables[name] = ((), estimate.estimate, unit)
+            variables[f"{name}_standard_error"] = ((), error, unit)
+        for name, density in self.densities.items():
+            scale, across = self.scales.of(density.dimension), self.unit(density.dimension)
+            coordinates[name] = (name, density.centre * scale, {"unit": across})
+            _add_density(variables, name, name, density, scale, across)
+        if self.joint_density is not None:
+            names, area = [], 1.0
+            for name in ("displacement", "velocity"):
+                axis, scale = f"joint_{name}", self.scales.of(name)
+                values = getattr(self.joint_density, name) * scale
+                coordinates[axis] = (axis, values, {"unit": self.unit(name)})
+                names.append(axis)
+                area *= scale
+            across = f"{self.unit('displacement')} {self.unit('velocity')}"
+            _add_density(variables, "joint", names, self.joint_density, area, across)
+        attributes = {
+            "scene": self.scene.name,
+            "scene_sha256": self.scene.digest(),
+            "engine": self.engine,
+            "engine_version": self.engine_version,
+            "outcome": self.outcome,
+        }
+        return xarray.Dataset(variables, coordinates, attributes)
 
     def density_table(self) -> str:
         """CSV of the densities in the scene's units: quantity, centre, density, error."""
@@ -264,18 +292,18 @@ class Result:
         header = ["quantity", "unit"]
         header += [f"{'value ± numerical' if numerical else 'estimate ± standard'} error"]
         header += [] if numerical else ["effective samples"]
-        shown = with_roots(self.quantities)
-        bare = any(each.note for each in shown.values())
+        printed = with_roots(self.quantities)
+        bare = any(estimate.note for estimate in printed.values())
         header += ["no error bar because"] * bare
         rows = [
             [
                 name.replace("_", " "),
-                self.in_print(name, each)[1],
-                with_error(each.times(self.in_print(name, each)[0])),
-                *([] if numerical else [count(each.effective_sample_size)]),
-                *[each.note] * bare,
+                self.in_print(name, estimate)[1],
+                with_error(estimate.times(self.in_print(name, estimate)[0])),
+                *([] if numerical else [count(estimate.effective_sample_size)]),
+                *[estimate.note] * bare,
             ]
-            for name, each in shown.items()
+            for name, estimate in printed.items()
         ]
         return header, rows
 
@@ -307,15 +335,11 @@ class Result:
         ----------
         axes : matplotlib.axes.Axes
         name : str
-            "displacement", "velocity" or "voltage".
+            "displacement", "velocity" or "voltage"; UnknownQuantity is raised for others.
         label : str or None
             Label in the legend (default: the method).
         **style
             `colour` and `line`, as matplotlib has them.
-
-        Raises
-        ------
-        UnknownQuantity
         """
         from harvester.results.drawing import axis_label, density_label, draw_density
 
@@ -329,7 +353,7 @@ class Result:
         axes.set(xlabel=axis_label(self, name), ylabel=density_label(self, name))
 
     def results_by_method(self) -> dict[str, Result]:
-        """Itself, by the name of its engine or closure."""
+        """The result itself, by the name of its engine or closure."""
         return {self.engine: self}
 
     def figure(self) -> Figure | None:
@@ -349,14 +373,7 @@ class Result:
     def section(self) -> np.ndarray:
         """Displacement and velocity of all stroboscopic samples, in the scene's units.
 
-        Returns
-        -------
-        ndarray, shape (realizations, samples, 2)
-
-        Raises
-        ------
-        HarvesterError
-            None were kept.
+        Shape (realizations, samples, 2). Raises HarvesterError if none were kept.
         """
         if self.stroboscope is None:
             raise HarvesterError(f"{self.scene.name}: no samples were kept: ask for stroboscope")
@@ -367,8 +384,8 @@ class Result:
         first = next(iter(self.quantities.items()), None)
         unit = self.unit(first[1].dimension) if first else ""
         says = f"{first[0]} = {with_error(first[1], unit)}, " if first else ""
-        more = f"{says}{len(self.scaled_quantities)} quantities, {self.outcome}"
-        return one_line(f"<Result of {self.scene.name} by {self.engine}: {more}>")
+        summary = f"{says}{len(self.scaled_quantities)} quantities, {self.outcome}"
+        return one_line(f"<Result of {self.scene.name} by {self.engine}: {summary}>")
 
     def _repr_html_(self) -> str:
         from harvester.show.page import facts, table_of
@@ -378,88 +395,94 @@ class Result:
 
     def evidence(self) -> list[str]:
         """Sentences on the runs and methods behind the numbers."""
-        said = [self.engine_version]
+        sentences = [self.engine_version]
         if self.simulated_time > 0.0:
-            said.append(
+            sentences.append(
                 f"{self.realizations} × {self.simulated_time / self.realizations:.6g} s, "
                 f"{count(self.steps)} steps of at most {quantity(self.step or 0.0, 's', 3)}, "
                 f"seed {self.scene.run.seed}"
             )
         if self.step_error is not None:
-            said.append(f"the steps cost powers up to {100.0 * self.step_error:.1g} %")
+            sentences.append(f"the steps cost powers up to {100.0 * self.step_error:.1g} %")
         if self.energy_balance_residual is not None:
-            said.append(f"energy balance residual {self.energy_balance_residual:.2%}")
-        said.append(f"{self.wall_seconds:.2f} s")
+            sentences.append(f"energy balance residual {self.energy_balance_residual:.2%}")
+        sentences.append(f"{self.wall_seconds:.2f} s")
         if self.netlist_sha256:
-            said.append(f"netlist {self.netlist_sha256[:12]}")
-        return said
+            sentences.append(f"netlist {self.netlist_sha256[:12]}")
+        return sentences
+
+
+def _add_density(variables, name, axes, density, scale, unit):
+    """Add a density along its axes, and its error; `scale` and `unit` are those of its area."""
+    inverse = {"unit": f"1/({unit})"}
+    variables[f"{name}_density"] = (axes, density.density / scale, inverse)
+    if density.standard_error is not None:
+        errors = density.standard_error / scale
+        variables[f"{name}_density_standard_error"] = (axes, errors, inverse)
 
 
 def with_roots(quantities: dict[str, Estimate]) -> dict[str, Estimate]:
     """The quantities, each mean square followed by its root (rms)."""
-    found: dict[str, Estimate] = {}
-    for name, each in quantities.items():
-        found[name] = each
+    extended: dict[str, Estimate] = {}
+    for name, estimate in quantities.items():
+        extended[name] = estimate
         of_root = name.replace("mean_square", "rms")
-        if of_root not in quantities and name.startswith("mean_square") and each.estimate >= 0.0:
-            found[of_root] = root(each)
-    return found
+        if (
+            of_root not in quantities
+            and name.startswith("mean_square")
+            and estimate.estimate >= 0.0
+        ):
+            extended[of_root] = root(estimate)
+    return extended
 
 
 def _result_of(kind, content, folder):
-    """See `Result.from_dict`.
-
-    Raises
-    ------
-    NotAValue, KeyError, TypeError, AttributeError
-        Something is missing, or is something else.
-    """
+    """See `Result.from_dict`; raises NotAValue, KeyError, TypeError or AttributeError."""
     hints = get_type_hints(kind)
     values = {
         name: read(hints[name], content[name], name)
         for name in _IN_JSON
         if name not in ("quantities", "seed", "step_error")
     }
-    for name, each in values["scaled_quantities"].items():
-        _check_dimension(each.dimension, f"scaled_quantities.{name}.dimension")
+    for name, estimate in values["scaled_quantities"].items():
+        # A known quantity and a whole power of it, such as "voltage^2".
+        base, power, exponent = estimate.dimension.partition("^")
+        if base not in SI_UNITS or (power and not exponent.removeprefix("-").isdecimal()):
+            where = f"scaled_quantities.{name}.dimension"
+            raise NotAValue(f"{where} = {shown(estimate.dimension)}: is no dimension")
     for name, value in vars(values["scales"]).items():
         if name not in content["scales"]:
             raise NotAValue(f"scales.{name} is missing")
         if not 0.0 < value < math.inf:
             raise NotAValue(f"scales.{name} = {shown(value)}: must be a number > 0")
-    for name, each in values["scaled_quantities"].items():
+    for name, estimate in values["scaled_quantities"].items():
         for key in ("standard_error", "effective_sample_size"):
-            _check_size(getattr(each, key), f"scaled_quantities.{name}.{key}")
+            _check_size(getattr(estimate, key), f"scaled_quantities.{name}.{key}")
     for name in ("simulated_time", "wall_seconds", "engine_seconds", "step"):
         _check_size(values[name], name)
     if math.isnan(values["simulated_time"]) or values["error_kind"] not in ERROR_KINDS:
         raise NotAValue("simulated_time or error_kind is none")
     scene = Scene.from_dict(content["scene"], folder)
-    own = vars(scale(scene)[1])
-    if not all(math.isclose(own[k], each, rel_tol=1e-9) for k, each in content["scales"].items()):
-        raise NotAValue(f"scales: the scene's are {own}")
+    computed = vars(scale(scene)[1])
+    if not all(
+        math.isclose(computed[k], stored, rel_tol=1e-9) for k, stored in content["scales"].items()
+    ):
+        raise NotAValue(f"scales: the scene's are {computed}")
     fit = content.get("spectrum_fit")
-    made = kind(
+    result = kind(
         **values,
         scene=scene,
         step_error=read(float | None, content.get("step_error"), "step_error"),
         spectrum_fit=SpectrumFit.from_dict(fit) if fit else None,
     )
-    again = made.to_dict()
+    again = result.to_dict()
     for name in _IN_JSON:
         if name in content and content[name] != again[name]:
             raise NotAValue(f"{name} is not what the other values say, or not finite")
-    return made
+    return result
 
 
 def _check_size(value, where):
     """Check a size: NaN and None stand for one that is not known."""
     if value is not None and value < 0.0:
         raise NotAValue(f"{where} = {shown(value)}: must be a number ≥ 0")
-
-
-def _check_dimension(dimension, where):
-    """Check a dimension such as "voltage^2": a known quantity and a whole power of it."""
-    base, power, exponent = dimension.partition("^")
-    if base not in SI_UNITS or (power and not exponent.removeprefix("-").isdecimal()):
-        raise NotAValue(f"{where} = {shown(dimension)}: is no dimension")

@@ -15,6 +15,9 @@ from harvester.files.libraries import optional_library
 from harvester.files.plain_text import named, nearest
 from harvester.files.tables import write_csv, write_netcdf, xarray_or_say
 from harvester.record.record import Record
+from harvester.show.numbers import prefixed
+from harvester.show.palette import CIRCUIT
+from harvester.show.panels import entitle
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -26,6 +29,11 @@ if TYPE_CHECKING:
 
 PICTURES = (".png", ".svg", ".pdf")
 ENDINGS = (".csv", ".nc", *PICTURES)
+# Width and height of a panel, in inches.
+WIDTH, HEIGHT = 7.0, 1.3
+# An envelope has this number of bins and replaces a line of more points per bin than `MOST_IN_BIN`,
+# whose oscillations would fill the panel. A bin then holds a period of 50 points.
+BINS, MOST_IN_BIN = 150, 50
 # Below this share of the greatest voltage the current is not power over voltage: rounding would
 # decide it.
 SMALL_VOLTAGE = 1e-9
@@ -93,26 +101,14 @@ class Waveform:
         return header, np.column_stack([self.time, *self.columns.values()]).tolist()
 
     def to_pandas(self) -> DataFrame:
-        """A DataFrame over `time`; `attrs` has the units.
-
-        Raises
-        ------
-        MissingLibrary
-            pandas, of the extra `study`.
-        """
+        """A DataFrame over `time`; `attrs` has the units. Raises MissingLibrary without pandas."""
         pandas = optional_library("pandas", "Waveform.to_pandas", "study")
         frame = pandas.DataFrame(self.columns, index=pandas.Index(self.time, name="time"))
         frame.attrs["units"] = {"time": "s", **self.units}
         return frame
 
     def to_xarray(self) -> Dataset:
-        """A Dataset over `time`; each variable's attribute `unit` says its unit.
-
-        Raises
-        ------
-        MissingLibrary
-            xarray, of the extra `study`.
-        """
+        """A Dataset over `time`, each `unit` an attribute. Raises MissingLibrary without xarray."""
         variables = {
             name: ("time", values, {"unit": self.units[name]})
             for name, values in self.columns.items()
@@ -123,19 +119,14 @@ class Waveform:
 
     def figure(self) -> Figure:
         """A panel for each column over time."""
-        from harvester.results.waveform_drawing import draw
         from harvester.show import figures
 
-        return figures.drawn(draw, self)
+        return figures.drawn(_draw, self)
 
     def save(self, path: str | Path) -> None:
         """Write it as CSV, NetCDF or a picture, as the path's ending says.
 
-        Raises
-        ------
-        HarvesterError
-            Another ending.
-        OutputError
+        Raises HarvesterError for another ending, OutputError if it cannot be written.
         """
         check_ending(path)
         ending = Path(path).suffix
@@ -160,12 +151,7 @@ class Waveform:
 
 
 def check_ending(path: str | Path) -> None:
-    """Refuse a file that a waveform is not written into.
-
-    Raises
-    ------
-    HarvesterError
-    """
+    """Raise HarvesterError for a file that a waveform is not written into."""
     if Path(path).suffix not in ENDINGS:
         raise HarvesterError(
             f"--waveform {named(str(path))}: its ending says the kind: {', '.join(ENDINGS)}"
@@ -179,25 +165,15 @@ def waveform_of(
     record: Record,
     electrical: Mapping[str, np.ndarray],
 ) -> Waveform:
-    """A waveform from what a realization kept.
-
-    Parameters
-    ----------
-    scene, engine, scales
-        Of the result.
-    record : Record
-        Scaled.
-    electrical : dict of str to ndarray
-        See `harvester.simulation.realization.Realization`.
-    """
+    """The waveform of a realization: its record, scaled, and its `Realization.electrical`."""
     # A repeated point has an adjusted power, so that the mean over the step is right. It is left
     # out.
     once = np.diff(record.time, prepend=-np.inf) > 0.0
     record = Record(*(column[once] for column in record))
-    motion = {name: getattr(record, name) * scales.of(name) for name in _MOTION}
-    units = {name: unit_of(scene, name) for name in _MOTION}
-    current = _current(record) * (scales.power / scales.voltage)
-    columns = {**motion, "current": current}
+    motion = ("displacement", "velocity", "voltage")
+    columns = {name: getattr(record, name) * scales.of(name) for name in motion}
+    units = {name: unit_of(scene, name) for name in motion}
+    columns["current"] = _current(record) * (scales.power / scales.voltage)
     units["current"] = "A" if scene.units == "SI" else "scaled power/voltage"
     for name, values in electrical.items():
         if name == "output_voltage":
@@ -207,14 +183,44 @@ def waveform_of(
     return Waveform(scene, engine, record.time, columns, units, record)
 
 
-_MOTION = ("displacement", "velocity", "voltage")
-
-
 def _current(record: Record) -> np.ndarray:
     """Power into the load over the voltage; straight lines through the voltage's zeros."""
     sizes: Any = np.abs(record.voltage)
-    known = sizes > SMALL_VOLTAGE * sizes.max(initial=0.0)
-    if not known.any():
+    nonzero = sizes > SMALL_VOLTAGE * sizes.max(initial=0.0)
+    if not nonzero.any():
         return np.zeros_like(record.voltage)
-    found = record.load_power[known] / record.voltage[known]
-    return np.interp(record.time, record.time[known], found)
+    currents = record.load_power[nonzero] / record.voltage[nonzero]
+    return np.interp(record.time, record.time[nonzero], currents)
+
+
+def _draw(waveform):
+    """Every column over time; the velocity is left out, which the displacement shows."""
+    from matplotlib.figure import Figure
+
+    names = [name for name in waveform.columns if name != "velocity"]
+    figure = Figure(figsize=(WIDTH, 0.7 + HEIGHT * len(names)))
+    panels = figure.subplots(len(names), 1, sharex=True, squeeze=False).ravel()
+    for axes, name in zip(panels, names, strict=True):
+        values = waveform.columns[name]
+        factor, unit = prefixed(float(abs(values).max(initial=0.0)), waveform.units[name])
+        _draw_column(axes, waveform.time, factor * values)
+        words = name.replace("_", " ") if "(" not in name else name
+        axes.set_ylabel(f"{words}\n[{'scaled' if unit.startswith('scaled') else unit}]")
+    panels[-1].set_xlabel("time [s]")
+    figure.align_ylabels(panels)
+    entitle(figure, f"{waveform.scene.name}: one realization by {waveform.engine}")
+    return figure
+
+
+def _draw_column(axes, time, values):
+    """Draw values over time; of many points the smallest and the largest of each bin."""
+    if time.size <= BINS * MOST_IN_BIN:
+        axes.plot(time, values, color=CIRCUIT, linewidth=0.8)
+        return
+    edges = np.searchsorted(time, np.linspace(time[0], time[-1], BINS, endpoint=False))
+    # A bin without a point would repeat its neighbour.
+    edges = np.unique(edges)
+    low, high = np.minimum.reduceat(values, edges), np.maximum.reduceat(values, edges)
+    axes.fill_between(time[edges], low, high, color=CIRCUIT, alpha=0.25, linewidth=0)
+    for bound in (low, high):
+        axes.plot(time[edges], bound, color=CIRCUIT, linewidth=0.6)

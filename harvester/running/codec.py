@@ -30,8 +30,8 @@ from harvester.record.strain import StrainMoments
 MOST_BYTES = 32_000_000
 # Failures that follow from scene and method alone, and are stored. All others may not happen again.
 LASTING = {
-    each.__name__: each
-    for each in (
+    kind.__name__: kind
+    for kind in (
         errors.AveragingError,
         errors.EnergyNotBalanced,
         errors.LoadChatters,
@@ -46,8 +46,8 @@ PASSING_REASON = re.compile(r"memory|alloc|disk|no space|too many open files", r
 TREE, DIGEST = "tree", "digest"
 # Dataclasses that a stored answer may hold, by name.
 _KNOWN: dict[str, type] = {
-    each.__name__: each
-    for each in (Density, Estimate, Jumps, Moments, OutputMoments, StrainMoments)
+    kind.__name__: kind
+    for kind in (Density, Estimate, Jumps, Moments, OutputMoments, StrainMoments)
 }
 
 
@@ -61,28 +61,21 @@ def register(kind: type) -> type:
     return kind
 
 
-def is_final(answer: object) -> bool:
-    """Whether a repeated run would give the same answer: not after a time limit or lack of
-    memory."""
-    if not isinstance(answer, BaseException):
-        return True
-    return type(answer).__name__ in LASTING and not PASSING_REASON.search(str(answer))
+def is_lasting(name: str, text: str) -> bool:
+    """Whether a run always ends with this error: not a time limit, not a lack of memory."""
+    return name in LASTING and not PASSING_REASON.search(text)
 
 
 def packed(key: str, answer: object) -> bytes:
     """The bytes of an answer's file.
 
-    Raises
-    ------
-    TypeError
-        It holds something that cannot be kept.
-    NotAnAnswer
-        It is too large to be read back.
+    Raises TypeError if it holds something that cannot be kept, NotAnAnswer if it is too large to
+    be read back.
     """
     arrays: dict[str, Any] = {}
     tree = {"key": key, "answer": _encoded(answer, arrays)}
     arrays[TREE] = np.frombuffer(json.dumps(tree).encode(), dtype=np.uint8)
-    if sum(each.nbytes for each in arrays.values()) > MOST_BYTES // 2:
+    if sum(array.nbytes for array in arrays.values()) > MOST_BYTES // 2:
         raise NotAnAnswer(f"is larger than {MOST_BYTES // 2} bytes")
     file = io.BytesIO()
     arrays[DIGEST] = np.array(digest_of(arrays))
@@ -91,19 +84,14 @@ def packed(key: str, answer: object) -> bytes:
 
 
 def unpacked(content: bytes, key: str) -> object:
-    """The answer of a file's bytes.
-
-    Raises
-    ------
-    NotAnAnswer
-    """
+    """The answer of a file's bytes; raises NotAnAnswer."""
     try:
         arrays = _arrays(content)
-        found = str(arrays.pop(DIGEST))
+        digest = str(arrays.pop(DIGEST))
     # Foreign bytes may raise anything in the readers, MemoryError and RecursionError included.
     except Exception as error:
         raise NotAnAnswer("not a whole answer: damaged, cut off or of another kind") from error
-    if found != digest_of(arrays):
+    if digest != digest_of(arrays):
         raise NotAnAnswer("its content has been changed: it does not match its digest")
     try:
         tree = json.loads(arrays[TREE].tobytes())
@@ -117,13 +105,7 @@ def unpacked(content: bytes, key: str) -> object:
 
 
 def read(path: os.PathLike, key: str) -> object:
-    """The answer at a path.
-
-    Raises
-    ------
-    FileNotFoundError
-    NotAnAnswer
-    """
+    """The answer at a path; raises FileNotFoundError or NotAnAnswer."""
     try:
         # Links are not followed, and opening a pipe does not wait for its writer.
         handle = os.open(path, os.O_RDONLY | os.O_NOFOLLOW | os.O_NONBLOCK)
@@ -166,16 +148,16 @@ def _encoded(value, arrays):
         arrays[f"a{len(arrays)}"] = value
         return ["array", f"a{len(arrays) - 1}"]
     if isinstance(value, errors.HarvesterError):
-        text = "".join(each if each.isprintable() else " " for each in str(value))
+        text = "".join(character if character.isprintable() else " " for character in str(value))
         return ["error", type(value).__name__, text]
     if isinstance(value, dict):
         return ["dict", *([_encoded(k, arrays), _encoded(v, arrays)] for k, v in value.items())]
     if type(value) in (list, tuple):
-        return [type(value).__name__, *(_encoded(each, arrays) for each in value)]
+        return [type(value).__name__, *(_encoded(item, arrays) for item in value)]
     if _KNOWN.get(type(value).__name__) is type(value):
-        known: Any = value
-        fields = (getattr(value, each.name) for each in dataclasses.fields(known))
-        return ["object", type(value).__name__, *(_encoded(each, arrays) for each in fields)]
+        instance: Any = value
+        fields = (getattr(value, attribute.name) for attribute in dataclasses.fields(instance))
+        return ["object", type(value).__name__, *(_encoded(content, arrays) for content in fields)]
     raise TypeError(f"{type(value).__name__} cannot be kept")
 
 
@@ -192,18 +174,18 @@ def _decoded(tree, arrays):
     if kind == "dict":
         return {_decoded(k, arrays): _decoded(v, arrays) for k, v in content}
     if kind in ("list", "tuple"):
-        values = [_decoded(each, arrays) for each in content]
+        values = [_decoded(item, arrays) for item in content]
         return values if kind == "list" else tuple(values)
     if kind == "object":
-        made = _KNOWN[content[0]]
-        names = [each.name for each in dataclasses.fields(made)]
-        values = [_decoded(each, arrays) for each in content[1:]]
-        return made(**dict(zip(names, values, strict=True)))
+        registered = _KNOWN[content[0]]
+        names = [attribute.name for attribute in dataclasses.fields(registered)]
+        values = [_decoded(item, arrays) for item in content[1:]]
+        return registered(**dict(zip(names, values, strict=True)))
     raise NotAnAnswer("holds something unknown")
 
 
 def _error(name, text):
-    if name not in LASTING or PASSING_REASON.search(text):
+    if not is_lasting(name, text):
         raise NotAnAnswer("is an outcome of its machine or of a limit, which is not kept")
     if not text.isprintable():
         raise NotAnAnswer("holds text that cannot be printed")
@@ -216,12 +198,12 @@ def _arrays(content):
     with zipfile.ZipFile(io.BytesIO(content)) as file:
         members = file.infolist()
         plain = (zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED)
-        if sum(each.file_size for each in members) > MOST_BYTES:
+        if sum(member.file_size for member in members) > MOST_BYTES:
             raise ValueError("too large")
-        if any(each.compress_type not in plain for each in members):
+        if any(member.compress_type not in plain for member in members):
             raise ValueError("packed in another way")
-        for each in members:
-            arrays[each.filename.removesuffix(".npy")] = _array(file.read(each))
+        for member in members:
+            arrays[member.filename.removesuffix(".npy")] = _array(file.read(member))
     return arrays
 
 

@@ -18,14 +18,9 @@ _HANDLES: set[int] = set()
 
 
 class StudyFolder(os.PathLike):
-    """A folder that one run at a time holds.
+    """A folder that one run at a time holds; `notes` are for the user.
 
     The lock is the system's, on an open file: it ends with the process, however that ends.
-
-    Attributes
-    ----------
-    notes : list of str
-        Notes for the user, such as that the file system cannot lock files.
     """
 
     def __init__(self, path: str | os.PathLike):
@@ -40,15 +35,11 @@ class StudyFolder(os.PathLike):
     def hold(self) -> None:
         """Hold it until `close`, and take away what a killed run left aside; again is free.
 
-        Raises
-        ------
-        FolderInUse
-        OutputError
-            The folder cannot be used.
+        Raises FolderInUse, or OutputError if the folder cannot be used.
         """
         if self._handle is not None:
             return
-        made = not os.path.lexists(self._path)
+        new = not os.path.lexists(self._path)
         _check(self._path)
         handle = _open(self._path / LOCK)
         try:
@@ -56,7 +47,7 @@ class StudyFolder(os.PathLike):
         except BaseException:
             os.close(handle)
             raise
-        self._handle, self._made = handle, made
+        self._handle, self._made = handle, new
         _HANDLES.add(handle)
         if not self.notes:
             _clean(self._path)
@@ -78,20 +69,20 @@ def held(folder: str | os.PathLike) -> Iterator[StudyFolder]:
         folder.hold()
         yield folder
         return
-    with contextlib.closing(StudyFolder(folder)) as own:
-        own.hold()
-        yield own
+    with contextlib.closing(StudyFolder(folder)) as opened:
+        opened.hold()
+        yield opened
 
 
 def _check(folder):
-    for place in (folder, folder / "points"):
-        if os.path.lexists(place) and not os.path.isdir(place):
-            raise OutputError(f"{place}: is not a folder; choose another --output")
+    for path in (folder, folder / "points"):
+        if os.path.lexists(path) and not os.path.isdir(path):
+            raise OutputError(f"{path}: is not a folder; choose another --output")
         try:
-            os.makedirs(place, exist_ok=True)
+            os.makedirs(path, exist_ok=True)
         except OSError as error:
-            raise OutputError(f"{place}: cannot be made: {error.strerror}") from None
-        check_writable(place / "file")
+            raise OutputError(f"{path}: cannot be made: {error.strerror}") from None
+        check_writable(path / "file")
 
 
 def _open(path):
@@ -112,8 +103,8 @@ def _lock(handle, folder):
 
         fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
     except BlockingIOError:
-        said = os.pread(handle, 100, 0).decode(errors="replace").strip()
-        holder = said if _HOLDER.fullmatch(said) else "another process"
+        text = os.pread(handle, 100, 0).decode(errors="replace").strip()
+        holder = text if _HOLDER.fullmatch(text) else "another process"
         raise FolderInUse(
             f"{folder}: another run is at work in this folder ({holder}); wait for its end, or "
             "choose another --output"
@@ -141,12 +132,12 @@ def _take_away(folder):
 
 def _clean(folder):
     """Take away what killed runs had not renamed yet; files of other names stay."""
-    for place in (folder, folder / "points"):
-        with os.scandir(place) as entries:
+    for path in (folder, folder / "points"):
+        with os.scandir(path) as entries:
             names = [
-                each.path
-                for each in entries
-                if _LEFT_ASIDE.fullmatch(each.name) and each.is_file(follow_symlinks=False)
+                entry.path
+                for entry in entries
+                if _LEFT_ASIDE.fullmatch(entry.name) and entry.is_file(follow_symlinks=False)
             ]
         for name in names:
             with contextlib.suppress(OSError):

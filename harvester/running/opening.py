@@ -78,18 +78,14 @@ def open_runner(
 @contextlib.contextmanager
 def _pool(workers, executor, scheduler):
     """The Dask cluster's, or that of `harvester.workers.pools.processes`."""
-    if executor is None and scheduler is not None:
-        with _dask(scheduler) as client:
-            yield ExecutorPool(client.get_executor(pure=False))
-    else:
+    if executor is not None or scheduler is None:
         with processes(executor, workers) as pool:
             yield pool
-
-
-def _dask(address):
-    """A client of a Dask scheduler."""
+        return
     distributed = optional_library("distributed", "--scheduler", "cluster")
     try:
-        return distributed.Client(address, timeout="10s")
+        client = distributed.Client(scheduler, timeout="10s")
     except (OSError, ValueError) as error:
-        raise HarvesterError(f"--scheduler {address}: {error}") from None
+        raise HarvesterError(f"--scheduler {scheduler}: {error}") from None
+    with client:
+        yield ExecutorPool(client.get_executor(pure=False))

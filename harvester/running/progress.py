@@ -7,10 +7,7 @@ from collections.abc import Callable
 class Progress:
     """Adds up what is done and what is left, in seconds of one core.
 
-    Parameters
-    ----------
-    report : callable
-        Given the share done of one list of tasks, 0 … 1, never falling, and a few words.
+    `report` is given the share done of one list of tasks, 0 … 1, never falling, and a few words.
     """
 
     def __init__(self, report: Callable[[float, str], object]):

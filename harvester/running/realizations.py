@@ -5,7 +5,7 @@ import math
 import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cached_property, partial
 from typing import Any
 
 import numpy as np
@@ -24,7 +24,7 @@ from harvester.scene.model import Scene
 from harvester.scene.units import Scales
 from harvester.simulation import side_by_side
 from harvester.simulation.methods import Circuit, Engine, engine_of
-from harvester.simulation.orbits import last_samples, several_starts, with_orbit
+from harvester.simulation.orbits import SAMPLES, several_starts, with_orbit
 from harvester.simulation.realization import empty_moments, run
 
 # Realizations in one task if they run side by side or fast.
@@ -62,7 +62,7 @@ def realizations(
     """
     clock = time.process_time()
     window = _window(scene) if waveform else None
-    found = run(
+    solutions = run(
         scene,
         engine_of(method, step=step, **settings or {}),
         indices,
@@ -70,14 +70,15 @@ def realizations(
         report,
         stroboscope=several_starts(scene),
     )
-    moments = [each.moments for each in found]
+    moments = [solution.moments for solution in solutions]
+    samples = [solution.stroboscope for solution in solutions if solution.stroboscope is not None]
     if not density:
         # Histograms are by far the largest part of an answer.
         moments = [dataclasses.replace(m, histograms=np.zeros((1, 0, 0))) for m in moments]
     return {
         "moments": moments,
-        "waveform": _even(found[0].waveform) if waveform else None,
-        "stroboscope": last_samples(found),
+        "waveform": _even(solutions[0].waveform) if waveform else None,
+        "stroboscope": np.array(samples)[:, -SAMPLES:] if samples else None,
         "seconds": time.process_time() - clock,
     }
 
@@ -87,10 +88,7 @@ def averages(
 ) -> dict[str, Any]:
     """A scene by a closure, in a worker process.
 
-    Returns
-    -------
-    dict
-        `quantities`, scaled; `density` of the displacement, or None; `seconds` of one core.
+    Returns `quantities`, scaled; `density` of the displacement, or None; `seconds` of one core.
     """
     # Imported here, not at the head: a process that only simulates starts in half the time.
     from harvester.averaging.of_scene import average, averages_of, estimates_of
@@ -101,8 +99,7 @@ def averages(
         quantities, shape = result.scaled_quantities, result.densities.get("displacement")
     else:
         # Tabulating the density takes as long as all means.
-        found = averages_of(scene, closure, tolerance)
-        quantities, shape = estimates_of(found), None
+        quantities, shape = estimates_of(averages_of(scene, closure, tolerance)), None
     seconds = time.process_time() - clock
     return {"quantities": quantities, "density": shape, "seconds": seconds}
 
@@ -113,15 +110,10 @@ class Realizations:
 
     Attributes
     ----------
-    scene : Scene
-        The scene; its number of realizations only sets the number of batches of each.
-    method : Engine
-    size : int
-        Size of a task.
-    version : str
-        Version of the program that computes, see `Runner.version`.
-    density, waveform : bool
-        Whether histograms, and the beginning of the first realization, are kept.
+    scene : its number of realizations only sets the number of batches of each.
+    size : of a task.
+    version : of the program that computes, see `Runner.version`.
+    density, waveform : whether histograms, and the beginning of the first realization, are kept.
     """
 
     scene: Scene
@@ -178,10 +170,7 @@ class Realizations:
     def _task(self, start, most):
         indices = range(start, int(min(start + self.size, most)))
         waveform = self.waveform and start == 0
-
-        def misfit(found):
-            return self.misfit(found, indices, waveform)
-
+        misfit = partial(self.misfit, indices=indices, waveform=waveform)
         arguments = {
             "scene": self.scene,
             "indices": list(indices),
@@ -197,13 +186,7 @@ class Realizations:
 
 
 def averaging(scene: Scene, method: Stationary, density: bool = True) -> Task:
-    """The task of a scene by a closure.
-
-    Raises
-    ------
-    HarvesterError
-        It asks for what only `harvester.average` gives.
-    """
+    """The task of a scene by a closure; raises HarvesterError for options of `average` alone."""
     for name in method.settings.keys() & {"fit", "jump_rates"}:
         raise HarvesterError(f"{method}: {name} is for harvester.average alone; leave it out")
     # A closure's answer does not depend on [run]: scenes that differ only there are the same.
@@ -219,10 +202,10 @@ def averaging(scene: Scene, method: Stationary, density: bool = True) -> Task:
 
 def _misfit_of_averages(found):
     quantities = found["quantities"].values()
-    if not all(isinstance(each, Estimate) for each in quantities):
+    if not all(isinstance(estimate, Estimate) for estimate in quantities):
         return "its quantities are none"
-    for each in quantities:
-        Scales().of(each.dimension)
+    for estimate in quantities:
+        Scales().of(estimate.dimension)
     return ""
 
 
@@ -237,14 +220,12 @@ def _together(scene, method):
 
 
 def _window(scene):
-    start = scene.run.settle
-    return start, start + min(periods_of(scene), scene.run.duration)
+    return scene.run.settle, scene.run.settle + min(periods_of(scene), scene.run.duration)
 
 
 def periods_of(scene: Scene) -> float:
     """Time of `PERIODS` periods of the small oscillations, in the scene's units."""
-    parameters = prepared(scene).system
-    return PERIODS * 2.0 * math.pi / timescales.angular_frequency(parameters)
+    return PERIODS * 2.0 * math.pi / timescales.angular_frequency(prepared(scene).system)
 
 
 def _even(waveform):
@@ -258,30 +239,32 @@ def _fits(moments, template, rows, density):
     `rows` are the measures of a load with an output, None of one without.
     """
     same = ("start", "batch_length", "free", "saddles", "sample_interval")
-    shaped = ("integrals", "products", "bin_widths", "first", "last")
+    shaped = ["integrals", "products", "bin_widths", "first", "last"] + ["histograms"] * density
     if not all(np.array_equal(getattr(moments, name), getattr(template, name)) for name in same):
         return False
-    for name in (*shaped, "histograms") if density else shaped:
-        array = getattr(moments, name)
-        if np.shape(array) != np.shape(getattr(template, name)) or not np.isfinite(array).all():
-            return False
+    if not (_same_shapes(moments, template, shaped) and _finite(moments, shaped)):
+        return False
     if not _jumps_fit(moments.jumps, template.jumps):
         return False
     output, integrals = moments.output, moments.integrals
     if (rows is None) != (output is None):
         return False
     if output is not None:
-        expected = OutputMoments.beside(moments, rows)
-        if output.rows != expected.rows:
+        expected, sums = OutputMoments.beside(moments, rows), ("integrals", "measured", "stored")
+        if output.rows != expected.rows or not _finite(output, sums):
             return False
-        for name in ("integrals", "measured", "stored", "first", "latest", "passages"):
-            if np.shape(getattr(output, name)) != np.shape(getattr(expected, name)):
-                return False
-        sums = output.integrals, output.measured, output.stored
-        if not all(np.isfinite(each).all() for each in sums):
+        if not _same_shapes(output, expected, (*sums, "first", "latest", "passages")):
             return False
     squares = QUANTITIES.index("square_velocity") + 1
     return bool((integrals[:, :squares] >= 0.0).all() and integrals[:, 0].sum() > 0.0)
+
+
+def _same_shapes(stored, template, names):
+    return all(np.shape(getattr(stored, n)) == np.shape(getattr(template, n)) for n in names)
+
+
+def _finite(stored, names):
+    return all(np.isfinite(getattr(stored, name)).all() for name in names)
 
 
 def _jumps_fit(jumps, template):
@@ -289,12 +272,15 @@ def _jumps_fit(jumps, template):
     if jumps is None or template is None:
         return jumps is template
     counted = ("times", "counts")
-    for name in (each.name for each in dataclasses.fields(template)):
-        found, expected = getattr(jumps, name), getattr(template, name)
+    for name in (attribute.name for attribute in dataclasses.fields(template)):
+        stored, expected = getattr(jumps, name), getattr(template, name)
         if name in counted:
-            if np.shape(found) != expected.shape or not (np.isfinite(found) & (found >= 0.0)).all():
+            if (
+                np.shape(stored) != expected.shape
+                or not (np.isfinite(stored) & (stored >= 0.0)).all()
+            ):
                 return False
-        elif name not in ("well", "time") and not np.array_equal(found, expected):
+        elif name not in ("well", "time") and not np.array_equal(stored, expected):
             return False
     return True
 

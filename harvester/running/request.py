@@ -51,24 +51,16 @@ class Request:
 
     Attributes
     ----------
-    scene : Scene
-        The length of each realization, their seed and, if no other number is given, their number.
-    method : Method
-        An engine or a closure; its name is taken too.
-    precision : float or None
-        Relative error of each of the quantities that realizations are added for: the standard
-        error, and what the steps may cost.
-    quantities : tuple of str
-        Quantities that the precision applies to; those that the scene does not have are ignored.
-    step, tolerance : str or float, float or None
-        Options of the method, if it is given by its name.
-    realizations : int or None
-        Number of realizations: of the first round with a precision, else in all. None:
-        `FIRST_REALIZATIONS` with one, else the scene's own.
-    most : int
-        Most realizations that a precision is worth.
-    density, moments : bool
-        Whether the answer is to hold them.
+    scene : length and seed of the realizations and, if no other is given, their number.
+    method : an engine or a closure; its name is taken too.
+    precision : relative error of each of the quantities that realizations are added for, or None:
+        the standard error, and what the steps may cost.
+    quantities : the precision applies to these; those that the scene does not have are ignored.
+    step, tolerance : options of the method, if it is given by its name.
+    realizations : number of the first round with a precision, else in all. None:
+        `FIRST_REALIZATIONS` with a precision, else the scene's own.
+    most : most realizations that a precision is worth.
+    density, moments : whether the answer is to hold them.
     """
 
     scene: Scene
@@ -103,8 +95,10 @@ class Request:
         Each realization is cut into as many batches as in a run of many realizations. If a request
         runs the scene's own number of realizations and that is small, each is cut into more.
         """
-        own = self.realizations is None and self.precision is None
-        count = min(self.scene.run.realizations, MANY_REALIZATIONS) if own else MANY_REALIZATIONS
+        unrefined = self.realizations is None and self.precision is None
+        count = (
+            min(self.scene.run.realizations, MANY_REALIZATIONS) if unrefined else MANY_REALIZATIONS
+        )
         return replace(self.scene, run=replace(self.scene.run, realizations=count))
 
     @property
@@ -112,8 +106,8 @@ class Request:
         """Number of realizations in the first round."""
         if self.precision:
             return self.realizations or FIRST_REALIZATIONS
-        wanted = self.realizations or self.scene.run.realizations
-        return distinct_realizations(prepared(self.scene), wanted)
+        requested = self.realizations or self.scene.run.realizations
+        return distinct_realizations(prepared(self.scene), requested)
 
 
 @dataclass(frozen=True)
@@ -122,31 +116,17 @@ class Answer:
 
     Attributes
     ----------
-    scene : Scene
-        The scene, with the number of realizations that were run.
-    method : str
-    quantities : dict of str to Estimate
-        Scaled units; `standard_error` is the numerical error for a closure.
-    seconds : float
-        Processor time of one core (s).
-    outcome : str
-        "complete", or what ended it early.
-    realizations : int
-    simulated_time : float
-        Simulated time of all realizations (s); 0 for a closure.
-    energy_balance_residual : float or None
-    misses_jumps : bool
-        Whether a single further jump between the wells would change E[V²] by more than the
-        precision; the error bar does not include jumps that no realization made.
-    notes : tuple of str
-    on_orbits : tuple of str
-        Those of the notes that say which orbit was followed.
-    orbits : tuple of Attractor
-        The orbits that starts reached without noise, the followed one first.
-    density : Density or None
-        Density of the displacement.
-    moments : tuple of harvester.record.moments.Moments
-        One per realization, for paired differences.
+    scene : with the number of realizations that were run.
+    quantities : scaled; `standard_error` is the numerical error for a closure.
+    seconds : processor time of one core (s).
+    outcome : "complete", or what ended it early.
+    simulated_time : of all realizations (s); 0 for a closure.
+    misses_jumps : whether a single further jump between the wells would change E[V²] by more than
+        the precision; the error bar does not include jumps that no realization made.
+    on_orbits : those of the notes that say which orbit was followed.
+    orbits : the orbits that starts reached without noise, the followed one first.
+    density : of the displacement.
+    moments : one per realization, for paired differences.
     """
 
     scene: Scene
@@ -166,8 +146,7 @@ class Answer:
 
     def in_units(self) -> dict[str, Estimate]:
         """The quantities in the scene's units."""
-        scales = prepared(self.scene).scales
-        return in_units(self.quantities, scales)
+        return in_units(self.quantities, prepared(self.scene).scales)
 
     def to_dict(self) -> dict:
         """Plain values for JSON."""
@@ -202,7 +181,6 @@ def answering(
 
     Parameters
     ----------
-    request : Request
     version : str
         Version of the program that computes, see `Runner.version`.
     density : bool
@@ -214,13 +192,25 @@ def answering(
         Of the Answer; the HarvesterError that its first task ended with; None where the time was
         spent before that.
     """
+    density = density or request.density
     if request.is_averaged:
-        return (yield from _averaged(request, density or request.density))
+        return (yield from _averaged(request, density))
     try:
         request.method.check(request.scene)
     except HarvesterError as error:
         return error
-    return (yield from _simulated(request, version, density or request.density))
+    cut = Realizations.of(request.cut_from, request.method, version, density)
+    most = cut.whole(request.most) if request.precision else request.first
+    first = min(cut.whole(request.first), most)
+    cost = step_error(prepared(request.scene), request.method.step, request.method.name)
+    aim = aim_beside_steps(request.precision, cost) if request.precision else None
+
+    def judge(good, ended):
+        if not good:
+            return None if ended == OUT_OF_TIME else ended, 0.0
+        return _answer(request, good, ended, cost)
+
+    return (yield from in_rounds(cut, first, most, aim, judge))
 
 
 def aim_beside_steps(precision: float, step_error: float) -> float:
@@ -253,7 +243,6 @@ def in_rounds(
 
     Parameters
     ----------
-    cut : Realizations
     first, most : int
         Realizations of the first round, and of all.
     precision : float or None
@@ -267,23 +256,19 @@ def in_rounds(
     generator
         Of what `judge` made of the last round.
     """
-    had, count, found, ahead = 0, first, [], 0.0
+    had, count, answers, ahead = 0, first, [], 0.0
     while True:
-        found += yield Wanted(cut.tasks(had, count, most), ahead)
-        good, ended = good_ones(found)
+        answers += yield Wanted(cut.tasks(had, count, most), ahead)
+        good, ended = good_ones(answers)
         content, reached = judge(good, ended)
         if ended or count >= most or precision is None or reached <= precision:
             return content
-        had, count = count, _next_count(count, reached, precision, cut, most)
+        had = count
+        # The ratio is limited before it is squared, since the square may overflow.
+        needed = had * min(MARGIN * min(reached / precision, GROWTH) ** 2, GROWTH)
+        count = min(max(cut.whole(math.ceil(needed)), had + cut.size), most)
         needed = min(had * min(reached / precision, most) ** 2, most)
         ahead = max(needed - count, 0.0) / cut.size
-
-
-def _next_count(had, reached, precision, cut, most):
-    """Realizations of the next round, from the error that so many have reached."""
-    # The ratio is limited before it is squared, since the square may overflow.
-    needed = had * min(MARGIN * min(reached / precision, GROWTH) ** 2, GROWTH)
-    return min(max(cut.whole(math.ceil(needed)), had + cut.size), most)
 
 
 def relative_error(estimate: Estimate | None) -> float:
@@ -308,92 +293,80 @@ def residual_notes(residual: float) -> list[str]:
 
 def in_units(quantities: dict[str, Estimate], scales: Scales) -> dict[str, Estimate]:
     """Scaled estimates in the units of a scene."""
-    return {name: each.times(scales.of(each.dimension)) for name, each in quantities.items()}
+    return {
+        name: estimate.times(scales.of(estimate.dimension)) for name, estimate in quantities.items()
+    }
 
 
 def told(error: HarvesterError) -> str:
     """The name of an error's class and its message, in one line of printable characters."""
     text = f"{type(error).__name__}: {error}"
-    return "".join(each if each.isprintable() else " " for each in text)
+    return "".join(character if character.isprintable() else " " for character in text)
 
 
 def good_ones(found: Sequence) -> tuple[list, HarvesterError | str]:
     """The answers before the first missing one, and its reason: an error, or that time ran out."""
     good: list = []
-    for each in found:
-        if each is None:
+    for answer in found:
+        if answer is None:
             return good, OUT_OF_TIME
-        if isinstance(each, HarvesterError):
-            return good, each
-        good.append(each)
+        if isinstance(answer, HarvesterError):
+            return good, answer
+        good.append(answer)
     return good, ""
 
 
 def _averaged(request, density):
     task = averaging(request.scene, request.method, density)
-    (found,) = yield Wanted([task])
-    if found is None or isinstance(found, HarvesterError):
-        return found
+    (answer,) = yield Wanted([task])
+    if answer is None or isinstance(answer, HarvesterError):
+        return answer
     return Answer(
         scene=request.scene,
         method=request.method.name,
-        quantities=found["quantities"],
-        seconds=found["seconds"],
-        density=found["density"] if request.density else None,
+        quantities=answer["quantities"],
+        seconds=answer["seconds"],
+        density=answer["density"] if request.density else None,
     )
 
 
-def _simulated(request, version, density):
-    """The realizations that the request needs, by an engine."""
-    cut = Realizations.of(request.cut_from, request.method, version, density)
-    most = cut.whole(request.most) if request.precision else request.first
-    first = min(cut.whole(request.first), most)
-    cost = step_error(prepared(request.scene), request.method.step, request.method.name)
-    aim = aim_beside_steps(request.precision, cost) if request.precision else None
+def _answer(request, good, ended, cost):
+    """The answer from some tasks' answers, and the relative error that decides.
 
-    def judge(good, ended):
-        if not good:
-            return None if ended == OUT_OF_TIME else ended, 0.0
-        return _answer(request, good, ended)
-
-    return (yield from in_rounds(cut, first, most, aim, judge))
-
-
-def _answer(request, good, ended):
-    """The answer from some tasks' answers, and the relative error that decides."""
-    cost = step_error(prepared(request.scene), request.method.step, request.method.name)
+    `cost` is the share of a power that the steps may cost.
+    """
     scene, moments, orbits, on_orbits = followed(request.scene, good, cost)
-    ready = prepared(scene)
-    parameters = ready.system
-    found = run_estimates(ready, moments, cost)
-    if not abs(found.residual) <= LARGEST_RESIDUAL:
-        return not_balanced(found.residual), 0.0
-    reached, unseen = _reached(request, scene, parameters, found.whole)
+    system = prepared(scene).system
+    estimates = run_estimates(prepared(scene), moments, cost)
+    if not abs(estimates.residual) <= LARGEST_RESIDUAL:
+        return not_balanced(estimates.residual), 0.0
+    reached, unseen = _reached(request, scene, system, estimates.whole)
     shape = None
     if request.density:
-        even = is_symmetric(scene, parameters)
-        shape = densities(found.moments, even, found.balance).get("displacement")
-    if found.shortfalls and shape:
+        even = is_symmetric(scene, system)
+        shape = densities(estimates.moments, even, estimates.balance).get("displacement")
+    if estimates.shortfalls and shape:
         shape = replace(shape, standard_error=None)
-    notes = [*notes_on_excitation(scene), *on_orbits, *found.notes]
-    notes += residual_notes(found.residual)
-    if request.precision and note_on_steps(request.precision, cost):
-        notes.append(note_on_steps(request.precision, cost))
-    if request.precision and reached > aim_beside_steps(request.precision, cost):
-        said = f"{reached:.1%}" if math.isfinite(reached) else "unknown"
-        notes.append(f"relative standard error {said}, not the {request.precision:.1%} asked for")
+    notes = [*notes_on_excitation(scene), *on_orbits, *estimates.notes]
+    notes += residual_notes(estimates.residual)
+    precision = request.precision
+    if precision and note_on_steps(precision, cost):
+        notes.append(note_on_steps(precision, cost))
+    if precision and reached > aim_beside_steps(precision, cost):
+        error = f"{reached:.1%}" if math.isfinite(reached) else "unknown"
+        notes.append(f"relative standard error {error}, not the {precision:.1%} asked for")
     if isinstance(ended, HarvesterError):
         ended = told(ended)
     answer = Answer(
         scene=scene,
         method=request.method.name,
-        quantities=found.scaled,
+        quantities=estimates.scaled,
         seconds=sum(part["seconds"] for part in good),
         outcome=f"ended after {len(moments)} realizations: {ended}" if ended else COMPLETE,
         realizations=len(moments),
-        simulated_time=sum(each.time_reached for each in moments),
-        energy_balance_residual=found.residual,
-        misses_jumps=bool(request.precision and unseen > request.precision),
+        simulated_time=sum(realization.time_reached for realization in moments),
+        energy_balance_residual=estimates.residual,
+        misses_jumps=bool(precision and unseen > precision),
         notes=tuple(notes),
         on_orbits=on_orbits,
         orbits=orbits,
@@ -403,7 +376,7 @@ def _answer(request, good, ended):
     return answer, reached
 
 
-def _reached(request, scene, parameters, scaled):
+def _reached(request, scene, system, scaled):
     """The largest relative error of the quantities that decide, and the share of an unseen jump.
 
     The latter is by which share of itself a single further jump between the wells would raise
@@ -411,14 +384,13 @@ def _reached(request, scene, parameters, scaled):
     """
     unknown = [name for name in request.quantities if name not in scaled]
     if len(unknown) == len(request.quantities):
-        known = ", ".join(scaled)
         raise HarvesterError(
-            f"unknown quantity {unknown[0]}{nearest(unknown[0], scaled)}; there are {known}"
+            f"unknown quantity {unknown[0]}{nearest(unknown[0], scaled)}; there are "
+            f"{', '.join(scaled)}"
         )
     reached = max(relative_error(scaled.get(n)) for n in request.quantities if n not in unknown)
     square = scaled["mean_square_voltage"].estimate
-    measured = scene.run.duration * scene.run.realizations
-    unseen = unseen_jump(parameters, square, measured)
+    unseen = unseen_jump(system, square, scene.run.duration * scene.run.realizations)
     # The effect of one jump falls as 1/time, an error as 1/√time.
     if request.precision and unseen > request.precision:
         reached = max(reached, math.sqrt(unseen * request.precision))

@@ -13,7 +13,7 @@ from harvester.errors import HarvesterError
 from harvester.running.folder import StudyFolder
 from harvester.running.progress import Progress
 from harvester.running.request import Answer, Request, answering
-from harvester.running.store import MISSING, Store
+from harvester.running.store import MISSING, AnswerStore
 from harvester.running.task import Task, Wanted, compute
 from harvester.simulation.simulate import TIME_LIMIT
 from harvester.workers.pools import LOOK_AROUND, ExecutorPool, WorkerPool, lost
@@ -35,12 +35,9 @@ class Runner:
 
     Attributes
     ----------
-    folder : StudyFolder or None
-        Folder in which answers are kept on disk; None: in memory only.
-    out_of_time : bool
-        Something was left out because the time budget was spent.
-    computed, reused : int
-        Tasks of this runner that were computed, and that were there before.
+    folder : where answers are kept on disk; None: in memory only.
+    out_of_time : whether something was left out because the time budget was spent.
+    computed, reused : tasks of this runner that were computed, and that were there before.
     """
 
     def __init__(
@@ -53,7 +50,7 @@ class Runner:
     ):
         self.pool, self.folder, self.time_limit = pool, folder, time_limit
         self.out_of_time = False
-        self._store, self._deadline = Store(folder), deadline
+        self._store, self._deadline = AnswerStore(folder), deadline
         self._overrun = OVERRUN * (deadline - time.monotonic())
         self._progress = Progress(progress or (lambda share, words: None))
         self._computed: set[str] = set()
@@ -62,12 +59,10 @@ class Runner:
 
     @property
     def computed(self) -> int:
-        """Tasks that were computed."""
         return len(self._computed)
 
     @property
     def reused(self) -> int:
-        """Tasks whose answers were there before."""
         return len(self._reused)
 
     @property
@@ -87,25 +82,17 @@ class Runner:
     @contextlib.contextmanager
     def reserving(self, share: float) -> Iterator[None]:
         """Within the block, reserve this share of the remaining time for what follows it."""
-        whole, now = self._deadline, time.monotonic()
-        self._deadline = now + (1.0 - share) * (whole - now)
+        deadline, now = self._deadline, time.monotonic()
+        self._deadline = now + (1.0 - share) * (deadline - now)
         try:
             yield
         finally:
-            self._deadline = whole
+            self._deadline = deadline
 
     def run(self, tasks: Sequence[Task]) -> list:
-        """Answers of some tasks, in their order.
+        """Answers of some tasks, in their order; tasks begin in that order, equal ones once.
 
-        Parameters
-        ----------
-        tasks : sequence of Task
-            Begun in the order given; equal ones once.
-
-        Returns
-        -------
-        list
-            Answers; the HarvesterError that a task ended with; None where the time was spent.
+        An answer is the HarvesterError that a task ended with; None where the time was spent.
         """
         return self.follow([_alone(task) for task in tasks])
 
@@ -117,14 +104,8 @@ class Runner:
     ) -> list[Answer | HarvesterError | None]:
         """Answers to requests, in their order; see `harvester.running.request.answering`.
 
-        Parameters
-        ----------
-        requests : sequence of Request
-            Begun in the order given; equal ones once.
-        on_answer : callable or None
-            Given (index, answer) as soon as there is one.
-        in_turn : bool
-            See `follow`.
+        Requests begin in that order, equal ones once. `on_answer` is given (index, answer) as soon
+        as there is one; `in_turn` as for `follow`.
         """
         # Requests with the same tasks share them: a density that one asks for is computed for all.
         shapes = {_cut(request) for request in requests if request.density}
@@ -141,9 +122,9 @@ class Runner:
         if not self._circuit:
             from circuits.ngspice.engine import describe
 
-            found = self.pool.map(describe, [{}])[0]
-            device = "behavioural" if found["compiled_device_off"] else "compiled"
-            self._circuit = f"{found['version']}, {device} device"
+            program = self.pool.map(describe, [{}])[0]
+            device = "behavioural" if program["compiled_device_off"] else "compiled"
+            self._circuit = f"{program['version']}, {device} device"
         return self._circuit
 
     def follow(
@@ -157,14 +138,13 @@ class Runner:
         Parameters
         ----------
         plans : iterable of generator
-            Each yields `Wanted` and is sent the results of its tasks, as `run` gives them, as
-            soon as all are there. Once a result is None the time is spent: it should return what
-            it has.
+            Each yields `Wanted` and is sent the results of its tasks, as `run` gives them, once all
+            are there. If a result is None the time is spent: it should return what it has.
         on_end : callable or None
             Given (index, returned value).
         in_turn : bool
-            Whether an earlier plan's later tasks go before a later plan's first ones: results
-            then come one after another, else all plans get further a step at a time.
+            Whether an earlier plan's later tasks go before a later plan's first ones: results then
+            come one after another, else all plans get further a step at a time.
         """
         return _Following(self, list(plans), on_end, in_turn).to_the_end()
 
@@ -209,18 +189,18 @@ class _Following:
         """Go on with a plan for as long as everything that it asks for is there."""
         while True:
             try:
-                wanted = self._plans[plan].send(results)
+                request = self._plans[plan].send(results)
             except StopIteration as end:
                 self._returned[plan] = end.value
                 self._progress.end(plan)
                 if self._on_end:
                     self._on_end(plan, end.value)
                 return
-            label = wanted.tasks[0].label if wanted.tasks else ""
-            self._progress.ask(plan, label, wanted.ahead)
-            self._wanted[plan] = [task.key for task in wanted.tasks]
+            label = request.tasks[0].label if request.tasks else ""
+            self._progress.ask(plan, label, request.ahead)
+            self._wanted[plan] = [task.key for task in request.tasks]
             self._results[plan] = {}
-            for task in wanted.tasks:
+            for task in request.tasks:
                 self._ask(plan, task)
             if len(self._results[plan]) < len(set(self._wanted[plan])):
                 return
@@ -236,19 +216,19 @@ class _Following:
         if key in self._waiting:
             self._waiting[key].add(plan)
             return
-        found = self._store.get(task)
-        if found is not MISSING:
+        answer = self._store.get(task)
+        if answer is not MISSING:
             runner._reused |= {key} - runner._computed
         elif runner._is_time_spent():
             runner.out_of_time = True
-            found = None
+            answer = None
         else:
             self._waiting[key] = {plan}
             self._progress.wait(task.label)
-            place = plan if self._in_turn else 0
-            heapq.heappush(self._ready, (place, next(self._number), task))
+            priority = plan if self._in_turn else 0
+            heapq.heappush(self._ready, (priority, next(self._number), task))
             return
-        self._results[plan][key] = found
+        self._results[plan][key] = answer
 
     def _hand_over(self):
         """Keep the processes busy: two tasks each, so that none waits for this one."""
@@ -265,8 +245,8 @@ class _Following:
         """Start no further tasks: tasks that have not begun get the answer None."""
         for future in self._futures:
             future.cancel()
-        ready, self._ready = self._ready, []
-        for *_, task in ready:
+        left_out, self._ready = self._ready, []
+        for *_, task in left_out:
             self._runner.out_of_time = True
             self._settle(task, None, 0.0)
 
@@ -311,13 +291,13 @@ def _outcome(future):
     if future.cancelled():
         return None, 0.0
     try:
-        found = future.result()
+        outcome = future.result()
     except HarvesterError:
         raise
     except (Exception, CancelledError) as error:
         raise lost(error) from error
     # If the process itself ended, the failure stands there without a time.
-    return found if isinstance(found, tuple) else (found, 0.0)
+    return outcome if isinstance(outcome, tuple) else (outcome, 0.0)
 
 
 def _cut(request):

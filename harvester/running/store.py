@@ -5,14 +5,14 @@ import stat
 from pathlib import Path
 
 from harvester.files.writing import whole_file
-from harvester.running.codec import NotAnAnswer, is_final, packed, read
+from harvester.running.codec import NotAnAnswer, is_lasting, packed, read
 from harvester.running.task import Task
 
 # Stands for a missing answer, since None may be an answer.
 MISSING = object()
 
 
-class Store:
+class AnswerStore:
     """Answers by the keys of their tasks.
 
     An answer is written aside and renamed: it is on disk whole or not at all.
@@ -57,7 +57,8 @@ class Store:
 
     def put(self, task: Task, answer: object) -> None:
         """Keep an answer; on return it is on disk, if a repeated run would give the same."""
-        final = is_final(answer)
+        is_error = isinstance(answer, BaseException)
+        final = not is_error or is_lasting(type(answer).__name__, str(answer))
         self.passing += not final
         if not (self.on_disk and final and self._is_free(task)):
             self._held[task.key] = answer

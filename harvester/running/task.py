@@ -33,19 +33,13 @@ class Task:
 
     Attributes
     ----------
-    function : callable
-        A function of a module; called in a worker process as function(report=…, **arguments). It
-        returns what `harvester.running.codec` knows, and raises a HarvesterError where it fails.
-    arguments : dict of str to object
-        Scenes, numbers, strings, None, and lists, tuples and dictionaries of these.
-    version : str
-        Version of the program that computes, besides this package.
-    label : str
-        Tasks of one label take about as long as each other: for the time left.
-    time_limits : int
-        How many of the runner's limits on wall-clock time it may take.
-    misfit : callable or None
-        Given an answer that was read, says what cannot be an answer to this; "" where all may.
+    function : of a module; called in a worker process as function(report=…, **arguments); returns
+        what `harvester.running.codec` knows, and raises a HarvesterError where it fails.
+    arguments : scenes, numbers, strings, None, and lists, tuples and dictionaries of these.
+    version : of the program that computes, besides this package.
+    label : tasks of one label take about as long as each other: for the time left.
+    time_limits : how many of the runner's limits on wall-clock time it may take.
+    misfit : given an answer that was read, says what cannot be an answer to this; "" where all may.
     """
 
     function: Callable
@@ -70,11 +64,7 @@ class Task:
 class Wanted(NamedTuple):
     """Tasks whose answers a plan needs: the plan yields this and is sent the answers.
 
-    Attributes
-    ----------
-    tasks : sequence of Task
-    ahead : float
-        About how many more it will ask for after these: for the time left.
+    `ahead` is about how many more it will ask for after these: for the time left.
     """
 
     tasks: Sequence[Task]
@@ -104,9 +94,9 @@ def _plain(value):
     if isinstance(value, Scene):
         return {"scene": value.digest()}
     if isinstance(value, dict):
-        return {"dict": sorted([str(key), _plain(each)] for key, each in value.items())}
+        return {"dict": sorted([str(key), _plain(item)] for key, item in value.items())}
     if isinstance(value, (list, tuple)):
-        return [_plain(each) for each in value]
+        return [_plain(item) for item in value]
     if isinstance(value, np.generic):
         return value.item()
     if value is None or isinstance(value, (bool, int, float, str)):

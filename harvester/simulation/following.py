@@ -37,14 +37,7 @@ PARTING_PERIODS = 150
 
 
 class Replayed(ExcitationPath):
-    """A path that was read once, for all starts.
-
-    Parameters
-    ----------
-    samples : ndarray
-    spacing : float
-        s.
-    """
+    """A path that was read once, for all starts; `spacing` of its samples in s."""
 
     def __init__(self, samples: np.ndarray, spacing: float) -> None:
         self.spacing = spacing
@@ -77,8 +70,8 @@ def forced(scene: Scene, command: str) -> Scene:
             f'{scene.name}: excitation.kind = "{excitation.kind}": a prescribed motion has no '
             f'start to forget: {command} needs excitation.kind = "sine"'
         )
-    ready = prepared(_lasting(scene, excitation.period))
-    knots = FINER_KNOTS * math.ceil(excitation.period / knot_spacing(ready) - 1e-9)
+    prepared_scene = prepared(_lasting(scene, excitation.period))
+    knots = FINER_KNOTS * math.ceil(excitation.period / knot_spacing(prepared_scene) - 1e-9)
     excitation = replace(excitation, knot_spacing=excitation.period / knots)
     return replace(scene, excitation=excitation, start=None)
 
@@ -119,21 +112,23 @@ def follow(
     """
     period = float(scene.excitation.period)  # type: ignore[arg-type]
     lasting = _lasting(scene, periods * period)
-    ready = prepared(lasting)
+    prepared_scene = prepared(lasting)
     chosen = engine_of(engine, step=step, **settings or {})
-    spacing = knot_spacing(ready)
-    samples = noise_path(ready, 0).read(round(periods * period / spacing) + 2)
-    chosen.prepare(ready)
+    spacing = knot_spacing(prepared_scene)
+    samples = noise_path(prepared_scene, 0).read(round(periods * period / spacing) + 2)
+    chosen.prepare(prepared_scene)
 
     def sampled(some):
         """The samples of some starts; infinite where one leaves the spring's range."""
         watching = [Stroboscope((periods - kept) * period, period, kept + 1) for _ in some]
         paths = [Replayed(samples, spacing) for _ in some]
-        observers = with_range_watch(ready, [[each] for each in watching])
+        observers = with_range_watch(prepared_scene, [[strobe] for strobe in watching])
         try:
-            chosen.run_realizations(ready, paths, [tuple(each) for each in some], observers)
+            chosen.run_realizations(
+                prepared_scene, paths, [tuple(start) for start in some], observers
+            )
         except SimulationError as error:
-            if not leaves_range(ready, error):
+            if not leaves_range(prepared_scene, error):
                 raise
             if len(some) == 1:
                 return [np.full_like(watching[0].samples, np.inf)]
@@ -141,13 +136,13 @@ def follow(
             half = len(some) // 2
             return sampled(some[:half]) + sampled(some[half:])
         report([])
-        return [each.samples for each in watching]
+        return [strobe.samples for strobe in watching]
 
     # The engine "circuit" runs one start at a time: side by side all starts would share their time
     # steps.
     together = 1 if engine == "circuit" else len(starts)
     some = [starts[first : first + together] for first in range(0, len(starts), together)]
-    return np.array([each for part in some for each in sampled(part)])
+    return np.array([samples_of_start for part in some for samples_of_start in sampled(part)])
 
 
 def _together(scene: Scene, engine: str) -> int:
@@ -172,12 +167,10 @@ def calls_of(
 def neighbours(
     scene: Scene, samples: np.ndarray, starts: np.ndarray, members: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Pairs of close starts on a motion, and its size.
+    """Pairs of close starts on a motion of a scene from `forced`, and its size.
 
     Parameters
     ----------
-    scene : Scene
-        A scene as returned by `forced`.
     samples : ndarray, shape (starts, samples, columns or STATE)
     starts : ndarray, shape (starts, STATE)
     members : ndarray of int

@@ -72,7 +72,7 @@ class Engine(Method):
         self,
         ready: Prepared,
         paths: list,
-        starts: list[tuple[float, float, float]],
+        starts: list,
         observers: list,
         outputs: list | None = None,
     ) -> dict[str, Any]:
@@ -80,13 +80,9 @@ class Engine(Method):
 
         Parameters
         ----------
-        ready : Prepared
-        paths : list of ExcitationPath
-            One for each realization.
-        starts : list of (float, float, float)
-            X, X' and transducer's state of each realization at the beginning, scaled.
+        paths, starts : list of ExcitationPath, list of (float, float, float)
+            For each realization its excitation, and its X, X' and transducer's state, scaled.
         observers : list of lists of objects with `add(record)`
-            Those of each realization.
         outputs : list of harvester.record.output_side.OutputMoments or None
             For a load that has an output side, one for each realization.
 
@@ -159,7 +155,7 @@ class Circuit(Engine):
         self,
         ready: Prepared,
         paths: list,
-        starts: list[tuple[float, float, float]],
+        starts: list,
         observers: list,
         outputs: list | None = None,
     ) -> dict[str, Any]:
@@ -188,12 +184,7 @@ class MonteCarlo(Engine):
     schemes: ClassVar[tuple[str, ...]] = ("runge-kutta", "heun")
 
     def check(self, scene: Scene) -> None:
-        """Refuse what Monte Carlo does not take: a motion prescribed, some elements of a load.
-
-        Raises
-        ------
-        LoadError
-        """
+        """Refuse what Monte Carlo does not take: a motion prescribed, some elements of a load."""
         from harvester.prepared.prepared import prepared
         from harvester.scene.units import require_mass
 
@@ -209,7 +200,7 @@ class MonteCarlo(Engine):
         self,
         ready: Prepared,
         paths: list,
-        starts: list[tuple[float, float, float]],
+        starts: list,
         observers: list,
         outputs: list | None = None,
     ) -> dict[str, Any]:
@@ -241,27 +232,19 @@ DEFAULTS = {"step": "default", "source": "external", "device": "automatic"}
 def engine_of(method: str | Method, **options: Any) -> Engine:
     """The engine that a call asks for, by its name and options or as an object.
 
-    Raises
-    ------
-    HarvesterError
-        An unknown name, a closure, or an unknown option.
+    Raises HarvesterError for an unknown name, a closure, or an unknown option.
     """
     if isinstance(method, Engine):
         return method.beside_options(options, DEFAULTS)
     _check_options(options)
-    made: Engine = ENGINES[check_name("method", _written(method), ENGINES)]()
-    if (options.get("copies") or 1) > 1 and not hasattr(made, "copies"):
+    engine: Engine = ENGINES[check_name("method", str(method), ENGINES)]()
+    if (options.get("copies") or 1) > 1 and not hasattr(engine, "copies"):
         raise _no_copies(options["copies"])
-    return made.with_options(options)
+    return engine.with_options(options)
 
 
 def method_of(method: str | Method, **options: Any) -> Method:
-    """The engine or the closure that a call asks for; see `engine_of`.
-
-    Raises
-    ------
-    HarvesterError
-    """
+    """The engine or the closure that a call asks for; see `engine_of`."""
     if isinstance(method, Engine) or method in ENGINES:
         return engine_of(method, **options)
     from harvester.averaging import CLOSURES
@@ -269,18 +252,13 @@ def method_of(method: str | Method, **options: Any) -> Method:
     if isinstance(method, Stationary):
         check_name("method", method.closure, CLOSURES)
         return method.beside_options(options, DEFAULTS)
-    check_name("method", _written(method), {**ENGINES, **CLOSURES})
+    check_name("method", str(method), {**ENGINES, **CLOSURES})
     _check_options(options)
     return Stationary(str(method)).with_options(options)
 
 
 def check_step(step: str | float) -> str | float:
-    """A level's name or a positive number of seconds.
-
-    Raises
-    ------
-    HarvesterError
-    """
+    """A level's name or a positive number of seconds; raises HarvesterError for anything else."""
     from harvester.prepared.steps import STEP_LEVELS
 
     if isinstance(step, str) and step not in STEP_LEVELS:
@@ -311,8 +289,3 @@ def _no_copies(copies: int | None) -> HarvesterError:
         f"copies {copies}: only the circuit with its external source and a resistor as load "
         "takes more than one"
     )
-
-
-def _written(method: str | Method) -> str:
-    """A name as it is, an object as text, for what is refused."""
-    return method if isinstance(method, str) else str(method)

@@ -80,12 +80,10 @@ def attractors(
 ) -> tuple[Attractor, ...]:
     """The motions on which a run's starts settled, the one with the most starts first.
 
-    Behind them is what the other starts do.
+    The last entries are what the other starts do.
 
     Parameters
     ----------
-    scene : Scene
-    engine : Engine
     realizations : dict of int to Realization
         Realizations by their numbers, with stroboscopic samples.
     escaped : int
@@ -95,10 +93,10 @@ def attractors(
     time_limit : float
         Wall-clock limit of one of these (s).
     """
-    ready = prepared(scene)
-    moments = [each.moments for each in realizations.values()]
-    samples = np.array([each.stroboscope for each in realizations.values()])
-    starts = np.array([start_state(ready, number) for number in realizations])
+    prepared_scene = prepared(scene)
+    moments = [realization.moments for realization in realizations.values()]
+    samples = np.array([realization.stroboscope for realization in realizations.values()])
+    starts = np.array([start_state(prepared_scene, number) for number in realizations])
     # Neighbours cost as much as some fifty starts: they are for runs that ask for motions.
     left = MOST_EXPONENTS if scene.run.starts else 0
 
@@ -109,14 +107,14 @@ def attractors(
             return None
         return _exponent(scene, engine, states, starts, members, pool, time_limit)
 
-    cost, count = step_error(ready, engine.step, engine.name), len(moments) + escaped
-    found = [motion for *_, motion in _motions(scene, moments, samples, cost, count, exponent)]
-    unsettled = len(moments) - sum(each.starts for each in found)
+    cost, count = step_error(prepared_scene, engine.step, engine.name), len(moments) + escaped
+    motions = [motion for *_, motion in _motions(scene, moments, samples, cost, count, exponent)]
+    unsettled = len(moments) - sum(motion.starts for motion in motions)
     for name, number in ((NOT_SETTLED, unsettled), (ESCAPES, escaped)):
         if number:
             nothing = Group(None, np.zeros(number), np.empty((0, STATE)))
-            found.append(_attractor(scene, name, nothing, [], cost, count))
-    return tuple(found)
+            motions.append(_attractor(scene, name, nothing, [], cost, count))
+    return tuple(motions)
 
 
 def _motions(scene, moments, samples, cost, count, exponent=None):
@@ -128,29 +126,29 @@ def _motions(scene, moments, samples, cost, count, exponent=None):
     last, states = samples[:, -SAMPLES:], samples[:, -SAMPLES:, :STATE]
     periodic = bool(scene.excitation.period) and last.shape[1] >= FEWEST_SAMPLES
     if not last.shape[1]:
-        groups = [Group(None, np.array([k]), each) for k, each in enumerate(states)]
+        groups = [Group(None, np.array([k]), state) for k, state in enumerate(states)]
     else:
         groups = groups_of(states) if periodic else groups_that_meet(states)
-    found: list[tuple] = []
+    motions: list[tuple] = []
     for group in groups:
-        cycle, own, divergence = {}, group.members, None
+        cycle, members, divergence = {}, group.members, None
         if group.period is not None:
-            remains = transients(states[own], memory_of(prepared(scene)))[2]
+            remains = transients(states[members], memory_of(prepared(scene)))[2]
             if remains.min() <= NEARLY_CONVERGED:
-                cycle = _on_cycle(scene, last[own[[np.argmin(remains)]]], cost)
-                own = own[_settled(samples[own, :, :STATE], group.period)]
+                cycle = _on_cycle(scene, last[members[[np.argmin(remains)]]], cost)
+                members = members[_settled(samples[members, :, :STATE], group.period)]
             elif exponent:
                 continue
         elif exponent and periodic:
-            divergence = exponent(states, own)
+            divergence = exponent(states, members)
             if divergence is not None and not divergence.chaotic:
                 continue
-        if not (exponent or own.size):
-            own = group.members
-        name, means = orbit_name(len(found)), [moments[k] for k in own]
+        if not (exponent or members.size):
+            members = group.members
+        name, means = orbit_name(len(motions)), [moments[k] for k in members]
         motion = _attractor(scene, name, group, means, cost, count, periodic, cycle, divergence)
-        found.append((group.members, own, motion))
-    return found
+        motions.append((group.members, members, motion))
+    return motions
 
 
 class Followed(NamedTuple):
@@ -158,12 +156,9 @@ class Followed(NamedTuple):
 
     Attributes
     ----------
-    scene : Scene
-        The scene of the realizations that are left.
-    moments : list of Moments
-        Moments of the starts on the followed orbit; all under noise.
-    orbits : tuple of Attractor
-        All orbits that starts reached, the followed one first; empty for a single start.
+    scene : the scene of the realizations that are left.
+    moments : of the starts on the followed orbit; all under noise.
+    orbits : all orbits that starts reached, the followed one first; empty for a single start.
     notes : tuple of str
     """
 
@@ -180,30 +175,18 @@ def with_orbit(scene: Scene) -> Scene:
     return replace(scene, run=replace(scene.run, orbit="rest"))
 
 
-def last_samples(realizations: Sequence[Realization]) -> np.ndarray | None:
-    """The samples that `followed` needs, shape (realizations, samples, columns), or None."""
-    kept = [each.stroboscope for each in realizations if each.stroboscope is not None]
-    return np.array(kept)[:, -SAMPLES:] if kept else None
-
-
 def followed(scene: Scene, good: Sequence[dict], cost: float) -> Followed:
-    """The orbit that `run.orbit` names among those that starts reached.
+    """The orbit that `run.orbit` names among those that starts reached; see `with_orbit`.
 
-    Parameters
-    ----------
-    scene : Scene
-        Of a study: see `with_orbit`.
-    good : sequence of dict
-        Answers of `harvester.running.realizations.realizations`.
-    cost : float
-        Share of a mean power that the steps may cost.
+    `good` are answers of `harvester.running.realizations.realizations`; `cost` is the share of a
+    mean power that the steps may cost.
     """
     scene = with_orbit(scene)
-    moments = [each for part in good for each in part["moments"]]
-    whole = replace(scene, run=replace(scene.run, realizations=len(moments)))
+    moments = [realization for part in good for realization in part["moments"]]
+    complete = replace(scene, run=replace(scene.run, realizations=len(moments)))
     samples = [part["stroboscope"] for part in good]
-    if len(moments) == 1 or any(each is None for each in samples):
-        return Followed(whole, moments, (), note_on_one_start(scene))
+    if len(moments) == 1 or any(sample is None for sample in samples):
+        return Followed(complete, moments, (), note_on_one_start(scene))
     motions = _motions(scene, moments, np.concatenate(samples), cost, len(moments))
     if scene.run.orbit == "best":
         motions.sort(key=lambda found: -_power(found[-1]))
@@ -212,7 +195,7 @@ def followed(scene: Scene, good: Sequence[dict], cost: float) -> Followed:
     orbits = tuple(motion for *_, motion in motions)
     notes = (on_orbits(scene, orbits),)
     if scene.run.orbit == "weighted":
-        return Followed(whole, moments, orbits, notes)
+        return Followed(complete, moments, orbits, notes)
     _, members, _ = motions[0]
     return Followed(_alone(scene, len(members)), [moments[k] for k in members], orbits, notes)
 
@@ -231,19 +214,19 @@ def note_on_one_start(scene: Scene) -> tuple[str, ...]:
 
 def on_orbits(scene: Scene, orbits: Sequence[Attractor]) -> str:
     """Which orbit the quantities are of, and the power and share of the others."""
-    told = [each.sentence(unit_of(scene, "power")) for each in orbits]
+    sentences = [orbit.sentence(unit_of(scene, "power")) for orbit in orbits]
     if scene.run.orbit == "weighted":
-        return f"means over all starts: {', '.join(told)}"
+        return f"means over all starts: {', '.join(sentences)}"
     from_start = scene.start is not None and scene.run.orbit == "rest"
     words = "from [start]" if from_start else ORBITS[str(scene.run.orbit)]
     head, first = f"the orbit {words} is followed", orbits[0]
     starts = "starts" if scene.run.starts else "starts at rest (run.starts = 100 draws others)"
     if len(orbits) == 1:
         return f"{head}: all {starts} reach it"
-    if all(math.isclose(_power(each), _power(first), rel_tol=SAME_POWER) for each in orbits):
+    if all(math.isclose(_power(orbit), _power(first), rel_tol=SAME_POWER) for orbit in orbits):
         return f"{head}: other {starts} reach orbits of the same power"
     share = f"{first.kind}, {first.share:.1%} of the starts"
-    return f"{head} ({share}): others reach {', '.join(told[1:])}"
+    return f"{head} ({share}): others reach {', '.join(sentences[1:])}"
 
 
 def _power(motion):
@@ -281,11 +264,11 @@ def _exponent(scene, engine, samples, starts, members, pool, time_limit):
     finer = forced(scene, "a Lyapunov exponent")
     begin, scale = neighbours(finer, samples, starts, members)
     calls = calls_of(finer, engine, begin, PARTING_PERIODS + 1, PARTING_PERIODS)
-    most = max(len(each["starts"]) for each in calls)
-    found = pool.map(follow, calls, most * time_limit, None, True)
-    if any(isinstance(each, SimulationError) for each in found):
+    most = max(len(call["starts"]) for call in calls)
+    samples_of_calls = pool.map(follow, calls, most * time_limit, None, True)
+    if any(isinstance(sample, SimulationError) for sample in samples_of_calls):
         return None
-    return exponent_of(finer, np.concatenate(found), scale)
+    return exponent_of(finer, np.concatenate(samples_of_calls), scale)
 
 
 def _attractor(scene, name, group, moments, cost, count, periodic=False, cycle=None, exponent=None):
@@ -303,8 +286,8 @@ def _attractor(scene, name, group, moments, cost, count, periodic=False, cycle=N
         share=starts / count,
         share_error=share_error(starts, count) if scene.run.starts else None,
         quantities={
-            key: each.times(scales.of(each.dimension))
-            for key, each in (scaled | (cycle or {})).items()
+            key: estimate.times(scales.of(estimate.dimension))
+            for key, estimate in (scaled | (cycle or {})).items()
         },
         points=group.points[:, :2] * units,
         lyapunov=exponent,

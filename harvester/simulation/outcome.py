@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import math
 from dataclasses import replace
-from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from harvester.device import timescales
+from harvester.device.system import System
 from harvester.errors import EnergyNotBalanced, SimulationError
 from harvester.estimates.batch_means import measured_time
 from harvester.estimates.densities import densities
@@ -26,12 +26,9 @@ from harvester.results.residual_cause import suspected_cause
 from harvester.results.result import Result
 from harvester.results.waveform import waveform_of
 from harvester.scene.model import Scene
+from harvester.simulation.methods import Engine
 from harvester.simulation.orbits import note_on_one_start
 from harvester.simulation.realization import Realization
-
-if TYPE_CHECKING:
-    from harvester.device.system import System
-    from harvester.simulation.methods import Engine
 
 # A result whose energy balance residual exceeds the first is an error; above the second it has a
 # note.
@@ -51,66 +48,67 @@ def result_of(
     outcome: str = "complete",
     motions: tuple[Attractor, ...] = (),
 ) -> Result:
-    """The result of the realizations that were completed, with the failures named and the
-    motions found."""
-    ready = prepared(scene)
-    parameters, scales = ready.system, ready.scales
-    moments = [realization.moments for realization in realizations]
-    first = min(realization.started for realization in realizations)
-    last = max(realization.ended for realization in realizations)
-    cost = step_error(ready, engine.step, engine.name)
-    found = run_estimates(ready, moments, cost)
+    """The result of the completed realizations, with the failures and the motions found."""
+    prepared_scene = prepared(scene)
+    moments = [run.moments for run in realizations]
+    first, last = min(run.started for run in realizations), max(run.ended for run in realizations)
+    cost = step_error(prepared_scene, engine.step, engine.name)
+    estimates = run_estimates(prepared_scene, moments, cost)
     drawn = scene.run.starts is not None
-    shapes = densities(found.moments, is_symmetric(scene, parameters), found.balance, drawn)
-    joints = [realization.joint for realization in realizations if realization.joint is not None]
-    joint = joint_density_of(joints, is_symmetric(scene, parameters)) if joints else None
-    kept = [each.stroboscope for each in realizations if each.stroboscope is not None]
-    samples = np.array(kept) if kept else None
-    if found.shortfalls or scene.excitation.transient(scene.run):
+    symmetric = is_symmetric(scene, prepared_scene.system)
+    shapes = densities(estimates.moments, symmetric, estimates.balance, drawn)
+    joints = [run.joint for run in realizations if run.joint is not None]
+    joint = joint_density_of(joints, symmetric) if joints else None
+    strobed = [run.stroboscope for run in realizations if run.stroboscope is not None]
+    samples = np.array(strobed) if strobed else None
+    if estimates.shortfalls or scene.excitation.transient(scene.run):
         shapes = {name: replace(shape, standard_error=None) for name, shape in shapes.items()}
-    if found.shortfalls or slow_exchange(scene, found.balance):
+    if estimates.shortfalls or slow_exchange(scene, estimates.balance):
         # Samples of the joint density have no weights, so that their shares of the wells follow the
         # starts.
         joint = joint and replace(joint, standard_error=None)
+    failure_notes: tuple[str, ...] = ()
+    if failures:
+        failed, example = len(failures), next(iter(failures.values()))
+        failure_notes = (f"{failed} of {failed + len(moments)} realizations failed: {example}",)
+    waveform, run = None, realizations[0]
+    if run.waveform is not None:
+        waveform = waveform_of(
+            scene, engine.title, prepared_scene.scales, run.waveform, run.electrical
+        )
     return Result(
         scene=scene,
         engine=engine.title,
-        scaled_quantities=found.scaled,
-        scales=scales,
+        scaled_quantities=estimates.scaled,
+        scales=prepared_scene.scales,
         error_kind="statistical",
-        energy_balance_residual=found.residual,
+        energy_balance_residual=estimates.residual,
         wall_seconds=last - first,
-        engine_seconds=sum(realization.seconds for realization in realizations),
+        engine_seconds=sum(run.seconds for run in realizations),
         simulated_time=sum(m.time_reached for m in moments),
         steps=sum(m.points for m in moments),
         step=moments[0].step
-        or knot_spacing(ready) / steps_per_knot(ready, engine.step, engine.name),
-        step_error=None if engine.chooses_steps else found.step_error,
+        or knot_spacing(prepared_scene) / steps_per_knot(prepared_scene, engine.step, engine.name),
+        step_error=None if engine.chooses_steps else estimates.step_error,
         realizations=len(moments),
-        engine_version=realizations[0].engine_version,
-        netlist_sha256=realizations[0].netlist_sha256,
+        engine_version=run.engine_version,
+        netlist_sha256=run.netlist_sha256,
         notes=(
             *notes_on_excitation(scene),
             *_notes_on_starts(scene, motions),
-            *found.notes,
-            *_density_notes(found, shapes),
-            *_failure_notes(failures, len(moments)),
+            *estimates.notes,
+            *_density_notes(estimates, shapes),
+            *failure_notes,
         ),
         failures={index: f"{type(e).__name__}: {e}" for index, e in failures.items()},
         densities=shapes,
         joint_density=joint,
-        waveform=_waveform(scene, engine.title, scales, realizations[0]),
+        waveform=waveform,
         moments=moments,
         stroboscope=samples,
         attractors=motions,
         outcome="incomplete" if failures else outcome,
     )
-
-
-def _waveform(scene, engine, scales, realization):
-    if realization.waveform is None:
-        return None
-    return waveform_of(scene, engine, scales, realization.waveform, realization.electrical)
 
 
 def _density_notes(found, shapes):
@@ -131,33 +129,19 @@ def is_symmetric(scene: Scene, parameters: System) -> bool:
 
 def partial_result(scene: Scene, engine: Engine, error: SimulationError) -> Result | None:
     """A result of the failed realizations' moments, or None when they had none."""
-    reached = [m for m in error.partial or () if measured_time([m]) > 0.0]
-    if not reached:
-        return None
-    nothing: dict[str, Any] = {
-        "waveform": None,
-        "joint": None,
-        "electrical": {},
-        "engine_version": "",
-        "netlist_sha256": None,
-    }
-    realizations = [
-        Realization(moments=m, seconds=math.nan, started=math.nan, ended=math.nan, **nothing)
-        for m in reached
-    ]
-    outcome = type(error).__name__
-    return result_of(scene, engine, realizations, {}, outcome)
+    reached = [Realization(m) for m in error.partial or () if measured_time([m]) > 0.0]
+    return result_of(scene, engine, reached, {}, type(error).__name__) if reached else None
 
 
 def notes_on_excitation(scene: Scene) -> tuple[str, ...]:
     """Notes for the result on the excitation that a scene was run with."""
-    ready = prepared(scene)
-    frequency = timescales.angular_frequency(ready.system)
-    spacing, decay = knot_spacing(ready), ready.system.transducer.decay_rate()
+    prepared_scene = prepared(scene)
+    frequency = timescales.angular_frequency(prepared_scene.system)
+    spacing, decay = knot_spacing(prepared_scene), prepared_scene.system.transducer.decay_rate()
     notes = scene.excitation.notes(spacing, frequency, scene.run)
     # Noise without a highest frequency moves the base by so much more than its straight lines do.
     banded = isinstance(scene.excitation, Spectrum)
-    missing = timescales.base_share(ready.system, spacing) * 0.5 * decay * spacing
+    missing = timescales.base_share(prepared_scene.system, spacing) * 0.5 * decay * spacing
     if scene.excitation.endless and not banded and missing > NOTED_MISSING:
         notes += (
             f"the noise is linear over {spacing:.2g} s, and the load's voltage decays in "
@@ -171,13 +155,20 @@ def _notes_on_starts(scene, motions):
     """Notes on how many different motions a deterministic run's starts reach."""
     if scene.excitation.random:
         return ()
-    count, given = distinct_realizations(prepared(scene)), scene.run.realizations
-    repeated = _notes_on_repetition(count, given)
+    count, asked = distinct_realizations(prepared(scene)), scene.run.realizations
+    repeated = []
+    if count != asked:
+        starts = "there is one" if count == 1 else f"there are {count}, one in each well"
+        repeated.append(
+            f"run.realizations = {asked}: the excitation is deterministic, so that realizations "
+            f"differ by their starts alone, and {starts}: each is run once; run.starts = 100 draws "
+            "others"
+        )
     if count == 1:
         return (*repeated, *note_on_one_start(scene))
     unit = unit_of(scene, "power")
-    lines = (*repeated, *(each.sentence(unit) for each in motions))
-    if any(each.kind == UNTOLD for each in motions):
+    lines = (*repeated, *(motion.sentence(unit) for motion in motions))
+    if any(motion.kind == UNTOLD for motion in motions):
         lines += (
             "whether what has no period is chaotic: run.starts = 100 or harvester basins give its "
             "exponent",
@@ -185,7 +176,7 @@ def _notes_on_starts(scene, motions):
     if scene.run.starts:
         lines += (
             "the quantities above are means over all starts; their error bars include the chance "
-            f"of {given} drawn starts; a motion that fewer than {3.0 / given:.1%} of all starts "
+            f"of {asked} drawn starts; a motion that fewer than {3.0 / asked:.1%} of all starts "
             "reach may be missing",
         )
     elif len(motions) > 1:
@@ -196,32 +187,10 @@ def _notes_on_starts(scene, motions):
     return lines
 
 
-def _notes_on_repetition(count, given):
-    """How many of the realizations asked for have a start of their own."""
-    if count == given:
-        return ()
-    starts = "there is one" if count == 1 else f"there are {count}, one in each well"
-    return (
-        f"run.realizations = {given}: the excitation is deterministic, so that realizations "
-        f"differ by their starts alone, and {starts}: each is run once; run.starts = 100 draws "
-        "others",
-    )
-
-
-def _failure_notes(failures, good):
-    if not failures:
-        return ()
-    first = next(iter(failures.values()))
-    return (f"{len(failures)} of {len(failures) + good} realizations failed: {first}",)
-
-
 def checked(result: Result) -> Result:
     """The result, with a note where its energy balance does not quite close.
 
-    Raises
-    ------
-    EnergyNotBalanced
-        It is off by more than `LARGEST_RESIDUAL`.
+    Raises EnergyNotBalanced if it is off by more than `LARGEST_RESIDUAL`.
     """
     balance = result.energy_balance_residual
     residual = abs(math.nan if balance is None else balance)

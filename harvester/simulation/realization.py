@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 import time
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from itertools import zip_longest
 from typing import TYPE_CHECKING, Any, NamedTuple
 
@@ -26,7 +26,7 @@ from harvester.record.moments import prepare as prepare_moments
 from harvester.record.output_side import OutputMoments
 from harvester.record.range_watch import with_range_watch
 from harvester.record.record import Record
-from harvester.record.strain import StrainMoments, strain_watches
+from harvester.record.strain import StrainMoments, StrainWatch
 from harvester.record.strain import prepare as prepare_strain
 from harvester.record.stroboscope import Stroboscope, strobe_times
 from harvester.simulation.methods import Engine
@@ -47,46 +47,34 @@ class Realization:
 
     Attributes
     ----------
-    moments : Moments
-    waveform : Record or None
-        The stretch asked for.
-    electrical : dict of str to ndarray
-        Series beside the waveform: `output_voltage` (scaled) of a load with an output, and the
-        requested nodes and currents (V and A).
-    joint : JointHistogram or None
-        Joint histogram, if it was requested.
-    seconds : float
-        Processor time of one core (s), for the simulation alone, whatever else the machine does; of
-        realizations run together, its share.
-    started, ended : float
-        The system's clock (s).
-    engine_version : str
-    netlist_sha256 : str or None
-    stroboscope : ndarray or None
-        Samples at the beginnings of the excitation's periods, as
+    waveform : the stretch asked for.
+    electrical : series beside the waveform: `output_voltage` (scaled) of a load with an output, and
+        the requested nodes and currents (V and A).
+    joint : joint histogram, if it was requested.
+    seconds : processor time of one core (s), for the simulation alone, whatever else the machine
+        does; of realizations run together, its share.
+    started, ended : the system's clock (s).
+    stroboscope : samples at the beginnings of the excitation's periods, as
         `harvester.record.stroboscope.Stroboscope` has them; where they were asked for.
     """
 
     moments: Moments
-    waveform: Record | None
-    joint: JointHistogram | None
-    seconds: float
-    started: float
-    ended: float
-    engine_version: str
-    netlist_sha256: str | None
-    electrical: dict[str, np.ndarray]
+    waveform: Record | None = None
+    joint: JointHistogram | None = None
+    seconds: float = math.nan
+    started: float = math.nan
+    ended: float = math.nan
+    engine_version: str = ""
+    netlist_sha256: str | None = None
+    electrical: dict[str, np.ndarray] = field(default_factory=dict)
     stroboscope: np.ndarray | None = None
 
 
-class Stretch(NamedTuple):
+class WaveformWindow(NamedTuple):
     """The part of the first realization that is kept as a waveform.
 
-    Attributes
-    ----------
-    start, stop : s from the run's beginning.
-    most : points.
-    probes : voltages and currents of the load's netlist.
+    From `start` to `stop` (s from the run's beginning), at most `most` points, with `probes` for
+    voltages and currents of the load's netlist.
     """
 
     start: float
@@ -95,7 +83,7 @@ class Stretch(NamedTuple):
     probes: tuple[Probe, ...] = ()
 
 
-class Waveform:
+class WaveformObserver:
     """Keeps the points of a record between two times, and what a load's output has there."""
 
     def __init__(self, start: float, stop: float, most: float = math.inf) -> None:
@@ -110,8 +98,8 @@ class Waveform:
         if record.time.size == 0 or record.time[0] > self.stop or record.time[-1] < self.start:
             self._inside = np.empty(0, dtype=int)
             return
-        found = np.flatnonzero((record.time >= self.start) & (record.time <= self.stop))
-        self._inside = found[: int(min(self._left, found.size))]
+        places = np.flatnonzero((record.time >= self.start) & (record.time <= self.stop))
+        self._inside = places[: int(min(self._left, places.size))]
         self._left -= self._inside.size
         if self._inside.size:
             self._parts.append(np.array([column[self._inside] for column in record]))
@@ -119,7 +107,7 @@ class Waveform:
     def add_output(self, *values: np.ndarray) -> None:
         """The output's voltage and other values, each of shape (n,), at the points added last."""
         if self._inside.size:
-            self._outputs.append(np.array([each[self._inside] for each in values]))
+            self._outputs.append(np.array([series[self._inside] for series in values]))
 
     def record(self) -> Record:
         """The stretch as one record."""
@@ -135,7 +123,7 @@ class Waveform:
 class _WatchedOutput:
     """Hands a load's output on to its moments and to a waveform."""
 
-    def __init__(self, moments: OutputMoments, waveform: Waveform) -> None:
+    def __init__(self, moments: OutputMoments, waveform: WaveformObserver) -> None:
         self._moments, self._waveform = moments, waveform
         self.conductance = self.capacitance = math.nan
 
@@ -148,9 +136,9 @@ class _WatchedOutput:
         energy: np.ndarray,
     ) -> None:
         """Points with the load's measures, its levels, and behind these its probes."""
-        own = len(self._moments.rows) - len(values)
-        self._moments.add(time, voltage, values, levels[:own], energy)
-        probes = [np.zeros_like(time) if each is None else each for each in levels[own:]]
+        recorded = len(self._moments.rows) - len(values)
+        self._moments.add(time, voltage, values, levels[:recorded], energy)
+        probes = [np.zeros_like(time) if level is None else level for level in levels[recorded:]]
         self._waveform.add_output(voltage, *probes)
 
 
@@ -179,15 +167,13 @@ def run(
     window: tuple[float, float] | None,
     report: Callable,
     joint_density: bool = False,
-    stretch: Stretch | None = None,
+    stretch: WaveformWindow | None = None,
     stroboscope: bool = False,
 ) -> list[Realization]:
     """Simulate realizations of a scene; the circuit engine takes them side by side.
 
     Parameters
     ----------
-    scene : Scene
-    engine : Engine
     indices : sequence of int
         Numbers of the realizations: each picks its seed and its starting well.
     window : (float, float) or None
@@ -196,10 +182,6 @@ def run(
         Given the list of moments so far.
     joint_density, stroboscope : bool
         See `harvester.simulate`.
-
-    Returns
-    -------
-    list of Realization
     """
     others = (indices, window, report, joint_density, stretch, stroboscope)
     if engine.chooses_steps or not scene.excitation.transient(scene.run):
@@ -213,27 +195,30 @@ def _refined(scene, engine, others):
     The phase at which an event meets the motion rests on all steps before it. Default steps become
     up to four times as short until they change less than `RESOLVED`.
     """
-    ready = prepared(scene)
-    spacing, count = knot_spacing(ready), steps_per_knot(ready, engine.step, engine.name)
+    prepared_scene = prepared(scene)
+    spacing, count = (
+        knot_spacing(prepared_scene),
+        steps_per_knot(prepared_scene, engine.step, engine.name),
+    )
     halvings = 2 if engine.step == "default" else int(count == 1)
     started, clock = time.time(), time.process_time()
-    found: list[Realization] = []
+    refined: list[Realization] = []
     for steps in sorted({max(count // 2, 1), *(count * 2**k for k in range(halvings + 1))}):
-        before, step = found, spacing / steps
+        before, step = refined, spacing / steps
         try:
-            found = _run(scene, replace(engine, step=step), *others)
+            refined = _run(scene, replace(engine, step=step), *others)
         except SimulationError:
             # Steps longer than those asked for may be too long.
             if steps >= count:
                 raise
             continue
-        moments = [each.moments for each in found]
+        moments = [realization.moments for realization in refined]
         for now, earlier in zip_longest(moments, before):
             now.step, now.step_error = step, _change(now, earlier.moments) if earlier else 1.0
-        if max(each.step_error for each in moments) < RESOLVED:
+        if max(realization.step_error for realization in moments) < RESOLVED:
             break
-    seconds = (time.process_time() - clock) / len(found)
-    return [replace(each, started=started, seconds=seconds) for each in found]
+    seconds = (time.process_time() - clock) / len(refined)
+    return [replace(realization, started=started, seconds=seconds) for realization in refined]
 
 
 def _change(moments, earlier):
@@ -247,33 +232,36 @@ def _change(moments, earlier):
 
 def _run(scene, engine, indices, window, report, joint_density, stretch, stroboscope):
     """Simulate realizations once; see `run`."""
-    ready = prepared(scene)
-    paths = [noise_path(ready, index) for index in indices]
-    moments = [empty_moments(ready) for _ in indices]
+    prepared_scene = prepared(scene)
+    paths = [noise_path(prepared_scene, index) for index in indices]
+    moments = [empty_moments(prepared_scene) for _ in indices]
     # Only a netlist has an output side and stores.
     outputs: list[Any] | None = None
     load = scene.load.circuit
     probes = stretch.probes if stretch else ()
     if load and (load.has_output or load.recorded or probes):
-        outputs = [OutputMoments.beside(each, load.recorded, load.has_output) for each in moments]
-        for each, its_output in zip(moments, outputs, strict=True):
-            each.output = its_output
-    observers: list[list] = [[each] for each in moments]
+        outputs = [
+            OutputMoments.beside(realization, load.recorded, load.has_output)
+            for realization in moments
+        ]
+        for realization, its_output in zip(moments, outputs, strict=True):
+            realization.output = its_output
+    observers: list[list] = [[realization] for realization in moments]
     observers[-1].append(Reporter(moments, report))
-    waveforms = [Waveform(*window) if window else None for _ in indices]
+    waveforms = [WaveformObserver(*window) if window else None for _ in indices]
     if stretch:
-        waveforms[0] = first = Waveform(stretch.start, stretch.stop, stretch.most)
+        waveforms[0] = first = WaveformObserver(stretch.start, stretch.stop, stretch.most)
         if outputs:
             outputs[0] = _WatchedOutput(outputs[0], first)
-    sampled = (scene.run.settle, knot_spacing(ready))
+    sampled = (scene.run.settle, knot_spacing(prepared_scene))
     joints = [JointHistogram.empty(*sampled) if joint_density else None for _ in indices]
-    strobes = [Stroboscope(*strobe_times(ready)) if stroboscope else None for _ in indices]
+    strobes = [Stroboscope(*strobe_times(prepared_scene)) if stroboscope else None for _ in indices]
     for watching, *others in zip(observers, waveforms, joints, strobes, strict=True):
-        watching[:0] = [each for each in others if each is not None]
-    strained = strain_watches(ready, moments)
+        watching[:0] = [observer for observer in others if observer is not None]
+    strained = [StrainWatch(m, scene.beam.fatigue_line) for m in moments] if scene.beam else []
     for watching, watch in zip(observers, strained, strict=False):
         watching[:0] = [watch]
-    engine.prepare(ready)
+    engine.prepare(prepared_scene)
     prepare_moments()
     if strained:
         prepare_strain()
@@ -281,12 +269,17 @@ def _run(scene, engine, indices, window, report, joint_density, stretch, strobos
         prepare_joint()
     started = time.time()
     clock, processor = time.perf_counter(), time.process_time()
-    starts = [start_state(ready, index) for index in indices]
-    observers = with_range_watch(ready, observers)
-    outcome = engine.run_realizations(_probed(ready, probes), paths, starts, observers, outputs)
-    for each, seen in zip(moments, outputs or (), strict=False):
-        if each.output:
-            each.output.conductance, each.output.capacitance = seen.conductance, seen.capacitance
+    starts = [start_state(prepared_scene, index) for index in indices]
+    observers = with_range_watch(prepared_scene, observers)
+    outcome = engine.run_realizations(
+        _probed(prepared_scene, probes), paths, starts, observers, outputs
+    )
+    for realization, seen in zip(moments, outputs or (), strict=False):
+        if realization.output:
+            realization.output.conductance, realization.output.capacitance = (
+                seen.conductance,
+                seen.capacitance,
+            )
     for watch in strained:
         watch.close()
     elapsed, seconds = time.perf_counter() - clock, time.process_time() - processor
@@ -294,7 +287,7 @@ def _run(scene, engine, indices, window, report, joint_density, stretch, strobos
     report(moments)
     return [
         Realization(
-            moments=each,
+            moments=realization,
             waveform=waveform.record() if waveform else None,
             joint=joint,
             electrical=_electrical(waveform, scene, probes),
@@ -304,7 +297,9 @@ def _run(scene, engine, indices, window, report, joint_density, stretch, strobos
             stroboscope=strobe.samples if strobe else None,
             **outcome,
         )
-        for each, waveform, joint, strobe in zip(moments, waveforms, joints, strobes, strict=True)
+        for realization, waveform, joint, strobe in zip(
+            moments, waveforms, joints, strobes, strict=True
+        )
     ]
 
 
@@ -328,9 +323,9 @@ def _electrical(waveform, scene, probes):
     rows = waveform.outputs() if waveform else np.empty((0, 0))
     if not rows.size:
         return {}
-    own = {"output_voltage": rows[0]} if scene.load.circuit.has_output else {}
+    electrical = {"output_voltage": rows[0]} if scene.load.circuit.has_output else {}
     values = dict(zip(_watched(probes), rows[1:], strict=True))
-    return own | {probe.column: probe.value(values) for probe in probes}
+    return electrical | {probe.column: probe.value(values) for probe in probes}
 
 
 def empty_moments(ready: Prepared) -> Moments:
@@ -341,15 +336,9 @@ def empty_moments(ready: Prepared) -> Moments:
     saddles = timescales.saddles(parameters)
     even = len(saddles) == 1 and parameters.symmetric and scene.excitation.symmetric
     moments = Moments.empty(
-        start,
-        stop_time(ready),
-        timescales.free_zone(parameters),
-        saddles,
-        bool(saddles) and not even,
-        batches,
-        groups,
-        KNOTS_PER_SAMPLE * spacing,
-    )
+        start, stop_time(ready), timescales.free_zone(parameters), saddles,
+        bool(saddles) and not even, batches, groups, KNOTS_PER_SAMPLE * spacing,
+    )  # fmt: skip
     if saddles:
         moments.jumps = Jumps.empty(parameters, moments.start, moments.batch_length, batches)
     moments.strain = StrainMoments.of(ready, batches)
@@ -361,11 +350,11 @@ def _period(scene):
 
     A comparison of a source of 20 Hz under a sine of 12.5 Hz has 1 % less in 0.96 s than in 0.8 s.
     """
-    own = scene.excitation.period
-    if own is None or not scene.load.circuit:
-        return own
-    common = common_period([own, *scene.load.circuit.periods])
-    return common if common and 2.0 * common <= scene.run.duration * (1.0 + 1e-9) else own
+    period = scene.excitation.period
+    if period is None or not scene.load.circuit:
+        return period
+    common = common_period([period, *scene.load.circuit.periods])
+    return common if common and 2.0 * common <= scene.run.duration * (1.0 + 1e-9) else period
 
 
 def _measured(ready, spacing):

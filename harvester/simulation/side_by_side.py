@@ -3,14 +3,11 @@
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING
 
 from harvester.device import timescales
 from harvester.monte_carlo.engine import MOST_TOGETHER
+from harvester.prepared.prepared import Prepared
 from harvester.prepared.steps import knot_spacing, steps_per_contact, steps_per_knot
-
-if TYPE_CHECKING:
-    from harvester.prepared.prepared import Prepared
 
 # More copies in one netlist are no faster, as `work-precision` measures: behavioural elements soon
 # exceed the processor's cache.
@@ -25,16 +22,10 @@ FEWEST_FOR_COPIES = 2
 
 
 def copies(realizations: int, device: str) -> int:
-    """Copies of the device in one netlist: as many as pay.
+    """Copies of the "behavioural" or "compiled" device in one netlist: as many as pay.
 
     The number follows from the scene alone: the same scene gives the same numbers on any machine,
     whatever the number of workers.
-
-    Parameters
-    ----------
-    realizations : int
-    device : str
-        "behavioural" or "compiled".
     """
     share = max(
         realizations // FEWEST_NETLISTS,
@@ -46,13 +37,8 @@ def copies(realizations: int, device: str) -> int:
 def together(realizations: int, workers: float) -> int:
     """Realizations that Monte Carlo takes at a time: as many for each worker, if not too many.
 
-    They share nothing: the numbers are the same whatever runs beside a realization.
-
-    Parameters
-    ----------
-    realizations : int
-    workers : float
-        Processes; inf where nobody knows.
+    They share nothing: the numbers are the same whatever runs beside a realization. `workers` is
+    inf where nobody knows.
     """
     among = FEWEST_NETLISTS if math.isinf(workers) else int(workers)
     rounds = math.ceil(realizations / among / MOST_TOGETHER)
@@ -69,12 +55,6 @@ def share_steps(
 
     Each realization gets its own netlist if contacts are stiff (each would shorten all copies'
     steps), if the local error controls the steps, or if the load switches.
-
-    Parameters
-    ----------
-    ready : Prepared
-    step, source, tolerance
-        See `harvester.simulate`.
     """
     return (
         ready.scene.load.is_resistor

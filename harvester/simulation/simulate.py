@@ -122,18 +122,20 @@ def simulate(
     The same seed gives the same noise to every engine and the same numbers whatever the
     number of workers.
     """
-    given = {
+    options = {
         "step": step, "source": source, "device": device, "copies": copies, "scheme": scheme,
         "tolerance": tolerance,
     }  # fmt: skip
     if isinstance(method, Stationary):
-        return _averaged(scene, method.beside_options(given, DEFAULTS))
+        from harvester.averaging.of_scene import average
+
+        return average(scene, method=method.beside_options(options, DEFAULTS))
     from harvester.prepared.prepared import prepared
     from harvester.record.range_watch import leaves_range
     from harvester.simulation import outcome, spread
     from harvester.simulation.orbits import attractors, several_starts
 
-    engine = engine_of(method, **given)
+    engine = engine_of(method, **options)
     engine.check(scene)
     stretch = spread.stretch_of(scene, window, nodes)
     follow = spread.Follower(scene, engine.name, progress) if progress else None
@@ -141,14 +143,16 @@ def simulate(
         with spread.running(runner, executor, scene.run.realizations, workers) as pool:
             # A run without noise may have several motions, distinguished by the samples of their
             # starts.
-            several, ready = several_starts(scene), prepared(scene)
+            several, prepared_scene = several_starts(scene), prepared(scene)
             strobe = stroboscope or several
             together = spread.copies_that_pay(scene, engine, pool)
             calls = spread.calls_of(scene, engine, together, stretch, joint_density, strobe)
             outcomes = spread.outcomes(pool, calls, time_limit, follow, keep_going or several)
             failures = {k: o for k, o in enumerate(outcomes) if isinstance(o, SimulationError)}
             # To leave the range of the spring is an outcome of a start, not a failure.
-            lost = {k: o for k, o in failures.items() if several and leaves_range(ready, o)}
+            lost = {
+                k: o for k, o in failures.items() if several and leaves_range(prepared_scene, o)
+            }
             failures = {k: o for k, o in failures.items() if k not in lost}
             if failures and not keep_going:
                 raise next(iter(failures.values()))
@@ -159,24 +163,12 @@ def simulate(
     except SimulationError as error:
         error.partial = outcome.partial_result(scene, engine, error)
         raise
-    found = outcome.result_of(scene, engine, [*good.values()], failures, motions=motions)
-    return outcome.checked(found if stroboscope else replace(found, stroboscope=None))
-
-
-def _averaged(scene: Scene, method: Stationary) -> Result:
-    """The scene by a closure, which needs no realizations."""
-    from harvester.averaging.of_scene import average
-
-    return average(scene, method=method)
+    result = outcome.result_of(scene, engine, [*good.values()], failures, motions=motions)
+    return outcome.checked(result if stroboscope else replace(result, stroboscope=None))
 
 
 def require_paths(scene: Scene, command: str) -> None:
-    """Refuse excitations without as many independent paths as a command may ask for.
-
-    Raises
-    ------
-    HarvesterError
-    """
+    """Refuse excitations without as many independent paths as a command may ask for."""
     if not scene.excitation.endless:
         raise HarvesterError(
             f'{scene.name}: excitation.kind = "{scene.excitation.kind}": {command} needs an '
@@ -186,12 +178,7 @@ def require_paths(scene: Scene, command: str) -> None:
 
 
 def require_noise(scene: Scene, command: str) -> None:
-    """Refuse kinds of excitation that a command cannot vary or repeat.
-
-    Raises
-    ------
-    HarvesterError
-    """
+    """Refuse kinds of excitation that a command cannot vary or repeat."""
     from harvester.excitation.ornstein_uhlenbeck import OrnsteinUhlenbeck
 
     if not isinstance(scene.excitation, OrnsteinUhlenbeck):

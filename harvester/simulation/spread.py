@@ -18,7 +18,7 @@ from harvester.prepared.steps import stop_time
 from harvester.scene.model import Scene
 from harvester.simulation import side_by_side
 from harvester.simulation.methods import Circuit, Engine, MonteCarlo
-from harvester.simulation.realization import Realization, Stretch, run
+from harvester.simulation.realization import Realization, WaveformWindow, run
 from harvester.workers.pools import Workers, processes
 
 if TYPE_CHECKING:
@@ -42,8 +42,7 @@ def running(
 
 
 def copies_that_pay(scene: Scene, engine: Engine, pool: Workers) -> int:
-    """Number of realizations in one call of an engine: its option `copies`, else the fastest
-    number."""
+    """Realizations in one call of an engine: its option `copies`, else the fastest number."""
     count = distinct_realizations(prepared(scene))
     if isinstance(engine, MonteCarlo):
         workers = getattr(pool, "size", math.inf)
@@ -55,8 +54,8 @@ def copies_that_pay(scene: Scene, engine: Engine, pool: Workers) -> int:
     shared = engine.step, engine.source, engine.tolerance
     if count == 1 or not side_by_side.share_steps(prepared(scene), *shared):
         return 1
-    (used,) = pool.map(_device_used, [{"ready": prepared(scene), "device": engine.device}])
-    return side_by_side.copies(count, used)
+    (device,) = pool.map(_device_used, [{"ready": prepared(scene), "device": engine.device}])
+    return side_by_side.copies(count, device)
 
 
 def _device_used(ready, device, report):
@@ -70,7 +69,7 @@ def calls_of(
     scene: Scene,
     engine: Engine,
     copies: int,
-    stretch: Stretch | None,
+    stretch: WaveformWindow | None,
     joint_density: bool,
     stroboscope: bool = False,
 ) -> list[dict[str, Any]]:
@@ -90,13 +89,12 @@ def calls_of(
     ]
 
 
-def stretch_of(scene: Scene, window: Sequence[float] | str | None, nodes: Sequence[str]) -> Stretch:
+def stretch_of(
+    scene: Scene, window: Sequence[float] | str | None, nodes: Sequence[str]
+) -> WaveformWindow:
     """The part of the first realization that is kept as the result's waveform.
 
-    Raises
-    ------
-    HarvesterError
-        A window without a length; a node that the load does not have.
+    Raises HarvesterError for a window without a length or a node that the load does not have.
     """
     nodes = listed(nodes, "nodes", 'nodes=["vc", "v(a,b)", "i(l1)"]')
     if nodes and scene.load.is_resistor:
@@ -115,13 +113,13 @@ def stretch_of(scene: Scene, window: Sequence[float] | str | None, nodes: Sequen
             raise HarvesterError(f"window = {shown(window)}: must be two times in s") from None
         if not 0.0 <= start < stop:
             raise HarvesterError(f"--window {start:g}:{stop:g}: must be 0 ≤ START < END, in s")
-        return Stretch(start, stop, probes=probes)
-    ready = prepared(scene)
-    start, stop = scene.run.settle, stop_time(ready)
-    rate = timescales.angular_frequency(ready.system)
+        return WaveformWindow(start, stop, probes=probes)
+    prepared_scene = prepared(scene)
+    start, stop = scene.run.settle, stop_time(prepared_scene)
+    rate = timescales.angular_frequency(prepared_scene.system)
     if rate > 0.0:
         stop = min(stop, start + SHOWN_PERIODS * 2.0 * math.pi / rate)
-    return Stretch(start, stop, MOST_POINTS, probes)
+    return WaveformWindow(start, stop, MOST_POINTS, probes)
 
 
 def outcomes(
@@ -133,28 +131,24 @@ def outcomes(
 ) -> list[Realization | SimulationError]:
     """A Realization or the SimulationError in its place, for every realization in order.
 
-    Realizations that failed together are tried again one by one.
-
-    Raises
-    ------
-    SimulationError
-        One failed and nothing keeps going, or all failed.
+    Realizations that failed together are tried again one by one. Raises SimulationError if one
+    failed and nothing keeps going, or if all failed.
     """
     most = max(len(call["indices"]) for call in calls)
-    found: dict[int, Realization | SimulationError] = {}
+    by_number: dict[int, Realization | SimulationError] = {}
     together = pool.map(run, calls, most * time_limit, follow, keep_going)
     for call, outcome in zip(calls, together, strict=True):
         if isinstance(outcome, SimulationError):
             outcome = [outcome] * len(call["indices"])
-        found.update(zip(call["indices"], outcome, strict=True))
+        by_number.update(zip(call["indices"], outcome, strict=True))
     if most > 1:
-        again = [k for k, outcome in found.items() if isinstance(outcome, SimulationError)]
+        again = [k for k, outcome in by_number.items() if isinstance(outcome, SimulationError)]
         # The first realization has the waveform, whether it ran with others or alone.
         single = [{**calls[0], "indices": [k]} | ({"stretch": None} if k else {}) for k in again]
         alone = pool.map(run, single, time_limit, None, keep_going)
         for index, outcome in zip(again, alone, strict=True):
-            found[index] = outcome if isinstance(outcome, SimulationError) else outcome[0]
-    in_order = [found[index] for index in sorted(found)]
+            by_number[index] = outcome if isinstance(outcome, SimulationError) else outcome[0]
+    in_order = [by_number[index] for index in sorted(by_number)]
     failed = [outcome for outcome in in_order if isinstance(outcome, SimulationError)]
     if len(failed) == len(in_order):
         raise failed[0]
@@ -173,6 +167,6 @@ class Follower:
 
     def __call__(self, index: int, moments: list) -> None:
         """Update the progress from one call's latest moments."""
-        self._reached[index] = sum(each.time_reached for each in moments)
+        self._reached[index] = sum(realization.time_reached for realization in moments)
         share = sum(self._reached.values()) / self._total
         self._progress(min(max(share, 0.0), 1.0), self._method)

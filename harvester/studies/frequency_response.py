@@ -36,7 +36,7 @@ from harvester.show.numbers import quantity
 from harvester.show.palette import CIRCUIT, MONTE_CARLO
 from harvester.show.panels import Panel, Series, draw_panels, is_wide
 from harvester.simulation.methods import engine_of
-from harvester.simulation.realization import Waveform
+from harvester.simulation.realization import WaveformObserver as Waveform
 from harvester.simulation.simulate import check_name
 
 if TYPE_CHECKING:

@@ -40,33 +40,33 @@ main()
 
 def command(folders: Sequence[str | Path] = ()) -> list[str]:
     """The worker's command line; `folders`: to import from, after all others."""
-    own = str(Path(__file__).parents[2])
-    here = _working_folder()
-    callers = [entry for entry in sys.path if os.path.isabs(entry) and entry != here]
-    settings = json.dumps([own, [str(folder) for folder in folders], callers])
+    packages = str(Path(__file__).parents[2])
+    working_folder = _working_folder()
+    callers = [entry for entry in sys.path if os.path.isabs(entry) and entry != working_folder]
+    settings = json.dumps([packages, [str(folder) for folder in folders], callers])
     return [sys.executable, "-E", "-P", "-c", _START, settings]
 
 
 def environment() -> dict[str, str]:
     """The worker's environment variables."""
-    kept = dict(FIXED)
+    variables = dict(FIXED)
     for name, value in os.environ.items():
         if name in SEARCHED:
-            places = [place for place in value.split(os.pathsep) if os.path.isabs(place)]
+            places = [folder for folder in value.split(os.pathsep) if os.path.isabs(folder)]
             value = os.pathsep.join(places)
         elif name in FOLDERS:
             value = value if os.path.isabs(value) else ""
         elif name not in WINDOWS + WORDS and not name.startswith(PREFIXES):
             continue
         if value:
-            kept[name] = value
+            variables[name] = value
     library = os.environ.get("NGSPICE_LIBRARY_PATH")
     if library:
         # A bare name is left to the linker; it is no file of the working folder.
-        kept["NGSPICE_LIBRARY_PATH"] = (
+        variables["NGSPICE_LIBRARY_PATH"] = (
             os.path.abspath(library) if os.path.dirname(library) else library
         )
-    return kept
+    return variables
 
 
 def _working_folder():

@@ -9,15 +9,20 @@ import os
 import queue
 import threading
 from collections.abc import Callable, Iterator, Sequence
-from concurrent.futures import FIRST_EXCEPTION, CancelledError, ThreadPoolExecutor, wait
+from concurrent.futures import (
+    FIRST_EXCEPTION,
+    CancelledError,
+    Executor,
+    Future,
+    ThreadPoolExecutor,
+    wait,
+)
+from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Protocol
+from typing import Any, Protocol
 
 from harvester.errors import HarvesterError, SimulationError, SimulatorCrashed, SimulatorTimeout
 from harvester.workers.process import Worker
-
-if TYPE_CHECKING:
-    from concurrent.futures import Executor, Future
 
 # Time between two checks for other events, in seconds.
 LOOK_AROUND = 0.5
@@ -45,14 +50,9 @@ class WorkerPool:
     calls : int
         Most calls at a time that will be asked for.
     workers : int or None
-        Processes; None: one per core.
+        Processes; None: one per core. `size` is how many calls are made at a time.
     folders : sequence of str or Path
         See `Worker`.
-
-    Attributes
-    ----------
-    size : int
-        Calls that are made at a time.
     """
 
     def __init__(
@@ -84,30 +84,23 @@ class WorkerPool:
 
         Parameters
         ----------
-        function : callable
-            See `Worker.call`.
+        function, time_limit
+            As in `Worker.call`.
         calls : sequence of dict
             Arguments by name.
-        time_limit : float or None
-            Wall-clock seconds of each call.
         on_progress : callable or None
             Given (index, report).
         keep_going : bool
-            Make a call whose process crashed or ran out of time once more, and let a
-            SimulationError that stays stand in the place of its result. Without it the first
-            error ends the other calls and is raised, as any other error and an interrupt do;
-            the pool can be used again.
-
-        Returns
-        -------
-        list
-            Results, or SimulationError where a call failed.
+            Make a call whose process crashed or ran out of time once more, and return a
+            SimulationError that stays instead of its result. Without it the first error ends the
+            other calls and is raised, as any other error and an interrupt do; the pool can be used
+            again.
         """
         call = call_twice if keep_going else Worker.call
-        futures = [
-            self._begin(call, function, arguments, time_limit, _of_one(on_progress, index))
-            for index, arguments in enumerate(calls)
-        ]
+        futures = []
+        for index, arguments in enumerate(calls):
+            report = partial(on_progress, index) if on_progress else None
+            futures.append(self._begin(call, function, arguments, time_limit, report))
         try:
             return gather(futures)
         except BaseException:
@@ -158,8 +151,8 @@ class WorkerPool:
 class ExecutorPool:
     """A pool over any `concurrent.futures.Executor`: a process pool, Dask's, mpi4py's.
 
-    Each of the executor's processes keeps one worker process of its own, so that a crash or a
-    hang of the simulator never reaches the executor. There is no progress.
+    Each of its processes keeps a worker process of its own, so that a crash or a hang of the
+    simulator never reaches the executor. There is no progress.
     """
 
     # The executor queues tasks by itself.
@@ -217,13 +210,8 @@ def processes(
     elif executor is not None:
         yield ExecutorPool(executor)
     else:
-        with WorkerPool(calls, workers) as own:
-            yield own
-
-
-def _of_one(on_progress, index):
-    """The progress callback for one of several calls, or None."""
-    return (lambda content: on_progress(index, content)) if on_progress else None
+        with WorkerPool(calls, workers) as pool:
+            yield pool
 
 
 def lost(error: BaseException) -> HarvesterError:

@@ -27,10 +27,7 @@ LAST_LINES = 3
 class Worker:
     """One process of `harvester.workers.worker`, started at its first call, again after a crash.
 
-    Parameters
-    ----------
-    folders : sequence of str or Path
-        Folders that the process imports from, after all others.
+    The process imports from `folders` after all others.
     """
 
     def __init__(self, folders: Sequence[str | Path] = ()) -> None:
@@ -84,7 +81,9 @@ class Worker:
         except (BrokenPipeError, ValueError):
             raise self._crashed(process, latest) from None
         while True:
-            timeout = None if compiling else _waiting_time(deadline + compiled)
+            # The deadline may be infinite; the system can wait for at most TIMEOUT_MAX.
+            left = max(deadline + compiled - time.monotonic(), 0.0)
+            timeout = None if compiling else min(left, threading.TIMEOUT_MAX)
             try:
                 kind, content = answers.get(timeout=timeout)
             except queue.Empty:
@@ -192,11 +191,6 @@ class Worker:
         self._errors.seek(0)
         lines = self._errors.read().decode(errors="replace").splitlines()
         return "; ".join(line.strip() for line in lines[-LAST_LINES:] if line.strip())
-
-
-def _waiting_time(deadline):
-    """Seconds until a deadline (may be infinite), at most what the system can wait for."""
-    return min(max(deadline - time.monotonic(), 0.0), threading.TIMEOUT_MAX)
 
 
 def _cause(error):

@@ -72,21 +72,19 @@ def main() -> None:
 
 
 def _read_calls(calls):
-    """Pass calls on; leave at once when the parent is gone, whatever runs."""
+    """Pass calls on; when the parent is gone, end at once, whatever runs.
+
+    The process takes its own empty folder along: nobody else is left to.
+    """
     stream = sys.stdin.buffer
     while True:
         try:
             calls.put(pickle.load(stream))
         except EOFError:
-            _leave()
+            with contextlib.suppress(OSError):
+                os.rmdir(os.getcwd())
+            os._exit(0)
         except BaseException as error:
             # If a call cannot be read, the process ends: the caller would wait for ever.
             print(f"{type(error).__name__}: {error}", file=sys.stderr, flush=True)
             os._exit(72)
-
-
-def _leave():
-    """End at once, and take the process's own empty folder along: nobody else is left to."""
-    with contextlib.suppress(OSError):
-        os.rmdir(os.getcwd())
-    os._exit(0)

@@ -277,8 +277,8 @@ FAULTS = [
     Fault(
         "moments: a jump counts as one the other way",
         JUMPS,
-        "counts[batch, well, here] += 1.0",
-        "counts[batch, here, well] += 1.0",
+        "counts[batch, well, nearest] += 1.0",
+        "counts[batch, nearest, well] += 1.0",
         ("harvester/record/test_jumps.py",),
     ),
     Fault(
@@ -431,8 +431,8 @@ FAULTS = [
     Fault(
         "measures: half of what is stored is harvested",
         "harvester/estimates/output_side.py",
-        "_without(used + stored, given)",
-        "_without(used + 0.5 * stored, given)",
+        "_without(consumed + stored, delivered)",
+        "_without(consumed + 0.5 * stored, delivered)",
         ("harvester/record/test_output_side.py", "circuits/loads/test_supplies.py"),
     ),
     Fault(
@@ -459,8 +459,8 @@ FAULTS = [
     Fault(
         "kill and resume: a damaged answer is believed",
         "harvester/running/codec.py",
-        "if found != digest_of(arrays):",
-        "if not found:",
+        "if digest != digest_of(arrays):",
+        "if not digest:",
         NO_ANSWER,
     ),
     Fault(
@@ -473,8 +473,8 @@ FAULTS = [
     Fault(
         "kill and resume: what ended by a limit is kept as an answer",
         "harvester/running/store.py",
-        "final = is_final(answer)",
-        "final = is_final(answer) or True",
+        "final = not is_error or",
+        "final = True or",
         (f"{OF_STORE}::test_what_another_run_may_end_otherwise_is_not_kept",),
     ),
     Fault(
@@ -501,8 +501,8 @@ FAULTS = [
     Fault(
         "error bars: that within the wells falls with the number of groups",
         WELL_BALANCE,
-        "own = within.std(axis=0, ddof=1) / math.sqrt(count)",
-        "own = within.std(axis=0, ddof=1) / count",
+        "within_errors = within.std(axis=0, ddof=1) / math.sqrt(count)",
+        "within_errors = within.std(axis=0, ddof=1) / count",
         OF_WELL_BALANCE,
     ),
     Fault(
@@ -522,15 +522,15 @@ FAULTS = [
     Fault(
         "error bars: a density's falls with the number of groups",
         "harvester/estimates/densities.py",
-        "each.std(axis=0, ddof=1) / math.sqrt(len(groups))",
-        "each.std(axis=0, ddof=1) / len(groups)",
+        "deviations.std(axis=0, ddof=1) / math.sqrt(len(groups))",
+        "deviations.std(axis=0, ddof=1) / len(groups)",
         OF_DENSITIES,
     ),
     Fault(
         "error bars: a joint density's falls with the number of groups",
         "harvester/estimates/joint_density.py",
-        "each.std(axis=0, ddof=1) / math.sqrt(len(counts))",
-        "each.std(axis=0, ddof=1) / len(counts)",
+        "densities.std(axis=0, ddof=1) / math.sqrt(len(counts))",
+        "densities.std(axis=0, ddof=1) / len(counts)",
         OF_DENSITIES,
     ),
     Fault(

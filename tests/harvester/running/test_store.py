@@ -32,7 +32,7 @@ from harvester.running.codec import (
     unpacked,
 )
 from harvester.running.realizations import Realizations, averaging
-from harvester.running.store import MISSING, Store
+from harvester.running.store import MISSING, AnswerStore
 from harvester.running.task import Task, compute
 from harvester.scene.model import Scene
 from harvester.simulation.methods import Circuit, MonteCarlo, engine_of
@@ -63,8 +63,8 @@ def path_of(task, folder):
 
 
 def test_an_answer_read_back_gives_the_same_numbers(bridge, task, answer, tmp_path):
-    Store(tmp_path).put(task, answer)
-    read = Store(tmp_path).get(task)
+    AnswerStore(tmp_path).put(task, answer)
+    read = AnswerStore(tmp_path).get(task)
     parameters = prepared(bridge).system
 
     def values(some):
@@ -213,11 +213,11 @@ FOREIGN = {
 
 @pytest.mark.parametrize("kind", FOREIGN)
 def test_what_is_no_answer_is_named_and_written_again(task, answer, tmp_path, kind):
-    Store(tmp_path).put(task, answer)
-    assert Store(tmp_path).get(task) is not MISSING
+    AnswerStore(tmp_path).put(task, answer)
+    assert AnswerStore(tmp_path).get(task) is not MISSING
     path, spoor = path_of(task, tmp_path), tmp_path / "spoor"
     path.write_bytes(FOREIGN[kind](path.read_bytes(), spoor))
-    store = Store(tmp_path)
+    store = AnswerStore(tmp_path)
     assert store.get(task) is MISSING
     assert store.get(task) is MISSING
     (line,) = store.refused.values()
@@ -227,7 +227,7 @@ def test_what_is_no_answer_is_named_and_written_again(task, answer, tmp_path, ki
     assert not spoor.exists()
     store.put(task, answer)
     assert store.get(task) is not MISSING
-    assert Store(tmp_path).get(task) is not MISSING
+    assert AnswerStore(tmp_path).get(task) is not MISSING
 
 
 def make_socket(path):
@@ -254,7 +254,7 @@ def test_what_is_no_file_is_left_there_and_the_answer_not_kept(task, answer, tmp
     before = somebodys.read_bytes()
     make(path)
     kind = os.lstat(path).st_mode
-    store = Store(tmp_path)
+    store = AnswerStore(tmp_path)
     assert store.get(task) is MISSING
     store.put(task, answer)
     assert store.get(task) is answer
@@ -284,18 +284,18 @@ def fail(report, error):
 def test_what_another_run_may_end_otherwise_is_not_kept(tmp_path, error, kept):
     found, _ = compute(fail, {"error": error}, None)
     assert isinstance(found, SimulationError | AveragingError)
-    store, task = Store(tmp_path), Task(fail, {})
+    store, task = AnswerStore(tmp_path), Task(fail, {})
     store.put(task, found)
     assert store.get(task) is not MISSING
     assert store.passing == (not kept)
-    again = Store(tmp_path).get(task)
+    again = AnswerStore(tmp_path).get(task)
     assert (again is not MISSING) == kept
     if kept:
         assert (type(again), str(again)) == (type(error), str(error))
 
 
 def test_an_answer_too_large_is_not_kept_and_that_is_said(tmp_path):
-    store, task = Store(tmp_path), Task(fail, {})
+    store, task = AnswerStore(tmp_path), Task(fail, {})
     store.put(task, np.zeros(MOST_BYTES // 8))
     assert store.get(task) is not MISSING
     assert "not kept" in store.refused[task.key]
