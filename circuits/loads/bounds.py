@@ -44,10 +44,8 @@ def bounds(tree: Tree, low: np.ndarray, high: np.ndarray) -> Pair:
             return low, high
         if kind == "call":
             return _lines(parts) if here[1] == "pwl" else parts[0]
-        bounds = _RULES[kind](*parts)
-        return tuple(
-            np.where(np.isnan(b), end, b) for b, end in zip(bounds, (-np.inf, np.inf), strict=True)
-        )
+        least, most = _RULES[kind](*parts)
+        return np.where(np.isnan(least), -np.inf, least), np.where(np.isnan(most), np.inf, most)
 
     with np.errstate(all="ignore"):
         return rebuilt(tree, made)
