@@ -6,6 +6,14 @@ contact has just changed them, Alexander's SDIRK, of the same order and with the
 the step, as it needs none. After a switch one very short step of backward Euler is taken: a
 capacitor may then discharge at once through a diode. A second stage would continue this discharge
 by 1.4 times as much, and the diode would not let the excess flow back.
+
+    t             t + γh          t + h        γ = 2 − √2
+    ├─ trapezoidal ─┤               │          first stage
+    ├───────────── BDF2 ────────────┤          second stage; both have one matrix
+
+`_find_step` shortens h for four reasons, in this order: Newton's iterations diverge, the estimated
+error is too large, a contact begins or ends within the step, a switch or a source jumps within it.
+A step that passes all four is accepted (`_accept`), and its points go into the record.
 """
 
 from __future__ import annotations

@@ -3,6 +3,16 @@
 Runs in a worker process of its own (`harvester.workers.process`), because some mistakes make
 ngspice abort or hang. PySpice loads the library and sends the commands; its callbacks are replaced
 by the compiled ones of `circuits.ngspice.callbacks`.
+
+    Session.run          ngspice                   compiled callbacks
+    ───────────          ───────                   ──────────────────
+    _begin, _load   →    a transient begins
+                         next time point      ←    _set_step: length of the step
+                         value of the source  ←    get_noise: linear between samples
+                         accepts the point    →    send_data: one row of the buffer
+    _flush          ←─────────────────────────────  buffer full: rows → record → observers
+    _move_window    ←─────────────────────────────  samples used up: the next ones
+    _watch, each second: chatter, no progress
 """
 
 from __future__ import annotations

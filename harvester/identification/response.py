@@ -1,4 +1,12 @@
-"""Simulated sensor signals of a device with given values, window by window."""
+"""Simulated sensor signals of a device with given values, window by window.
+
+    values ─→ device ─┐
+    measured base acceleration ─→ integrator ─→ x, x', v at the samples ─→ sensors ─→ signals
+                      └── states at the window's start
+
+`Responses.device` builds the device, `states` integrates it, and `_outputs` applies the delay,
+filters, gain and offset of each sensor.
+"""
 
 from __future__ import annotations
 
