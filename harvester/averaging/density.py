@@ -62,18 +62,18 @@ class Layer:
     def at(self, x: ArrayLike, v: ArrayLike) -> np.ndarray:
         """Value at (x, v), arrays that broadcast, with x on the edge's own side."""
         x, v = np.broadcast_arrays(x, v)
-        found, order = np.zeros(x.shape), np.argsort(x, axis=None)
+        values, order = np.zeros(x.shape), np.argsort(x, axis=None)
         for same in np.split(order, 1 + np.flatnonzero(np.diff(x.flat[order]))):
             if same.size:
                 kinetic = self._kinetic(x.flat[same[0]])
-                found.flat[same] = self._values(kinetic, 0.5 * v.flat[same] ** 2)
-        return found
+                values.flat[same] = self._values(kinetic, 0.5 * v.flat[same] ** 2)
+        return values
 
     def over_velocity(self, x: np.ndarray) -> np.ndarray:
         """Integral over all velocities at each x."""
         totals = np.zeros(x.shape)
-        for k, place in np.ndenumerate(x):
-            kinetic = self._kinetic(place)
+        for k, displacement in np.ndenumerate(x):
+            kinetic = self._kinetic(displacement)
             speeds = np.append(0.0, np.sqrt(2.0 * np.maximum(kinetic, 0.0)))
             v, weights = _quadrature(speeds)
             totals[k] = 2.0 * weights @ self._values(kinetic, 0.5 * v * v)

@@ -86,8 +86,8 @@ def average(
     from harvester.scene.units import require_resistor
 
     if isinstance(method, Method):
-        given = {"tolerance": tolerance, "fit": fit, "jump_rates": jump_rates}
-        chosen = _closure_alone(method).beside_options(given, {"fit": False, "jump_rates": False})
+        options = {"tolerance": tolerance, "fit": fit, "jump_rates": jump_rates}
+        chosen = _closure_alone(method).beside_options(options, {"fit": False, "jump_rates": False})
         method, tolerance = chosen.closure, chosen.tolerance
         fit, jump_rates = chosen.fit, chosen.jump_rates
     require_resistor(scene, "stochastic averaging")
@@ -184,8 +184,8 @@ def averages_of(
         return average_parameters(averaged_device(scene), closure, tolerance, memory)
     require_resistor(scene, closure)
     _refuse_range(scene)
-    found: Averages = chosen.average(prepared(scene), tolerance or chosen.tolerance)
-    return found
+    averages: Averages = chosen.average(prepared(scene), tolerance or chosen.tolerance)
+    return averages
 
 
 def averaged_device(scene: Scene) -> System:
@@ -252,10 +252,10 @@ def _fitted(scene):
         )
     ready = prepared(scene)
     parameters, scales = ready.system, ready.scales
-    found = fit_spectrum(
+    spectrum_fit = fit_spectrum(
         scene.excitation, timescales.angular_frequency(parameters) / (2.0 * math.pi)
     )
-    noise = OrnsteinUhlenbeck(found.intensity, found.correlation_time)
+    noise = OrnsteinUhlenbeck(spectrum_fit.intensity, spectrum_fit.correlation_time)
     # Results keep the scene's unit of length.
     length = scales.displacement if scene.units == "SI" else None
-    return found, replace(scene, excitation=noise, length_scale=length)
+    return spectrum_fit, replace(scene, excitation=noise, length_scale=length)

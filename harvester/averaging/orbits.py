@@ -46,8 +46,8 @@ OUTER_EXPONENT = 45.0
 
 def stiffnesses(system: System) -> tuple[float, float]:
     """(−ω0², κ) of a symmetric spring of first and third power."""
-    found: Any = system.spring.odd_cubic
-    return found
+    coefficients: Any = system.spring.odd_cubic
+    return coefficients
 
 
 @dataclass(frozen=True)
@@ -92,16 +92,16 @@ class Edge:
 
     def bottom(self, added: np.ndarray) -> np.ndarray:
         """Position of the minimum at X ≥ 0."""
-        rest = np.full_like(added, timescales.rest(self.system))
-        if self.anchor == rest[0]:
-            return rest
-        laws = [(each.law, each.gap) for each in self.system.contacts]
+        rest_position = np.full_like(added, timescales.rest(self.system))
+        if self.anchor == rest_position[0]:
+            return rest_position
+        laws = [(stop.law, stop.gap) for stop in self.system.contacts]
 
         def curvature(x):
             contact = sum(law.elastic_stiffness(np.maximum(x - gap, 0.0)) for law, gap in laws)
             return self.system.spring.slope(x) + added + contact
 
-        return _root_of_convex(lambda x: self.slope(x, added), curvature, rest)
+        return _root_of_convex(lambda x: self.slope(x, added), curvature, rest_position)
 
     def well_end(self, added: np.ndarray) -> np.ndarray:
         """The inner end of a well: its saddle; without one, where the restoring force is weakest.
@@ -197,18 +197,18 @@ class Orbits:
     def enclosed(self) -> dict[str, np.ndarray]:
         """∬ 1, X, X² and X'² dX dX' over what each orbit encloses."""
         values = {"1": 1.0, "X": self.x, "X²": self.x**2, "X'²": self.speed**2 / 3.0}
-        return {name: self.loop(each) for name, each in values.items()}
+        return {name: self.loop(integrand) for name, integrand in values.items()}
 
     @property
     def contact_work(self) -> np.ndarray:
         """∫(contact damping) X'² dt (Eq. 24); where v0 is held, it is the orbit's speed there."""
         system, damping = self.edge.system, 0.0
-        for each in system.contacts:
-            kinetic = self._excess - self.edge.rise(self.left, each.gap, self.added)
+        for stop in system.contacts:
+            kinetic = self._excess - self.edge.rise(self.left, stop.gap, self.added)
             held = np.sqrt(2.0 * np.maximum(kinetic, 0.0))[:, None]
-            gain = springs.energy(system.spring, self.x) - springs.energy(system.spring, each.gap)
-            depth = np.maximum(self.x - each.gap, 0.0)
-            damping = damping + each.law.damping(depth, self.speed, gain, held)
+            gain = springs.energy(system.spring, self.x) - springs.energy(system.spring, stop.gap)
+            depth = np.maximum(self.x - stop.gap, 0.0)
+            damping = damping + stop.law.damping(depth, self.speed, gain, held)
         return self.loop(damping)
 
     @property
@@ -255,13 +255,13 @@ def settled_orbits(edge: Edge, level: np.ndarray, nodes: int) -> Orbits:
     if coupling > 0.0:
         limits = {"xatol": 1e-15 * coupling, "fatol": 1e-13 * coupling, "xrtol": 0.0}
         bracket = added, np.full_like(level, coupling)
-        found = find_root(mismatch, bracket, args=(level,), tolerances=limits)
-        if not found.success.all():
+        solution = find_root(mismatch, bracket, args=(level,), tolerances=limits)
+        if not solution.success.all():
             raise AveragingError(
                 "the iteration for the orbits' frequency ω and added stiffness N2 did not "
                 "converge; change coupling or load, or use the closure fokker_planck"
             )
-        added = found.x
+        added = solution.x
     return Orbits(edge, level, added, nodes)
 
 
@@ -359,12 +359,12 @@ def _quarter_turn(nodes):
 
 def _root_of_convex(function: Callable, derivative: Callable, x: np.ndarray) -> np.ndarray:
     """Root of a function that is convex and rising from there to x, by Newton's method."""
-    found = np.zeros(x.shape, dtype=bool)
+    converged = np.zeros(x.shape, dtype=bool)
     for _ in range(100):
         change = function(x) / derivative(x)
         # The iteration comes from beyond the root, so that every change but rounding is positive.
-        found |= change <= 1e-15 * np.abs(x)
-        if found.all():
+        converged |= change <= 1e-15 * np.abs(x)
+        if converged.all():
             break
-        x = np.where(found, x, x - change)
+        x = np.where(converged, x, x - change)
     return x

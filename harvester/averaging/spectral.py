@@ -144,9 +144,9 @@ def _covariance(matrix, share, excitation, unit, nodes):
     response = np.linalg.solve(left, drive[:, None])[:, :, 0]
     if share:
         response[:, 2] += share
-    whole = np.zeros((3, 3))
-    whole[:size, :size] = np.einsum("n,ni,nj->ij", weights, response, response.conj()).real
-    return whole
+    covariance = np.zeros((3, 3))
+    covariance[:size, :size] = np.einsum("n,ni,nj->ij", weights, response, response.conj()).real
+    return covariance
 
 
 def _quadrature(matrix, corners, nodes):
@@ -174,15 +174,15 @@ def _means(system, covariance):
     displaced = -float(system.spring.force(0.0)) / float(system.spring.slope(0.0))
     power = _quadratic(part.load_power, covariance)
     loss = system.damper.damping * velocity
-    own = _quadratic(lambda v, e: part.loss(v, e, part.current(v, e)), covariance)
+    transducer_loss = _quadratic(lambda v, e: part.loss(v, e, part.current(v, e)), covariance)
     return {
         "mean_square_voltage": _quadratic(lambda v, e: part.voltage(v, e) ** 2, covariance),
         "mean_power": power,
         "mechanical_loss": loss,
-        "power_conversion_efficiency": power / (power + loss + own),
+        "power_conversion_efficiency": power / (power + loss + transducer_loss),
         "mean_square_velocity": float(velocity),
         "mean_square_displacement": float(covariance[0, 0]) + displaced**2,
-        "mean_transducer_loss": own,
+        "mean_transducer_loss": transducer_loss,
     }
 
 
@@ -217,10 +217,10 @@ class GaussianDensity:
 
     def tabulated(self, name: str) -> tuple[np.ndarray, np.ndarray]:
         """A density as a table: (places, values)."""
-        place = self.names.index(name)
-        deviation = math.sqrt(self.covariance[place, place])
+        axis = self.names.index(name)
+        deviation = math.sqrt(self.covariance[axis, axis])
         spring = self.system.spring
-        mean = -float(spring.force(0.0)) / float(spring.slope(0.0)) if place == 0 else 0.0
+        mean = -float(spring.force(0.0)) / float(spring.slope(0.0)) if axis == 0 else 0.0
         relative = np.linspace(-DEVIATIONS, DEVIATIONS, PLACES)
         height = np.exp(-0.5 * relative**2) / (deviation * math.sqrt(2.0 * math.pi))
         return mean + deviation * relative, height

@@ -119,11 +119,11 @@ class GridDensity:
     def _either_side(self, spline, *places):
         """A density, of two wells alike half on either side; 0 beyond the nodes."""
         ends = [self.x, self.v] if len(places) == 2 else [spline.x]
-        places = np.broadcast_arrays(*(np.asarray(each, dtype=float) for each in places))
+        places = np.broadcast_arrays(*(np.asarray(axis, dtype=float) for axis in places))
         total = np.zeros(places[0].shape)
         for side in (1.0, -1.0)[: 1 + self.paired]:
-            there = [side * place for place in places]
-            inside = [(e[0] <= p) & (p <= e[-1]) for e, p in zip(ends, there, strict=True)]
+            mirrored = [side * coordinate for coordinate in places]
+            inside = [(e[0] <= p) & (p <= e[-1]) for e, p in zip(ends, mirrored, strict=True)]
             # Between steep nodes the interpolated density falls below zero.
-            total += np.where(np.all(inside, axis=0), np.maximum(spline(*there), 0.0), 0.0)
+            total += np.where(np.all(inside, axis=0), np.maximum(spline(*mirrored), 0.0), 0.0)
         return total / (1 + self.paired)

@@ -91,11 +91,11 @@ class Inverse:
         self.allowed = float(allowed)
         size = enough = np.inf
         while enough > self.allowed:
-            rest = left(state)
-            before, size = size, float(np.linalg.norm(rest))
+            residual = left(state)
+            before, size = size, float(np.linalg.norm(residual))
             enough = max(self.allowed, REDUCTION_IN_ONE_GO * size)
             # Outer nodes of Z have large weights and magnify rounding errors.
-            state = state + self(rest, enough, before)
+            state = state + self(residual, enough, before)
         return state
 
     def __call__(self, rest: np.ndarray, allowed: float, below: float = np.inf) -> np.ndarray:
@@ -106,18 +106,18 @@ class Inverse:
         AveragingError
             The iteration did not converge, or the norm of `rest` is not less than `below`.
         """
-        left, found = rest.ravel().astype(float), np.zeros(rest.size)
+        left, solution = rest.ravel().astype(float), np.zeros(rest.size)
         if np.linalg.norm(left) < below:
             if self._count:
-                self._take(left, found, slice(0, self._count))
+                self._take(left, solution, slice(0, self._count))
             for _ in range(MOST_SOUGHT):
                 size = np.linalg.norm(left)
                 if size <= allowed:
-                    return found.reshape(rest.shape)
-                kept = left.astype(KEPT).reshape(rest.shape)
-                if not np.isfinite(size) or not self.extend(self._near(kept)):
+                    return solution.reshape(rest.shape)
+                residual = left.astype(KEPT).reshape(rest.shape)
+                if not np.isfinite(size) or not self.extend(self._near(residual)):
                     break
-                self._take(left, found, slice(self._count - 1, self._count))
+                self._take(left, solution, slice(self._count - 1, self._count))
                 if np.linalg.norm(left) > POOR_DIRECTION_REST * size:
                     self._coarser = None
         raise AveragingError(
@@ -141,8 +141,8 @@ class Inverse:
         smooth = coarser._later(moved(rest, self._grid, coarser._grid, parity))
         smooth = coarser._balanced(smooth)
         enough = max(SUFFICIENT_REDUCTION * float(np.linalg.norm(smooth)), coarser.allowed)
-        found = coarser._cleared(coarser(smooth, enough))
-        return (rest + moved(found, coarser._grid, self._grid, parity)) / self._decayed
+        correction = coarser._cleared(coarser(smooth, enough))
+        return (rest + moved(correction, coarser._grid, self._grid, parity)) / self._decayed
 
     def extend(self, new: np.ndarray) -> bool:
         """Add a direction, orthogonalised; False if it depends on the earlier ones."""
@@ -155,7 +155,7 @@ class Inverse:
             self._count = 0
         n = self._count
         change = (self._decayed * new - self._later(new)).ravel()
-        whole = np.linalg.norm(change)
+        full_norm = np.linalg.norm(change)
         along = np.zeros(n, KEPT)
         for _ in range(2):  # the second pass removes the rounding error of the first
             part = self._changes[:n] @ change.astype(KEPT)
@@ -163,7 +163,7 @@ class Inverse:
             along += part
         new = new.ravel() - along @ self._directions[:n]
         size = np.linalg.norm(change)
-        if not size > SMALLEST_NEW_PART * whole:
+        if not size > SMALLEST_NEW_PART * full_norm:
             return False
         self._changes[n], self._directions[n] = change / size, new / size
         self._count = n + 1

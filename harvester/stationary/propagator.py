@@ -95,7 +95,7 @@ class Propagator:
         """A copy of this propagator in single precision."""
         other = copy(self)
         for name in ("_ends", "_whole", "_half"):
-            setattr(other, name, tuple(_single(each) for each in getattr(self, name)))
+            setattr(other, name, tuple(_single(array) for array in getattr(self, name)))
         return other
 
     def odd(self) -> Propagator:
@@ -194,9 +194,9 @@ def _noise(device, grid, share):
     push = np.sqrt(intensity * memory) * _strength(device, grid, memory)[:, None] * wave
     forgotten = -np.expm1(-passed)
     raising = _raising(-1j * push * forgotten, grid.modes)
-    kept = np.exp(-passed * np.arange(grid.modes))
+    memories = np.exp(-passed * np.arange(grid.modes))
     spread = np.exp(-(push**2) * (passed - forgotten))
-    mixing = spread[..., None, None] * (raising * kept) @ np.swapaxes(raising, -1, -2)
+    mixing = spread[..., None, None] * (raising * memories) @ np.swapaxes(raising, -1, -2)
     return np.ascontiguousarray(np.moveaxis(mixing, 1, -1))
 
 
@@ -222,7 +222,7 @@ def _strength(device, grid, memory):
     limit = FASTEST_PHASE / grid.step
     square = np.clip(square, -(limit**2), limit**2)
     cosine = np.real(np.cos(grid.step * np.sqrt(square.astype(complex))))
-    ratio, kept = grid.step / memory, np.exp(-grid.step / memory)
-    remembered = (1.0 - kept) ** 2 * (cosine - kept) / (1.0 - 2.0 * kept * cosine + kept**2)
-    train = ratio - 1.0 + kept + remembered
+    ratio, decay = grid.step / memory, np.exp(-grid.step / memory)
+    remembered = (1.0 - decay) ** 2 * (cosine - decay) / (1.0 - 2.0 * decay * cosine + decay**2)
+    train = ratio - 1.0 + decay + remembered
     return np.sqrt(ratio / (1.0 + square * memory**2) / train)

@@ -303,8 +303,8 @@ def _turning(device, start, side, energy):
 
 def _widths(nodes, density):
     """Standard deviations of normal densities as narrow as any peak, and as steep as any side."""
-    place = np.linspace(nodes[0], nodes[-1], 2000)
-    values = CubicSpline(nodes, density)(place)
+    x = np.linspace(nodes[0], nodes[-1], 2000)
+    values = CubicSpline(nodes, density)(x)
     inner = values[1:-1]
     peaks = (inner > values[:-2]) & (inner >= values[2:])
     peaks = 1 + np.flatnonzero(peaks & (inner >= SECOND_PEAK * values.max()))
@@ -315,7 +315,7 @@ def _widths(nodes, density):
         fallen = [values <= np.exp(-0.5 * deviations**2) * values[peak] for peak in peaks]
         left = [_first(low[peak::-1]) for peak, low in zip(peaks, fallen, strict=True)]
         right = [_first(low[peak:]) for peak, low in zip(peaks, fallen, strict=True)]
-        sides.append(np.array([left, right]) * (place[1] - place[0]))
+        sides.append(np.array([left, right]) * (x[1] - x[0]))
     narrow = sides[0].mean(axis=0).min()
     return narrow, min(narrow, sides[1].min() / 3.0)
 

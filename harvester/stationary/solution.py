@@ -107,8 +107,8 @@ class Solution:
                 "simulate"
             )
         self.coarser = coarser if coarser and coarser.region == region else None
-        known = self.coarser._inverse if self.coarser else None
-        self._inverse: Inverse = Inverse(grid, self._later, known, self._balanced, self._cleared)
+        coarse = self.coarser._inverse if self.coarser else None
+        self._inverse: Inverse = Inverse(grid, self._later, coarse, self._balanced, self._cleared)
         exact = Propagator(device, grid)
         self.propagator = exact.single()
         jumps, self._wells = np.inf, np.ones((1, grid.x.size))
@@ -136,7 +136,7 @@ class Solution:
         """Whether contacts at the rms speed are less deep than the nodes of X are apart."""
         energy = 0.5 * max(self.means["mean_square_velocity"], 0.0)
         apart = self.grid.x[1] - self.grid.x[0]
-        return any(each.law.greatest_depth(energy) < apart for each in self.task.device.contacts)
+        return any(stop.law.greatest_depth(energy) < apart for stop in self.task.device.contacts)
 
     def _settled(self, start, share, exact):
         """The stationary state, from one that is near it; a period changes so small a share."""

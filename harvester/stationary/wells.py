@@ -115,7 +115,7 @@ def _exponent(device, well):
     action = 2.0 * np.trapezoid(v, x)
     loss = 2.0 * np.trapezoid(lost / np.maximum(v, np.finfo(float).tiny), x)
     frequency = 2.0 * np.pi / np.gradient(action, energies)
-    rate = loss / action + [device.transducer.loss_rate(each) for each in frequency]
+    rate = loss / action + [device.transducer.loss_rate(omega) for omega in frequency]
     intensity, memory = device.noise
     return float(np.mean(rate * (1.0 + (frequency * memory) ** 2))) * height / intensity
 
@@ -125,9 +125,9 @@ def _ends(device, well, height):
     ends = []
     saddles = timescales.beside(device, well)
     for side in (-1.0, 1.0):
-        found = [x for x in saddles if side * (x - well) > 0.0]
-        end = found[0] if found else well + side * min(abs(x - well) for x in saddles)
-        while not found and potential(device, end) < potential(device, well) + height:
+        beyond = [x for x in saddles if side * (x - well) > 0.0]
+        end = beyond[0] if beyond else well + side * min(abs(x - well) for x in saddles)
+        while not beyond and potential(device, end) < potential(device, well) + height:
             end += 0.2 * (end - well)
         ends.append(end)
     return ends

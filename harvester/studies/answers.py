@@ -122,11 +122,11 @@ def on_common_knots(scenes: Sequence[Scene], of: Sequence[Scene] | None = None) 
     """
     if not hasattr(scenes[0].excitation, "knot_spacing"):
         return list(scenes)
-    spacing = min(knot_spacing(prepared(resolving(each))) for each in (of or scenes))
-    excitations: list[Any] = [each.excitation for each in scenes]
+    spacing = min(knot_spacing(prepared(resolving(scene))) for scene in (of or scenes))
+    excitations: list[Any] = [scene.excitation for scene in scenes]
     return [
-        replace(each, excitation=replace(excitation, knot_spacing=spacing))
-        for each, excitation in zip(scenes, excitations, strict=True)
+        replace(scene, excitation=replace(excitation, knot_spacing=spacing))
+        for scene, excitation in zip(scenes, excitations, strict=True)
     ]
 
 

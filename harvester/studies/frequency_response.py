@@ -239,10 +239,10 @@ class FrequencyResponse:
             (float(np.nanmax(self.values(self.power, s), initial=0.0)), s) for s in self.sweeps
         ]
         power, sweep = max(peaks, key=lambda each: each[0])
-        place = self.frequencies[int(np.nanargmax(getattr(sweep, self.power)))]
+        frequency = self.frequencies[int(np.nanargmax(getattr(sweep, self.power)))]
         words = self.power.removeprefix("mean_").replace("_", " ")
         return (
-            f"most {words}: {quantity(power, self.unit('power'))} at {place:.4g} Hz, sweep "
+            f"most {words}: {quantity(power, self.unit('power'))} at {frequency:.4g} Hz, sweep "
             f"{sweep.direction}, by {self.engine}"
         )
 
@@ -309,9 +309,9 @@ class _Outputs:
         self, time: np.ndarray, voltage: np.ndarray, values: np.ndarray, *others: object
     ) -> None:
         """Points of the voltage, and of what the load's file measures as output power."""
-        used = values[self._powers].sum(axis=0)
-        for each in self._windows:
-            each.add_output(voltage, used)
+        power = values[self._powers].sum(axis=0)
+        for window in self._windows:
+            window.add_output(voltage, power)
 
 
 def one_direction(
@@ -339,8 +339,8 @@ def one_direction(
     ready = prepared(scene)
     path = excitation.path(knot_spacing(ready), ready.excitation_unit, None)
     windows = []
-    for place, frequency in enumerate(excitation.frequencies):
-        end = (place + 1) * excitation.dwell
+    for number, frequency in enumerate(excitation.frequencies):
+        end = (number + 1) * excitation.dwell
         windows.append(Waveform(end - _measured(excitation, frequency) - 2.0 * path.spacing, end))
     load, output = scene.load.circuit, None
     if load and load.has_output:
@@ -352,9 +352,9 @@ def one_direction(
     outcome = chosen.run_realizations(ready, [path], [start_state(ready, 0)], observers, outputs)
     seconds = time.perf_counter() - clock
     rows = []
-    for place, (window, frequency) in enumerate(zip(windows, excitation.frequencies, strict=True)):
+    for number, (window, frequency) in enumerate(zip(windows, excitation.frequencies, strict=True)):
         record, ends = window.record(), (window.stop, _measured(excitation, frequency))
-        base = excitation.base_displacement(record.time, place) / ready.scales.displacement
+        base = excitation.base_displacement(record.time, number) / ready.scales.displacement
         at_output = (math.nan, math.nan)
         if output:
             at_output = _output_means(record.time, window.outputs(), *ends, output.conductance)
@@ -377,9 +377,9 @@ def rising_frequencies(frequencies: Any) -> np.ndarray:
     """
     wrong = HarvesterError("frequencies: must be one or more numbers > 0, in Hz")
     one = isinstance(frequencies, numbers.Real)
-    given = [frequencies] if one else listed(frequencies, "frequencies", "[10.0, 12.5]")
+    requested = [frequencies] if one else listed(frequencies, "frequencies", "[10.0, 12.5]")
     try:
-        rising = np.unique(np.array(given, dtype=float))
+        rising = np.unique(np.array(requested, dtype=float))
     except (TypeError, ValueError):
         raise wrong from None
     if rising.size == 0 or not (np.isfinite(rising).all() and rising[0] > 0.0):
@@ -410,12 +410,12 @@ def shown_of(scene: Scene, quantities: Sequence[str], per_g: bool) -> tuple[str,
         No such quantity, or per g in a scaled scene.
     """
     load = scene.load.circuit
-    own = AT_THE_OUTPUT if load and load.has_output else ()
-    known = [each for each in QUANTITIES if each in own or each not in AT_THE_OUTPUT]
+    extra = AT_THE_OUTPUT if load and load.has_output else ()
+    names = [name for name in QUANTITIES if name in extra or name not in AT_THE_OUTPUT]
     if per_g and scene.units != "SI":
         raise HarvesterError(f'{scene.name}: --per-g: a scene with units = "scaled" has no g')
-    given = listed(quantities, "quantities", 'quantities=["rms_voltage"]')
-    return tuple(check_name("quantity", each, known) for each in given) or (*USUAL, *own)
+    chosen = listed(quantities, "quantities", 'quantities=["rms_voltage"]')
+    return tuple(check_name("quantity", name, names) for name in chosen) or (*USUAL, *extra)
 
 
 def stepped(scene: Scene, frequencies: np.ndarray) -> Scene:
@@ -467,10 +467,10 @@ def _means(record, base, stop, measured):
 
 def _output_means(times, outputs, stop, measured, conductance):
     """Mean voltage and power of a load's output over the last whole periods."""
-    voltage, used = outputs
+    voltage, power_measured = outputs
     ends = (stop - measured, stop)
     mean = _integrals(times, voltage, ends) / measured
-    power = _integrals(times, conductance * voltage**2 + used, ends) / measured
+    power = _integrals(times, conductance * voltage**2 + power_measured, ends) / measured
     return float(mean[0]), float(power[0])
 
 
@@ -483,9 +483,9 @@ def _peak(times, values):
     """The greatest value, between points by a parabola through three of them."""
     times, first = np.unique(times, return_index=True)
     values = values[first]
-    place = int(np.clip(np.argmax(values), 1, values.size - 2))
-    near = slice(place - 1, place + 2)
-    a, b, c = np.polyfit(times[near] - times[place], values[near], 2)
+    peak = int(np.clip(np.argmax(values), 1, values.size - 2))
+    near = slice(peak - 1, peak + 2)
+    a, b, c = np.polyfit(times[near] - times[peak], values[near], 2)
     vertex = c - 0.25 * b * b / a if a < 0.0 else values.max()
     return float(max(vertex, values.max()))
 
@@ -500,7 +500,7 @@ def _integrals(times, values, edges):
 def _integral_to(times, values, total, edge):
     # Where a switch turns there are two points at the same time. The interval found has a length
     # above 0.
-    place = max(int(np.searchsorted(times, min(edge, times[-1]))) - 1, 0)
-    since = edge - times[place]
-    slope = (values[place + 1] - values[place]) / (times[place + 1] - times[place])
-    return total[place] + since * (values[place] + 0.5 * since * slope)
+    index = max(int(np.searchsorted(times, min(edge, times[-1]))) - 1, 0)
+    since = edge - times[index]
+    slope = (values[index + 1] - values[index]) / (times[index + 1] - times[index])
+    return total[index] + since * (values[index] + 0.5 * since * slope)

@@ -107,8 +107,8 @@ def make_grid(
     """
     loads = listed(loads, "loads", 'loads=["bridge"]') or (OWN_LOAD,)
     sweeps = {
-        key: listed(each, f"{argument}[{key!r}]", "[0.1, 0.2]")
-        for key, each in table(sweeps, argument, SWEEPS_WRITTEN.format(argument)).items()
+        key: listed(levels, f"{argument}[{key!r}]", "[0.1, 0.2]")
+        for key, levels in table(sweeps, argument, SWEEPS_WRITTEN.format(argument)).items()
     }
     labels = tuple(name(Path(load).stem if _is_path(load) else load) for load in loads)
     for label in labels:
@@ -118,9 +118,9 @@ def make_grid(
     for key, values in sweeps.items():
         _check_sweep(scene, key, values, argument == "over")
     points = [
-        Point(label, place, _at(loaded[label], dict(zip(sweeps, place, strict=True))))
+        Point(label, point, _at(loaded[label], dict(zip(sweeps, point, strict=True))))
         for label in labels
-        for place in itertools.product(*sweeps.values())
+        for point in itertools.product(*sweeps.values())
     ]
     points, notes = _with_storage(points, sweeps)
     points = _on_common_knots(points)
@@ -145,13 +145,13 @@ def _with_load(scene, load):
 
 def _check_sweep(scene, key, values, any_key):
     """Refuse a sweep without a list of values, or over a key that this scene has no number for."""
-    known = [*numbers(scene), RESISTANCES[0]]
+    number_keys = [*numbers(scene), RESISTANCES[0]]
     option = "--over" if any_key else "--sweep"
-    listed = key in known or key in RESISTANCES or key.startswith("load.parameters.")
+    listed = key in number_keys or key in RESISTANCES or key.startswith("load.parameters.")
     if not listed and not (any_key and key in _every_key()):
         raise HarvesterError(
-            f"{option} {key}: no number of this scene{nearest(key, known)}; there are "
-            f"{', '.join(known)} and what else a load calls its parameters"
+            f"{option} {key}: no number of this scene{nearest(key, number_keys)}; there are "
+            f"{', '.join(number_keys)} and what else a load calls its parameters"
         )
     for value in values:
         word = any_key and not listed and isinstance(value, str)

@@ -126,7 +126,7 @@ def validate(
     from harvester.studies.comparison import comparison
 
     parameters = prepared(scene).system
-    shown = comparison.SHOWN_PERIODS * 2.0 * math.pi / timescales.angular_frequency(parameters)
+    until = comparison.SHOWN_PERIODS * 2.0 * math.pi / timescales.angular_frequency(parameters)
     closures, refused = {}, {}
     for closure in CLOSURES:
         try:
@@ -141,7 +141,7 @@ def validate(
                 method=method,
                 step=step,
                 time_limit=time_limit,
-                window=(0.0, shown),
+                window=(0.0, until),
                 joint_density=method == "monte-carlo",
                 runner=pool,
                 progress=progress and comparison.part_of_progress(progress, begin, end),
@@ -217,15 +217,15 @@ def frequency_response(
 
     engine = engine_of(method, step=step)
     scene = work.with_sine(scene, amplitude)
-    shown = work.shown_of(scene, quantities, per_g)
+    names = work.shown_of(scene, quantities, per_g)
     rising = work.rising_frequencies(frequencies)
     directions = {"up": rising, "down": rising[::-1]} if down else {"up": rising}
     scenes: list[Any] = [work.stepped(scene, order) for order in directions.values()]
     with open_runner(**running) as runner:
         version = runner.version(engine.name)
-        arguments = [{"scene": each, **engine.as_arguments("engine")} for each in scenes]
+        arguments = [{"scene": swept, **engine.as_arguments("engine")} for swept in scenes]
         outcomes = runner.run(
-            [Task(work.one_direction, each, version, engine.name) for each in arguments]
+            [Task(work.one_direction, argument, version, engine.name) for argument in arguments]
         )
     for outcome in outcomes:
         if isinstance(outcome, HarvesterError):
@@ -245,7 +245,7 @@ def frequency_response(
         engine_version=outcomes[0][1],
         dwell=scenes[0].excitation.dwell,
         seconds=sum(seconds for _, _, seconds in outcomes),
-        shown=shown,
+        shown=names,
         per_g=per_g,
     )
 
@@ -349,16 +349,16 @@ def sweep(
 
     clock = time.perf_counter()
     methods = tuple(listed(methods, "methods", METHODS_WRITTEN))
-    chosen = [each if isinstance(each, Method) else method_of(each, step=step) for each in methods]
+    chosen = [item if isinstance(item, Method) else method_of(item, step=step) for item in methods]
     labels = work.labels_of(chosen)
     if not methods or len(set(labels)) < len(methods):
         raise HarvesterError(f"methods = {list(labels)}: give each once, and at least one")
     quantities = tuple(listed(quantities, "quantities", QUANTITIES_WRITTEN))
     grid = make_grid(scene, (), over, "over")
     requests = [
-        Request(point.scene, each, precision=precision, quantities=quantities)
+        Request(point.scene, method, precision=precision, quantities=quantities)
         for point in grid.points
-        for each in chosen
+        for method in chosen
     ]
     with open_runner(**running) as runner:
         answers = runner.answer(requests)
@@ -448,8 +448,8 @@ def load_study(
         version = runner.version((judge or chosen).name)
         aim = precision if statistical else None
         plans = [
-            evaluating(each.scene, own, runner.version(own.name), aim)
-            for each, own in zip(grid.points, methods, strict=True)
+            evaluating(node.scene, point_method, runner.version(point_method.name), aim)
+            for node, point_method in zip(grid.points, methods, strict=True)
         ]
         with runner.reserving(work.PROOF_SHARE if judge else 0.0):
             evaluations = runner.follow(plans)
@@ -628,7 +628,7 @@ def optimum(
                 "--over TABLE.KEY=LOW:HIGH"
             )
         ranges = dict.fromkeys(ranges, (low, high))
-    ends = {key: _ends(key, each) for key, each in ranges.items()}
+    ends = {key: _ends(key, interval) for key, interval in ranges.items()}
     maximise = maximise or _power_of(scene)
     return largest(scene, ends, maximise, method, closure, evaluations, precision, running)
 
@@ -643,7 +643,7 @@ def _ends(key, ends):
     """Both ends of a range; two Nones if the range follows from the scene's value."""
     if ends is None:
         return None, None
-    found = listed(ends, f"over[{key!r}]", "(0.1, 2.0)")
-    if len(found) != 2:
-        raise HarvesterError(f"over[{key!r}]: has {len(found)} numbers; write (0.1, 2.0)")
-    return found
+    pair = listed(ends, f"over[{key!r}]", "(0.1, 2.0)")
+    if len(pair) != 2:
+        raise HarvesterError(f"over[{key!r}]: has {len(pair)} numbers; write (0.1, 2.0)")
+    return pair

@@ -75,8 +75,8 @@ def analysis_of(
         return _of_scene(scene, duration, resolution, breakpoints)
     if duration is not None:
         raise HarvesterError("duration: is for a scene; a record is taken whole")
-    place: Any = int(column) if column is not None and column.isdigit() else column
-    keys = {"unit": unit, "column": place, "sampling_rate": sampling_rate, "mend": list(mend)}
+    number: Any = int(column) if column is not None and column.isdigit() else column
+    keys = {"unit": unit, "column": number, "sampling_rate": sampling_rate, "mend": list(mend)}
     keys = {"file": str(source)} | {k: value for k, value in keys.items() if value is not None}
     record = RecordedMotion(
         **check_table("excitation", keys, RecordedMotion.KEYS, "SI", plain_text.named(str(source)))
@@ -205,7 +205,7 @@ def _sums(blocks, count, interval, size):
     stretch = max(count // STRETCHES, 1)
     # Whole segments with an overlap of half of one: the density is their mean, block after block.
     total, segments = np.zeros(size // 2 + 1), 0
-    powers, place = np.zeros((STRETCHES, 4)), 0
+    powers, position = np.zeros((STRETCHES, 4)), 0
     left = np.empty(0)
     for block in blocks(max(size, BLOCK)):
         left = np.append(left, block)
@@ -216,14 +216,14 @@ def _sums(blocks, count, interval, size):
             total += many * density
             segments += many
             left = left[many * (size // 2) :]
-        ends = np.minimum(np.arange(1, STRETCHES + 1) * stretch - place, block.size)
-        starts = np.clip(np.arange(STRETCHES) * stretch - place, 0, block.size)
+        ends = np.minimum(np.arange(1, STRETCHES + 1) * stretch - position, block.size)
+        starts = np.clip(np.arange(STRETCHES) * stretch - position, 0, block.size)
         for which in np.flatnonzero(ends > starts):
             part = block[starts[which] : ends[which]]
             square = part * part
             sums = part.sum(), square.sum(), (square * part).sum(), (square * square).sum()
             powers[which] += sums
-        place += block.size
+        position += block.size
     return total / segments, powers[: count // stretch] / stretch, segments
 
 
@@ -256,7 +256,7 @@ def profile(
     from harvester.excitation.shaped import mean_square
 
     loud = np.flatnonzero(density > FAINTEST * density.max())
-    f, g = (each[loud[0] : loud[-1] + 1] for each in (frequencies, density))
+    f, g = (values[loud[0] : loud[-1] + 1] for values in (frequencies, density))
     # Hann's window spreads a line over seven bins with this share of its greatest density.
     if f[-1] - f[0] <= 5.0 * resolution:
         return np.empty((0, 2)), (math.nan, math.nan)
@@ -265,13 +265,13 @@ def profile(
     at, square = np.exp(x), cumulative_trapezoid(g, f, initial=0.0)
     half = 0.5 * np.maximum(at * (x[1] - x[0]), 2.0 * resolution)
     low, high = np.maximum(at - half, f[0]), np.minimum(at + half, f[-1])
-    wanted = (np.interp(high, f, square) - np.interp(low, f, square)) / (high - low)
-    wanted = np.maximum(wanted, FAINTEST**2 * wanted.max())
+    smoothed = (np.interp(high, f, square) - np.interp(low, f, square)) / (high - low)
+    smoothed = np.maximum(smoothed, FAINTEST**2 * smoothed.max())
     # A resonance of width πf/2Q averages over 6/resolution seconds, four segments.
     scatter = np.hypot(ALIKE, np.sqrt(QUALITY * resolution / (3.0 * math.pi * at)))
 
-    powers = _powers(x, wanted)
-    chosen, y = np.array([0, x.size - 1]), np.log(wanted[[0, -1]])
+    powers = _powers(x, smoothed)
+    chosen, y = np.array([0, x.size - 1]), np.log(smoothed[[0, -1]])
     while True:
         for _ in range(CORRECTIONS):
             away = np.log(_powers(x, np.exp(np.interp(x, x[chosen], y))) / powers)
@@ -280,15 +280,15 @@ def profile(
         if chosen.size == breakpoints or np.abs(away).max() < ALIKE:
             break
         worst = int((np.abs(away) / scatter).argmax())
-        place = int(np.searchsorted(chosen, worst))
-        y = np.insert(y, place, np.interp(x[worst], x[chosen], y) - away[worst])
-        chosen = np.insert(chosen, place, worst)
+        index = int(np.searchsorted(chosen, worst))
+        y = np.insert(y, index, np.interp(x[worst], x[chosen], y) - away[worst])
+        chosen = np.insert(chosen, index, worst)
     points = np.exp(np.column_stack([x[chosen], y]))
     points[:, 1] *= square[-1] / mean_square(tuple(map(tuple, points)))
     lines = np.exp(np.interp(x, x[chosen], np.log(points[:, 1])))
     shares = _powers(x, lines) / powers - 1.0
-    place = int(np.abs(shares).argmax())
-    return points, (float(at[place]), float(shares[place]))
+    index = int(np.abs(shares).argmax())
+    return points, (float(at[index]), float(shares[index]))
 
 
 def _powers(x, density):
@@ -459,7 +459,7 @@ class SpectrumAnalysis:
 
     def sentences(self) -> list[str]:
         """How it was found, and what departs from stationary Gaussian noise."""
-        low, high = (10.0 * math.log10(each) for each in self.confidence_band)
+        low, high = (10.0 * math.log10(factor) for factor in self.confidence_band)
         frequency, share = self.departure
         lines = [
             f"Welch, {self.segments} half overlapping segments by Hann's window of "
@@ -559,6 +559,6 @@ def _central(moments):
 def _left_out(moments, value):
     """A function of the mean powers, and its jackknife standard error over the stretches."""
     count = len(moments)
-    whole = moments.mean(axis=0)
-    parts = [value((count * whole - each) / (count - 1)) for each in moments]
-    return float(value(whole)), float(np.std(parts) * math.sqrt(count - 1))
+    means = moments.mean(axis=0)
+    parts = [value((count * means - stretch) / (count - 1)) for stretch in moments]
+    return float(value(means)), float(np.std(parts) * math.sqrt(count - 1))

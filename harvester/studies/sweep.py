@@ -86,19 +86,19 @@ class Sweep(Tabular):
         """(value of each key, cell), the methods fastest."""
         cells: Any = self.cells
         for where in np.ndindex(cells.shape):
-            place = tuple(each[k] for each, k in zip(self.values.values(), where, strict=False))
-            yield place, cells[where]
+            point = tuple(values[k] for values, k in zip(self.values.values(), where, strict=False))
+            yield point, cells[where]
 
     def data(self) -> tuple[list[str], list[list[Any]]]:
         """Header and rows of the tidy table: one for each place, method and quantity."""
         header = [*self.values, "method", "quantity", "estimate", "standard_error", "unit"]
         rows = []
-        for place, cell in self.places():
+        for point, cell in self.places():
             for name in self.quantities:
-                each = cell.estimates.get(name, _NOTHING)
-                unit = unit_of(self.scene, each.dimension) if name in cell.estimates else ""
-                error = math.nan if each.standard_error is None else each.standard_error
-                row = [*place, cell.method, name, each.estimate, error, unit]
+                estimate = cell.estimates.get(name, _NOTHING)
+                unit = unit_of(self.scene, estimate.dimension) if name in cell.estimates else ""
+                error = math.nan if estimate.standard_error is None else estimate.standard_error
+                row = [*point, cell.method, name, estimate.estimate, error, unit]
                 outcome, notes = outcome_and_notes(cell)
                 rows.append([*row, cell.realizations, outcome, "; ".join(notes)])
         return [*header, "realizations", "outcome", "notes"], rows
@@ -112,7 +112,7 @@ class Sweep(Tabular):
             xarray, of the extra `study`.
         """
         variables = variables_of(self.scene, self.cells, (*self.values, "method"))
-        coordinates = {name: list(each) for name, each in self.values.items()}
+        coordinates = {name: list(values) for name, values in self.values.items()}
         coordinates["method"] = list(self.methods)
         attributes = {"scene": json_text(self.scene.to_dict()), "notes": "\n".join(self.notes)}
         return xarray_or_say().Dataset(variables, coordinates, attributes)
@@ -126,15 +126,15 @@ class Sweep(Tabular):
             if name in cell.estimates
         }
         header = ["method", *self.values]
-        header += [each.replace("_", " ") for each in self.quantities]
+        header += [quantity.replace("_", " ") for quantity in self.quantities]
         rows = []
-        for place, cell in self.places():
+        for point, cell in self.places():
             estimates = [cell.estimates.get(name, _NOTHING) for name in self.quantities]
-            told = [
-                with_error(each, units.get(name, ""))
-                for name, each in zip(self.quantities, estimates, strict=True)
+            texts = [
+                with_error(estimate, units.get(name, ""))
+                for name, estimate in zip(self.quantities, estimates, strict=True)
             ]
-            row = [cell.method, *map(in_words, place), *told]
+            row = [cell.method, *map(in_words, point), *texts]
             rows.append([*row, str(cell.realizations or ""), outcome_and_notes(cell)[0]])
         return [*header, "realizations", "outcome"], rows
 
@@ -143,26 +143,27 @@ class Sweep(Tabular):
         run = self.scene.run
         ended = ["the time budget was spent: the same call goes on"] if self.out_of_time else []
         notes = placed_notes(
-            (", ".join(map(in_words, place)), outcome_and_notes(cell)[1])
-            for place, cell in self.places()
+            (", ".join(map(in_words, point)), outcome_and_notes(cell)[1])
+            for point, cell in self.places()
         )
-        said = f"realizations of {run.duration:g} s after {run.settle:g} s, seed {run.seed}"
+        settings = f"realizations of {run.duration:g} s after {run.settle:g} s, seed {run.seed}"
         return [
             *self.notes,
             *(f"at {where}: {note}" if where else note for note, where in notes),
             *ended,
-            f"{', '.join(self.methods)}: {said}, the same noise everywhere; {self.seconds:.1f} s",
+            f"{', '.join(self.methods)}: {settings}, the same noise everywhere; "
+            f"{self.seconds:.1f} s",
         ]
 
     def headline(self) -> str:
         """Where the first quantity is highest, and by which method."""
         name = self.quantities[0]
-        found = [each for each in self.places() if name in each[1].estimates]
-        if not found:
+        with_quantity = [pair for pair in self.places() if name in pair[1].estimates]
+        if not with_quantity:
             return f"no place has a {name.replace('_', ' ')}"
-        place, cell = max(found, key=lambda each: each[1].estimates[name].estimate)
+        point, cell = max(with_quantity, key=lambda each: each[1].estimates[name].estimate)
         best = cell.estimates[name]
-        pairs = zip(self.values, place, strict=True)
+        pairs = zip(self.values, point, strict=True)
         where = ", ".join(f"{key} = {in_words(value)}" for key, value in pairs)
         return (
             f"highest {name.replace('_', ' ')}: "
@@ -185,17 +186,17 @@ class Sweep(Tabular):
                 "methods": self.methods,
                 "cells": [
                     {
-                        "place": dict(zip(self.values, place, strict=True)),
+                        "place": dict(zip(self.values, point, strict=True)),
                         "method": cell.method,
                         "outcome": cell.outcome,
                         "realizations": cell.realizations,
                         "quantities": {
-                            name: each.to_dict(unit_of(self.scene, each.dimension))
-                            for name, each in cell.estimates.items()
+                            name: estimate.to_dict(unit_of(self.scene, estimate.dimension))
+                            for name, estimate in cell.estimates.items()
                         },
                         **orbits_of(self.scene, cell.orbits),
                     }
-                    for place, cell in self.places()
+                    for point, cell in self.places()
                 ],
                 "seed": self.scene.run.seed,
                 "notes": self.notes,
@@ -209,21 +210,21 @@ _NOTHING = Estimate(math.nan, None, None, "1")
 
 def orbits_of(scene: Scene, orbits: Sequence[Attractor]) -> dict[str, list]:
     """The JSON's entry for the orbits that starts reached; none where there is one start."""
-    found = [each.to_dict(lambda dimension: unit_of(scene, dimension)) for each in orbits]
-    return {"orbits": found} if found else {}
+    entries = [orbit.to_dict(lambda dimension: unit_of(scene, dimension)) for orbit in orbits]
+    return {"orbits": entries} if entries else {}
 
 
 def placed_notes(noted: Iterable[tuple[str, Sequence[str]]]) -> list[tuple[str, str]]:
     """(note, its places) of the notes at some places; "" for a note that all of them have."""
     places: dict[str, None] = {}
     notes: dict[str, dict[str, None]] = {}
-    for place, lines in noted:
-        places[place] = None
+    for location, lines in noted:
+        places[location] = None
         for line in lines:
-            notes.setdefault(line, {})[place] = None
+            notes.setdefault(line, {})[location] = None
     return [
-        (note, "" if len(found) == len(places) else "; ".join(found))
-        for note, found in notes.items()
+        (note, "" if len(locations) == len(places) else "; ".join(locations))
+        for note, locations in notes.items()
     ]
 
 
@@ -235,8 +236,10 @@ def outcome_and_notes(cell: Cell | Evaluation) -> tuple[str, list[str]]:
 
 def labels_of(methods: Sequence[Method]) -> tuple[str, ...]:
     """Labels of methods in tables: their names, with settings if two have the same name."""
-    names = [each.name for each in methods]
-    return tuple(each.label if names.count(each.name) > 1 else each.name for each in methods)
+    names = [method.name for method in methods]
+    return tuple(
+        method.label if names.count(method.name) > 1 else method.name for method in methods
+    )
 
 
 def cells_of(labels: Sequence[str], answers: Sequence) -> np.ndarray:
@@ -266,9 +269,9 @@ def check_quantities(quantities: Sequence[str], cells: np.ndarray) -> None:
     ------
     HarvesterError
     """
-    known = {name: None for cell in cells for name in cell.estimates}
-    for name in quantities if known else ():
-        check_name("quantity", name, tuple(known))
+    available = {name: None for cell in cells for name in cell.estimates}
+    for name in quantities if available else ():
+        check_name("quantity", name, tuple(available))
 
 
 def variables_of(scene: Scene, cells: np.ndarray, dimensions: Sequence[str]) -> dict[str, tuple]:
@@ -291,12 +294,12 @@ def variables_of(scene: Scene, cells: np.ndarray, dimensions: Sequence[str]) -> 
 
 def columns(scene: Scene, cells: np.ndarray) -> Iterator[tuple[str, np.ndarray, str]]:
     """(name, values, unit) of every quantity that any cell has, and of its standard error."""
-    found: dict[str, str] = {}
+    dimensions_of: dict[str, str] = {}
     for cell in cells.ravel():
         for name, estimate in cell.estimates.items():
-            found.setdefault(name, estimate.dimension)
-    for name in sorted(found):
-        unit = unit_of(scene, found[name])
+            dimensions_of.setdefault(name, estimate.dimension)
+    for name in sorted(dimensions_of):
+        unit = unit_of(scene, dimensions_of[name])
         yield name, _each(cells, lambda c, n=name: _value(c, n, "estimate"), float), unit
         errors = _each(cells, lambda c, n=name: _value(c, n, "standard_error"), float)
         yield f"{name}_standard_error", errors, unit

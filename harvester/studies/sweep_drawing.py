@@ -56,16 +56,16 @@ def _panel(sweep, name, along, other):
     else:
         key, x = keys[along], sweep.values[keys[along]]
         rows = np.moveaxis(sweep.cells, along, 0)[(slice(None), *other)]
-    held = [each for each in keys if each != key]
+    held = [axis for axis in keys if axis != key]
     words = [
-        f"{each} = {in_words(sweep.values[each][k])}" for each, k in zip(held, other, strict=True)
+        f"{axis} = {in_words(sweep.values[axis][k])}" for axis, k in zip(held, other, strict=True)
     ]
-    found = [each.estimates[name] for each in rows.ravel() if name in each.estimates]
-    unit = unit_of(sweep.scene, found[0].dimension) if found else ""
+    means = [cell.estimates[name] for cell in rows.ravel() if name in cell.estimates]
+    unit = unit_of(sweep.scene, means[0].dimension) if means else ""
     if is_share(name):
         factor, unit = 100.0, "%"
     else:
-        factor, unit = prefixed(max((abs(each.estimate) for each in found), default=0.0), unit)
+        factor, unit = prefixed(max((abs(mean.estimate) for mean in means), default=0.0), unit)
     series = [_series(sweep, name, x, rows[:, k], k, factor) for k in range(len(sweep.methods))]
     label = f"{name.replace('_', ' ')} [{unit or '1'}]"
     return Panel(
@@ -86,15 +86,15 @@ def _series(sweep, name, x, cells, place, factor):
     """One method's estimates; those that are missing leave a gap."""
     label = sweep.methods[place]
     method = _without_settings(label)
-    found = [each.estimates.get(name) for each in cells]
-    estimates = [each and each.times(factor) for each in found]
-    y = [math.nan if each is None else each.estimate for each in estimates]
+    means = [cell.estimates.get(name) for cell in cells]
+    estimates = [mean and mean.times(factor) for mean in means]
+    y = [math.nan if mean is None else mean.estimate for mean in estimates]
     if method in CLOSURES:
         colour, line = LINES.get(method, OTHER_CLOSURE)
         return Series(x, y, f"averaging, {label}", colour, line, width=WIDEST * THINNER**place)
-    errors = [each and each.standard_error for each in estimates]
+    errors = [mean and mean.standard_error for mean in estimates]
     bars = [0.0 if error is None else BARS * error for error in errors]
-    engines = [each for each in sweep.methods if _without_settings(each) not in CLOSURES]
+    engines = [other for other in sweep.methods if _without_settings(other) not in CLOSURES]
     colour, marker = ENGINES.get(label) or styles(engines)[label]
     bare = [error is None for error in errors]
     shift = APART * (engines.index(label) - 0.5 * (len(engines) - 1))

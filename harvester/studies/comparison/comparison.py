@@ -76,8 +76,8 @@ class Comparison:
     @property
     def compared(self) -> tuple[str, ...]:
         """Names of the quantities that stand side by side."""
-        found = self.monte_carlo.scaled_quantities
-        return (*COMPARED, *(name for name in found if name.startswith(BESIDE)))
+        quantities = self.monte_carlo.scaled_quantities
+        return (*COMPARED, *(name for name in quantities if name.startswith(BESIDE)))
 
     def difference(self, name: str) -> float:
         """Circuit minus Monte Carlo in joint standard errors; nan without error bars.
@@ -114,11 +114,11 @@ class Comparison:
         """Paired differences (circuit − Monte Carlo, same noise) that exceed their errors,
         largest first."""
         apart = {
-            name: each
-            for name, each in self.paired.items()
+            name: bias
+            for name, bias in self.paired.items()
             if name in self.compared
-            and each.standard_error
-            and abs(each.estimate) > AGREEING_STANDARD_ERRORS * each.standard_error
+            and bias.standard_error
+            and abs(bias.estimate) > AGREEING_STANDARD_ERRORS * bias.standard_error
         }
         return dict(sorted(apart.items(), key=lambda each: -abs(each[1].estimate)))
 
@@ -133,8 +133,8 @@ class Comparison:
 
         nan for a quantity that the closure does not give.
         """
-        found = self.closures[closure].scaled_quantities.get(name)
-        value = math.nan if found is None else found.estimate
+        estimate = self.closures[closure].scaled_quantities.get(name)
+        value = math.nan if estimate is None else estimate.estimate
         reference = self.monte_carlo.scaled_quantities[name]
         share = value / reference.estimate - 1.0 if reference.estimate else math.nan
         error = reference.standard_error
@@ -184,16 +184,16 @@ class Comparison:
 
     def _row_of_root(self, name):
         results = (self.circuit, self.monte_carlo, *self.closures.values())
-        quantities = [each.quantities for each in results]
-        found = [with_roots({name: each[name]} if name in each else {}) for each in quantities]
-        (of_root,) = {*found[0]} - {name} or {name}
+        quantities = [result.quantities for result in results]
+        roots = [with_roots({name: means[name]} if name in means else {}) for means in quantities]
+        (of_root,) = {*roots[0]} - {name} or {name}
         if of_root in (name, *self.compared):
             return []
-        factor, unit = self.circuit.in_print(of_root, found[0][of_root])
-        engines = [with_error(each[of_root].times(factor)) for each in found[:2]]
+        factor, unit = self.circuit.in_print(of_root, roots[0][of_root])
+        engines = [with_error(means[of_root].times(factor)) for means in roots[:2]]
         closures = [
-            number(factor * each[of_root].estimate) if of_root in each else NOT_KNOWN
-            for each in found[2:]
+            number(factor * means[of_root].estimate) if of_root in means else NOT_KNOWN
+            for means in roots[2:]
         ]
         return [[of_root.replace("_", " "), unit, *engines, "", "", *closures]]
 
@@ -214,18 +214,18 @@ class Comparison:
     def verdict(self) -> Verdict:
         """Whether the engines agree, in a sentence."""
         apart = {name: abs(self.difference(name)) for name in self.compared}
-        known = {name: sigma for name, sigma in apart.items() if not math.isnan(sigma)}
-        if not known:
+        sigmas = {name: sigma for name, sigma in apart.items() if not math.isnan(sigma)}
+        if not sigmas:
             reasons = "; ".join(self.without_error_bar(self.compared))
             return Verdict(f"There is no error bar to judge by: {reasons}.", False)
-        short = len(apart) - len(known)
+        short = len(apart) - len(sigmas)
         tail = f"; {short} of {len(apart)} quantities have no error bar" if short else ""
-        unsharp = [name for name in known if not self._is_sharp(name)]
+        unsharp = [name for name in sigmas if not self._is_sharp(name)]
         if unsharp:
             tail += f"; {len(unsharp)} of {len(apart)} are not checked: {NOT_SHARP}"
         if not self.agree:
             return Verdict(f"Circuit and Monte Carlo disagree: {self._greatest()}{tail}.", False)
-        if len(unsharp) == len(known):
+        if len(unsharp) == len(sigmas):
             remedy = "raise run.duration or run.realizations"
             return Verdict(
                 "Circuit and Monte Carlo do not check each other: every difference is "
@@ -237,7 +237,7 @@ class Comparison:
             small = "significant, but negligible against that limit: the steps may cause as much"
             return Verdict(f"{within}: {self._greatest()}; {small}{tail}.", True)
         # Runs without chance may have a difference of 0.
-        worst = max(0.1, *known.values())
+        worst = max(0.1, *sigmas.values())
         agreed = f"Circuit and Monte Carlo agree within {worst:.1f} standard errors"
         return Verdict(f"{agreed} of every quantity{tail}.", True)
 
@@ -246,15 +246,15 @@ class Comparison:
         paired = self.paired.get(name)
         if paired and paired.standard_error is not None:
             return paired.standard_error <= SHARP_SHARE
-        circuit, reference = (each.scaled_quantities[name] for each in self._engines())
+        circuit, reference = (result.scaled_quantities[name] for result in self._engines())
         errors = circuit.standard_error or 0.0, reference.standard_error or 0.0
         return math.hypot(*errors) <= SHARP_SHARE * abs(reference.estimate)
 
     def _greatest(self):
         """Text: the largest significant difference, between means or on common noise."""
-        found = {name: abs(bias.estimate) for name, bias in self.paired_apart.items()}
+        shares = {name: abs(bias.estimate) for name, bias in self.paired_apart.items()}
         joint = next(iter(self.significant.items()), None)
-        if joint and _or_infinite(joint[1]) >= max(found.values(), default=0.0):
+        if joint and _or_infinite(joint[1]) >= max(shares.values(), default=0.0):
             name, share = joint
             apart = abs(self.difference(name))
             return f"the {words(name)} differs by {abs(share):.2%}, {apart:.1f} standard errors"
@@ -266,8 +266,8 @@ class Comparison:
         names: dict[str, list[str]] = {}
         for name, reason in self.refused.items():
             names.setdefault(reason, []).append(name)
-        said = "; ".join(f"{', '.join(those)}: {reason}" for reason, those in names.items())
-        return [f"Closures that do not apply: {said}"] if said else []
+        listing = "; ".join(f"{', '.join(those)}: {reason}" for reason, those in names.items())
+        return [f"Closures that do not apply: {listing}"] if listing else []
 
     def without_error_bar(self, names: Iterable[str]) -> list[str]:
         """Quantities without an error bar in either engine, by the reason."""
@@ -276,13 +276,13 @@ class Comparison:
             (reason,) = self._reasons_without_error_bar(name) or ("no such quantity",)
             reasons.setdefault(reason, []).append(name)
         return [
-            f"{', '.join(each).replace('_', ' ')}: {reason}" for reason, each in reasons.items()
+            f"{', '.join(group).replace('_', ' ')}: {reason}" for reason, group in reasons.items()
         ]
 
     def _reasons_without_error_bar(self, name):
         """The first engine's reason, if one says it."""
-        found = [each.scaled_quantities.get(name) for each in self._engines()]
-        return [each.note for each in found if each is not None and each.note][:1]
+        pair = [result.scaled_quantities.get(name) for result in self._engines()]
+        return [mean.note for mean in pair if mean is not None and mean.note][:1]
 
     def joint_distances(self) -> dict[str, tuple[float, float]]:
         """∬|p − p'| of each joint density from Monte Carlo's, and that expected by chance."""
@@ -325,7 +325,7 @@ class Comparison:
                 "difference_in_standard_errors": {
                     name: self.difference(name) for name in self.compared
                 },
-                "paired_bias": {name: each.to_dict("1") for name, each in self.paired.items()},
+                "paired_bias": {name: bias.to_dict("1") for name, bias in self.paired.items()},
                 "closure_deviation": {
                     closure: {name: self.deviation(closure, name)[0] for name in self.compared}
                     for closure in self.closures

@@ -28,7 +28,7 @@ def draw_comparison(comparison: Comparison) -> Figure:
     figure = Figure(figsize=(9.0, 7.2))
     rows = figure.add_gridspec(2, 1, height_ratios=(1.0, 1.0))
     across = rows[0].subgridspec(1, len(names))
-    panels = [figure.add_subplot(across[place]) for place in range(len(names))]
+    panels = [figure.add_subplot(across[column]) for column in range(len(names))]
     for panel, name in zip(panels, names, strict=True):
         _draw_densities(panel, comparison, name)
         panel.set_ylabel(density_label(comparison.circuit, name))

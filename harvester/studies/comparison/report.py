@@ -88,7 +88,7 @@ def _figures(comparison):
         (draw_spectrum, comparison.scene, "Spectrum of the excitation, of one realization."),
     ]
     both = [*comparison.closures.values(), comparison.monte_carlo]
-    if any(each.joint_density is not None for each in both):
+    if any(result.joint_density is not None for result in both):
         drawn.insert(1, (joint_drawing.draw, both, JOINT_CAPTION))
     return "\n".join(
         figure_of(figures.picture(draw, content), f"{scene}: {caption}", caption)

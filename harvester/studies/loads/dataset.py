@@ -58,13 +58,13 @@ def _proofs(study, dimensions):
         "early_difference",
         "early_difference_standard_error",
     )
-    found = np.full((len(names), len(study.evaluations)), math.nan)
-    for each in study.proofs:
-        found[:, each.place] = [getattr(each, name) for name in attributes]
+    values = np.full((len(names), len(study.evaluations)), math.nan)
+    for proof in study.proofs:
+        values[:, proof.place] = [getattr(proof, name) for name in attributes]
     shape = study.cells.shape
     return {
         f"circuit_{name}": (dimensions, row.reshape(shape), {"unit": "1"})
-        for name, row in zip(names, found, strict=True)
+        for name, row in zip(names, values, strict=True)
     }
 
 
@@ -77,7 +77,7 @@ def _optima(study):
     shape = study.optima.shape
 
     def array(value, kind=float):
-        return np.array([value(each) for each in study.optima.ravel()], kind).reshape(shape)
+        return np.array([value(optimum) for optimum in study.optima.ravel()], kind).reshape(shape)
 
     attributes = {"along": key}
     return {
@@ -96,9 +96,9 @@ def _differences(study):
     shape = (len(loads), len(loads), *study.optima.shape[1:])
     values, errors = np.full(shape, math.nan), np.full(shape, math.nan)
     for other, (_, differences) in study.rankings.items():
-        for each in differences:
-            where = (loads.index(each.better), loads.index(each.worse), *other)
-            values[where], errors[where] = each.estimate, each.standard_error
+        for difference in differences:
+            where = (loads.index(difference.better), loads.index(difference.worse), *other)
+            values[where], errors[where] = difference.estimate, difference.standard_error
     dimensions = ("better", "worse", *others)
     return {
         "relative_difference": (dimensions, values, {"unit": "1"}),

@@ -57,19 +57,19 @@ def draw_waveforms(study: Study) -> Figure:
         (other for other, _ in study.others()),
         key=lambda o: max((study.best((k, *o)) or _Nothing).power for k in _loads(study)),
     )
-    shown = [
+    best = [
         (load, study.best((k, *other)), colour)
         for (k, load), colour in zip(enumerate(study.grid.loads), _colours(), strict=False)
     ]
-    shown = [(load, e, c) for load, e, c in shown if e is not None and e.waveform is not None]
-    figure = Figure(figsize=(7.0, 1.0 + 1.3 * max(len(shown), 1)))
+    best = [(load, e, c) for load, e, c in best if e is not None and e.waveform is not None]
+    figure = Figure(figsize=(7.0, 1.0 + 1.3 * max(len(best), 1)))
     first = None
-    for place, (load, evaluation, colour) in enumerate(shown):
-        axes = figure.add_subplot(len(shown), 1, place + 1, sharex=first)
+    for row, (load, evaluation, colour) in enumerate(best):
+        axes = figure.add_subplot(len(best), 1, row + 1, sharex=first)
         first = first or axes
         _draw_waveform(axes, study, load, evaluation, colour)
-        axes.tick_params(labelbottom=place == len(shown) - 1)
-    if shown:
+        axes.tick_params(labelbottom=row == len(best) - 1)
+    if best:
         axes.set_xlabel("time [s]")
     words = dict(study.others())[other]
     title = "piezo voltage (colour) and displacement (grey) where each load is best"
@@ -128,15 +128,15 @@ def _curves(study, other, places, value):
     series = []
     order = np.argsort(places)
     for k, colour, marker in zip(_loads(study), _colours(), cycle(MARKERS), strict=False):
-        row = [study.curves[(k, *other)][place] for place in order]
-        shown = [(place, each) for place, e in zip(order, row, strict=True) if (each := value(e))]
-        if not shown:
+        row = [study.curves[(k, *other)][index] for index in order]
+        means = [(index, mean) for index, e in zip(order, row, strict=True) if (mean := value(e))]
+        if not means:
             continue
-        errors = [each.standard_error for _, each in shown]
+        errors = [mean.standard_error for _, mean in means]
         series.append(
             Series(
-                x=[places[place] if study.curve_keys[0] else k for place, _ in shown],
-                y=[each.estimate for _, each in shown],
+                x=[places[index] if study.curve_keys[0] else k for index, _ in means],
+                y=[mean.estimate for _, mean in means],
                 label=study.grid.loads[k],
                 colour=colour,
                 marker=marker,

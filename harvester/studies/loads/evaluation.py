@@ -131,15 +131,15 @@ def evaluating(
     cost = step_error(prepared(scene), method.step, method.name)
 
     def judge(good, ended):
-        found = _evaluate(scene, method.name, good, ended, cost)
-        return found, found.relative_error if found.realizations else 0.0
+        evaluation = _evaluate(scene, method.name, good, ended, cost)
+        return evaluation, evaluation.relative_error if evaluation.realizations else 0.0
 
     most = MOST_REALIZATIONS if precision else distinct_realizations(prepared(scene))
     first = FIRST_REALIZATIONS if precision else most
     aim = aim_beside_steps(precision, cost) if precision else None
-    found = yield from in_rounds(cut, first, most, aim, judge)
-    note = note_on_steps(precision, cost) if precision and found.realizations else ""
-    return replace(found, outcome=f"{found.outcome}; {note}") if note else found
+    evaluation = yield from in_rounds(cut, first, most, aim, judge)
+    note = note_on_steps(precision, cost) if precision and evaluation.realizations else ""
+    return replace(evaluation, outcome=f"{evaluation.outcome}; {note}") if note else evaluation
 
 
 def _evaluate(scene, method, good, ended, cost=0.0):
@@ -166,21 +166,21 @@ def _evaluate(scene, method, good, ended, cost=0.0):
         error = _or_nan(mean.standard_error)
         return Evaluation(method, COMPLETE, {**estimates, POWER: mean}, power_error=error)
     scene, moments, orbits, on_orbits = followed(scene, good, cost)
-    found = run_estimates(prepared(scene), moments, cost)
-    if not abs(found.residual) <= LARGEST_RESIDUAL:
-        return Evaluation(method, told(not_balanced(found.residual)))
-    outcome = "; ".join([COMPLETE, *on_orbits, *found.notes, *residual_notes(found.residual)])
+    run = run_estimates(prepared(scene), moments, cost)
+    if not abs(run.residual) <= LARGEST_RESIDUAL:
+        return Evaluation(method, told(not_balanced(run.residual)))
+    outcome = "; ".join([COMPLETE, *on_orbits, *run.notes, *residual_notes(run.residual)])
     if isinstance(ended, HarvesterError):
         outcome = f"ended after {len(moments)} realizations: {told(ended)}"
-    series = power_series(found.moments, scales.power)
-    power = Estimate(float(series.mean()), found.error(series), None, "power")
-    power = with_steps(scene, power, found.step_error)
-    estimates = in_units(found.whole, scales)
+    series = power_series(run.moments, scales.power)
+    power = Estimate(float(series.mean()), run.error(series), None, "power")
+    power = with_steps(scene, power, run.step_error)
+    estimates = in_units(run.whole, scales)
     estimates[POWER] = power
     return Evaluation(
         method=method,
         outcome=outcome,
-        estimates=withheld(estimates, found.shortfalls),
+        estimates=withheld(estimates, run.shortfalls),
         series=series,
         realizations=len(moments),
         orbits=orbits,

@@ -97,13 +97,13 @@ def places_to_prove(
     numbers = np.arange(len(evaluations)).reshape(len(grid.loads), *lengths)
     if grid.curve is not None:
         numbers = np.moveaxis(numbers, grid.curve + 1, -1)
-    power = np.array([each.power for each in evaluations])
+    power = np.array([evaluation.power for evaluation in evaluations])
     random = np.random.default_rng(np.random.SeedSequence(seed, spawn_key=(len(evaluations),)))
     chosen: dict[int, bool] = {}
     for of_load in numbers.reshape(len(grid.loads), -1):
         curves = of_load.reshape(-1, lengths[grid.curve] if grid.curve is not None else 1)
-        known = [curve[np.isfinite(power[curve])] for curve in curves]
-        best = {int(curve[np.argmax(power[curve])]) for curve in known if curve.size}
+        finite = [curve[np.isfinite(power[curve])] for curve in curves]
+        best = {int(curve[np.argmax(power[curve])]) for curve in finite if curve.size}
         others = [int(k) for k in of_load if np.isfinite(power[k]) and k not in best]
         chosen |= dict.fromkeys(best, True)
         if others:
@@ -136,10 +136,10 @@ def proving(
         early.append(_tasks(early_part(scene), EARLY_REALIZATIONS, method, version))
     parts = [*settled, *early]
     answers = iter((yield Wanted([task for tasks in parts for task in tasks])))
-    found = [[next(answers) for _ in tasks] for tasks in parts]
-    difference, standard_error, trouble, power = _difference(scene, costs, *found[:2])
+    grouped = [[next(answers) for _ in tasks] for tasks in parts]
+    difference, standard_error, trouble, power = _difference(scene, costs, *grouped[:2])
     proof = Proof(place, highest, difference, standard_error, trouble=trouble)
-    difference, standard_error, trouble, early_power = _difference(scene, costs, *found[2:])
+    difference, standard_error, trouble, early_power = _difference(scene, costs, *grouped[2:])
     if early_power < LEAST_EARLY_SHARE * power:
         return proof
     return replace(

@@ -100,7 +100,7 @@ class Study(Tabular):
     @property
     def methods(self) -> tuple[str, ...]:
         """Name of the method that ran each point."""
-        return tuple(each.method for each in self.evaluations)
+        return tuple(evaluation.method for evaluation in self.evaluations)
 
     @property
     def sweep(self) -> Sweep:
@@ -149,38 +149,38 @@ class Study(Tabular):
         key, _ = self.curve_keys
         places = self.grid.sweeps[key] if key else (0.0,)
         order = np.argsort(places)
-        found = np.empty(self.curves.shape[:-1], dtype=object)
-        for where in np.ndindex(found.shape):
+        optima = np.empty(self.curves.shape[:-1], dtype=object)
+        for where in np.ndindex(optima.shape):
             row = [self.curves[where][k] for k in order]
             powers, series = [e.ranked_power for e in row], [e.series for e in row]
             optimum = optimum_of([places[k] for k in order], powers, series)
-            found[where] = optimum, None if optimum.best is None else int(order[optimum.best])
-        return found
+            optima[where] = optimum, None if optimum.best is None else int(order[optimum.best])
+        return optima
 
     def best(self, where: tuple[int, ...]) -> Evaluation | None:
         """Evaluation at the highest point of a curve, or None."""
-        place = self.optima[where][1]
-        return None if place is None else self.curves[where][place]
+        index = self.optima[where][1]
+        return None if index is None else self.curves[where][index]
 
     @cached_property
     def rankings(self) -> dict[tuple[int, ...], tuple[list[str], list[Difference]]]:
         """(order, differences) at each place of the other sweeps."""
         loads = self.grid.loads
-        found = {}
+        rankings = {}
         for other in np.ndindex(self.optima.shape[1:]):
             places = ((load, self.best((k, *other))) for k, load in enumerate(loads))
             best = {load: e for load, e in places if e}
             powers = {load: e.power for load, e in best.items()}
-            found[other] = rank(powers, {load: e.series for load, e in best.items()})
-        return found
+            rankings[other] = rank(powers, {load: e.series for load, e in best.items()})
+        return rankings
 
     def others(self) -> Iterator[tuple[tuple[int, ...], str]]:
         """Places of the other sweeps with their values as text, "" where there are none."""
         _, keys = self.curve_keys
         values = [self.grid.sweeps[key] for key in keys]
-        for other in itertools.product(*(range(len(each)) for each in values)):
+        for other in itertools.product(*(range(len(axis)) for axis in values)):
             words = [
-                self._value(key, each[k]) for key, each, k in zip(keys, values, other, strict=True)
+                self._value(key, axis[k]) for key, axis, k in zip(keys, values, other, strict=True)
             ]
             yield other, ", ".join(words)
 
@@ -197,8 +197,8 @@ class Study(Tabular):
         return header, rows
 
     def _row(self, where, key):
-        optimum, place = self.optima[where]
-        if place is None:
+        optimum, index = self.optima[where]
+        if index is None:
             first = self.curves[where][0]
             return [*["—"] * 5, str(first.realizations), first.fed_by_store or first.outcome]
         best: Any = self.best(where)
@@ -209,8 +209,8 @@ class Study(Tabular):
         notes = [optimum.note, "" if outcome == COMPLETE else outcome]
         fed = [
             quantity(self.grid.sweeps[key][k], key_words(key, self.scene.units)[1])
-            for k, each in enumerate(self.curves[where])
-            if key and each.fed_by_store
+            for k, evaluation in enumerate(self.curves[where])
+            if key and evaluation.fed_by_store
         ]
         notes += [f"at {', '.join(fed)} not ranked: stores discharge into the output"] * bool(fed)
         if self.precision and best.realizations:
@@ -218,7 +218,7 @@ class Study(Tabular):
         inside = math.isfinite(optimum.low)
         unit = key_words(key, self.scene.units)[1] if key else ""
         return [
-            quantity(self.grid.sweeps[key][place], unit) if key else "",
+            quantity(self.grid.sweeps[key][index], unit) if key else "",
             quantity(optimum.place, unit) if inside else NOT_KNOWN,
             f"{quantity(optimum.low, unit)} … {quantity(optimum.high, unit)}"
             if inside
@@ -234,12 +234,12 @@ class Study(Tabular):
         return f"{words} = {quantity(value, unit)}"
 
     def _has(self, name):
-        return any(name in each.estimates for each in self.evaluations)
+        return any(name in evaluation.estimates for evaluation in self.evaluations)
 
     def _precision(self, evaluation):
         reached, asked = evaluation.relative_error, self.precision
-        said = f"{reached:.1%}" if math.isfinite(reached) else "no error bar"
-        return said if reached <= asked else f"{said}, not the {asked:.1%} asked for"
+        precision = f"{reached:.1%}" if math.isfinite(reached) else "no error bar"
+        return precision if reached <= asked else f"{precision}, not the {asked:.1%} asked for"
 
     def sentences(self) -> list[str]:
         """The ranking, what precision was reached, how it ended, what was run."""
@@ -265,7 +265,7 @@ class Study(Tabular):
 
     def alarms(self) -> list[str]:
         """One line for each point at which the circuit's power disagrees."""
-        return [f"DISAGREE: {self._proof(each)}" for each in self.proofs if each.disagrees]
+        return [f"DISAGREE: {self._proof(proof)}" for proof in self.proofs if proof.disagrees]
 
     def _proofs(self):
         """Sentences on whether the circuit, as reference, agrees with the study."""
@@ -281,12 +281,12 @@ class Study(Tabular):
             f"cross-check with the circuit on the same noise at {len(proofs)} places (the optima, "
             f"others at random): {', '.join(verdicts)}"
         )
-        return [head, *(f"  {self._proof(each)}" for each in proofs)]
+        return [head, *(f"  {self._proof(proof)}" for proof in proofs)]
 
     def _proof(self, proof):
         point = self.grid.points[proof.place]
-        place = ", ".join(number(value) for value in point.place)
-        where = f"{point.load}{' at ' * bool(place)}{place}{' (optimum)' * proof.highest}"
+        values = ", ".join(number(value) for value in point.place)
+        where = f"{point.load}{' at ' * bool(values)}{values}{' (optimum)' * proof.highest}"
         parts = {
             f"in the first {PERIODS:g} periods": (
                 proof.early_difference,
@@ -294,8 +294,8 @@ class Study(Tabular):
             ),
             "settled": (proof.difference, proof.standard_error),
         }
-        told = [f"{_apart(*of)} {part}" for part, of in parts.items() if not math.isnan(of[1])]
-        words = [f"circuit over Monte Carlo, paired, {', '.join(told)}"] if told else []
+        apart = [f"{_apart(*of)} {part}" for part, of in parts.items() if not math.isnan(of[1])]
+        words = [f"circuit over Monte Carlo, paired, {', '.join(apart)}"] if apart else []
         if not (proof.checks or proof.disagrees):
             words.append(f"not checked ({proof.trouble or NOT_SHARP})")
         return f"{where}: {'; '.join(words)}"
@@ -303,14 +303,14 @@ class Study(Tabular):
     def headline(self) -> str:
         """The best load with its power, and where its optimum is."""
         best = [
-            (where, each) for where in np.ndindex(self.optima.shape) if (each := self.best(where))
+            (where, point) for where in np.ndindex(self.optima.shape) if (point := self.best(where))
         ]
         best = [pair for pair in best if "output_power" in pair[1].estimates]
         if not best:
             return "no load has a power"
         where, top = max(best, key=lambda pair: pair[1].power)
-        key, place = self.curve_keys[0], self.optima[where][1]
-        at = f" at {self._value(key, self.grid.sweeps[key][place])}" if key else ""
+        key, index = self.curve_keys[0], self.optima[where][1]
+        at = f" at {self._value(key, self.grid.sweeps[key][index])}" if key else ""
         power = with_error(top.estimates["output_power"], self.unit)
         return f"most power: {power} from {self.grid.loads[where[0]]}{at}"
 
@@ -344,11 +344,11 @@ class Study(Tabular):
                 point.load,
                 *point.place,
                 *(values[where] for _, values, _ in quantities),
-                each.realizations,
-                outcome_and_notes(each)[0],
-                "; ".join(outcome_and_notes(each)[1]),
+                evaluation.realizations,
+                outcome_and_notes(evaluation)[0],
+                "; ".join(outcome_and_notes(evaluation)[1]),
             ]
-            for point, each, where in zip(
+            for point, evaluation, where in zip(
                 self.grid.points, self.evaluations, np.ndindex(self.cells.shape), strict=True
             )
         ]
@@ -372,12 +372,12 @@ class Study(Tabular):
                 "points": [
                     {
                         **self._where(k),
-                        "outcome": each.outcome,
-                        "realizations": each.realizations,
-                        "quantities": each.estimates,
-                        **orbits_of(self.scene, each.orbits),
+                        "outcome": evaluation.outcome,
+                        "realizations": evaluation.realizations,
+                        "quantities": evaluation.estimates,
+                        **orbits_of(self.scene, evaluation.orbits),
                     }
-                    for k, each in enumerate(self.evaluations)
+                    for k, evaluation in enumerate(self.evaluations)
                 ],
                 "optima": [
                     {"load": load, "at": words, **self._optimum_to_dict((k, *other))}
@@ -385,8 +385,8 @@ class Study(Tabular):
                     for k, load in enumerate(grid.loads)
                 ],
                 "proofs": [
-                    {**fields_of(each), **self._where(each.place), "disagrees": each.disagrees}
-                    for each in self.proofs
+                    {**fields_of(proof), **self._where(proof.place), "disagrees": proof.disagrees}
+                    for proof in self.proofs
                 ],
                 "rankings": [
                     {"at": words, "best_first": self.rankings[other][0]}
@@ -400,13 +400,13 @@ class Study(Tabular):
 
     def _where(self, point):
         """Load and swept values of a point."""
-        own = self.grid.points[point]
-        return {"load": own.load, "place": dict(zip(self.grid.sweeps, own.place, strict=True))}
+        node = self.grid.points[point]
+        return {"load": node.load, "place": dict(zip(self.grid.sweeps, node.place, strict=True))}
 
     def _optimum_to_dict(self, where):
-        optimum, place = self.optima[where]
+        optimum, index = self.optima[where]
         key = self.curve_keys[0]
-        highest = None if place is None or key is None else self.grid.sweeps[key][place]
+        highest = None if index is None or key is None else self.grid.sweeps[key][index]
         return {
             "over": key,
             "highest_at": highest,
@@ -420,25 +420,25 @@ class Study(Tabular):
         if len(order) < 2:
             return
         yield f"ranking at the optima{f', {words}' if words else ''}: {' > '.join(order)}"
-        for each in differences:
-            if order.index(each.worse) == order.index(each.better) + 1:
-                distance = each.estimate / each.standard_error if each.standard_error else math.nan
-                told = self.scene.excitation.random and math.isfinite(distance)
-                sure = f", {distance:.1f} standard errors" if told else ""
-                apart = share_with_error(each)
-                yield f"  {each.better} over {each.worse}: {apart} (paired){sure}"
+        for lead in differences:
+            if order.index(lead.worse) == order.index(lead.better) + 1:
+                distance = lead.estimate / lead.standard_error if lead.standard_error else math.nan
+                has_error = self.scene.excitation.random and math.isfinite(distance)
+                sure = f", {distance:.1f} standard errors" if has_error else ""
+                apart = share_with_error(lead)
+                yield f"  {lead.better} over {lead.worse}: {apart} (paired){sure}"
 
     def _failures(self):
         """Failures of points, and notes on the others, each printed once."""
         points: dict[str, list[tuple[str, Sequence[str]]]] = {}
         for point, evaluation in zip(self.grid.points, self.evaluations, strict=True):
             outcome, notes = outcome_and_notes(evaluation)
-            place = ", ".join(number(value) for value in point.place)
+            values = ", ".join(number(value) for value in point.place)
             lines = notes if outcome == COMPLETE else [outcome]
-            points.setdefault(point.load, []).append((place, lines))
+            points.setdefault(point.load, []).append((values, lines))
         for load, noted in points.items():
-            for each, where in placed_notes(noted):
-                yield f"{load}{' at ' * bool(where)}{where}: {each}"
+            for note, where in placed_notes(noted):
+                yield f"{load}{' at ' * bool(where)}{where}: {note}"
 
 
 def chosen(method: str | Method, step: str | float) -> tuple[Method, Engine | None]:
@@ -478,12 +478,12 @@ def proofs(
     evaluations: list[Evaluation],
 ) -> list[Proof]:
     """The circuit beside Monte Carlo, on the same noise, at chosen points that Monte Carlo ran."""
-    first, judge = ((each, runner.version(each.name)) for each in engines)
+    first, judge = ((engine, runner.version(engine.name)) for engine in engines)
     return runner.follow(
         [
-            proving(place, highest, grid.points[place].scene, first, judge)
-            for place, highest in places_to_prove(grid, evaluations, grid.scene.run.seed)
-            if evaluations[place].method == engines[0].name
+            proving(index, highest, grid.points[index].scene, first, judge)
+            for index, highest in places_to_prove(grid, evaluations, grid.scene.run.seed)
+            if evaluations[index].method == engines[0].name
         ]
     )
 
@@ -516,9 +516,9 @@ def save(study: Study, folder: str | Path | StudyFolder) -> list[str]:
     from harvester.show import figures
     from harvester.studies.loads import drawing
 
-    with held(folder) as own:
-        place = Path(own)
-        grid, table, *pictures = (in_folder(place, name) for name in LOAD_STUDY_FILES)
+    with held(folder) as directory:
+        path = Path(directory)
+        grid, table, *pictures = (in_folder(path, name) for name in LOAD_STUDY_FILES)
         write_netcdf(grid, study.to_xarray())
         study.to_csv(table)
         for draw, picture in zip(drawing.FIGURES, pictures, strict=True):

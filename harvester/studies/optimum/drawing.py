@@ -29,7 +29,7 @@ def draw(found: Optimum) -> Figure:
     Over several parameters places differ in the others too, so that the highest of them are the
     outline.
     """
-    panels = [_panel(found, each) for each in found.parameters]
+    panels = [_panel(found, parameter) for parameter in found.parameters]
     title = (
         f"{found.scene.name}: {len(found.searched)} places searched, by {found.method} "
         "(bars: two standard errors)"
@@ -40,7 +40,7 @@ def draw(found: Optimum) -> Figure:
 def _panel(found, each):
     key = each.axis.key
     factor, unit = prefixed(found.value.estimate, found.unit.split()[0])
-    places = [place[key] for place, _ in found.searched]
+    places = [location[key] for location, _ in found.searched]
     searched = [value.times(factor) for _, value in found.searched]
     values = [value.estimate for value in searched]
     bars = [INTERVAL * (value.standard_error or 0.0) for value in searched]

@@ -62,20 +62,22 @@ def largest(
     axes = [Axis.of(scene, key, *ends) for key, ends in over.items()]
     with open_runner(**running) as runner:
         if is_one:
-            found = along(scene, axes[0], maximise, chosen, beside, runner, follow)
+            optimum = along(scene, axes[0], maximise, chosen, beside, runner, follow)
         else:
-            found = over_several(
+            optimum = over_several(
                 scene, axes, maximise, chosen, runner, follow, evaluations, precision
             )
-        orbits = _orbits_at(found, chosen, runner)
-    return replace(found, orbits=orbits, seconds=time.perf_counter() - clock)
+        orbits = _orbits_at(optimum, chosen, runner)
+    return replace(optimum, orbits=orbits, seconds=time.perf_counter() - clock)
 
 
 def _orbits_at(found, method, runner):
     """The orbits that drawn starts reach at the place; empty under noise or of a linear device."""
-    there = found.scene.replace({each.axis.key: each.place for each in found.parameters})
-    if not isinstance(method, Engine) or not note_on_one_start(there):
+    at_maximum = found.scene.replace(
+        {parameter.axis.key: parameter.place for parameter in found.parameters}
+    )
+    if not isinstance(method, Engine) or not note_on_one_start(at_maximum):
         return ()
-    if there.run.starts is None:
-        there = replace(there, run=replace(there.run, starts=STARTS))
-    return first_answer(runner, Request(with_orbit(there), method)).orbits
+    if at_maximum.run.starts is None:
+        at_maximum = replace(at_maximum, run=replace(at_maximum.run, starts=STARTS))
+    return first_answer(runner, Request(with_orbit(at_maximum), method)).orbits

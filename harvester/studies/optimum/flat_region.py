@@ -74,16 +74,16 @@ def _look_around(objective, place, answer, stage):
     rays = [_Ray(axis, way, place) for axis in range(len(place)) for way in (-1.0, 1.0)]
     best = None
     for turn in range(1 + (REFINEMENTS if objective.noisy else WITHOUT_NOISE)):
-        wanted = [(ray, each) for ray in rays for each in ray.wanted(turn)]
-        answers = objective.answers([ray.at(each) for ray, each in wanted], stage, moments=True)
-        for (ray, reach), found in zip(wanted, answers, strict=True):
-            gain, error = _gain(objective, found, answer)
+        pairs = [(ray, share) for ray in rays for share in ray.wanted(turn)]
+        answers = objective.answers([ray.at(share) for ray, share in pairs], stage, moments=True)
+        for (ray, reach), moved in zip(pairs, answers, strict=True):
+            gain, error = _gain(objective, moved, answer)
             lost = FLAT_SHARE * abs(objective.value(answer))
             ray.flat[reach] = gain >= -lost - FLAT_SIGMAS * error
             ray.known &= np.isfinite(error)
             least = max(HIGHER * error, SHARE_HIGHER * abs(objective.value(answer)))
             if gain > least and (best is None or gain > best[0]):
-                best = gain, ray.at(reach), found
+                best = gain, ray.at(reach), moved
     return rays, best and best[1:]
 
 

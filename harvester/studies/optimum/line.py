@@ -64,30 +64,30 @@ def along(
     OptimumError, SimulationError
     """
     device = _on_common_knots(scene, axis)
-    place, value, reason = None, None, f"knows no {quantity.replace('_', ' ')}"
+    location, value, reason = None, None, f"knows no {quantity.replace('_', ' ')}"
     if quantity in MAXIMISED:
         follow(0.0, "stationary averages")
-        place, value, reason = averaged(device, axis, quantity, closure, runner)
+        location, value, reason = averaged(device, axis, quantity, closure, runner)
     follow(0.3, "simulation")
     search = Search(device, axis, quantity, method, runner)
-    found, fitted = search.find(None if place is None else axis.coordinate(place))
+    maximum, fitted = search.find(None if location is None else axis.coordinate(location))
     follow(0.9, "comparison")
-    there = device.replace({axis.key: found.estimate})
-    wanted = [search.request(axis.coordinate(found.estimate)), Request(there, closure)]
-    simulated, by_closure = answers_in_time(runner, wanted)
+    at_maximum = device.replace({axis.key: maximum.estimate})
+    requests = [search.request(axis.coordinate(maximum.estimate)), Request(at_maximum, closure)]
+    simulated, by_closure = answers_in_time(runner, requests)
     if isinstance(simulated, HarvesterError):
         raise simulated
     refused = isinstance(by_closure, HarvesterError) or quantity not in MAXIMISED
-    there = None if refused else amount(by_closure, quantity)
+    at_maximum = None if refused else amount(by_closure, quantity)
     return Optimum(
         scene=scene,
         quantity=quantity,
         unit=unit_of(scene, simulated.quantities[quantity].dimension),
         method=method.name,
-        parameters=[Parameter(axis, found.estimate, found.standard_error)],
+        parameters=[Parameter(axis, maximum.estimate, maximum.standard_error)],
         value=simulated.in_units()[quantity],
-        searched=[({axis.key: each}, estimate) for each, estimate in fitted],
-        averaging=Averaging(closure, place, value, reason, there),
+        searched=[({axis.key: value_searched}, estimate) for value_searched, estimate in fitted],
+        averaging=Averaging(closure, location, value, reason, at_maximum),
     )
 
 
@@ -109,12 +109,12 @@ def averaged(
 
     def values(coordinates):
         places = [axis.value(c) for c in coordinates]
-        requests = [Request(scene.replace({axis.key: place}), closure) for place in places]
+        requests = [Request(scene.replace({axis.key: location}), closure) for location in places]
         outcomes = answers_in_time(runner, requests)
-        refusals = [str(each) for each in outcomes if isinstance(each, HarvesterError)]
+        refusals = [str(outcome) for outcome in outcomes if isinstance(outcome, HarvesterError)]
         amounts = [
-            -math.inf if isinstance(each, HarvesterError) else amount(each, quantity)
-            for each in outcomes
+            -math.inf if isinstance(outcome, HarvesterError) else amount(outcome, quantity)
+            for outcome in outcomes
         ]
         return amounts, refusals
 
@@ -198,15 +198,15 @@ class Search:
     def request(self, coordinate: float, moments: bool = False) -> Request:
         """The request for one place, with the number of realizations that the precision needs."""
         scene = self.scene.replace({self.axis.key: self.axis.value(coordinate)})
-        more = None if self._more == 1 else self._more * self.scene.run.realizations
-        return Request(scene, self.method, realizations=more, moments=moments)
+        realizations = None if self._more == 1 else self._more * self.scene.run.realizations
+        return Request(scene, self.method, realizations=realizations, moments=moments)
 
     def _answers(self, coordinates):
         requests = [self.request(coordinate, moments=True) for coordinate in coordinates]
         answers = answers_in_time(self._runner, requests)
-        for each in answers:
-            if isinstance(each, HarvesterError):
-                raise each
+        for answer in answers:
+            if isinstance(answer, HarvesterError):
+                raise answer
         return answers
 
     def _highest(self):
@@ -240,10 +240,10 @@ class Search:
             return around
         if fit.noisy_ends and self._lengthen():
             return centre
-        place = self.axis.value(centre + half * fit.place)
+        location = self.axis.value(centre + half * fit.place)
         end = self.axis.value(centre + half * fit.flat_to)
         raise OptimumError(
-            f"{self.axis.key}: {self._name()} is flat from {place:.4g} to {end:.4g} by "
+            f"{self.axis.key}: {self._name()} is flat from {location:.4g} to {end:.4g} by "
             f"{self.method.name}, within errors or {STANDS_OUT:.1%}: the maximum is a plateau, or "
             "the range is too narrow: widen it"
         )

@@ -103,16 +103,16 @@ class Objective:
         ------
         OutOfTime
         """
-        found: list[Any] = [None] * len(places)
+        answers: list[Any] = [None] * len(places)
         requests: dict[int, Request] = {}
-        for k, place in enumerate(places):
+        for k, location in enumerate(places):
             try:
-                requests[k] = Request(self.scene_at(place, stage), self.method, **options)
+                requests[k] = Request(self.scene_at(location, stage), self.method, **options)
             except SceneError as error:
-                found[k] = error
+                answers[k] = error
         for k, answer in zip(requests, self._answers(requests.values()), strict=True):
-            found[k] = answer
-        return found
+            answers[k] = answer
+        return answers
 
     def _answers(self, requests):
         return answers_in_time(self._runner, requests, on_answer=self._count)
@@ -135,7 +135,7 @@ class Objective:
         if not has_deviations(self.quantity):
             errors = [a.in_units()[self.quantity].standard_error for a in (answer, other)]
             return math.inf if None in errors else math.hypot(*errors)
-        series = [series_in_units(each, self.quantity) for each in (answer, other)]
+        series = [series_in_units(compared, self.quantity) for compared in (answer, other)]
         error = standard_error(series[0] - series[1])
         return math.inf if error is None else error
 

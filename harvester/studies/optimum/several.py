@@ -78,18 +78,18 @@ def over_several(
 
     objective = Objective(scene, axes, quantity, method, runner, told)
     follow(0.0, "the scene itself")
-    own = first_answer(runner, Request(scene, method))
-    check_quantity(quantity, own)
+    scene_answer = first_answer(runner, Request(scene, method))
+    check_quantity(quantity, scene_answer)
     searched = _search(objective, count)
-    place = _chosen(objective, searched)
+    location = _chosen(objective, searched)
     stage = AGAIN if objective.noisy else SEARCH
-    start = place if objective.noisy else _refined(objective, place)
-    place, answer, sides = climb(objective, start, stage)
-    if place != start and not objective.noisy:
-        place, answer, sides = climb(objective, _refined(objective, place), stage)
+    start = location if objective.noisy else _refined(objective, location)
+    location, answer, sides = climb(objective, start, stage)
+    if location != start and not objective.noisy:
+        location, answer, sides = climb(objective, _refined(objective, location), stage)
     if objective.noisy:
         asked = {"precision": precision, "quantities": (quantity,)}
-        (answer,) = objective.answers([place], VALUE, **asked)
+        (answer,) = objective.answers([location], VALUE, **asked)
         if isinstance(answer, HarvesterError):
             raise answer
     dimension = answer.quantities[quantity].dimension
@@ -98,12 +98,12 @@ def over_several(
         quantity=quantity,
         unit=unit_of(scene, dimension),
         method=method.name,
-        parameters=ranges(objective.axes, place, sides),
+        parameters=ranges(objective.axes, location, sides),
         value=answer.in_units()[quantity],
-        own=own.in_units()[quantity],
+        own=scene_answer.in_units()[quantity],
         searched=[
-            (objective.values_at(each), Estimate(value, None, None, dimension))
-            for each, value in searched
+            (objective.values_at(coordinates), Estimate(value, None, None, dimension))
+            for coordinates, value in searched
         ],
         evaluations=objective.evaluated,
     )
@@ -126,7 +126,7 @@ def _search(objective, count):
     """Places proposed and their values; of one parameter without noise a grid."""
     searched: list[tuple] = []
     axes, proposals = objective.axes, None
-    grid = [(float(each),) for each in np.linspace(0.0, 1.0, count)]
+    grid = [(float(coordinate),) for coordinate in np.linspace(0.0, 1.0, count)]
     if not _by_grid(axes, objective.noisy):
         proposals = Proposals(
             len(axes), objective.scene.run.seed, _own_place(objective.scene, axes)
@@ -145,12 +145,12 @@ def _search(objective, count):
 
 def _chosen(objective, searched):
     """The highest place; under noise the highest of the best ones on fresh noise."""
-    ended = [each for each in searched if not math.isnan(each[1])]
-    highest = [place for place, _ in sorted(ended, key=lambda each: -each[1])]
+    ended = [pair for pair in searched if not math.isnan(pair[1])]
+    highest = [coordinates for coordinates, _ in sorted(ended, key=lambda each: -each[1])]
     if not objective.noisy:
         return highest[0]
     places = list(dict.fromkeys(highest))[:CONFIRMED]
-    values = [objective.value(each) for each in objective.answers(places, AGAIN, moments=True)]
+    values = [objective.value(answer) for answer in objective.answers(places, AGAIN, moments=True)]
     if all(math.isnan(value) for value in values):
         raise OptimumError("the second runs failed at all of the highest places")
     return places[int(np.nanargmax(values))]
@@ -167,5 +167,5 @@ def _refined(objective, place):
     (answer,) = objective.answers([place])
     scale = abs(objective.value(answer)) or 1.0
     radii = {"initial_tr_radius": RADIUS, "final_tr_radius": LAST_RADIUS}
-    found = minimize(loss, place, method="COBYQA", bounds=[(0.0, 1.0)] * len(place), options=radii)
-    return tuple(map(float, found.x))
+    best = minimize(loss, place, method="COBYQA", bounds=[(0.0, 1.0)] * len(place), options=radii)
+    return tuple(map(float, best.x))

@@ -49,9 +49,9 @@ def kramers_time(ready: Prepared, well: float) -> tuple[float | None, str]:
     over = math.sqrt(-timescales.stiffness(system, saddle))
     slowing = (math.sqrt(damping**2 / 4.0 + over**2) - damping / 2.0) / over
     losses = [
-        damping * _action(system, each, saddle) / temperature for each in timescales.wells(system)
+        damping * _action(system, side, saddle) / temperature for side in timescales.wells(system)
     ]
-    factor = math.prod(_depopulation(each) for each in losses) / _depopulation(sum(losses))
+    factor = math.prod(_depopulation(loss) for loss in losses) / _depopulation(sum(losses))
     return 2.0 * math.pi / (omega * slowing * factor) * math.exp(barrier), ""
 
 
@@ -65,7 +65,7 @@ def _refusal(ready, well):
     drag = ready.scene.oscillator.quadratic_damping
     if not system.damper.damping > 0.0 or drag > 0.0:
         return "it is for a linear damper"
-    if any(each.restitution < 1.0 for each in ready.scene.stoppers):
+    if any(stopper.restitution < 1.0 for stopper in ready.scene.stoppers):
         return "stoppers take energy"
     omega = math.sqrt(max(timescales.stiffness(system, well), 0.0))
     added = system.transducer.loss_rate(omega)

@@ -181,20 +181,20 @@ def bifurcation(
     directions = ("up", "down") if down else ("up",)
     with open_runner(**running) as runner:
         version = runner.version(engine.name)
-        (found,) = runner.follow(
+        (outcome,) = runner.follow(
             [work.climbing(scene, over, rising, engine, version, settling, directions)]
         )
-    if isinstance(found, HarvesterError):
-        raise found
-    if found is None:
+    if isinstance(outcome, HarvesterError):
+        raise outcome
+    if outcome is None:
         raise HarvesterError("the time budget was spent: the same command goes on where it ended")
-    branches, failures = found
+    branches, failures = outcome
     return work.Bifurcation(
         scene=scene,
         key=over,
         values=rising,
         branches=branches,
-        jumps=[jump for each in branches for jump in work.jumps_of(rising, each)],
+        jumps=[jump for branch in branches for jump in work.jumps_of(rising, branch)],
         method=engine.name,
         engine_version=version or "compiled equations",
         periods=settling,
@@ -254,23 +254,23 @@ def residence(
         raise HarvesterError("--over and --values: give both or neither")
     places: list[Any] = [None]
     if values is not None:
-        places = [float(each) for each in listed(values, "values", "[0.1, 0.2]")]
-    scenes = [scene if over is None else scene.replace({over: each}) for each in places]
-    for each in scenes:
-        work.require_wells(each)
+        places = [float(number) for number in listed(values, "values", "[0.1, 0.2]")]
+    scenes = [scene if over is None else scene.replace({over: number}) for number in places]
+    for scene_at_value in scenes:
+        work.require_wells(scene_at_value)
     with open_runner(**running) as runner:
         version = runner.version(engine.name)
-        found: list[Any] = runner.follow(
+        outcomes: list[Any] = runner.follow(
             [
-                work.staying(each, value, engine, version, precision)
-                for each, value in zip(scenes, places, strict=True)
+                work.staying(scene_at_value, value, engine, version, precision)
+                for scene_at_value, value in zip(scenes, places, strict=True)
             ]
         )
     return work.Residence(
         scene=scene,
         key=over,
-        stays=[stay for stays, _ in found for stay in stays],
+        stays=[stay for stays, _ in outcomes for stay in stays],
         method=engine.name,
-        engine_version=next((each for _, each in found if each), ""),
+        engine_version=next((text for _, text in outcomes if text), ""),
         seconds=time.perf_counter() - clock,
     )

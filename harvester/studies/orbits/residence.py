@@ -111,13 +111,13 @@ class Residence:
         header += ["stays", "Kramers [s]"]
         return header, [
             [
-                "" if each.value is None else f"{each.value:.6g}",
-                f"{each.well:.4g}",
-                _time_text(each),
-                f"{each.stays}",
-                "—" if each.kramers is None else f"{each.kramers:.4g}",
+                "" if stay.value is None else f"{stay.value:.6g}",
+                f"{stay.well:.4g}",
+                _time_text(stay),
+                f"{stay.stays}",
+                "—" if stay.kramers is None else f"{stay.kramers:.4g}",
             ]
-            for each in self.stays
+            for stay in self.stays
         ]
 
     def data(self) -> tuple[list[str], list[list[Any]]]:
@@ -125,8 +125,8 @@ class Residence:
         header = [self.key or "scene", f"well [{unit_of(self.scene, 'displacement')}]"]
         header += ["residence time [s]", "standard error [s]", "stays", "Kramers [s]"]
         return header, [
-            [each.value, each.well, each.time, each.standard_error, each.stays, each.kramers]
-            for each in self.stays
+            [stay.value, stay.well, stay.time, stay.standard_error, stay.stays, stay.kramers]
+            for stay in self.stays
         ]
 
     def sentences(self) -> list[str]:
@@ -136,22 +136,22 @@ class Residence:
             "a stay lasts from reaching a well (no more than a quarter of the energy that leads "
             "out of it) to reaching another one",
         ]
-        reasons = dict.fromkeys(each.reason for each in self.stays if each.reason)
+        reasons = dict.fromkeys(stay.reason for stay in self.stays if stay.reason)
         lines += [f"Kramers' formula is left out: {reason}" for reason in reasons]
-        few = [each for each in self.stays if each.standard_error is None]
+        few = [stay for stay in self.stays if stay.standard_error is None]
         if few:
             lines.append(
                 f"{len(few)} of {len(self.stays)} have no error bar, on fewer than {FEWEST_STAYS} "
                 "stays: raise run.duration or run.realizations, or ask for a --precision"
             )
-        longer = max(each.longer_by_knots for each in self.stays)
+        longer = max(stay.longer_by_knots for stay in self.stays)
         if longer > NOTED_BY_KNOTS:
             lines.append(
                 "white noise ends with the band of its knots: times are about "
                 f"{longer:.1%} to {2.0 * longer:.1%} longer than without that limit; halve "
                 f"excitation.knot_spacing = {knot_spacing(prepared(self.scene)):.3g} to lower this"
             )
-        wrong = dict.fromkeys(each.outcome for each in self.stays if each.outcome != "complete")
+        wrong = dict.fromkeys(stay.outcome for stay in self.stays if stay.outcome != "complete")
         return lines + list(wrong)
 
     def figure(self) -> Figure | None:
@@ -201,14 +201,14 @@ def stays(
     dict
         `times`, `exits`, shape (realizations, batches, wells), wells from the left; `version`.
     """
-    found = run(scene, engine_of(engine, step=step, **settings or {}), indices, None, report)
-    jumps: Any = [each.moments.jumps for each in found]
+    realizations = run(scene, engine_of(engine, step=step, **settings or {}), indices, None, report)
+    jumps: Any = [realization.moments.jumps for realization in realizations]
     # The last row holds the time before `run.settle`. It counts too: a start at rest is like an
     # arrival by a jump.
     return {
-        "times": np.array([each.times for each in jumps]),
-        "exits": np.array([each.counts.sum(axis=2) for each in jumps]),
-        "version": found[0].engine_version,
+        "times": np.array([jumps_of.times for jumps_of in jumps]),
+        "exits": np.array([jumps_of.counts.sum(axis=2) for jumps_of in jumps]),
+        "version": realizations[0].engine_version,
     }
 
 
@@ -231,12 +231,12 @@ def staying(
         tasks = [
             Task(
                 stays,
-                {"scene": scene, **engine.as_arguments("engine"), "indices": each},
+                {"scene": scene, **engine.as_arguments("engine"), "indices": piece},
                 version,
                 f"{engine.name} {value}",
-                len(each),
+                len(piece),
             )
-            for each in pieces
+            for piece in pieces
         ]
         answers = yield Wanted(tasks)
         for answer in answers:
@@ -248,18 +248,18 @@ def staying(
             engine_version = answer["version"]
         if not times:
             break
-        found = stays_of(scene, value, np.concatenate(times), np.concatenate(exits))
+        means = stays_of(scene, value, np.concatenate(times), np.concatenate(exits))
         done, count = count, 2 * count
         errors = [
-            each.standard_error / each.time if each.standard_error else math.inf for each in found
+            stay.standard_error / stay.time if stay.standard_error else math.inf for stay in means
         ]
         if precision is None or outcome != "complete" or max(errors) <= precision:
             break
     if not times:
         wells = timescales.wells(prepared(scene).system)
         nothing = np.zeros((1, 1, len(wells)))
-        found = stays_of(scene, value, nothing, nothing)
-    return [replace(each, outcome=outcome) for each in found], engine_version
+        means = stays_of(scene, value, nothing, nothing)
+    return [replace(stay, outcome=outcome) for stay in means], engine_version
 
 
 def stays_of(scene: Scene, value: float | None, times: np.ndarray, exits: np.ndarray) -> list[Stay]:
@@ -274,7 +274,7 @@ def stays_of(scene: Scene, value: float | None, times: np.ndarray, exits: np.nda
             exits.sum(axis=2)[:, :, None],
             wells[1:],
         )
-    found = []
+    rows = []
     for number, well in enumerate(wells):
         spent, left = times[:, :, number].ravel(), exits[:, :, number].ravel()
         count, watched = float(left.sum()), float(spent.sum())
@@ -286,10 +286,10 @@ def stays_of(scene: Scene, value: float | None, times: np.ndarray, exits: np.nda
             error = math.sqrt(blocks / max(blocks - 1.0, 1.0) * float((off**2).sum())) / count
             error *= 1.0 + RAISED / count
         formula, reason = kramers_time(ready, well)
-        place = well * ready.scales.displacement
+        bottom = well * ready.scales.displacement
         longer = _longer_by_knots(ready, well)
-        found.append(Stay(value, place, time, error, int(count), watched, formula, reason, longer))
-    return found
+        rows.append(Stay(value, bottom, time, error, int(count), watched, formula, reason, longer))
+    return rows
 
 
 def _longer_by_knots(ready, well):
@@ -325,18 +325,18 @@ def require_wells(scene: Scene) -> None:
 def _draw(residence):
     """Times over the key on a logarithmic axis, with Kramers' where it holds."""
     series = []
-    wells = dict.fromkeys(each.well for each in residence.stays)
+    wells = dict.fromkeys(stay.well for stay in residence.stays)
     for number, well in enumerate(wells):
-        some = [each for each in residence.stays if each.well == well and math.isfinite(each.time)]
-        x, y = [each.value for each in some], [each.time for each in some]
-        bars = [2.0 * (each.standard_error or 0.0) for each in some]
+        some = [stay for stay in residence.stays if stay.well == well and math.isfinite(stay.time)]
+        x, y = [stay.value for stay in some], [stay.time for stay in some]
+        bars = [2.0 * (stay.standard_error or 0.0) for stay in some]
         colour = (MONTE_CARLO, CIRCUIT)[number % 2]
         series.append(Series(x, y, f"well at {well:.3g}", colour, "", "o", bars=bars))
-        known = [each for each in residence.stays if each.well == well and each.kramers]
-        if known:
-            x, y = [each.value for each in known], [each.kramers for each in known]
+        with_formula = [stay for stay in residence.stays if stay.well == well and stay.kramers]
+        if with_formula:
+            x, y = [stay.value for stay in with_formula], [stay.kramers for stay in with_formula]
             series.append(Series(x, y, "Kramers", colour, "--"))
-    values = [each.value for each in residence.stays]
+    values = [stay.value for stay in residence.stays]
     label = key_label(residence.key, residence.scene.units)
     panel = Panel(label, "residence time [s]", series, log_x=is_wide(values), log_y=True)
     title = f"{residence.scene.name}: mean time in a well (bars: two standard errors)"

@@ -14,15 +14,15 @@ from harvester.studies.sensitivity.tolerances import Tolerance
 
 def parameters(tolerances: Sequence[Tolerance | Direction], shares: np.ndarray) -> dict[str, float]:
     """Values of a device's parameters by their keys."""
-    found: dict[str, float] = {}
-    for each, share in zip(tolerances, shares, strict=True):
-        value = float(each.values(share))
-        if isinstance(each, Direction):
-            for key, step in each.steps.items():
-                found[key] = found.get(key, each.centre[key]) + value * step
+    values: dict[str, float] = {}
+    for tolerance, share in zip(tolerances, shares, strict=True):
+        value = float(tolerance.values(share))
+        if isinstance(tolerance, Direction):
+            for key, step in tolerance.steps.items():
+                values[key] = values.get(key, tolerance.centre[key]) + value * step
         else:
-            found[each.key] = value
-    return found
+            values[tolerance.key] = value
+    return values
 
 
 def devices(
@@ -46,10 +46,10 @@ def devices(
     """
     realizations = max(scene.run.realizations // replicates, 1)
     rows = []
-    for place, row in enumerate(shares):
-        seeds = [_seed(scene.run.seed, place, k) for k in range(replicates)]
+    for number, row in enumerate(shares):
+        seeds = [_seed(scene.run.seed, number, k) for k in range(replicates)]
         try:
-            made = [scene.replace(parameters(tolerances, each)) for each in row]
+            scenes = [scene.replace(parameters(tolerances, quantiles)) for quantiles in row]
         except SceneError as error:
             raise HarvesterError(
                 f"--vary: a device within the tolerances is not valid: {error}; choose narrower "
@@ -58,13 +58,13 @@ def devices(
         rows.append(
             [
                 replace(device, run=replace(scene.run, seed=seed, realizations=realizations))
-                for device in made
+                for device in scenes
                 for seed in (seeds if replicates > 1 else [scene.run.seed])
             ]
         )
     if replicates == 1:
         return rows
-    flat = on_common_knots([each for row in rows for each in row])
+    flat = on_common_knots([device_scene for row in rows for device_scene in row])
     return [flat[start : start + len(rows[0])] for start in range(0, len(flat), len(rows[0]))]
 
 

@@ -48,9 +48,9 @@ def _draw_effects(axes, study, order):
     for end, (colour, label) in enumerate(
         zip(COLOURS, ("low: 5 % of devices are below", "high: 95 % are below"), strict=True)
     ):
-        found = [study.effects[k][end] for k in order]
-        widths = 100.0 * np.array([each.estimate for each in found]) / mean
-        ends = 100.0 * np.array([[each.low, each.high] for each in found]).T / mean
+        effects = [study.effects[k][end] for k in order]
+        widths = 100.0 * np.array([effect.estimate for effect in effects]) / mean
+        ends = 100.0 * np.array([[effect.low, effect.high] for effect in effects]).T / mean
         # The two bars stand one above the other, since both may point the same way.
         heights = np.arange(len(order)) + (0.14, -0.14)[end]
         axes.barh(heights, widths, height=0.26, color=colour, label=label)
@@ -69,9 +69,9 @@ def _draw_indices(axes, study, order):
         ("first-order", study.indices.first, "o", 0.12),
         ("total", study.indices.total, "s", -0.12),
     )
-    for name, found, marker, height in pairs:
-        values = np.array([found[k].estimate for k in order])
-        ends = np.array([[found[k].low, found[k].high] for k in order]).T
+    for name, intervals, marker, height in pairs:
+        values = np.array([intervals[k].estimate for k in order])
+        ends = np.array([[intervals[k].low, intervals[k].high] for k in order]).T
         axes.errorbar(
             values,
             np.arange(len(order)) + height,
@@ -106,12 +106,12 @@ def draw_distribution(study: Sensitivity) -> Figure:
         values = study.values.mean(axis=0)[:, :2].ravel()
     values = factor * values
     axes.hist(values, bins=min(BINS, max(5, values.size // 6)), density=True, color="0.8")
-    for share, each in {} if hidden else _scaled(study.population.quantiles, factor):
-        axes.axvline(each.estimate, color=COLOURS[0], linewidth=1.0)
-        axes.axvspan(each.low, each.high, color=COLOURS[0], alpha=0.15, linewidth=0)
+    for share, quantile in {} if hidden else _scaled(study.population.quantiles, factor):
+        axes.axvline(quantile.estimate, color=COLOURS[0], linewidth=1.0)
+        axes.axvspan(quantile.low, quantile.high, color=COLOURS[0], alpha=0.15, linewidth=0)
         axes.text(
-            each.estimate, 1.0, f"{share:.0%}", transform=axes.get_xaxis_transform(), fontsize=7,
-            ha="center", va="bottom", color=COLOURS[0],
+            quantile.estimate, 1.0, f"{share:.0%}", transform=axes.get_xaxis_transform(),
+            fontsize=7, ha="center", va="bottom", color=COLOURS[0],
         )  # fmt: skip
     axes.axvline(
         factor * study.nominal.estimate, color="0.1", linestyle=":", label="the scene itself"
@@ -137,5 +137,8 @@ def draw_distribution(study: Sensitivity) -> Figure:
 
 def _scaled(quantiles, factor):
     """(share, interval) of each quantile, in the unit of the axis."""
-    for share, each in quantiles.items():
-        yield share, Interval(factor * each.estimate, factor * each.low, factor * each.high)
+    for share, quantile in quantiles.items():
+        yield (
+            share,
+            Interval(factor * quantile.estimate, factor * quantile.low, factor * quantile.high),
+        )

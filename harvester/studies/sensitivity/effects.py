@@ -36,11 +36,11 @@ def effects(shares: np.ndarray, values: np.ndarray, seed: int) -> list[tuple[Int
     weights = np.vstack([np.ones(rows), weights])
     fits = [np.linalg.pinv(np.tensordot(w, squares, 1)) @ (w @ products) for w in weights]
     slopes, bends = np.array(fits)[:, 1 : count + 1], np.array(fits)[:, count + 1 :]
-    found = []
+    intervals = []
     for k in range(count):
         low, high = (sum(np.multiply((slopes[:, k], bends[:, k]), _column(end))) for end in ENDS)
-        found.append((interval(low[0], low[1:]), interval(high[0], high[1:])))
-    return found
+        intervals.append((interval(low[0], low[1:]), interval(high[0], high[1:])))
+    return intervals
 
 
 def _parabola(share):

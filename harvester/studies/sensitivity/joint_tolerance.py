@@ -83,23 +83,23 @@ def directions(scene: Scene, identified: Mapping[str, Any] | str | Path) -> list
         content = _content(content, where)
     try:
         keys = [str(key) for key in content["keys"]]
-        whole = np.array(content["covariance"], dtype=float)
+        covariance = np.array(content["covariance"], dtype=float)
     except (KeyError, TypeError, ValueError):
         raise HarvesterError(f"{where}: no identification with keys and covariance") from None
-    if whole.shape != (len(keys), len(keys)) or not np.isfinite(whole).all():
+    if covariance.shape != (len(keys), len(keys)) or not np.isfinite(covariance).all():
         raise HarvesterError(f"{where}: the covariance is no square matrix of its keys' size")
-    kept = [place for place, key in enumerate(keys) if not key.startswith("sensor.")]
-    keys, whole = [keys[place] for place in kept], whole[np.ix_(kept, kept)]
+    indices = [index for index, key in enumerate(keys) if not key.startswith("sensor.")]
+    keys, covariance = [keys[index] for index in indices], covariance[np.ix_(indices, indices)]
     centre = {key: number(scene, key, where)[0] for key in keys}
     units = np.array([abs(value) or 1.0 for value in centre.values()])
-    spread, axes = np.linalg.eigh(whole / np.outer(units, units))
-    found: list[Direction] = []
-    for place in map(int, np.argsort(-spread)):
-        steps = axes[:, place] * math.sqrt(max(float(spread[place]), 0.0)) * units
-        main = keys[int(np.argmax(np.abs(axes[:, place])))]
-        label = f"axis {len(found) + 1}: {main}"
-        found.append(Direction(label, centre, dict(zip(keys, map(float, steps), strict=True))))
-    return found
+    spread, axes = np.linalg.eigh(covariance / np.outer(units, units))
+    axes_found: list[Direction] = []
+    for axis in map(int, np.argsort(-spread)):
+        steps = axes[:, axis] * math.sqrt(max(float(spread[axis]), 0.0)) * units
+        main = keys[int(np.argmax(np.abs(axes[:, axis])))]
+        label = f"axis {len(axes_found) + 1}: {main}"
+        axes_found.append(Direction(label, centre, dict(zip(keys, map(float, steps), strict=True))))
+    return axes_found
 
 
 def _content(file, where):

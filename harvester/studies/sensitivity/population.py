@@ -76,7 +76,7 @@ def population(values: np.ndarray, variance: Interval, seed: int) -> Population:
     """
     means = values.mean(axis=0)
     centred = np.moveaxis(values - values.mean(), 2, 0)
-    spread = np.mean([product(each, each) for each in centred], axis=0)
+    spread = np.mean([product(deviations, deviations) for deviations in centred], axis=0)
     devices = _drawn_together(means[None], spread[None])[0]
     generator = np.random.default_rng(np.random.SeedSequence(seed, spawn_key=(2,)))
     chosen = generator.integers(len(means), size=(RESAMPLES, len(means)))

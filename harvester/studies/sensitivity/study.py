@@ -108,17 +108,17 @@ class Sensitivity:
         rows = []
         for k in self.order():
             both = (self.indices.first, self.indices.total)
-            found = [each[k] if each else NOT_KNOWN for each in both]
+            index_values = [estimates[k] if estimates else NOT_KNOWN for estimates in both]
             effects = [_signed(effect, self.population.mean.estimate) for effect in self.effects[k]]
-            each = self.tolerances[k]
-            rows.append([each.key, str(each), *map(str, found), *effects])
+            parameter = self.tolerances[k]
+            rows.append([parameter.key, str(parameter), *map(str, index_values), *effects])
         return header, rows
 
     def order(self) -> list:
         """Indices of the parameters, the one with the largest total index first."""
         size = [abs(high.estimate - low.estimate) for low, high in self.effects]
         if self.indices.total is not None:
-            size = [each.estimate for each in self.indices.total]
+            size = [index.estimate for index in self.indices.total]
         return sorted(range(len(self.tolerances)), key=lambda k: -size[k])
 
     def sentences(self) -> list:
@@ -130,7 +130,7 @@ class Sensitivity:
             f"{self._spread(p.deviation)}",
             "of the devices "
             + ", ".join(
-                f"{q:.0%} are below {self._spread(each)}" for q, each in p.quantiles.items()
+                f"{q:.0%} are below {self._spread(quantile)}" for q, quantile in p.quantiles.items()
             ),
             *definitions([self.quantity]),
         ]
@@ -161,8 +161,8 @@ class Sensitivity:
                 "the parameters' part of the scatter is not above the runs' noise: no indices; "
                 "lower --precision, or raise run.duration, run.realizations or --rows"
             ]
-        noise, own = self.indices.noise_variance, self.indices.variance.estimate
-        share = noise / (noise + own)
+        noise, of_parameters = self.indices.noise_variance, self.indices.variance.estimate
+        share = noise / (noise + of_parameters)
         if len(self.values) == 1:
             return []
         advice = "; longer runs make the intervals narrower" if share > NOTED_NOISE else ""
@@ -170,7 +170,7 @@ class Sensitivity:
 
     def to_dict(self) -> dict:
         """Plain values for JSON."""
-        found, limit = self.indices, self.yield_above
+        sobol_indices, limit = self.indices, self.yield_above
         return plain(
             {
                 "scene": self.scene,
@@ -182,18 +182,18 @@ class Sensitivity:
                     "standard_error": self.nominal.standard_error,
                 },
                 "parameters": {
-                    each.key: {
-                        "distribution": each.kind,
-                        "of": [each.first, each.second],
-                        "first_order_index": found.first and found.first[k],
-                        "total_index": found.total and found.total[k],
+                    parameter.key: {
+                        "distribution": parameter.kind,
+                        "of": [parameter.first, parameter.second],
+                        "first_order_index": sobol_indices.first and sobol_indices.first[k],
+                        "total_index": sobol_indices.total and sobol_indices.total[k],
                         "effect_low": self.effects[k][0],
                         "effect_high": self.effects[k][1],
                     }
-                    for k, each in enumerate(self.tolerances)
+                    for k, parameter in enumerate(self.tolerances)
                 },
-                "variance": found.variance,
-                "noise_variance": found.noise_variance,
+                "variance": sobol_indices.variance,
+                "noise_variance": sobol_indices.noise_variance,
                 "mean": self.population.mean,
                 "standard_deviation": self.population.deviation,
                 "quantiles": self.population.quantiles,
@@ -234,11 +234,11 @@ class Sensitivity:
         keys = ",".join(parameters(self.tolerances, self.shares[0][0]))
         replicates = ",".join(f"replicate_{k + 1}" for k in range(len(self.values)))
         lines = [f"row,device,{keys},{replicates}"]
-        names = ["a", "b", *(f"a with b's {each.key}" for each in self.tolerances)]
+        names = ["a", "b", *(f"a with b's {parameter.key}" for parameter in self.tolerances)]
         for row, shares in enumerate(self.shares):
-            for place, name in enumerate(names):
-                own = parameters(self.tolerances, shares[place])
-                numbers = [*own.values(), *self.values[:, row, place]]
+            for column, name in enumerate(names):
+                device_parameters = parameters(self.tolerances, shares[column])
+                numbers = [*device_parameters.values(), *self.values[:, row, column]]
                 lines.append(f"{row},{name}," + ",".join(f"{n:.9g}" for n in numbers))
         return "\n".join(lines) + "\n"
 
@@ -278,12 +278,12 @@ def study_of(
     replicates = REPLICATES if is_noisy(scene, method) else 1
     scenes = devices(scene, tolerances, shares, replicates)
     asked: dict[str, Any] = {"precision": precision, "quantities": (quantity,)}
-    answers = runner.answer([Request(each, method, **asked) for row in scenes for each in row])
+    answers = runner.answer([Request(device, method, **asked) for row in scenes for device in row])
     values, failures = _values(answers, quantity, (*shape, replicates))
-    kept = np.isfinite(values).all(axis=(1, 2))
-    _check_rows(kept, failures, runner.out_of_time)
-    values = np.moveaxis(values[kept], 2, 0)
-    found = indices(values, scene.run.seed)
+    complete = np.isfinite(values).all(axis=(1, 2))
+    _check_rows(complete, failures, runner.out_of_time)
+    values = np.moveaxis(values[complete], 2, 0)
+    sobol_indices = indices(values, scene.run.seed)
     return Sensitivity(
         scene=scene,
         tolerances=tolerances,
@@ -291,23 +291,23 @@ def study_of(
         unit=unit_of(scene, nominal.quantities[quantity].dimension),
         method=method.name,
         nominal=nominal.in_units()[quantity],
-        indices=found,
-        population=population(values[:, :, :2], found.variance, scene.run.seed),
-        effects=effects(shares[kept], values.mean(axis=0), scene.run.seed),
+        indices=sobol_indices,
+        population=population(values[:, :, :2], sobol_indices.variance, scene.run.seed),
+        effects=effects(shares[complete], values.mean(axis=0), scene.run.seed),
         yield_above=None if above is None else share_above(values[:, :, :2], above),
-        shares=shares[kept],
+        shares=shares[complete],
         values=values,
         rows_asked=shape[0],
         notes=nominal.on_orbits,
-        failures=_told(kept, failures, runner.out_of_time),
+        failures=_told(complete, failures, runner.out_of_time),
         out_of_time=runner.out_of_time,
     )
 
 
 def _values(answers, quantity, shape):
     """Values in the scene's units, shape (rows, devices, replicates), and what failed."""
-    failures = [told(each) for each in answers if each is not None and not is_complete(each)]
-    values = [value_of(each, quantity) for each in answers]
+    failures = [told(run) for run in answers if run is not None and not is_complete(run)]
+    values = [value_of(run, quantity) for run in answers]
     return np.array(values).reshape(shape), failures
 
 

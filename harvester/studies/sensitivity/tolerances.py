@@ -82,14 +82,14 @@ def tolerance(scene: Scene, key: str, distribution: str) -> Tolerance:
     if not isinstance(distribution, str):
         raise HarvesterError(f"{where}: is no text; write {FORMS}")
     kind, first, second = _distribution(distribution, value, where)
-    made = Tolerance(key, kind, first, second, spec.low, spec.high)
+    tolerance_of_key = Tolerance(key, kind, first, second, spec.low, spec.high)
     typical = (first, second) if kind == "uniform" else (first,)
-    for each in typical:
+    for typical_value in typical:
         try:
-            scene.replace({key: each})
+            scene.replace({key: typical_value})
         except SceneError as error:
             raise HarvesterError(f"{where}: {error}") from None
-    return made
+    return tolerance_of_key
 
 
 def _distribution(text, value, where):
