@@ -29,7 +29,6 @@ class Layer:
 
     Parameters
     ----------
-    orbits : Orbits
     logarithm : ndarray
         Logarithm of the value on each orbit.
     filled : bool

@@ -154,12 +154,7 @@ def _left_out(system, closure):
 
 
 def _closure_alone(method: Method) -> Stationary:
-    """The method, checked to be a closure: an engine is refused.
-
-    Raises
-    ------
-    HarvesterError
-    """
+    """The method, checked to be a closure: an engine is refused."""
     if not isinstance(method, Stationary):
         raise HarvesterError(f"average: {method} is an engine, not a closure; give Stationary(…)")
     return method
@@ -168,12 +163,7 @@ def _closure_alone(method: Method) -> Stationary:
 def averages_of(
     scene: Scene, closure: str, tolerance: float | None = None, memory: bool = False
 ) -> Averages:
-    """Scaled means by a closure for a scene; see `harvester.averaging.average`.
-
-    Raises
-    ------
-    LoadError, AveragingError
-    """
+    """Scaled means by a closure for a scene; see `harvester.averaging.average`."""
     from harvester.averaging import CLOSURES
     from harvester.averaging import average as average_parameters
     from harvester.prepared.prepared import prepared
@@ -190,10 +180,6 @@ def averages_of(
 
 def averaged_device(scene: Scene) -> System:
     """A scene's device and noise in scaled form.
-
-    Returns
-    -------
-    harvester.device.system.System
 
     Raises
     ------

@@ -61,7 +61,6 @@ class Edge:
 
     Attributes
     ----------
-    system : harvester.device.system.System
     inside : bool
         Whether the orbits are those inside the right well, which stands for both wells.
     anchor : float
@@ -150,10 +149,8 @@ class Orbits:
 
     Parameters
     ----------
-    edge : Edge
     level, added : ndarray
         Levels, evenly spaced and ascending where they are integrated over, and N2.
-    nodes : int
 
     Attributes
     ----------

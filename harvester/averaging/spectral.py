@@ -35,13 +35,8 @@ def spectral(ready: Prepared, tolerance: float) -> Averages:
 
     Parameters
     ----------
-    ready : Prepared
     tolerance : float
         Largest numerical error that is an answer, as a share of it.
-
-    Returns
-    -------
-    Averages
 
     Raises
     ------
@@ -200,7 +195,6 @@ class GaussianDensity:
 
     Attributes
     ----------
-    system : System
     covariance : ndarray, shape (3, 3)
     gaussian : bool
         False: the noise holds sines or bursts, and there is no density.

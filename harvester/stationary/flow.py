@@ -43,11 +43,6 @@ def shared_ends(device: System, grid: Grid) -> tuple[np.ndarray, ...]:
     """For `shared`: the nodes around the end of each node's path after a step, and their shares of
     its mass.
 
-    Parameters
-    ----------
-    device : harvester.device.system.System
-    grid : harvester.stationary.propagator.Grid
-
     Returns
     -------
     tuple of ndarray

@@ -96,7 +96,6 @@ def fokker_planck(device: System, tolerance: float, memory: bool = False) -> Ave
 
     Parameters
     ----------
-    device : harvester.device.system.System
     tolerance : float
         Largest numerical error of each mean, as a share of it; of an efficiency above 0.3 at most
         0.3 points, or 0.3 times this if that is more. Not of the mechanical loss, the difference
@@ -104,10 +103,6 @@ def fokker_planck(device: System, tolerance: float, memory: bool = False) -> Ave
     memory : bool
         Also find `slowest_decay_rate` and the rates of jumps where motion joins several wells:
         three to seven times as long in all.
-
-    Returns
-    -------
-    Averages
 
     Raises
     ------
@@ -128,10 +123,6 @@ def outline(device: System) -> GridDensity:
     """Densities on the coarse grid that finds where they are: in tenths of a second.
 
     It gives no error: means on that grid are up to a tenth off those of `fokker_planck`.
-
-    Parameters
-    ----------
-    device : harvester.device.system.System
 
     Raises
     ------

@@ -27,7 +27,6 @@ class GridDensity:
     Parameters
     ----------
     transducer : its equations
-    grid : harvester.stationary.propagator.Grid
     state : ndarray
         Mass at each node.
     paired : bool

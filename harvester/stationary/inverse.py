@@ -43,7 +43,6 @@ class Inverse:
 
     Parameters
     ----------
-    grid : Grid
     later : callable
         Linear map of states on it.
     coarser : Inverse, optional

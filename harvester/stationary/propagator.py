@@ -75,13 +75,7 @@ class Grid(NamedTuple):
 
 
 class Propagator:
-    """Moves a state, the mass at each node, by one time step.
-
-    Parameters
-    ----------
-    device : harvester.device.system.System
-    grid : Grid
-    """
+    """Moves a state, the mass at each node, by one time step."""
 
     def __init__(self, device, grid):
         self.grid, self._parity = grid, 1.0

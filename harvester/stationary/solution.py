@@ -50,7 +50,6 @@ class Task:
 
     Parameters
     ----------
-    device : harvester.device.system.System
     tolerance : float
         Named where it takes too much work.
     share : float
@@ -79,7 +78,6 @@ class Solution:
 
     Attributes
     ----------
-    grid : harvester.stationary.propagator.Grid
     steps, cost : int
         Number of steps in a period, and the work of a period.
     propagator : Propagator
@@ -88,7 +86,6 @@ class Solution:
         Mass at each node, where a step is symmetric in time and before the flow.
     means : dict of str to float
         The means of the answer, `power_in`, and those that describe several wells.
-    density : harvester.stationary.grid_density.GridDensity
     """
 
     def __init__(

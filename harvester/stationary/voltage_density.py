@@ -46,7 +46,6 @@ def density_of_charge(grid: Grid, mass: np.ndarray) -> tuple[np.ndarray, np.ndar
 
     Parameters
     ----------
-    grid : harvester.stationary.propagator.Grid
     mass : ndarray
         Mass at the nodes of (X, Z, X'), with sum 1.
     """

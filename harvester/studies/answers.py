@@ -25,10 +25,6 @@ def checked_method(scene: Scene, method: str | Method | None) -> Method:
     """An engine or a closure that takes the scene's load.
 
     None stands for Monte Carlo, and for the circuit where only that takes load and excitation.
-
-    Raises
-    ------
-    HarvesterError
     """
     if method is None:
         try:
@@ -50,12 +46,7 @@ def is_noisy(scene: Scene, method: Method) -> bool:
 
 
 def check_quantity(quantity: str, answer: Any) -> None:
-    """Refuse a quantity that an answer does not have, with the nearest that it has.
-
-    Raises
-    ------
-    HarvesterError
-    """
+    """Refuse a quantity that an answer does not have, with the nearest that it has."""
     missing = without_line(answer.scene, quantity)
     if missing:
         raise HarvesterError(missing)
@@ -67,7 +58,6 @@ def first_answer(runner: Any, request: Request) -> Any:
 
     Raises
     ------
-    OutOfTime
     HarvesterError
         What the run failed of.
     """
@@ -101,7 +91,6 @@ def missing_from(quantity: str, estimate: Estimate) -> list[str]:
 
     Parameters
     ----------
-    quantity : str
     estimate : Estimate
         The estimate; if it lacks an error bar, its note gives the reason.
     """
@@ -116,7 +105,6 @@ def on_common_knots(scenes: Sequence[Scene], of: Sequence[Scene] | None = None) 
 
     Parameters
     ----------
-    scenes : sequence of Scene
     of : sequence of Scene or None
         Scenes among which the finest spacing is taken; None: the scenes themselves.
     """
@@ -131,12 +119,7 @@ def on_common_knots(scenes: Sequence[Scene], of: Sequence[Scene] | None = None) 
 
 
 def answers_in_time(runner: Any, requests: Sequence[Request], **options: Any) -> list:
-    """A runner's answers to requests, or OutOfTime; see `harvester.running.Runner.answer`.
-
-    Raises
-    ------
-    OutOfTime
-    """
+    """A runner's answers to requests, or OutOfTime; see `harvester.running.Runner.answer`."""
     answers = runner.answer(list(requests), **options)
     if runner.out_of_time:
         raise OutOfTime(

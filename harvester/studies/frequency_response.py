@@ -113,13 +113,10 @@ class FrequencyResponse:
     ----------
     scene : Scene
         Scene with a sine, whose own frequency is not used.
-    engine : str
     frequencies : ndarray, shape (n,)
         Hz, rising.
     sweeps : list of Sweep
         Up, and down where asked for, both in the order of `frequencies`.
-    scales : harvester.scene.units.Scales
-    engine_version : str
     dwell : float
         Time at each frequency (s).
     seconds : float
@@ -369,12 +366,7 @@ def one_direction(
 
 
 def rising_frequencies(frequencies: Any) -> np.ndarray:
-    """Frequencies in Hz in rising order, each once, from a list, generator, array or number.
-
-    Raises
-    ------
-    HarvesterError
-    """
+    """Frequencies in Hz in rising order, each once, from a list, generator, array or number."""
     wrong = HarvesterError("frequencies: must be one or more numbers > 0, in Hz")
     one = isinstance(frequencies, numbers.Real)
     requested = [frequencies] if one else listed(frequencies, "frequencies", "[10.0, 12.5]")

@@ -38,7 +38,6 @@ class Point:
         The load's label.
     place : tuple of float
         Value of each sweep.
-    scene : Scene
     """
 
     load: str
@@ -60,7 +59,6 @@ class Grid:
         Keys to values.
     points : tuple of Point
         Loads first, the last sweep fastest.
-    notes : tuple of str
     """
 
     scene: Scene
@@ -91,7 +89,6 @@ def make_grid(
 
     Parameters
     ----------
-    scene : Scene
     loads : sequence of str
         Names in netlists/ or paths; empty: the scene's own.
     sweeps : dict of str to sequence of float or str

@@ -306,7 +306,6 @@ class SpectrumAnalysis:
 
     Attributes
     ----------
-    name : str
     scene : Scene or None
         Whose excitation it is, or whose device is looked at.
     units : str

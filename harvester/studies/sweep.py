@@ -35,12 +35,10 @@ class Cell:
 
     Attributes
     ----------
-    method : str
     outcome : str
         "complete", or what went wrong.
     estimates : dict of str to Estimate
         Estimates in the scene's units.
-    realizations : int
     orbits : tuple of Attractor
         The orbits that starts reached without noise, the followed one first.
     """
@@ -66,7 +64,6 @@ class Sweep(Tabular):
         The quantities that the tables show; `cells` hold all there are.
     cells : ndarray of Cell
         Array of shape (values of each key …, methods).
-    notes : tuple of str
     out_of_time : bool
         The time budget ended it: the same call with `output` goes on.
     seconds : float
@@ -263,12 +260,7 @@ def _cell(method, answer):
 
 
 def check_quantities(quantities: Sequence[str], cells: np.ndarray) -> None:
-    """Refuse a quantity that no method gives at any place, with the nearest that there is.
-
-    Raises
-    ------
-    HarvesterError
-    """
+    """Refuse a quantity that no method gives at any place, with the nearest that there is."""
     available = {name: None for cell in cells for name in cell.estimates}
     for name in quantities if available else ():
         check_name("quantity", name, tuple(available))
@@ -279,10 +271,8 @@ def variables_of(scene: Scene, cells: np.ndarray, dimensions: Sequence[str]) -> 
 
     Parameters
     ----------
-    scene : Scene
     cells : ndarray of Cell
         Cells with one axis for each dimension.
-    dimensions : sequence of str
     """
     variables: dict[str, tuple] = {
         name: (dimensions, values, {"unit": unit}) for name, values, unit in columns(scene, cells)

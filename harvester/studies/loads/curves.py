@@ -29,7 +29,6 @@ class CurveOptimum:
         Position of the maximum between the points; nan at an edge.
     low, high : float
         Ends of the maximum's interval; nan where there is none.
-    note : str
     """
 
     best: int | None
@@ -109,7 +108,6 @@ def rank(
     ----------
     powers : dict of str to float
         Power at each load's optimum, the mean of its series; nan where there is none.
-    series : dict of str to (ndarray or None)
     """
     order = sorted((k for k in powers if math.isfinite(powers[k])), key=lambda k: -powers[k])
     differences = []
@@ -133,7 +131,6 @@ def error_of_sum(weights: Sequence[float], series: Sequence[np.ndarray]) -> floa
 
     Parameters
     ----------
-    weights : sequence of float
     series : sequence of ndarray, shape (realizations, batches)
         Series of batches; their numbers of realizations may differ.
 

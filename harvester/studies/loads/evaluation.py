@@ -113,7 +113,6 @@ def evaluating(
 
     Parameters
     ----------
-    scene : Scene
     method : Method
         Engine or closure.
     version : str
@@ -147,8 +146,6 @@ def _evaluate(scene, method, good, ended, cost=0.0):
 
     Parameters
     ----------
-    scene : Scene
-    method : str
     good : sequence of dict
         Answers of its tasks, in the order of their realizations.
     ended : HarvesterError or str

@@ -60,12 +60,10 @@ class Study(Tabular):
 
     Attributes
     ----------
-    grid : Grid
     method : str
         "judged", an engine or a closure.
     version : str
         Version of the program that computed.
-    precision : float or None
     evaluations : list of Evaluation
         Evaluations of the points, in the order of `grid.points`.
     proofs : list of Proof
@@ -74,7 +72,6 @@ class Study(Tabular):
         The time budget ended it: the same call again goes on.
     computed, reused : int
         Tasks.
-    wall_seconds : float
     warnings : tuple of str
         Warnings: stored answers that are not valid, outcomes not kept, a folder that cannot be
         locked.
@@ -442,12 +439,7 @@ class Study(Tabular):
 
 
 def chosen(method: str | Method, step: str | float) -> tuple[Method, Engine | None]:
-    """The method that runs the points, and the circuit that checks it, or None.
-
-    Raises
-    ------
-    HarvesterError
-    """
+    """The method that runs the points, and the circuit that checks it, or None."""
     if method == JUDGED:
         return engine_of("monte-carlo", step=step), engine_of("circuit", step=step)
     if isinstance(method, str) and method not in ENGINES:

@@ -25,7 +25,6 @@ class Axis:
     ----------
     key : str
         "table.key" of the scene.
-    low, high : float
     """
 
     key: str
@@ -90,8 +89,6 @@ class Parameter:
 
     Attributes
     ----------
-    axis : Axis
-    place : float
     standard_error : float or None
         Standard error of the place, where a curve was fitted for it.
     flat_low, flat_high : float

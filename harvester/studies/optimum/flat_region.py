@@ -48,7 +48,6 @@ def climb(objective: Objective, place: tuple, stage: int) -> tuple[tuple, Any, l
 
     Parameters
     ----------
-    objective : Objective
     place : tuple of float
         Coordinates.
     stage : int

@@ -57,12 +57,7 @@ def along(
     runner: Runner,
     follow: Callable[[float, str], object],
 ) -> Optimum:
-    """The optimum over one parameter, all of it but its time.
-
-    Raises
-    ------
-    OptimumError, SimulationError
-    """
+    """The optimum over one parameter, all of it but its time."""
     device = _on_common_knots(scene, axis)
     location, value, reason = None, None, f"knows no {quantity.replace('_', ' ')}"
     if quantity in MAXIMISED:
@@ -149,10 +144,6 @@ class Search:
     ----------
     scene : Scene
         The scene, with one knot spacing for all places.
-    axis : Axis
-    quantity : str
-    method : Method
-    runner : harvester.running.Runner
     """
 
     def __init__(self, scene: Scene, axis: Axis, quantity: str, method: Method, runner: Runner):
@@ -167,10 +158,6 @@ class Search:
         ----------
         start : float or None
             Coordinate to begin at; None: the highest of some places over the whole range.
-
-        Raises
-        ------
-        OptimumError, SimulationError
         """
         centre = self._highest() if start is None else start
         half = WINDOW

@@ -49,11 +49,6 @@ class Objective:
 
     Parameters
     ----------
-    scene : Scene
-    axes : sequence of Axis
-    quantity : str
-    method : Method
-    runner : harvester.running.Runner
     follow : callable
         Given the number of places evaluated.
     """
@@ -94,14 +89,8 @@ class Objective:
 
         Parameters
         ----------
-        places : sequence of sequence of float
-        stage : int
         **options
             Of the `Request`.
-
-        Raises
-        ------
-        OutOfTime
         """
         answers: list[Any] = [None] * len(places)
         requests: dict[int, Request] = {}

@@ -42,14 +42,8 @@ class Proposals:
 
     Parameters
     ----------
-    parameters : int
-    seed : int
     first : sequence of float or None
         A place to begin with.
-
-    Raises
-    ------
-    MissingLibrary
     """
 
     def __init__(self, parameters: int, seed: int, first: Sequence[float] | None = None):

@@ -29,11 +29,9 @@ class Averaging:
 
     Attributes
     ----------
-    closure : str
     place, value : float or None
         Place and value of averaging's maximum; None (see the reason) if it refuses or has none
         inside.
-    reason : str
     value_at_simulated_place : float or None
         Averaging's value at the place that simulation found.
     """
@@ -54,8 +52,6 @@ class Optimum:
 
     Attributes
     ----------
-    scene : Scene
-    quantity, unit, method : str
     parameters : list of Parameter
         Each with its place at the optimum.
     value : Estimate

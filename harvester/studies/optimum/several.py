@@ -56,12 +56,7 @@ def over_several(
     evaluations: int | None = None,
     precision: float | None = None,
 ) -> Optimum:
-    """The optimum over several parameters, all of it but its time; see `optimum`.
-
-    Raises
-    ------
-    HarvesterError, OptimumError, OutOfTime, MissingLibrary
-    """
+    """The optimum over several parameters, all of it but its time; see `optimum`."""
     usual = GRID if _by_grid(axes, is_noisy(scene, method)) else EVALUATIONS_EACH * len(axes)
     count = usual if evaluations is None else evaluations
     if not FEWEST_EVALUATIONS <= count <= MOST_EVALUATIONS:

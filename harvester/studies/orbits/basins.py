@@ -47,8 +47,6 @@ class Basins:
 
     Attributes
     ----------
-    scene : Scene
-    method, engine_version : str
     displacements, velocities : ndarray, shapes (n,), (m,)
         Coordinates of the starts, with the transducer's state 0 and a load's stores as its netlist
         begins.
@@ -58,7 +56,6 @@ class Basins:
         The orbits, the one with the most starts first.
     periods : int
         Least number of forcing periods that each start was followed.
-    seconds : float
     """
 
     scene: Scene
@@ -205,12 +202,7 @@ def axes_of_starts(
     velocity: Sequence[float] | None,
     points: int,
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Displacements and velocities of the grid, in the scene's units.
-
-    Raises
-    ------
-    HarvesterError
-    """
+    """Displacements and velocities of the grid, in the scene's units."""
     ready = prepared(scene)
     span = energy_range(ready)
     if points > MOST_POINTS:

@@ -65,7 +65,6 @@ class Jump:
 
     Attributes
     ----------
-    direction : str
     before, after : float
         The last value on the old branch and the first on the new one.
     power_before, power_after : float
@@ -116,19 +115,14 @@ class Bifurcation:
 
     Attributes
     ----------
-    scene : Scene
-    key : str
     values : ndarray, shape (n,)
         Rising.
     branches : list of Branch
         Up, and down unless it was left out.
-    jumps : list of Jump
-    method, engine_version : str
     periods : int
         Number of forcing periods at each value before the samples.
     failures : dict of str to str
         "up at VALUE" to why the run failed.
-    seconds : float
     """
 
     scene: Scene
@@ -266,9 +260,6 @@ def climb(
 
     Parameters
     ----------
-    scene : Scene
-    key : str
-    values : list of float
     engine, step, settings
         The engine's name, its step, and those of its options that differ from the defaults.
     start : list or None
@@ -427,12 +418,7 @@ def _draw(result):
 
 
 def scenes_over(scene: Scene, key: str, values: np.ndarray) -> list[Scene]:
-    """The scene at each value, checked before anything runs.
-
-    Raises
-    ------
-    HarvesterError
-    """
+    """The scene at each value, checked before anything runs."""
     table = key.partition(".")[0]
     if table in UNUSED_TABLES:
         raise HarvesterError(

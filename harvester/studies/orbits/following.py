@@ -120,12 +120,7 @@ def periods_of(scene: Scene) -> int:
 
 
 def check_periods(periods: int | None, fewest: int) -> None:
-    """Refuse what cannot be followed, or has no room in memory.
-
-    Raises
-    ------
-    HarvesterError
-    """
+    """Refuse what cannot be followed, or has no room in memory."""
     if periods is not None and not fewest <= periods <= MOST_PERIODS_ASKED:
         raise HarvesterError(
             f"--periods {periods}: must be a whole number in [{fewest}, {MOST_PERIODS_ASKED}]"

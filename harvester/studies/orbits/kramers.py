@@ -33,7 +33,6 @@ def kramers_time(ready: Prepared, well: float) -> tuple[float | None, str]:
 
     Parameters
     ----------
-    ready : harvester.prepared.prepared.Prepared
     well : float
         Displacement of the well, scaled.
     """

@@ -88,13 +88,10 @@ class Residence:
 
     Attributes
     ----------
-    scene : Scene
     key : str or None
         The key that was varied.
     stays : list of Stay
         Value by value, wells from the left to the right.
-    method, engine_version : str
-    seconds : float
     """
 
     scene: Scene
@@ -304,12 +301,7 @@ def _longer_by_knots(ready, well):
 
 
 def require_wells(scene: Scene) -> None:
-    """Refuse a device or an excitation without residence times.
-
-    Raises
-    ------
-    HarvesterError
-    """
+    """Refuse a device or an excitation without residence times."""
     if len(timescales.wells(prepared(scene).system)) < 2:
         raise HarvesterError(
             f"{scene.name}: the device has one well: residence times are those of several, as a "

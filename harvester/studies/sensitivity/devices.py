@@ -32,8 +32,6 @@ def devices(
 
     Parameters
     ----------
-    scene : Scene
-    tolerances : sequence of Tolerance or Direction
     shares : ndarray, shape (rows, devices, parameters)
         See `harvester.studies.sensitivity.sobol.design`.
     replicates : int

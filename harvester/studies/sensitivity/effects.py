@@ -20,7 +20,6 @@ def effects(shares: np.ndarray, values: np.ndarray, seed: int) -> list[tuple[Int
     shares : ndarray, shape (rows, devices, parameters)
         Shares of the devices below each value, in (0, 1).
     values : ndarray, shape (rows, devices)
-    seed : int
 
     Returns
     -------

@@ -29,13 +29,11 @@ class Yield:
 
     Attributes
     ----------
-    limit : float
     share : Interval
         Share without the effect of noise; its interval includes the choice of devices and the
         noise.
     counted : float
         The share as it is counted, noise and all.
-    devices : int
     """
 
     limit: float
@@ -52,8 +50,6 @@ class Population:
     ----------
     values : ndarray, shape (devices,)
         Devices' values, their spread reduced by the noise's part.
-    mean, deviation : Interval
-    quantiles : dict of float to Interval
     """
 
     values: np.ndarray
@@ -122,7 +118,6 @@ def share_above(values: np.ndarray, limit: float) -> Yield:
     ----------
     values : ndarray, shape (replicates, rows, devices in a row)
         Values of one or two replicates.
-    limit : float
     """
     counted = values.mean(axis=0) > limit
     scores = counted.astype(float)

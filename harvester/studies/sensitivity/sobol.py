@@ -73,7 +73,6 @@ def design(rows: int, parameters: int, seed: int) -> np.ndarray:
     ----------
     rows : int
         A power of two.
-    parameters : int
     seed : int
         Seed of the scrambling of Sobol's sequence.
 

@@ -54,24 +54,16 @@ class Sensitivity:
 
     Attributes
     ----------
-    scene : Scene
-    tolerances : list of Tolerance or Direction
-    quantity, unit, method : str
     nominal : Estimate
         The quantity of the scene itself.
-    indices : Indices
-    population : Population
     effects : list of (Interval, Interval)
         For each parameter: change of the quantity's mean where the parameter is low and high (5 %
         and 95 % quantiles of the devices), averaged over the others.
-    yield_above : Yield or None
     shares : ndarray, shape (rows, parameters + 2, parameters)
         The design; see `harvester.studies.sensitivity.sobol.design`.
     values : ndarray, shape (replicates, rows, parameters + 2)
-    rows_asked : int
     failures : tuple of str
         Why rows were left out.
-    out_of_time : bool
     seconds : float
         Wall-clock, of this call.
     notes : tuple of str
@@ -244,12 +236,7 @@ class Sensitivity:
 
 
 def checked(scene: Scene, tolerances: list, method: str | Method | None, rows: int) -> Method:
-    """The method, checked together with the design and its options.
-
-    Raises
-    ------
-    HarvesterError
-    """
+    """The method, checked together with the design and its options."""
     if not tolerances:
         raise HarvesterError(
             "--vary: name at least one parameter, TABLE.KEY=±10%, or give --covariance"
