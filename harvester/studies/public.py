@@ -37,11 +37,7 @@ from harvester.signatures import (
     Step,
 )
 from harvester.simulation.methods import Engine, engine_of, method_of
-from harvester.simulation.simulate import (
-    TIME_LIMIT,
-    require_paths,
-    simulate,
-)
+from harvester.simulation.simulate import TIME_LIMIT, require_paths, simulate
 
 if TYPE_CHECKING:
     from collections.abc import Callable

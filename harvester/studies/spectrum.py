@@ -463,7 +463,7 @@ class SpectrumAnalysis:
         lines = [
             f"Welch, {self.segments} half overlapping segments by Hann's window of "
             f"{self.duration:g} s: resolution {self.resolution:.3g} Hz, {CONFIDENCE:.0%} band "
-            f"{low:+.2f} to {high:+.2f} dB at each frequency",
+            f"{low:+.2f} to {high:+.2f} dB at each frequency"
         ]
         lines.append(
             f"specification: {len(self.profile)} breakpoints with the same rms; a device's power "

@@ -112,11 +112,7 @@ def places_to_prove(
 
 
 def proving(
-    place: int,
-    highest: bool,
-    scene: Scene,
-    first: tuple[Engine, str],
-    judge: tuple[Engine, str],
+    place: int, highest: bool, scene: Scene, first: tuple[Engine, str], judge: tuple[Engine, str]
 ) -> Generator[Wanted, list, Proof]:
     """A plan for `Runner.follow` that returns the Proof of one place.
 

@@ -33,13 +33,7 @@ from harvester.studies.loads.curves import Difference, optimum_of, rank
 from harvester.studies.loads.evaluation import MOST_REALIZATIONS, Evaluation
 from harvester.studies.loads.proof import Proof, places_to_prove, proving
 from harvester.studies.public import JUDGED, LOAD_STUDY_FILES
-from harvester.studies.sweep import (
-    Sweep,
-    columns,
-    orbits_of,
-    outcome_and_notes,
-    placed_notes,
-)
+from harvester.studies.sweep import Sweep, columns, orbits_of, outcome_and_notes, placed_notes
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -464,10 +458,7 @@ def method_at(scene: Scene, method: Method, judge: Engine | None) -> Method:
 
 
 def proofs(
-    runner: Runner,
-    grid: Grid,
-    engines: tuple[Engine, Engine],
-    evaluations: list[Evaluation],
+    runner: Runner, grid: Grid, engines: tuple[Engine, Engine], evaluations: list[Evaluation]
 ) -> list[Proof]:
     """The circuit beside Monte Carlo, on the same noise, at chosen points that Monte Carlo ran."""
     first, judge = ((engine, runner.version(engine.name)) for engine in engines)

@@ -207,10 +207,7 @@ def axes_of_starts(
     span = energy_range(ready)
     if points > MOST_POINTS:
         raise HarvesterError(f"--points {points}: at most {MOST_POINTS} starts a side")
-    default = {
-        "displacement": (span.low, span.high),
-        "velocity": (-span.speed, span.speed),
-    }
+    default = {"displacement": (span.low, span.high), "velocity": (-span.speed, span.speed)}
     axes = []
     for name, coordinates in (("displacement", displacement), ("velocity", velocity)):
         if coordinates is None:

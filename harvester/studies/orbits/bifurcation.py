@@ -34,11 +34,7 @@ from harvester.show.palette import CIRCUIT, MONTE_CARLO
 from harvester.show.panels import Panel, Series, draw_panels
 from harvester.show.symbols import key_label
 from harvester.simulation.following import follow, forced
-from harvester.studies.orbits.following import (
-    SAMPLES,
-    motion_of,
-    periods_of,
-)
+from harvester.studies.orbits.following import SAMPLES, motion_of, periods_of
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure

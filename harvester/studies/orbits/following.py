@@ -128,11 +128,7 @@ def check_periods(periods: int | None, fewest: int) -> None:
 
 
 def following(
-    scene: Scene,
-    engine: Engine,
-    version: str,
-    starts: np.ndarray,
-    periods: int | None,
+    scene: Scene, engine: Engine, version: str, starts: np.ndarray, periods: int | None
 ) -> Generator[Wanted, list, Any]:
     """A plan for `Runner.follow`: all starts to where they settle.
 
@@ -223,11 +219,7 @@ def _pieces(scene, engine, version, starts, periods, kept):
 
 
 def orbits_of(
-    scene: Scene,
-    engine: Engine,
-    version: str,
-    starts: np.ndarray,
-    periods: int | None,
+    scene: Scene, engine: Engine, version: str, starts: np.ndarray, periods: int | None
 ) -> Generator[Wanted, list, tuple[list[Orbit], np.ndarray]]:
     """A plan for `Runner.follow`: the orbits that starts settle on with their powers, behind them
     what the other starts do, and each start's place in these (−1: not followed)."""

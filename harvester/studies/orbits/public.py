@@ -8,16 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Unpack
 from harvester.arguments import listed
 from harvester.calling import takes_scene
 from harvester.errors import HarvesterError
-from harvester.signatures import (
-    Count,
-    Kind,
-    Line,
-    MethodOrName,
-    RunnerOptions,
-    Share,
-    Step,
-    Values,
-)
+from harvester.signatures import Count, Kind, Line, MethodOrName, RunnerOptions, Share, Step, Values
 from harvester.simulation.methods import engine_of
 
 if TYPE_CHECKING:

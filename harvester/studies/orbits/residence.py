@@ -210,11 +210,7 @@ def stays(
 
 
 def staying(
-    scene: Scene,
-    value: float | None,
-    engine: Engine,
-    version: str,
-    precision: float | None,
+    scene: Scene, value: float | None, engine: Engine, version: str, precision: float | None
 ) -> Generator[Wanted, list, tuple[list[Stay], str]]:
     """A plan for `Runner.follow`: the stays at one value, and the engine's version."""
     count, done = scene.run.realizations, 0
