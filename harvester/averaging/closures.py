@@ -10,7 +10,7 @@ import numpy as np
 from scipy.interpolate import CubicSpline
 
 from harvester.averaging import DEFAULT_CLOSURE
-from harvester.averaging.density import Density, Layer
+from harvester.averaging.density import Layer, OrbitDensity
 from harvester.averaging.orbits import edges, settled_orbits, stiffnesses
 from harvester.averaging.spectral import spectral
 from harvester.device import timescales
@@ -193,7 +193,7 @@ def _solve(closure, spans, levels, nodes):
     if len(families) == 2:
         floor = 0.0 if overlap else np.exp(logarithms[-1][0])
         layers += [Layer(families[0], logarithms[0], floor=floor)]
-    return {name: float(value) for name, value in total.items()}, Density(tuple(layers))
+    return {name: float(value) for name, value in total.items()}, OrbitDensity(tuple(layers))
 
 
 def _logarithms(closure, families):

@@ -11,7 +11,7 @@ from scipy.interpolate import CubicSpline
 if TYPE_CHECKING:
     from numpy.typing import ArrayLike
 
-    from harvester.averaging.orbits import Orbits
+    from harvester.averaging.orbits import OrbitFamily
 
 # The interval between two computed orbits is divided into this many by interpolation.
 FINER = 10
@@ -20,7 +20,7 @@ FINER = 10
 EVEN, TURNING = 100, 100
 # A density of X' is summed over so many even pieces, besides those between orbits.
 PIECES = 1500
-# Orbits with less than this share of the greatest g are not tabulated.
+# OrbitFamily with less than this share of the greatest g are not tabulated.
 NEGLIGIBLE = np.log(1e-9)
 
 
@@ -38,7 +38,7 @@ class Layer:
     """
 
     def __init__(
-        self, orbits: Orbits, logarithm: np.ndarray, filled: bool = True, floor: float = 0.0
+        self, orbits: OrbitFamily, logarithm: np.ndarray, filled: bool = True, floor: float = 0.0
     ) -> None:
         self.orbits, self.logarithm, self._floor = orbits, logarithm, floor
         self._within = logarithm[0] if filled else -np.inf
@@ -93,7 +93,7 @@ def _quadrature(ends):
 
 
 @dataclass(frozen=True)
-class Density:
+class OrbitDensity:
     """Stationary probability densities, the sum over some layers; methods are vectorised."""
 
     layers: tuple[Layer, ...]

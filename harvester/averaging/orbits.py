@@ -36,7 +36,7 @@ SCAN_STEP, SCAN_NODES = 0.25, 24
 WELL_LEVELS = -15.0, 11.5
 # A well's orbits begin where ln g falls by this much from the bottom.
 NEGLIGIBLE = 1e-8
-# Orbits of a well below this level have the frequency of its bottom.
+# OrbitFamily of a well below this level have the frequency of its bottom.
 SMALL_ORBIT = -5.0
 # Range of the outer levels, counted from that of the energy D over the rate of loss.
 OUTER_LEVELS = -20.0, 32.0
@@ -140,8 +140,8 @@ class Edge:
         return left, excess, right, way
 
 
-class Orbits:
-    """Orbits of one edge at some levels, each in the potential of an N2 of its own.
+class OrbitFamily:
+    """OrbitFamily of one edge at some levels, each in the potential of an N2 of its own.
 
     Nodes are Gauss's and Legendre's in an angle θ from 0 to π/2, on either side of the stopper.
     Short of it x = left + 2d sinh²(s sin θ): smooth at turning points, and where a saddle at the
@@ -236,7 +236,7 @@ class Orbits:
         return self.over_energy(loss / (system.noise.intensity * self.spectrum))
 
 
-def settled_orbits(edge: Edge, level: np.ndarray, nodes: int) -> Orbits:
+def settled_orbits(edge: Edge, level: np.ndarray, nodes: int) -> OrbitFamily:
     """The orbits at these levels, each in the potential of the N2 of its own frequency (Eq. 12).
 
     Raises
@@ -247,7 +247,7 @@ def settled_orbits(edge: Edge, level: np.ndarray, nodes: int) -> Orbits:
     coupling, added = edge.system.transducer.coupling, np.zeros_like(level)
 
     def mismatch(added, level):
-        return added - coupling * Orbits(edge, level, added, nodes).gain
+        return added - coupling * OrbitFamily(edge, level, added, nodes).gain
 
     if coupling > 0.0:
         limits = {"xatol": 1e-15 * coupling, "fatol": 1e-13 * coupling, "xrtol": 0.0}
@@ -259,7 +259,7 @@ def settled_orbits(edge: Edge, level: np.ndarray, nodes: int) -> Orbits:
                 "converge; change coupling or load, or use the closure fokker_planck"
             )
         added = solution.x
-    return Orbits(edge, level, added, nodes)
+    return OrbitFamily(edge, level, added, nodes)
 
 
 def edges(system: System, closure: str) -> list[tuple[Edge, float, float]]:
@@ -318,7 +318,7 @@ def _outer_range(edge):
     return fold, last[0]
 
 
-def _scan(edge: Edge, low: float, high: float) -> Orbits:
+def _scan(edge: Edge, low: float, high: float) -> OrbitFamily:
     return settled_orbits(edge, np.arange(low, high + SCAN_STEP, SCAN_STEP), SCAN_NODES)
 
 

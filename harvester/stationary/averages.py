@@ -27,7 +27,7 @@ class Averages:
         averaged over orbits.
     numerical_error : dict of str to float
         Numerical error of each mean above and of those of `between_wells`.
-    density : Density or GridDensity
+    density : OrbitDensity or GridDensity
         Densities of displacement, velocity and both; of the second of the terminal voltage as well.
     between_wells : dict of str to float
         Quantities of `fokker_planck` for several wells that motion joins: `well_crossing_rate`, if

@@ -8,7 +8,7 @@ is given to six by six of them, such that its moments up to the fifth arrive as 
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 from llvmlite import ir
@@ -20,7 +20,6 @@ from harvester.errors import AveragingError
 
 if TYPE_CHECKING:
     from harvester.device.system import System
-    from harvester.stationary.propagator import Grid
 
 NEIGHBOURS = 6
 # So many neighbouring nodes of X' receive their shares in one vector operation.
@@ -39,7 +38,49 @@ SAFETY, SHRINK, GROWTH = 0.9, 0.2, 5.0
 STAGES, OFF = np.vstack([np.pad(RK45.A, ((0, 0), (0, 1))), RK45.B]), RK45.E
 
 
-def shared_ends(device: System, grid: Grid) -> tuple[np.ndarray, ...]:
+class PhaseGrid(NamedTuple):
+    """The nodes of a grid, and the time step, of a propagator.
+
+    Attributes
+    ----------
+    x, v : ndarray
+        Evenly spaced displacements and velocities.
+    z : ndarray
+        Nodes of Z, ascending; a single one of a transducer that keeps nothing.
+    mirrored : bool
+        Only the upper half of `z` is kept: the other half follows by (X, X', Z, η) → −(X, X', Z,
+        η). All nodes are then symmetric about 0.
+    modes : int
+        Hermite functions of η; one for white noise.
+    step : float
+        Time step (s).
+    """
+
+    x: np.ndarray
+    v: np.ndarray
+    z: np.ndarray
+    mirrored: bool
+    modes: int
+    step: float
+
+    @property
+    def kept(self) -> np.ndarray:
+        """Nodes of Z that are kept."""
+        return self.z[len(self.z) // 2 :] if self.mirrored else self.z
+
+    @property
+    def shape(self) -> tuple[int, int, int, int]:
+        """The shape of a state: nodes of X and Z, Hermite functions of η, nodes of X'."""
+        return len(self.x), len(self.kept), self.modes, len(self.v)
+
+    @property
+    def push_bytes(self) -> int:
+        """Bytes of the noise's matrices for whole and half steps, and of computing them."""
+        complex_matrices = 4 * len(self.x) * (len(self.v) // 2 + 1) * self.modes**2
+        return 16 * complex_matrices
+
+
+def shared_ends(device: System, grid: PhaseGrid) -> tuple[np.ndarray, ...]:
     """For `shared`: the nodes around the end of each node's path after a step, and their shares of
     its mass.
 

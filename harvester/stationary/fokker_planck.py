@@ -24,7 +24,7 @@ from harvester.errors import AveragingError
 from harvester.stationary.averages import Averages
 from harvester.stationary.jumps import rates_of_jumps, slowest_decay_rate
 from harvester.stationary.region import HOPELESS_DISPLACEMENT, NODE_REFINEMENT, Level, Region
-from harvester.stationary.solution import Solution, Task, period
+from harvester.stationary.solution import Solution, StationaryProblem, period
 from harvester.stationary.wells import HELD_BACK, barrier, driven, lone_well
 
 if TYPE_CHECKING:
@@ -116,7 +116,7 @@ def fokker_planck(device: System, tolerance: float, memory: bool = False) -> Ave
     with threadpool_limits(**ONE_THREAD):
         if 0.0 < rate < slowest:
             return _slow_decay(device, slowest, tolerance)
-        return _answer(_refined(Task(device, tolerance)), memory)
+        return _answer(_refined(StationaryProblem(device, tolerance)), memory)
 
 
 def outline(device: System) -> GridDensity:
@@ -131,7 +131,7 @@ def outline(device: System) -> GridDensity:
     """
     _check(device)
     with threadpool_limits(**ONE_THREAD):
-        return _found(Task(device, REGION_LEVEL.tolerance))[1].density
+        return _found(StationaryProblem(device, REGION_LEVEL.tolerance))[1].density
 
 
 def _check(device):
@@ -171,7 +171,7 @@ def _slow_decay(device, slowest, tolerance):
     for factor in (slowest / rate, FARTHER * slowest / rate):
         rates = {name: factor * getattr(part, name) for name in ("load_rate", "own_rate")}
         slowed = device._replace(transducer=part._replace(**rates))
-        task = Task(slowed, tolerance, CONTINUED_WORK, read=part)
+        task = StationaryProblem(slowed, tolerance, CONTINUED_WORK, read=part)
         answers.append(_refined(task, LINE_TOLERANCE_SHARE))
     (grids, near, error), (_, far, _) = answers
     share = 1.0 - rate / slowest

@@ -15,7 +15,7 @@ from harvester.stationary.voltage_density import SMOOTHING, density_of_charge
 if TYPE_CHECKING:
     from numpy.typing import ArrayLike
 
-    from harvester.stationary.propagator import Grid
+    from harvester.stationary.flow import PhaseGrid
 
 # Points per axis of the tabulated joint density of displacement and velocity.
 JOINT_POINTS = 321
@@ -42,7 +42,7 @@ class GridDensity:
 
     names = ("displacement", "velocity", "voltage")
 
-    def __init__(self, transducer: Any, grid: Grid, state: np.ndarray, paired: bool) -> None:
+    def __init__(self, transducer: Any, grid: PhaseGrid, state: np.ndarray, paired: bool) -> None:
         self.x, self.v, self.paired = grid.x, grid.v, paired
         self._transducer, self._grid = transducer, grid
         mass = whole(state, grid)[:, :, 0]

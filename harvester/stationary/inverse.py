@@ -8,8 +8,8 @@ import numpy as np
 from scipy.interpolate import make_interp_spline
 
 from harvester.errors import AveragingError
-from harvester.stationary.flow import lagrange
-from harvester.stationary.propagator import Grid, whole
+from harvester.stationary.flow import PhaseGrid, lagrange
+from harvester.stationary.propagator import whole
 
 Map = Callable[[np.ndarray], np.ndarray]
 
@@ -64,7 +64,7 @@ class Inverse:
 
     def __init__(
         self,
-        grid: Grid,
+        grid: PhaseGrid,
         later: Map,
         coarser: Inverse | None = None,
         balanced: Map | None = None,
@@ -173,7 +173,7 @@ def _itself(rest):
     return rest
 
 
-def moved(state: np.ndarray, old: Grid, new: Grid, parity: float = 1.0) -> np.ndarray:
+def moved(state: np.ndarray, old: PhaseGrid, new: PhaseGrid, parity: float = 1.0) -> np.ndarray:
     """A state on the nodes of another grid: its moments of Z kept, its density in X and X'."""
     across = lagrange(np.clip(old.z, new.z[0], new.z[-1]), new.z)[:, -len(new.kept) :]
     state = np.einsum("ji,xjmv->ximv", across, whole(state, old, parity))

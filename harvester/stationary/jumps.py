@@ -20,7 +20,7 @@ from harvester.stationary.wells import alike, well_at
 
 if TYPE_CHECKING:
     from harvester.device.system import System
-    from harvester.stationary.propagator import Grid
+    from harvester.stationary.flow import PhaseGrid
     from harvester.stationary.solution import Solution
 
 # The slowest state is accepted if a period changes it, apart from its decay, by less than the
@@ -262,7 +262,7 @@ def _named(device, jumps):
     }
 
 
-def _shares_in_cores(device: System, grid: Grid) -> np.ndarray:
+def _shares_in_cores(device: System, grid: PhaseGrid) -> np.ndarray:
     """How much of the surroundings of each node lies in each core: (wells, X, X')."""
     limits = core_energies(device)[:, None, None]
     within = (np.arange(PARTS_OF_NODE) + 0.5) / PARTS_OF_NODE - 0.5

@@ -16,7 +16,6 @@ X, by as much as its spectrum lacks at the frequency √U''(X).
 from __future__ import annotations
 
 from copy import copy
-from typing import NamedTuple
 
 import numpy as np
 from scipy.fft import irfft, rfft
@@ -24,54 +23,12 @@ from scipy.special import factorial
 
 from harvester.compilation import summing
 from harvester.device.system import elastic_force, state_rate
-from harvester.stationary.flow import lagrange, shared, shared_ends
+from harvester.stationary.flow import PhaseGrid, lagrange, shared, shared_ends
 
 # A correlation time τ1 shorter than this many steps gives the same numbers as this many.
 LEAST_MEMORY = 1e-6
 # The correction of the pushes' spectrum stops growing at this ω dt.
 FASTEST_PHASE = 1.5
-
-
-class Grid(NamedTuple):
-    """The nodes of a grid, and the time step, of a propagator.
-
-    Attributes
-    ----------
-    x, v : ndarray
-        Evenly spaced displacements and velocities.
-    z : ndarray
-        Nodes of Z, ascending; a single one of a transducer that keeps nothing.
-    mirrored : bool
-        Only the upper half of `z` is kept: the other half follows by (X, X', Z, η) → −(X, X', Z,
-        η). All nodes are then symmetric about 0.
-    modes : int
-        Hermite functions of η; one for white noise.
-    step : float
-        Time step (s).
-    """
-
-    x: np.ndarray
-    v: np.ndarray
-    z: np.ndarray
-    mirrored: bool
-    modes: int
-    step: float
-
-    @property
-    def kept(self) -> np.ndarray:
-        """Nodes of Z that are kept."""
-        return self.z[len(self.z) // 2 :] if self.mirrored else self.z
-
-    @property
-    def shape(self) -> tuple[int, int, int, int]:
-        """The shape of a state: nodes of X and Z, Hermite functions of η, nodes of X'."""
-        return len(self.x), len(self.kept), self.modes, len(self.v)
-
-    @property
-    def push_bytes(self) -> int:
-        """Bytes of the noise's matrices for whole and half steps, and of computing them."""
-        complex_matrices = 4 * len(self.x) * (len(self.v) // 2 + 1) * self.modes**2
-        return 16 * complex_matrices
 
 
 class Propagator:
@@ -146,7 +103,7 @@ def mirrored(state: np.ndarray) -> np.ndarray:
     return (state * signs[:, None].astype(state.dtype))[::-1, ::-1, :, ::-1]
 
 
-def whole(state: np.ndarray, grid: Grid, parity: float = 1.0) -> np.ndarray:
+def whole(state: np.ndarray, grid: PhaseGrid, parity: float = 1.0) -> np.ndarray:
     """The state at all nodes of Z, also those that are not kept."""
     if not grid.mirrored:
         return state

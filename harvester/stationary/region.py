@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 from scipy.interpolate import CubicSpline
@@ -11,11 +11,10 @@ from scipy.optimize import brentq
 from harvester.device import timescales
 from harvester.device.system import potential
 from harvester.errors import AveragingError
-from harvester.stationary.propagator import Grid
+from harvester.stationary.flow import PhaseGrid
 
 if TYPE_CHECKING:
     from harvester.device.system import System
-    from harvester.stationary.solution import Solution
 
 # A density's core is its half width about the narrowest peak; ranges are counted in cores. However
 # narrow a range is, its grid has nodes as if it held so many.
@@ -151,7 +150,7 @@ class Region(NamedTuple):
         return cls.of_speed(device, GIBBS_REACH * speed, cores, mean, well)
 
     @classmethod
-    def fitted(cls, device: System, solution: Solution) -> Region:
+    def fitted(cls, device: System, solution: Any) -> Region:
         """The region of a density that was computed on a coarse grid."""
         density, well, before = solution.density, solution.region.well, solution.region
         x, v = solution.grid.x, solution.grid.v
@@ -213,12 +212,12 @@ class Region(NamedTuple):
         spare = (REGION_MARGIN - 1.0) * 0.5 * (right - left)
         return cls(left - spare, right + spare, REGION_MARGIN * speed, *cores, mean, well)
 
-    def grid(self, device: System, level: Level, step: float) -> Grid:
+    def grid(self, device: System, level: Level, step: float) -> PhaseGrid:
         """The nodes of a level. Where half of them mirror the others, only that half."""
         follows = device.transducer.decay_rate() > 0.0
         mirrored = self.well is None and device.symmetric and follows
         noise = device.noise.correlation_time
-        return Grid(
+        return PhaseGrid(
             x=_nodes(self.left, self.right, self.core, level.fine, level.most),
             v=_nodes(-self.speed, self.speed, self.core_speed, level.fine_speed, level.most),
             z=self._charges(device, level.nodes, mirrored, step) if follows else np.zeros(1),

@@ -45,7 +45,7 @@ LEAST_RESIDUAL = 1e-8
 LEAST_SINGLE_SHARE = 1e-6
 
 
-class Task:
+class StationaryProblem:
     """The task that all grids of one answer share.
 
     Parameters
@@ -89,7 +89,7 @@ class Solution:
     """
 
     def __init__(
-        self, task: Task, region: Region, level: Level, coarser: Solution | None = None
+        self, task: StationaryProblem, region: Region, level: Level, coarser: Solution | None = None
     ) -> None:
         self.task, self.region, self.level = task, region, level
         device, time = task.device, period(task.device)

@@ -15,7 +15,7 @@ from numpy.polynomial.legendre import legvander
 from scipy.ndimage import convolve1d, map_coordinates
 
 if TYPE_CHECKING:
-    from harvester.stationary.propagator import Grid
+    from harvester.stationary.flow import PhaseGrid
 
 # This filter removes what changes sign from node to node, and keeps moments up to the third.
 SMOOTHING = np.array([-1.0, 4.0, 10.0, 4.0, -1.0]) / 16.0
@@ -39,7 +39,7 @@ MOST_ITERATIONS, SETTLED, MOST_HALVINGS = 60, 1e-6, 30
 SUFFICIENT_DECREASE = 1e-4
 
 
-def density_of_charge(grid: Grid, mass: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def density_of_charge(grid: PhaseGrid, mass: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Values of X − Z, evenly spaced, and the density there.
 
     It has the mean and variance that the nodes hold, and is nowhere negative.

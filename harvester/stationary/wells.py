@@ -16,8 +16,8 @@ from harvester.device.system import loss_power, potential
 
 if TYPE_CHECKING:
     from harvester.device.system import System
+    from harvester.stationary.flow import PhaseGrid
     from harvester.stationary.grid_density import GridDensity
-    from harvester.stationary.propagator import Grid
 
 # Hardly any motion passes a barrier of more than so many E[X'²].
 HELD_BACK = 16.0
@@ -57,7 +57,7 @@ def well_at(device: System, x: np.ndarray) -> np.ndarray:
     return np.searchsorted(sorted(timescales.saddles(device)), x)
 
 
-def unlike_wells(device: System, grid: Grid) -> np.ndarray:
+def unlike_wells(device: System, grid: PhaseGrid) -> np.ndarray:
     """Which displacements lie in each well, of two alike in either: (wells, X) of 0 and 1."""
     number = well_at(device, grid.x)
     if grid.mirrored:

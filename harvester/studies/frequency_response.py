@@ -75,7 +75,7 @@ UP, DOWN = (CIRCUIT, "-", ">"), (MONTE_CARLO, "--", "<")
 
 
 @dataclass(frozen=True)
-class Sweep:
+class FrequencySweep:
     """One direction of a frequency response; arrays of shape (frequencies,), scaled units.
 
     Attributes
@@ -115,7 +115,7 @@ class FrequencyResponse:
         Scene with a sine, whose own frequency is not used.
     frequencies : ndarray, shape (n,)
         Hz, rising.
-    sweeps : list of Sweep
+    sweeps : list of FrequencySweep
         Up, and down where asked for, both in the order of `frequencies`.
     dwell : float
         Time at each frequency (s).
@@ -131,7 +131,7 @@ class FrequencyResponse:
     scene: Scene
     engine: str
     frequencies: np.ndarray
-    sweeps: list[Sweep]
+    sweeps: list[FrequencySweep]
     scales: Scales
     engine_version: str
     dwell: float
@@ -139,7 +139,7 @@ class FrequencyResponse:
     shown: tuple[str, ...] = USUAL
     per_g: bool = False
 
-    def values(self, name: str, sweep: Sweep) -> np.ndarray:
+    def values(self, name: str, sweep: FrequencySweep) -> np.ndarray:
         """A quantity of a sweep in the scene's units, shape (n,)."""
         dimension, excitation = QUANTITIES[name], self.scene.excitation
         values = getattr(sweep, name) * self.scales.of(dimension)
@@ -328,8 +328,8 @@ def one_direction(
     Returns
     -------
     list of tuple, str, float
-        The quantities of `Sweep` at each frequency, in its order, scaled; the engine's version;
-        seconds.
+        The scaled quantities of `FrequencySweep` at each frequency, in its order; the engine's
+        version; seconds.
     """
     chosen = engine_of(engine, step=step, **settings or {})
     excitation: Any = scene.excitation
@@ -437,7 +437,7 @@ def _measured(excitation, frequency):
 
 
 def _means(record, base, stop, measured):
-    """The quantities of a `Sweep` except those of the output, over the last whole periods."""
+    """`FrequencySweep`'s quantities except those of the output, over the last whole periods."""
     middle, start = stop - 0.5 * measured, stop - measured
     inside = record.time >= start
     times = record.time[inside]

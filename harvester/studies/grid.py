@@ -29,7 +29,7 @@ SWEEPS_WRITTEN = '{}={{"load.resistance": [1e4, 1e5]}}'
 
 
 @dataclass(frozen=True)
-class Point:
+class GridPoint:
     """One load at one place of the grid.
 
     Attributes
@@ -57,14 +57,14 @@ class Grid:
         Labels.
     sweeps : dict of str to tuple of float
         Keys to values.
-    points : tuple of Point
+    points : tuple of GridPoint
         Loads first, the last sweep fastest.
     """
 
     scene: Scene
     loads: tuple[str, ...]
     sweeps: dict[str, tuple[Any, ...]]
-    points: tuple[Point, ...]
+    points: tuple[GridPoint, ...]
     notes: tuple[str, ...]
 
     @property
@@ -115,7 +115,7 @@ def make_grid(
     for key, values in sweeps.items():
         _check_sweep(scene, key, values, argument == "over")
     points = [
-        Point(label, point, _at(loaded[label], dict(zip(sweeps, point, strict=True))))
+        GridPoint(label, point, _at(loaded[label], dict(zip(sweeps, point, strict=True))))
         for label in labels
         for point in itertools.product(*sweeps.values())
     ]
@@ -198,7 +198,7 @@ def _with_storage(points, sweeps):
         fitting = settle / CHARGING_TIMES / values["resistance"]
         if fitting < values["storage"]:
             scene = point.scene.replace({"load.parameters.storage": fitting})
-            points[k] = Point(point.load, point.place, scene)
+            points[k] = GridPoint(point.load, point.place, scene)
             changed.append(point.load)
     if not changed:
         return points, ()
@@ -217,6 +217,6 @@ def _on_common_knots(points):
         return points
     try:
         change = {"excitation.knot_spacing": min(spacings)}
-        return [Point(p.load, p.place, p.scene.replace(change)) for p in points]
+        return [GridPoint(p.load, p.place, p.scene.replace(change)) for p in points]
     except SceneError as error:
         raise HarvesterError(f"the points need a common spacing of knots: {error}") from None

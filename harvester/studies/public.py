@@ -46,7 +46,7 @@ if TYPE_CHECKING:
     from harvester.scene.model import Scene
     from harvester.studies.comparison import Comparison
     from harvester.studies.frequency_response import FrequencyResponse
-    from harvester.studies.loads.study import Study
+    from harvester.studies.loads.study import LoadStudy
     from harvester.studies.optimum import Optimum
     from harvester.studies.sensitivity import Sensitivity
     from harvester.studies.spectrum import SpectrumAnalysis
@@ -201,9 +201,9 @@ def frequency_response(
 
     Notes
     -----
-    The excitation is deterministic, so there is no statistical error. `Sweep.residual` shows
-    how far the motion is from a settled, periodic one; the step's own error, of second order in
-    the circuit, shows when `step` is halved.
+    The excitation is deterministic, so there is no statistical error. `FrequencySweep.residual`
+    shows how far the motion is from a settled, periodic one. The error of the step, of second
+    order in the circuit, shows when `step` is halved.
     """
     import numpy as np
 
@@ -231,7 +231,7 @@ def frequency_response(
     sweeps = []
     for direction, (rows, _, _) in zip(directions, outcomes, strict=True):
         ordered = rows if direction == "up" else rows[::-1]
-        sweeps.append(work.Sweep(direction, *np.array(ordered).T))
+        sweeps.append(work.FrequencySweep(direction, *np.array(ordered).T))
     return work.FrequencyResponse(
         scene=scene,
         engine=engine.name,
@@ -384,7 +384,7 @@ def load_study(
     precision: Share | None = None,
     step: Step = "default",
     **running: Unpack[RunnerOptions],
-) -> Study:
+) -> LoadStudy:
     """Loads over a grid of values on the same noise: power, optimum, ranking.
 
     Parameters
@@ -415,7 +415,7 @@ def load_study(
 
     Returns
     -------
-    Study
+    LoadStudy
 
     Raises
     ------
@@ -450,7 +450,7 @@ def load_study(
         with runner.reserving(work.PROOF_SHARE if judge else 0.0):
             evaluations = runner.follow(plans)
         proofs = work.proofs(runner, grid, (chosen, judge), evaluations) if judge else []
-    return work.Study(
+    return work.LoadStudy(
         grid=grid,
         method=JUDGED if judge else chosen.name,
         version=", ".join(filter(None, (f"harvester {__version__}", version))),

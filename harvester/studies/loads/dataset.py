@@ -17,10 +17,10 @@ from harvester.studies.sweep import variables_of
 if TYPE_CHECKING:
     from xarray import Dataset
 
-    from harvester.studies.loads.study import Study
+    from harvester.studies.loads.study import LoadStudy
 
 
-def dataset_of(study: Study) -> Dataset:
+def dataset_of(study: LoadStudy) -> Dataset:
     """The study as an xarray Dataset in the scene's units.
 
     Returns

@@ -18,7 +18,7 @@ from harvester.show.symbols import key_label
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-    from harvester.studies.loads.study import Study
+    from harvester.studies.loads.study import LoadStudy
 
 MARKERS = "osD^vP*X"
 # An error bar reaches so many standard errors to either side.
@@ -26,7 +26,7 @@ BARS = 2.0
 EFFICIENCIES = ("end_to_end_efficiency", "power_conversion_efficiency_of_input")
 
 
-def draw_power(study: Study) -> Figure:
+def draw_power(study: LoadStudy) -> Figure:
     """Output power over the swept value, one curve a load; its optimum's interval below."""
     top = max((e.power for e in study.evaluations if math.isfinite(e.power)), default=1.0)
     factor, unit = prefixed(top, study.unit)
@@ -38,7 +38,7 @@ def draw_power(study: Study) -> Figure:
     return _draw(study, f"output power [{unit}]", value, _draw_optima)
 
 
-def draw_efficiency(study: Study) -> Figure:
+def draw_efficiency(study: LoadStudy) -> Figure:
     """Harvested power over the mechanical input."""
 
     def value(evaluation):
@@ -49,7 +49,7 @@ def draw_efficiency(study: Study) -> Figure:
     return _draw(study, "power harvested of that put in [%]", value, lambda *_: None)
 
 
-def draw_waveforms(study: Study) -> Figure:
+def draw_waveforms(study: LoadStudy) -> Figure:
     """Displacement and piezo voltage at each load's highest point, all on the same noise."""
     from matplotlib.figure import Figure
 

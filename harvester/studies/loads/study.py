@@ -49,7 +49,7 @@ PROOF_SHARE = 0.2
 
 
 @dataclass(frozen=True)
-class Study(Tabular):
+class LoadStudy(Tabular):
     """A load study's points, how it ended, and what follows: optima, ranking, verdict.
 
     Attributes
@@ -486,7 +486,7 @@ def _apart(difference, standard_error):
     return f"{share_with_error(share)} ({distance:.1f} σ)"
 
 
-def save(study: Study, folder: str | Path | StudyFolder) -> list[str]:
+def save(study: LoadStudy, folder: str | Path | StudyFolder) -> list[str]:
     """Write a study's files, each whole or not at all; returns their names.
 
     Raises

@@ -84,7 +84,7 @@ class Axis:
 
 
 @dataclass(frozen=True)
-class Parameter:
+class OptimalParameter:
     """One parameter at a maximum.
 
     Attributes

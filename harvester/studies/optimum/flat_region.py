@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from harvester.studies.optimum.axis import Axis, Parameter
+from harvester.studies.optimum.axis import Axis, OptimalParameter
 from harvester.studies.optimum.objective import Objective
 
 # A place belongs to the flat region if it loses at most this share, within so many standard errors.
@@ -27,7 +27,7 @@ MOVES = 6
 
 
 @dataclass(frozen=True)
-class Side:
+class FlatSide:
     """How far the maximum is flat on one side of one axis.
 
     Attributes
@@ -56,7 +56,7 @@ def climb(objective: Objective, place: tuple, stage: int) -> tuple[tuple, Any, l
     Returns
     -------
     place, answer, sides
-        `sides` holds (Side below, Side above) for each axis.
+        `sides` holds (FlatSide below, FlatSide above) for each axis.
     """
     (answer,) = objective.answers([place], stage, moments=True)
     moves = 0
@@ -125,8 +125,8 @@ class _Ray:
     def side(self):
         inside, outside = self._edge()
         if not self.known:
-            return Side(np.nan, False)
-        return Side(self.at(inside)[self._axis], outside is None)
+            return FlatSide(np.nan, False)
+        return FlatSide(self.at(inside)[self._axis], outside is None)
 
     def _edge(self):
         """The last flat share before the first that is not, and that one."""
@@ -138,10 +138,10 @@ class _Ray:
         return inside, None
 
 
-def ranges(axes: Sequence[Axis], place: tuple, sides: list) -> list[Parameter]:
+def ranges(axes: Sequence[Axis], place: tuple, sides: list) -> list[OptimalParameter]:
     """The flat ranges that `climb` found, in the unit of each parameter."""
     return [
-        Parameter(
+        OptimalParameter(
             axis=axis,
             place=axis.value(coordinate),
             flat_low=axis.value(below.end),

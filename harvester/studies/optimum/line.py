@@ -19,7 +19,7 @@ from harvester.method import Method
 from harvester.running import Answer, Request, Runner
 from harvester.scene.model import Scene
 from harvester.studies.answers import answers_in_time, on_common_knots
-from harvester.studies.optimum.axis import Axis, Parameter
+from harvester.studies.optimum.axis import Axis, OptimalParameter
 from harvester.studies.optimum.objective import series_in_units
 from harvester.studies.optimum.result import Averaging, Optimum
 
@@ -79,7 +79,7 @@ def along(
         quantity=quantity,
         unit=unit_of(scene, simulated.quantities[quantity].dimension),
         method=method.name,
-        parameters=[Parameter(axis, maximum.estimate, maximum.standard_error)],
+        parameters=[OptimalParameter(axis, maximum.estimate, maximum.standard_error)],
         value=simulated.in_units()[quantity],
         searched=[({axis.key: value_searched}, estimate) for value_searched, estimate in fitted],
         averaging=Averaging(closure, location, value, reason, at_maximum),
@@ -165,7 +165,7 @@ class Search:
             centre = min(max(centre, half), 1.0 - half)
             coordinates = centre + half * np.linspace(-1.0, 1.0, PLACES)
             answers = self._answers(coordinates)
-            fit = Fit(np.linspace(-1.0, 1.0, PLACES), answers, self.quantity)
+            fit = CubicFit(np.linspace(-1.0, 1.0, PLACES), answers, self.quantity)
             if not fit.peaked or abs(fit.place) > 1.0:
                 centre = self._moved(centre, half, fit)
             elif (fit.drop > DROP or fit.misfit) and half > NARROWEST:
@@ -266,7 +266,7 @@ class Search:
         return self.quantity.replace("_", " ")
 
 
-class Fit:
+class CubicFit:
     """Cubic through values at places from −1 to 1, with errors from what their noise has in common.
 
     Attributes

@@ -15,7 +15,7 @@ from harvester.show.symbols import definitions, key_words
 from harvester.simulation.methods import method_of
 from harvester.simulation.orbits import on_orbits, with_orbit
 from harvester.studies.answers import is_noisy, missing_from
-from harvester.studies.optimum.axis import INTERVAL, NARROW, Parameter
+from harvester.studies.optimum.axis import INTERVAL, NARROW, OptimalParameter
 from harvester.studies.optimum.flat_region import FLAT_SHARE
 from harvester.studies.sweep import orbits_of
 
@@ -52,7 +52,7 @@ class Optimum:
 
     Attributes
     ----------
-    parameters : list of Parameter
+    parameters : list of OptimalParameter
         Each with its place at the optimum.
     value : Estimate
         Value from a run at the place; over several parameters on noise of its own.
@@ -75,7 +75,7 @@ class Optimum:
     quantity: str
     unit: str
     method: str
-    parameters: list[Parameter]
+    parameters: list[OptimalParameter]
     value: Estimate
     searched: list[tuple[dict[str, float], Estimate]]
     averaging: Averaging | None = None

@@ -9,7 +9,7 @@ from harvester.identification.identification import Identification
 from harvester.results.result import Result
 from harvester.studies.comparison import Comparison
 from harvester.studies.frequency_response import FrequencyResponse
-from harvester.studies.loads.study import Study
+from harvester.studies.loads.study import LoadStudy
 from harvester.studies.optimum import Optimum
 from harvester.studies.sensitivity import Sensitivity
 from harvester.studies.sweep import Sweep
@@ -31,7 +31,7 @@ SHOWN = [
     Result,
     Sensitivity,
     StabilityMatrix,
-    Study,
+    LoadStudy,
     Sweep,
     TimeToAccuracy,
     Verification,
