@@ -8,7 +8,8 @@ from harvester.commands.cite import cite
 from harvester.commands.command import Command, Study
 from harvester.commands.completion import completion
 from harvester.commands.new import new
-from harvester.studies.public import LOAD_STUDY_FILES, SENSITIVITY_FILES, TIME_BUDGET
+from harvester.studies import LOAD_STUDY_FILES, SENSITIVITY_FILES
+from harvester.studies.public import TIME_BUDGET
 from harvester.verification.stability import TIME_LIMIT
 
 

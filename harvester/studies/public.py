@@ -13,8 +13,8 @@ from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Unpack
 
-from harvester.arguments import listed, table
-from harvester.calling import takes_scene
+from harvester.arguments import check_name, listed, table
+from harvester.calling import scene_of, takes_scene
 from harvester.errors import AveragingError, HarvesterError, LoadError
 from harvester.method import Method
 from harvester.signatures import (
@@ -38,40 +38,24 @@ from harvester.signatures import (
 )
 from harvester.simulation.methods import Engine, engine_of, method_of
 from harvester.simulation.simulate import TIME_LIMIT, require_paths, simulate
+from harvester.studies import JUDGED, ROWS
 
 if TYPE_CHECKING:
     from collections.abc import Callable
     from concurrent.futures import Executor
 
     from harvester.scene.model import Scene
-    from harvester.studies.comparison import Comparison
+    from harvester.studies.comparison.comparison import Comparison
     from harvester.studies.frequency_response import FrequencyResponse
     from harvester.studies.loads.study import LoadStudy
-    from harvester.studies.optimum import Optimum
-    from harvester.studies.sensitivity import Sensitivity
+    from harvester.studies.optimum.result import Optimum
+    from harvester.studies.sensitivity.study import Sensitivity
     from harvester.studies.spectrum import SpectrumAnalysis
     from harvester.studies.sweep import Sweep
     from harvester.workers.pools import Workers
 
-# The default: Monte Carlo everywhere, and the circuit as its judge at some places.
-JUDGED = "judged"
 # Default time budget of a load study with a precision, in seconds.
 TIME_BUDGET = 540.0
-# Default number of rows of a design of devices.
-ROWS = 64
-# Example for messages.
-OVER = 'over={"load.resistance": (1e4, 1e6)}'
-METHODS_WRITTEN = 'methods=["monte-carlo"]'
-QUANTITIES_WRITTEN = 'quantities=["mean_power"]'
-# Files in the folder of a load study, and in that of a sensitivity study.
-LOAD_STUDY_FILES = (
-    "load-study.nc",
-    "load-study.csv",
-    "power.png",
-    "efficiency.png",
-    "waveforms.png",
-)
-SENSITIVITY_FILES = ("sensitivity.json", "sensitivity.csv", "tornado.png", "distribution.png")
 
 
 @takes_scene
@@ -291,11 +275,23 @@ def spectrum(
     ------
     SceneError, HarvesterError
     """
-    from harvester.studies.spectrum import analysis_of
+    from harvester.scene.source import built_in_names
+    from harvester.studies import spectrum as work
 
-    return analysis_of(
-        source, device, column, unit, sampling_rate, resolution, duration, breakpoints, mend
-    )
+    if breakpoints < 2:
+        raise HarvesterError(f"breakpoints {breakpoints}: must be at least 2")
+    name = str(source)
+    if not isinstance(source, (str, Path)) or name.endswith(".toml") or name in built_in_names():
+        for option, value in {"device": device, "column": column, "unit": unit}.items():
+            if value is not None:
+                raise HarvesterError(f"{option}: is for a record, and {source} is a scene")
+        return work.of_scene(scene_of(source), duration, resolution, breakpoints)
+    if duration is not None:
+        raise HarvesterError("duration: is for a scene; a record is taken whole")
+    number: Any = int(column) if column is not None and column.isdigit() else column
+    keys = {"unit": unit, "column": number, "sampling_rate": sampling_rate, "mend": list(mend)}
+    of_device = None if device is None else scene_of(device)
+    return work.of_record(name, keys, of_device, resolution, breakpoints)
 
 
 @takes_scene
@@ -344,12 +340,13 @@ def sweep(
     from harvester.studies.grid import make_grid
 
     clock = time.perf_counter()
-    methods = tuple(listed(methods, "methods", METHODS_WRITTEN))
+    methods = tuple(listed(methods, "methods", 'methods=["monte-carlo"]'))
     chosen = [item if isinstance(item, Method) else method_of(item, step=step) for item in methods]
-    labels = work.labels_of(chosen)
+    names = [method.name for method in chosen]
+    labels = tuple(m.label if names.count(m.name) > 1 else m.name for m in chosen)
     if not methods or len(set(labels)) < len(methods):
         raise HarvesterError(f"methods = {list(labels)}: give each once, and at least one")
-    quantities = tuple(listed(quantities, "quantities", QUANTITIES_WRITTEN))
+    quantities = tuple(listed(quantities, "quantities", 'quantities=["mean_power"]'))
     grid = make_grid(scene, (), over, "over")
     requests = [
         Request(point.scene, method, precision=precision, quantities=quantities)
@@ -361,7 +358,9 @@ def sweep(
         out_of_time = runner.out_of_time
     shape = (*(len(values) for values in grid.sweeps.values()), len(methods))
     cells = work.cells_of(labels, answers)
-    work.check_quantities(quantities, cells)
+    available = tuple({name: None for cell in cells for name in cell.estimates})
+    for name in quantities if available else ():
+        check_name("quantity", name, available)
     return work.Sweep(
         scene=grid.scene,
         values=grid.sweeps,
@@ -592,7 +591,7 @@ def optimum(
 
     Returns
     -------
-    harvester.studies.optimum.Optimum
+    Optimum
         Over one parameter, averaging and simulation are compared, and the place has an interval;
         over several the value has one.
 
@@ -612,9 +611,18 @@ def optimum(
     The places proposed over several follow from the seed and the answers alone: with `output` the
     same call after a kill takes the answers that are there and goes on to the same end.
     """
-    from harvester.studies.optimum.find import largest
+    from harvester.averaging import CLOSURES
+    from harvester.averaging.method import DEFAULT_CLOSURE
+    from harvester.estimates.output_side import RATIOS
+    from harvester.running import open_runner
+    from harvester.studies.answers import checked_method, orbits_at
+    from harvester.studies.optimum.axis import Axis
+    from harvester.studies.optimum.line import MAXIMISED, along
+    from harvester.studies.optimum.several import over_several
 
-    ranges = {over: None} if isinstance(over, str) else table(over, "over", OVER)
+    clock = time.perf_counter()
+    example = 'over={"load.resistance": (1e4, 1e6)}'
+    ranges = {over: None} if isinstance(over, str) else table(over, "over", example)
     if not ranges:
         raise HarvesterError("--over: name at least one parameter, TABLE.KEY")
     if low is not None or high is not None:
@@ -626,7 +634,38 @@ def optimum(
         ranges = dict.fromkeys(ranges, (low, high))
     ends = {key: _ends(key, interval) for key, interval in ranges.items()}
     maximise = maximise or _power_of(scene)
-    return largest(scene, ends, maximise, method, closure, evaluations, precision, running)
+    limited = scene.beam is not None and scene.beam.strain_limit is not None
+    chosen = checked_method(scene, method)
+    # A maximum on a limit is no peak that a curve is fitted to: it is searched for as over several.
+    # So is one of a closure, which has no noise.
+    is_one = len(ends) == 1 and not limited and isinstance(chosen, Engine)
+    for name, value in {"evaluations": evaluations, "precision": precision}.items():
+        if value is not None and is_one:
+            raise HarvesterError(f"--{name}: is for several parameters, a second --over")
+    if closure is not None and not is_one:
+        raise HarvesterError("--closure: is for one parameter by an engine; else use --method")
+    follow = running.pop("progress", None) or (lambda share, words: None)
+    closure = check_name("closure", closure or DEFAULT_CLOSURE, CLOSURES)
+    if is_one:
+        load = scene.load.circuit
+        outputs = RATIOS if load and load.has_output else ()
+        check_name("quantity", maximise, (*MAXIMISED, *outputs))
+    if limited and not isinstance(chosen, Engine):
+        raise HarvesterError(
+            f"{scene.name}: beam.strain_limit: {chosen.name} gives no peak strain; take --method "
+            "monte-carlo or circuit, or the limit out"
+        )
+    axes = [Axis.of(scene, key, *interval) for key, interval in ends.items()]
+    with open_runner(**running) as runner:
+        if is_one:
+            found = along(scene, axes[0], maximise, chosen, closure, runner, follow)
+        else:
+            found = over_several(
+                scene, axes, maximise, chosen, runner, follow, evaluations, precision
+            )
+        location = {parameter.axis.key: parameter.place for parameter in found.parameters}
+        orbits = orbits_at(scene.replace(location), chosen, runner)
+    return replace(found, orbits=orbits, seconds=time.perf_counter() - clock)
 
 
 def _power_of(scene):

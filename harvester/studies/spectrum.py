@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -11,12 +11,10 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from harvester.arguments import usual_arithmetic
-from harvester.calling import scene_of
 from harvester.errors import HarvesterError
 from harvester.excitation.spectrum import Spectrum
 from harvester.files import plain_text
 from harvester.files.serialising import plain
-from harvester.signatures import File, Seconds
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -50,57 +48,36 @@ CORRECTIONS, ALIKE, NOTED_DEPARTURE = 20, 0.02, 0.05
 CONFIDENCE = 0.95
 
 
-def analysis_of(
-    source: File,
-    device: File | None,
-    column: str | None,
-    unit: str | None,
-    sampling_rate: float | None,
+def of_record(
+    file: str,
+    keys: dict[str, Any],
+    device: Scene | None,
     resolution: float | None,
-    duration: Seconds | None,
     breakpoints: int,
-    mend: Sequence[str],
 ) -> SpectrumAnalysis:
-    """The analysis that `harvester.spectrum` returns."""
+    """Analysis of a record, read with these keys of a scene's [excitation]."""
     from harvester.excitation.recorded import RecordedMotion, one_pass
     from harvester.scene.schema import check_table
 
-    if breakpoints < 2:
-        raise HarvesterError(f"breakpoints {breakpoints}: must be at least 2")
-    if not isinstance(source, (str, Path)) or str(source).endswith(".toml") or _built_in(source):
-        for name, value in {"device": device, "column": column, "unit": unit}.items():
-            if value is not None:
-                raise HarvesterError(f"{name}: is for a record, and {source} is a scene")
-        scene = scene_of(source)
-        return _of_scene(scene, duration, resolution, breakpoints)
-    if duration is not None:
-        raise HarvesterError("duration: is for a scene; a record is taken whole")
-    number: Any = int(column) if column is not None and column.isdigit() else column
-    keys = {"unit": unit, "column": number, "sampling_rate": sampling_rate, "mend": list(mend)}
-    keys = {"file": str(source)} | {k: value for k, value in keys.items() if value is not None}
+    keys = {"file": file} | {key: value for key, value in keys.items() if value is not None}
     record = RecordedMotion(
-        **check_table("excitation", keys, RecordedMotion.KEYS, "SI", plain_text.named(str(source)))
+        **check_table("excitation", keys, RecordedMotion.KEYS, "SI", plain_text.named(file))
     )
     values, interval, _ = one_pass(record)
     values = values - values.mean()
     units = "scaled" if record.unit == "scaled" else "SI"
-    of_device = None if device is None else scene_of(device)
-    name = plain_text.name(Path(str(source)).stem)
+    name = plain_text.name(Path(file).stem)
 
     def blocks(size: int) -> Iterator[np.ndarray]:
         return (values[first : first + size] for first in range(0, values.size, size))
 
-    return _analysed(name, blocks, values.size, interval, resolution, breakpoints, of_device, units)
+    return _analysed(name, blocks, values.size, interval, resolution, breakpoints, device, units)
 
 
-def _built_in(source):
-    from harvester.scene.source import built_in_names
-
-    return str(source) in built_in_names()
-
-
-def _of_scene(scene, duration, resolution, breakpoints):
-    """Spectrum of the first realization of a scene's excitation."""
+def of_scene(
+    scene: Scene, duration: float | None, resolution: float | None, breakpoints: int
+) -> SpectrumAnalysis:
+    """Analysis of the first realization of a scene's excitation, by default of its duration."""
     from harvester.prepared.paths import noise_path
     from harvester.prepared.prepared import prepared
     from harvester.prepared.steps import knot_spacing
@@ -120,11 +97,10 @@ def _of_scene(scene, duration, resolution, breakpoints):
         for first in range(0, count, size):
             yield ready.excitation_unit * path.read(min(size, count - first))
 
-    name = scene.name
-    profiled = _specified(scene.excitation)
     return _analysed(
-        name, blocks, count, spacing, resolution, breakpoints, scene, scene.units, True, profiled
-    )
+        scene.name, blocks, count, spacing, resolution, breakpoints, scene, scene.units,
+        knots=True, profiled=_specified(scene.excitation),
+    )  # fmt: skip
 
 
 def _analysed(

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import math
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
@@ -9,24 +10,34 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from harvester.averaging import CLOSURES
 from harvester.errors import HarvesterError
 from harvester.estimates.estimate import Estimate
 from harvester.estimates.units import unit_of
 from harvester.files.plain_text import json_text
 from harvester.files.serialising import plain
 from harvester.files.tables import Tabular, xarray_or_say
-from harvester.method import Method
 from harvester.results.orbit import Attractor
 from harvester.running.request import COMPLETE, OUT_OF_TIME, told
 from harvester.scene.model import Scene
-from harvester.show.numbers import number, with_error
-from harvester.simulation.simulate import check_name
+from harvester.show.numbers import is_share, number, prefixed, with_error
+from harvester.show.palette import CIRCUIT, LINES, MONTE_CARLO, styles
+from harvester.show.panels import Panel, Series, draw_panels, is_wide
+from harvester.show.symbols import key_label
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
     from xarray import Dataset
 
-    from harvester.studies.loads.evaluation import Evaluation
+# An error bar reaches so many standard errors to either side.
+BARS = 2.0
+OTHER_CLOSURE = ("0.3", "-.")
+# Colour and marker of an engine with its default settings.
+ENGINES = {"circuit": (CIRCUIT, "o"), "monte-carlo": (MONTE_CARLO, "s")}
+# Points of print between the markers of two engines at the same place.
+APART = 6.0
+# Width of the first line, and by how much each further one is thinner: thin over thick shows both.
+WIDEST, THINNER = 3.0, 0.6
 
 
 @dataclass(frozen=True)
@@ -170,9 +181,8 @@ class Sweep(Tabular):
     def figure(self) -> Figure:
         """Each quantity over the key with most values: engines with error bars, closures lines."""
         from harvester.show import figures
-        from harvester.studies.sweep_drawing import draw
 
-        return figures.drawn(draw, self)
+        return figures.drawn(_draw, self)
 
     def to_dict(self) -> dict[str, Any]:
         """Plain values for JSON: of every cell all its quantities."""
@@ -225,18 +235,10 @@ def placed_notes(noted: Iterable[tuple[str, Sequence[str]]]) -> list[tuple[str, 
     ]
 
 
-def outcome_and_notes(cell: Cell | Evaluation) -> tuple[str, list[str]]:
+def outcome_and_notes(cell: Cell) -> tuple[str, list[str]]:
     """The outcome, and the notes that stand behind one that is complete."""
     first, *notes = cell.outcome.split("; ")
     return (first, notes) if first == COMPLETE else (cell.outcome, [])
-
-
-def labels_of(methods: Sequence[Method]) -> tuple[str, ...]:
-    """Labels of methods in tables: their names, with settings if two have the same name."""
-    names = [method.name for method in methods]
-    return tuple(
-        method.label if names.count(method.name) > 1 else method.name for method in methods
-    )
 
 
 def cells_of(labels: Sequence[str], answers: Sequence) -> np.ndarray:
@@ -257,13 +259,6 @@ def _cell(method, answer):
     if outcome == COMPLETE:
         outcome = "; ".join([COMPLETE, *answer.notes])
     return Cell(method, outcome, answer.in_units(), answer.realizations, answer.orbits)
-
-
-def check_quantities(quantities: Sequence[str], cells: np.ndarray) -> None:
-    """Refuse a quantity that no method gives at any place, with the nearest that there is."""
-    available = {name: None for cell in cells for name in cell.estimates}
-    for name in quantities if available else ():
-        check_name("quantity", name, tuple(available))
 
 
 def variables_of(scene: Scene, cells: np.ndarray, dimensions: Sequence[str]) -> dict[str, tuple]:
@@ -307,3 +302,75 @@ def _each(cells, value, kind):
 def _value(cell, name, attribute):
     value = getattr(cell.estimates.get(name, _NOTHING), attribute)
     return math.nan if value is None else value
+
+
+def _draw(sweep):
+    """A panel for each quantity and each place of the other keys."""
+    lengths = [len(values) for values in sweep.values.values()]
+    # An axis of numbers is preferred to one of words, which have no distances.
+    ranks = [(not _has_words(values), len(values)) for values in sweep.values.values()]
+    along = ranks.index(max(ranks)) if ranks else None
+    others = [range(length) for k, length in enumerate(lengths) if k != along]
+    panels = [
+        _panel(sweep, name, along, other)
+        for name in sweep.quantities
+        for other in itertools.product(*others)
+    ]
+    title = f"{sweep.scene.name}: bars of two standard errors (hollow: none)"
+    return draw_panels(panels, title)
+
+
+def _panel(sweep, name, along, other):
+    keys = list(sweep.values)
+    if along is None:
+        key, x, rows = "", [0.0], sweep.cells[None]
+    else:
+        key, x = keys[along], sweep.values[keys[along]]
+        rows = np.moveaxis(sweep.cells, along, 0)[(slice(None), *other)]
+    held = [axis for axis in keys if axis != key]
+    words = [
+        f"{axis} = {in_words(sweep.values[axis][k])}" for axis, k in zip(held, other, strict=True)
+    ]
+    means = [cell.estimates[name] for cell in rows.ravel() if name in cell.estimates]
+    unit = unit_of(sweep.scene, means[0].dimension) if means else ""
+    if is_share(name):
+        factor, unit = 100.0, "%"
+    else:
+        factor, unit = prefixed(max((abs(mean.estimate) for mean in means), default=0.0), unit)
+    series = [_series(sweep, name, x, rows[:, k], k, factor) for k in range(len(sweep.methods))]
+    label = f"{name.replace('_', ' ')} [{unit or '1'}]"
+    return Panel(
+        key_label(key, sweep.scene.units) if key else "",
+        label,
+        series,
+        ", ".join(words),
+        log_x=not _has_words(x) and is_wide(x),
+    )
+
+
+def _has_words(values):
+    return any(isinstance(value, str) for value in values)
+
+
+def _series(sweep, name, x, cells, place, factor):
+    """One method's estimates; those that are missing leave a gap."""
+    label = sweep.methods[place]
+    method = _without_settings(label)
+    means = [cell.estimates.get(name) for cell in cells]
+    estimates = [mean and mean.times(factor) for mean in means]
+    y = [math.nan if mean is None else mean.estimate for mean in estimates]
+    if method in CLOSURES:
+        colour, line = LINES.get(method, OTHER_CLOSURE)
+        return Series(x, y, f"averaging, {label}", colour, line, width=WIDEST * THINNER**place)
+    errors = [mean and mean.standard_error for mean in estimates]
+    bars = [0.0 if error is None else BARS * error for error in errors]
+    engines = [other for other in sweep.methods if _without_settings(other) not in CLOSURES]
+    colour, marker = ENGINES.get(label) or styles(engines)[label]
+    bare = [error is None for error in errors]
+    shift = APART * (engines.index(label) - 0.5 * (len(engines) - 1))
+    return Series(x, y, label, colour, "", marker, bars=bars, hollow=bare, shift=shift)
+
+
+def _without_settings(label):
+    """A method's name, without the settings that tell two methods of one name apart."""
+    return label.partition(" (")[0]

@@ -7,6 +7,7 @@ import itertools
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
@@ -81,7 +82,10 @@ def optimum_of(
     axis = np.log(places) if logarithmic else np.asarray(places, dtype=float)
     vertex, gradient = _vertex(axis[near], np.log(heights[near]))
     shape = abs(vertex - _vertex(axis[near], heights[near])[0])
-    error = _error_of(gradient, [series[k] for k in near])
+    runs_near: list[Any] = [series[k] for k in near]
+    error: float | None = 0.0
+    if runs_near[0] is not None:
+        error = error_of_sum(gradient, [runs / runs.mean() for runs in runs_near])
     if error is None:
         return CurveOptimum(best, note="too few realizations for an interval")
     low, high = vertex - INTERVAL * error - shape, vertex + INTERVAL * error + shape
@@ -174,13 +178,6 @@ def _vertex(x, y):
     curvature, slope = rows[0] @ y, rows[1] @ y
     extremum = x[1] - 0.5 * slope / curvature
     return extremum, 0.5 * (slope * rows[0] / curvature - rows[1]) / curvature
-
-
-def _error_of(gradient, series):
-    """Standard error of a function of means by the gradient over their logarithms."""
-    if series[0] is None:
-        return 0.0
-    return error_of_sum(gradient, [runs / runs.mean() for runs in series])
 
 
 def _no_lower(series, place, best):

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -17,10 +17,8 @@ from harvester.studies.sweep import variables_of
 if TYPE_CHECKING:
     from xarray import Dataset
 
-    from harvester.studies.loads.study import LoadStudy
 
-
-def dataset_of(study: LoadStudy) -> Dataset:
+def dataset_of(study: Any) -> Dataset:
     """The study as an xarray Dataset in the scene's units.
 
     Returns

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from functools import partial
 from itertools import cycle
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -18,15 +18,13 @@ from harvester.show.symbols import key_label
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-    from harvester.studies.loads.study import LoadStudy
-
 MARKERS = "osD^vP*X"
 # An error bar reaches so many standard errors to either side.
 BARS = 2.0
 EFFICIENCIES = ("end_to_end_efficiency", "power_conversion_efficiency_of_input")
 
 
-def draw_power(study: LoadStudy) -> Figure:
+def draw_power(study: Any) -> Figure:
     """Output power over the swept value, one curve a load; its optimum's interval below."""
     top = max((e.power for e in study.evaluations if math.isfinite(e.power)), default=1.0)
     factor, unit = prefixed(top, study.unit)
@@ -38,7 +36,7 @@ def draw_power(study: LoadStudy) -> Figure:
     return _draw(study, f"output power [{unit}]", value, _draw_optima)
 
 
-def draw_efficiency(study: LoadStudy) -> Figure:
+def draw_efficiency(study: Any) -> Figure:
     """Harvested power over the mechanical input."""
 
     def value(evaluation):
@@ -49,14 +47,15 @@ def draw_efficiency(study: LoadStudy) -> Figure:
     return _draw(study, "power harvested of that put in [%]", value, lambda *_: None)
 
 
-def draw_waveforms(study: LoadStudy) -> Figure:
+def draw_waveforms(study: Any) -> Figure:
     """Displacement and piezo voltage at each load's highest point, all on the same noise."""
     from matplotlib.figure import Figure
 
-    other = max(
-        (other for other, _ in study.others()),
-        key=lambda o: max((study.best((k, *o)) or _Nothing).power for k in _loads(study)),
-    )
+    def highest(other):
+        points = [point for k in _loads(study) if (point := study.best((k, *other)))]
+        return max((point.power for point in points), default=-math.inf)
+
+    other = max((other for other, _ in study.others()), key=highest)
     best = [
         (load, study.best((k, *other)), colour)
         for (k, load), colour in zip(enumerate(study.grid.loads), _colours(), strict=False)
@@ -76,12 +75,6 @@ def draw_waveforms(study: LoadStudy) -> Figure:
     title = f"{study.scene.name}: {title}{', ' * bool(words)}{words}"
     entitle(figure, title)
     return figure
-
-
-class _Nothing:
-    """Stands for a curve without a point."""
-
-    power = -math.inf
 
 
 def _loads(study):
@@ -176,5 +169,5 @@ def _draw_waveform(axes, study, load, evaluation, colour):
     beside.set_ylabel("X [mm]" if in_metres else "X", color="0.5")
 
 
-# The figures of `harvester.studies.public.LOAD_STUDY_FILES`, in their order.
+# The figures of `harvester.studies.LOAD_STUDY_FILES`, in their order.
 FIGURES = (draw_power, draw_efficiency, draw_waveforms)

@@ -126,10 +126,12 @@ def proving(
         Monte Carlo and the circuit, each with its version, see `Runner.version`.
     """
     settled, early, costs = [], [], []
+    duration = min(periods_of(scene), scene.run.settle + scene.run.duration)
+    from_rest = scene.replace({"run.settle": 0.0, "run.duration": duration})
     for method, version in (first, judge):
         costs.append(step_error(prepared(scene), method.step, method.name))
         settled.append(_tasks(scene, PROOF_REALIZATIONS, method, version))
-        early.append(_tasks(early_part(scene), EARLY_REALIZATIONS, method, version))
+        early.append(_tasks(from_rest, EARLY_REALIZATIONS, method, version))
     parts = [*settled, *early]
     answers = iter((yield Wanted([task for tasks in parts for task in tasks])))
     grouped = [[next(answers) for _ in tasks] for tasks in parts]
@@ -144,12 +146,6 @@ def proving(
         early_standard_error=standard_error,
         trouble=proof.trouble or (trouble and f"from rest: {trouble}"),
     )
-
-
-def early_part(scene: Scene) -> Scene:
-    """The scene from rest on, for the first `PERIODS` periods of its small oscillations."""
-    duration = min(periods_of(scene), scene.run.settle + scene.run.duration)
-    return scene.replace({"run.settle": 0.0, "run.duration": duration})
 
 
 def _tasks(scene, most, method, version):

@@ -28,11 +28,11 @@ from harvester.scene.units import require_resistor
 from harvester.show.numbers import NOT_KNOWN, number, quantity, share_with_error, with_error
 from harvester.show.symbols import EFFICIENCIES, definitions, key_words
 from harvester.simulation.methods import ENGINES, Circuit, Engine, engine_of, method_of
+from harvester.studies import JUDGED, LOAD_STUDY_FILES
 from harvester.studies.grid import Grid
 from harvester.studies.loads.curves import Difference, optimum_of, rank
 from harvester.studies.loads.evaluation import MOST_REALIZATIONS, Evaluation
 from harvester.studies.loads.proof import Proof, places_to_prove, proving
-from harvester.studies.public import JUDGED, LOAD_STUDY_FILES
 from harvester.studies.sweep import Sweep, columns, orbits_of, outcome_and_notes, placed_notes
 
 if TYPE_CHECKING:
@@ -205,7 +205,9 @@ class LoadStudy(Tabular):
         ]
         notes += [f"at {', '.join(fed)} not ranked: stores discharge into the output"] * bool(fed)
         if self.precision and best.realizations:
-            notes.append(self._precision(best))
+            reached, asked = best.relative_error, self.precision
+            precision = f"{reached:.1%}" if math.isfinite(reached) else "no error bar"
+            notes.append(precision + f", not the {asked:.1%} asked for" * (not reached <= asked))
         inside = math.isfinite(optimum.low)
         unit = key_words(key, self.scene.units)[1] if key else ""
         return [
@@ -226,11 +228,6 @@ class LoadStudy(Tabular):
 
     def _has(self, name):
         return any(name in evaluation.estimates for evaluation in self.evaluations)
-
-    def _precision(self, evaluation):
-        reached, asked = evaluation.relative_error, self.precision
-        precision = f"{reached:.1%}" if math.isfinite(reached) else "no error bar"
-        return precision if reached <= asked else f"{precision}, not the {asked:.1%} asked for"
 
     def sentences(self) -> list[str]:
         """The ranking, what precision was reached, how it ended, what was run."""
@@ -278,14 +275,15 @@ class LoadStudy(Tabular):
         point = self.grid.points[proof.place]
         values = ", ".join(number(value) for value in point.place)
         where = f"{point.load}{' at ' * bool(values)}{values}{' (optimum)' * proof.highest}"
-        parts = {
-            f"in the first {PERIODS:g} periods": (
-                proof.early_difference,
-                proof.early_standard_error,
-            ),
-            "settled": (proof.difference, proof.standard_error),
-        }
-        apart = [f"{_apart(*of)} {part}" for part, of in parts.items() if not math.isnan(of[1])]
+        early = proof.early_difference, proof.early_standard_error
+        parts = {f"in the first {PERIODS:g} periods": early}
+        parts["settled"] = proof.difference, proof.standard_error
+        apart = [
+            f"{share_with_error(Estimate(difference, error, None, '1'))} "
+            f"({abs(difference) / error if error else 0.0:.1f} σ) {part}"
+            for part, (difference, error) in parts.items()
+            if not math.isnan(error)
+        ]
         words = [f"circuit over Monte Carlo, paired, {', '.join(apart)}"] if apart else []
         if not (proof.checks or proof.disagrees):
             words.append(f"not checked ({proof.trouble or NOT_SHARP})")
@@ -477,13 +475,6 @@ def cut(scene: Scene) -> Scene:
     run = scene.run
     duration = min(run.duration, DURATION_OVER_SETTLE * run.settle) or run.duration
     return scene.replace({"run.duration": duration, "run.realizations": MOST_REALIZATIONS})
-
-
-def _apart(difference, standard_error):
-    """Text: the relative difference of two loads' powers, paired on common noise."""
-    share = Estimate(difference, standard_error, None, "1")
-    distance = abs(difference) / standard_error if standard_error else 0.0
-    return f"{share_with_error(share)} ({distance:.1f} σ)"
 
 
 def save(study: LoadStudy, folder: str | Path | StudyFolder) -> list[str]:

@@ -4,14 +4,17 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from functools import partial
 from typing import TYPE_CHECKING, Any
 
 from harvester.estimates.estimate import Estimate
 from harvester.files.serialising import fields_of, plain
 from harvester.results.orbit import Attractor
 from harvester.scene.model import Scene
-from harvester.show.numbers import NOT_KNOWN, quantity, with_error
-from harvester.show.symbols import definitions, key_words
+from harvester.show.numbers import NOT_KNOWN, prefixed, quantity, with_error
+from harvester.show.palette import CIRCUIT, MONTE_CARLO
+from harvester.show.panels import Panel, Series, draw_panels
+from harvester.show.symbols import definitions, key_label, key_words
 from harvester.simulation.methods import method_of
 from harvester.simulation.orbits import on_orbits, with_orbit
 from harvester.studies.answers import is_noisy, missing_from
@@ -21,6 +24,10 @@ from harvester.studies.sweep import orbits_of
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
+
+# Points of print from a place searched to the maximum that was found at it.
+APART = 6.0
+SEARCHED, MAXIMUM, OWN = "0.6", MONTE_CARLO, CIRCUIT
 
 
 @dataclass(frozen=True)
@@ -257,9 +264,8 @@ class Optimum:
     def figure(self) -> Figure:
         """Every place searched over each parameter, the maximum, and how far it is flat."""
         from harvester.show import figures
-        from harvester.studies.optimum.drawing import draw
 
-        return figures.drawn(draw, self)
+        return figures.drawn(_draw, self)
 
     def to_dict(self) -> dict[str, Any]:
         """Plain values for JSON; over one parameter averaging and simulation side by side."""
@@ -315,3 +321,60 @@ class Optimum:
             "evaluations": self.evaluations,
             "notes": self._on_orbits(),
         }
+
+
+def _draw(found):
+    """Places searched, the maximum, how far it is flat.
+
+    Over several parameters places differ in the others too, so that the highest of them are the
+    outline.
+    """
+    panels = [_panel(found, parameter) for parameter in found.parameters]
+    title = (
+        f"{found.scene.name}: {len(found.searched)} places searched, by {found.method} "
+        "(bars: two standard errors)"
+    )
+    return draw_panels(panels, title, size=(3.0, 2.4), sharey=True)
+
+
+def _panel(found, each):
+    key = each.axis.key
+    factor, unit = prefixed(found.value.estimate, found.unit.split()[0])
+    places = [location[key] for location, _ in found.searched]
+    searched = [value.times(factor) for _, value in found.searched]
+    values = [value.estimate for value in searched]
+    bars = [INTERVAL * (value.standard_error or 0.0) for value in searched]
+    top = found.value.times(factor)
+    height = INTERVAL * (top.standard_error or 0.0)
+    # Beside the place searched there, which it would hide.
+    maximum = Series(
+        x=[each.place],
+        y=[top.estimate],
+        label="maximum",
+        colour=MAXIMUM,
+        line="",
+        marker="*",
+        bars=[height],
+        size=8.0,
+        shift=APART,
+    )
+    return Panel(
+        x_label=key_label(key, found.scene.units),
+        y_label=f"{found.quantity.replace('_', ' ')} [{unit or '1'}]",
+        series=[Series(places, values, "searched", SEARCHED, "", ".", bars=bars), maximum],
+        log_x=each.axis.logarithmic,
+        more=partial(_draw_bounds, found, each, factor),
+    )
+
+
+def _draw_bounds(found, each, factor, axes):
+    """Draw the interval of the place, or the flat region, and the scene's own value."""
+    low, high, label = each.flat_low, each.flat_high, f"within {FLAT_SHARE:.0%}, the others held"
+    if each.standard_error is not None:
+        (low, high), label = found.interval, "interval of the place"
+    if not math.isnan(low + high):
+        axes.axvspan(low, high, color=MAXIMUM, alpha=0.15, lw=0, label=label)
+    if found.own is not None:
+        axes.axhline(
+            factor * found.own.estimate, color=OWN, linestyle=":", label="the scene itself"
+        )

@@ -127,7 +127,7 @@ class Basins:
             {
                 "method": self.method,
                 "engine_version": self.engine_version,
-                "orbits": [orbit_dict(orbit) for orbit in self.orbits],
+                "orbits": self.orbits,
                 "displacements": self.displacements,
                 "velocities": self.velocities,
                 "orbit": self.orbit,
@@ -189,11 +189,6 @@ def orbit_sentences(orbits: Sequence[Orbit], unit: Any) -> list[str]:
             plural = "" if orbit.starts == 1 else "s"
             lines.append(f"{orbit.starts} start{plural}: {orbit.kind}, {REASONS[orbit.kind]}")
     return lines
-
-
-def orbit_dict(orbit: Orbit) -> dict[str, Any]:
-    """An orbit as plain values."""
-    return {name: plain(value) for name, value in vars(orbit).items()}
 
 
 def axes_of_starts(

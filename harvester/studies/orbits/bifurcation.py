@@ -34,7 +34,7 @@ from harvester.show.palette import CIRCUIT, MONTE_CARLO
 from harvester.show.panels import Panel, Series, draw_panels
 from harvester.show.symbols import key_label
 from harvester.simulation.following import follow, forced
-from harvester.studies.orbits.following import SAMPLES, motion_of, periods_of
+from harvester.studies.orbits.following import SAMPLES, motion_of
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -273,7 +273,9 @@ def climb(
     for number, value in enumerate(values):
         driven = forced(scene.replace({key: value}), "bifurcation")
         ready = prepared(driven)
-        units = _state_units(ready)
+        power, length = ready.scales.of("power"), ready.scales.of("displacement")
+        # Displacement, velocity and the transducer's state of one scaled unit.
+        units = np.array([length, length, ready.scene.transducer.state_unit(ready.setting)])
         begin = start_state(prepared(scene), 0) if start is None else np.array(start) / units
         try:
             samples = follow(
@@ -284,16 +286,9 @@ def climb(
             samples = np.full((SAMPLES + 1, STATE + 3), np.nan)
         if np.isfinite(samples).all():
             start = (samples[-1, :STATE] * units).tolist()
-        power, length = ready.scales.of("power"), ready.scales.of("displacement")
         scales = [*units, power, ready.scales.of("voltage") ** 2, length**2]
         rows.append(samples * scales)
     return {"rows": np.array(rows), "end": start, "failures": failures}
-
-
-def _state_units(ready):
-    """Displacement, velocity and the transducer's state of one scaled unit."""
-    length = ready.scales.displacement
-    return np.array([length, length, ready.scene.transducer.state_unit(ready.setting)])
 
 
 def climbing(
@@ -386,11 +381,6 @@ def jumps_of(values: np.ndarray, branch: Branch) -> list[Jump]:
         powers = (float(branch.mean_power[end]) for end in ends)
         jumps.append(Jump(branch.direction, before, after, *powers))
     return jumps
-
-
-def settling_periods(scenes: list[Scene]) -> int:
-    """Forcing periods before the samples: those of the place that forgets most slowly."""
-    return max(periods_of(scene) for scene in scenes)
 
 
 def _draw(result):

@@ -102,8 +102,8 @@ def _depopulation(loss):
     """A(δ) of Mel'nikov and Meshkov, δ the energy lost in a round in temperatures."""
     from scipy.integrate import quad
 
-    def integrand(y):
-        square = y * y + 0.25
-        return math.log(-math.expm1(-loss * square)) / square
-
-    return math.exp(quad(integrand, 0.0, math.inf, limit=200)[0] / math.pi)
+    total = quad(
+        lambda y: math.log(-math.expm1(-loss * (y * y + 0.25))) / (y * y + 0.25),
+        0.0, math.inf, limit=200,
+    )[0]  # fmt: skip
+    return math.exp(total / math.pi)

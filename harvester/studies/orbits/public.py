@@ -155,7 +155,7 @@ def bifurcation(
 
     from harvester.running import open_runner
     from harvester.studies.orbits import bifurcation as work
-    from harvester.studies.orbits.following import check_periods
+    from harvester.studies.orbits.following import check_periods, periods_of
 
     clock = time.perf_counter()
     engine = engine_of(method, step=step)
@@ -168,7 +168,7 @@ def bifurcation(
     if rising.size < 2:
         raise HarvesterError("--values: must be two different numbers or more")
     scenes = work.scenes_over(scene, over, rising)
-    settling = periods or work.settling_periods(scenes)
+    settling = periods or max(periods_of(scene_at_value) for scene_at_value in scenes)
     directions = ("up", "down") if down else ("up",)
     with open_runner(**running) as runner:
         version = runner.version(engine.name)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -15,13 +15,11 @@ from harvester.studies.sensitivity.sobol import Interval
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-    from harvester.studies.sensitivity import Sensitivity
-
 COLOURS = CIRCUIT, MONTE_CARLO
 BINS = 30
 
 
-def draw_tornado(study: Sensitivity) -> Figure:
+def draw_tornado(study: Any) -> Figure:
     """A figure of each parameter's effect on the quantity, with its Sobol indices."""
     from matplotlib.figure import Figure
 
@@ -91,7 +89,7 @@ def _bars(values, ends):
     return np.maximum([values - low, high - values], 0.0)
 
 
-def draw_distribution(study: Sensitivity) -> Figure:
+def draw_distribution(study: Any) -> Figure:
     """The quantity among devices, its quantiles, the scene's own value and the limit."""
     from matplotlib.figure import Figure
 

@@ -104,7 +104,10 @@ def indices(values: np.ndarray, seed: int) -> Indices:
     spread = 0.5 * (product(a, a) + product(b, b))
     first = np.array([product(b, c - a) for c in exchanged])
     total = np.array([0.5 * product(a - c, a - c) for c in exchanged])
-    weights = _resampled(spread.size, seed)
+    generator = np.random.default_rng(np.random.SeedSequence(seed, spawn_key=(1,)))
+    # Share of each row in each resample, shape (RESAMPLES, rows).
+    size = spread.size
+    weights = generator.multinomial(size, np.full(size, 1.0 / size), RESAMPLES) / size
     variances = weights @ spread
     variance = interval(float(spread.mean()), variances)
     noise = 0.0
@@ -142,9 +145,3 @@ def interval(estimate: float, resampled: np.ndarray) -> Interval:
     tail = 0.5 * (1.0 - CONFIDENCE)
     low, high = np.quantile(resampled, [tail, 1.0 - tail])
     return Interval(estimate, float(low), float(high))
-
-
-def _resampled(rows, seed):
-    """Share of each row in each resample, shape (RESAMPLES, rows)."""
-    generator = np.random.default_rng(np.random.SeedSequence(seed, spawn_key=(1,)))
-    return generator.multinomial(rows, np.full(rows, 1.0 / rows), RESAMPLES) / rows

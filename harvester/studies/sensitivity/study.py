@@ -17,6 +17,7 @@ from harvester.running import Request, Runner
 from harvester.scene.model import Scene
 from harvester.show.numbers import NOT_KNOWN, quantity, share_with_error, with_error
 from harvester.show.symbols import definitions
+from harvester.studies import ROWS, SENSITIVITY_FILES
 from harvester.studies.answers import (
     check_quantity,
     checked_method,
@@ -27,7 +28,6 @@ from harvester.studies.answers import (
     told,
     value_of,
 )
-from harvester.studies.public import ROWS, SENSITIVITY_FILES
 from harvester.studies.sensitivity.devices import devices, parameters
 from harvester.studies.sensitivity.effects import ENDS, effects
 from harvester.studies.sensitivity.population import Population, Yield, population, share_above
