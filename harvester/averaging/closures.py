@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from functools import partial
-from typing import TYPE_CHECKING, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from scipy.interpolate import CubicSpline
@@ -18,14 +18,12 @@ from harvester.device.damper import Damper
 from harvester.device.hertz import HERTZ_EXPONENT, HertzDamp
 from harvester.device.piezo import PiezoLaw
 from harvester.device.polynomial import Polynomial
+from harvester.device.system import System
 from harvester.errors import AveragingError
 from harvester.files.plain_text import nearest
 from harvester.registry import Registry
 from harvester.stationary.averages import Averages
 from harvester.stationary.fokker_planck import fokker_planck
-
-if TYPE_CHECKING:
-    from harvester.device.system import System
 
 # Levels of each edge, and nodes of an orbit on either side of the stopper. The difference to the
 # coarse grid is the numerical error.

@@ -3,15 +3,12 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 import numpy as np
+from numpy.typing import ArrayLike
 from scipy.interpolate import CubicSpline
 
-if TYPE_CHECKING:
-    from numpy.typing import ArrayLike
-
-    from harvester.averaging.orbits import OrbitFamily
+from harvester.averaging.orbits import OrbitFamily
 
 # The interval between two computed orbits is divided into this many by interpolation.
 FINER = 10

@@ -11,7 +11,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cache
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from scipy.interpolate import CubicSpline
@@ -20,12 +20,9 @@ from scipy.optimize.elementwise import find_root
 from harvester.device import contact as contacts
 from harvester.device import spring as springs
 from harvester.device import timescales
-from harvester.device.system import elastic_force, potential
+from harvester.device.system import System, elastic_force, potential
+from harvester.device.values import Values
 from harvester.errors import AveragingError
-
-if TYPE_CHECKING:
-    from harvester.device.system import System
-    from harvester.device.values import Values
 
 # A divisor that has vanished is replaced by this.
 SMALLEST = 1e-150

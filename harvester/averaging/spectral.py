@@ -4,18 +4,16 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
 from harvester.device.damper import Damper
+from harvester.device.system import System
 from harvester.errors import AveragingError
+from harvester.excitation.base import Excitation
+from harvester.prepared.prepared import Prepared
 from harvester.stationary.averages import Averages
-
-if TYPE_CHECKING:
-    from harvester.device.system import System
-    from harvester.excitation.base import Excitation
-    from harvester.prepared.prepared import Prepared
 
 # Gauss–Legendre nodes on each piece. The difference to the coarse nodes is the numerical error.
 NODES, COARSE_NODES = 20, 12

@@ -8,7 +8,7 @@ is given to six by six of them, such that its moments up to the fifth arrive as 
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from llvmlite import ir
@@ -16,10 +16,8 @@ from scipy.integrate import RK45
 
 from harvester.compilation import compiled, inlined, intrinsic, summing, types
 from harvester.device import system
+from harvester.device.system import System
 from harvester.errors import AveragingError
-
-if TYPE_CHECKING:
-    from harvester.device.system import System
 
 NEIGHBOURS = 6
 # So many neighbouring nodes of X' receive their shares in one vector operation.

@@ -13,23 +13,19 @@ the load's rate. Where hardly any motion leaves its well, the grid holds one alo
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
-
 import numpy as np
 from threadpoolctl import threadpool_limits
 
 from harvester.device import timescales
 from harvester.device.hertz import HertzDamp
+from harvester.device.system import System
 from harvester.errors import AveragingError
 from harvester.stationary.averages import Averages
+from harvester.stationary.grid_density import GridDensity
 from harvester.stationary.jumps import rates_of_jumps, slowest_decay_rate
 from harvester.stationary.region import HOPELESS_DISPLACEMENT, NODE_REFINEMENT, Level, Region
 from harvester.stationary.solution import Solution, StationaryProblem, period
 from harvester.stationary.wells import HELD_BACK, barrier, driven, lone_well
-
-if TYPE_CHECKING:
-    from harvester.device.system import System
-    from harvester.stationary.grid_density import GridDensity
 
 # The coarse grid on which the region is found, and the first grid of the answer; see `Level`.
 REGION_LEVEL = Level(5.0, 2.2, 1.7, 3, 3, 50.0)

@@ -3,19 +3,16 @@
 from __future__ import annotations
 
 from functools import cached_property
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
+from numpy.typing import ArrayLike
 from scipy.interpolate import CubicSpline, RectBivariateSpline
 from scipy.ndimage import convolve1d
 
+from harvester.stationary.flow import PhaseGrid
 from harvester.stationary.propagator import whole
 from harvester.stationary.voltage_density import SMOOTHING, density_of_charge
-
-if TYPE_CHECKING:
-    from numpy.typing import ArrayLike
-
-    from harvester.stationary.flow import PhaseGrid
 
 # Points per axis of the tabulated joint density of displacement and velocity.
 JOINT_POINTS = 321

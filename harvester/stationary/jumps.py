@@ -6,22 +6,18 @@ Both are found on each grid of an answer, on finer ones with what the coarser on
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable
-from typing import TYPE_CHECKING
 
 import numpy as np
 from scipy.sparse.linalg import ArpackNoConvergence, LinearOperator, eigs
 
 from harvester.device.cores import core_energies, jump_rates
-from harvester.device.system import potential
+from harvester.device.system import System, potential
 from harvester.errors import AveragingError
+from harvester.stationary.flow import PhaseGrid
 from harvester.stationary.inverse import Inverse, moved
 from harvester.stationary.propagator import Propagator
+from harvester.stationary.solution import Solution
 from harvester.stationary.wells import alike, well_at
-
-if TYPE_CHECKING:
-    from harvester.device.system import System
-    from harvester.stationary.flow import PhaseGrid
-    from harvester.stationary.solution import Solution
 
 # The slowest state is accepted if a period changes it, apart from its decay, by less than the
 # first, or by less than the second times the crossings of the saddles in a period. (These are about

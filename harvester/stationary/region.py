@@ -2,19 +2,16 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from scipy.interpolate import CubicSpline
 from scipy.optimize import brentq
 
 from harvester.device import timescales
-from harvester.device.system import potential
+from harvester.device.system import System, potential
 from harvester.errors import AveragingError
 from harvester.stationary.flow import PhaseGrid
-
-if TYPE_CHECKING:
-    from harvester.device.system import System
 
 # A density's core is its half width about the narrowest peak; ranges are counted in cores. However
 # narrow a range is, its grid has nodes as if it held so many.

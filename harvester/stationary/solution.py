@@ -2,21 +2,17 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
-
 import numpy as np
 
 from harvester.device import system as systems
 from harvester.device import timescales
+from harvester.device.system import System
 from harvester.errors import AveragingError
 from harvester.stationary.grid_density import GridDensity
 from harvester.stationary.inverse import Inverse, moved
 from harvester.stationary.propagator import Propagator
+from harvester.stationary.region import Level, Region
 from harvester.stationary.wells import between_wells, unlike_wells
-
-if TYPE_CHECKING:
-    from harvester.device.system import System
-    from harvester.stationary.region import Level, Region
 
 # Most amplitudes moved, times steps, on all grids together: five to ten seconds.
 MOST_WORK = 4e8

@@ -8,14 +8,11 @@ a polynomial.
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
-
 import numpy as np
 from numpy.polynomial.legendre import legvander
 from scipy.ndimage import convolve1d, map_coordinates
 
-if TYPE_CHECKING:
-    from harvester.stationary.flow import PhaseGrid
+from harvester.stationary.flow import PhaseGrid
 
 # This filter removes what changes sign from node to node, and keeps moments up to the third.
 SMOOTHING = np.array([-1.0, 4.0, 10.0, 4.0, -1.0]) / 16.0

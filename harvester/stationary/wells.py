@@ -7,17 +7,12 @@ motion leaves the least often holds all.
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
-
 import numpy as np
 
 from harvester.device import timescales
-from harvester.device.system import loss_power, potential
-
-if TYPE_CHECKING:
-    from harvester.device.system import System
-    from harvester.stationary.flow import PhaseGrid
-    from harvester.stationary.grid_density import GridDensity
+from harvester.device.system import System, loss_power, potential
+from harvester.stationary.flow import PhaseGrid
+from harvester.stationary.grid_density import GridDensity
 
 # Hardly any motion passes a barrier of more than so many E[X'²].
 HELD_BACK = 16.0

@@ -20,7 +20,7 @@ from harvester.files.tables import Tabular, write_netcdf
 from harvester.files.writing import in_folder
 from harvester.method import Method
 from harvester.running import Runner
-from harvester.running.folder import held
+from harvester.running.folder import StudyFolder, held
 from harvester.running.realizations import PERIODS
 from harvester.running.request import COMPLETE
 from harvester.scene.model import Scene
@@ -38,8 +38,6 @@ from harvester.studies.sweep import Sweep, columns, orbits_of, outcome_and_notes
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
     from xarray import Dataset
-
-    from harvester.running.folder import StudyFolder
 
 # Measured time of a realization over its settling time. A fifth of the run is then spent on
 # settling.

@@ -34,13 +34,12 @@ from harvester.show.palette import CIRCUIT, MONTE_CARLO
 from harvester.show.panels import Panel, Series, draw_panels
 from harvester.show.symbols import key_label
 from harvester.simulation.following import follow, forced
+from harvester.simulation.methods import Engine
 from harvester.studies.orbits.following import SAMPLES, motion_of
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
     from xarray import Dataset
-
-    from harvester.simulation.methods import Engine
 
 # Number of values in one task: a killed run loses at most this many.
 PLACES_TOGETHER = 25

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Generator
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -34,6 +34,7 @@ from harvester.results.orbit import (
     share_error,
 )
 from harvester.running.task import Task, Wanted
+from harvester.scene.model import Scene
 from harvester.show.numbers import with_error
 from harvester.simulation.following import (
     PARTING_PERIODS,
@@ -43,9 +44,6 @@ from harvester.simulation.following import (
     neighbours,
 )
 from harvester.simulation.methods import Engine
-
-if TYPE_CHECKING:
-    from harvester.scene.model import Scene
 
 # Samples are taken once the slowest transient has decayed to this share.
 SETTLED_SHARE = 1e-6

@@ -3,15 +3,12 @@
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING
 
 import numpy as np
 
 from harvester.device import timescales
 from harvester.device.system import potential
-
-if TYPE_CHECKING:
-    from harvester.prepared.prepared import Prepared
+from harvester.prepared.prepared import Prepared
 
 # Lowest barrier, in temperatures (units of kT), at which the formula is used: at three it is some
 # 15 % off.

@@ -12,7 +12,7 @@ import math
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from scipy.special import ndtri
@@ -20,10 +20,8 @@ from scipy.special import ndtri
 from harvester.errors import HarvesterError
 from harvester.files.plain_text import named
 from harvester.files.reading import read_input
+from harvester.scene.model import Scene
 from harvester.scene.numbers import number
-
-if TYPE_CHECKING:
-    from harvester.scene.model import Scene
 
 # Largest JSON of an identification, in bytes.
 LARGEST_FILE = 10_000_000

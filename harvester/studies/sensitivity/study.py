@@ -14,6 +14,7 @@ from harvester.estimates.units import unit_of
 from harvester.files.serialising import plain
 from harvester.method import Method
 from harvester.running import Request, Runner
+from harvester.running.folder import StudyFolder
 from harvester.scene.model import Scene
 from harvester.show.numbers import NOT_KNOWN, quantity, share_with_error, with_error
 from harvester.show.symbols import definitions
@@ -35,8 +36,6 @@ from harvester.studies.sensitivity.sobol import Indices, design, indices
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
-
-    from harvester.running.folder import StudyFolder
 
 # Fewest rows of a design, without which no interval is meaningful, and the most.
 FEWEST_ROWS, MOST_ROWS = 16, 65536
