@@ -1,7 +1,5 @@
 """Stationary means by three closures: two of quasi-conservative averaging, one without."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from functools import partial
 from typing import NamedTuple
@@ -9,8 +7,8 @@ from typing import NamedTuple
 import numpy as np
 from scipy.interpolate import CubicSpline
 
-from harvester.averaging import DEFAULT_CLOSURE
 from harvester.averaging.density import Layer, OrbitDensity
+from harvester.averaging.method import DEFAULT_CLOSURE
 from harvester.averaging.orbits import edges, settled_orbits, stiffnesses
 from harvester.averaging.spectral import spectral
 from harvester.device import timescales

@@ -1,7 +1,5 @@
 """Stationary densities of the averaging closures (Eqs. 26 and 27)."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

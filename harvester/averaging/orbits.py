@@ -6,8 +6,6 @@ outside, to its right turning point, and every integral is over that part alone.
 orbits, one by one or, where they say so, orbits × nodes of a quadrature.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cache
@@ -216,21 +214,18 @@ class OrbitFamily:
         """S(ω)/S(0) = 1/(1 + ω² τ1²) of Eq. 6."""
         return 1.0 / (1.0 + (self.frequency * self.edge.system.noise.correlation_time) ** 2)
 
-    def over_energy(self, rate: Values) -> np.ndarray:
-        """∫ rate dH from the first level on, with dH = dJ/T.
+    def exponent(self) -> np.ndarray:
+        """∫ B/(πSJ) dH from the first level on, B the loss (Eqs. 21 and 22), with dH = dJ/T.
 
         dJ/T is the energy from one orbit to the next; the constant of Eq. 15 and the saddle of
         each N2 do not enter, so that a thin layer of changing N2 adds no range of energy.
         """
-        area = CubicSpline(self.level, self.loop(1.0)).derivative()(self.level)
-        return CubicSpline(self.level, rate * area / self.time).antiderivative()(self.level)
-
-    def exponent(self) -> np.ndarray:
-        """∫ B/(πSJ) dH from the first level on, B the loss (Eqs. 21 and 22)."""
         system = self.edge.system
         damping = system.damper.damping + system.transducer.loss_rate(self.frequency)
         loss = damping + self.contact_work / self.loop(1.0)
-        return self.over_energy(loss / (system.noise.intensity * self.spectrum))
+        rate = loss / (system.noise.intensity * self.spectrum)
+        area = CubicSpline(self.level, self.loop(1.0)).derivative()(self.level)
+        return CubicSpline(self.level, rate * area / self.time).antiderivative()(self.level)
 
 
 def settled_orbits(edge: Edge, level: np.ndarray, nodes: int) -> OrbitFamily:
@@ -242,14 +237,13 @@ def settled_orbits(edge: Edge, level: np.ndarray, nodes: int) -> OrbitFamily:
         The fixed point of ω and N2 was not found.
     """
     coupling, added = edge.system.transducer.coupling, np.zeros_like(level)
-
-    def mismatch(added, level):
-        return added - coupling * OrbitFamily(edge, level, added, nodes).gain
-
     if coupling > 0.0:
         limits = {"xatol": 1e-15 * coupling, "fatol": 1e-13 * coupling, "xrtol": 0.0}
         bracket = added, np.full_like(level, coupling)
-        solution = find_root(mismatch, bracket, args=(level,), tolerances=limits)
+        solution = find_root(
+            lambda added, level: added - coupling * OrbitFamily(edge, level, added, nodes).gain,
+            bracket, args=(level,), tolerances=limits,
+        )  # fmt: skip
         if not solution.success.all():
             raise AveragingError(
                 "the iteration for the orbits' frequency ω and added stiffness N2 did not "

@@ -1,7 +1,5 @@
 """Stationary means of a linear device from the spectrum of its excitation alone: ∫ |H|² G df."""
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass
 from typing import Any

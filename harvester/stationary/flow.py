@@ -6,8 +6,6 @@ steps, so that a short contact costs only the paths that touch. The mass that ar
 is given to six by six of them, such that its moments up to the fifth arrive as they are.
 """
 
-from __future__ import annotations
-
 from typing import NamedTuple
 
 import numpy as np

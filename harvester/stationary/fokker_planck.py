@@ -11,8 +11,6 @@ Nothing is assumed of the device's symmetry, of the noise's memory, of the conta
 the load's rate. Where hardly any motion leaves its well, the grid holds one alone (`wells`).
 """
 
-from __future__ import annotations
-
 import numpy as np
 from threadpoolctl import threadpool_limits
 

@@ -1,7 +1,5 @@
 """Stationary densities of the closure `fokker_planck`, between the nodes of its grid."""
 
-from __future__ import annotations
-
 from functools import cached_property
 from typing import Any
 

@@ -6,8 +6,6 @@ motion has left, it has at each X the density of greatest entropy (Jaynes 1957):
 a polynomial.
 """
 
-from __future__ import annotations
-
 import numpy as np
 from numpy.polynomial.legendre import legvander
 from scipy.ndimage import convolve1d, map_coordinates

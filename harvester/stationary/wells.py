@@ -5,8 +5,6 @@ grid gives them, and none is needed: of two wells alike each holds half, and of 
 motion leaves the least often holds all.
 """
 
-from __future__ import annotations
-
 import numpy as np
 
 from harvester.device import timescales

@@ -1,7 +1,5 @@
 """Helpers of studies for a runner's answers: checks of method and quantity, values, notes."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Sequence
 from dataclasses import replace

@@ -97,7 +97,7 @@ def validate(
     ------
     HarvesterError, SimulationError
     """
-    from harvester.averaging import CLOSURES
+    from harvester.averaging.closures import CLOSURES
     from harvester.averaging.of_scene import average
     from harvester.device import timescales
     from harvester.prepared.prepared import prepared
@@ -611,7 +611,7 @@ def optimum(
     The places proposed over several follow from the seed and the answers alone: with `output` the
     same call after a kill takes the answers that are there and goes on to the same end.
     """
-    from harvester.averaging import CLOSURES
+    from harvester.averaging.closures import CLOSURES
     from harvester.averaging.method import DEFAULT_CLOSURE
     from harvester.estimates.output_side import RATIOS
     from harvester.running import open_runner

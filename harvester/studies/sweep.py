@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from harvester.averaging import CLOSURES
+from harvester.averaging.closures import CLOSURES
 from harvester.errors import HarvesterError
 from harvester.estimates.estimate import Estimate
 from harvester.estimates.units import unit_of

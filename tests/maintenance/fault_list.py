@@ -585,8 +585,8 @@ FAULTS = [
     Fault(
         "closures: the noise has no colour in the exponent",
         ORBITS,
-        "return self.over_energy(loss / (system.noise.intensity * self.spectrum))",
-        "return self.over_energy(loss / system.noise.intensity)",
+        "rate = loss / (system.noise.intensity * self.spectrum)",
+        "rate = loss / system.noise.intensity",
         SMALL_DAMPING,
     ),
     Fault(

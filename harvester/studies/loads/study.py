@@ -433,7 +433,7 @@ def chosen(method: str | Method, step: str | float) -> tuple[Method, Engine | No
     if method == JUDGED:
         return engine_of("monte-carlo", step=step), engine_of("circuit", step=step)
     if isinstance(method, str) and method not in ENGINES:
-        from harvester.averaging import CLOSURES
+        from harvester.averaging.closures import CLOSURES
 
         check_name("method", method, {JUDGED: None, **ENGINES, **CLOSURES})
     return method_of(method, step=step), None

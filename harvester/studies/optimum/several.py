@@ -9,8 +9,6 @@ Methods without noise go on from the highest proposal by COBYQA (T. M. Ragonneau
 Kong Polytechnic University, 2022), to their own precision.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable, Sequence
 

@@ -1,7 +1,5 @@
 """Many starts of one driven device, followed to where they settle."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Generator
 from dataclasses import dataclass, replace

@@ -1,7 +1,5 @@
 """Kramers' rate out of a well under weak white noise, at any damping, and where it holds."""
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

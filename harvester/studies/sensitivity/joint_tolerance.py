@@ -5,8 +5,6 @@ independent, whatever the covariance: each is one parameter of the study, named 
 moves.
 """
 
-from __future__ import annotations
-
 import json
 import math
 from collections.abc import Mapping
