@@ -1,7 +1,7 @@
 """Helpers of studies for a runner's answers: checks of method and quantity, values, notes."""
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import replace
 from typing import Any
 
@@ -121,7 +121,7 @@ def on_common_knots(scenes: Sequence[Scene], of: Sequence[Scene] | None = None) 
     ]
 
 
-def answers_in_time(runner: Any, requests: Sequence[Request], **options: Any) -> list:
+def answers_in_time(runner: Any, requests: Iterable[Request], **options: Any) -> list:
     """A runner's answers to requests, or OutOfTime; see `harvester.running.Runner.answer`."""
     answers = runner.answer(list(requests), **options)
     if runner.out_of_time:

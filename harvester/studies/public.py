@@ -489,7 +489,7 @@ def sensitivity(
         see `harvester.studies.sensitivity.tolerances`.
     covariance : dict or file
         JSON of `harvester identify`: its values scatter as far as records leave them open, along
-        the principal axes (`harvester.studies.sensitivity.joint_tolerance`).
+        the principal axes (`harvester.studies.sensitivity.tolerances`).
     quantity : str or None
         mean_power, power_conversion_efficiency, of a load with an output mean_output_power, …
         (default: the power, at the output where the load has one).
@@ -523,8 +523,7 @@ def sensitivity(
     """
     from harvester.running import open_runner
     from harvester.studies.sensitivity import study as work
-    from harvester.studies.sensitivity.joint_tolerance import directions
-    from harvester.studies.sensitivity.tolerances import tolerance
+    from harvester.studies.sensitivity.tolerances import directions, tolerance
 
     clock = time.perf_counter()
     varied = table({} if vary is None else vary, "vary", 'vary={"load.resistance": "±10%"}')

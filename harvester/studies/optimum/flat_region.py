@@ -63,7 +63,8 @@ def climb(objective: Objective, place: tuple, stage: int) -> tuple[tuple, Any, l
     while True:
         rays, higher = _look_around(objective, place, answer, stage)
         if higher is None or moves == MOVES - 1:
-            return place, answer, _paired(rays)
+            sides = [ray.side() for ray in rays]
+            return place, answer, list(zip(sides[::2], sides[1::2], strict=True))
         place, answer = higher
         moves += 1
 
@@ -75,28 +76,17 @@ def _look_around(objective, place, answer, stage):
     for turn in range(1 + (REFINEMENTS if objective.noisy else WITHOUT_NOISE)):
         pairs = [(ray, share) for ray in rays for share in ray.wanted(turn)]
         answers = objective.answers([ray.at(share) for ray, share in pairs], stage, moments=True)
+        value = objective.value(answer)
         for (ray, reach), moved in zip(pairs, answers, strict=True):
-            gain, error = _gain(objective, moved, answer)
-            lost = FLAT_SHARE * abs(objective.value(answer))
-            ray.flat[reach] = gain >= -lost - FLAT_SIGMAS * error
+            moved_value, gain, error = objective.value(moved), -np.inf, 0.0
+            if not np.isnan(moved_value):
+                gain, error = moved_value - value, objective.error_of_difference(moved, answer)
+            ray.flat[reach] = gain >= -FLAT_SHARE * abs(value) - FLAT_SIGMAS * error
             ray.known &= np.isfinite(error)
-            least = max(HIGHER * error, SHARE_HIGHER * abs(objective.value(answer)))
+            least = max(HIGHER * error, SHARE_HIGHER * abs(value))
             if gain > least and (best is None or gain > best[0]):
                 best = gain, ray.at(reach), moved
     return rays, best and best[1:]
-
-
-def _gain(objective, found, answer):
-    """The gain of a place over another, with its error."""
-    value = objective.value(found)
-    if np.isnan(value):
-        return -np.inf, 0.0
-    return value - objective.value(answer), objective.error_of_difference(found, answer)
-
-
-def _paired(rays):
-    sides = [ray.side() for ray in rays]
-    return list(zip(sides[::2], sides[1::2], strict=True))
 
 
 class _Ray:

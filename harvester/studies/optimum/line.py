@@ -58,7 +58,9 @@ def along(
     follow: Callable[[float, str], object],
 ) -> Optimum:
     """The optimum over one parameter, all of it but its time."""
-    device = _on_common_knots(scene, axis)
+    # One spacing of knots for the whole range: else places would not share their noise.
+    ends = [scene.replace({axis.key: end}) for end in (axis.low, axis.high)]
+    (device,) = on_common_knots([scene], ends)
     location, value, reason = None, None, f"knows no {quantity.replace('_', ' ')}"
     if quantity in MAXIMISED:
         follow(0.0, "stationary averages")
@@ -73,7 +75,7 @@ def along(
     if isinstance(simulated, HarvesterError):
         raise simulated
     refused = isinstance(by_closure, HarvesterError) or quantity not in MAXIMISED
-    at_maximum = None if refused else amount(by_closure, quantity)
+    value_of_closure = None if refused else amount(by_closure, quantity)
     return Optimum(
         scene=scene,
         quantity=quantity,
@@ -82,14 +84,8 @@ def along(
         parameters=[OptimalParameter(axis, maximum.estimate, maximum.standard_error)],
         value=simulated.in_units()[quantity],
         searched=[({axis.key: value_searched}, estimate) for value_searched, estimate in fitted],
-        averaging=Averaging(closure, location, value, reason, at_maximum),
+        averaging=Averaging(closure, location, value, reason, value_of_closure),
     )
-
-
-def _on_common_knots(scene, axis):
-    """The scene with one spacing for the whole range: else places would not share their noise."""
-    ends = [scene.replace({axis.key: end}) for end in (axis.low, axis.high)]
-    return on_common_knots([scene], ends)[0]
 
 
 def amount(answer: Answer, quantity: str) -> float:

@@ -99,12 +99,10 @@ class Objective:
                 requests[k] = Request(self.scene_at(location, stage), self.method, **options)
             except SceneError as error:
                 answers[k] = error
-        for k, answer in zip(requests, self._answers(requests.values()), strict=True):
+        replies = answers_in_time(self._runner, requests.values(), on_answer=self._count)
+        for k, answer in zip(requests, replies, strict=True):
             answers[k] = answer
         return answers
-
-    def _answers(self, requests):
-        return answers_in_time(self._runner, requests, on_answer=self._count)
 
     def value(self, answer: Any) -> float:
         """See `value_of`; nan of a beam that is strained beyond its limit."""

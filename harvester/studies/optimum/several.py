@@ -66,10 +66,10 @@ def over_several(
         raise HarvesterError(f"--over: at most {MOST_PARAMETERS} parameters at a time")
     expected = count + CONFIRMED + CLIMB_EACH * len(axes)
 
-    def told(done):
-        follow(min(done / expected, 0.99), f"{done} evaluations")
-
-    objective = Objective(scene, axes, quantity, method, runner, told)
+    objective = Objective(
+        scene, axes, quantity, method, runner,
+        lambda done: follow(min(done / expected, 0.99), f"{done} evaluations"),
+    )  # fmt: skip
     follow(0.0, "the scene itself")
     scene_answer = first_answer(runner, Request(scene, method))
     check_quantity(quantity, scene_answer)
@@ -102,14 +102,6 @@ def over_several(
     )
 
 
-def _own_place(scene, axes):
-    """The scene's own, if it lies within the ranges."""
-    tables = [(axis, axis.own(scene)) for axis in axes]
-    if not all(axis.low <= value <= axis.high for axis, value in tables):
-        return None
-    return [axis.coordinate(value) for axis, value in tables]
-
-
 def _by_grid(axes, noisy):
     """Whether a grid takes the place of proposals: one parameter, without noise."""
     return len(axes) == 1 and not noisy
@@ -121,9 +113,11 @@ def _search(objective, count):
     axes, proposals = objective.axes, None
     grid = [(float(coordinate),) for coordinate in np.linspace(0.0, 1.0, count)]
     if not _by_grid(axes, objective.noisy):
-        proposals = Proposals(
-            len(axes), objective.scene.run.seed, _own_place(objective.scene, axes)
-        )
+        # The search begins at the scene itself, if that lies within the ranges.
+        own = [axis.own(objective.scene) for axis in axes]
+        inside = all(axis.low <= value <= axis.high for axis, value in zip(axes, own, strict=True))
+        first = [axis.coordinate(value) for axis, value in zip(axes, own, strict=True) if inside]
+        proposals = Proposals(len(axes), objective.scene.run.seed, first or None)
     while len(searched) < count:
         done, size = len(searched), min(BATCH, count - len(searched))
         places = proposals.ask(size) if proposals else grid[done : done + size]

@@ -10,7 +10,6 @@ from harvester.show.numbers import prefixed
 from harvester.show.palette import CIRCUIT, MONTE_CARLO
 from harvester.show.panels import entitle, legend_below
 from harvester.show.symbols import key_words
-from harvester.studies.sensitivity.sobol import Interval
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -104,11 +103,12 @@ def draw_distribution(study: Any) -> Figure:
         values = study.values.mean(axis=0)[:, :2].ravel()
     values = factor * values
     axes.hist(values, bins=min(BINS, max(5, values.size // 6)), density=True, color="0.8")
-    for share, quantile in {} if hidden else _scaled(study.population.quantiles, factor):
-        axes.axvline(quantile.estimate, color=COLOURS[0], linewidth=1.0)
-        axes.axvspan(quantile.low, quantile.high, color=COLOURS[0], alpha=0.15, linewidth=0)
+    for share, quantile in () if hidden else study.population.quantiles.items():
+        centre, ends = factor * quantile.estimate, (factor * quantile.low, factor * quantile.high)
+        axes.axvline(centre, color=COLOURS[0], linewidth=1.0)
+        axes.axvspan(*ends, color=COLOURS[0], alpha=0.15, linewidth=0)
         axes.text(
-            quantile.estimate, 1.0, f"{share:.0%}", transform=axes.get_xaxis_transform(),
+            centre, 1.0, f"{share:.0%}", transform=axes.get_xaxis_transform(),
             fontsize=7, ha="center", va="bottom", color=COLOURS[0],
         )  # fmt: skip
     axes.axvline(
@@ -131,12 +131,3 @@ def draw_distribution(study: Any) -> Figure:
         + ("as measured, noise and all" if hidden else "the noise's part of the spread taken out"),
     )
     return figure
-
-
-def _scaled(quantiles, factor):
-    """(share, interval) of each quantile, in the unit of the axis."""
-    for share, quantile in quantiles.items():
-        yield (
-            share,
-            Interval(factor * quantile.estimate, factor * quantile.low, factor * quantile.high),
-        )

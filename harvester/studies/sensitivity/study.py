@@ -29,10 +29,16 @@ from harvester.studies.answers import (
     told,
     value_of,
 )
-from harvester.studies.sensitivity.devices import devices, parameters
-from harvester.studies.sensitivity.effects import ENDS, effects
-from harvester.studies.sensitivity.population import Population, Yield, population, share_above
+from harvester.studies.sensitivity.population import (
+    ENDS,
+    Population,
+    Yield,
+    effects,
+    population,
+    share_above,
+)
 from harvester.studies.sensitivity.sobol import Indices, design, indices
+from harvester.studies.sensitivity.tolerances import devices, parameters
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
