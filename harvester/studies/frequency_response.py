@@ -156,15 +156,9 @@ class FrequencyResponse:
         return SI_UNITS[dimension] + per
 
     @property
-    def known(self) -> tuple[str, ...]:
-        """Names of the quantities that there are."""
-        load = self.scene.load.circuit
-        return tuple(q for q in QUANTITIES if q not in AT_THE_OUTPUT or (load and load.has_output))
-
-    @property
     def power(self) -> str:
         """Name of the power that counts: at the output where the load has one."""
-        return "mean_output_power" if "mean_output_power" in self.known else "mean_power"
+        return "mean_output_power" if _has_output(self.scene) else "mean_power"
 
     def table(self) -> tuple[list[str], list[list[str]]]:
         """Header and rows of the table, as text."""
@@ -186,12 +180,11 @@ class FrequencyResponse:
 
     def to_xarray(self) -> Dataset:
         """An xarray Dataset over sweep and frequency, in the scene's units."""
-        units = {name: {"unit": self.unit(QUANTITIES[name])} for name in self.known}
-        variables: dict[str, tuple] = {
-            name: (("sweep", "frequency"), [self.values(name, s) for s in self.sweeps], units[name])
-            for name in self.known
-        }
-        variables["residual"] = (("sweep", "frequency"), [s.residual for s in self.sweeps])
+        axes = ("sweep", "frequency")
+        variables: dict[str, tuple] = {"residual": (axes, [s.residual for s in self.sweeps])}
+        for name in quantities_of(self.scene):
+            unit = {"unit": self.unit(QUANTITIES[name])}
+            variables[name] = (axes, [self.values(name, s) for s in self.sweeps], unit)
         sweeps = [sweep.direction for sweep in self.sweeps]
         coordinates = {"sweep": sweeps, "frequency": self.frequencies}
         attributes = {"scene": json_text(self.scene.to_dict()), "method": self.engine}
@@ -258,7 +251,7 @@ class FrequencyResponse:
                 "frequencies": self.frequencies,
                 "sweeps": {
                     sweep.direction: {
-                        **{name: self.values(name, sweep) for name in self.known},
+                        **{name: self.values(name, sweep) for name in quantities_of(self.scene)},
                         "residual": sweep.residual,
                     }
                     for sweep in self.sweeps
@@ -339,9 +332,7 @@ def one_direction(
     for number, frequency in enumerate(excitation.frequencies):
         end = (number + 1) * excitation.dwell
         windows.append(Waveform(end - _measured(excitation, frequency) - 2.0 * path.spacing, end))
-    load, output = scene.load.circuit, None
-    if load and load.has_output:
-        output = _Outputs(windows, load.recorded)
+    output = _Outputs(windows, scene.load.circuit.recorded) if _has_output(scene) else None
     chosen.prepare(ready)
     clock = time.perf_counter()
     observers = with_range_watch(ready, [windows])
@@ -393,6 +384,15 @@ def with_sine(scene: Scene, amplitude: float | None) -> Scene:
     return replace(scene, excitation=Sine(amplitude, 1.0))
 
 
+def _has_output(scene):
+    return bool(scene.load.circuit and scene.load.circuit.has_output)
+
+
+def quantities_of(scene: Scene) -> list[str]:
+    """Names of the quantities that the scene's load has."""
+    return [name for name in QUANTITIES if name not in AT_THE_OUTPUT or _has_output(scene)]
+
+
 def shown_of(scene: Scene, quantities: Sequence[str], per_g: bool) -> tuple[str, ...]:
     """The quantities that are shown, by default the usual ones and those of an output.
 
@@ -401,13 +401,12 @@ def shown_of(scene: Scene, quantities: Sequence[str], per_g: bool) -> tuple[str,
     HarvesterError
         No such quantity, or per g in a scaled scene.
     """
-    load = scene.load.circuit
-    extra = AT_THE_OUTPUT if load and load.has_output else ()
-    names = [name for name in QUANTITIES if name in extra or name not in AT_THE_OUTPUT]
     if per_g and scene.units != "SI":
         raise HarvesterError(f'{scene.name}: --per-g: a scene with units = "scaled" has no g')
     chosen = listed(quantities, "quantities", 'quantities=["rms_voltage"]')
-    return tuple(check_name("quantity", name, names) for name in chosen) or (*USUAL, *extra)
+    available = quantities_of(scene)
+    usual = (*USUAL, *(AT_THE_OUTPUT if _has_output(scene) else ()))
+    return tuple(check_name("quantity", name, available) for name in chosen) or usual
 
 
 def stepped(scene: Scene, frequencies: np.ndarray) -> Scene:

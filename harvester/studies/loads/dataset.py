@@ -49,20 +49,19 @@ def dataset_of(study: Any) -> Dataset:
 
 def _proofs(study, dimensions):
     """(circuit − Monte Carlo)/Monte Carlo of the output power; nan where there is no proof."""
-    attributes = ("difference", "standard_error", "early_difference", "early_standard_error")
-    names = (
-        "difference",
-        "difference_standard_error",
-        "early_difference",
-        "early_difference_standard_error",
-    )
-    values = np.full((len(names), len(study.evaluations)), math.nan)
+    attributes = {
+        "difference": "difference",
+        "difference_standard_error": "standard_error",
+        "early_difference": "early_difference",
+        "early_difference_standard_error": "early_standard_error",
+    }
+    values = np.full((len(attributes), len(study.evaluations)), math.nan)
     for proof in study.proofs:
-        values[:, proof.place] = [getattr(proof, name) for name in attributes]
+        values[:, proof.place] = [getattr(proof, name) for name in attributes.values()]
     shape = study.cells.shape
     return {
         f"circuit_{name}": (dimensions, row.reshape(shape), {"unit": "1"})
-        for name, row in zip(names, values, strict=True)
+        for name, row in zip(attributes, values, strict=True)
     }
 
 

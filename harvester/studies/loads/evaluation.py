@@ -174,6 +174,10 @@ def _evaluate(scene, method, good, ended, cost=0.0):
     power = with_steps(scene, power, run.step_error)
     estimates = in_units(run.whole, scales)
     estimates[POWER] = power
+    waveform = good[0]["waveform"]
+    if waveform is not None:
+        factors = [scales.of(WAVEFORM.get(name, "power")) for name in Record._fields]
+        waveform = waveform * np.array(factors)[:, None]
     return Evaluation(
         method=method,
         outcome=outcome,
@@ -182,7 +186,7 @@ def _evaluate(scene, method, good, ended, cost=0.0):
         realizations=len(moments),
         orbits=orbits,
         power_error=_or_nan(power.standard_error),
-        waveform=_waveform_in_units(good[0]["waveform"], scales),
+        waveform=waveform,
     )
 
 
@@ -208,10 +212,3 @@ def power_series(moments: Sequence[Moments], unit: float) -> np.ndarray:
 
 def _or_nan(error):
     return math.nan if error is None else error
-
-
-def _waveform_in_units(waveform, scales):
-    if waveform is None:
-        return None
-    factors = [scales.of(WAVEFORM.get(name, "power")) for name in Record._fields]
-    return waveform * np.array(factors)[:, None]

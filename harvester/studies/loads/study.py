@@ -224,14 +224,12 @@ class LoadStudy(Tabular):
         words, unit = key_words(key, self.scene.units)
         return f"{words} = {quantity(value, unit)}"
 
-    def _has(self, name):
-        return any(name in evaluation.estimates for evaluation in self.evaluations)
-
     def sentences(self) -> list[str]:
         """The ranking, what precision was reached, how it ended, what was run."""
         lines = [line for other, words in self.others() for line in self._ranking(other, words)]
         lines += self._failures()
-        lines += definitions(name for name in EFFICIENCIES if self._has(name))
+        names = {name for evaluation in self.evaluations for name in evaluation.estimates}
+        lines += definitions(name for name in EFFICIENCIES if name in names)
         run, total = self.scene.run, len(self.evaluations)
         if self.precision:
             done = sum(e.relative_error <= self.precision for e in self.evaluations)

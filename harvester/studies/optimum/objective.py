@@ -60,7 +60,7 @@ class Objective:
         quantity: str,
         method: Method,
         runner: Any,
-        follow: Callable[[int], None],
+        follow: Callable[[int], object],
     ):
         self.axes, self.quantity, self.method = tuple(axes), quantity, method
         self.noisy = is_noisy(scene, method)

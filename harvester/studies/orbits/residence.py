@@ -160,7 +160,7 @@ class Residence:
     def to_xarray(self) -> Dataset:
         """An xarray Dataset over the stays."""
         variables = {
-            name: (("stay",), [np.nan if v is None else v for v in map(_of(name), self.stays)])
+            name: (("stay",), np.array([getattr(stay, name) for stay in self.stays], dtype=float))
             for name in ("value", "well", "time", "standard_error", "stays", "kramers")
         }
         attributes = {"scene": json_text(self.scene.to_dict()), "method": self.method}
@@ -169,10 +169,6 @@ class Residence:
     def to_dict(self) -> dict[str, Any]:
         """Plain values for JSON."""
         return plain(dict(vars(self)))
-
-
-def _of(name):
-    return lambda stay: getattr(stay, name)
 
 
 def _time_text(stay):
