@@ -24,12 +24,10 @@ class Layer:
 
     Parameters
     ----------
-    logarithm : ndarray
-        Logarithm of the value on each orbit.
+    logarithm : logarithm of the value on each orbit.
     filled : bool
         Whether the area inside the innermost orbit has that orbit's value; else it is left out.
-    floor : float
-        Taken off the value.
+    floor : taken off the value.
     """
 
     def __init__(
@@ -98,10 +96,7 @@ class OrbitDensity:
     def joint(self, x: ArrayLike, v: ArrayLike) -> np.ndarray:
         """p(X, X') (Eq. 26): the sum of left well, right well and outer orbits.
 
-        Parameters
-        ----------
-        x, v : array_like
-            Scaled displacement and velocity, of shapes that broadcast.
+        `x`, `v`: scaled displacement and velocity, of shapes that broadcast.
         """
         return self._both_sides(np.asarray(x, dtype=float), lambda layer, x: layer.at(x, v))
 

@@ -56,8 +56,7 @@ class Edge:
 
     Attributes
     ----------
-    inside : bool
-        Whether the orbits are those inside the right well, which stands for both wells.
+    inside : whether the orbits are those inside the right well, which stands for both wells.
     anchor : float
         X* of the potential U(X) = −½ω0² X² + ¼κ X⁴ + ½N2 (X − X*)² + contact (Eq. 15 with X* = 0).
         Methods take N2, the `added` stiffness of the piezo (Eq. 12), with the orbits.
@@ -136,27 +135,20 @@ class Edge:
 
 
 class OrbitFamily:
-    """OrbitFamily of one edge at some levels, each in the potential of an N2 of its own.
+    """Orbits of one edge at some levels, each in the potential of an N2 of its own.
 
     Nodes are Gauss's and Legendre's in an angle θ from 0 to π/2, on either side of the stopper.
     Short of it x = left + 2d sinh²(s sin θ): smooth at turning points, and where a saddle at the
     distance d slows the mass. Beyond it x grows as sin² θ.
 
-    Parameters
-    ----------
-    level, added : ndarray
-        Levels, evenly spaced and ascending where they are integrated over, and N2.
+    `level`, `added`: levels, evenly spaced and ascending where they are integrated over, and N2.
 
     Attributes
     ----------
-    energy, left, right : ndarray
-        H = ½X'² + U and the ends.
-    x, speed : ndarray
-        X and X' at the nodes (orbits × nodes).
-    time : ndarray
-        ∫dt, half of the period T (Eq. 16) inside a well and a quarter outside.
-    frequency, gain : ndarray
-        ω (Eq. 17, rad/s) and ω²/(λ² + ω²), which is N2/β of Eq. 12.
+    energy, left, right : H = ½X'² + U and the ends.
+    x, speed : X and X' at the nodes (orbits × nodes).
+    time : ∫dt, half of the period T (Eq. 16) inside a well and a quarter outside.
+    frequency, gain : ω (Eq. 17, rad/s) and ω²/(λ² + ω²), which is N2/β of Eq. 12.
     """
 
     def __init__(self, edge: Edge, level: np.ndarray, added: np.ndarray, nodes: int) -> None:

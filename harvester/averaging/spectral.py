@@ -192,8 +192,7 @@ class GaussianDensity:
     Attributes
     ----------
     covariance : ndarray, shape (3, 3)
-    gaussian : bool
-        False: the noise holds sines or bursts, and there is no density.
+    gaussian : False if the noise holds sines or bursts: then there is no density.
     """
 
     system: Any

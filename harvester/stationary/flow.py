@@ -39,17 +39,13 @@ class PhaseGrid(NamedTuple):
 
     Attributes
     ----------
-    x, v : ndarray
-        Evenly spaced displacements and velocities.
-    z : ndarray
-        Nodes of Z, ascending; a single one of a transducer that keeps nothing.
+    x, v : evenly spaced displacements and velocities.
+    z : nodes of Z, ascending; a single one of a transducer that keeps nothing.
     mirrored : bool
         Only the upper half of `z` is kept: the other half follows by (X, X', Z, η) → −(X, X', Z,
         η). All nodes are then symmetric about 0.
-    modes : int
-        Hermite functions of η; one for white noise.
-    step : float
-        Time step (s).
+    modes : Hermite functions of η; one for white noise.
+    step : time step (s).
     """
 
     x: np.ndarray

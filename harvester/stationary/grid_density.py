@@ -22,17 +22,13 @@ class GridDensity:
     Parameters
     ----------
     transducer : its equations
-    state : ndarray
-        Mass at each node.
-    paired : bool
-        The nodes hold one well alone, of two alike.
+    state : mass at each node.
+    paired : the nodes hold one well alone, of two alike.
 
     Attributes
     ----------
-    x, v : ndarray
-        Evenly spaced displacements and velocities.
-    values : ndarray
-        Density at (x, v).
+    x, v : evenly spaced displacements and velocities.
+    values : density at (x, v).
     """
 
     names = ("displacement", "velocity", "voltage")
@@ -61,10 +57,7 @@ class GridDensity:
     def joint(self, x: ArrayLike, v: ArrayLike) -> np.ndarray:
         """p(X, X').
 
-        Parameters
-        ----------
-        x, v : array_like
-            Scaled displacement and velocity, of shapes that broadcast.
+        `x`, `v`: scaled displacement and velocity, of shapes that broadcast.
         """
         return self._either_side(self._joint.ev, x, v)
 

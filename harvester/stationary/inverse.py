@@ -43,23 +43,17 @@ class Inverse:
 
     Parameters
     ----------
-    later : callable
-        Linear map of states on it.
-    coarser : Inverse, optional
-        The same on a coarser grid.
-    balanced : callable, optional
-        Removes the error that arises as a residual moves from a finer grid to this one.
-    cleared : callable, optional
-        Removes the part whose errors on this grid are too large to pass to a finer one.
+    later : linear map of states on it.
+    coarser : the same on a coarser grid.
+    balanced : removes the error that arises as a residual moves from a finer grid to this one.
+    cleared : removes the part whose errors on this grid are too large to pass to a finer one.
     decayed : float
         Factor of x in the equation: the share of the state that one application of the map leaves.
-    parity : float
-        −1 for states that change sign from one half of a mirrored grid to the other.
+    parity : −1 for states that change sign from one half of a mirrored grid to the other.
 
     Attributes
     ----------
-    allowed : float
-        Largest norm of a rest that may be left.
+    allowed : largest norm of a rest that may be left.
     """
 
     def __init__(

@@ -42,8 +42,7 @@ class _Found:
 
     Attributes
     ----------
-    inverses : dict of float to Inverse
-        Inverses by the parity of the states; a finer grid uses them as preconditioners.
+    inverses : inverses by the parity of the states; a finer grid uses them as preconditioners.
     """
 
     def __init__(self, solution: Solution, coarser: _Found | None) -> None:

@@ -109,18 +109,13 @@ class Region(NamedTuple):
 
     Attributes
     ----------
-    left, right : float
-        Least and greatest X.
-    speed : float
-        Greatest |X'|.
+    left, right : least and greatest X.
+    speed : greatest |X'|.
     core, core_speed : float
         Half widths of the densities of X and of X' about their peaks, or of their steepest side.
-    width : float
-        Half width of the density of X about its narrowest peak.
-    mean : float
-        Mean of X, and so of Z.
-    well : float or None
-        The only well in it; None for all.
+    width : half width of the density of X about its narrowest peak.
+    mean : mean of X, and so of Z.
+    well : the only well in it; None for all.
     """
 
     left: float

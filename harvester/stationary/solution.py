@@ -46,10 +46,8 @@ class StationaryProblem:
 
     Parameters
     ----------
-    tolerance : float
-        Named where it takes too much work.
-    share : float
-        Share of the usual work.
+    tolerance : named where it takes too much work.
+    share : share of the usual work.
     read : transducer's equations, optional
         Transducer whose voltage and power are computed from the state; the device's own by default.
     """
@@ -74,14 +72,10 @@ class Solution:
 
     Attributes
     ----------
-    steps, cost : int
-        Number of steps in a period, and the work of a period.
-    propagator : Propagator
-        The propagator in single precision.
-    state, before_flow : ndarray
-        Mass at each node, where a step is symmetric in time and before the flow.
-    means : dict of str to float
-        The means of the answer, `power_in`, and those that describe several wells.
+    steps, cost : number of steps in a period, and the work of a period.
+    propagator : the propagator in single precision.
+    state, before_flow : mass at each node, where a step is symmetric in time and before the flow.
+    means : the means of the answer, `power_in`, and those that describe several wells.
     """
 
     def __init__(

@@ -39,10 +39,7 @@ def density_of_charge(grid: PhaseGrid, mass: np.ndarray) -> tuple[np.ndarray, np
 
     It has the mean and variance that the nodes hold, and is nowhere negative.
 
-    Parameters
-    ----------
-    mass : ndarray
-        Mass at the nodes of (X, Z, X'), with sum 1.
+    `mass`: mass at the nodes of (X, Z, X'), with sum 1.
     """
     away = grid.x[:, None] - grid.z
     along = mass.sum(axis=2)

@@ -92,10 +92,7 @@ def value_of(answer: Any, quantity: str) -> float:
 def missing_from(quantity: str, estimate: Estimate) -> list[str]:
     """A sentence if the quantity lacks an error bar, as the run was too short; else nothing.
 
-    Parameters
-    ----------
-    estimate : Estimate
-        The estimate; if it lacks an error bar, its note gives the reason.
+    `estimate`: the estimate; if it lacks an error bar, its note gives the reason.
     """
     if estimate.standard_error is not None or not estimate.note:
         return []
@@ -106,10 +103,7 @@ def missing_from(quantity: str, estimate: Estimate) -> list[str]:
 def on_common_knots(scenes: Sequence[Scene], of: Sequence[Scene] | None = None) -> list[Scene]:
     """Scenes with the finest spacing of knots of any: else they would not share their noise.
 
-    Parameters
-    ----------
-    of : sequence of Scene or None
-        Scenes among which the finest spacing is taken; None: the scenes themselves.
+    `of`: scenes among which the finest spacing is taken; None: the scenes themselves.
     """
     if not hasattr(scenes[0].excitation, "knot_spacing"):
         return list(scenes)

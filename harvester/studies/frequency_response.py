@@ -80,8 +80,7 @@ class FrequencySweep:
 
     Attributes
     ----------
-    direction : str
-        "up" or "down".
+    direction : "up" or "down".
     displacement_amplitude : half of the distance between the extremes of X, relative to the base.
     rms_voltage, mean_power : means over whole periods.
     absolute_amplitude : the same as of X, of the mass in space.
@@ -313,10 +312,8 @@ def one_direction(
 ) -> tuple[list[tuple[float, ...]], str, float]:
     """One direction, in a worker process.
 
-    Parameters
-    ----------
-    engine, step, settings
-        The engine's name, its step, and those of its options that differ from the defaults.
+    `engine`, `step`, `settings`: the engine's name, its step, and those of its options that differ
+    from the defaults.
 
     Returns
     -------

@@ -34,10 +34,8 @@ class GridPoint:
 
     Attributes
     ----------
-    load : str
-        The load's label.
-    place : tuple of float
-        Value of each sweep.
+    load : the load's label.
+    place : value of each sweep.
     """
 
     load: str
@@ -51,14 +49,10 @@ class Grid:
 
     Attributes
     ----------
-    scene : Scene
-        The scene, with one knot spacing for all points.
-    loads : tuple of str
-        Labels.
-    sweeps : dict of str to tuple of float
-        Keys to values.
-    points : tuple of GridPoint
-        Loads first, the last sweep fastest.
+    scene : the scene, with one knot spacing for all points.
+    loads : labels.
+    sweeps : keys to values.
+    points : loads first, the last sweep fastest.
     """
 
     scene: Scene
@@ -89,10 +83,8 @@ def make_grid(
 
     Parameters
     ----------
-    loads : sequence of str
-        Names in netlists/ or paths; empty: the scene's own.
-    sweeps : dict of str to sequence of float or str
-        "table.key" to values.
+    loads : names in netlists/ or paths; empty: the scene's own.
+    sweeps : "table.key" to values.
     argument : str
         Name of the caller's argument, for messages: "sweeps", of numbers of the device, its load
         and its excitation, or "over", of any key.

@@ -215,10 +215,8 @@ def profile(
     Parameters
     ----------
     frequencies, density : ndarray, shape (n,)
-    breakpoints : int
-        Largest number of breakpoints.
-    resolution : float
-        Bandwidth of the density (Hz).
+    breakpoints : largest number of breakpoints.
+    resolution : bandwidth of the density (Hz).
 
     Returns
     -------

@@ -46,12 +46,9 @@ class Cell:
 
     Attributes
     ----------
-    outcome : str
-        "complete", or what went wrong.
-    estimates : dict of str to Estimate
-        Estimates in the scene's units.
-    orbits : tuple of Attractor
-        The orbits that starts reached without noise, the followed one first.
+    outcome : "complete", or what went wrong.
+    estimates : estimates in the scene's units.
+    orbits : the orbits that starts reached without noise, the followed one first.
     """
 
     method: str
@@ -264,10 +261,7 @@ def _cell(method, answer):
 def variables_of(scene: Scene, cells: np.ndarray, dimensions: Sequence[str]) -> dict[str, tuple]:
     """Variables of an xarray Dataset: every quantity, its error, realizations and outcome.
 
-    Parameters
-    ----------
-    cells : ndarray of Cell
-        Cells with one axis for each dimension.
+    `cells`: cells with one axis for each dimension.
     """
     variables: dict[str, tuple] = {
         name: (dimensions, values, {"unit": unit}) for name, values, unit in columns(scene, cells)

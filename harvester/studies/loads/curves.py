@@ -24,12 +24,9 @@ class CurveOptimum:
 
     Attributes
     ----------
-    best : int or None
-        Place of the highest point; None where no point has a value.
-    place : float
-        Position of the maximum between the points; nan at an edge.
-    low, high : float
-        Ends of the maximum's interval; nan where there is none.
+    best : place of the highest point; None where no point has a value.
+    place : position of the maximum between the points; nan at an edge.
+    low, high : ends of the maximum's interval; nan where there is none.
     """
 
     best: int | None
@@ -60,10 +57,8 @@ def optimum_of(
 
     Parameters
     ----------
-    places : sequence of float
-        Swept values, increasing; the fit uses their logarithms if all are > 0.
-    powers : sequence of float
-        nan where there is none.
+    places : swept values, increasing; the fit uses their logarithms if all are > 0.
+    powers : nan where there is none.
     series : sequence of (ndarray of shape (realizations, batches), or None)
         Powers batch by batch on common noise; None: without statistical error.
     """
@@ -108,10 +103,7 @@ def rank(
 ) -> tuple[list[str], list[Difference]]:
     """Loads from the best to the worst, with every difference between two of them.
 
-    Parameters
-    ----------
-    powers : dict of str to float
-        Power at each load's optimum, the mean of its series; nan where there is none.
+    `powers`: power at each load's optimum, the mean of its series; nan where there is none.
     """
     order = sorted((k for k in powers if math.isfinite(powers[k])), key=lambda k: -powers[k])
     differences = []

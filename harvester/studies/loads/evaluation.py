@@ -72,8 +72,7 @@ class Evaluation(Cell):
     power_error : float
         Standard error of the output power, nan where there is none, also where `estimates`
         withholds it for a run too short for what is slow.
-    waveform : ndarray or None
-        Beginning of the first realization, rows as in `Record`, in the scene's units.
+    waveform : beginning of the first realization, rows as in `Record`, in the scene's units.
     """
 
     series: np.ndarray | None = field(default=None, repr=False)
@@ -113,10 +112,8 @@ def evaluating(
 
     Parameters
     ----------
-    method : Method
-        Engine or closure.
-    version : str
-        See `harvester.running.runner.Runner.version`.
+    method : engine or closure.
+    version : see `harvester.running.runner.Runner.version`.
     precision : float or None
         Relative error of the output power, what the steps may cost included; None: the scene's own
         run.
@@ -146,12 +143,9 @@ def _evaluate(scene, method, good, ended, cost=0.0):
 
     Parameters
     ----------
-    good : sequence of dict
-        Answers of its tasks, in the order of their realizations.
-    ended : HarvesterError or str
-        The reason why later answers are missing; "" if all came.
-    cost : float
-        Share of a power that the steps may cost; see `harvester.prepared.steps.step_error`.
+    good : answers of its tasks, in the order of their realizations.
+    ended : the reason why later answers are missing; "" if all came.
+    cost : share of a power that the steps may cost; see `harvester.prepared.steps.step_error`.
     """
     scales = prepared(scene).scales
     if not good:

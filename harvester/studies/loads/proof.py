@@ -43,10 +43,8 @@ class Proof:
 
     Attributes
     ----------
-    place : int
-        Index of the point in the grid.
-    highest : bool
-        Whether it was chosen as its curve's highest point, and not drawn.
+    place : index of the point in the grid.
+    highest : whether it was chosen as its curve's highest point, and not drawn.
     difference : float
         (circuit − Monte Carlo)/Monte Carlo of the output power on the same noise; nan where it
         cannot be computed.
@@ -55,8 +53,7 @@ class Proof:
         is no difference.
     early_difference, early_standard_error : float
         The same over the first `PERIODS` periods from rest; nan where they cannot be computed.
-    trouble : str
-        The reason why a difference is missing (the settled part's first); "" if none is.
+    trouble : the reason why a difference is missing (the settled part's first); "" if none is.
     """
 
     place: int
@@ -120,10 +117,8 @@ def proving(
     ----------
     place, highest
         As in `Proof`.
-    scene : Scene
-        The scene of the point.
-    first, judge : (Engine, str)
-        Monte Carlo and the circuit, each with its version, see `Runner.version`.
+    scene : the scene of the point.
+    first, judge : Monte Carlo and the circuit, each with its version, see `Runner.version`.
     """
     settled, early, costs = [], [], []
     duration = min(periods_of(scene), scene.run.settle + scene.run.duration)

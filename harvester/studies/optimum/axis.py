@@ -23,8 +23,7 @@ class Axis:
 
     Attributes
     ----------
-    key : str
-        "table.key" of the scene.
+    key : "table.key" of the scene.
     """
 
     key: str
@@ -35,10 +34,7 @@ class Axis:
     def of(cls, scene: Scene, key: str, low: float | None, high: float | None) -> "Axis":
         """A key of the scene and its range, checked.
 
-        Parameters
-        ----------
-        low, high : float or None
-            None: a tenth and ten times the scene's value, within what the key allows.
+        `low`, `high`: None means a tenth and ten times the scene's value, within what the key allows.
 
         Raises
         ------
@@ -89,14 +85,12 @@ class OptimalParameter:
 
     Attributes
     ----------
-    standard_error : float or None
-        Standard error of the place, where a curve was fitted for it.
+    standard_error : standard error of the place, where a curve was fitted for it.
     flat_low, flat_high : float
         Range of this parameter, the others held, in which the quantity is not significantly more
         than 1 % below the maximum; nan where the runs are too short to decide, or it was not
         computed.
-    open_low, open_high : bool
-        The range ends before the flat region does.
+    open_low, open_high : the range ends before the flat region does.
     """
 
     axis: Axis

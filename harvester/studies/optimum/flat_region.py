@@ -35,8 +35,7 @@ class FlatSide:
     end : float
         Coordinate of the furthest place that is still flat; nan where the runs are too short for
         errors of differences.
-    is_open : bool
-        It is the end of the range, or nothing was lost up to there.
+    is_open : it is the end of the range, or nothing was lost up to there.
     """
 
     end: float
@@ -48,10 +47,8 @@ def climb(objective: Objective, place: tuple, stage: int) -> tuple[tuple, Any, l
 
     Parameters
     ----------
-    place : tuple of float
-        Coordinates.
-    stage : int
-        Number of the noise stream.
+    place : coordinates.
+    stage : number of the noise stream.
 
     Returns
     -------

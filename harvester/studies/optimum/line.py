@@ -136,10 +136,7 @@ def averaged(
 class Search:
     """The maximum of a quantity by simulation, all places on the same noise.
 
-    Parameters
-    ----------
-    scene : Scene
-        The scene, with one knot spacing for all places.
+    `scene`: the scene, with one knot spacing for all places.
     """
 
     def __init__(self, scene: Scene, axis: Axis, quantity: str, method: Method, runner: Runner):
@@ -150,10 +147,7 @@ class Search:
     def find(self, start: float | None) -> tuple[Estimate, list[tuple[float, Estimate]]]:
         """Place with its standard error, and the values that it was fitted to.
 
-        Parameters
-        ----------
-        start : float or None
-            Coordinate to begin at; None: the highest of some places over the whole range.
+        `start`: coordinate to begin at; None: the highest of some places over the whole range.
         """
         centre = self._highest() if start is None else start
         half = WINDOW
@@ -267,24 +261,18 @@ class CubicFit:
 
     Attributes
     ----------
-    place, error : float, float or None
-        Position of the maximum, and its error from noise.
+    place, error : position of the maximum, and its error from noise.
     bias : float
         How far a spline through the values has its maximum from there, where values lie off the
         cubic beyond chance.
-    slope : float
-        Slope at the middle of the window.
-    sloped, peaked : bool
-        Whether the slope, and the downward curvature, are beyond chance.
-    drop : float
-        Fall from the maximum to the lower end, as a share of the maximum.
-    misfit : bool
-        Whether the deviation from the cubic matters and the window can be narrowed.
+    slope : slope at the middle of the window.
+    sloped, peaked : whether the slope, and the downward curvature, are beyond chance.
+    drop : fall from the maximum to the lower end, as a share of the maximum.
+    misfit : whether the deviation from the cubic matters and the window can be narrowed.
     flat_to : int
         −1 or 1, the end that the values do not surely fall to from the place nearest to the
         maximum; 0: they fall to both.
-    noisy_ends : bool
-        Whether longer runs could decide that.
+    noisy_ends : whether longer runs could decide that.
     """
 
     def __init__(self, places: np.ndarray, answers: Sequence[Answer], quantity: str):

@@ -29,10 +29,8 @@ def series_in_units(answer: Any, quantity: str) -> np.ndarray:
 
     Parameters
     ----------
-    answer : harvester.running.Answer
-        An answer with its moments.
-    quantity : str
-        Name of a quantity that `harvester.results.paired.deviations` accepts.
+    answer : an answer with its moments.
+    quantity : name of a quantity that `harvester.results.paired.deviations` accepts.
 
     Returns
     -------
@@ -47,10 +45,7 @@ def series_in_units(answer: Any, quantity: str) -> np.ndarray:
 class Objective:
     """A quantity at places in the unit cube of some axes.
 
-    Parameters
-    ----------
-    follow : callable
-        Given the number of places evaluated.
+    `follow`: given the number of places evaluated.
     """
 
     def __init__(
@@ -87,10 +82,7 @@ class Objective:
     def answers(self, places: Sequence, stage: int = 0, **options: Any) -> list:
         """Answers at places, or the error in its place.
 
-        Parameters
-        ----------
-        **options
-            Of the `Request`.
+        `**options`: of the `Request`.
         """
         answers: list[Any] = [None] * len(places)
         requests: dict[int, Request] = {}

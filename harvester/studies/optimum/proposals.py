@@ -40,10 +40,7 @@ BATCH = 8
 class Proposals:
     """Proposes places in the unit cube; the same ones for the same answers.
 
-    Parameters
-    ----------
-    first : sequence of float or None
-        A place to begin with.
+    `first`: a place to begin with.
     """
 
     def __init__(self, parameters: int, seed: int, first: Sequence[float] | None = None):

@@ -39,8 +39,7 @@ class Averaging:
     place, value : float or None
         Place and value of averaging's maximum; None (see the reason) if it refuses or has none
         inside.
-    value_at_simulated_place : float or None
-        Averaging's value at the place that simulation found.
+    value_at_simulated_place : averaging's value at the place that simulation found.
     """
 
     closure: str

@@ -60,10 +60,8 @@ class Jump:
 
     Attributes
     ----------
-    before, after : float
-        The last value on the old branch and the first on the new one.
-    power_before, power_after : float
-        Mean powers on both sides of the jump, in the scene's units.
+    before, after : the last value on the old branch and the first on the new one.
+    power_before, power_after : mean powers on both sides of the jump, in the scene's units.
     """
 
     direction: str
@@ -79,14 +77,12 @@ class Branch:
 
     Attributes
     ----------
-    direction : str
-        "up" or "down".
+    direction : "up" or "down".
     displacement, velocity : ndarray, shape (n, samples)
         Section: samples at the beginnings of the last forcing periods; NaN where a run failed.
     period : ndarray of int, shape (n,)
         Period of the motion in forcing periods; 0 if it does not repeat itself.
-    motion : list of str
-        "period 2", "no period", or why there is no steady motion.
+    motion : "period 2", "no period", or why there is no steady motion.
     mean_power, rms_voltage, rms_displacement : ndarray, shape (n,)
         NaN without a steady motion.
     errors : dict of str to ndarray, shape (n,)
@@ -259,8 +255,7 @@ def climb(
         The engine's name, its step, and those of its options that differ from the defaults.
     start : list or None
         Displacement, velocity and the transducer's state in the scene's units; None: the scene's.
-    periods : int
-        Before the samples.
+    periods : before the samples.
 
     Returns
     -------

@@ -63,16 +63,11 @@ class Orbit:
 
     Attributes
     ----------
-    name : str
-        A, B, … in the order of their shares; of what is no steady motion its `kind`.
-    kind : str
-        "period 3" or "chaotic", or of what is no steady motion one of `UNSTEADY`.
-    period : int or None
-        Period of the motion in forcing periods; None if it does not repeat itself.
-    lyapunov : Divergence or None
-        Of a motion without a period: its largest Lyapunov exponent (1/s).
-    starts : int
-        Number of starts that settled on it.
+    name : A, B, … in the order of their shares; of what is no steady motion its `kind`.
+    kind : "period 3" or "chaotic", or of what is no steady motion one of `UNSTEADY`.
+    period : period of the motion in forcing periods; None if it does not repeat itself.
+    lyapunov : of a motion without a period: its largest Lyapunov exponent (1/s).
+    starts : number of starts that settled on it.
     share, share_error : float
         Share of all starts, and its standard error as that of a random sample of the plane.
     mean_power, rms_voltage, rms_displacement : float

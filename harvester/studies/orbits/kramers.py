@@ -26,10 +26,7 @@ def kramers_time(ready: Prepared, well: float) -> tuple[float | None, str]:
     factors of both wells, which hold for any damping (V. I. Mel'nikov and S. V. Meshkov, J. Chem.
     Phys. 85, 1018, 1986; P. Hänggi, P. Talkner and M. Borkovec, Rev. Mod. Phys. 62, 251, 1990).
 
-    Parameters
-    ----------
-    well : float
-        Displacement of the well, scaled.
+    `well`: displacement of the well, scaled.
     """
     system = ready.system
     why = _refusal(ready, well)

@@ -47,27 +47,21 @@ class Stay:
 
     Attributes
     ----------
-    value : float or None
-        Value of the key; None without one.
+    value : value of the key; None without one.
     well : float
         Displacement at its bottom, in the scene's units; of two alike the one on the right, which
         stands for both.
     time, standard_error : float, float or None
         Mean time from reaching the well to reaching another (s); no error bar on fewer than
         `FEWEST_STAYS` stays. Infinite where it was never left.
-    stays : int
-        Number of stays that ended.
-    watched : float
-        Time in the well, of all realizations (s).
-    kramers : float or None
-        Kramers' time (s), where the formula holds.
-    reason : str
-        Why it does not.
+    stays : number of stays that ended.
+    watched : time in the well, of all realizations (s).
+    kramers : Kramers' time (s), where the formula holds.
+    reason : why it does not.
     longer_by_knots : float
         Share by which the band of white noise's knots lengthens the time: the density that it
         lacks at the well's frequency times the barrier in temperatures. It is up to twice that.
-    outcome : str
-        "complete", or what ended the run.
+    outcome : "complete", or what ended the run.
     """
 
     value: float | None

@@ -34,8 +34,7 @@ class Yield:
     share : Interval
         Share without the effect of noise; its interval includes the choice of devices and the
         noise.
-    counted : float
-        The share as it is counted, noise and all.
+    counted : the share as it is counted, noise and all.
     """
 
     limit: float
@@ -67,10 +66,8 @@ def population(values: np.ndarray, variance: Interval, seed: int) -> Population:
     ----------
     values : ndarray, shape (replicates, rows, devices in a row)
         Rows are independent of each other.
-    variance : Interval
-        Variance without noise, from `harvester.studies.sensitivity.sobol.indices`.
-    seed : int
-        Seed of the resampling.
+    variance : variance without noise, from `harvester.studies.sensitivity.sobol.indices`.
+    seed : seed of the resampling.
     """
     means = values.mean(axis=0)
     centred = np.moveaxis(values - values.mean(), 2, 0)

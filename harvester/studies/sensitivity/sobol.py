@@ -54,10 +54,8 @@ class Indices:
     first, total : list of Interval, or None
         One for each parameter; None where the parameters' variance is not significantly above that
         of the noise.
-    variance : Interval
-        Variance of the quantity among devices, without the noise.
-    noise_variance : float
-        Variance of the mean of a device's replicates.
+    variance : variance of the quantity among devices, without the noise.
+    noise_variance : variance of the mean of a device's replicates.
     """
 
     first: list[Interval] | None
@@ -71,10 +69,8 @@ def design(rows: int, parameters: int, seed: int) -> np.ndarray:
 
     Parameters
     ----------
-    rows : int
-        A power of two.
-    seed : int
-        Seed of the scrambling of Sobol's sequence.
+    rows : a power of two.
+    seed : seed of the scrambling of Sobol's sequence.
 
     Returns
     -------
@@ -96,8 +92,7 @@ def indices(values: np.ndarray, seed: int) -> Indices:
     ----------
     values : ndarray, shape (replicates, rows, parameters + 2)
         Values: of one replicate if there is no noise, else of two or more.
-    seed : int
-        Seed of the resampling.
+    seed : seed of the resampling.
     """
     y = values - values[:, :, :2].mean()
     a, b, exchanged = y[:, :, 0], y[:, :, 1], np.moveaxis(y[:, :, 2:], 2, 0)

@@ -39,14 +39,10 @@ class Tolerance:
 
     Attributes
     ----------
-    key : str
-        "table.key" of the scene.
-    kind : str
-        "uniform" or "normal".
-    first, second : float
-        Ends of a uniform distribution; mean and standard deviation of a normal one.
-    low, high : float
-        Limits that the key allows; a normal distribution is cut off there.
+    key : "table.key" of the scene.
+    kind : "uniform" or "normal".
+    first, second : ends of a uniform distribution; mean and standard deviation of a normal one.
+    low, high : limits that the key allows; a normal distribution is cut off there.
     """
 
     key: str
@@ -144,8 +140,7 @@ class Direction:
 
     Attributes
     ----------
-    key : str
-        The parameter that it mostly moves, with its place among the axes.
+    key : the parameter that it mostly moves, with its place among the axes.
     centre, steps : dict of str to float
         For every parameter: its mean, and its change in one standard deviation of the axis.
     """
@@ -174,8 +169,7 @@ def directions(scene: Scene, identified: Mapping[str, Any] | str | Path) -> list
 
     Parameters
     ----------
-    scene : Scene
-        The scene, whose values are the means of the distributions.
+    scene : the scene, whose values are the means of the distributions.
     identified : dict with `keys` and `covariance`, or the file of its JSON
         Result of `Identification.to_dict` or `harvester identify --json`.
 
@@ -234,8 +228,7 @@ def devices(
     ----------
     shares : ndarray, shape (rows, devices, parameters)
         See `harvester.studies.sensitivity.sobol.design`.
-    replicates : int
-        Each has its part of the realizations, on noise that is a row's own.
+    replicates : each has its part of the realizations, on noise that is a row's own.
 
     Raises
     ------
