@@ -424,7 +424,7 @@ def load_study(
     from harvester.running import open_runner
     from harvester.studies.grid import make_grid
     from harvester.studies.loads import study as work
-    from harvester.studies.loads.evaluation import evaluating
+    from harvester.studies.loads.evaluation import MOST_REALIZATIONS, evaluating
     from harvester.version import __version__
 
     clock = time.monotonic()
@@ -433,7 +433,9 @@ def load_study(
     statistical = isinstance(chosen, Engine)
     if precision and statistical:
         require_paths(scene, "a study with a precision")
-        scene = work.cut(scene)
+        run = scene.run
+        duration = min(run.duration, work.DURATION_OVER_SETTLE * run.settle) or run.duration
+        scene = scene.replace({"run.duration": duration, "run.realizations": MOST_REALIZATIONS})
         if running.get("time_budget") is None:
             running["time_budget"] = TIME_BUDGET
     grid = make_grid(scene, loads, sweeps or {})
@@ -522,6 +524,7 @@ def sensitivity(
     `harvester.studies.sensitivity.sobol` says what is estimated, and how the noise is taken out.
     """
     from harvester.running import open_runner
+    from harvester.studies.answers import checked_method
     from harvester.studies.sensitivity import study as work
     from harvester.studies.sensitivity.tolerances import directions, tolerance
 
@@ -534,7 +537,16 @@ def sensitivity(
             if axes and key in axes[0].centre:
                 raise HarvesterError(f"--vary {key}: its scatter is in the covariance already")
         tolerances += axes
-    chosen = work.checked(scene, tolerances, method, rows)
+    if not tolerances:
+        raise HarvesterError(
+            "--vary: name at least one parameter, TABLE.KEY=±10%, or give --covariance"
+        )
+    fewest, most = work.FEWEST_ROWS, work.MOST_ROWS
+    if not fewest <= rows <= most or rows & (rows - 1):
+        raise HarvesterError(
+            f"--rows {rows}: must be a power of two, {fewest} to {most}, such as {ROWS}"
+        )
+    chosen = checked_method(scene, method)
     shape = rows, len(tolerances) + 2
     quantity = quantity or _power_of(scene)
     with open_runner(**running) as opened:

@@ -97,9 +97,13 @@ def of_scene(
         for first in range(0, count, size):
             yield ready.excitation_unit * path.read(min(size, count - first))
 
+    profiled, excitation = None, scene.excitation
+    if isinstance(excitation, Spectrum):
+        frequencies = np.unique([*np.geomspace(*excitation.band, PLACES), *excitation.corners])
+        profiled = frequencies, excitation.density(frequencies), 0.0
     return _analysed(
         scene.name, blocks, count, spacing, resolution, breakpoints, scene, scene.units,
-        knots=True, profiled=_specified(scene.excitation),
+        knots=True, profiled=profiled,
     )  # fmt: skip
 
 
@@ -150,14 +154,6 @@ def _welch(blocks, count, interval, size, knots):
         # factor.
         density = density * np.sinc(frequencies * interval) ** 4
     return frequencies[1:], density[1:], moments, segments
-
-
-def _specified(excitation):
-    """Frequencies, density and bandwidth of a scene's own spectrum; None for another excitation."""
-    if not isinstance(excitation, Spectrum):
-        return None
-    frequencies = np.unique([*np.geomspace(*excitation.band, PLACES), *excitation.corners])
-    return frequencies, excitation.density(frequencies), 0.0
 
 
 def _segment(count, interval, resolution, name):
@@ -402,10 +398,8 @@ class SpectrumAnalysis:
             return None
         system = prepared(self.scene).system
         omega = timescales.angular_frequency(system)
-        centre, width = (
-            omega / (2.0 * math.pi),
-            timescales.loss_rate(system, omega) / (2.0 * math.pi),
-        )
+        centre = omega / (2.0 * math.pi)
+        width = timescales.loss_rate(system, omega) / (2.0 * math.pi)
         edges = np.append(self.frequencies - 0.5 * self._bin, self.frequencies[-1])
         gathered = np.append(0.0, np.cumsum(self.density)) / self.density.sum()
         low, high = np.interp([centre - 0.5 * width, centre + 0.5 * width], edges, gathered)

@@ -379,16 +379,12 @@ def verdicts(comparison: Comparison) -> list[Verdict]:
     """Verdicts of a comparison, one sentence each."""
     closures = [_closure(comparison, name) for name in comparison.closures]
     refused = [Verdict(f"{line}.") for line in comparison.not_applying()]
-    return [comparison.verdict(), _energy(comparison), *closures, *refused]
-
-
-def _energy(comparison):
-    residuals = [r.energy_balance_residual for r in (comparison.circuit, comparison.monte_carlo)]
-    circuit, monte_carlo = (f"{residual:+.2%}" for residual in residuals)
-    return Verdict(
-        f"The energy balance closes to {circuit} of the input in the circuit and {monte_carlo} in "
-        "Monte Carlo."
+    balance = Verdict(
+        f"The energy balance closes to {comparison.circuit.energy_balance_residual:+.2%} of the "
+        "input in the circuit and "
+        f"{comparison.monte_carlo.energy_balance_residual:+.2%} in Monte Carlo."
     )
+    return [comparison.verdict(), balance, *closures, *refused]
 
 
 def _closure(comparison, name):
@@ -404,11 +400,7 @@ def _closure(comparison, name):
             "standard errors"
         )
         other = _farthest(comparison, name)
-        return (
-            Verdict(f"{agreed}, but {other}.{tail}", False)
-            if other
-            else Verdict(f"{agreed}.", True)
-        )
+        return Verdict(f"{agreed}, but {other}.{tail}" if other else f"{agreed}.", not other)
     side = "high" if share > 0.0 else "low"
     return Verdict(
         f"{subject} lies {abs(share):.1%} {side} in {words(JUDGED_BY)}, {abs(sigma):.0f} standard "

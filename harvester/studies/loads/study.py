@@ -31,7 +31,7 @@ from harvester.simulation.methods import ENGINES, Circuit, Engine, engine_of, me
 from harvester.studies import JUDGED, LOAD_STUDY_FILES
 from harvester.studies.grid import Grid
 from harvester.studies.loads.curves import Difference, optimum_of, rank
-from harvester.studies.loads.evaluation import MOST_REALIZATIONS, Evaluation
+from harvester.studies.loads.evaluation import Evaluation
 from harvester.studies.loads.proof import Proof, places_to_prove, proving
 from harvester.studies.sweep import Sweep, columns, orbits_of, outcome_and_notes, placed_notes
 
@@ -463,14 +463,6 @@ def proofs(
             if evaluations[index].method == engines[0].name
         ]
     )
-
-
-def cut(scene: Scene) -> Scene:
-    """The scene with shorter realizations, at most `DURATION_OVER_SETTLE` settling times,
-    for rounds."""
-    run = scene.run
-    duration = min(run.duration, DURATION_OVER_SETTLE * run.settle) or run.duration
-    return scene.replace({"run.duration": duration, "run.realizations": MOST_REALIZATIONS})
 
 
 def save(study: LoadStudy, folder: str | Path | StudyFolder) -> list[str]:

@@ -18,10 +18,9 @@ from harvester.running.folder import StudyFolder
 from harvester.scene.model import Scene
 from harvester.show.numbers import NOT_KNOWN, quantity, share_with_error, with_error
 from harvester.show.symbols import definitions
-from harvester.studies import ROWS, SENSITIVITY_FILES
+from harvester.studies import SENSITIVITY_FILES
 from harvester.studies.answers import (
     check_quantity,
-    checked_method,
     first_answer,
     is_complete,
     is_noisy,
@@ -240,19 +239,6 @@ class Sensitivity:
         return "\n".join(lines) + "\n"
 
 
-def checked(scene: Scene, tolerances: list, method: str | Method | None, rows: int) -> Method:
-    """The method, checked together with the design and its options."""
-    if not tolerances:
-        raise HarvesterError(
-            "--vary: name at least one parameter, TABLE.KEY=±10%, or give --covariance"
-        )
-    if not FEWEST_ROWS <= rows <= MOST_ROWS or rows & (rows - 1):
-        raise HarvesterError(
-            f"--rows {rows}: must be a power of two, {FEWEST_ROWS} to {MOST_ROWS}, such as {ROWS}"
-        )
-    return checked_method(scene, method)
-
-
 def study_of(
     scene: Scene,
     tolerances: list,
@@ -271,7 +257,8 @@ def study_of(
     scenes = devices(scene, tolerances, shares, replicates)
     asked: dict[str, Any] = {"precision": precision, "quantities": (quantity,)}
     answers = runner.answer([Request(device, method, **asked) for row in scenes for device in row])
-    values, failures = _values(answers, quantity, (*shape, replicates))
+    failures = [told(run) for run in answers if run is not None and not is_complete(run)]
+    values = np.array([value_of(run, quantity) for run in answers]).reshape(*shape, replicates)
     complete = np.isfinite(values).all(axis=(1, 2))
     _check_rows(complete, failures, runner.out_of_time)
     values = np.moveaxis(values[complete], 2, 0)
@@ -294,13 +281,6 @@ def study_of(
         failures=_told(complete, failures, runner.out_of_time),
         out_of_time=runner.out_of_time,
     )
-
-
-def _values(answers, quantity, shape):
-    """Values in the scene's units, shape (rows, devices, replicates), and what failed."""
-    failures = [told(run) for run in answers if run is not None and not is_complete(run)]
-    values = [value_of(run, quantity) for run in answers]
-    return np.array(values).reshape(shape), failures
 
 
 def _check_rows(kept, failures, out_of_time):
