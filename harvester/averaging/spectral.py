@@ -85,36 +85,29 @@ def spectral_refusal(system: System, excitation: Excitation) -> str:
             f'excitation.kind = "{excitation.kind}" has no density that is known: simulate, or '
             "make a spectrum of it (harvester spectrum)"
         )
-    if system.transducer.base_rate(1.0) and not _falls_off(excitation):
-        return (
-            "the charge that the base moves (piezo.base_charge) has no mean square under noise "
-            "that is white at all frequencies: take a kind that falls off, or leave the key out"
-        )
+    if system.transducer.base_rate(1.0):
+        high, higher = excitation.density(BEYOND)
+        if not (higher < high or high == 0.0):
+            return (
+                "the charge that the base moves (piezo.base_charge) has no mean square under noise "
+                "that is white at all frequencies: take a kind that falls off, or leave the key out"
+            )
     return ""
-
-
-def _falls_off(excitation):
-    """Whether the excitation's density decreases at very high frequencies, or is 0 there."""
-    high, higher = excitation.density(BEYOND)
-    return higher < high or high == 0.0
 
 
 def _matrix(system):
     """A of z' = A z + b η about the rest position, from the device's own equations."""
     part = system.transducer
     stiffness = float(system.spring.slope(0.0))
+    # Without a state of the transducer that moves, two rows are left.
+    size = 3 if part.state_rate(1.0, 0.0) != 0.0 else 2
     return np.array(
         [
             [0.0, 1.0, 0.0],
             [-stiffness, -system.damper.damping - part.force(1.0, 0.0), -part.force(0.0, 1.0)],
             [0.0, part.state_rate(1.0, 0.0), part.state_rate(0.0, 1.0)],
         ]
-    )[: 3 if _has_state(part) else 2, : 3 if _has_state(part) else 2]
-
-
-def _has_state(part):
-    """Whether the transducer's state moves at all."""
-    return part.state_rate(1.0, 0.0) != 0.0
+    )[:size, :size]
 
 
 def _covariance(matrix, share, excitation, unit, nodes):

@@ -67,7 +67,7 @@ class Inverse:
         parity: float = 1.0,
     ) -> None:
         self._grid, self._later, self._coarser = grid, later, coarser
-        self._balanced, self._cleared = balanced or _itself, cleared or _itself
+        self._balanced, self._cleared = balanced, cleared
         self._decayed, self._parity = decayed, parity
         self._count, self.allowed = 0, 0.0
         self._directions = self._changes = np.empty((0, 0), KEPT)
@@ -132,9 +132,12 @@ class Inverse:
             return rest
         parity = self._parity
         smooth = coarser._later(moved(rest, self._grid, coarser._grid, parity))
-        smooth = coarser._balanced(smooth)
+        if coarser._balanced:
+            smooth = coarser._balanced(smooth)
         enough = max(SUFFICIENT_REDUCTION * float(np.linalg.norm(smooth)), coarser.allowed)
-        correction = coarser._cleared(coarser(smooth, enough))
+        correction = coarser(smooth, enough)
+        if coarser._cleared:
+            correction = coarser._cleared(correction)
         return (rest + moved(correction, coarser._grid, self._grid, parity)) / self._decayed
 
     def extend(self, new: np.ndarray) -> bool:
@@ -161,10 +164,6 @@ class Inverse:
         self._changes[n], self._directions[n] = change / size, new / size
         self._count = n + 1
         return True
-
-
-def _itself(rest):
-    return rest
 
 
 def moved(state: np.ndarray, old: PhaseGrid, new: PhaseGrid, parity: float = 1.0) -> np.ndarray:

@@ -251,10 +251,8 @@ class Optimum:
         noisy = is_noisy(self.scene, method_of(self.method))
         accuracy = "no noise: the place to the method's own precision"
         if noisy:
-            accuracy = (
-                "value on noise of its own; interval: two standard errors; seed "
-                f"{self.scene.run.seed}"
-            )
+            accuracy = "value on noise of its own; interval: two standard errors; seed "
+            accuracy += str(self.scene.run.seed)
         return (
             f"{self.method}: {self.evaluations} evaluations, {len(self.searched)} of them proposed"
             f"; {accuracy}, {self.seconds:.1f} s"
@@ -268,14 +266,17 @@ class Optimum:
 
     def to_dict(self) -> dict[str, Any]:
         """Plain values for JSON; over one parameter averaging and simulation side by side."""
-        content = {"scene": self.scene, "maximised": self.quantity}
         findings = self._side_by_side(self.averaging) if self.averaging else self._over_several()
-        last = {
-            **orbits_of(self.scene, self.orbits),
-            "seed": self.scene.run.seed,
-            "wall_seconds": self.seconds,
-        }
-        return plain({**content, **findings, **last})
+        return plain(
+            {
+                "scene": self.scene,
+                "maximised": self.quantity,
+                **findings,
+                **orbits_of(self.scene, self.orbits),
+                "seed": self.scene.run.seed,
+                "wall_seconds": self.seconds,
+            }
+        )
 
     def _side_by_side(self, averaging):
         location_deviation, value = self._off(averaging)

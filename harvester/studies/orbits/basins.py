@@ -74,7 +74,18 @@ class Basins:
 
     def table(self) -> tuple[list[str], list[list[str]]]:
         """Header and rows, as text: one row for each orbit."""
-        return orbit_table(self.orbits, self.unit)
+        header = ["orbit", "motion", "share of starts", "mean power", "rms voltage"]
+        header += ["rms displacement", "largest Lyapunov exponent [1/s]"]
+        return header, [
+            [
+                orbit.name,
+                orbit.kind,
+                f"{value_and_error(100.0 * orbit.share, 100.0 * orbit.share_error)} %",
+                *(orbit.text(name, self.unit(dimension)) for name, dimension in QUANTITIES.items()),
+                "—" if orbit.lyapunov is None else str(orbit.lyapunov),
+            ]
+            for orbit in self.orbits
+        ]
 
     def data(self) -> tuple[list[str], list[list[Any]]]:
         """Header and rows: each start and the orbit that it reaches."""
@@ -136,29 +147,6 @@ class Basins:
                 "scene": self.scene,
             }
         )
-
-
-def orbit_table(orbits: Sequence[Orbit], unit: Any) -> tuple[list[str], list[list[str]]]:
-    """Header and rows of a table of orbits, as text."""
-    header = [
-        "orbit",
-        "motion",
-        "share of starts",
-        "mean power",
-        "rms voltage",
-        "rms displacement",
-        "largest Lyapunov exponent [1/s]",
-    ]
-    return header, [
-        [
-            orbit.name,
-            orbit.kind,
-            f"{value_and_error(100.0 * orbit.share, 100.0 * orbit.share_error)} %",
-            *(orbit.text(name, unit(dimension)) for name, dimension in QUANTITIES.items()),
-            "—" if orbit.lyapunov is None else str(orbit.lyapunov),
-        ]
-        for orbit in orbits
-    ]
 
 
 def orbit_sentences(orbits: Sequence[Orbit], unit: Any) -> list[str]:
