@@ -223,10 +223,7 @@ class OrbitFamily:
 def settled_orbits(edge: Edge, level: np.ndarray, nodes: int) -> OrbitFamily:
     """The orbits at these levels, each in the potential of the N2 of its own frequency (Eq. 12).
 
-    Raises
-    ------
-    AveragingError
-        The fixed point of ω and N2 was not found.
+    Raises AveragingError: the fixed point of ω and N2 was not found.
     """
     coupling, added = edge.system.transducer.coupling, np.zeros_like(level)
     if coupling > 0.0:
@@ -252,10 +249,7 @@ def edges(system: System, closure: str) -> list[tuple[Edge, float, float]]:
     would cross each other there. An edge is therefore followed from its regular end (the well's
     bottom, high energy) only as far as its orbits lie inside one another.
 
-    Raises
-    ------
-    AveragingError
-        Nothing holds the energy back.
+    Raises AveragingError: nothing holds the energy back.
     """
     outer = Edge(system)
     first, last = _outer_range(outer)

@@ -76,10 +76,7 @@ class Inverse:
         """Improve a state until its residual, computed by `left` in full precision, is small
         enough.
 
-        Raises
-        ------
-        AveragingError
-            It was not reached.
+        Raises AveragingError: it was not reached.
         """
         self.allowed = float(allowed)
         size = enough = np.inf
@@ -94,10 +91,8 @@ class Inverse:
     def __call__(self, rest: np.ndarray, allowed: float, below: float = np.inf) -> np.ndarray:
         """x whose residual for this right-hand side is within the limit.
 
-        Raises
-        ------
-        AveragingError
-            The iteration did not converge, or the norm of `rest` is not less than `below`.
+        Raises AveragingError: the iteration did not converge, or the norm of `rest` is not less
+        than `below`.
         """
         left, solution = rest.ravel().astype(float), np.zeros(rest.size)
         if np.linalg.norm(left) < below:

@@ -59,10 +59,7 @@ def check_quantity(quantity: str, answer: Any) -> None:
 def first_answer(runner: Any, request: Request) -> Any:
     """The answer to a study's first request, without which the study stops with an error.
 
-    Raises
-    ------
-    HarvesterError
-        What the run failed of.
+    Raises HarvesterError: what the run failed of.
     """
     (answer,) = runner.answer([request])
     if answer is None:

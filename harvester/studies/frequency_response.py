@@ -393,10 +393,7 @@ def quantities_of(scene: Scene) -> list[str]:
 def shown_of(scene: Scene, quantities: Sequence[str], per_g: bool) -> tuple[str, ...]:
     """The quantities that are shown, by default the usual ones and those of an output.
 
-    Raises
-    ------
-    HarvesterError
-        No such quantity, or per g in a scaled scene.
+    Raises HarvesterError: no such quantity, or per g in a scaled scene.
     """
     if per_g and scene.units != "SI":
         raise HarvesterError(f'{scene.name}: --per-g: a scene with units = "scaled" has no g')

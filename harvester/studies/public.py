@@ -89,10 +89,6 @@ def validate(
     progress : callable or None
         Given the share done, 0 … 1, and the method at work.
 
-    Returns
-    -------
-    Comparison
-
     Raises
     ------
     HarvesterError, SimulationError
@@ -174,10 +170,6 @@ def frequency_response(
         Wall-clock limit of one realization (default: 3600).
     **running
         See `harvester.running.open_runner`.
-
-    Returns
-    -------
-    FrequencyResponse
 
     Raises
     ------
@@ -266,10 +258,6 @@ def spectrum(
         file.
     mend : sequence of str
         For a record: faults to mend, as in a scene: nan, uneven, clipped.
-
-    Returns
-    -------
-    SpectrumAnalysis
 
     Raises
     ------
@@ -412,10 +400,6 @@ def load_study(
         See `harvester.running.open_runner`; with a precision the time budget is `TIME_BUDGET`
         where none is given.
 
-    Returns
-    -------
-    LoadStudy
-
     Raises
     ------
     HarvesterError
@@ -507,10 +491,6 @@ def sensitivity(
         runs and many of short ones cost the same.
     **running
         See `harvester.running.open_runner`.
-
-    Returns
-    -------
-    Sensitivity
 
     Raises
     ------

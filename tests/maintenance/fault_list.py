@@ -592,8 +592,8 @@ FAULTS = [
     Fault(
         "closures: the spectrum of `paper` multiplies where it divides",
         CLOSURES,
-        "ln - np.log(each) for ln",
-        "ln + np.log(each) for ln",
+        "ln - np.log(power) for ln",
+        "ln + np.log(power) for ln",
         PRINTED,
     ),
     Fault(

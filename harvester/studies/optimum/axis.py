@@ -36,10 +36,7 @@ class Axis:
 
         `low`, `high` None: a tenth and ten times the scene's value, within what the key allows.
 
-        Raises
-        ------
-        HarvesterError
-            No such key, no range, or a value that the scene cannot have.
+        Raises HarvesterError: no such key, no range, or a value that the scene cannot have.
         """
         value, spec = number(scene, key, "--over")
         ends = sorted((value / SPAN, value * SPAN))

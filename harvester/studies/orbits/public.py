@@ -55,10 +55,6 @@ def basins(
     **running
         See `harvester.running.open_runner`.
 
-    Returns
-    -------
-    Basins
-
     Raises
     ------
     HarvesterError, SimulationError
@@ -137,10 +133,6 @@ def bifurcation(
         default, fine, finest, or the longest step in seconds.
     **running
         See `harvester.running.open_runner`.
-
-    Returns
-    -------
-    Bifurcation
 
     Raises
     ------
@@ -225,10 +217,6 @@ def residence(
         default, fine, finest, or the longest step in seconds.
     **running
         See `harvester.running.open_runner`.
-
-    Returns
-    -------
-    Residence
 
     Raises
     ------

@@ -74,10 +74,7 @@ class Tolerance:
 def tolerance(scene: Scene, key: str, distribution: str) -> Tolerance:
     """One parameter's distribution from its text.
 
-    Raises
-    ------
-    HarvesterError
-        No such key, no such distribution, or values that the scene cannot take.
+    Raises HarvesterError: no such key, no such distribution, or values that the scene cannot take.
     """
     value, spec = number(scene, key, "--vary")
     where = f"--vary {key}={named(distribution)}"
