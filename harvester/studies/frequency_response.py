@@ -110,18 +110,13 @@ class FrequencyResponse:
 
     Attributes
     ----------
-    scene : Scene
-        Scene with a sine, whose own frequency is not used.
+    scene : scene with a sine, whose own frequency is not used.
     frequencies : ndarray, shape (n,)
         Hz, rising.
-    sweeps : list of FrequencySweep
-        Up, and down where asked for, both in the order of `frequencies`.
-    dwell : float
-        Time at each frequency (s).
-    seconds : float
-        Processor time of simulation (s), both directions.
-    shown : tuple of str
-        Quantities of the table and the figure; all there are stand in the JSON.
+    sweeps : up, and down where asked for, both in the order of `frequencies`.
+    dwell : time at each frequency (s).
+    seconds : processor time of simulation (s), both directions.
+    shown : quantities of the table and the figure; all there are stand in the JSON.
     per_g : bool
         Whether all values are for a base acceleration of 1 g: amplitudes and voltages over the
         excitation's amplitude in g, powers over its square.

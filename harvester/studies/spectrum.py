@@ -276,18 +276,13 @@ class SpectrumAnalysis:
 
     Attributes
     ----------
-    scene : Scene or None
-        Whose excitation it is, or whose device is looked at.
-    units : str
-        "SI" or "scaled".
+    scene : whose excitation it is, or whose device is looked at.
+    units : "SI" or "scaled".
     frequencies, density : ndarray, shape (n,)
         Hz, and one-sided density in (m/s²)²/Hz, or of η in a scaled scene.
-    resolution : float
-        Bandwidth of the density (Hz).
-    segments : int
-        Half overlapping ones, by Hann's window.
-    duration : float
-        s.
+    resolution : bandwidth of the density (Hz).
+    segments : half overlapping ones, by Hann's window.
+    duration : of the record, or of the realization (s).
     moments : ndarray, shape (stretches, 4)
         Mean of each power, 1 to 4, in stretches of equal length.
     profile : ndarray, shape (m, 2)
@@ -295,8 +290,7 @@ class SpectrumAnalysis:
     departure : tuple of float
         Frequency (Hz) of the device of Q = 100 whose power departs most by the breakpoints, and the
         share.
-    resolved_from : float
-        Lowest frequency at which the profile resolves a device of Q = 100 (Hz).
+    resolved_from : lowest frequency at which the profile resolves a device of Q = 100 (Hz).
     """
 
     name: str

@@ -64,18 +64,12 @@ class Sweep(Tabular):
 
     Attributes
     ----------
-    scene : Scene
-        The scene, with one knot spacing for all places.
-    values : dict of str to tuple
-        Keys that were varied, and their values; of a load study also the names of loads.
-    methods, quantities : tuple of str
-        The quantities that the tables show; `cells` hold all there are.
-    cells : ndarray of Cell
-        Array of shape (values of each key …, methods).
-    out_of_time : bool
-        The time budget ended it: the same call with `output` goes on.
-    seconds : float
-        Wall-clock, of this call.
+    scene : the scene, with one knot spacing for all places.
+    values : keys that were varied, and their values; of a load study also the names of loads.
+    methods, quantities : the quantities that the tables show; `cells` hold all there are.
+    cells : array of shape (values of each key …, methods).
+    out_of_time : the time budget ended it: the same call with `output` goes on.
+    seconds : wall-clock, of this call.
     """
 
     scene: Scene

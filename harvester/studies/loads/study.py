@@ -52,18 +52,12 @@ class LoadStudy(Tabular):
 
     Attributes
     ----------
-    method : str
-        "judged", an engine or a closure.
-    version : str
-        Version of the program that computed.
-    evaluations : list of Evaluation
-        Evaluations of the points, in the order of `grid.points`.
-    proofs : list of Proof
-        Comparisons with the circuit, at the points that were chosen for it.
-    out_of_time : bool
-        The time budget ended it: the same call again goes on.
-    computed, reused : int
-        Tasks.
+    method : "judged", an engine or a closure.
+    version : version of the program that computed.
+    evaluations : evaluations of the points, in the order of `grid.points`.
+    proofs : comparisons with the circuit, at the points that were chosen for it.
+    out_of_time : the time budget ended it: the same call again goes on.
+    computed, reused : tasks.
     warnings : tuple of str
         Warnings: stored answers that are not valid, outcomes not kept, a folder that cannot be
         locked.

@@ -58,23 +58,16 @@ class Optimum:
 
     Attributes
     ----------
-    parameters : list of OptimalParameter
-        Each with its place at the optimum.
-    value : Estimate
-        Value from a run at the place; over several parameters on noise of its own.
+    parameters : each with its place at the optimum.
+    value : value from a run at the place; over several parameters on noise of its own.
     searched : list of (dict, Estimate)
         Places and values: those that the last fit used; over several parameters those proposed,
         nan where a run failed.
-    averaging : Averaging or None
-        Over one parameter.
-    own : Estimate or None
-        The value of the scene itself, over several parameters.
-    orbits : tuple of Attractor
-        The orbits that drawn starts reach at the place without noise, the followed one first.
-    evaluations : int
-        Runs in all, over several parameters.
-    seconds : float
-        Wall-clock, of this call.
+    averaging : over one parameter.
+    own : the value of the scene itself, over several parameters.
+    orbits : the orbits that drawn starts reach at the place without noise, the followed one first.
+    evaluations : runs in all, over several parameters.
+    seconds : wall-clock, of this call.
     """
 
     scene: Scene

@@ -52,10 +52,8 @@ class Basins:
         begins.
     orbit : ndarray of int, shape (m, n)
         Place in `orbits` of each start; −1: not followed.
-    orbits : list of Orbit
-        The orbits, the one with the most starts first.
-    periods : int
-        Least number of forcing periods that each start was followed.
+    orbits : the orbits, the one with the most starts first.
+    periods : least number of forcing periods that each start was followed.
     """
 
     scene: Scene

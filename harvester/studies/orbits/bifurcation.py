@@ -108,12 +108,9 @@ class Bifurcation:
     ----------
     values : ndarray, shape (n,)
         Rising.
-    branches : list of Branch
-        Up, and down unless it was left out.
-    periods : int
-        Number of forcing periods at each value before the samples.
-    failures : dict of str to str
-        "up at VALUE" to why the run failed.
+    branches : up, and down unless it was left out.
+    periods : number of forcing periods at each value before the samples.
+    failures : "up at VALUE" to why the run failed.
     """
 
     scene: Scene

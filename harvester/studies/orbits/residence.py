@@ -91,10 +91,8 @@ class Residence:
 
     Attributes
     ----------
-    key : str or None
-        The key that was varied.
-    stays : list of Stay
-        Value by value, wells from the left to the right.
+    key : the key that was varied.
+    stays : value by value, wells from the left to the right.
     """
 
     scene: Scene

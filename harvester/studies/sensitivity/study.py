@@ -58,20 +58,16 @@ class Sensitivity:
 
     Attributes
     ----------
-    nominal : Estimate
-        The quantity of the scene itself.
+    nominal : the quantity of the scene itself.
     effects : list of (Interval, Interval)
         For each parameter: change of the quantity's mean where the parameter is low and high (5 %
         and 95 % quantiles of the devices), averaged over the others.
     shares : ndarray, shape (rows, parameters + 2, parameters)
         The design; see `harvester.studies.sensitivity.sobol.design`.
     values : ndarray, shape (replicates, rows, parameters + 2)
-    failures : tuple of str
-        Why rows were left out.
-    seconds : float
-        Wall-clock, of this call.
-    notes : tuple of str
-        Which orbit was followed, without noise.
+    failures : why rows were left out.
+    seconds : wall-clock, of this call.
+    notes : which orbit was followed, without noise.
     """
 
     scene: Scene
