@@ -86,7 +86,8 @@ def spectral_refusal(system: System, excitation: Excitation) -> str:
             "make a spectrum of it (harvester spectrum)"
         )
     if system.transducer.base_rate(1.0):
-        high, higher = excitation.density(BEYOND)
+        densities: Any = excitation.density(BEYOND)
+        high, higher = densities
         if not (higher < high or high == 0.0):
             return (
                 "the charge that the base moves (piezo.base_charge) has no mean square under noise "
