@@ -429,8 +429,10 @@ def _means(record, base, stop, measured):
     middle, start = stop - 0.5 * measured, stop - measured
     inside = record.time >= start
     times = record.time[inside]
+    # Amplitudes: half of the distances between the extremes.
     relative, absolute = (
-        _amplitude(times, x[inside]) for x in (record.displacement, base + record.displacement)
+        0.5 * (_peak(times, x[inside]) + _peak(times, -x[inside]))
+        for x in (record.displacement, base + record.displacement)
     )
     first, second = _integrals(record.time, record.voltage**2, (start, middle, stop))
     power = _integrals(record.time, record.load_power, (start, middle, stop))
@@ -454,11 +456,6 @@ def _output_means(times, outputs, stop, measured, conductance):
     return float(mean[0]), float(power[0])
 
 
-def _amplitude(times, values):
-    """Half of the distance between the extremes."""
-    return 0.5 * (_peak(times, values) + _peak(times, -values))
-
-
 def _peak(times, values):
     """The greatest value, between points by a parabola through three of them."""
     times, first = np.unique(times, return_index=True)
@@ -474,13 +471,12 @@ def _integrals(times, values, edges):
     """Integrals between neighbouring edges, trapezoidal with values linear between points."""
     steps = 0.5 * np.diff(times) * (values[1:] + values[:-1])
     total = np.concatenate([[0.0], np.cumsum(steps)])
-    return np.diff([_integral_to(times, values, total, edge) for edge in edges])
-
-
-def _integral_to(times, values, total, edge):
-    # Where a switch turns there are two points at the same time. The interval found has a length
-    # above 0.
-    index = max(int(np.searchsorted(times, min(edge, times[-1]))) - 1, 0)
-    since = edge - times[index]
-    slope = (values[index + 1] - values[index]) / (times[index + 1] - times[index])
-    return total[index] + since * (values[index] + 0.5 * since * slope)
+    integrals = []
+    for edge in edges:
+        # Where a switch turns there are two points at the same time. The interval found has a
+        # length above 0.
+        index = max(int(np.searchsorted(times, min(edge, times[-1]))) - 1, 0)
+        since = edge - times[index]
+        slope = (values[index + 1] - values[index]) / (times[index + 1] - times[index])
+        integrals.append(total[index] + since * (values[index] + 0.5 * since * slope))
+    return np.diff(integrals)

@@ -634,8 +634,8 @@ FAULTS = [
     Fault(
         "frequency response: an amplitude is the highest displacement",
         "harvester/studies/frequency_response.py",
-        "0.5 * (_peak(times, values) + _peak(times, -values))",
-        "_peak(times, values)",
+        "0.5 * (_peak(times, x[inside]) + _peak(times, -x[inside]))",
+        "_peak(times, x[inside])",
         (
             "harvester/studies/test_frequency_response.py"
             "::test_an_amplitude_is_half_of_what_lies_between_the_ends",
