@@ -67,10 +67,6 @@ def average(
     memory : bool
         For `fokker_planck`: also find the slowest decay rate between wells.
 
-    Returns
-    -------
-    Averages
-
     Raises
     ------
     AveragingError

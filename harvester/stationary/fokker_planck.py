@@ -116,12 +116,8 @@ def fokker_planck(device: System, tolerance: float, memory: bool = False) -> Ave
 def outline(device: System) -> GridDensity:
     """Densities on the coarse grid that finds where they are: in tenths of a second.
 
-    It gives no error: means on that grid are up to a tenth off those of `fokker_planck`.
-
-    Raises
-    ------
-    AveragingError
-        As of `fokker_planck`.
+    It gives no error: means on that grid are up to a tenth off those of `fokker_planck`, which
+    refuses the same devices.
     """
     _check(device)
     with threadpool_limits(**ONE_THREAD):

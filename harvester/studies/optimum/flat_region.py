@@ -45,15 +45,8 @@ class FlatSide:
 def climb(objective: Objective, place: tuple, stage: int) -> tuple[tuple, Any, list]:
     """Climb to a place that no other along an axis exceeds, and measure how flat it is there.
 
-    Parameters
-    ----------
-    place : coordinates.
-    stage : number of the noise stream.
-
-    Returns
-    -------
-    place, answer, sides
-        `sides` holds (FlatSide below, FlatSide above) for each axis.
+    `place` holds coordinates; `stage` is the number of the noise stream. Returns the place, its
+    answer, and (FlatSide below, FlatSide above) for each axis.
     """
     (answer,) = objective.answers([place], stage, moments=True)
     moves = 0

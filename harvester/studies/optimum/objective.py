@@ -25,17 +25,10 @@ from harvester.studies.optimum.axis import Axis
 
 
 def series_in_units(answer: Any, quantity: str) -> np.ndarray:
-    """Deviation of each batch from a quantity's mean, in the scene's units.
+    """Deviations of batches from a quantity's mean, in the scene's units: (realizations, batches).
 
-    Parameters
-    ----------
-    answer : an answer with its moments.
-    quantity : name of a quantity that `harvester.results.paired.deviations` accepts.
-
-    Returns
-    -------
-    ndarray, shape (realizations, batches)
-        Without noise one row, the mean over the starts on the followed orbit.
+    Without noise one row, the mean over the starts on the followed orbit. The answer holds its
+    moments; `harvester.results.paired.deviations` accepts the quantity.
     """
     factor = prepared(answer.scene).scales.of(answer.quantities[quantity].dimension)
     series = factor * deviations(answer.moments, quantity)

@@ -92,11 +92,8 @@ def population(values: np.ndarray, variance: Interval, seed: int) -> Population:
 def _drawn_together(means, spread):
     """Devices' values scaled about their mean so that their variance is that without noise.
 
-    Parameters
-    ----------
-    means : ndarray, shape (samples, rows, devices in a row)
-    spread : ndarray, shape (samples, rows)
-        Squares of a row's devices off the mean, without noise.
+    `means` has the shape (samples, rows, devices in a row). `spread`, shape (samples, rows), holds
+    squares of a row's devices off the mean, without noise.
     """
     centre = means.mean(axis=(1, 2), keepdims=True)
     total = means.var(axis=(1, 2))

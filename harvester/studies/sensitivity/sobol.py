@@ -118,15 +118,9 @@ def indices(values: np.ndarray, seed: int) -> Indices:
 
 
 def product(left: np.ndarray, right: np.ndarray) -> np.ndarray:
-    """Mean product of two quantities, the factors always from different replicates.
+    """Mean product, shape (rows,), of two quantities of shape (replicates, rows).
 
-    Parameters
-    ----------
-    left, right : ndarray, shape (replicates, rows)
-
-    Returns
-    -------
-    ndarray, shape (rows,)
+    The factors are always from different replicates.
     """
     count = len(left)
     if count == 1:
