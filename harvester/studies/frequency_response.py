@@ -175,10 +175,11 @@ class FrequencyResponse:
     def to_xarray(self) -> Dataset:
         """An xarray Dataset over sweep and frequency, in the scene's units."""
         axes = ("sweep", "frequency")
-        variables: dict[str, tuple] = {"residual": (axes, [s.residual for s in self.sweeps])}
+        variables: dict[str, tuple] = {}
         for name in quantities_of(self.scene):
             unit = {"unit": self.unit(QUANTITIES[name])}
             variables[name] = (axes, [self.values(name, s) for s in self.sweeps], unit)
+        variables["residual"] = (axes, [s.residual for s in self.sweeps])
         sweeps = [sweep.direction for sweep in self.sweeps]
         coordinates = {"sweep": sweeps, "frequency": self.frequencies}
         attributes = {"scene": json_text(self.scene.to_dict()), "method": self.engine}

@@ -160,10 +160,10 @@ class Residence:
 
     def to_xarray(self) -> Dataset:
         """An xarray Dataset over the stays."""
-        variables = {
-            name: (("stay",), np.array([getattr(stay, name) for stay in self.stays], dtype=float))
-            for name in ("value", "well", "time", "standard_error", "stays", "kramers")
-        }
+        variables = {}
+        for name in ("value", "well", "time", "standard_error", "stays", "kramers"):
+            column = [getattr(stay, name) for stay in self.stays]
+            variables[name] = (("stay",), [np.nan if v is None else v for v in column])
         attributes = {"scene": json_text(self.scene.to_dict()), "method": self.method}
         return xarray_or_say().Dataset(variables, attrs=attributes)
 
