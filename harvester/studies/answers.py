@@ -57,10 +57,7 @@ def check_quantity(quantity: str, answer: Any) -> None:
 
 
 def first_answer(runner: Any, request: Request) -> Any:
-    """The answer to a study's first request, without which the study stops with an error.
-
-    Raises HarvesterError: what the run failed of.
-    """
+    """The answer to a study's first request, or the error that stops the study."""
     (answer,) = runner.answer([request])
     if answer is None:
         raise OutOfTime(
