@@ -27,7 +27,7 @@ import harvester
 from circuits.assembly import assemble
 from harvester.prepared.prepared import prepared
 from harvester.show import figures
-from harvester.studies.comparison import COMPARED
+from harvester.studies.comparison.comparison import COMPARED
 
 plt.style.use(figures.STYLE)
 

@@ -7,14 +7,12 @@ if TYPE_CHECKING:
     from harvester.averaging.closures import NOISE_CLOSURES as NOISE_CLOSURES
     from harvester.averaging.closures import average as average
 
-# The default closure: it holds for the widest range of devices.
-DEFAULT_CLOSURE = "fokker_planck"
-__all__ = ["CLOSURES", "DEFAULT_CLOSURE", "NOISE_CLOSURES", "average"]
+__all__ = ["CLOSURES", "NOISE_CLOSURES", "average"]
 
 
 def __getattr__(name: str) -> object:
-    # Imported here, not at the head: the closures need numba, the default's name does not.
-    if name in ("CLOSURES", "NOISE_CLOSURES", "average"):
+    # Imported here, not at the head: the closures need numba, `Stationary` does not.
+    if name in __all__:
         from harvester.averaging import closures
 
         return getattr(closures, name)

@@ -1,16 +1,14 @@
 """Stationary means by three closures: two of quasi-conservative averaging, one without."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from functools import partial
-from typing import TYPE_CHECKING, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from scipy.interpolate import CubicSpline
 
-from harvester.averaging import DEFAULT_CLOSURE
-from harvester.averaging.density import Density, Layer
+from harvester.averaging.density import Layer, OrbitDensity
+from harvester.averaging.method import DEFAULT_CLOSURE
 from harvester.averaging.orbits import edges, settled_orbits, stiffnesses
 from harvester.averaging.spectral import spectral
 from harvester.device import timescales
@@ -18,14 +16,12 @@ from harvester.device.damper import Damper
 from harvester.device.hertz import HERTZ_EXPONENT, HertzDamp
 from harvester.device.piezo import PiezoLaw
 from harvester.device.polynomial import Polynomial
+from harvester.device.system import System
 from harvester.errors import AveragingError
 from harvester.files.plain_text import nearest
 from harvester.registry import Registry
 from harvester.stationary.averages import Averages
 from harvester.stationary.fokker_planck import fokker_planck
-
-if TYPE_CHECKING:
-    from harvester.device.system import System
 
 # Levels of each edge, and nodes of an orbit on either side of the stopper. The difference to the
 # coarse grid is the numerical error.
@@ -71,10 +67,6 @@ def average(
     memory : bool
         For `fokker_planck`: also find the slowest decay rate between wells.
 
-    Returns
-    -------
-    Averages
-
     Raises
     ------
     AveragingError
@@ -96,8 +88,8 @@ def average(
     and outer orbits overlap in the phase plane, have one at the ends of each.
     """
     if closure not in CLOSURES:
-        known = ", ".join(CLOSURES)
-        raise AveragingError(f"{closure}: no such closure{nearest(closure, CLOSURES)}; use {known}")
+        names = ", ".join(CLOSURES)
+        raise AveragingError(f"{closure}: no such closure{nearest(closure, CLOSURES)}; use {names}")
     chosen = CLOSURES[closure]
     if chosen.of_spectrum:
         raise AveragingError(f"{closure}: takes a scene: harvester.average(scene, method=…)")
@@ -124,7 +116,7 @@ def _over_orbits(closure, device, tolerance, memory):
 
 def _check(s):
     """Refuse a device outside Eqs. 10–37, or one for which averaging over orbits is not valid."""
-    laws = [each.law for each in s.contacts]
+    laws = [contact.law for contact in s.contacts]
     piezo = isinstance(s.transducer, PiezoLaw)
     refusals = {
         "the spring is not symmetric": not s.spring.symmetric,
@@ -132,7 +124,7 @@ def _check(s):
         "the spring has powers above the third": s.spring.odd_cubic is None,
         "the damper has a quadratic part": not isinstance(s.damper, Damper),
         "the stoppers are not one pair of equal ones": len(laws) > 1
-        or any(each.side != 0.0 for each in s.contacts),
+        or any(contact.side != 0.0 for contact in s.contacts),
         "the contact law is not Hertz's": any(
             not isinstance(law, HertzDamp) or law.exponent != HERTZ_EXPONENT for law in laws
         ),
@@ -177,9 +169,9 @@ def _solve(closure, spans, levels, nodes):
     overlap = families[0].edge.anchor > 0.0
     cores = [dict.fromkeys(families[0].enclosed, 0.0)]
     if len(families) == 2:
-        filling, place = (families[1], 0) if overlap else (families[0], -1)
-        cores += [{name: values[place] for name, values in filling.enclosed.items()}]
-    parts = [_means(*each) for each in zip(families, weights, cores, strict=True)]
+        filling, orbit_index = (families[1], 0) if overlap else (families[0], -1)
+        cores += [{name: values[orbit_index] for name, values in filling.enclosed.items()}]
+    parts = [_means(*arguments) for arguments in zip(families, weights, cores, strict=True)]
     masses = [part.pop("mass") for part in parts]
     norm = sum(masses)
     total = {name: sum(part[name] for part in parts) / norm for name in parts[0]}
@@ -193,7 +185,7 @@ def _solve(closure, spans, levels, nodes):
     if len(families) == 2:
         floor = 0.0 if overlap else np.exp(logarithms[-1][0])
         layers += [Layer(families[0], logarithms[0], floor=floor)]
-    return {name: float(value) for name, value in total.items()}, Density(tuple(layers))
+    return {name: float(value) for name, value in total.items()}, OrbitDensity(tuple(layers))
 
 
 def _logarithms(closure, families):
@@ -212,7 +204,7 @@ def _logarithms(closure, families):
             logarithms[1] -= np.interp(wells.energy[-1], outer.energy, logarithms[1])
     if closure == "paper":
         spectra = [orbits.spectrum for orbits in families]
-        logarithms = [ln - np.log(each) for ln, each in zip(logarithms, spectra, strict=True)]
+        logarithms = [ln - np.log(power) for ln, power in zip(logarithms, spectra, strict=True)]
     greatest = max(logarithm.max() for logarithm in logarithms)
     return [logarithm - greatest for logarithm in logarithms]
 
@@ -260,4 +252,4 @@ CLOSURES: Registry[Closure] = Registry(
     },
 )
 # Closures that take the noise of Eq. 6, also for devices that are not linear.
-NOISE_CLOSURES = tuple(name for name, each in CLOSURES.items() if not each.of_spectrum)
+NOISE_CLOSURES = tuple(name for name, closure in CLOSURES.items() if not closure.of_spectrum)

@@ -1,17 +1,12 @@
 """Stationary densities of the averaging closures (Eqs. 26 and 27)."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 import numpy as np
+from numpy.typing import ArrayLike
 from scipy.interpolate import CubicSpline
 
-if TYPE_CHECKING:
-    from numpy.typing import ArrayLike
-
-    from harvester.averaging.orbits import Orbits
+from harvester.averaging.orbits import OrbitFamily
 
 # The interval between two computed orbits is divided into this many by interpolation.
 FINER = 10
@@ -20,7 +15,7 @@ FINER = 10
 EVEN, TURNING = 100, 100
 # A density of X' is summed over so many even pieces, besides those between orbits.
 PIECES = 1500
-# Orbits with less than this share of the greatest g are not tabulated.
+# OrbitFamily with less than this share of the greatest g are not tabulated.
 NEGLIGIBLE = np.log(1e-9)
 
 
@@ -29,17 +24,14 @@ class Layer:
 
     Parameters
     ----------
-    orbits : Orbits
-    logarithm : ndarray
-        Logarithm of the value on each orbit.
+    logarithm : logarithm of the value on each orbit.
     filled : bool
         Whether the area inside the innermost orbit has that orbit's value; else it is left out.
-    floor : float
-        Taken off the value.
+    floor : taken off the value.
     """
 
     def __init__(
-        self, orbits: Orbits, logarithm: np.ndarray, filled: bool = True, floor: float = 0.0
+        self, orbits: OrbitFamily, logarithm: np.ndarray, filled: bool = True, floor: float = 0.0
     ) -> None:
         self.orbits, self.logarithm, self._floor = orbits, logarithm, floor
         self._within = logarithm[0] if filled else -np.inf
@@ -62,18 +54,18 @@ class Layer:
     def at(self, x: ArrayLike, v: ArrayLike) -> np.ndarray:
         """Value at (x, v), arrays that broadcast, with x on the edge's own side."""
         x, v = np.broadcast_arrays(x, v)
-        found, order = np.zeros(x.shape), np.argsort(x, axis=None)
+        values, order = np.zeros(x.shape), np.argsort(x, axis=None)
         for same in np.split(order, 1 + np.flatnonzero(np.diff(x.flat[order]))):
             if same.size:
                 kinetic = self._kinetic(x.flat[same[0]])
-                found.flat[same] = self._values(kinetic, 0.5 * v.flat[same] ** 2)
-        return found
+                values.flat[same] = self._values(kinetic, 0.5 * v.flat[same] ** 2)
+        return values
 
     def over_velocity(self, x: np.ndarray) -> np.ndarray:
         """Integral over all velocities at each x."""
         totals = np.zeros(x.shape)
-        for k, place in np.ndenumerate(x):
-            kinetic = self._kinetic(place)
+        for k, displacement in np.ndenumerate(x):
+            kinetic = self._kinetic(displacement)
             speeds = np.append(0.0, np.sqrt(2.0 * np.maximum(kinetic, 0.0)))
             v, weights = _quadrature(speeds)
             totals[k] = 2.0 * weights @ self._values(kinetic, 0.5 * v * v)
@@ -94,7 +86,7 @@ def _quadrature(ends):
 
 
 @dataclass(frozen=True)
-class Density:
+class OrbitDensity:
     """Stationary probability densities, the sum over some layers; methods are vectorised."""
 
     layers: tuple[Layer, ...]
@@ -104,10 +96,7 @@ class Density:
     def joint(self, x: ArrayLike, v: ArrayLike) -> np.ndarray:
         """p(X, X') (Eq. 26): the sum of left well, right well and outer orbits.
 
-        Parameters
-        ----------
-        x, v : array_like
-            Scaled displacement and velocity, of shapes that broadcast.
+        `x`, `v`: scaled displacement and velocity, of shapes that broadcast.
         """
         return self._both_sides(np.asarray(x, dtype=float), lambda layer, x: layer.at(x, v))
 

@@ -1,12 +1,12 @@
 """A closure with its settings, as an object."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from typing import Any
 
-from harvester.averaging import DEFAULT_CLOSURE
 from harvester.method import Method
+
+# The default closure: it holds for the widest range of devices.
+DEFAULT_CLOSURE = "fokker_planck"
 
 
 @dataclass(frozen=True)

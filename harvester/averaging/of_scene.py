@@ -5,10 +5,9 @@ from __future__ import annotations
 import math
 import time
 from dataclasses import replace
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
-from harvester.averaging import DEFAULT_CLOSURE
-from harvester.averaging.method import Stationary
+from harvester.averaging.method import DEFAULT_CLOSURE, Stationary
 from harvester.calling import takes_scene
 from harvester.errors import AveragingError, HarvesterError
 from harvester.method import Method
@@ -86,16 +85,17 @@ def average(
     from harvester.scene.units import require_resistor
 
     if isinstance(method, Method):
-        given = {"tolerance": tolerance, "fit": fit, "jump_rates": jump_rates}
-        chosen = _closure_alone(method).beside_options(given, {"fit": False, "jump_rates": False})
+        options = {"tolerance": tolerance, "fit": fit, "jump_rates": jump_rates}
+        if not isinstance(method, Stationary):
+            raise HarvesterError(
+                f"average: {method} is an engine, not a closure; give Stationary(…)"
+            )
+        chosen = method.beside_options(options, {"fit": False, "jump_rates": False})
         method, tolerance = chosen.closure, chosen.tolerance
         fit, jump_rates = chosen.fit, chosen.jump_rates
     require_resistor(scene, "stochastic averaging")
     clock = time.perf_counter()
-    spectrum_fit: Any = None
-    noise = scene
-    if fit:
-        spectrum_fit, noise = _fitted(scene)
+    spectrum_fit, noise = _fitted(scene) if fit else (None, scene)
     averages = averages_of(noise, method, tolerance, memory=jump_rates)
     parameters, scales = prepared(noise).system, prepared(noise).scales
     quantities = estimates_of(averages)
@@ -131,7 +131,7 @@ def average(
         densities=densities,
         joint_density=joint,
         notes=(
-            *(spectrum_fit.notes() if fit else ()),
+            *(spectrum_fit.notes() if spectrum_fit else ()),
             *_left_out(parameters, method),
             *magnet_notes(scene.magnets),
         ),
@@ -141,7 +141,7 @@ def average(
 
 def _left_out(system, closure):
     """Notes on effects of the device that the closure leaves out."""
-    from harvester.averaging import CLOSURES
+    from harvester.averaging.closures import CLOSURES
 
     share = system.transducer.base_rate(1.0)
     if not share or CLOSURES[closure].of_spectrum:
@@ -153,29 +153,12 @@ def _left_out(system, closure):
     )
 
 
-def _closure_alone(method: Method) -> Stationary:
-    """The method, checked to be a closure: an engine is refused.
-
-    Raises
-    ------
-    HarvesterError
-    """
-    if not isinstance(method, Stationary):
-        raise HarvesterError(f"average: {method} is an engine, not a closure; give Stationary(…)")
-    return method
-
-
 def averages_of(
     scene: Scene, closure: str, tolerance: float | None = None, memory: bool = False
 ) -> Averages:
-    """Scaled means by a closure for a scene; see `harvester.averaging.average`.
-
-    Raises
-    ------
-    LoadError, AveragingError
-    """
-    from harvester.averaging import CLOSURES
-    from harvester.averaging import average as average_parameters
+    """Scaled means by a closure for a scene; see `harvester.averaging.average`."""
+    from harvester.averaging.closures import CLOSURES
+    from harvester.averaging.closures import average as average_parameters
     from harvester.prepared.prepared import prepared
     from harvester.scene.units import require_resistor
 
@@ -184,16 +167,11 @@ def averages_of(
         return average_parameters(averaged_device(scene), closure, tolerance, memory)
     require_resistor(scene, closure)
     _refuse_range(scene)
-    found: Averages = chosen.average(prepared(scene), tolerance or chosen.tolerance)
-    return found
+    return chosen.average(prepared(scene), tolerance or chosen.tolerance)
 
 
 def averaged_device(scene: Scene) -> System:
     """A scene's device and noise in scaled form.
-
-    Returns
-    -------
-    harvester.device.system.System
 
     Raises
     ------
@@ -253,10 +231,10 @@ def _fitted(scene):
         )
     ready = prepared(scene)
     parameters, scales = ready.system, ready.scales
-    found = fit_spectrum(
+    spectrum_fit = fit_spectrum(
         scene.excitation, timescales.angular_frequency(parameters) / (2.0 * math.pi)
     )
-    noise = OrnsteinUhlenbeck(found.intensity, found.correlation_time)
+    noise = OrnsteinUhlenbeck(spectrum_fit.intensity, spectrum_fit.correlation_time)
     # Results keep the scene's unit of length.
     length = scales.displacement if scene.units == "SI" else None
-    return found, replace(scene, excitation=noise, length_scale=length)
+    return spectrum_fit, replace(scene, excitation=noise, length_scale=length)

@@ -6,12 +6,10 @@ outside, to its right turning point, and every integral is over that part alone.
 orbits, one by one or, where they say so, orbits × nodes of a quadrature.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cache
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from scipy.interpolate import CubicSpline
@@ -20,12 +18,9 @@ from scipy.optimize.elementwise import find_root
 from harvester.device import contact as contacts
 from harvester.device import spring as springs
 from harvester.device import timescales
-from harvester.device.system import elastic_force, potential
+from harvester.device.dispatch import Values
+from harvester.device.system import System, elastic_force, potential
 from harvester.errors import AveragingError
-
-if TYPE_CHECKING:
-    from harvester.device.dispatch import Values
-    from harvester.device.system import System
 
 # A divisor that has vanished is replaced by this.
 SMALLEST = 1e-150
@@ -36,7 +31,7 @@ SCAN_STEP, SCAN_NODES = 0.25, 24
 WELL_LEVELS = -15.0, 11.5
 # A well's orbits begin where ln g falls by this much from the bottom.
 NEGLIGIBLE = 1e-8
-# Orbits of a well below this level have the frequency of its bottom.
+# OrbitFamily of a well below this level have the frequency of its bottom.
 SMALL_ORBIT = -5.0
 # Range of the outer levels, counted from that of the energy D over the rate of loss.
 OUTER_LEVELS = -20.0, 32.0
@@ -46,8 +41,8 @@ OUTER_EXPONENT = 45.0
 
 def stiffnesses(system: System) -> tuple[float, float]:
     """(−ω0², κ) of a symmetric spring of first and third power."""
-    found: Any = system.spring.odd_cubic
-    return found
+    coefficients: Any = system.spring.odd_cubic
+    return coefficients
 
 
 @dataclass(frozen=True)
@@ -61,9 +56,7 @@ class Edge:
 
     Attributes
     ----------
-    system : harvester.device.system.System
-    inside : bool
-        Whether the orbits are those inside the right well, which stands for both wells.
+    inside : whether the orbits are those inside the right well, which stands for both wells.
     anchor : float
         X* of the potential U(X) = −½ω0² X² + ¼κ X⁴ + ½N2 (X − X*)² + contact (Eq. 15 with X* = 0).
         Methods take N2, the `added` stiffness of the piezo (Eq. 12), with the orbits.
@@ -92,16 +85,16 @@ class Edge:
 
     def bottom(self, added: np.ndarray) -> np.ndarray:
         """Position of the minimum at X ≥ 0."""
-        rest = np.full_like(added, timescales.rest(self.system))
-        if self.anchor == rest[0]:
-            return rest
-        laws = [(each.law, each.gap) for each in self.system.contacts]
+        rest_position = np.full_like(added, timescales.rest(self.system))
+        if self.anchor == rest_position[0]:
+            return rest_position
+        laws = [(stop.law, stop.gap) for stop in self.system.contacts]
 
         def curvature(x):
             contact = sum(law.elastic_stiffness(np.maximum(x - gap, 0.0)) for law, gap in laws)
             return self.system.spring.slope(x) + added + contact
 
-        return _root_of_convex(lambda x: self.slope(x, added), curvature, rest)
+        return _root_of_convex(lambda x: self.slope(x, added), curvature, rest_position)
 
     def well_end(self, added: np.ndarray) -> np.ndarray:
         """The inner end of a well: its saddle; without one, where the restoring force is weakest.
@@ -141,30 +134,21 @@ class Edge:
         return left, excess, right, way
 
 
-class Orbits:
+class OrbitFamily:
     """Orbits of one edge at some levels, each in the potential of an N2 of its own.
 
     Nodes are Gauss's and Legendre's in an angle θ from 0 to π/2, on either side of the stopper.
     Short of it x = left + 2d sinh²(s sin θ): smooth at turning points, and where a saddle at the
     distance d slows the mass. Beyond it x grows as sin² θ.
 
-    Parameters
-    ----------
-    edge : Edge
-    level, added : ndarray
-        Levels, evenly spaced and ascending where they are integrated over, and N2.
-    nodes : int
+    `level`, `added`: levels, evenly spaced and ascending where they are integrated over, and N2.
 
     Attributes
     ----------
-    energy, left, right : ndarray
-        H = ½X'² + U and the ends.
-    x, speed : ndarray
-        X and X' at the nodes (orbits × nodes).
-    time : ndarray
-        ∫dt, half of the period T (Eq. 16) inside a well and a quarter outside.
-    frequency, gain : ndarray
-        ω (Eq. 17, rad/s) and ω²/(λ² + ω²), which is N2/β of Eq. 12.
+    energy, left, right : H = ½X'² + U and the ends.
+    x, speed : X and X' at the nodes (orbits × nodes).
+    time : ∫dt, half of the period T (Eq. 16) inside a well and a quarter outside.
+    frequency, gain : ω (Eq. 17, rad/s) and ω²/(λ² + ω²), which is N2/β of Eq. 12.
     """
 
     def __init__(self, edge: Edge, level: np.ndarray, added: np.ndarray, nodes: int) -> None:
@@ -197,18 +181,18 @@ class Orbits:
     def enclosed(self) -> dict[str, np.ndarray]:
         """∬ 1, X, X² and X'² dX dX' over what each orbit encloses."""
         values = {"1": 1.0, "X": self.x, "X²": self.x**2, "X'²": self.speed**2 / 3.0}
-        return {name: self.loop(each) for name, each in values.items()}
+        return {name: self.loop(integrand) for name, integrand in values.items()}
 
     @property
     def contact_work(self) -> np.ndarray:
         """∫(contact damping) X'² dt (Eq. 24); where v0 is held, it is the orbit's speed there."""
         system, damping = self.edge.system, 0.0
-        for each in system.contacts:
-            kinetic = self._excess - self.edge.rise(self.left, each.gap, self.added)
+        for stop in system.contacts:
+            kinetic = self._excess - self.edge.rise(self.left, stop.gap, self.added)
             held = np.sqrt(2.0 * np.maximum(kinetic, 0.0))[:, None]
-            gain = springs.energy(system.spring, self.x) - springs.energy(system.spring, each.gap)
-            depth = np.maximum(self.x - each.gap, 0.0)
-            damping = damping + each.law.damping(depth, self.speed, gain, held)
+            gain = springs.energy(system.spring, self.x) - springs.energy(system.spring, stop.gap)
+            depth = np.maximum(self.x - stop.gap, 0.0)
+            damping = damping + stop.law.damping(depth, self.speed, gain, held)
         return self.loop(damping)
 
     @property
@@ -222,47 +206,40 @@ class Orbits:
         """S(ω)/S(0) = 1/(1 + ω² τ1²) of Eq. 6."""
         return 1.0 / (1.0 + (self.frequency * self.edge.system.noise.correlation_time) ** 2)
 
-    def over_energy(self, rate: Values) -> np.ndarray:
-        """∫ rate dH from the first level on, with dH = dJ/T.
+    def exponent(self) -> np.ndarray:
+        """∫ B/(πSJ) dH from the first level on, B the loss (Eqs. 21 and 22), with dH = dJ/T.
 
         dJ/T is the energy from one orbit to the next; the constant of Eq. 15 and the saddle of
         each N2 do not enter, so that a thin layer of changing N2 adds no range of energy.
         """
-        area = CubicSpline(self.level, self.loop(1.0)).derivative()(self.level)
-        return CubicSpline(self.level, rate * area / self.time).antiderivative()(self.level)
-
-    def exponent(self) -> np.ndarray:
-        """∫ B/(πSJ) dH from the first level on, B the loss (Eqs. 21 and 22)."""
         system = self.edge.system
         damping = system.damper.damping + system.transducer.loss_rate(self.frequency)
         loss = damping + self.contact_work / self.loop(1.0)
-        return self.over_energy(loss / (system.noise.intensity * self.spectrum))
+        rate = loss / (system.noise.intensity * self.spectrum)
+        area = CubicSpline(self.level, self.loop(1.0)).derivative()(self.level)
+        return CubicSpline(self.level, rate * area / self.time).antiderivative()(self.level)
 
 
-def settled_orbits(edge: Edge, level: np.ndarray, nodes: int) -> Orbits:
+def settled_orbits(edge: Edge, level: np.ndarray, nodes: int) -> OrbitFamily:
     """The orbits at these levels, each in the potential of the N2 of its own frequency (Eq. 12).
 
-    Raises
-    ------
-    AveragingError
-        The fixed point of ω and N2 was not found.
+    Raises AveragingError: the fixed point of ω and N2 was not found.
     """
     coupling, added = edge.system.transducer.coupling, np.zeros_like(level)
-
-    def mismatch(added, level):
-        return added - coupling * Orbits(edge, level, added, nodes).gain
-
     if coupling > 0.0:
         limits = {"xatol": 1e-15 * coupling, "fatol": 1e-13 * coupling, "xrtol": 0.0}
         bracket = added, np.full_like(level, coupling)
-        found = find_root(mismatch, bracket, args=(level,), tolerances=limits)
-        if not found.success.all():
+        solution = find_root(
+            lambda added, level: added - coupling * OrbitFamily(edge, level, added, nodes).gain,
+            bracket, args=(level,), tolerances=limits,
+        )  # fmt: skip
+        if not solution.success.all():
             raise AveragingError(
                 "the iteration for the orbits' frequency ω and added stiffness N2 did not "
                 "converge; change coupling or load, or use the closure fokker_planck"
             )
-        added = found.x
-    return Orbits(edge, level, added, nodes)
+        added = solution.x
+    return OrbitFamily(edge, level, added, nodes)
 
 
 def edges(system: System, closure: str) -> list[tuple[Edge, float, float]]:
@@ -272,10 +249,7 @@ def edges(system: System, closure: str) -> list[tuple[Edge, float, float]]:
     would cross each other there. An edge is therefore followed from its regular end (the well's
     bottom, high energy) only as far as its orbits lie inside one another.
 
-    Raises
-    ------
-    AveragingError
-        Nothing holds the energy back.
+    Raises AveragingError: nothing holds the energy back.
     """
     outer = Edge(system)
     first, last = _outer_range(outer)
@@ -321,7 +295,7 @@ def _outer_range(edge):
     return fold, last[0]
 
 
-def _scan(edge: Edge, low: float, high: float) -> Orbits:
+def _scan(edge: Edge, low: float, high: float) -> OrbitFamily:
     return settled_orbits(edge, np.arange(low, high + SCAN_STEP, SCAN_STEP), SCAN_NODES)
 
 
@@ -359,12 +333,12 @@ def _quarter_turn(nodes):
 
 def _root_of_convex(function: Callable, derivative: Callable, x: np.ndarray) -> np.ndarray:
     """Root of a function that is convex and rising from there to x, by Newton's method."""
-    found = np.zeros(x.shape, dtype=bool)
+    converged = np.zeros(x.shape, dtype=bool)
     for _ in range(100):
         change = function(x) / derivative(x)
         # The iteration comes from beyond the root, so that every change but rounding is positive.
-        found |= change <= 1e-15 * np.abs(x)
-        if found.all():
+        converged |= change <= 1e-15 * np.abs(x)
+        if converged.all():
             break
-        x = np.where(found, x, x - change)
+        x = np.where(converged, x, x - change)
     return x

@@ -1,21 +1,17 @@
 """Stationary means of a linear device from the spectrum of its excitation alone: ∫ |H|² G df."""
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
 from harvester.device.damper import Damper
+from harvester.device.system import System
 from harvester.errors import AveragingError
+from harvester.excitation.base import Excitation
+from harvester.prepared.prepared import Prepared
 from harvester.stationary.averages import Averages
-
-if TYPE_CHECKING:
-    from harvester.device.system import System
-    from harvester.excitation.base import Excitation
-    from harvester.prepared.prepared import Prepared
 
 # Gauss–Legendre nodes on each piece. The difference to the coarse nodes is the numerical error.
 NODES, COARSE_NODES = 20, 12
@@ -35,13 +31,8 @@ def spectral(ready: Prepared, tolerance: float) -> Averages:
 
     Parameters
     ----------
-    ready : Prepared
     tolerance : float
         Largest numerical error that is an answer, as a share of it.
-
-    Returns
-    -------
-    Averages
 
     Raises
     ------
@@ -94,36 +85,30 @@ def spectral_refusal(system: System, excitation: Excitation) -> str:
             f'excitation.kind = "{excitation.kind}" has no density that is known: simulate, or '
             "make a spectrum of it (harvester spectrum)"
         )
-    if system.transducer.base_rate(1.0) and not _falls_off(excitation):
-        return (
-            "the charge that the base moves (piezo.base_charge) has no mean square under noise "
-            "that is white at all frequencies: take a kind that falls off, or leave the key out"
-        )
+    if system.transducer.base_rate(1.0):
+        densities: Any = excitation.density(BEYOND)
+        high, higher = densities
+        if not (higher < high or high == 0.0):
+            return (
+                "the charge that the base moves (piezo.base_charge) has no mean square under noise "
+                "that is white at all frequencies: take a kind that falls off, or leave the key out"
+            )
     return ""
-
-
-def _falls_off(excitation):
-    """Whether the excitation's density decreases at very high frequencies, or is 0 there."""
-    high, higher = excitation.density(BEYOND)
-    return higher < high or high == 0.0
 
 
 def _matrix(system):
     """A of z' = A z + b η about the rest position, from the device's own equations."""
     part = system.transducer
     stiffness = float(system.spring.slope(0.0))
+    # Without a state of the transducer that moves, two rows are left.
+    size = 3 if part.state_rate(1.0, 0.0) != 0.0 else 2
     return np.array(
         [
             [0.0, 1.0, 0.0],
             [-stiffness, -system.damper.damping - part.force(1.0, 0.0), -part.force(0.0, 1.0)],
             [0.0, part.state_rate(1.0, 0.0), part.state_rate(0.0, 1.0)],
         ]
-    )[: 3 if _has_state(part) else 2, : 3 if _has_state(part) else 2]
-
-
-def _has_state(part):
-    """Whether the transducer's state moves at all."""
-    return part.state_rate(1.0, 0.0) != 0.0
+    )[:size, :size]
 
 
 def _covariance(matrix, share, excitation, unit, nodes):
@@ -144,9 +129,9 @@ def _covariance(matrix, share, excitation, unit, nodes):
     response = np.linalg.solve(left, drive[:, None])[:, :, 0]
     if share:
         response[:, 2] += share
-    whole = np.zeros((3, 3))
-    whole[:size, :size] = np.einsum("n,ni,nj->ij", weights, response, response.conj()).real
-    return whole
+    covariance = np.zeros((3, 3))
+    covariance[:size, :size] = np.einsum("n,ni,nj->ij", weights, response, response.conj()).real
+    return covariance
 
 
 def _quadrature(matrix, corners, nodes):
@@ -174,15 +159,15 @@ def _means(system, covariance):
     displaced = -float(system.spring.force(0.0)) / float(system.spring.slope(0.0))
     power = _quadratic(part.load_power, covariance)
     loss = system.damper.damping * velocity
-    own = _quadratic(lambda v, e: part.loss(v, e, part.current(v, e)), covariance)
+    transducer_loss = _quadratic(lambda v, e: part.loss(v, e, part.current(v, e)), covariance)
     return {
         "mean_square_voltage": _quadratic(lambda v, e: part.voltage(v, e) ** 2, covariance),
         "mean_power": power,
         "mechanical_loss": loss,
-        "power_conversion_efficiency": power / (power + loss + own),
+        "power_conversion_efficiency": power / (power + loss + transducer_loss),
         "mean_square_velocity": float(velocity),
         "mean_square_displacement": float(covariance[0, 0]) + displaced**2,
-        "mean_transducer_loss": own,
+        "mean_transducer_loss": transducer_loss,
     }
 
 
@@ -200,10 +185,8 @@ class GaussianDensity:
 
     Attributes
     ----------
-    system : System
     covariance : ndarray, shape (3, 3)
-    gaussian : bool
-        False: the noise holds sines or bursts, and there is no density.
+    gaussian : False if the noise holds sines or bursts: then there is no density.
     """
 
     system: Any
@@ -217,10 +200,10 @@ class GaussianDensity:
 
     def tabulated(self, name: str) -> tuple[np.ndarray, np.ndarray]:
         """A density as a table: (places, values)."""
-        place = self.names.index(name)
-        deviation = math.sqrt(self.covariance[place, place])
+        axis = self.names.index(name)
+        deviation = math.sqrt(self.covariance[axis, axis])
         spring = self.system.spring
-        mean = -float(spring.force(0.0)) / float(spring.slope(0.0)) if place == 0 else 0.0
+        mean = -float(spring.force(0.0)) / float(spring.slope(0.0)) if axis == 0 else 0.0
         relative = np.linspace(-DEVIATIONS, DEVIATIONS, PLACES)
         height = np.exp(-0.5 * relative**2) / (deviation * math.sqrt(2.0 * math.pi))
         return mean + deviation * relative, height

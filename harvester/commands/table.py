@@ -15,7 +15,8 @@ from harvester.commands.parsing import about
 from harvester.errors import HarvesterError
 from harvester.files.plain_text import nearest, one_line
 from harvester.signatures import Kind
-from harvester.studies.public import LOAD_STUDY_FILES, SENSITIVITY_FILES, TIME_BUDGET
+from harvester.studies import LOAD_STUDY_FILES, SENSITIVITY_FILES
+from harvester.studies.public import TIME_BUDGET
 from harvester.verification.stability import TIME_LIMIT
 from harvester.version import __version__
 

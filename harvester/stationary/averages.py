@@ -10,24 +10,17 @@ class Averages:
 
     Attributes
     ----------
-    mean_square_voltage : float
-        E[V²] (Eq. 28).
-    mean_power : float
-        βλE[V²] (Eq. 30), s⁻³.
-    mechanical_loss : float
-        E[(c + contact damping) X'²] (Eq. 36), s⁻³.
-    power_conversion_efficiency : float
-        `mean_power` / (`mechanical_loss` + `mean_power`) (Eq. 35).
-    mean_square_velocity, mean_square_displacement : float
-        E[X'²], E[X²].
-    mean_transducer_loss : float
-        Power lost in leak or winding, s⁻³.
+    mean_square_voltage : E[V²] (Eq. 28).
+    mean_power : βλE[V²] (Eq. 30), s⁻³.
+    mechanical_loss : E[(c + contact damping) X'²] (Eq. 36), s⁻³.
+    power_conversion_efficiency : `mean_power` / (`mechanical_loss` + `mean_power`) (Eq. 35).
+    mean_square_velocity, mean_square_displacement : E[X'²], E[X²].
+    mean_transducer_loss : power lost in leak or winding, s⁻³.
     share_in_wells : float or None
         Probability of the orbits inside a well; 0 for a monostable device. None where nothing is
         averaged over orbits.
-    numerical_error : dict of str to float
-        Numerical error of each mean above and of those of `between_wells`.
-    density : Density or GridDensity
+    numerical_error : numerical error of each mean above and of those of `between_wells`.
+    density : OrbitDensity or GridDensity
         Densities of displacement, velocity and both; of the second of the terminal voltage as well.
     between_wells : dict of str to float
         Quantities of `fokker_planck` for several wells that motion joins: `well_crossing_rate`, if

@@ -6,9 +6,7 @@ steps, so that a short contact costs only the paths that touch. The mass that ar
 is given to six by six of them, such that its moments up to the fifth arrive as they are.
 """
 
-from __future__ import annotations
-
-from typing import TYPE_CHECKING
+from typing import NamedTuple
 
 import numpy as np
 from llvmlite import ir
@@ -16,11 +14,8 @@ from scipy.integrate import RK45
 
 from harvester.compilation import compiled, inlined, intrinsic, summing, types
 from harvester.device import system
+from harvester.device.system import System
 from harvester.errors import AveragingError
-
-if TYPE_CHECKING:
-    from harvester.device.system import System
-    from harvester.stationary.propagator import Grid
 
 NEIGHBOURS = 6
 # So many neighbouring nodes of X' receive their shares in one vector operation.
@@ -39,14 +34,47 @@ SAFETY, SHRINK, GROWTH = 0.9, 0.2, 5.0
 STAGES, OFF = np.vstack([np.pad(RK45.A, ((0, 0), (0, 1))), RK45.B]), RK45.E
 
 
-def shared_ends(device: System, grid: Grid) -> tuple[np.ndarray, ...]:
+class PhaseGrid(NamedTuple):
+    """The nodes of a grid, and the time step, of a propagator.
+
+    Attributes
+    ----------
+    x, v : evenly spaced displacements and velocities.
+    z : nodes of Z, ascending; a single one of a transducer that keeps nothing.
+    mirrored : bool
+        Only the upper half of `z` is kept: the other half follows by (X, X', Z, η) → −(X, X', Z,
+        η). All nodes are then symmetric about 0.
+    modes : Hermite functions of η; one for white noise.
+    step : time step (s).
+    """
+
+    x: np.ndarray
+    v: np.ndarray
+    z: np.ndarray
+    mirrored: bool
+    modes: int
+    step: float
+
+    @property
+    def kept(self) -> np.ndarray:
+        """Nodes of Z that are kept."""
+        return self.z[len(self.z) // 2 :] if self.mirrored else self.z
+
+    @property
+    def shape(self) -> tuple[int, int, int, int]:
+        """The shape of a state: nodes of X and Z, Hermite functions of η, nodes of X'."""
+        return len(self.x), len(self.kept), self.modes, len(self.v)
+
+    @property
+    def push_bytes(self) -> int:
+        """Bytes of the noise's matrices for whole and half steps, and of computing them."""
+        complex_matrices = 4 * len(self.x) * (len(self.v) // 2 + 1) * self.modes**2
+        return 16 * complex_matrices
+
+
+def shared_ends(device: System, grid: PhaseGrid) -> tuple[np.ndarray, ...]:
     """For `shared`: the nodes around the end of each node's path after a step, and their shares of
     its mass.
-
-    Parameters
-    ----------
-    device : harvester.device.system.System
-    grid : harvester.stationary.propagator.Grid
 
     Returns
     -------
@@ -93,24 +121,24 @@ def _ends(s, x, z, v, time, most, end_x, end_v):
         for j in range(z.size):
             length = time
             for k in range(v.size):
-                here, left = x[i], time
-                speeds[0], pushes[0] = v[k], _acceleration(s, here, v[k], z[j])
+                path_x, left = x[i], time
+                speeds[0], pushes[0] = v[k], _acceleration(s, path_x, v[k], z[j])
                 while left > 0.0:
                     h = min(length, left)
-                    place, off_x, off_v = here, h * OFF[0] * speeds[0], h * OFF[0] * pushes[0]
+                    stage_x, off_x, off_v = path_x, h * OFF[0] * speeds[0], h * OFF[0] * pushes[0]
                     for n in range(1, OFF.size):
-                        place, speed = here, speeds[0]
+                        stage_x, speed = path_x, speeds[0]
                         for m in range(n):
-                            place += h * STAGES[n, m] * speeds[m]
+                            stage_x += h * STAGES[n, m] * speeds[m]
                             speed += h * STAGES[n, m] * pushes[m]
-                        speeds[n], pushes[n] = speed, _acceleration(s, place, speed, z[j])
+                        speeds[n], pushes[n] = speed, _acceleration(s, stage_x, speed, z[j])
                         off_x += h * OFF[n] * speeds[n]
                         off_v += h * OFF[n] * pushes[n]
                     off = max(abs(off_x) / least_x, abs(off_v) / least_v, 1e-10)
                     change = min(max(SAFETY * off**-0.2, SHRINK), GROWTH)
                     if off <= 1.0:
                         # The last stage is at the end.
-                        here, speeds[0], pushes[0] = place, speeds[-1], pushes[-1]
+                        path_x, speeds[0], pushes[0] = stage_x, speeds[-1], pushes[-1]
                         left -= h
                     # A step that only the end of the interval made short does not limit the next
                     # one.
@@ -119,7 +147,7 @@ def _ends(s, x, z, v, time, most, end_x, end_v):
                     trials += 1.0
                     if trials > most:
                         return False
-                end_x[i, j, k], end_v[i, j, k] = here, speeds[0]
+                end_x[i, j, k], end_v[i, j, k] = path_x, speeds[0]
     return True
 
 
@@ -142,11 +170,11 @@ def _neighbours(places, nodes, width):
 def lagrange(places: np.ndarray, nodes: np.ndarray) -> np.ndarray:
     """Lagrange's weights, by which a mass at each place is shared among all nodes: (..., nodes)."""
     weights = np.ones((places.size, nodes.size))
-    for n, place in enumerate(places.flat):
+    for n, position in enumerate(places.flat):
         for node in range(nodes.size):
             for other in range(nodes.size):
                 if other != node:
-                    weights[n, node] *= (place - nodes[other]) / (nodes[node] - nodes[other])
+                    weights[n, node] *= (position - nodes[other]) / (nodes[node] - nodes[other])
     return weights.reshape((*places.shape, nodes.size))
 
 
@@ -155,7 +183,7 @@ def _add_multiple(typingctx, target, here, factor, source, there):
     """target[here + n] += factor · source[there + n] for all lanes n, at once."""
 
     def generate(context, builder, signature, arguments):
-        to, here, factor, of, there = arguments
+        to, target_index, factor, of, source_index = arguments
         number = context.get_value_type(target.dtype)
         lanes = ir.VectorType(number, LANES)
         bytes_apart = context.get_abi_sizeof(number)
@@ -164,8 +192,8 @@ def _add_multiple(typingctx, target, here, factor, source, there):
             first = builder.gep(context.make_array(kind)(context, builder, array).data, [index])
             return builder.bitcast(first, lanes.as_pointer())
 
-        into = place(to, target, here)
-        added = builder.load(place(of, source, there), align=bytes_apart)
+        into = place(to, target, target_index)
+        added = builder.load(place(of, source, source_index), align=bytes_apart)
         held = builder.load(into, align=bytes_apart)
         one = builder.insert_element(ir.Constant(lanes, ir.Undefined), factor, ir.IntType(32)(0))
         every = ir.Constant(ir.VectorType(ir.IntType(32), LANES), [0] * LANES)
@@ -197,8 +225,8 @@ def _share(state, first_x, by_x, first_v, by_v, moved):
                 for mode in range(modes):
                     offset = np.uint64(mode * columns)
                     amount = source[line * plane + offset + np.uint64(v)]
-                    here = start + offset + np.uint64(to_v[node])
+                    target_node = start + offset + np.uint64(to_v[node])
                     for n in range(NEIGHBOURS):
                         share = amount * share_x[np.uint64(NEIGHBOURS) * node + np.uint64(n)]
-                        _add_multiple(target, here, share, share_v, np.uint64(LANES) * node)
-                        here += row
+                        _add_multiple(target, target_node, share, share_v, np.uint64(LANES) * node)
+                        target_node += row

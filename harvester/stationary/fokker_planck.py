@@ -11,25 +11,19 @@ Nothing is assumed of the device's symmetry, of the noise's memory, of the conta
 the load's rate. Where hardly any motion leaves its well, the grid holds one alone (`wells`).
 """
 
-from __future__ import annotations
-
-from typing import TYPE_CHECKING
-
 import numpy as np
 from threadpoolctl import threadpool_limits
 
 from harvester.device import timescales
 from harvester.device.hertz import HertzDamp
+from harvester.device.system import System
 from harvester.errors import AveragingError
 from harvester.stationary.averages import Averages
+from harvester.stationary.grid_density import GridDensity
 from harvester.stationary.jumps import rates_of_jumps, slowest_decay_rate
 from harvester.stationary.region import HOPELESS_DISPLACEMENT, NODE_REFINEMENT, Level, Region
-from harvester.stationary.solution import Solution, Task, period
+from harvester.stationary.solution import Solution, StationaryProblem, period
 from harvester.stationary.wells import HELD_BACK, barrier, driven, lone_well
-
-if TYPE_CHECKING:
-    from harvester.device.system import System
-    from harvester.stationary.grid_density import GridDensity
 
 # The coarse grid on which the region is found, and the first grid of the answer; see `Level`.
 REGION_LEVEL = Level(5.0, 2.2, 1.7, 3, 3, 50.0)
@@ -96,7 +90,6 @@ def fokker_planck(device: System, tolerance: float, memory: bool = False) -> Ave
 
     Parameters
     ----------
-    device : harvester.device.system.System
     tolerance : float
         Largest numerical error of each mean, as a share of it; of an efficiency above 0.3 at most
         0.3 points, or 0.3 times this if that is more. Not of the mechanical loss, the difference
@@ -104,10 +97,6 @@ def fokker_planck(device: System, tolerance: float, memory: bool = False) -> Ave
     memory : bool
         Also find `slowest_decay_rate` and the rates of jumps where motion joins several wells:
         three to seven times as long in all.
-
-    Returns
-    -------
-    Averages
 
     Raises
     ------
@@ -121,42 +110,34 @@ def fokker_planck(device: System, tolerance: float, memory: bool = False) -> Ave
     with threadpool_limits(**ONE_THREAD):
         if 0.0 < rate < slowest:
             return _slow_decay(device, slowest, tolerance)
-        return _answer(_refined(Task(device, tolerance)), memory)
+        return _answer(_refined(StationaryProblem(device, tolerance)), memory)
 
 
 def outline(device: System) -> GridDensity:
     """Densities on the coarse grid that finds where they are: in tenths of a second.
 
-    It gives no error: means on that grid are up to a tenth off those of `fokker_planck`.
-
-    Parameters
-    ----------
-    device : harvester.device.system.System
-
-    Raises
-    ------
-    AveragingError
-        As of `fokker_planck`.
+    It gives no error: means on that grid are up to a tenth off those of `fokker_planck`, which
+    refuses the same devices.
     """
     _check(device)
     with threadpool_limits(**ONE_THREAD):
-        return _found(Task(device, REGION_LEVEL.tolerance))[1].density
+        return _found(StationaryProblem(device, REGION_LEVEL.tolerance))[1].density
 
 
 def _check(device):
     """Refuse what the state does not hold, and what takes too many steps."""
-    if any(not isinstance(each.law, HertzDamp) for each in device.contacts):
+    if any(not isinstance(contact.law, HertzDamp) for contact in device.contacts):
         raise AveragingError(
             "the contact law is not Hertz's: fokker_planck's grids cannot resolve a force that "
             "begins with a jump: simulate"
         )
-    if any(each.law.holds for each in device.contacts):
+    if any(contact.law.holds for contact in device.contacts):
         raise AveragingError(
             'impact_velocity = "event": the speed at the beginning of a contact is no part of the '
             'state that fokker_planck follows; use "energy", or simulate'
         )
     if timescales.contact_time(device) < SHORTEST_CONTACT * period(device):
-        stiffest = max(each.law.stiffness for each in device.contacts)
+        stiffest = max(contact.law.stiffness for contact in device.contacts)
         raise AveragingError(
             f"stoppers.stiffness={stiffest:g}: contacts last less than {SHORTEST_CONTACT:g} of a "
             "period, too short for the steps of fokker_planck: simulate"
@@ -180,13 +161,13 @@ def _slow_decay(device, slowest, tolerance):
     for factor in (slowest / rate, FARTHER * slowest / rate):
         rates = {name: factor * getattr(part, name) for name in ("load_rate", "own_rate")}
         slowed = device._replace(transducer=part._replace(**rates))
-        task = Task(slowed, tolerance, CONTINUED_WORK, read=part)
+        task = StationaryProblem(slowed, tolerance, CONTINUED_WORK, read=part)
         answers.append(_refined(task, LINE_TOLERANCE_SHARE))
     (grids, near, error), (_, far, _) = answers
     share = 1.0 - rate / slowest
     added = {name: share * (near[name] - far[name]) for name in near if name in far}
-    means = {name: near[name] + more for name, more in added.items()}
-    error = {name: error[name] + abs(more) for name, more in added.items()}
+    means = {name: near[name] + change for name, change in added.items()}
+    error = {name: error[name] + abs(change) for name, change in added.items()}
     name, excess = _worst(means, error)
     if excess > tolerance:
         raise AveragingError(
@@ -206,13 +187,13 @@ def _refined(task, share=1.0):
     nodes = [_first(task, tolerance)]
     grids = {"nodes": nodes}
     _refine(grids, "nodes")
-    while (known := _changed(nodes))[1] > tolerance:
-        _refine(grids, "nodes", known)
+    while (worst := _changed(nodes))[1] > tolerance:
+        _refine(grids, "nodes", worst)
     # On the coarser grid the error of the nodes would be taken for one of the step.
-    before, after = (each.means.get("well_crossing_rate", 0.0) for each in nodes[-2:])
+    before, after = (solution.means.get("well_crossing_rate", 0.0) for solution in nodes[-2:])
     rate, time = task.device.transducer.decay_rate(), period(task.device)
     leaking = rate * time < 1.0 and abs(after - before) > SPARSE_GRID_CROSSINGS * before
-    enough = -1 if leaking or known[1] >= SPARSE_GRID_CHANGE * tolerance else -2
+    enough = -1 if leaking or worst[1] >= SPARSE_GRID_CHANGE * tolerance else -2
     grids |= {"steps": [nodes[enough]], "charges": [nodes[0]]}
     _refine(grids, "steps")
     crossings = nodes[0].means.get("well_crossing_rate", np.inf)
@@ -221,24 +202,24 @@ def _refined(task, share=1.0):
     while True:
         means, errors = _corrected(grids)
         error = {
-            name: sum(each[name] for each in errors.values()) + UNSEEN_ERROR * tolerance * abs(mean)
+            name: sum(part[name] for part in errors.values()) + UNSEEN_ERROR * tolerance * abs(mean)
             for name, mean in means.items()
         }
-        known = name, excess = _worst(means, error)
+        worst = name, excess = _worst(means, error)
         if excess <= tolerance:
             return grids, means, error
-        _refine(grids, max(errors, key=lambda respect: errors[respect][name]), known)
+        _refine(grids, max(errors, key=lambda respect: errors[respect][name]), worst)
 
 
 def _first(task, tolerance):
     """The solution on the first grid for the answer, after the region has been found."""
     region, rough = _found(task)
     region.check(task.device)
-    asked, taken = (each.decay_rate() for each in (task.transducer, task.device.transducer))
-    if asked < rough.means.get("well_crossing_rate", 0.0) < FARTHER * taken and asked < taken:
+    asked, solved = (part.decay_rate() for part in (task.transducer, task.device.transducer))
+    if asked < rough.means.get("well_crossing_rate", 0.0) < FARTHER * solved and asked < solved:
         raise AveragingError(
-            f"decay_rate={asked:g}: jumps between the wells are as slow as the {taken:.3g} /s from "
-            "which fokker_planck continues its means: simulate"
+            f"decay_rate={asked:g}: jumps between the wells are as slow as the {solved:.3g} /s "
+            "from which fokker_planck continues its means: simulate"
         )
     nodes = int(np.ceil(-NODES_PER_DECADE * np.log10(tolerance)))
     level = FIRST_LEVEL._replace(nodes=max(nodes, FIRST_LEVEL.nodes), tolerance=tolerance)
@@ -301,7 +282,7 @@ def _found(task):
 def _changed(solutions):
     """Among the means `JUDGED`, the one with the largest relative change on the last grid,
     and that change."""
-    before, last = (each.means for each in solutions[-2:])
+    before, last = (solution.means for solution in solutions[-2:])
     return _worst(last, {name: abs(last[name] - before[name]) for name in JUDGED})
 
 
@@ -317,7 +298,7 @@ def _corrected(grids):
     doubted = STATED_ERROR | {"steps": left * STATED_ERROR["steps"]}
     if grids["nodes"][-1].unresolved:
         doubted["nodes"] = UNRESOLVED
-    values = {respect: [each.means for each in solutions] for respect, solutions in grids.items()}
+    values = {respect: [grid.means for grid in solutions] for respect, solutions in grids.items()}
     means, errors = _summed(values, {"steps": CORRECTION_TAKEN * left}, doubted)
     means["power_conversion_efficiency"] = means["mean_power"] / means.pop("power_in")
     return means, errors
@@ -330,12 +311,12 @@ def _compared(grids, find):
     Empty where it takes too many steps.
     """
     # The order matters: each grid starts from what the one before it found.
-    found = find(dict.fromkeys(each for pair in grids.values() for each in pair))
-    if not found:
+    rates_of = find(dict.fromkeys(solution for pair in grids.values() for solution in pair))
+    if not rates_of:
         return {}, {}
-    values = {respect: [found[each] for each in pair] for respect, pair in grids.items()}
+    values = {respect: [rates_of[solution] for solution in pair] for respect, pair in grids.items()}
     rates, errors = _summed(values, {}, dict.fromkeys(grids, 1.0))
-    return rates, {name: sum(each[name] for each in errors.values()) for name in rates}
+    return rates, {name: sum(changes[name] for changes in errors.values()) for name in rates}
 
 
 def _summed(values, taken, doubted):
@@ -350,7 +331,7 @@ def _summed(values, taken, doubted):
         change = {name: last[name] - before[name] for name in means}
         for name in means:
             means[name] += last[name] - first[name] + taken.get(respect, 0.0) * change[name]
-        errors[respect] = {name: doubted[respect] * abs(each) for name, each in change.items()}
+        errors[respect] = {name: doubted[respect] * abs(shift) for name, shift in change.items()}
     return means, errors
 
 
@@ -367,19 +348,19 @@ def _answer(refined, memory=False):
     """The answer: means and errors, and for several wells the rates between them."""
     grids, means, error = refined
     fields = Averages.__dataclass_fields__
-    own = {name: means.pop(name) for name in list(means) if name not in fields}
-    if own.get("well_crossing_rate", 0.0) < 0.0:
-        error["well_crossing_rate"] -= own["well_crossing_rate"]
-        own["well_crossing_rate"] = 0.0
-    if "well_crossing_rate" in own and memory:
-        ends = {respect: (each[0], each[-1]) for respect, each in grids.items()}
+    between_wells = {name: means.pop(name) for name in list(means) if name not in fields}
+    if between_wells.get("well_crossing_rate", 0.0) < 0.0:
+        error["well_crossing_rate"] -= between_wells["well_crossing_rate"]
+        between_wells["well_crossing_rate"] = 0.0
+    if "well_crossing_rate" in between_wells and memory:
+        ends = {respect: (solutions[0], solutions[-1]) for respect, solutions in grids.items()}
         ends["nodes"] = grids["nodes"][-2:]
         for find in (slowest_decay_rate, rates_of_jumps):
             rates, doubts = _compared(ends, find)
-            own, error = own | rates, error | doubts
+            between_wells, error = between_wells | rates, error | doubts
     return Averages(
         **means,
         numerical_error=error,
         density=grids["steps"][-1].density,
-        between_wells=own,
+        between_wells=between_wells,
     )

@@ -1,21 +1,16 @@
 """Stationary densities of the closure `fokker_planck`, between the nodes of its grid."""
 
-from __future__ import annotations
-
 from functools import cached_property
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
+from numpy.typing import ArrayLike
 from scipy.interpolate import CubicSpline, RectBivariateSpline
 from scipy.ndimage import convolve1d
 
+from harvester.stationary.flow import PhaseGrid
 from harvester.stationary.propagator import whole
 from harvester.stationary.voltage_density import SMOOTHING, density_of_charge
-
-if TYPE_CHECKING:
-    from numpy.typing import ArrayLike
-
-    from harvester.stationary.propagator import Grid
 
 # Points per axis of the tabulated joint density of displacement and velocity.
 JOINT_POINTS = 321
@@ -27,23 +22,18 @@ class GridDensity:
     Parameters
     ----------
     transducer : its equations
-    grid : harvester.stationary.propagator.Grid
-    state : ndarray
-        Mass at each node.
-    paired : bool
-        The nodes hold one well alone, of two alike.
+    state : mass at each node.
+    paired : the nodes hold one well alone, of two alike.
 
     Attributes
     ----------
-    x, v : ndarray
-        Evenly spaced displacements and velocities.
-    values : ndarray
-        Density at (x, v).
+    x, v : evenly spaced displacements and velocities.
+    values : density at (x, v).
     """
 
     names = ("displacement", "velocity", "voltage")
 
-    def __init__(self, transducer: Any, grid: Grid, state: np.ndarray, paired: bool) -> None:
+    def __init__(self, transducer: Any, grid: PhaseGrid, state: np.ndarray, paired: bool) -> None:
         self.x, self.v, self.paired = grid.x, grid.v, paired
         self._transducer, self._grid = transducer, grid
         mass = whole(state, grid)[:, :, 0]
@@ -67,10 +57,7 @@ class GridDensity:
     def joint(self, x: ArrayLike, v: ArrayLike) -> np.ndarray:
         """p(X, X').
 
-        Parameters
-        ----------
-        x, v : array_like
-            Scaled displacement and velocity, of shapes that broadcast.
+        `x`, `v`: scaled displacement and velocity, of shapes that broadcast.
         """
         return self._either_side(self._joint.ev, x, v)
 
@@ -119,11 +106,11 @@ class GridDensity:
     def _either_side(self, spline, *places):
         """A density, of two wells alike half on either side; 0 beyond the nodes."""
         ends = [self.x, self.v] if len(places) == 2 else [spline.x]
-        places = np.broadcast_arrays(*(np.asarray(each, dtype=float) for each in places))
+        places = np.broadcast_arrays(*(np.asarray(axis, dtype=float) for axis in places))
         total = np.zeros(places[0].shape)
         for side in (1.0, -1.0)[: 1 + self.paired]:
-            there = [side * place for place in places]
-            inside = [(e[0] <= p) & (p <= e[-1]) for e, p in zip(ends, there, strict=True)]
+            mirrored = [side * coordinate for coordinate in places]
+            inside = [(e[0] <= p) & (p <= e[-1]) for e, p in zip(ends, mirrored, strict=True)]
             # Between steep nodes the interpolated density falls below zero.
-            total += np.where(np.all(inside, axis=0), np.maximum(spline(*there), 0.0), 0.0)
+            total += np.where(np.all(inside, axis=0), np.maximum(spline(*mirrored), 0.0), 0.0)
         return total / (1 + self.paired)

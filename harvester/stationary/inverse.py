@@ -8,8 +8,8 @@ import numpy as np
 from scipy.interpolate import make_interp_spline
 
 from harvester.errors import AveragingError
-from harvester.stationary.flow import lagrange
-from harvester.stationary.propagator import Grid, whole
+from harvester.stationary.flow import PhaseGrid, lagrange
+from harvester.stationary.propagator import whole
 
 Map = Callable[[np.ndarray], np.ndarray]
 
@@ -43,29 +43,22 @@ class Inverse:
 
     Parameters
     ----------
-    grid : Grid
-    later : callable
-        Linear map of states on it.
-    coarser : Inverse, optional
-        The same on a coarser grid.
-    balanced : callable, optional
-        Removes the error that arises as a residual moves from a finer grid to this one.
-    cleared : callable, optional
-        Removes the part whose errors on this grid are too large to pass to a finer one.
+    later : linear map of states on it.
+    coarser : the same on a coarser grid.
+    balanced : removes the error that arises as a residual moves from a finer grid to this one.
+    cleared : removes the part whose errors on this grid are too large to pass to a finer one.
     decayed : float
         Factor of x in the equation: the share of the state that one application of the map leaves.
-    parity : float
-        −1 for states that change sign from one half of a mirrored grid to the other.
+    parity : −1 for states that change sign from one half of a mirrored grid to the other.
 
     Attributes
     ----------
-    allowed : float
-        Largest norm of a rest that may be left.
+    allowed : largest norm of a rest that may be left.
     """
 
     def __init__(
         self,
-        grid: Grid,
+        grid: PhaseGrid,
         later: Map,
         coarser: Inverse | None = None,
         balanced: Map | None = None,
@@ -74,7 +67,7 @@ class Inverse:
         parity: float = 1.0,
     ) -> None:
         self._grid, self._later, self._coarser = grid, later, coarser
-        self._balanced, self._cleared = balanced or _itself, cleared or _itself
+        self._balanced, self._cleared = balanced, cleared
         self._decayed, self._parity = decayed, parity
         self._count, self.allowed = 0, 0.0
         self._directions = self._changes = np.empty((0, 0), KEPT)
@@ -83,41 +76,36 @@ class Inverse:
         """Improve a state until its residual, computed by `left` in full precision, is small
         enough.
 
-        Raises
-        ------
-        AveragingError
-            It was not reached.
+        Raises AveragingError: it was not reached.
         """
         self.allowed = float(allowed)
         size = enough = np.inf
         while enough > self.allowed:
-            rest = left(state)
-            before, size = size, float(np.linalg.norm(rest))
+            residual = left(state)
+            before, size = size, float(np.linalg.norm(residual))
             enough = max(self.allowed, REDUCTION_IN_ONE_GO * size)
             # Outer nodes of Z have large weights and magnify rounding errors.
-            state = state + self(rest, enough, before)
+            state = state + self(residual, enough, before)
         return state
 
     def __call__(self, rest: np.ndarray, allowed: float, below: float = np.inf) -> np.ndarray:
         """x whose residual for this right-hand side is within the limit.
 
-        Raises
-        ------
-        AveragingError
-            The iteration did not converge, or the norm of `rest` is not less than `below`.
+        Raises AveragingError: the iteration did not converge, or the norm of `rest` is not less
+        than `below`.
         """
-        left, found = rest.ravel().astype(float), np.zeros(rest.size)
+        left, solution = rest.ravel().astype(float), np.zeros(rest.size)
         if np.linalg.norm(left) < below:
             if self._count:
-                self._take(left, found, slice(0, self._count))
+                self._take(left, solution, slice(0, self._count))
             for _ in range(MOST_SOUGHT):
                 size = np.linalg.norm(left)
                 if size <= allowed:
-                    return found.reshape(rest.shape)
-                kept = left.astype(KEPT).reshape(rest.shape)
-                if not np.isfinite(size) or not self.extend(self._near(kept)):
+                    return solution.reshape(rest.shape)
+                residual = left.astype(KEPT).reshape(rest.shape)
+                if not np.isfinite(size) or not self.extend(self._near(residual)):
                     break
-                self._take(left, found, slice(self._count - 1, self._count))
+                self._take(left, solution, slice(self._count - 1, self._count))
                 if np.linalg.norm(left) > POOR_DIRECTION_REST * size:
                     self._coarser = None
         raise AveragingError(
@@ -139,10 +127,13 @@ class Inverse:
             return rest
         parity = self._parity
         smooth = coarser._later(moved(rest, self._grid, coarser._grid, parity))
-        smooth = coarser._balanced(smooth)
+        if coarser._balanced:
+            smooth = coarser._balanced(smooth)
         enough = max(SUFFICIENT_REDUCTION * float(np.linalg.norm(smooth)), coarser.allowed)
-        found = coarser._cleared(coarser(smooth, enough))
-        return (rest + moved(found, coarser._grid, self._grid, parity)) / self._decayed
+        correction = coarser(smooth, enough)
+        if coarser._cleared:
+            correction = coarser._cleared(correction)
+        return (rest + moved(correction, coarser._grid, self._grid, parity)) / self._decayed
 
     def extend(self, new: np.ndarray) -> bool:
         """Add a direction, orthogonalised; False if it depends on the earlier ones."""
@@ -155,7 +146,7 @@ class Inverse:
             self._count = 0
         n = self._count
         change = (self._decayed * new - self._later(new)).ravel()
-        whole = np.linalg.norm(change)
+        full_norm = np.linalg.norm(change)
         along = np.zeros(n, KEPT)
         for _ in range(2):  # the second pass removes the rounding error of the first
             part = self._changes[:n] @ change.astype(KEPT)
@@ -163,18 +154,14 @@ class Inverse:
             along += part
         new = new.ravel() - along @ self._directions[:n]
         size = np.linalg.norm(change)
-        if not size > SMALLEST_NEW_PART * whole:
+        if not size > SMALLEST_NEW_PART * full_norm:
             return False
         self._changes[n], self._directions[n] = change / size, new / size
         self._count = n + 1
         return True
 
 
-def _itself(rest):
-    return rest
-
-
-def moved(state: np.ndarray, old: Grid, new: Grid, parity: float = 1.0) -> np.ndarray:
+def moved(state: np.ndarray, old: PhaseGrid, new: PhaseGrid, parity: float = 1.0) -> np.ndarray:
     """A state on the nodes of another grid: its moments of Z kept, its density in X and X'."""
     across = lagrange(np.clip(old.z, new.z[0], new.z[-1]), new.z)[:, -len(new.kept) :]
     state = np.einsum("ji,xjmv->ximv", across, whole(state, old, parity))

@@ -6,22 +6,18 @@ Both are found on each grid of an answer, on finer ones with what the coarser on
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable
-from typing import TYPE_CHECKING
 
 import numpy as np
 from scipy.sparse.linalg import ArpackNoConvergence, LinearOperator, eigs
 
 from harvester.device.cores import core_energies, jump_rates
-from harvester.device.system import potential
+from harvester.device.system import System, potential
 from harvester.errors import AveragingError
+from harvester.stationary.flow import PhaseGrid
 from harvester.stationary.inverse import Inverse, moved
 from harvester.stationary.propagator import Propagator
+from harvester.stationary.solution import Solution
 from harvester.stationary.wells import alike, well_at
-
-if TYPE_CHECKING:
-    from harvester.device.system import System
-    from harvester.stationary.propagator import Grid
-    from harvester.stationary.solution import Solution
 
 # The slowest state is accepted if a period changes it, apart from its decay, by less than the
 # first, or by less than the second times the crossings of the saddles in a period. (These are about
@@ -46,8 +42,7 @@ class _Found:
 
     Attributes
     ----------
-    inverses : dict of float to Inverse
-        Inverses by the parity of the states; a finer grid uses them as preconditioners.
+    inverses : inverses by the parity of the states; a finer grid uses them as preconditioners.
     """
 
     def __init__(self, solution: Solution, coarser: _Found | None) -> None:
@@ -62,10 +57,10 @@ class _Found:
 
     def inverse(self, later: Callable, parity: float, decayed: float = 1.0) -> Inverse:
         """The inverse of a map of states with this parity."""
-        known = self.coarser.inverses[parity] if self.coarser else None
-        found = Inverse(self.solution.grid, later, known, decayed=decayed, parity=parity)
-        self.inverses[parity] = found
-        return found
+        preconditioner = self.coarser.inverses[parity] if self.coarser else None
+        inverse = Inverse(self.solution.grid, later, preconditioner, decayed=decayed, parity=parity)
+        self.inverses[parity] = inverse
+        return inverse
 
 
 class _SlowestDecay(_Found):
@@ -210,8 +205,8 @@ class _Jumps(_Found):
         if coarser is None:
             start = guess[:, None, None, None] * p
         else:
-            known = coarser.masses[len(self.masses)]
-            start = moved(known, coarser.solution.grid, self.solution.grid, parity)
+            coarse_mass = coarser.masses[len(self.masses)]
+            start = moved(coarse_mass, coarser.solution.grid, self.solution.grid, parity)
         allowed = REACHED * np.linalg.norm(later(np.zeros(p.shape), source))
         inverse = self.inverses[parity]
         return inverse.settled(start, lambda state: later(state, source) - state, allowed)
@@ -223,8 +218,8 @@ def slowest_decay_rate(solutions: Iterable[Solution]) -> dict[Solution, dict[str
     Of two wells that exchange mass at the rates k12 and k21, faster than nothing else decays, it is
     k12 + k21. On a mirrored grid this is an odd state. Empty where it takes too many steps.
     """
-    found = _on_each(solutions, _SlowestDecay)
-    return {each: {"slowest_decay_rate": float(one.rate)} for each, one in found.items()}
+    decays = _on_each(solutions, _SlowestDecay)
+    return {solution: {"slowest_decay_rate": float(one.rate)} for solution, one in decays.items()}
 
 
 def rates_of_jumps(solutions: Iterable[Solution]) -> dict[Solution, dict[str, float]]:
@@ -232,21 +227,21 @@ def rates_of_jumps(solutions: Iterable[Solution]) -> dict[Solution, dict[str, fl
 
     Empty where it takes too many steps.
     """
-    found = _on_each(solutions, _Jumps)
-    return {each: _named(each.task.device, one) for each, one in found.items()}
+    jumps_on = _on_each(solutions, _Jumps)
+    return {solution: _named(solution.task.device, one) for solution, one in jumps_on.items()}
 
 
 def _on_each(solutions, find):
     """Results of `find` on each grid, coarser grids first; nothing where it does not converge."""
-    found = {}
+    results = {}
 
     def on(solution):
-        if solution not in found:
-            found[solution] = find(solution, solution.coarser and on(solution.coarser))
-        return found[solution]
+        if solution not in results:
+            results[solution] = find(solution, solution.coarser and on(solution.coarser))
+        return results[solution]
 
     try:
-        return {each: on(each) for each in solutions}
+        return {grid: on(grid) for grid in solutions}
     except AveragingError:
         return {}
 
@@ -262,14 +257,14 @@ def _named(device, jumps):
     }
 
 
-def _shares_in_cores(device: System, grid: Grid) -> np.ndarray:
+def _shares_in_cores(device: System, grid: PhaseGrid) -> np.ndarray:
     """How much of the surroundings of each node lies in each core: (wells, X, X')."""
     limits = core_energies(device)[:, None, None]
     within = (np.arange(PARTS_OF_NODE) + 0.5) / PARTS_OF_NODE - 0.5
     x = grid.x[:, None] + within * (grid.x[1] - grid.x[0])
     v = grid.v[:, None] + within * (grid.v[1] - grid.v[0])
-    here = well_at(device, x) == np.arange(limits.size)[:, None, None]
-    left = np.where(here, limits - potential(device, x), -np.inf)
+    in_well = well_at(device, x) == np.arange(limits.size)[:, None, None]
+    left = np.where(in_well, limits - potential(device, x), -np.inf)
     return (0.5 * v[:, None, :] ** 2 <= left[:, :, None, :, None]).mean(axis=(3, 4))
 
 

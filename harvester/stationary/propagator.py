@@ -16,7 +16,6 @@ X, by as much as its spectrum lacks at the frequency √U''(X).
 from __future__ import annotations
 
 from copy import copy
-from typing import NamedTuple
 
 import numpy as np
 from scipy.fft import irfft, rfft
@@ -24,7 +23,7 @@ from scipy.special import factorial
 
 from harvester.compilation import summing
 from harvester.device.system import elastic_force, state_rate
-from harvester.stationary.flow import lagrange, shared, shared_ends
+from harvester.stationary.flow import PhaseGrid, lagrange, shared, shared_ends
 
 # A correlation time τ1 shorter than this many steps gives the same numbers as this many.
 LEAST_MEMORY = 1e-6
@@ -32,56 +31,8 @@ LEAST_MEMORY = 1e-6
 FASTEST_PHASE = 1.5
 
 
-class Grid(NamedTuple):
-    """The nodes of a grid, and the time step, of a propagator.
-
-    Attributes
-    ----------
-    x, v : ndarray
-        Evenly spaced displacements and velocities.
-    z : ndarray
-        Nodes of Z, ascending; a single one of a transducer that keeps nothing.
-    mirrored : bool
-        Only the upper half of `z` is kept: the other half follows by (X, X', Z, η) → −(X, X', Z,
-        η). All nodes are then symmetric about 0.
-    modes : int
-        Hermite functions of η; one for white noise.
-    step : float
-        Time step (s).
-    """
-
-    x: np.ndarray
-    v: np.ndarray
-    z: np.ndarray
-    mirrored: bool
-    modes: int
-    step: float
-
-    @property
-    def kept(self) -> np.ndarray:
-        """Nodes of Z that are kept."""
-        return self.z[len(self.z) // 2 :] if self.mirrored else self.z
-
-    @property
-    def shape(self) -> tuple[int, int, int, int]:
-        """The shape of a state: nodes of X and Z, Hermite functions of η, nodes of X'."""
-        return len(self.x), len(self.kept), self.modes, len(self.v)
-
-    @property
-    def push_bytes(self) -> int:
-        """Bytes of the noise's matrices for whole and half steps, and of computing them."""
-        complex_matrices = 4 * len(self.x) * (len(self.v) // 2 + 1) * self.modes**2
-        return 16 * complex_matrices
-
-
 class Propagator:
-    """Moves a state, the mass at each node, by one time step.
-
-    Parameters
-    ----------
-    device : harvester.device.system.System
-    grid : Grid
-    """
+    """Moves a state, the mass at each node, by one time step."""
 
     def __init__(self, device, grid):
         self.grid, self._parity = grid, 1.0
@@ -95,7 +46,7 @@ class Propagator:
         """A copy of this propagator in single precision."""
         other = copy(self)
         for name in ("_ends", "_whole", "_half"):
-            setattr(other, name, tuple(_single(each) for each in getattr(self, name)))
+            setattr(other, name, tuple(_single(array) for array in getattr(self, name)))
         return other
 
     def odd(self) -> Propagator:
@@ -152,7 +103,7 @@ def mirrored(state: np.ndarray) -> np.ndarray:
     return (state * signs[:, None].astype(state.dtype))[::-1, ::-1, :, ::-1]
 
 
-def whole(state: np.ndarray, grid: Grid, parity: float = 1.0) -> np.ndarray:
+def whole(state: np.ndarray, grid: PhaseGrid, parity: float = 1.0) -> np.ndarray:
     """The state at all nodes of Z, also those that are not kept."""
     if not grid.mirrored:
         return state
@@ -194,9 +145,9 @@ def _noise(device, grid, share):
     push = np.sqrt(intensity * memory) * _strength(device, grid, memory)[:, None] * wave
     forgotten = -np.expm1(-passed)
     raising = _raising(-1j * push * forgotten, grid.modes)
-    kept = np.exp(-passed * np.arange(grid.modes))
+    memories = np.exp(-passed * np.arange(grid.modes))
     spread = np.exp(-(push**2) * (passed - forgotten))
-    mixing = spread[..., None, None] * (raising * kept) @ np.swapaxes(raising, -1, -2)
+    mixing = spread[..., None, None] * (raising * memories) @ np.swapaxes(raising, -1, -2)
     return np.ascontiguousarray(np.moveaxis(mixing, 1, -1))
 
 
@@ -222,7 +173,7 @@ def _strength(device, grid, memory):
     limit = FASTEST_PHASE / grid.step
     square = np.clip(square, -(limit**2), limit**2)
     cosine = np.real(np.cos(grid.step * np.sqrt(square.astype(complex))))
-    ratio, kept = grid.step / memory, np.exp(-grid.step / memory)
-    remembered = (1.0 - kept) ** 2 * (cosine - kept) / (1.0 - 2.0 * kept * cosine + kept**2)
-    train = ratio - 1.0 + kept + remembered
+    ratio, decay = grid.step / memory, np.exp(-grid.step / memory)
+    remembered = (1.0 - decay) ** 2 * (cosine - decay) / (1.0 - 2.0 * decay * cosine + decay**2)
+    train = ratio - 1.0 + decay + remembered
     return np.sqrt(ratio / (1.0 + square * memory**2) / train)

@@ -2,20 +2,16 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from scipy.interpolate import CubicSpline
 from scipy.optimize import brentq
 
 from harvester.device import timescales
-from harvester.device.system import potential
+from harvester.device.system import System, potential
 from harvester.errors import AveragingError
-from harvester.stationary.propagator import Grid
-
-if TYPE_CHECKING:
-    from harvester.device.system import System
-    from harvester.stationary.solution import Solution
+from harvester.stationary.flow import PhaseGrid
 
 # A density's core is its half width about the narrowest peak; ranges are counted in cores. However
 # narrow a range is, its grid has nodes as if it held so many.
@@ -113,18 +109,13 @@ class Region(NamedTuple):
 
     Attributes
     ----------
-    left, right : float
-        Least and greatest X.
-    speed : float
-        Greatest |X'|.
+    left, right : least and greatest X.
+    speed : greatest |X'|.
     core, core_speed : float
         Half widths of the densities of X and of X' about their peaks, or of their steepest side.
-    width : float
-        Half width of the density of X about its narrowest peak.
-    mean : float
-        Mean of X, and so of Z.
-    well : float or None
-        The only well in it; None for all.
+    width : half width of the density of X about its narrowest peak.
+    mean : mean of X, and so of Z.
+    well : the only well in it; None for all.
     """
 
     left: float
@@ -151,7 +142,7 @@ class Region(NamedTuple):
         return cls.of_speed(device, GIBBS_REACH * speed, cores, mean, well)
 
     @classmethod
-    def fitted(cls, device: System, solution: Solution) -> Region:
+    def fitted(cls, device: System, solution: Any) -> Region:
         """The region of a density that was computed on a coarse grid."""
         density, well, before = solution.density, solution.region.well, solution.region
         x, v = solution.grid.x, solution.grid.v
@@ -213,12 +204,12 @@ class Region(NamedTuple):
         spare = (REGION_MARGIN - 1.0) * 0.5 * (right - left)
         return cls(left - spare, right + spare, REGION_MARGIN * speed, *cores, mean, well)
 
-    def grid(self, device: System, level: Level, step: float) -> Grid:
+    def grid(self, device: System, level: Level, step: float) -> PhaseGrid:
         """The nodes of a level. Where half of them mirror the others, only that half."""
         follows = device.transducer.decay_rate() > 0.0
         mirrored = self.well is None and device.symmetric and follows
         noise = device.noise.correlation_time
-        return Grid(
+        return PhaseGrid(
             x=_nodes(self.left, self.right, self.core, level.fine, level.most),
             v=_nodes(-self.speed, self.speed, self.core_speed, level.fine_speed, level.most),
             z=self._charges(device, level.nodes, mirrored, step) if follows else np.zeros(1),
@@ -303,8 +294,8 @@ def _turning(device, start, side, energy):
 
 def _widths(nodes, density):
     """Standard deviations of normal densities as narrow as any peak, and as steep as any side."""
-    place = np.linspace(nodes[0], nodes[-1], 2000)
-    values = CubicSpline(nodes, density)(place)
+    x = np.linspace(nodes[0], nodes[-1], 2000)
+    values = CubicSpline(nodes, density)(x)
     inner = values[1:-1]
     peaks = (inner > values[:-2]) & (inner >= values[2:])
     peaks = 1 + np.flatnonzero(peaks & (inner >= SECOND_PEAK * values.max()))
@@ -315,7 +306,7 @@ def _widths(nodes, density):
         fallen = [values <= np.exp(-0.5 * deviations**2) * values[peak] for peak in peaks]
         left = [_first(low[peak::-1]) for peak, low in zip(peaks, fallen, strict=True)]
         right = [_first(low[peak:]) for peak, low in zip(peaks, fallen, strict=True)]
-        sides.append(np.array([left, right]) * (place[1] - place[0]))
+        sides.append(np.array([left, right]) * (x[1] - x[0]))
     narrow = sides[0].mean(axis=0).min()
     return narrow, min(narrow, sides[1].min() / 3.0)
 

@@ -2,21 +2,17 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
-
 import numpy as np
 
 from harvester.device import system as systems
 from harvester.device import timescales
+from harvester.device.system import System
 from harvester.errors import AveragingError
 from harvester.stationary.grid_density import GridDensity
 from harvester.stationary.inverse import Inverse, moved
 from harvester.stationary.propagator import Propagator
+from harvester.stationary.region import Level, Region
 from harvester.stationary.wells import between_wells, unlike_wells
-
-if TYPE_CHECKING:
-    from harvester.device.system import System
-    from harvester.stationary.region import Level, Region
 
 # Most amplitudes moved, times steps, on all grids together: five to ten seconds.
 MOST_WORK = 4e8
@@ -45,16 +41,13 @@ LEAST_RESIDUAL = 1e-8
 LEAST_SINGLE_SHARE = 1e-6
 
 
-class Task:
+class StationaryProblem:
     """The task that all grids of one answer share.
 
     Parameters
     ----------
-    device : harvester.device.system.System
-    tolerance : float
-        Named where it takes too much work.
-    share : float
-        Share of the usual work.
+    tolerance : named where it takes too much work.
+    share : share of the usual work.
     read : transducer's equations, optional
         Transducer whose voltage and power are computed from the state; the device's own by default.
     """
@@ -79,20 +72,14 @@ class Solution:
 
     Attributes
     ----------
-    grid : harvester.stationary.propagator.Grid
-    steps, cost : int
-        Number of steps in a period, and the work of a period.
-    propagator : Propagator
-        The propagator in single precision.
-    state, before_flow : ndarray
-        Mass at each node, where a step is symmetric in time and before the flow.
-    means : dict of str to float
-        The means of the answer, `power_in`, and those that describe several wells.
-    density : harvester.stationary.grid_density.GridDensity
+    steps, cost : number of steps in a period, and the work of a period.
+    propagator : the propagator in single precision.
+    state, before_flow : mass at each node, where a step is symmetric in time and before the flow.
+    means : the means of the answer, `power_in`, and those that describe several wells.
     """
 
     def __init__(
-        self, task: Task, region: Region, level: Level, coarser: Solution | None = None
+        self, task: StationaryProblem, region: Region, level: Level, coarser: Solution | None = None
     ) -> None:
         self.task, self.region, self.level = task, region, level
         device, time = task.device, period(task.device)
@@ -107,8 +94,8 @@ class Solution:
                 "simulate"
             )
         self.coarser = coarser if coarser and coarser.region == region else None
-        known = self.coarser._inverse if self.coarser else None
-        self._inverse: Inverse = Inverse(grid, self._later, known, self._balanced, self._cleared)
+        coarse = self.coarser._inverse if self.coarser else None
+        self._inverse: Inverse = Inverse(grid, self._later, coarse, self._balanced, self._cleared)
         exact = Propagator(device, grid)
         self.propagator = exact.single()
         jumps, self._wells = np.inf, np.ones((1, grid.x.size))
@@ -136,7 +123,7 @@ class Solution:
         """Whether contacts at the rms speed are less deep than the nodes of X are apart."""
         energy = 0.5 * max(self.means["mean_square_velocity"], 0.0)
         apart = self.grid.x[1] - self.grid.x[0]
-        return any(each.law.greatest_depth(energy) < apart for each in self.task.device.contacts)
+        return any(stop.law.greatest_depth(energy) < apart for stop in self.task.device.contacts)
 
     def _settled(self, start, share, exact):
         """The stationary state, from one that is near it; a period changes so small a share."""

@@ -6,16 +6,11 @@ motion has left, it has at each X the density of greatest entropy (Jaynes 1957):
 a polynomial.
 """
 
-from __future__ import annotations
-
-from typing import TYPE_CHECKING
-
 import numpy as np
 from numpy.polynomial.legendre import legvander
 from scipy.ndimage import convolve1d, map_coordinates
 
-if TYPE_CHECKING:
-    from harvester.stationary.propagator import Grid
+from harvester.stationary.flow import PhaseGrid
 
 # This filter removes what changes sign from node to node, and keeps moments up to the third.
 SMOOTHING = np.array([-1.0, 4.0, 10.0, 4.0, -1.0]) / 16.0
@@ -39,16 +34,12 @@ MOST_ITERATIONS, SETTLED, MOST_HALVINGS = 60, 1e-6, 30
 SUFFICIENT_DECREASE = 1e-4
 
 
-def density_of_charge(grid: Grid, mass: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def density_of_charge(grid: PhaseGrid, mass: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Values of X − Z, evenly spaced, and the density there.
 
     It has the mean and variance that the nodes hold, and is nowhere negative.
 
-    Parameters
-    ----------
-    grid : harvester.stationary.propagator.Grid
-    mass : ndarray
-        Mass at the nodes of (X, Z, X'), with sum 1.
+    `mass`: mass at the nodes of (X, Z, X'), with sum 1.
     """
     away = grid.x[:, None] - grid.z
     along = mass.sum(axis=2)
@@ -58,8 +49,8 @@ def density_of_charge(grid: Grid, mass: np.ndarray) -> tuple[np.ndarray, np.ndar
         charge, density = find(grid, mass)
         density = density / np.trapezoid(density, charge)
         middle = np.trapezoid(density * charge, charge)
-        found = np.trapezoid(density * (charge - middle) ** 2, charge)
-        stretch = np.sqrt(spread / found)
+        variance = np.trapezoid(density * (charge - middle) ** 2, charge)
+        stretch = np.sqrt(spread / variance)
         charge, density = mean + stretch * (charge - middle), density / stretch
         missed = np.trapezoid(density * (charge - mean) ** 4, charge) - fourth
         if abs(missed) < NORMAL_FOURTH_MOMENT * fourth:
@@ -92,13 +83,13 @@ def _of_greatest_entropy(grid, mass):
     held = along.sum(axis=1)
     rows = np.flatnonzero(held > COUNTED_MASS * held.max())
     middle, half = 0.5 * (z[-1] + z[0]), 0.5 * (z[-1] - z[0])
-    place, degree = np.linspace(-1.0, 1.0, CHARGES), min(DEGREE, z.size - 1)
+    nodes, degree = np.linspace(-1.0, 1.0, CHARGES), min(DEGREE, z.size - 1)
     moments = along[rows] @ _polynomials((z - middle) / half, degree) / held[rows, None]
     shares = np.zeros((x.size, CHARGES))
-    shares[rows] = held[rows, None] * _greatest_entropy(_polynomials(place, degree), moments)
+    shares[rows] = held[rows, None] * _greatest_entropy(_polynomials(nodes, degree), moments)
     charge = np.linspace(x[0] - z[-1], x[-1] - z[0], VALUES)
     # For each value of Z, the density of X at the distance V from it.
-    row = (charge[:, None] + middle + half * place - x[0]) / (x[1] - x[0])
+    row = (charge[:, None] + middle + half * nodes - x[0]) / (x[1] - x[0])
     column = np.broadcast_to(np.arange(CHARGES), row.shape)
     return charge, np.maximum(map_coordinates(shares, [row, column]), 0.0).sum(axis=1)
 
@@ -120,8 +111,8 @@ def _greatest_entropy(polynomials, moments):
     def objective(rows, trial):
         exponent = trial @ polynomials.T
         most = exponent.max(axis=1)
-        whole = most + np.log(np.exp(exponent - most[:, None]).sum(axis=1))
-        return whole + np.sum(trial * (0.5 * looseness * trial - moments[rows]), axis=1)
+        log_sum = most + np.log(np.exp(exponent - most[:, None]).sum(axis=1))
+        return log_sum + np.sum(trial * (0.5 * looseness * trial - moments[rows]), axis=1)
 
     left = np.arange(len(moments))
     for _ in range(MOST_ITERATIONS):
@@ -129,7 +120,7 @@ def _greatest_entropy(polynomials, moments):
         mean = shares @ polynomials
         slope = mean - moments[left] + looseness * weights[left]
         moving = np.abs(slope).max(axis=1) > SETTLED
-        left, shares, mean, slope = (each[moving] for each in (left, shares, mean, slope))
+        left, shares, mean, slope = (values[moving] for values in (left, shares, mean, slope))
         if left.size == 0:
             break
         products = np.einsum("rp,pi,pj->rij", shares, polynomials, polynomials, optimize=True)

@@ -5,19 +5,12 @@ grid gives them, and none is needed: of two wells alike each holds half, and of 
 motion leaves the least often holds all.
 """
 
-from __future__ import annotations
-
-from typing import TYPE_CHECKING
-
 import numpy as np
 
 from harvester.device import timescales
-from harvester.device.system import loss_power, potential
-
-if TYPE_CHECKING:
-    from harvester.device.system import System
-    from harvester.stationary.grid_density import GridDensity
-    from harvester.stationary.propagator import Grid
+from harvester.device.system import System, loss_power, potential
+from harvester.stationary.flow import PhaseGrid
+from harvester.stationary.grid_density import GridDensity
 
 # Hardly any motion passes a barrier of more than so many E[X'²].
 HELD_BACK = 16.0
@@ -57,7 +50,7 @@ def well_at(device: System, x: np.ndarray) -> np.ndarray:
     return np.searchsorted(sorted(timescales.saddles(device)), x)
 
 
-def unlike_wells(device: System, grid: Grid) -> np.ndarray:
+def unlike_wells(device: System, grid: PhaseGrid) -> np.ndarray:
     """Which displacements lie in each well, of two alike in either: (wells, X) of 0 and 1."""
     number = well_at(device, grid.x)
     if grid.mirrored:
@@ -115,7 +108,7 @@ def _exponent(device, well):
     action = 2.0 * np.trapezoid(v, x)
     loss = 2.0 * np.trapezoid(lost / np.maximum(v, np.finfo(float).tiny), x)
     frequency = 2.0 * np.pi / np.gradient(action, energies)
-    rate = loss / action + [device.transducer.loss_rate(each) for each in frequency]
+    rate = loss / action + [device.transducer.loss_rate(omega) for omega in frequency]
     intensity, memory = device.noise
     return float(np.mean(rate * (1.0 + (frequency * memory) ** 2))) * height / intensity
 
@@ -125,9 +118,9 @@ def _ends(device, well, height):
     ends = []
     saddles = timescales.beside(device, well)
     for side in (-1.0, 1.0):
-        found = [x for x in saddles if side * (x - well) > 0.0]
-        end = found[0] if found else well + side * min(abs(x - well) for x in saddles)
-        while not found and potential(device, end) < potential(device, well) + height:
+        beyond = [x for x in saddles if side * (x - well) > 0.0]
+        end = beyond[0] if beyond else well + side * min(abs(x - well) for x in saddles)
+        while not beyond and potential(device, end) < potential(device, well) + height:
             end += 0.2 * (end - well)
         ends.append(end)
     return ends

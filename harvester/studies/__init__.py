@@ -1,18 +1,11 @@
 """Studies: many runs of one scene on common noise, with error bars, that survive a kill."""
 
-import importlib
-from typing import TYPE_CHECKING
-
-if TYPE_CHECKING:
-    from harvester.studies.loads.study import save as save
-    from harvester.studies.public import load_study as load_study
-
-# Imported at their first use, so that reading a study's signature needs no numba.
-_WHERE = {"load_study": "harvester.studies.public", "save": "harvester.studies.loads.study"}
-__all__ = [*_WHERE]
-
-
-def __getattr__(name: str) -> object:
-    if name in _WHERE:
-        return getattr(importlib.import_module(_WHERE[name]), name)
-    raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+# The default method of a load study: Monte Carlo, cross-checked with the circuit at some points.
+JUDGED = "judged"
+# Default number of rows of a design of devices.
+ROWS = 64
+# Files in the folder of a load study, and in that of a sensitivity study.
+LOAD_STUDY_FILES = (
+    "load-study.nc", "load-study.csv", "power.png", "efficiency.png", "waveforms.png",
+)  # fmt: skip
+SENSITIVITY_FILES = ("sensitivity.json", "sensitivity.csv", "tornado.png", "distribution.png")

@@ -75,13 +75,12 @@ UP, DOWN = (CIRCUIT, "-", ">"), (MONTE_CARLO, "--", "<")
 
 
 @dataclass(frozen=True)
-class Sweep:
+class FrequencySweep:
     """One direction of a frequency response; arrays of shape (frequencies,), scaled units.
 
     Attributes
     ----------
-    direction : str
-        "up" or "down".
+    direction : "up" or "down".
     displacement_amplitude : half of the distance between the extremes of X, relative to the base.
     rms_voltage, mean_power : means over whole periods.
     absolute_amplitude : the same as of X, of the mass in space.
@@ -111,21 +110,13 @@ class FrequencyResponse:
 
     Attributes
     ----------
-    scene : Scene
-        Scene with a sine, whose own frequency is not used.
-    engine : str
+    scene : scene with a sine, whose own frequency is not used.
     frequencies : ndarray, shape (n,)
         Hz, rising.
-    sweeps : list of Sweep
-        Up, and down where asked for, both in the order of `frequencies`.
-    scales : harvester.scene.units.Scales
-    engine_version : str
-    dwell : float
-        Time at each frequency (s).
-    seconds : float
-        Processor time of simulation (s), both directions.
-    shown : tuple of str
-        Quantities of the table and the figure; all there are stand in the JSON.
+    sweeps : up, and down where asked for, both in the order of `frequencies`.
+    dwell : time at each frequency (s).
+    seconds : processor time of simulation (s), both directions.
+    shown : quantities of the table and the figure; all there are stand in the JSON.
     per_g : bool
         Whether all values are for a base acceleration of 1 g: amplitudes and voltages over the
         excitation's amplitude in g, powers over its square.
@@ -134,7 +125,7 @@ class FrequencyResponse:
     scene: Scene
     engine: str
     frequencies: np.ndarray
-    sweeps: list[Sweep]
+    sweeps: list[FrequencySweep]
     scales: Scales
     engine_version: str
     dwell: float
@@ -142,7 +133,7 @@ class FrequencyResponse:
     shown: tuple[str, ...] = USUAL
     per_g: bool = False
 
-    def values(self, name: str, sweep: Sweep) -> np.ndarray:
+    def values(self, name: str, sweep: FrequencySweep) -> np.ndarray:
         """A quantity of a sweep in the scene's units, shape (n,)."""
         dimension, excitation = QUANTITIES[name], self.scene.excitation
         values = getattr(sweep, name) * self.scales.of(dimension)
@@ -159,15 +150,9 @@ class FrequencyResponse:
         return SI_UNITS[dimension] + per
 
     @property
-    def known(self) -> tuple[str, ...]:
-        """Names of the quantities that there are."""
-        load = self.scene.load.circuit
-        return tuple(q for q in QUANTITIES if q not in AT_THE_OUTPUT or (load and load.has_output))
-
-    @property
     def power(self) -> str:
         """Name of the power that counts: at the output where the load has one."""
-        return "mean_output_power" if "mean_output_power" in self.known else "mean_power"
+        return "mean_output_power" if _has_output(self.scene) else "mean_power"
 
     def table(self) -> tuple[list[str], list[list[str]]]:
         """Header and rows of the table, as text."""
@@ -189,12 +174,12 @@ class FrequencyResponse:
 
     def to_xarray(self) -> Dataset:
         """An xarray Dataset over sweep and frequency, in the scene's units."""
-        units = {name: {"unit": self.unit(QUANTITIES[name])} for name in self.known}
-        variables: dict[str, tuple] = {
-            name: (("sweep", "frequency"), [self.values(name, s) for s in self.sweeps], units[name])
-            for name in self.known
-        }
-        variables["residual"] = (("sweep", "frequency"), [s.residual for s in self.sweeps])
+        axes = ("sweep", "frequency")
+        variables: dict[str, tuple] = {}
+        for name in quantities_of(self.scene):
+            unit = {"unit": self.unit(QUANTITIES[name])}
+            variables[name] = (axes, [self.values(name, s) for s in self.sweeps], unit)
+        variables["residual"] = (axes, [s.residual for s in self.sweeps])
         sweeps = [sweep.direction for sweep in self.sweeps]
         coordinates = {"sweep": sweeps, "frequency": self.frequencies}
         attributes = {"scene": json_text(self.scene.to_dict()), "method": self.engine}
@@ -239,10 +224,10 @@ class FrequencyResponse:
             (float(np.nanmax(self.values(self.power, s), initial=0.0)), s) for s in self.sweeps
         ]
         power, sweep = max(peaks, key=lambda each: each[0])
-        place = self.frequencies[int(np.nanargmax(getattr(sweep, self.power)))]
+        frequency = self.frequencies[int(np.nanargmax(getattr(sweep, self.power)))]
         words = self.power.removeprefix("mean_").replace("_", " ")
         return (
-            f"most {words}: {quantity(power, self.unit('power'))} at {place:.4g} Hz, sweep "
+            f"most {words}: {quantity(power, self.unit('power'))} at {frequency:.4g} Hz, sweep "
             f"{sweep.direction}, by {self.engine}"
         )
 
@@ -261,7 +246,7 @@ class FrequencyResponse:
                 "frequencies": self.frequencies,
                 "sweeps": {
                     sweep.direction: {
-                        **{name: self.values(name, sweep) for name in self.known},
+                        **{name: self.values(name, sweep) for name in quantities_of(self.scene)},
                         "residual": sweep.residual,
                     }
                     for sweep in self.sweeps
@@ -309,9 +294,9 @@ class _Outputs:
         self, time: np.ndarray, voltage: np.ndarray, values: np.ndarray, *others: object
     ) -> None:
         """Points of the voltage, and of what the load's file measures as output power."""
-        used = values[self._powers].sum(axis=0)
-        for each in self._windows:
-            each.add_output(voltage, used)
+        power = values[self._powers].sum(axis=0)
+        for window in self._windows:
+            window.add_output(voltage, power)
 
 
 def one_direction(
@@ -323,28 +308,24 @@ def one_direction(
 ) -> tuple[list[tuple[float, ...]], str, float]:
     """One direction, in a worker process.
 
-    Parameters
-    ----------
-    engine, step, settings
-        The engine's name, its step, and those of its options that differ from the defaults.
+    `engine`, `step`, `settings`: the engine's name, its step, and those of its options that differ
+    from the defaults.
 
     Returns
     -------
     list of tuple, str, float
-        The quantities of `Sweep` at each frequency, in its order, scaled; the engine's version;
-        seconds.
+        The scaled quantities of `FrequencySweep` at each frequency, in its order; the engine's
+        version; seconds.
     """
     chosen = engine_of(engine, step=step, **settings or {})
     excitation: Any = scene.excitation
     ready = prepared(scene)
     path = excitation.path(knot_spacing(ready), ready.excitation_unit, None)
     windows = []
-    for place, frequency in enumerate(excitation.frequencies):
-        end = (place + 1) * excitation.dwell
+    for number, frequency in enumerate(excitation.frequencies):
+        end = (number + 1) * excitation.dwell
         windows.append(Waveform(end - _measured(excitation, frequency) - 2.0 * path.spacing, end))
-    load, output = scene.load.circuit, None
-    if load and load.has_output:
-        output = _Outputs(windows, load.recorded)
+    output = _Outputs(windows, scene.load.circuit.recorded) if _has_output(scene) else None
     chosen.prepare(ready)
     clock = time.perf_counter()
     observers = with_range_watch(ready, [windows])
@@ -352,9 +333,9 @@ def one_direction(
     outcome = chosen.run_realizations(ready, [path], [start_state(ready, 0)], observers, outputs)
     seconds = time.perf_counter() - clock
     rows = []
-    for place, (window, frequency) in enumerate(zip(windows, excitation.frequencies, strict=True)):
+    for number, (window, frequency) in enumerate(zip(windows, excitation.frequencies, strict=True)):
         record, ends = window.record(), (window.stop, _measured(excitation, frequency))
-        base = excitation.base_displacement(record.time, place) / ready.scales.displacement
+        base = excitation.base_displacement(record.time, number) / ready.scales.displacement
         at_output = (math.nan, math.nan)
         if output:
             at_output = _output_means(record.time, window.outputs(), *ends, output.conductance)
@@ -369,17 +350,12 @@ def one_direction(
 
 
 def rising_frequencies(frequencies: Any) -> np.ndarray:
-    """Frequencies in Hz in rising order, each once, from a list, generator, array or number.
-
-    Raises
-    ------
-    HarvesterError
-    """
+    """Frequencies in Hz in rising order, each once, from a list, generator, array or number."""
     wrong = HarvesterError("frequencies: must be one or more numbers > 0, in Hz")
     one = isinstance(frequencies, numbers.Real)
-    given = [frequencies] if one else listed(frequencies, "frequencies", "[10.0, 12.5]")
+    requested = [frequencies] if one else listed(frequencies, "frequencies", "[10.0, 12.5]")
     try:
-        rising = np.unique(np.array(given, dtype=float))
+        rising = np.unique(np.array(requested, dtype=float))
     except (TypeError, ValueError):
         raise wrong from None
     if rising.size == 0 or not (np.isfinite(rising).all() and rising[0] > 0.0):
@@ -401,21 +377,26 @@ def with_sine(scene: Scene, amplitude: float | None) -> Scene:
     return replace(scene, excitation=Sine(amplitude, 1.0))
 
 
+def _has_output(scene):
+    return bool(scene.load.circuit and scene.load.circuit.has_output)
+
+
+def quantities_of(scene: Scene) -> list[str]:
+    """Names of the quantities that the scene's load has."""
+    return [name for name in QUANTITIES if name not in AT_THE_OUTPUT or _has_output(scene)]
+
+
 def shown_of(scene: Scene, quantities: Sequence[str], per_g: bool) -> tuple[str, ...]:
     """The quantities that are shown, by default the usual ones and those of an output.
 
-    Raises
-    ------
-    HarvesterError
-        No such quantity, or per g in a scaled scene.
+    Raises HarvesterError: no such quantity, or per g in a scaled scene.
     """
-    load = scene.load.circuit
-    own = AT_THE_OUTPUT if load and load.has_output else ()
-    known = [each for each in QUANTITIES if each in own or each not in AT_THE_OUTPUT]
     if per_g and scene.units != "SI":
         raise HarvesterError(f'{scene.name}: --per-g: a scene with units = "scaled" has no g')
-    given = listed(quantities, "quantities", 'quantities=["rms_voltage"]')
-    return tuple(check_name("quantity", each, known) for each in given) or (*USUAL, *own)
+    chosen = listed(quantities, "quantities", 'quantities=["rms_voltage"]')
+    available = quantities_of(scene)
+    usual = (*USUAL, *(AT_THE_OUTPUT if _has_output(scene) else ()))
+    return tuple(check_name("quantity", name, available) for name in chosen) or usual
 
 
 def stepped(scene: Scene, frequencies: np.ndarray) -> Scene:
@@ -445,12 +426,14 @@ def _measured(excitation, frequency):
 
 
 def _means(record, base, stop, measured):
-    """The quantities of a `Sweep` except those of the output, over the last whole periods."""
+    """`FrequencySweep`'s quantities except those of the output, over the last whole periods."""
     middle, start = stop - 0.5 * measured, stop - measured
     inside = record.time >= start
     times = record.time[inside]
+    # Amplitudes: half of the distances between the extremes.
     relative, absolute = (
-        _amplitude(times, x[inside]) for x in (record.displacement, base + record.displacement)
+        0.5 * (_peak(times, x[inside]) + _peak(times, -x[inside]))
+        for x in (record.displacement, base + record.displacement)
     )
     first, second = _integrals(record.time, record.voltage**2, (start, middle, stop))
     power = _integrals(record.time, record.load_power, (start, middle, stop))
@@ -467,25 +450,20 @@ def _means(record, base, stop, measured):
 
 def _output_means(times, outputs, stop, measured, conductance):
     """Mean voltage and power of a load's output over the last whole periods."""
-    voltage, used = outputs
+    voltage, power_measured = outputs
     ends = (stop - measured, stop)
     mean = _integrals(times, voltage, ends) / measured
-    power = _integrals(times, conductance * voltage**2 + used, ends) / measured
+    power = _integrals(times, conductance * voltage**2 + power_measured, ends) / measured
     return float(mean[0]), float(power[0])
-
-
-def _amplitude(times, values):
-    """Half of the distance between the extremes."""
-    return 0.5 * (_peak(times, values) + _peak(times, -values))
 
 
 def _peak(times, values):
     """The greatest value, between points by a parabola through three of them."""
     times, first = np.unique(times, return_index=True)
     values = values[first]
-    place = int(np.clip(np.argmax(values), 1, values.size - 2))
-    near = slice(place - 1, place + 2)
-    a, b, c = np.polyfit(times[near] - times[place], values[near], 2)
+    peak = int(np.clip(np.argmax(values), 1, values.size - 2))
+    near = slice(peak - 1, peak + 2)
+    a, b, c = np.polyfit(times[near] - times[peak], values[near], 2)
     vertex = c - 0.25 * b * b / a if a < 0.0 else values.max()
     return float(max(vertex, values.max()))
 
@@ -494,13 +472,12 @@ def _integrals(times, values, edges):
     """Integrals between neighbouring edges, trapezoidal with values linear between points."""
     steps = 0.5 * np.diff(times) * (values[1:] + values[:-1])
     total = np.concatenate([[0.0], np.cumsum(steps)])
-    return np.diff([_integral_to(times, values, total, edge) for edge in edges])
-
-
-def _integral_to(times, values, total, edge):
-    # Where a switch turns there are two points at the same time. The interval found has a length
-    # above 0.
-    place = max(int(np.searchsorted(times, min(edge, times[-1]))) - 1, 0)
-    since = edge - times[place]
-    slope = (values[place + 1] - values[place]) / (times[place + 1] - times[place])
-    return total[place] + since * (values[place] + 0.5 * since * slope)
+    integrals = []
+    for edge in edges:
+        # Where a switch turns there are two points at the same time. The interval found has a
+        # length above 0.
+        index = max(int(np.searchsorted(times, min(edge, times[-1]))) - 1, 0)
+        since = edge - times[index]
+        slope = (values[index + 1] - values[index]) / (times[index + 1] - times[index])
+        integrals.append(total[index] + since * (values[index] + 0.5 * since * slope))
+    return np.diff(integrals)

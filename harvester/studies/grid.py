@@ -29,16 +29,13 @@ SWEEPS_WRITTEN = '{}={{"load.resistance": [1e4, 1e5]}}'
 
 
 @dataclass(frozen=True)
-class Point:
+class GridPoint:
     """One load at one place of the grid.
 
     Attributes
     ----------
-    load : str
-        The load's label.
-    place : tuple of float
-        Value of each sweep.
-    scene : Scene
+    load : the load's label.
+    place : value of each sweep.
     """
 
     load: str
@@ -52,21 +49,16 @@ class Grid:
 
     Attributes
     ----------
-    scene : Scene
-        The scene, with one knot spacing for all points.
-    loads : tuple of str
-        Labels.
-    sweeps : dict of str to tuple of float
-        Keys to values.
-    points : tuple of Point
-        Loads first, the last sweep fastest.
-    notes : tuple of str
+    scene : the scene, with one knot spacing for all points.
+    loads : labels.
+    sweeps : keys to values.
+    points : loads first, the last sweep fastest.
     """
 
     scene: Scene
     loads: tuple[str, ...]
     sweeps: dict[str, tuple[Any, ...]]
-    points: tuple[Point, ...]
+    points: tuple[GridPoint, ...]
     notes: tuple[str, ...]
 
     @property
@@ -91,11 +83,8 @@ def make_grid(
 
     Parameters
     ----------
-    scene : Scene
-    loads : sequence of str
-        Names in netlists/ or paths; empty: the scene's own.
-    sweeps : dict of str to sequence of float or str
-        "table.key" to values.
+    loads : names in netlists/ or paths; empty: the scene's own.
+    sweeps : "table.key" to values.
     argument : str
         Name of the caller's argument, for messages: "sweeps", of numbers of the device, its load
         and its excitation, or "over", of any key.
@@ -107,8 +96,8 @@ def make_grid(
     """
     loads = listed(loads, "loads", 'loads=["bridge"]') or (OWN_LOAD,)
     sweeps = {
-        key: listed(each, f"{argument}[{key!r}]", "[0.1, 0.2]")
-        for key, each in table(sweeps, argument, SWEEPS_WRITTEN.format(argument)).items()
+        key: listed(levels, f"{argument}[{key!r}]", "[0.1, 0.2]")
+        for key, levels in table(sweeps, argument, SWEEPS_WRITTEN.format(argument)).items()
     }
     labels = tuple(name(Path(load).stem if _is_path(load) else load) for load in loads)
     for label in labels:
@@ -118,9 +107,9 @@ def make_grid(
     for key, values in sweeps.items():
         _check_sweep(scene, key, values, argument == "over")
     points = [
-        Point(label, place, _at(loaded[label], dict(zip(sweeps, place, strict=True))))
+        GridPoint(label, point, _at(loaded[label], dict(zip(sweeps, point, strict=True))))
         for label in labels
-        for place in itertools.product(*sweeps.values())
+        for point in itertools.product(*sweeps.values())
     ]
     points, notes = _with_storage(points, sweeps)
     points = _on_common_knots(points)
@@ -145,13 +134,13 @@ def _with_load(scene, load):
 
 def _check_sweep(scene, key, values, any_key):
     """Refuse a sweep without a list of values, or over a key that this scene has no number for."""
-    known = [*numbers(scene), RESISTANCES[0]]
+    number_keys = [*numbers(scene), RESISTANCES[0]]
     option = "--over" if any_key else "--sweep"
-    listed = key in known or key in RESISTANCES or key.startswith("load.parameters.")
+    listed = key in number_keys or key in RESISTANCES or key.startswith("load.parameters.")
     if not listed and not (any_key and key in _every_key()):
         raise HarvesterError(
-            f"{option} {key}: no number of this scene{nearest(key, known)}; there are "
-            f"{', '.join(known)} and what else a load calls its parameters"
+            f"{option} {key}: no number of this scene{nearest(key, number_keys)}; there are "
+            f"{', '.join(number_keys)} and what else a load calls its parameters"
         )
     for value in values:
         word = any_key and not listed and isinstance(value, str)
@@ -201,7 +190,7 @@ def _with_storage(points, sweeps):
         fitting = settle / CHARGING_TIMES / values["resistance"]
         if fitting < values["storage"]:
             scene = point.scene.replace({"load.parameters.storage": fitting})
-            points[k] = Point(point.load, point.place, scene)
+            points[k] = GridPoint(point.load, point.place, scene)
             changed.append(point.load)
     if not changed:
         return points, ()
@@ -220,6 +209,6 @@ def _on_common_knots(points):
         return points
     try:
         change = {"excitation.knot_spacing": min(spacings)}
-        return [Point(p.load, p.place, p.scene.replace(change)) for p in points]
+        return [GridPoint(p.load, p.place, p.scene.replace(change)) for p in points]
     except SceneError as error:
         raise HarvesterError(f"the points need a common spacing of knots: {error}") from None

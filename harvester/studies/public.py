@@ -13,8 +13,8 @@ from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Unpack
 
-from harvester.arguments import listed, table
-from harvester.calling import takes_scene
+from harvester.arguments import check_name, listed, table
+from harvester.calling import scene_of, takes_scene
 from harvester.errors import AveragingError, HarvesterError, LoadError
 from harvester.method import Method
 from harvester.signatures import (
@@ -37,45 +37,25 @@ from harvester.signatures import (
     Step,
 )
 from harvester.simulation.methods import Engine, engine_of, method_of
-from harvester.simulation.simulate import (
-    TIME_LIMIT,
-    require_paths,
-    simulate,
-)
+from harvester.simulation.simulate import TIME_LIMIT, require_paths, simulate
+from harvester.studies import JUDGED, ROWS
 
 if TYPE_CHECKING:
     from collections.abc import Callable
     from concurrent.futures import Executor
 
     from harvester.scene.model import Scene
-    from harvester.studies.comparison import Comparison
+    from harvester.studies.comparison.comparison import Comparison
     from harvester.studies.frequency_response import FrequencyResponse
-    from harvester.studies.loads.study import Study
-    from harvester.studies.optimum import Optimum
-    from harvester.studies.sensitivity import Sensitivity
+    from harvester.studies.loads.study import LoadStudy
+    from harvester.studies.optimum.result import Optimum
+    from harvester.studies.sensitivity.study import Sensitivity
     from harvester.studies.spectrum import SpectrumAnalysis
     from harvester.studies.sweep import Sweep
     from harvester.workers.pools import Workers
 
-# The default: Monte Carlo everywhere, and the circuit as its judge at some places.
-JUDGED = "judged"
 # Default time budget of a load study with a precision, in seconds.
 TIME_BUDGET = 540.0
-# Default number of rows of a design of devices.
-ROWS = 64
-# Example for messages.
-OVER = 'over={"load.resistance": (1e4, 1e6)}'
-METHODS_WRITTEN = 'methods=["monte-carlo"]'
-QUANTITIES_WRITTEN = 'quantities=["mean_power"]'
-# Files in the folder of a load study, and in that of a sensitivity study.
-LOAD_STUDY_FILES = (
-    "load-study.nc",
-    "load-study.csv",
-    "power.png",
-    "efficiency.png",
-    "waveforms.png",
-)
-SENSITIVITY_FILES = ("sensitivity.json", "sensitivity.csv", "tornado.png", "distribution.png")
 
 
 @takes_scene
@@ -109,15 +89,11 @@ def validate(
     progress : callable or None
         Given the share done, 0 … 1, and the method at work.
 
-    Returns
-    -------
-    Comparison
-
     Raises
     ------
     HarvesterError, SimulationError
     """
-    from harvester.averaging import CLOSURES
+    from harvester.averaging.closures import CLOSURES
     from harvester.averaging.of_scene import average
     from harvester.device import timescales
     from harvester.prepared.prepared import prepared
@@ -126,7 +102,7 @@ def validate(
     from harvester.studies.comparison import comparison
 
     parameters = prepared(scene).system
-    shown = comparison.SHOWN_PERIODS * 2.0 * math.pi / timescales.angular_frequency(parameters)
+    until = comparison.SHOWN_PERIODS * 2.0 * math.pi / timescales.angular_frequency(parameters)
     closures, refused = {}, {}
     for closure in CLOSURES:
         try:
@@ -141,7 +117,7 @@ def validate(
                 method=method,
                 step=step,
                 time_limit=time_limit,
-                window=(0.0, shown),
+                window=(0.0, until),
                 joint_density=method == "monte-carlo",
                 runner=pool,
                 progress=progress and comparison.part_of_progress(progress, begin, end),
@@ -195,19 +171,15 @@ def frequency_response(
     **running
         See `harvester.running.open_runner`.
 
-    Returns
-    -------
-    FrequencyResponse
-
     Raises
     ------
     HarvesterError, SimulationError
 
     Notes
     -----
-    The excitation is deterministic, so there is no statistical error. `Sweep.residual` shows
-    how far the motion is from a settled, periodic one; the step's own error, of second order in
-    the circuit, shows when `step` is halved.
+    The excitation is deterministic, so there is no statistical error. `FrequencySweep.residual`
+    shows how far the motion is from a settled, periodic one. The error of the step, of second
+    order in the circuit, shows when `step` is halved.
     """
     import numpy as np
 
@@ -217,15 +189,15 @@ def frequency_response(
 
     engine = engine_of(method, step=step)
     scene = work.with_sine(scene, amplitude)
-    shown = work.shown_of(scene, quantities, per_g)
+    names = work.shown_of(scene, quantities, per_g)
     rising = work.rising_frequencies(frequencies)
     directions = {"up": rising, "down": rising[::-1]} if down else {"up": rising}
     scenes: list[Any] = [work.stepped(scene, order) for order in directions.values()]
     with open_runner(**running) as runner:
         version = runner.version(engine.name)
-        arguments = [{"scene": each, **engine.as_arguments("engine")} for each in scenes]
+        arguments = [{"scene": swept, **engine.as_arguments("engine")} for swept in scenes]
         outcomes = runner.run(
-            [Task(work.one_direction, each, version, engine.name) for each in arguments]
+            [Task(work.one_direction, argument, version, engine.name) for argument in arguments]
         )
     for outcome in outcomes:
         if isinstance(outcome, HarvesterError):
@@ -235,7 +207,7 @@ def frequency_response(
     sweeps = []
     for direction, (rows, _, _) in zip(directions, outcomes, strict=True):
         ordered = rows if direction == "up" else rows[::-1]
-        sweeps.append(work.Sweep(direction, *np.array(ordered).T))
+        sweeps.append(work.FrequencySweep(direction, *np.array(ordered).T))
     return work.FrequencyResponse(
         scene=scene,
         engine=engine.name,
@@ -245,7 +217,7 @@ def frequency_response(
         engine_version=outcomes[0][1],
         dwell=scenes[0].excitation.dwell,
         seconds=sum(seconds for _, _, seconds in outcomes),
-        shown=shown,
+        shown=names,
         per_g=per_g,
     )
 
@@ -287,19 +259,27 @@ def spectrum(
     mend : sequence of str
         For a record: faults to mend, as in a scene: nan, uneven, clipped.
 
-    Returns
-    -------
-    SpectrumAnalysis
-
     Raises
     ------
     SceneError, HarvesterError
     """
-    from harvester.studies.spectrum import analysis_of
+    from harvester.scene.source import built_in_names
+    from harvester.studies import spectrum as work
 
-    return analysis_of(
-        source, device, column, unit, sampling_rate, resolution, duration, breakpoints, mend
-    )
+    if breakpoints < 2:
+        raise HarvesterError(f"breakpoints {breakpoints}: must be at least 2")
+    name = str(source)
+    if not isinstance(source, (str, Path)) or name.endswith(".toml") or name in built_in_names():
+        for option, value in {"device": device, "column": column, "unit": unit}.items():
+            if value is not None:
+                raise HarvesterError(f"{option}: is for a record, and {source} is a scene")
+        return work.of_scene(scene_of(source), duration, resolution, breakpoints)
+    if duration is not None:
+        raise HarvesterError("duration: is for a scene; a record is taken whole")
+    number: Any = int(column) if column is not None and column.isdigit() else column
+    keys = {"unit": unit, "column": number, "sampling_rate": sampling_rate, "mend": list(mend)}
+    of_device = None if device is None else scene_of(device)
+    return work.of_record(name, keys, of_device, resolution, breakpoints)
 
 
 @takes_scene
@@ -348,24 +328,27 @@ def sweep(
     from harvester.studies.grid import make_grid
 
     clock = time.perf_counter()
-    methods = tuple(listed(methods, "methods", METHODS_WRITTEN))
-    chosen = [each if isinstance(each, Method) else method_of(each, step=step) for each in methods]
-    labels = work.labels_of(chosen)
+    methods = tuple(listed(methods, "methods", 'methods=["monte-carlo"]'))
+    chosen = [item if isinstance(item, Method) else method_of(item, step=step) for item in methods]
+    names = [method.name for method in chosen]
+    labels = tuple(m.label if names.count(m.name) > 1 else m.name for m in chosen)
     if not methods or len(set(labels)) < len(methods):
         raise HarvesterError(f"methods = {list(labels)}: give each once, and at least one")
-    quantities = tuple(listed(quantities, "quantities", QUANTITIES_WRITTEN))
+    quantities = tuple(listed(quantities, "quantities", 'quantities=["mean_power"]'))
     grid = make_grid(scene, (), over, "over")
     requests = [
-        Request(point.scene, each, precision=precision, quantities=quantities)
+        Request(point.scene, method, precision=precision, quantities=quantities)
         for point in grid.points
-        for each in chosen
+        for method in chosen
     ]
     with open_runner(**running) as runner:
         answers = runner.answer(requests)
         out_of_time = runner.out_of_time
     shape = (*(len(values) for values in grid.sweeps.values()), len(methods))
     cells = work.cells_of(labels, answers)
-    work.check_quantities(quantities, cells)
+    available = tuple({name: None for cell in cells for name in cell.estimates})
+    for name in quantities if available else ():
+        check_name("quantity", name, available)
     return work.Sweep(
         scene=grid.scene,
         values=grid.sweeps,
@@ -388,7 +371,7 @@ def load_study(
     precision: Share | None = None,
     step: Step = "default",
     **running: Unpack[RunnerOptions],
-) -> Study:
+) -> LoadStudy:
     """Loads over a grid of values on the same noise: power, optimum, ranking.
 
     Parameters
@@ -417,10 +400,6 @@ def load_study(
         See `harvester.running.open_runner`; with a precision the time budget is `TIME_BUDGET`
         where none is given.
 
-    Returns
-    -------
-    Study
-
     Raises
     ------
     HarvesterError
@@ -429,7 +408,7 @@ def load_study(
     from harvester.running import open_runner
     from harvester.studies.grid import make_grid
     from harvester.studies.loads import study as work
-    from harvester.studies.loads.evaluation import evaluating
+    from harvester.studies.loads.evaluation import MOST_REALIZATIONS, evaluating
     from harvester.version import __version__
 
     clock = time.monotonic()
@@ -438,7 +417,9 @@ def load_study(
     statistical = isinstance(chosen, Engine)
     if precision and statistical:
         require_paths(scene, "a study with a precision")
-        scene = work.cut(scene)
+        run = scene.run
+        duration = min(run.duration, work.DURATION_OVER_SETTLE * run.settle) or run.duration
+        scene = scene.replace({"run.duration": duration, "run.realizations": MOST_REALIZATIONS})
         if running.get("time_budget") is None:
             running["time_budget"] = TIME_BUDGET
     grid = make_grid(scene, loads, sweeps or {})
@@ -448,13 +429,13 @@ def load_study(
         version = runner.version((judge or chosen).name)
         aim = precision if statistical else None
         plans = [
-            evaluating(each.scene, own, runner.version(own.name), aim)
-            for each, own in zip(grid.points, methods, strict=True)
+            evaluating(node.scene, point_method, runner.version(point_method.name), aim)
+            for node, point_method in zip(grid.points, methods, strict=True)
         ]
         with runner.reserving(work.PROOF_SHARE if judge else 0.0):
             evaluations = runner.follow(plans)
         proofs = work.proofs(runner, grid, (chosen, judge), evaluations) if judge else []
-    return work.Study(
+    return work.LoadStudy(
         grid=grid,
         method=JUDGED if judge else chosen.name,
         version=", ".join(filter(None, (f"harvester {__version__}", version))),
@@ -494,7 +475,7 @@ def sensitivity(
         see `harvester.studies.sensitivity.tolerances`.
     covariance : dict or file
         JSON of `harvester identify`: its values scatter as far as records leave them open, along
-        the principal axes (`harvester.studies.sensitivity.joint_tolerance`).
+        the principal axes (`harvester.studies.sensitivity.tolerances`).
     quantity : str or None
         mean_power, power_conversion_efficiency, of a load with an output mean_output_power, …
         (default: the power, at the output where the load has one).
@@ -511,10 +492,6 @@ def sensitivity(
     **running
         See `harvester.running.open_runner`.
 
-    Returns
-    -------
-    Sensitivity
-
     Raises
     ------
     HarvesterError
@@ -527,9 +504,9 @@ def sensitivity(
     `harvester.studies.sensitivity.sobol` says what is estimated, and how the noise is taken out.
     """
     from harvester.running import open_runner
+    from harvester.studies.answers import checked_method
     from harvester.studies.sensitivity import study as work
-    from harvester.studies.sensitivity.joint_tolerance import directions
-    from harvester.studies.sensitivity.tolerances import tolerance
+    from harvester.studies.sensitivity.tolerances import directions, tolerance
 
     clock = time.perf_counter()
     varied = table({} if vary is None else vary, "vary", 'vary={"load.resistance": "±10%"}')
@@ -540,7 +517,16 @@ def sensitivity(
             if axes and key in axes[0].centre:
                 raise HarvesterError(f"--vary {key}: its scatter is in the covariance already")
         tolerances += axes
-    chosen = work.checked(scene, tolerances, method, rows)
+    if not tolerances:
+        raise HarvesterError(
+            "--vary: name at least one parameter, TABLE.KEY=±10%, or give --covariance"
+        )
+    fewest, most = work.FEWEST_ROWS, work.MOST_ROWS
+    if not fewest <= rows <= most or rows & (rows - 1):
+        raise HarvesterError(
+            f"--rows {rows}: must be a power of two, {fewest} to {most}, such as {ROWS}"
+        )
+    chosen = checked_method(scene, method)
     shape = rows, len(tolerances) + 2
     quantity = quantity or _power_of(scene)
     with open_runner(**running) as opened:
@@ -596,7 +582,7 @@ def optimum(
 
     Returns
     -------
-    harvester.studies.optimum.Optimum
+    Optimum
         Over one parameter, averaging and simulation are compared, and the place has an interval;
         over several the value has one.
 
@@ -616,9 +602,18 @@ def optimum(
     The places proposed over several follow from the seed and the answers alone: with `output` the
     same call after a kill takes the answers that are there and goes on to the same end.
     """
-    from harvester.studies.optimum.find import largest
+    from harvester.averaging.closures import CLOSURES
+    from harvester.averaging.method import DEFAULT_CLOSURE
+    from harvester.estimates.output_side import RATIOS
+    from harvester.running import open_runner
+    from harvester.studies.answers import checked_method, orbits_at
+    from harvester.studies.optimum.axis import Axis
+    from harvester.studies.optimum.line import MAXIMISED, along
+    from harvester.studies.optimum.several import over_several
 
-    ranges = {over: None} if isinstance(over, str) else table(over, "over", OVER)
+    clock = time.perf_counter()
+    example = 'over={"load.resistance": (1e4, 1e6)}'
+    ranges = {over: None} if isinstance(over, str) else table(over, "over", example)
     if not ranges:
         raise HarvesterError("--over: name at least one parameter, TABLE.KEY")
     if low is not None or high is not None:
@@ -628,9 +623,40 @@ def optimum(
                 "--over TABLE.KEY=LOW:HIGH"
             )
         ranges = dict.fromkeys(ranges, (low, high))
-    ends = {key: _ends(key, each) for key, each in ranges.items()}
+    ends = {key: _ends(key, interval) for key, interval in ranges.items()}
     maximise = maximise or _power_of(scene)
-    return largest(scene, ends, maximise, method, closure, evaluations, precision, running)
+    limited = scene.beam is not None and scene.beam.strain_limit is not None
+    chosen = checked_method(scene, method)
+    # A maximum on a limit is no peak that a curve is fitted to: it is searched for as over several.
+    # So is one of a closure, which has no noise.
+    is_one = len(ends) == 1 and not limited and isinstance(chosen, Engine)
+    for name, value in {"evaluations": evaluations, "precision": precision}.items():
+        if value is not None and is_one:
+            raise HarvesterError(f"--{name}: is for several parameters, a second --over")
+    if closure is not None and not is_one:
+        raise HarvesterError("--closure: is for one parameter by an engine; else use --method")
+    follow = running.pop("progress", None) or (lambda share, words: None)
+    closure = check_name("closure", closure or DEFAULT_CLOSURE, CLOSURES)
+    if is_one:
+        load = scene.load.circuit
+        outputs = RATIOS if load and load.has_output else ()
+        check_name("quantity", maximise, (*MAXIMISED, *outputs))
+    if limited and not isinstance(chosen, Engine):
+        raise HarvesterError(
+            f"{scene.name}: beam.strain_limit: {chosen.name} gives no peak strain; take --method "
+            "monte-carlo or circuit, or the limit out"
+        )
+    axes = [Axis.of(scene, key, *interval) for key, interval in ends.items()]
+    with open_runner(**running) as runner:
+        if is_one:
+            found = along(scene, axes[0], maximise, chosen, closure, runner, follow)
+        else:
+            found = over_several(
+                scene, axes, maximise, chosen, runner, follow, evaluations, precision
+            )
+        location = {parameter.axis.key: parameter.place for parameter in found.parameters}
+        orbits = orbits_at(scene.replace(location), chosen, runner)
+    return replace(found, orbits=orbits, seconds=time.perf_counter() - clock)
 
 
 def _power_of(scene):
@@ -643,7 +669,7 @@ def _ends(key, ends):
     """Both ends of a range; two Nones if the range follows from the scene's value."""
     if ends is None:
         return None, None
-    found = listed(ends, f"over[{key!r}]", "(0.1, 2.0)")
-    if len(found) != 2:
-        raise HarvesterError(f"over[{key!r}]: has {len(found)} numbers; write (0.1, 2.0)")
-    return found
+    pair = listed(ends, f"over[{key!r}]", "(0.1, 2.0)")
+    if len(pair) != 2:
+        raise HarvesterError(f"over[{key!r}]: has {len(pair)} numbers; write (0.1, 2.0)")
+    return pair

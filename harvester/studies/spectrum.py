@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -11,12 +11,10 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from harvester.arguments import usual_arithmetic
-from harvester.calling import scene_of
 from harvester.errors import HarvesterError
 from harvester.excitation.spectrum import Spectrum
 from harvester.files import plain_text
 from harvester.files.serialising import plain
-from harvester.signatures import File, Seconds
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -50,57 +48,36 @@ CORRECTIONS, ALIKE, NOTED_DEPARTURE = 20, 0.02, 0.05
 CONFIDENCE = 0.95
 
 
-def analysis_of(
-    source: File,
-    device: File | None,
-    column: str | None,
-    unit: str | None,
-    sampling_rate: float | None,
+def of_record(
+    file: str,
+    keys: dict[str, Any],
+    device: Scene | None,
     resolution: float | None,
-    duration: Seconds | None,
     breakpoints: int,
-    mend: Sequence[str],
 ) -> SpectrumAnalysis:
-    """The analysis that `harvester.spectrum` returns."""
+    """Analysis of a record, read with these keys of a scene's [excitation]."""
     from harvester.excitation.recorded import RecordedMotion, one_pass
     from harvester.scene.schema import check_table
 
-    if breakpoints < 2:
-        raise HarvesterError(f"breakpoints {breakpoints}: must be at least 2")
-    if not isinstance(source, (str, Path)) or str(source).endswith(".toml") or _built_in(source):
-        for name, value in {"device": device, "column": column, "unit": unit}.items():
-            if value is not None:
-                raise HarvesterError(f"{name}: is for a record, and {source} is a scene")
-        scene = scene_of(source)
-        return _of_scene(scene, duration, resolution, breakpoints)
-    if duration is not None:
-        raise HarvesterError("duration: is for a scene; a record is taken whole")
-    place: Any = int(column) if column is not None and column.isdigit() else column
-    keys = {"unit": unit, "column": place, "sampling_rate": sampling_rate, "mend": list(mend)}
-    keys = {"file": str(source)} | {k: value for k, value in keys.items() if value is not None}
+    keys = {"file": file} | {key: value for key, value in keys.items() if value is not None}
     record = RecordedMotion(
-        **check_table("excitation", keys, RecordedMotion.KEYS, "SI", plain_text.named(str(source)))
+        **check_table("excitation", keys, RecordedMotion.KEYS, "SI", plain_text.named(file))
     )
     values, interval, _ = one_pass(record)
     values = values - values.mean()
     units = "scaled" if record.unit == "scaled" else "SI"
-    of_device = None if device is None else scene_of(device)
-    name = plain_text.name(Path(str(source)).stem)
+    name = plain_text.name(Path(file).stem)
 
     def blocks(size: int) -> Iterator[np.ndarray]:
         return (values[first : first + size] for first in range(0, values.size, size))
 
-    return _analysed(name, blocks, values.size, interval, resolution, breakpoints, of_device, units)
+    return _analysed(name, blocks, values.size, interval, resolution, breakpoints, device, units)
 
 
-def _built_in(source):
-    from harvester.scene.source import built_in_names
-
-    return str(source) in built_in_names()
-
-
-def _of_scene(scene, duration, resolution, breakpoints):
-    """Spectrum of the first realization of a scene's excitation."""
+def of_scene(
+    scene: Scene, duration: float | None, resolution: float | None, breakpoints: int
+) -> SpectrumAnalysis:
+    """Analysis of the first realization of a scene's excitation, by default of its duration."""
     from harvester.prepared.paths import noise_path
     from harvester.prepared.prepared import prepared
     from harvester.prepared.steps import knot_spacing
@@ -120,11 +97,14 @@ def _of_scene(scene, duration, resolution, breakpoints):
         for first in range(0, count, size):
             yield ready.excitation_unit * path.read(min(size, count - first))
 
-    name = scene.name
-    profiled = _specified(scene.excitation)
+    profiled, excitation = None, scene.excitation
+    if isinstance(excitation, Spectrum):
+        frequencies = np.unique([*np.geomspace(*excitation.band, PLACES), *excitation.corners])
+        profiled = frequencies, excitation.density(frequencies), 0.0
     return _analysed(
-        name, blocks, count, spacing, resolution, breakpoints, scene, scene.units, True, profiled
-    )
+        scene.name, blocks, count, spacing, resolution, breakpoints, scene, scene.units,
+        knots=True, profiled=profiled,
+    )  # fmt: skip
 
 
 def _analysed(
@@ -176,14 +156,6 @@ def _welch(blocks, count, interval, size, knots):
     return frequencies[1:], density[1:], moments, segments
 
 
-def _specified(excitation):
-    """Frequencies, density and bandwidth of a scene's own spectrum; None for another excitation."""
-    if not isinstance(excitation, Spectrum):
-        return None
-    frequencies = np.unique([*np.geomspace(*excitation.band, PLACES), *excitation.corners])
-    return frequencies, excitation.density(frequencies), 0.0
-
-
 def _segment(count, interval, resolution, name):
     """Samples of a segment, even."""
     size = min(2.0 * count / (SEGMENTS + 1), MOST_IN_SEGMENT)
@@ -205,7 +177,7 @@ def _sums(blocks, count, interval, size):
     stretch = max(count // STRETCHES, 1)
     # Whole segments with an overlap of half of one: the density is their mean, block after block.
     total, segments = np.zeros(size // 2 + 1), 0
-    powers, place = np.zeros((STRETCHES, 4)), 0
+    powers, position = np.zeros((STRETCHES, 4)), 0
     left = np.empty(0)
     for block in blocks(max(size, BLOCK)):
         left = np.append(left, block)
@@ -216,14 +188,14 @@ def _sums(blocks, count, interval, size):
             total += many * density
             segments += many
             left = left[many * (size // 2) :]
-        ends = np.minimum(np.arange(1, STRETCHES + 1) * stretch - place, block.size)
-        starts = np.clip(np.arange(STRETCHES) * stretch - place, 0, block.size)
+        ends = np.minimum(np.arange(1, STRETCHES + 1) * stretch - position, block.size)
+        starts = np.clip(np.arange(STRETCHES) * stretch - position, 0, block.size)
         for which in np.flatnonzero(ends > starts):
             part = block[starts[which] : ends[which]]
             square = part * part
             sums = part.sum(), square.sum(), (square * part).sum(), (square * square).sum()
             powers[which] += sums
-        place += block.size
+        position += block.size
     return total / segments, powers[: count // stretch] / stretch, segments
 
 
@@ -239,10 +211,8 @@ def profile(
     Parameters
     ----------
     frequencies, density : ndarray, shape (n,)
-    breakpoints : int
-        Largest number of breakpoints.
-    resolution : float
-        Bandwidth of the density (Hz).
+    breakpoints : largest number of breakpoints.
+    resolution : bandwidth of the density (Hz).
 
     Returns
     -------
@@ -256,7 +226,7 @@ def profile(
     from harvester.excitation.shaped import mean_square
 
     loud = np.flatnonzero(density > FAINTEST * density.max())
-    f, g = (each[loud[0] : loud[-1] + 1] for each in (frequencies, density))
+    f, g = (values[loud[0] : loud[-1] + 1] for values in (frequencies, density))
     # Hann's window spreads a line over seven bins with this share of its greatest density.
     if f[-1] - f[0] <= 5.0 * resolution:
         return np.empty((0, 2)), (math.nan, math.nan)
@@ -265,13 +235,13 @@ def profile(
     at, square = np.exp(x), cumulative_trapezoid(g, f, initial=0.0)
     half = 0.5 * np.maximum(at * (x[1] - x[0]), 2.0 * resolution)
     low, high = np.maximum(at - half, f[0]), np.minimum(at + half, f[-1])
-    wanted = (np.interp(high, f, square) - np.interp(low, f, square)) / (high - low)
-    wanted = np.maximum(wanted, FAINTEST**2 * wanted.max())
+    smoothed = (np.interp(high, f, square) - np.interp(low, f, square)) / (high - low)
+    smoothed = np.maximum(smoothed, FAINTEST**2 * smoothed.max())
     # A resonance of width πf/2Q averages over 6/resolution seconds, four segments.
     scatter = np.hypot(ALIKE, np.sqrt(QUALITY * resolution / (3.0 * math.pi * at)))
 
-    powers = _powers(x, wanted)
-    chosen, y = np.array([0, x.size - 1]), np.log(wanted[[0, -1]])
+    powers = _powers(x, smoothed)
+    chosen, y = np.array([0, x.size - 1]), np.log(smoothed[[0, -1]])
     while True:
         for _ in range(CORRECTIONS):
             away = np.log(_powers(x, np.exp(np.interp(x, x[chosen], y))) / powers)
@@ -280,15 +250,15 @@ def profile(
         if chosen.size == breakpoints or np.abs(away).max() < ALIKE:
             break
         worst = int((np.abs(away) / scatter).argmax())
-        place = int(np.searchsorted(chosen, worst))
-        y = np.insert(y, place, np.interp(x[worst], x[chosen], y) - away[worst])
-        chosen = np.insert(chosen, place, worst)
+        index = int(np.searchsorted(chosen, worst))
+        y = np.insert(y, index, np.interp(x[worst], x[chosen], y) - away[worst])
+        chosen = np.insert(chosen, index, worst)
     points = np.exp(np.column_stack([x[chosen], y]))
     points[:, 1] *= square[-1] / mean_square(tuple(map(tuple, points)))
     lines = np.exp(np.interp(x, x[chosen], np.log(points[:, 1])))
     shares = _powers(x, lines) / powers - 1.0
-    place = int(np.abs(shares).argmax())
-    return points, (float(at[place]), float(shares[place]))
+    index = int(np.abs(shares).argmax())
+    return points, (float(at[index]), float(shares[index]))
 
 
 def _powers(x, density):
@@ -306,19 +276,13 @@ class SpectrumAnalysis:
 
     Attributes
     ----------
-    name : str
-    scene : Scene or None
-        Whose excitation it is, or whose device is looked at.
-    units : str
-        "SI" or "scaled".
+    scene : whose excitation it is, or whose device is looked at.
+    units : "SI" or "scaled".
     frequencies, density : ndarray, shape (n,)
         Hz, and one-sided density in (m/s²)²/Hz, or of η in a scaled scene.
-    resolution : float
-        Bandwidth of the density (Hz).
-    segments : int
-        Half overlapping ones, by Hann's window.
-    duration : float
-        s.
+    resolution : bandwidth of the density (Hz).
+    segments : half overlapping ones, by Hann's window.
+    duration : of the record, or of the realization (s).
     moments : ndarray, shape (stretches, 4)
         Mean of each power, 1 to 4, in stretches of equal length.
     profile : ndarray, shape (m, 2)
@@ -326,8 +290,7 @@ class SpectrumAnalysis:
     departure : tuple of float
         Frequency (Hz) of the device of Q = 100 whose power departs most by the breakpoints, and the
         share.
-    resolved_from : float
-        Lowest frequency at which the profile resolves a device of Q = 100 (Hz).
+    resolved_from : lowest frequency at which the profile resolves a device of Q = 100 (Hz).
     """
 
     name: str
@@ -429,10 +392,8 @@ class SpectrumAnalysis:
             return None
         system = prepared(self.scene).system
         omega = timescales.angular_frequency(system)
-        centre, width = (
-            omega / (2.0 * math.pi),
-            timescales.loss_rate(system, omega) / (2.0 * math.pi),
-        )
+        centre = omega / (2.0 * math.pi)
+        width = timescales.loss_rate(system, omega) / (2.0 * math.pi)
         edges = np.append(self.frequencies - 0.5 * self._bin, self.frequencies[-1])
         gathered = np.append(0.0, np.cumsum(self.density)) / self.density.sum()
         low, high = np.interp([centre - 0.5 * width, centre + 0.5 * width], edges, gathered)
@@ -459,12 +420,12 @@ class SpectrumAnalysis:
 
     def sentences(self) -> list[str]:
         """How it was found, and what departs from stationary Gaussian noise."""
-        low, high = (10.0 * math.log10(each) for each in self.confidence_band)
+        low, high = (10.0 * math.log10(factor) for factor in self.confidence_band)
         frequency, share = self.departure
         lines = [
             f"Welch, {self.segments} half overlapping segments by Hann's window of "
             f"{self.duration:g} s: resolution {self.resolution:.3g} Hz, {CONFIDENCE:.0%} band "
-            f"{low:+.2f} to {high:+.2f} dB at each frequency",
+            f"{low:+.2f} to {high:+.2f} dB at each frequency"
         ]
         lines.append(
             f"specification: {len(self.profile)} breakpoints with the same rms; a device's power "
@@ -559,6 +520,6 @@ def _central(moments):
 def _left_out(moments, value):
     """A function of the mean powers, and its jackknife standard error over the stretches."""
     count = len(moments)
-    whole = moments.mean(axis=0)
-    parts = [value((count * whole - each) / (count - 1)) for each in moments]
-    return float(value(whole)), float(np.std(parts) * math.sqrt(count - 1))
+    means = moments.mean(axis=0)
+    parts = [value((count * means - stretch) / (count - 1)) for stretch in moments]
+    return float(value(means)), float(np.std(parts) * math.sqrt(count - 1))

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import math
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
@@ -9,24 +10,34 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from harvester.averaging.closures import CLOSURES
 from harvester.errors import HarvesterError
 from harvester.estimates.estimate import Estimate
 from harvester.estimates.units import unit_of
 from harvester.files.plain_text import json_text
 from harvester.files.serialising import plain
 from harvester.files.tables import Tabular, xarray_or_say
-from harvester.method import Method
 from harvester.results.orbit import Attractor
 from harvester.running.request import COMPLETE, OUT_OF_TIME, told
 from harvester.scene.model import Scene
-from harvester.show.numbers import number, with_error
-from harvester.simulation.simulate import check_name
+from harvester.show.numbers import is_share, number, prefixed, with_error
+from harvester.show.palette import CIRCUIT, LINES, MONTE_CARLO, styles
+from harvester.show.panels import Panel, Series, draw_panels, is_wide
+from harvester.show.symbols import key_label
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
     from xarray import Dataset
 
-    from harvester.studies.loads.evaluation import Evaluation
+# An error bar reaches so many standard errors to either side.
+BARS = 2.0
+OTHER_CLOSURE = ("0.3", "-.")
+# Colour and marker of an engine with its default settings.
+ENGINES = {"circuit": (CIRCUIT, "o"), "monte-carlo": (MONTE_CARLO, "s")}
+# Points of print between the markers of two engines at the same place.
+APART = 6.0
+# Width of the first line, and by how much each further one is thinner: thin over thick shows both.
+WIDEST, THINNER = 3.0, 0.6
 
 
 @dataclass(frozen=True)
@@ -35,14 +46,9 @@ class Cell:
 
     Attributes
     ----------
-    method : str
-    outcome : str
-        "complete", or what went wrong.
-    estimates : dict of str to Estimate
-        Estimates in the scene's units.
-    realizations : int
-    orbits : tuple of Attractor
-        The orbits that starts reached without noise, the followed one first.
+    outcome : "complete", or what went wrong.
+    estimates : estimates in the scene's units.
+    orbits : the orbits that starts reached without noise, the followed one first.
     """
 
     method: str
@@ -58,19 +64,12 @@ class Sweep(Tabular):
 
     Attributes
     ----------
-    scene : Scene
-        The scene, with one knot spacing for all places.
-    values : dict of str to tuple
-        Keys that were varied, and their values; of a load study also the names of loads.
-    methods, quantities : tuple of str
-        The quantities that the tables show; `cells` hold all there are.
-    cells : ndarray of Cell
-        Array of shape (values of each key …, methods).
-    notes : tuple of str
-    out_of_time : bool
-        The time budget ended it: the same call with `output` goes on.
-    seconds : float
-        Wall-clock, of this call.
+    scene : the scene, with one knot spacing for all places.
+    values : keys that were varied, and their values; of a load study also the names of loads.
+    methods, quantities : the quantities that the tables show; `cells` hold all there are.
+    cells : array of shape (values of each key …, methods).
+    out_of_time : the time budget ended it: the same call with `output` goes on.
+    seconds : wall-clock, of this call.
     """
 
     scene: Scene
@@ -86,19 +85,19 @@ class Sweep(Tabular):
         """(value of each key, cell), the methods fastest."""
         cells: Any = self.cells
         for where in np.ndindex(cells.shape):
-            place = tuple(each[k] for each, k in zip(self.values.values(), where, strict=False))
-            yield place, cells[where]
+            point = tuple(values[k] for values, k in zip(self.values.values(), where, strict=False))
+            yield point, cells[where]
 
     def data(self) -> tuple[list[str], list[list[Any]]]:
         """Header and rows of the tidy table: one for each place, method and quantity."""
         header = [*self.values, "method", "quantity", "estimate", "standard_error", "unit"]
         rows = []
-        for place, cell in self.places():
+        for point, cell in self.places():
             for name in self.quantities:
-                each = cell.estimates.get(name, _NOTHING)
-                unit = unit_of(self.scene, each.dimension) if name in cell.estimates else ""
-                error = math.nan if each.standard_error is None else each.standard_error
-                row = [*place, cell.method, name, each.estimate, error, unit]
+                estimate = cell.estimates.get(name, _NOTHING)
+                unit = unit_of(self.scene, estimate.dimension) if name in cell.estimates else ""
+                error = math.nan if estimate.standard_error is None else estimate.standard_error
+                row = [*point, cell.method, name, estimate.estimate, error, unit]
                 outcome, notes = outcome_and_notes(cell)
                 rows.append([*row, cell.realizations, outcome, "; ".join(notes)])
         return [*header, "realizations", "outcome", "notes"], rows
@@ -112,7 +111,7 @@ class Sweep(Tabular):
             xarray, of the extra `study`.
         """
         variables = variables_of(self.scene, self.cells, (*self.values, "method"))
-        coordinates = {name: list(each) for name, each in self.values.items()}
+        coordinates = {name: list(values) for name, values in self.values.items()}
         coordinates["method"] = list(self.methods)
         attributes = {"scene": json_text(self.scene.to_dict()), "notes": "\n".join(self.notes)}
         return xarray_or_say().Dataset(variables, coordinates, attributes)
@@ -126,15 +125,15 @@ class Sweep(Tabular):
             if name in cell.estimates
         }
         header = ["method", *self.values]
-        header += [each.replace("_", " ") for each in self.quantities]
+        header += [quantity.replace("_", " ") for quantity in self.quantities]
         rows = []
-        for place, cell in self.places():
+        for point, cell in self.places():
             estimates = [cell.estimates.get(name, _NOTHING) for name in self.quantities]
-            told = [
-                with_error(each, units.get(name, ""))
-                for name, each in zip(self.quantities, estimates, strict=True)
+            texts = [
+                with_error(estimate, units.get(name, ""))
+                for name, estimate in zip(self.quantities, estimates, strict=True)
             ]
-            row = [cell.method, *map(in_words, place), *told]
+            row = [cell.method, *map(in_words, point), *texts]
             rows.append([*row, str(cell.realizations or ""), outcome_and_notes(cell)[0]])
         return [*header, "realizations", "outcome"], rows
 
@@ -143,26 +142,27 @@ class Sweep(Tabular):
         run = self.scene.run
         ended = ["the time budget was spent: the same call goes on"] if self.out_of_time else []
         notes = placed_notes(
-            (", ".join(map(in_words, place)), outcome_and_notes(cell)[1])
-            for place, cell in self.places()
+            (", ".join(map(in_words, point)), outcome_and_notes(cell)[1])
+            for point, cell in self.places()
         )
-        said = f"realizations of {run.duration:g} s after {run.settle:g} s, seed {run.seed}"
+        settings = f"realizations of {run.duration:g} s after {run.settle:g} s, seed {run.seed}"
         return [
             *self.notes,
             *(f"at {where}: {note}" if where else note for note, where in notes),
             *ended,
-            f"{', '.join(self.methods)}: {said}, the same noise everywhere; {self.seconds:.1f} s",
+            f"{', '.join(self.methods)}: {settings}, the same noise everywhere; "
+            f"{self.seconds:.1f} s",
         ]
 
     def headline(self) -> str:
         """Where the first quantity is highest, and by which method."""
         name = self.quantities[0]
-        found = [each for each in self.places() if name in each[1].estimates]
-        if not found:
+        with_quantity = [pair for pair in self.places() if name in pair[1].estimates]
+        if not with_quantity:
             return f"no place has a {name.replace('_', ' ')}"
-        place, cell = max(found, key=lambda each: each[1].estimates[name].estimate)
+        point, cell = max(with_quantity, key=lambda each: each[1].estimates[name].estimate)
         best = cell.estimates[name]
-        pairs = zip(self.values, place, strict=True)
+        pairs = zip(self.values, point, strict=True)
         where = ", ".join(f"{key} = {in_words(value)}" for key, value in pairs)
         return (
             f"highest {name.replace('_', ' ')}: "
@@ -172,9 +172,8 @@ class Sweep(Tabular):
     def figure(self) -> Figure:
         """Each quantity over the key with most values: engines with error bars, closures lines."""
         from harvester.show import figures
-        from harvester.studies.sweep_drawing import draw
 
-        return figures.drawn(draw, self)
+        return figures.drawn(_draw, self)
 
     def to_dict(self) -> dict[str, Any]:
         """Plain values for JSON: of every cell all its quantities."""
@@ -185,17 +184,17 @@ class Sweep(Tabular):
                 "methods": self.methods,
                 "cells": [
                     {
-                        "place": dict(zip(self.values, place, strict=True)),
+                        "place": dict(zip(self.values, point, strict=True)),
                         "method": cell.method,
                         "outcome": cell.outcome,
                         "realizations": cell.realizations,
                         "quantities": {
-                            name: each.to_dict(unit_of(self.scene, each.dimension))
-                            for name, each in cell.estimates.items()
+                            name: estimate.to_dict(unit_of(self.scene, estimate.dimension))
+                            for name, estimate in cell.estimates.items()
                         },
                         **orbits_of(self.scene, cell.orbits),
                     }
-                    for place, cell in self.places()
+                    for point, cell in self.places()
                 ],
                 "seed": self.scene.run.seed,
                 "notes": self.notes,
@@ -209,34 +208,28 @@ _NOTHING = Estimate(math.nan, None, None, "1")
 
 def orbits_of(scene: Scene, orbits: Sequence[Attractor]) -> dict[str, list]:
     """The JSON's entry for the orbits that starts reached; none where there is one start."""
-    found = [each.to_dict(lambda dimension: unit_of(scene, dimension)) for each in orbits]
-    return {"orbits": found} if found else {}
+    entries = [orbit.to_dict(lambda dimension: unit_of(scene, dimension)) for orbit in orbits]
+    return {"orbits": entries} if entries else {}
 
 
 def placed_notes(noted: Iterable[tuple[str, Sequence[str]]]) -> list[tuple[str, str]]:
     """(note, its places) of the notes at some places; "" for a note that all of them have."""
     places: dict[str, None] = {}
     notes: dict[str, dict[str, None]] = {}
-    for place, lines in noted:
-        places[place] = None
+    for location, lines in noted:
+        places[location] = None
         for line in lines:
-            notes.setdefault(line, {})[place] = None
+            notes.setdefault(line, {})[location] = None
     return [
-        (note, "" if len(found) == len(places) else "; ".join(found))
-        for note, found in notes.items()
+        (note, "" if len(locations) == len(places) else "; ".join(locations))
+        for note, locations in notes.items()
     ]
 
 
-def outcome_and_notes(cell: Cell | Evaluation) -> tuple[str, list[str]]:
+def outcome_and_notes(cell: Cell) -> tuple[str, list[str]]:
     """The outcome, and the notes that stand behind one that is complete."""
     first, *notes = cell.outcome.split("; ")
     return (first, notes) if first == COMPLETE else (cell.outcome, [])
-
-
-def labels_of(methods: Sequence[Method]) -> tuple[str, ...]:
-    """Labels of methods in tables: their names, with settings if two have the same name."""
-    names = [each.name for each in methods]
-    return tuple(each.label if names.count(each.name) > 1 else each.name for each in methods)
 
 
 def cells_of(labels: Sequence[str], answers: Sequence) -> np.ndarray:
@@ -259,27 +252,10 @@ def _cell(method, answer):
     return Cell(method, outcome, answer.in_units(), answer.realizations, answer.orbits)
 
 
-def check_quantities(quantities: Sequence[str], cells: np.ndarray) -> None:
-    """Refuse a quantity that no method gives at any place, with the nearest that there is.
-
-    Raises
-    ------
-    HarvesterError
-    """
-    known = {name: None for cell in cells for name in cell.estimates}
-    for name in quantities if known else ():
-        check_name("quantity", name, tuple(known))
-
-
 def variables_of(scene: Scene, cells: np.ndarray, dimensions: Sequence[str]) -> dict[str, tuple]:
     """Variables of an xarray Dataset: every quantity, its error, realizations and outcome.
 
-    Parameters
-    ----------
-    scene : Scene
-    cells : ndarray of Cell
-        Cells with one axis for each dimension.
-    dimensions : sequence of str
+    `cells`: cells with one axis for each dimension.
     """
     variables: dict[str, tuple] = {
         name: (dimensions, values, {"unit": unit}) for name, values, unit in columns(scene, cells)
@@ -291,12 +267,12 @@ def variables_of(scene: Scene, cells: np.ndarray, dimensions: Sequence[str]) -> 
 
 def columns(scene: Scene, cells: np.ndarray) -> Iterator[tuple[str, np.ndarray, str]]:
     """(name, values, unit) of every quantity that any cell has, and of its standard error."""
-    found: dict[str, str] = {}
+    dimensions_of: dict[str, str] = {}
     for cell in cells.ravel():
         for name, estimate in cell.estimates.items():
-            found.setdefault(name, estimate.dimension)
-    for name in sorted(found):
-        unit = unit_of(scene, found[name])
+            dimensions_of.setdefault(name, estimate.dimension)
+    for name in sorted(dimensions_of):
+        unit = unit_of(scene, dimensions_of[name])
         yield name, _each(cells, lambda c, n=name: _value(c, n, "estimate"), float), unit
         errors = _each(cells, lambda c, n=name: _value(c, n, "standard_error"), float)
         yield f"{name}_standard_error", errors, unit
@@ -314,3 +290,75 @@ def _each(cells, value, kind):
 def _value(cell, name, attribute):
     value = getattr(cell.estimates.get(name, _NOTHING), attribute)
     return math.nan if value is None else value
+
+
+def _draw(sweep):
+    """A panel for each quantity and each place of the other keys."""
+    lengths = [len(values) for values in sweep.values.values()]
+    # An axis of numbers is preferred to one of words, which have no distances.
+    ranks = [(not _has_words(values), len(values)) for values in sweep.values.values()]
+    along = ranks.index(max(ranks)) if ranks else None
+    others = [range(length) for k, length in enumerate(lengths) if k != along]
+    panels = [
+        _panel(sweep, name, along, other)
+        for name in sweep.quantities
+        for other in itertools.product(*others)
+    ]
+    title = f"{sweep.scene.name}: bars of two standard errors (hollow: none)"
+    return draw_panels(panels, title)
+
+
+def _panel(sweep, name, along, other):
+    keys = list(sweep.values)
+    if along is None:
+        key, x, rows = "", [0.0], sweep.cells[None]
+    else:
+        key, x = keys[along], sweep.values[keys[along]]
+        rows = np.moveaxis(sweep.cells, along, 0)[(slice(None), *other)]
+    held = [axis for axis in keys if axis != key]
+    words = [
+        f"{axis} = {in_words(sweep.values[axis][k])}" for axis, k in zip(held, other, strict=True)
+    ]
+    means = [cell.estimates[name] for cell in rows.ravel() if name in cell.estimates]
+    unit = unit_of(sweep.scene, means[0].dimension) if means else ""
+    if is_share(name):
+        factor, unit = 100.0, "%"
+    else:
+        factor, unit = prefixed(max((abs(mean.estimate) for mean in means), default=0.0), unit)
+    series = [_series(sweep, name, x, rows[:, k], k, factor) for k in range(len(sweep.methods))]
+    label = f"{name.replace('_', ' ')} [{unit or '1'}]"
+    return Panel(
+        key_label(key, sweep.scene.units) if key else "",
+        label,
+        series,
+        ", ".join(words),
+        log_x=not _has_words(x) and is_wide(x),
+    )
+
+
+def _has_words(values):
+    return any(isinstance(value, str) for value in values)
+
+
+def _series(sweep, name, x, cells, place, factor):
+    """One method's estimates; those that are missing leave a gap."""
+    label = sweep.methods[place]
+    method = _without_settings(label)
+    means = [cell.estimates.get(name) for cell in cells]
+    estimates = [mean and mean.times(factor) for mean in means]
+    y = [math.nan if mean is None else mean.estimate for mean in estimates]
+    if method in CLOSURES:
+        colour, line = LINES.get(method, OTHER_CLOSURE)
+        return Series(x, y, f"averaging, {label}", colour, line, width=WIDEST * THINNER**place)
+    errors = [mean and mean.standard_error for mean in estimates]
+    bars = [0.0 if error is None else BARS * error for error in errors]
+    engines = [other for other in sweep.methods if _without_settings(other) not in CLOSURES]
+    colour, marker = ENGINES.get(label) or styles(engines)[label]
+    bare = [error is None for error in errors]
+    shift = APART * (engines.index(label) - 0.5 * (len(engines) - 1))
+    return Series(x, y, label, colour, "", marker, bars=bars, hollow=bare, shift=shift)
+
+
+def _without_settings(label):
+    """A method's name, without the settings that tell two methods of one name apart."""
+    return label.partition(" (")[0]

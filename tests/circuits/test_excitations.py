@@ -11,7 +11,7 @@ from harvester.prepared.paths import noise_path
 from harvester.prepared.prepared import prepared
 from harvester.scene.model import Scene
 from harvester.simulation.simulate import simulate
-from harvester.studies.comparison import Comparison
+from harvester.studies.comparison.comparison import Comparison
 
 
 @pytest.fixture

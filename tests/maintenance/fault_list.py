@@ -585,15 +585,15 @@ FAULTS = [
     Fault(
         "closures: the noise has no colour in the exponent",
         ORBITS,
-        "return self.over_energy(loss / (system.noise.intensity * self.spectrum))",
-        "return self.over_energy(loss / system.noise.intensity)",
+        "rate = loss / (system.noise.intensity * self.spectrum)",
+        "rate = loss / system.noise.intensity",
         SMALL_DAMPING,
     ),
     Fault(
         "closures: the spectrum of `paper` multiplies where it divides",
         CLOSURES,
-        "ln - np.log(each) for ln",
-        "ln + np.log(each) for ln",
+        "ln - np.log(power) for ln",
+        "ln + np.log(power) for ln",
         PRINTED,
     ),
     Fault(
@@ -634,8 +634,8 @@ FAULTS = [
     Fault(
         "frequency response: an amplitude is the highest displacement",
         "harvester/studies/frequency_response.py",
-        "0.5 * (_peak(times, values) + _peak(times, -values))",
-        "_peak(times, values)",
+        "0.5 * (_peak(times, x[inside]) + _peak(times, -x[inside]))",
+        "_peak(times, x[inside])",
         (
             "harvester/studies/test_frequency_response.py"
             "::test_an_amplitude_is_half_of_what_lies_between_the_ends",

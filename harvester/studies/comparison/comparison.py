@@ -41,6 +41,16 @@ AGREEING_STANDARD_ERRORS, AGREEING_SHARE = 3.0, 0.01
 SAME = 1e-9
 # Beginning and end of each engine's part in the progress bar. Monte Carlo takes little of the work.
 SHARES = {"circuit": (0.0, 0.95), "monte-carlo": (0.95, 1.0)}
+# Closures are compared by this quantity.
+JUDGED_BY = "mean_square_voltage"
+# A closure counts as off if it deviates by more than this share. Every closure is an approximation.
+NEGLIGIBLE_SHARE = 0.01
+# Known limits of each closure, from its documentation (harvester.averaging.closures.average).
+LIMITS = {
+    "paper": "it leaves the constant force of the piezo out of the potential (Eqs. 11–15)",
+    "consistent": "it is for motion inside a well and misses the slow part of the voltage after "
+    "a jump between wells",
+}
 # The waveform shows so many periods of small oscillations.
 SHOWN_PERIODS = 20
 
@@ -51,12 +61,9 @@ class Comparison:
 
     Attributes
     ----------
-    circuit, monte_carlo : Result
-        Results of both engines on the same noise paths.
-    closures : dict of str to Result
-        Results of the closures that hold for the scene.
-    refused : dict of str to str
-        Closures that do not, with the reason.
+    circuit, monte_carlo : results of both engines on the same noise paths.
+    closures : results of the closures that hold for the scene.
+    refused : closures that do not, with the reason.
     paired : dict of str to Estimate
         Circuit minus Monte Carlo as a share of Monte Carlo, with the error of the paired
         difference: the bias of the circuit's step.
@@ -76,8 +83,8 @@ class Comparison:
     @property
     def compared(self) -> tuple[str, ...]:
         """Names of the quantities that stand side by side."""
-        found = self.monte_carlo.scaled_quantities
-        return (*COMPARED, *(name for name in found if name.startswith(BESIDE)))
+        quantities = self.monte_carlo.scaled_quantities
+        return (*COMPARED, *(name for name in quantities if name.startswith(BESIDE)))
 
     def difference(self, name: str) -> float:
         """Circuit minus Monte Carlo in joint standard errors; nan without error bars.
@@ -114,11 +121,11 @@ class Comparison:
         """Paired differences (circuit − Monte Carlo, same noise) that exceed their errors,
         largest first."""
         apart = {
-            name: each
-            for name, each in self.paired.items()
+            name: bias
+            for name, bias in self.paired.items()
             if name in self.compared
-            and each.standard_error
-            and abs(each.estimate) > AGREEING_STANDARD_ERRORS * each.standard_error
+            and bias.standard_error
+            and abs(bias.estimate) > AGREEING_STANDARD_ERRORS * bias.standard_error
         }
         return dict(sorted(apart.items(), key=lambda each: -abs(each[1].estimate)))
 
@@ -133,8 +140,8 @@ class Comparison:
 
         nan for a quantity that the closure does not give.
         """
-        found = self.closures[closure].scaled_quantities.get(name)
-        value = math.nan if found is None else found.estimate
+        estimate = self.closures[closure].scaled_quantities.get(name)
+        value = math.nan if estimate is None else estimate.estimate
         reference = self.monte_carlo.scaled_quantities[name]
         share = value / reference.estimate - 1.0 if reference.estimate else math.nan
         error = reference.standard_error
@@ -184,16 +191,16 @@ class Comparison:
 
     def _row_of_root(self, name):
         results = (self.circuit, self.monte_carlo, *self.closures.values())
-        quantities = [each.quantities for each in results]
-        found = [with_roots({name: each[name]} if name in each else {}) for each in quantities]
-        (of_root,) = {*found[0]} - {name} or {name}
+        quantities = [result.quantities for result in results]
+        roots = [with_roots({name: means[name]} if name in means else {}) for means in quantities]
+        (of_root,) = {*roots[0]} - {name} or {name}
         if of_root in (name, *self.compared):
             return []
-        factor, unit = self.circuit.in_print(of_root, found[0][of_root])
-        engines = [with_error(each[of_root].times(factor)) for each in found[:2]]
+        factor, unit = self.circuit.in_print(of_root, roots[0][of_root])
+        engines = [with_error(means[of_root].times(factor)) for means in roots[:2]]
         closures = [
-            number(factor * each[of_root].estimate) if of_root in each else NOT_KNOWN
-            for each in found[2:]
+            number(factor * means[of_root].estimate) if of_root in means else NOT_KNOWN
+            for means in roots[2:]
         ]
         return [[of_root.replace("_", " "), unit, *engines, "", "", *closures]]
 
@@ -214,18 +221,18 @@ class Comparison:
     def verdict(self) -> Verdict:
         """Whether the engines agree, in a sentence."""
         apart = {name: abs(self.difference(name)) for name in self.compared}
-        known = {name: sigma for name, sigma in apart.items() if not math.isnan(sigma)}
-        if not known:
+        sigmas = {name: sigma for name, sigma in apart.items() if not math.isnan(sigma)}
+        if not sigmas:
             reasons = "; ".join(self.without_error_bar(self.compared))
             return Verdict(f"There is no error bar to judge by: {reasons}.", False)
-        short = len(apart) - len(known)
+        short = len(apart) - len(sigmas)
         tail = f"; {short} of {len(apart)} quantities have no error bar" if short else ""
-        unsharp = [name for name in known if not self._is_sharp(name)]
+        unsharp = [name for name in sigmas if not self._is_sharp(name)]
         if unsharp:
             tail += f"; {len(unsharp)} of {len(apart)} are not checked: {NOT_SHARP}"
         if not self.agree:
             return Verdict(f"Circuit and Monte Carlo disagree: {self._greatest()}{tail}.", False)
-        if len(unsharp) == len(known):
+        if len(unsharp) == len(sigmas):
             remedy = "raise run.duration or run.realizations"
             return Verdict(
                 "Circuit and Monte Carlo do not check each other: every difference is "
@@ -237,7 +244,7 @@ class Comparison:
             small = "significant, but negligible against that limit: the steps may cause as much"
             return Verdict(f"{within}: {self._greatest()}; {small}{tail}.", True)
         # Runs without chance may have a difference of 0.
-        worst = max(0.1, *known.values())
+        worst = max(0.1, *sigmas.values())
         agreed = f"Circuit and Monte Carlo agree within {worst:.1f} standard errors"
         return Verdict(f"{agreed} of every quantity{tail}.", True)
 
@@ -246,15 +253,15 @@ class Comparison:
         paired = self.paired.get(name)
         if paired and paired.standard_error is not None:
             return paired.standard_error <= SHARP_SHARE
-        circuit, reference = (each.scaled_quantities[name] for each in self._engines())
+        circuit, reference = (result.scaled_quantities[name] for result in self._engines())
         errors = circuit.standard_error or 0.0, reference.standard_error or 0.0
         return math.hypot(*errors) <= SHARP_SHARE * abs(reference.estimate)
 
     def _greatest(self):
         """Text: the largest significant difference, between means or on common noise."""
-        found = {name: abs(bias.estimate) for name, bias in self.paired_apart.items()}
+        shares = {name: abs(bias.estimate) for name, bias in self.paired_apart.items()}
         joint = next(iter(self.significant.items()), None)
-        if joint and _or_infinite(joint[1]) >= max(found.values(), default=0.0):
+        if joint and _or_infinite(joint[1]) >= max(shares.values(), default=0.0):
             name, share = joint
             apart = abs(self.difference(name))
             return f"the {words(name)} differs by {abs(share):.2%}, {apart:.1f} standard errors"
@@ -266,8 +273,8 @@ class Comparison:
         names: dict[str, list[str]] = {}
         for name, reason in self.refused.items():
             names.setdefault(reason, []).append(name)
-        said = "; ".join(f"{', '.join(those)}: {reason}" for reason, those in names.items())
-        return [f"Closures that do not apply: {said}"] if said else []
+        listing = "; ".join(f"{', '.join(those)}: {reason}" for reason, those in names.items())
+        return [f"Closures that do not apply: {listing}"] if listing else []
 
     def without_error_bar(self, names: Iterable[str]) -> list[str]:
         """Quantities without an error bar in either engine, by the reason."""
@@ -276,13 +283,13 @@ class Comparison:
             (reason,) = self._reasons_without_error_bar(name) or ("no such quantity",)
             reasons.setdefault(reason, []).append(name)
         return [
-            f"{', '.join(each).replace('_', ' ')}: {reason}" for reason, each in reasons.items()
+            f"{', '.join(group).replace('_', ' ')}: {reason}" for reason, group in reasons.items()
         ]
 
     def _reasons_without_error_bar(self, name):
         """The first engine's reason, if one says it."""
-        found = [each.scaled_quantities.get(name) for each in self._engines()]
-        return [each.note for each in found if each is not None and each.note][:1]
+        pair = [result.scaled_quantities.get(name) for result in self._engines()]
+        return [mean.note for mean in pair if mean is not None and mean.note][:1]
 
     def joint_distances(self) -> dict[str, tuple[float, float]]:
         """∬|p − p'| of each joint density from Monte Carlo's, and that expected by chance."""
@@ -303,7 +310,7 @@ class Comparison:
     def figure(self) -> Figure:
         """Densities by every method, and circuit and Monte Carlo on one path of noise."""
         from harvester.show import figures
-        from harvester.studies.comparison.drawing import draw_comparison
+        from harvester.studies.comparison.report import draw_comparison
 
         return figures.drawn(draw_comparison, self)
 
@@ -325,7 +332,7 @@ class Comparison:
                 "difference_in_standard_errors": {
                     name: self.difference(name) for name in self.compared
                 },
-                "paired_bias": {name: each.to_dict("1") for name, each in self.paired.items()},
+                "paired_bias": {name: bias.to_dict("1") for name, bias in self.paired.items()},
                 "closure_deviation": {
                     closure: {name: self.deviation(closure, name)[0] for name in self.compared}
                     for closure in self.closures
@@ -341,7 +348,7 @@ class Comparison:
         """One self-contained HTML page with everything."""
         from harvester.studies.comparison.report import report
 
-        return report(self)
+        return report(self, [Verdict(headline(self.circuit)), *verdicts(self)])
 
 
 def part_of_progress(
@@ -363,3 +370,64 @@ def _or_infinite(share):
 def _sigmas(number, places):
     # Rounded first, so that −0 is printed without its sign.
     return "no error bar" if math.isnan(number) else f"{round(number, places) + 0.0:+.{places}f} σ"
+
+
+def verdicts(comparison: Comparison) -> list[Verdict]:
+    """Verdicts of a comparison, one sentence each."""
+    closures = [_closure(comparison, name) for name in comparison.closures]
+    refused = [Verdict(f"{line}.") for line in comparison.not_applying()]
+    balance = Verdict(
+        f"The energy balance closes to {comparison.circuit.energy_balance_residual:+.2%} of the "
+        "input in the circuit and "
+        f"{comparison.monte_carlo.energy_balance_residual:+.2%} in Monte Carlo."
+    )
+    return [comparison.verdict(), balance, *closures, *refused]
+
+
+def _closure(comparison, name):
+    share, sigma = comparison.deviation(name, JUDGED_BY)
+    subject = f"The closure {name}"
+    if math.isnan(sigma):
+        return Verdict(f"{subject} cannot be judged: Monte Carlo has no error bar.")
+    reasons = _reasons(comparison.closures[name], name)
+    tail = f" What is known: {'; '.join(reasons)}." if reasons else " It does not say why."
+    if not _off(share, sigma):
+        agreed = (
+            f"{subject} agrees with Monte Carlo's {words(JUDGED_BY)}: {share:+.1%}, {sigma:+.1f} "
+            "standard errors"
+        )
+        other = _farthest(comparison, name)
+        return Verdict(f"{agreed}, but {other}.{tail}" if other else f"{agreed}.", not other)
+    side = "high" if share > 0.0 else "low"
+    return Verdict(
+        f"{subject} lies {abs(share):.1%} {side} in {words(JUDGED_BY)}, {abs(sigma):.0f} standard "
+        f"errors of Monte Carlo.{tail}",
+        False,
+    )
+
+
+def _off(share, sigma):
+    return abs(sigma) > AGREEING_STANDARD_ERRORS and abs(share) >= NEGLIGIBLE_SHARE
+
+
+def _farthest(comparison, name):
+    """Text: the quantity in which a closure deviates most; empty if none deviates."""
+    deviations = {quantity: comparison.deviation(name, quantity) for quantity in COMPARED}
+    off = {quantity: d for quantity, d in deviations.items() if _off(*d)}
+    if not off:
+        return ""
+    worst = max(off, key=lambda quantity: abs(off[quantity][1]))
+    share, sigma = off[worst]
+    return f"its {words(worst)} is off by {share:+.1%}, {sigma:+.0f} standard errors"
+
+
+def _reasons(result, name):
+    """Text: the result's own notes, then the known limits of the closure that apply."""
+    reasons = list(result.notes)
+    in_wells = result.scaled_quantities.get("share_in_wells")
+    if name == "paper" and in_wells is not None:
+        reasons.append(LIMITS[name])
+    if name == "consistent" and in_wells is not None and in_wells.estimate < 1.0:
+        outside = 1.0 - in_wells.estimate
+        reasons.append(f"{LIMITS[name]} (it puts {outside:.0%} of the time outside the wells)")
+    return reasons

@@ -1,4 +1,4 @@
-"""`validate --report`: one page that holds all of a comparison."""
+"""The figure of a comparison, and `validate --report`: one page that holds all of it."""
 
 from __future__ import annotations
 
@@ -6,14 +6,15 @@ import html
 import platform
 from collections.abc import Callable
 from importlib import metadata
-from typing import Any
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
 
 from harvester.errors import MissingLibrary
 from harvester.prepared.prepared import prepared
 from harvester.results import joint_drawing
-from harvester.results.drawing import draw_result
+from harvester.results.drawing import axis_label, density_label, draw_density, draw_result, frame
 from harvester.results.excitation_drawing import draw_spectrum
-from harvester.results.headline import headline
 from harvester.scene.described import scene_rows
 from harvester.show import figures
 from harvester.show.page import (
@@ -26,10 +27,12 @@ from harvester.show.page import (
     verdict_list,
     wide,
 )
+from harvester.show.palette import CIRCUIT, LINES, MONTE_CARLO
+from harvester.show.panels import entitle, legend_below
 from harvester.show.symbols import definitions
-from harvester.studies.comparison.comparison import Comparison
-from harvester.studies.comparison.drawing import draw_comparison
-from harvester.studies.comparison.verdicts import verdicts
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
 
 LEGEND = (
     "± one standard error; beside a closure its deviation from Monte Carlo, as a share and in "
@@ -41,20 +44,17 @@ JOINT_CAPTION = (
     "saddles."
 )
 LIBRARIES = ("numpy", "scipy", "numba", "PySpice")
+# Line widths of the reference below all others, and of the closures above them.
+WIDTHS = (3.0, 1.0)
 
 
-def report(comparison: Comparison) -> str:
-    """A comparison as a page of HTML.
-
-    Returns
-    -------
-    str
-        Self-contained: style and pictures are in it.
-    """
+def report(comparison: Any, verdicts: list[Verdict]) -> str:
+    """A comparison as a self-contained page of HTML: style and pictures are in it."""
     from circuits.assembly import assemble
 
     scene = comparison.scene
     header, rows = comparison.table()
+    legend = [LEGEND, *definitions(comparison.compared)]
     text = html.escape(assemble(prepared(scene)).text)
     netlist = (
         "<details><summary>the elements as ngspice reads them, the noise fed in from outside"
@@ -65,8 +65,8 @@ def report(comparison: Comparison) -> str:
         f"{scene.name}: circuit, Monte Carlo and averaging",
         f"seed {scene.run.seed}; scene {scene.digest()[:12]}",
         {
-            "Verdict": verdict_list([Verdict(headline(comparison.circuit)), *verdicts(comparison)]),
-            "Quantities": wide(table_of(header, rows)) + _legend(comparison),
+            "Verdict": verdict_list(verdicts),
+            "Quantities": wide(table_of(header, rows)) + "".join(map(facts, legend)),
             "Figures": _figures(comparison),
             "Scene": wide(table_of(("key", "value"), scene_rows(scene), "text")),
             "Schematic": _schematic(scene),
@@ -74,10 +74,6 @@ def report(comparison: Comparison) -> str:
             "Evidence": wide(table_of(("what", "fact"), _evidence(comparison), "text")),
         },
     )
-
-
-def _legend(comparison):
-    return "".join(map(facts, [LEGEND, *definitions(comparison.compared)]))
 
 
 def _figures(comparison):
@@ -88,7 +84,7 @@ def _figures(comparison):
         (draw_spectrum, comparison.scene, "Spectrum of the excitation, of one realization."),
     ]
     both = [*comparison.closures.values(), comparison.monte_carlo]
-    if any(each.joint_density is not None for each in both):
+    if any(result.joint_density is not None for result in both):
         drawn.insert(1, (joint_drawing.draw, both, JOINT_CAPTION))
     return "\n".join(
         figure_of(figures.picture(draw, content), f"{scene}: {caption}", caption)
@@ -123,3 +119,64 @@ def _evidence(comparison):
         ("scene", f"sha256 {comparison.scene.digest()}"),
         ("versions", ", ".join([f"Python {platform.python_version()}", *versions])),
     ]
+
+
+def draw_comparison(comparison: Any) -> Figure:
+    """Densities by every engine and closure; waveforms on one path; their difference."""
+    from matplotlib.figure import Figure
+
+    names = list(comparison.monte_carlo.densities)
+    figure = Figure(figsize=(9.0, 7.2))
+    rows = figure.add_gridspec(2, 1, height_ratios=(1.0, 1.0))
+    across = rows[0].subgridspec(1, len(names))
+    panels = [figure.add_subplot(across[column]) for column in range(len(names))]
+    for panel, name in zip(panels, names, strict=True):
+        _draw_densities(panel, comparison, name)
+        panel.set_ylabel(density_label(comparison.circuit, name))
+    below = rows[1].subgridspec(3, 1, height_ratios=(1.4, 1.4, 1.0))
+    top = figure.add_subplot(below[0])
+    middle, bottom = (figure.add_subplot(below[k], sharex=top) for k in (1, 2))
+    _draw_waveforms(top, middle, bottom, comparison)
+    figure.align_ylabels([top, middle, bottom])
+    compared = "circuit, Monte Carlo and averaging" if comparison.closures else "both engines"
+    entitle(figure, f"{comparison.scene.name}: {compared} (bands: two standard errors)")
+    # Closures differ in the densities that they have: one legend for all panels.
+    legend_below(figure, panels)
+    return figure
+
+
+def _draw_densities(axes, comparison, name):
+    # Thin lines over thick ones show both where they coincide.
+    thick, thin = WIDTHS
+    draw_density(axes, comparison.monte_carlo, name, MONTE_CARLO, "-", "Monte Carlo", thick)
+    draw_density(axes, comparison.circuit, name, CIRCUIT, "--", "circuit")
+    # Closures are drawn above the simulations, whose bands are broad where they are noisy.
+    for closure, result in comparison.closures.items():
+        colour, style = LINES[closure]
+        if name in result.densities:
+            draw_density(axes, result, name, colour, style, f"averaging, {closure}", thin)
+    simulated = comparison.monte_carlo.densities[name]
+    frame(axes, [comparison.circuit, comparison.monte_carlo], name)
+    peak = simulated.density.max() / comparison.monte_carlo.scales.of(name)
+    # A closure that is far too high would flatten the others.
+    axes.set_ylim(0.0, min(axes.get_ylim()[1], 2.5 * peak))
+    axes.set_xlabel(axis_label(comparison.circuit, name))
+
+
+def _draw_waveforms(top, middle, bottom, comparison):
+    circuit, reference = comparison.circuit.waveform, comparison.monte_carlo.waveform
+    for axes, name in ((top, "displacement"), (middle, "voltage")):
+        axes.plot(reference.time, reference[name], color=MONTE_CARLO, linewidth=WIDTHS[0])
+        axes.plot(circuit.time, circuit[name], "--", color=CIRCUIT)
+        axes.set_ylabel(axis_label(comparison.circuit, name).replace(" ", "\n"))
+        axes.tick_params(labelbottom=False)
+    top.set_title("the same noise path")
+    # Both records contain every knot of the noise.
+    difference = np.interp(reference.time, circuit.time, circuit.displacement)
+    knots = np.isin(np.round(reference.time, 9), np.round(circuit.time, 9))
+    difference = (difference - reference.displacement)[knots]
+    bottom.plot(reference.time[knots], difference, color="0.2", linewidth=0.8)
+    unit = axis_label(comparison.circuit, "displacement").partition(" ")[2]
+    bottom.set_ylabel(f"difference\n{unit}")
+    bottom.set_title("displacement, circuit − Monte Carlo")
+    bottom.set_xlabel("time [s]")

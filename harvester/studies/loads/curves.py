@@ -7,6 +7,7 @@ import itertools
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
@@ -23,13 +24,9 @@ class CurveOptimum:
 
     Attributes
     ----------
-    best : int or None
-        Place of the highest point; None where no point has a value.
-    place : float
-        Position of the maximum between the points; nan at an edge.
-    low, high : float
-        Ends of the maximum's interval; nan where there is none.
-    note : str
+    best : place of the highest point; None where no point has a value.
+    place : position of the maximum between the points; nan at an edge.
+    low, high : ends of the maximum's interval; nan where there is none.
     """
 
     best: int | None
@@ -60,10 +57,8 @@ def optimum_of(
 
     Parameters
     ----------
-    places : sequence of float
-        Swept values, increasing; the fit uses their logarithms if all are > 0.
-    powers : sequence of float
-        nan where there is none.
+    places : swept values, increasing; the fit uses their logarithms if all are > 0.
+    powers : nan where there is none.
     series : sequence of (ndarray of shape (realizations, batches), or None)
         Powers batch by batch on common noise; None: without statistical error.
     """
@@ -82,7 +77,10 @@ def optimum_of(
     axis = np.log(places) if logarithmic else np.asarray(places, dtype=float)
     vertex, gradient = _vertex(axis[near], np.log(heights[near]))
     shape = abs(vertex - _vertex(axis[near], heights[near])[0])
-    error = _error_of(gradient, [series[k] for k in near])
+    runs_near: list[Any] = [series[k] for k in near]
+    error: float | None = 0.0
+    if runs_near[0] is not None:
+        error = error_of_sum(gradient, [runs / runs.mean() for runs in runs_near])
     if error is None:
         return CurveOptimum(best, note="too few realizations for an interval")
     low, high = vertex - INTERVAL * error - shape, vertex + INTERVAL * error + shape
@@ -96,7 +94,7 @@ def optimum_of(
         note = "flat within the noise to the edge of the sweep"
     low, high = max(low, axis[0]), min(high, axis[-1])
     convert = np.exp if logarithmic else float
-    vertex, low, high = (float(convert(each)) for each in (vertex, low, high))
+    vertex, low, high = (float(convert(coordinate)) for coordinate in (vertex, low, high))
     return CurveOptimum(best, vertex, low, high, note)
 
 
@@ -105,23 +103,19 @@ def rank(
 ) -> tuple[list[str], list[Difference]]:
     """Loads from the best to the worst, with every difference between two of them.
 
-    Parameters
-    ----------
-    powers : dict of str to float
-        Power at each load's optimum, the mean of its series; nan where there is none.
-    series : dict of str to (ndarray or None)
+    `powers`: power at each load's optimum, the mean of its series; nan where there is none.
     """
     order = sorted((k for k in powers if math.isfinite(powers[k])), key=lambda k: -powers[k])
     differences = []
-    for place, better in enumerate(order):
-        for worse in order[place + 1 :]:
+    for position, better in enumerate(order):
+        for worse in order[position + 1 :]:
             ratio = powers[better] / powers[worse]
             error: float | None = 0.0
-            shares = [each / powers[k] for k in (better, worse) if (each := series[k]) is not None]
+            shares = [runs / powers[k] for k in (better, worse) if (runs := series[k]) is not None]
             if shares:
                 error = error_of_sum((ratio, -ratio), shares)
-            known = math.nan if error is None else error
-            differences.append(Difference(better, worse, ratio - 1.0, known))
+            standard_error = math.nan if error is None else error
+            differences.append(Difference(better, worse, ratio - 1.0, standard_error))
     return order, differences
 
 
@@ -133,7 +127,6 @@ def error_of_sum(weights: Sequence[float], series: Sequence[np.ndarray]) -> floa
 
     Parameters
     ----------
-    weights : sequence of float
     series : sequence of ndarray, shape (realizations, batches)
         Series of batches; their numbers of realizations may differ.
 
@@ -142,20 +135,20 @@ def error_of_sum(weights: Sequence[float], series: Sequence[np.ndarray]) -> floa
     float or None
         None where one is too short for an error bar.
     """
-    counts = [len(each) for each in series]
+    counts = [len(runs) for runs in series]
     together = _error_of_prefix(weights, series, min(counts))
     if min(counts) == max(counts) or together is None:
         return together
-    errors = [error for each in series if (error := standard_error(each)) is not None]
+    errors = [error for runs in series if (error := standard_error(runs)) is not None]
     if len(errors) < len(series):
         return None
     variance = sum((w * error) ** 2 for w, error in zip(weights, errors, strict=True))
     for i, j in itertools.combinations(range(len(series)), 2):
         count = min(counts[i], counts[j])
         pair = [series[i], series[j]]
-        found = [_error_of_prefix(w, pair, count) for w in ((1.0, 0.0), (0.0, 1.0), (1.0, -1.0))]
-        parts = [error for error in found if error is not None]
-        if len(parts) < len(found):
+        terms = [_error_of_prefix(w, pair, count) for w in ((1.0, 0.0), (0.0, 1.0), (1.0, -1.0))]
+        parts = [error for error in terms if error is not None]
+        if len(parts) < len(terms):
             return None
         covariance = 0.5 * (parts[0] ** 2 + parts[1] ** 2 - parts[2] ** 2)
         shared = count**2 / (counts[i] * counts[j])
@@ -166,7 +159,7 @@ def error_of_sum(weights: Sequence[float], series: Sequence[np.ndarray]) -> floa
 
 
 def _error_of_prefix(weights, series, count):
-    return standard_error(sum(w * each[:count] for w, each in zip(weights, series, strict=True)))
+    return standard_error(sum(w * runs[:count] for w, runs in zip(weights, series, strict=True)))
 
 
 def _vertex(x, y):
@@ -175,15 +168,8 @@ def _vertex(x, y):
     # Rows: curvature, slope and value at the middle point, each linear in y.
     rows = np.linalg.inv(np.vander(x - x[1], 3))
     curvature, slope = rows[0] @ y, rows[1] @ y
-    place = x[1] - 0.5 * slope / curvature
-    return place, 0.5 * (slope * rows[0] / curvature - rows[1]) / curvature
-
-
-def _error_of(gradient, series):
-    """Standard error of a function of means by the gradient over their logarithms."""
-    if series[0] is None:
-        return 0.0
-    return error_of_sum(gradient, [each / each.mean() for each in series])
+    extremum = x[1] - 0.5 * slope / curvature
+    return extremum, 0.5 * (slope * rows[0] / curvature - rows[1]) / curvature
 
 
 def _no_lower(series, place, best):

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from functools import partial
 from itertools import cycle
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -18,15 +18,13 @@ from harvester.show.symbols import key_label
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-    from harvester.studies.loads.study import Study
-
 MARKERS = "osD^vP*X"
 # An error bar reaches so many standard errors to either side.
 BARS = 2.0
 EFFICIENCIES = ("end_to_end_efficiency", "power_conversion_efficiency_of_input")
 
 
-def draw_power(study: Study) -> Figure:
+def draw_power(study: Any) -> Figure:
     """Output power over the swept value, one curve a load; its optimum's interval below."""
     top = max((e.power for e in study.evaluations if math.isfinite(e.power)), default=1.0)
     factor, unit = prefixed(top, study.unit)
@@ -38,7 +36,7 @@ def draw_power(study: Study) -> Figure:
     return _draw(study, f"output power [{unit}]", value, _draw_optima)
 
 
-def draw_efficiency(study: Study) -> Figure:
+def draw_efficiency(study: Any) -> Figure:
     """Harvested power over the mechanical input."""
 
     def value(evaluation):
@@ -49,39 +47,34 @@ def draw_efficiency(study: Study) -> Figure:
     return _draw(study, "power harvested of that put in [%]", value, lambda *_: None)
 
 
-def draw_waveforms(study: Study) -> Figure:
+def draw_waveforms(study: Any) -> Figure:
     """Displacement and piezo voltage at each load's highest point, all on the same noise."""
     from matplotlib.figure import Figure
 
-    other = max(
-        (other for other, _ in study.others()),
-        key=lambda o: max((study.best((k, *o)) or _Nothing).power for k in _loads(study)),
-    )
-    shown = [
+    def highest(other):
+        points = [point for k in _loads(study) if (point := study.best((k, *other)))]
+        return max((point.power for point in points), default=-math.inf)
+
+    other = max((other for other, _ in study.others()), key=highest)
+    best = [
         (load, study.best((k, *other)), colour)
         for (k, load), colour in zip(enumerate(study.grid.loads), _colours(), strict=False)
     ]
-    shown = [(load, e, c) for load, e, c in shown if e is not None and e.waveform is not None]
-    figure = Figure(figsize=(7.0, 1.0 + 1.3 * max(len(shown), 1)))
+    best = [(load, e, c) for load, e, c in best if e is not None and e.waveform is not None]
+    figure = Figure(figsize=(7.0, 1.0 + 1.3 * max(len(best), 1)))
     first = None
-    for place, (load, evaluation, colour) in enumerate(shown):
-        axes = figure.add_subplot(len(shown), 1, place + 1, sharex=first)
+    for row, (load, evaluation, colour) in enumerate(best):
+        axes = figure.add_subplot(len(best), 1, row + 1, sharex=first)
         first = first or axes
         _draw_waveform(axes, study, load, evaluation, colour)
-        axes.tick_params(labelbottom=place == len(shown) - 1)
-    if shown:
+        axes.tick_params(labelbottom=row == len(best) - 1)
+    if best:
         axes.set_xlabel("time [s]")
     words = dict(study.others())[other]
     title = "piezo voltage (colour) and displacement (grey) where each load is best"
     title = f"{study.scene.name}: {title}{', ' * bool(words)}{words}"
     entitle(figure, title)
     return figure
-
-
-class _Nothing:
-    """Stands for a curve without a point."""
-
-    power = -math.inf
 
 
 def _loads(study):
@@ -128,15 +121,15 @@ def _curves(study, other, places, value):
     series = []
     order = np.argsort(places)
     for k, colour, marker in zip(_loads(study), _colours(), cycle(MARKERS), strict=False):
-        row = [study.curves[(k, *other)][place] for place in order]
-        shown = [(place, each) for place, e in zip(order, row, strict=True) if (each := value(e))]
-        if not shown:
+        row = [study.curves[(k, *other)][index] for index in order]
+        means = [(index, mean) for index, e in zip(order, row, strict=True) if (mean := value(e))]
+        if not means:
             continue
-        errors = [each.standard_error for _, each in shown]
+        errors = [mean.standard_error for _, mean in means]
         series.append(
             Series(
-                x=[places[place] if study.curve_keys[0] else k for place, _ in shown],
-                y=[each.estimate for _, each in shown],
+                x=[places[index] if study.curve_keys[0] else k for index, _ in means],
+                y=[mean.estimate for _, mean in means],
                 label=study.grid.loads[k],
                 colour=colour,
                 marker=marker,
@@ -176,5 +169,5 @@ def _draw_waveform(axes, study, load, evaluation, colour):
     beside.set_ylabel("X [mm]" if in_metres else "X", color="0.5")
 
 
-# The figures of `harvester.studies.public.LOAD_STUDY_FILES`, in their order.
+# The figures of `harvester.studies.LOAD_STUDY_FILES`, in their order.
 FIGURES = (draw_power, draw_efficiency, draw_waveforms)

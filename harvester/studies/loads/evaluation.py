@@ -72,8 +72,7 @@ class Evaluation(Cell):
     power_error : float
         Standard error of the output power, nan where there is none, also where `estimates`
         withholds it for a run too short for what is slow.
-    waveform : ndarray or None
-        Beginning of the first realization, rows as in `Record`, in the scene's units.
+    waveform : beginning of the first realization, rows as in `Record`, in the scene's units.
     """
 
     series: np.ndarray | None = field(default=None, repr=False)
@@ -113,11 +112,8 @@ def evaluating(
 
     Parameters
     ----------
-    scene : Scene
-    method : Method
-        Engine or closure.
-    version : str
-        See `harvester.running.runner.Runner.version`.
+    method : engine or closure.
+    version : see `harvester.running.runner.Runner.version`.
     precision : float or None
         Relative error of the output power, what the steps may cost included; None: the scene's own
         run.
@@ -131,15 +127,15 @@ def evaluating(
     cost = step_error(prepared(scene), method.step, method.name)
 
     def judge(good, ended):
-        found = _evaluate(scene, method.name, good, ended, cost)
-        return found, found.relative_error if found.realizations else 0.0
+        evaluation = _evaluate(scene, method.name, good, ended, cost)
+        return evaluation, evaluation.relative_error if evaluation.realizations else 0.0
 
     most = MOST_REALIZATIONS if precision else distinct_realizations(prepared(scene))
     first = FIRST_REALIZATIONS if precision else most
     aim = aim_beside_steps(precision, cost) if precision else None
-    found = yield from in_rounds(cut, first, most, aim, judge)
-    note = note_on_steps(precision, cost) if precision and found.realizations else ""
-    return replace(found, outcome=f"{found.outcome}; {note}") if note else found
+    evaluation = yield from in_rounds(cut, first, most, aim, judge)
+    note = note_on_steps(precision, cost) if precision and evaluation.realizations else ""
+    return replace(evaluation, outcome=f"{evaluation.outcome}; {note}") if note else evaluation
 
 
 def _evaluate(scene, method, good, ended, cost=0.0):
@@ -147,14 +143,9 @@ def _evaluate(scene, method, good, ended, cost=0.0):
 
     Parameters
     ----------
-    scene : Scene
-    method : str
-    good : sequence of dict
-        Answers of its tasks, in the order of their realizations.
-    ended : HarvesterError or str
-        The reason why later answers are missing; "" if all came.
-    cost : float
-        Share of a power that the steps may cost; see `harvester.prepared.steps.step_error`.
+    good : answers of its tasks, in the order of their realizations.
+    ended : the reason why later answers are missing; "" if all came.
+    cost : share of a power that the steps may cost; see `harvester.prepared.steps.step_error`.
     """
     scales = prepared(scene).scales
     if not good:
@@ -166,26 +157,30 @@ def _evaluate(scene, method, good, ended, cost=0.0):
         error = _or_nan(mean.standard_error)
         return Evaluation(method, COMPLETE, {**estimates, POWER: mean}, power_error=error)
     scene, moments, orbits, on_orbits = followed(scene, good, cost)
-    found = run_estimates(prepared(scene), moments, cost)
-    if not abs(found.residual) <= LARGEST_RESIDUAL:
-        return Evaluation(method, told(not_balanced(found.residual)))
-    outcome = "; ".join([COMPLETE, *on_orbits, *found.notes, *residual_notes(found.residual)])
+    run = run_estimates(prepared(scene), moments, cost)
+    if not abs(run.residual) <= LARGEST_RESIDUAL:
+        return Evaluation(method, told(not_balanced(run.residual)))
+    outcome = "; ".join([COMPLETE, *on_orbits, *run.notes, *residual_notes(run.residual)])
     if isinstance(ended, HarvesterError):
         outcome = f"ended after {len(moments)} realizations: {told(ended)}"
-    series = power_series(found.moments, scales.power)
-    power = Estimate(float(series.mean()), found.error(series), None, "power")
-    power = with_steps(scene, power, found.step_error)
-    estimates = in_units(found.whole, scales)
+    series = power_series(run.moments, scales.power)
+    power = Estimate(float(series.mean()), run.error(series), None, "power")
+    power = with_steps(scene, power, run.step_error)
+    estimates = in_units(run.whole, scales)
     estimates[POWER] = power
+    waveform = good[0]["waveform"]
+    if waveform is not None:
+        factors = [scales.of(WAVEFORM.get(name, "power")) for name in Record._fields]
+        waveform = waveform * np.array(factors)[:, None]
     return Evaluation(
         method=method,
         outcome=outcome,
-        estimates=withheld(estimates, found.shortfalls),
+        estimates=withheld(estimates, run.shortfalls),
         series=series,
         realizations=len(moments),
         orbits=orbits,
         power_error=_or_nan(power.standard_error),
-        waveform=_waveform_in_units(good[0]["waveform"], scales),
+        waveform=waveform,
     )
 
 
@@ -211,10 +206,3 @@ def power_series(moments: Sequence[Moments], unit: float) -> np.ndarray:
 
 def _or_nan(error):
     return math.nan if error is None else error
-
-
-def _waveform_in_units(waveform, scales):
-    if waveform is None:
-        return None
-    factors = [scales.of(WAVEFORM.get(name, "power")) for name in Record._fields]
-    return waveform * np.array(factors)[:, None]

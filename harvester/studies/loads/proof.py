@@ -43,10 +43,8 @@ class Proof:
 
     Attributes
     ----------
-    place : int
-        Index of the point in the grid.
-    highest : bool
-        Whether it was chosen as its curve's highest point, and not drawn.
+    place : index of the point in the grid.
+    highest : whether it was chosen as its curve's highest point, and not drawn.
     difference : float
         (circuit − Monte Carlo)/Monte Carlo of the output power on the same noise; nan where it
         cannot be computed.
@@ -55,8 +53,7 @@ class Proof:
         is no difference.
     early_difference, early_standard_error : float
         The same over the first `PERIODS` periods from rest; nan where they cannot be computed.
-    trouble : str
-        The reason why a difference is missing (the settled part's first); "" if none is.
+    trouble : the reason why a difference is missing (the settled part's first); "" if none is.
     """
 
     place: int
@@ -97,13 +94,13 @@ def places_to_prove(
     numbers = np.arange(len(evaluations)).reshape(len(grid.loads), *lengths)
     if grid.curve is not None:
         numbers = np.moveaxis(numbers, grid.curve + 1, -1)
-    power = np.array([each.power for each in evaluations])
+    power = np.array([evaluation.power for evaluation in evaluations])
     random = np.random.default_rng(np.random.SeedSequence(seed, spawn_key=(len(evaluations),)))
     chosen: dict[int, bool] = {}
     for of_load in numbers.reshape(len(grid.loads), -1):
         curves = of_load.reshape(-1, lengths[grid.curve] if grid.curve is not None else 1)
-        known = [curve[np.isfinite(power[curve])] for curve in curves]
-        best = {int(curve[np.argmax(power[curve])]) for curve in known if curve.size}
+        finite = [curve[np.isfinite(power[curve])] for curve in curves]
+        best = {int(curve[np.argmax(power[curve])]) for curve in finite if curve.size}
         others = [int(k) for k in of_load if np.isfinite(power[k]) and k not in best]
         chosen |= dict.fromkeys(best, True)
         if others:
@@ -112,11 +109,7 @@ def places_to_prove(
 
 
 def proving(
-    place: int,
-    highest: bool,
-    scene: Scene,
-    first: tuple[Engine, str],
-    judge: tuple[Engine, str],
+    place: int, highest: bool, scene: Scene, first: tuple[Engine, str], judge: tuple[Engine, str]
 ) -> Generator[Wanted, list, Proof]:
     """A plan for `Runner.follow` that returns the Proof of one place.
 
@@ -124,22 +117,22 @@ def proving(
     ----------
     place, highest
         As in `Proof`.
-    scene : Scene
-        The scene of the point.
-    first, judge : (Engine, str)
-        Monte Carlo and the circuit, each with its version, see `Runner.version`.
+    scene : the scene of the point.
+    first, judge : Monte Carlo and the circuit, each with its version, see `Runner.version`.
     """
     settled, early, costs = [], [], []
+    duration = min(periods_of(scene), scene.run.settle + scene.run.duration)
+    from_rest = scene.replace({"run.settle": 0.0, "run.duration": duration})
     for method, version in (first, judge):
         costs.append(step_error(prepared(scene), method.step, method.name))
         settled.append(_tasks(scene, PROOF_REALIZATIONS, method, version))
-        early.append(_tasks(early_part(scene), EARLY_REALIZATIONS, method, version))
+        early.append(_tasks(from_rest, EARLY_REALIZATIONS, method, version))
     parts = [*settled, *early]
     answers = iter((yield Wanted([task for tasks in parts for task in tasks])))
-    found = [[next(answers) for _ in tasks] for tasks in parts]
-    difference, standard_error, trouble, power = _difference(scene, costs, *found[:2])
+    grouped = [[next(answers) for _ in tasks] for tasks in parts]
+    difference, standard_error, trouble, power = _difference(scene, costs, *grouped[:2])
     proof = Proof(place, highest, difference, standard_error, trouble=trouble)
-    difference, standard_error, trouble, early_power = _difference(scene, costs, *found[2:])
+    difference, standard_error, trouble, early_power = _difference(scene, costs, *grouped[2:])
     if early_power < LEAST_EARLY_SHARE * power:
         return proof
     return replace(
@@ -148,12 +141,6 @@ def proving(
         early_standard_error=standard_error,
         trouble=proof.trouble or (trouble and f"from rest: {trouble}"),
     )
-
-
-def early_part(scene: Scene) -> Scene:
-    """The scene from rest on, for the first `PERIODS` periods of its small oscillations."""
-    duration = min(periods_of(scene), scene.run.settle + scene.run.duration)
-    return scene.replace({"run.settle": 0.0, "run.duration": duration})
 
 
 def _tasks(scene, most, method, version):

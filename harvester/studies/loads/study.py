@@ -15,12 +15,15 @@ import numpy as np
 from harvester.arguments import check_name
 from harvester.errors import LoadError
 from harvester.estimates.estimate import NOT_SHARP, Estimate
+from harvester.estimates.units import unit_of
+from harvester.files.plain_text import json_text
 from harvester.files.serialising import fields_of, plain
-from harvester.files.tables import Tabular, write_netcdf
+from harvester.files.tables import Tabular, write_netcdf, xarray_or_say
 from harvester.files.writing import in_folder
 from harvester.method import Method
+from harvester.record.record import Record
 from harvester.running import Runner
-from harvester.running.folder import held
+from harvester.running.folder import StudyFolder, held
 from harvester.running.realizations import PERIODS
 from harvester.running.request import COMPLETE
 from harvester.scene.model import Scene
@@ -28,24 +31,23 @@ from harvester.scene.units import require_resistor
 from harvester.show.numbers import NOT_KNOWN, number, quantity, share_with_error, with_error
 from harvester.show.symbols import EFFICIENCIES, definitions, key_words
 from harvester.simulation.methods import ENGINES, Circuit, Engine, engine_of, method_of
+from harvester.studies import JUDGED, LOAD_STUDY_FILES
 from harvester.studies.grid import Grid
 from harvester.studies.loads.curves import Difference, optimum_of, rank
-from harvester.studies.loads.evaluation import MOST_REALIZATIONS, Evaluation
+from harvester.studies.loads.evaluation import WAVEFORM, Evaluation
 from harvester.studies.loads.proof import Proof, places_to_prove, proving
-from harvester.studies.public import JUDGED, LOAD_STUDY_FILES
 from harvester.studies.sweep import (
     Sweep,
     columns,
     orbits_of,
     outcome_and_notes,
     placed_notes,
+    variables_of,
 )
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
     from xarray import Dataset
-
-    from harvester.running.folder import StudyFolder
 
 # Measured time of a realization over its settling time. A fifth of the run is then spent on
 # settling.
@@ -55,26 +57,17 @@ PROOF_SHARE = 0.2
 
 
 @dataclass(frozen=True)
-class Study(Tabular):
+class LoadStudy(Tabular):
     """A load study's points, how it ended, and what follows: optima, ranking, verdict.
 
     Attributes
     ----------
-    grid : Grid
-    method : str
-        "judged", an engine or a closure.
-    version : str
-        Version of the program that computed.
-    precision : float or None
-    evaluations : list of Evaluation
-        Evaluations of the points, in the order of `grid.points`.
-    proofs : list of Proof
-        Comparisons with the circuit, at the points that were chosen for it.
-    out_of_time : bool
-        The time budget ended it: the same call again goes on.
-    computed, reused : int
-        Tasks.
-    wall_seconds : float
+    method : "judged", an engine or a closure.
+    version : version of the program that computed.
+    evaluations : evaluations of the points, in the order of `grid.points`.
+    proofs : comparisons with the circuit, at the points that were chosen for it.
+    out_of_time : the time budget ended it: the same call again goes on.
+    computed, reused : tasks.
     warnings : tuple of str
         Warnings: stored answers that are not valid, outcomes not kept, a folder that cannot be
         locked.
@@ -100,7 +93,7 @@ class Study(Tabular):
     @property
     def methods(self) -> tuple[str, ...]:
         """Name of the method that ran each point."""
-        return tuple(each.method for each in self.evaluations)
+        return tuple(evaluation.method for evaluation in self.evaluations)
 
     @property
     def sweep(self) -> Sweep:
@@ -149,38 +142,38 @@ class Study(Tabular):
         key, _ = self.curve_keys
         places = self.grid.sweeps[key] if key else (0.0,)
         order = np.argsort(places)
-        found = np.empty(self.curves.shape[:-1], dtype=object)
-        for where in np.ndindex(found.shape):
+        optima = np.empty(self.curves.shape[:-1], dtype=object)
+        for where in np.ndindex(optima.shape):
             row = [self.curves[where][k] for k in order]
             powers, series = [e.ranked_power for e in row], [e.series for e in row]
             optimum = optimum_of([places[k] for k in order], powers, series)
-            found[where] = optimum, None if optimum.best is None else int(order[optimum.best])
-        return found
+            optima[where] = optimum, None if optimum.best is None else int(order[optimum.best])
+        return optima
 
     def best(self, where: tuple[int, ...]) -> Evaluation | None:
         """Evaluation at the highest point of a curve, or None."""
-        place = self.optima[where][1]
-        return None if place is None else self.curves[where][place]
+        index = self.optima[where][1]
+        return None if index is None else self.curves[where][index]
 
     @cached_property
     def rankings(self) -> dict[tuple[int, ...], tuple[list[str], list[Difference]]]:
         """(order, differences) at each place of the other sweeps."""
         loads = self.grid.loads
-        found = {}
+        rankings = {}
         for other in np.ndindex(self.optima.shape[1:]):
             places = ((load, self.best((k, *other))) for k, load in enumerate(loads))
             best = {load: e for load, e in places if e}
             powers = {load: e.power for load, e in best.items()}
-            found[other] = rank(powers, {load: e.series for load, e in best.items()})
-        return found
+            rankings[other] = rank(powers, {load: e.series for load, e in best.items()})
+        return rankings
 
     def others(self) -> Iterator[tuple[tuple[int, ...], str]]:
         """Places of the other sweeps with their values as text, "" where there are none."""
         _, keys = self.curve_keys
         values = [self.grid.sweeps[key] for key in keys]
-        for other in itertools.product(*(range(len(each)) for each in values)):
+        for other in itertools.product(*(range(len(axis)) for axis in values)):
             words = [
-                self._value(key, each[k]) for key, each, k in zip(keys, values, other, strict=True)
+                self._value(key, axis[k]) for key, axis, k in zip(keys, values, other, strict=True)
             ]
             yield other, ", ".join(words)
 
@@ -197,8 +190,8 @@ class Study(Tabular):
         return header, rows
 
     def _row(self, where, key):
-        optimum, place = self.optima[where]
-        if place is None:
+        optimum, index = self.optima[where]
+        if index is None:
             first = self.curves[where][0]
             return [*["—"] * 5, str(first.realizations), first.fed_by_store or first.outcome]
         best: Any = self.best(where)
@@ -209,16 +202,18 @@ class Study(Tabular):
         notes = [optimum.note, "" if outcome == COMPLETE else outcome]
         fed = [
             quantity(self.grid.sweeps[key][k], key_words(key, self.scene.units)[1])
-            for k, each in enumerate(self.curves[where])
-            if key and each.fed_by_store
+            for k, evaluation in enumerate(self.curves[where])
+            if key and evaluation.fed_by_store
         ]
         notes += [f"at {', '.join(fed)} not ranked: stores discharge into the output"] * bool(fed)
         if self.precision and best.realizations:
-            notes.append(self._precision(best))
+            reached, asked = best.relative_error, self.precision
+            precision = f"{reached:.1%}" if math.isfinite(reached) else "no error bar"
+            notes.append(precision + f", not the {asked:.1%} asked for" * (not reached <= asked))
         inside = math.isfinite(optimum.low)
         unit = key_words(key, self.scene.units)[1] if key else ""
         return [
-            quantity(self.grid.sweeps[key][place], unit) if key else "",
+            quantity(self.grid.sweeps[key][index], unit) if key else "",
             quantity(optimum.place, unit) if inside else NOT_KNOWN,
             f"{quantity(optimum.low, unit)} … {quantity(optimum.high, unit)}"
             if inside
@@ -233,19 +228,12 @@ class Study(Tabular):
         words, unit = key_words(key, self.scene.units)
         return f"{words} = {quantity(value, unit)}"
 
-    def _has(self, name):
-        return any(name in each.estimates for each in self.evaluations)
-
-    def _precision(self, evaluation):
-        reached, asked = evaluation.relative_error, self.precision
-        said = f"{reached:.1%}" if math.isfinite(reached) else "no error bar"
-        return said if reached <= asked else f"{said}, not the {asked:.1%} asked for"
-
     def sentences(self) -> list[str]:
         """The ranking, what precision was reached, how it ended, what was run."""
         lines = [line for other, words in self.others() for line in self._ranking(other, words)]
         lines += self._failures()
-        lines += definitions(name for name in EFFICIENCIES if self._has(name))
+        names = {name for evaluation in self.evaluations for name in evaluation.estimates}
+        lines += definitions(name for name in EFFICIENCIES if name in names)
         run, total = self.scene.run, len(self.evaluations)
         if self.precision:
             done = sum(e.relative_error <= self.precision for e in self.evaluations)
@@ -265,7 +253,7 @@ class Study(Tabular):
 
     def alarms(self) -> list[str]:
         """One line for each point at which the circuit's power disagrees."""
-        return [f"DISAGREE: {self._proof(each)}" for each in self.proofs if each.disagrees]
+        return [f"DISAGREE: {self._proof(proof)}" for proof in self.proofs if proof.disagrees]
 
     def _proofs(self):
         """Sentences on whether the circuit, as reference, agrees with the study."""
@@ -281,21 +269,22 @@ class Study(Tabular):
             f"cross-check with the circuit on the same noise at {len(proofs)} places (the optima, "
             f"others at random): {', '.join(verdicts)}"
         )
-        return [head, *(f"  {self._proof(each)}" for each in proofs)]
+        return [head, *(f"  {self._proof(proof)}" for proof in proofs)]
 
     def _proof(self, proof):
         point = self.grid.points[proof.place]
-        place = ", ".join(number(value) for value in point.place)
-        where = f"{point.load}{' at ' * bool(place)}{place}{' (optimum)' * proof.highest}"
-        parts = {
-            f"in the first {PERIODS:g} periods": (
-                proof.early_difference,
-                proof.early_standard_error,
-            ),
-            "settled": (proof.difference, proof.standard_error),
-        }
-        told = [f"{_apart(*of)} {part}" for part, of in parts.items() if not math.isnan(of[1])]
-        words = [f"circuit over Monte Carlo, paired, {', '.join(told)}"] if told else []
+        values = ", ".join(number(value) for value in point.place)
+        where = f"{point.load}{' at ' * bool(values)}{values}{' (optimum)' * proof.highest}"
+        early = proof.early_difference, proof.early_standard_error
+        parts = {f"in the first {PERIODS:g} periods": early}
+        parts["settled"] = proof.difference, proof.standard_error
+        apart = [
+            f"{share_with_error(Estimate(difference, error, None, '1'))} "
+            f"({abs(difference) / error if error else 0.0:.1f} σ) {part}"
+            for part, (difference, error) in parts.items()
+            if not math.isnan(error)
+        ]
+        words = [f"circuit over Monte Carlo, paired, {', '.join(apart)}"] if apart else []
         if not (proof.checks or proof.disagrees):
             words.append(f"not checked ({proof.trouble or NOT_SHARP})")
         return f"{where}: {'; '.join(words)}"
@@ -303,14 +292,14 @@ class Study(Tabular):
     def headline(self) -> str:
         """The best load with its power, and where its optimum is."""
         best = [
-            (where, each) for where in np.ndindex(self.optima.shape) if (each := self.best(where))
+            (where, point) for where in np.ndindex(self.optima.shape) if (point := self.best(where))
         ]
         best = [pair for pair in best if "output_power" in pair[1].estimates]
         if not best:
             return "no load has a power"
         where, top = max(best, key=lambda pair: pair[1].power)
-        key, place = self.curve_keys[0], self.optima[where][1]
-        at = f" at {self._value(key, self.grid.sweeps[key][place])}" if key else ""
+        key, index = self.curve_keys[0], self.optima[where][1]
+        at = f" at {self._value(key, self.grid.sweeps[key][index])}" if key else ""
         power = with_error(top.estimates["output_power"], self.unit)
         return f"most power: {power} from {self.grid.loads[where[0]]}{at}"
 
@@ -344,21 +333,39 @@ class Study(Tabular):
                 point.load,
                 *point.place,
                 *(values[where] for _, values, _ in quantities),
-                each.realizations,
-                outcome_and_notes(each)[0],
-                "; ".join(outcome_and_notes(each)[1]),
+                evaluation.realizations,
+                outcome_and_notes(evaluation)[0],
+                "; ".join(outcome_and_notes(evaluation)[1]),
             ]
-            for point, each, where in zip(
+            for point, evaluation, where in zip(
                 self.grid.points, self.evaluations, np.ndindex(self.cells.shape), strict=True
             )
         ]
         return [*header, "realizations", "outcome", "notes"], rows
 
     def to_xarray(self) -> Dataset:
-        """The study as an xarray Dataset; see `harvester.studies.loads.dataset`."""
-        from harvester.studies.loads.dataset import dataset_of
+        """The study as an xarray Dataset in the scene's units.
 
-        return dataset_of(self)
+        Dimensions: load, one per sweep by its dotted key, and `better`, `worse` for paired
+        differences at the optima, `sample` for waveforms. Every quantity stands next to its
+        `…_standard_error`. No time of day and no duration: equal studies are equal.
+        """
+        grid = self.grid
+        dimensions = ("load", *grid.sweeps)
+        coordinates = {"load": list(grid.loads), **{k: list(v) for k, v in grid.sweeps.items()}}
+        variables = variables_of(self.scene, self.cells, dimensions)
+        variables |= _proof_variables(self, dimensions)
+        variables |= _optima(self) | _differences(self) | _waveforms(self)
+        coordinates |= {"better": list(grid.loads), "worse": list(grid.loads)}
+        attributes = {
+            "scene": json_text(grid.scene.to_dict()),
+            "method": self.method,
+            "version": self.version,
+            "precision": math.nan if self.precision is None else self.precision,
+            "out_of_time": int(self.out_of_time),
+            "notes": "\n".join(grid.notes) or "none",
+        }
+        return xarray_or_say().Dataset(variables, coordinates, attributes)
 
     def to_dict(self) -> dict[str, Any]:
         """Plain values for JSON, powers in `unit`; missing errors become null."""
@@ -372,12 +379,12 @@ class Study(Tabular):
                 "points": [
                     {
                         **self._where(k),
-                        "outcome": each.outcome,
-                        "realizations": each.realizations,
-                        "quantities": each.estimates,
-                        **orbits_of(self.scene, each.orbits),
+                        "outcome": evaluation.outcome,
+                        "realizations": evaluation.realizations,
+                        "quantities": evaluation.estimates,
+                        **orbits_of(self.scene, evaluation.orbits),
                     }
-                    for k, each in enumerate(self.evaluations)
+                    for k, evaluation in enumerate(self.evaluations)
                 ],
                 "optima": [
                     {"load": load, "at": words, **self._optimum_to_dict((k, *other))}
@@ -385,8 +392,8 @@ class Study(Tabular):
                     for k, load in enumerate(grid.loads)
                 ],
                 "proofs": [
-                    {**fields_of(each), **self._where(each.place), "disagrees": each.disagrees}
-                    for each in self.proofs
+                    {**fields_of(proof), **self._where(proof.place), "disagrees": proof.disagrees}
+                    for proof in self.proofs
                 ],
                 "rankings": [
                     {"at": words, "best_first": self.rankings[other][0]}
@@ -400,13 +407,13 @@ class Study(Tabular):
 
     def _where(self, point):
         """Load and swept values of a point."""
-        own = self.grid.points[point]
-        return {"load": own.load, "place": dict(zip(self.grid.sweeps, own.place, strict=True))}
+        node = self.grid.points[point]
+        return {"load": node.load, "place": dict(zip(self.grid.sweeps, node.place, strict=True))}
 
     def _optimum_to_dict(self, where):
-        optimum, place = self.optima[where]
+        optimum, index = self.optima[where]
         key = self.curve_keys[0]
-        highest = None if place is None or key is None else self.grid.sweeps[key][place]
+        highest = None if index is None or key is None else self.grid.sweeps[key][index]
         return {
             "over": key,
             "highest_at": highest,
@@ -420,38 +427,33 @@ class Study(Tabular):
         if len(order) < 2:
             return
         yield f"ranking at the optima{f', {words}' if words else ''}: {' > '.join(order)}"
-        for each in differences:
-            if order.index(each.worse) == order.index(each.better) + 1:
-                distance = each.estimate / each.standard_error if each.standard_error else math.nan
-                told = self.scene.excitation.random and math.isfinite(distance)
-                sure = f", {distance:.1f} standard errors" if told else ""
-                apart = share_with_error(each)
-                yield f"  {each.better} over {each.worse}: {apart} (paired){sure}"
+        for lead in differences:
+            if order.index(lead.worse) == order.index(lead.better) + 1:
+                distance = lead.estimate / lead.standard_error if lead.standard_error else math.nan
+                has_error = self.scene.excitation.random and math.isfinite(distance)
+                sure = f", {distance:.1f} standard errors" if has_error else ""
+                apart = share_with_error(lead)
+                yield f"  {lead.better} over {lead.worse}: {apart} (paired){sure}"
 
     def _failures(self):
         """Failures of points, and notes on the others, each printed once."""
         points: dict[str, list[tuple[str, Sequence[str]]]] = {}
         for point, evaluation in zip(self.grid.points, self.evaluations, strict=True):
             outcome, notes = outcome_and_notes(evaluation)
-            place = ", ".join(number(value) for value in point.place)
+            values = ", ".join(number(value) for value in point.place)
             lines = notes if outcome == COMPLETE else [outcome]
-            points.setdefault(point.load, []).append((place, lines))
+            points.setdefault(point.load, []).append((values, lines))
         for load, noted in points.items():
-            for each, where in placed_notes(noted):
-                yield f"{load}{' at ' * bool(where)}{where}: {each}"
+            for note, where in placed_notes(noted):
+                yield f"{load}{' at ' * bool(where)}{where}: {note}"
 
 
 def chosen(method: str | Method, step: str | float) -> tuple[Method, Engine | None]:
-    """The method that runs the points, and the circuit that checks it, or None.
-
-    Raises
-    ------
-    HarvesterError
-    """
+    """The method that runs the points, and the circuit that checks it, or None."""
     if method == JUDGED:
         return engine_of("monte-carlo", step=step), engine_of("circuit", step=step)
     if isinstance(method, str) and method not in ENGINES:
-        from harvester.averaging import CLOSURES
+        from harvester.averaging.closures import CLOSURES
 
         check_name("method", method, {JUDGED: None, **ENGINES, **CLOSURES})
     return method_of(method, step=step), None
@@ -472,38 +474,20 @@ def method_at(scene: Scene, method: Method, judge: Engine | None) -> Method:
 
 
 def proofs(
-    runner: Runner,
-    grid: Grid,
-    engines: tuple[Engine, Engine],
-    evaluations: list[Evaluation],
+    runner: Runner, grid: Grid, engines: tuple[Engine, Engine], evaluations: list[Evaluation]
 ) -> list[Proof]:
     """The circuit beside Monte Carlo, on the same noise, at chosen points that Monte Carlo ran."""
-    first, judge = ((each, runner.version(each.name)) for each in engines)
+    first, judge = ((engine, runner.version(engine.name)) for engine in engines)
     return runner.follow(
         [
-            proving(place, highest, grid.points[place].scene, first, judge)
-            for place, highest in places_to_prove(grid, evaluations, grid.scene.run.seed)
-            if evaluations[place].method == engines[0].name
+            proving(index, highest, grid.points[index].scene, first, judge)
+            for index, highest in places_to_prove(grid, evaluations, grid.scene.run.seed)
+            if evaluations[index].method == engines[0].name
         ]
     )
 
 
-def cut(scene: Scene) -> Scene:
-    """The scene with shorter realizations, at most `DURATION_OVER_SETTLE` settling times,
-    for rounds."""
-    run = scene.run
-    duration = min(run.duration, DURATION_OVER_SETTLE * run.settle) or run.duration
-    return scene.replace({"run.duration": duration, "run.realizations": MOST_REALIZATIONS})
-
-
-def _apart(difference, standard_error):
-    """Text: the relative difference of two loads' powers, paired on common noise."""
-    share = Estimate(difference, standard_error, None, "1")
-    distance = abs(difference) / standard_error if standard_error else 0.0
-    return f"{share_with_error(share)} ({distance:.1f} σ)"
-
-
-def save(study: Study, folder: str | Path | StudyFolder) -> list[str]:
+def save(study: LoadStudy, folder: str | Path | StudyFolder) -> list[str]:
     """Write a study's files, each whole or not at all; returns their names.
 
     Raises
@@ -516,11 +500,86 @@ def save(study: Study, folder: str | Path | StudyFolder) -> list[str]:
     from harvester.show import figures
     from harvester.studies.loads import drawing
 
-    with held(folder) as own:
-        place = Path(own)
-        grid, table, *pictures = (in_folder(place, name) for name in LOAD_STUDY_FILES)
+    with held(folder) as directory:
+        path = Path(directory)
+        grid, table, *pictures = (in_folder(path, name) for name in LOAD_STUDY_FILES)
         write_netcdf(grid, study.to_xarray())
         study.to_csv(table)
         for draw, picture in zip(drawing.FIGURES, pictures, strict=True):
             figures.save(draw, study, picture)
     return list(LOAD_STUDY_FILES)
+
+
+def _proof_variables(study, dimensions):
+    """(circuit − Monte Carlo)/Monte Carlo of the output power; nan where there is no proof."""
+    attributes = {
+        "difference": "difference",
+        "difference_standard_error": "standard_error",
+        "early_difference": "early_difference",
+        "early_difference_standard_error": "early_standard_error",
+    }
+    values = np.full((len(attributes), len(study.evaluations)), math.nan)
+    for proof in study.proofs:
+        values[:, proof.place] = [getattr(proof, name) for name in attributes.values()]
+    shape = study.cells.shape
+    return {
+        f"circuit_{name}": (dimensions, row.reshape(shape), {"unit": "1"})
+        for name, row in zip(attributes, values, strict=True)
+    }
+
+
+def _optima(study):
+    key, others = study.curve_keys
+    if key is None:
+        return {}
+    places = np.array(study.grid.sweeps[key])
+    dimensions = ("load", *others)
+    shape = study.optima.shape
+
+    def array(value, kind=float):
+        return np.array([value(optimum) for optimum in study.optima.ravel()], kind).reshape(shape)
+
+    attributes = {"along": key}
+    return {
+        "highest_at": (dimensions, array(lambda o: math.nan if o[1] is None else places[o[1]])),
+        "optimum": (dimensions, array(lambda o: o[0].place), attributes),
+        "optimum_low": (dimensions, array(lambda o: o[0].low), attributes),
+        "optimum_high": (dimensions, array(lambda o: o[0].high), attributes),
+        "optimum_note": (dimensions, array(lambda o: o[0].note or "inside", str)),
+    }
+
+
+def _differences(study):
+    """P(better)/P(worse) − 1 of the loads at their optima, nan where the order is the other."""
+    _, others = study.curve_keys
+    loads = study.grid.loads
+    shape = (len(loads), len(loads), *study.optima.shape[1:])
+    values, errors = np.full(shape, math.nan), np.full(shape, math.nan)
+    for other, (_, differences) in study.rankings.items():
+        for difference in differences:
+            where = (loads.index(difference.better), loads.index(difference.worse), *other)
+            values[where], errors[where] = difference.estimate, difference.standard_error
+    dimensions = ("better", "worse", *others)
+    return {
+        "relative_difference": (dimensions, values, {"unit": "1"}),
+        "relative_difference_standard_error": (dimensions, errors, {"unit": "1"}),
+    }
+
+
+def _waveforms(study):
+    """A few periods at each load's highest point, where there are any."""
+    _, others = study.curve_keys
+    best = {where: study.best(where) for where in np.ndindex(study.optima.shape)}
+    drawn = {where: e.waveform for where, e in best.items() if e and e.waveform is not None}
+    if not drawn:
+        return {}
+    count = next(iter(drawn.values())).shape[1]
+    variables = {}
+    for name, dimension in WAVEFORM.items():
+        values = np.full((*study.optima.shape, count), math.nan)
+        row = Record._fields.index(name)
+        for where, waveform in drawn.items():
+            values[where] = waveform[row]
+        unit = {"unit": unit_of(study.scene, dimension)}
+        variables[f"waveform_{name}"] = (("load", *others, "sample"), values, unit)
+    return variables

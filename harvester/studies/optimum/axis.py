@@ -23,9 +23,7 @@ class Axis:
 
     Attributes
     ----------
-    key : str
-        "table.key" of the scene.
-    low, high : float
+    key : "table.key" of the scene.
     """
 
     key: str
@@ -36,15 +34,9 @@ class Axis:
     def of(cls, scene: Scene, key: str, low: float | None, high: float | None) -> "Axis":
         """A key of the scene and its range, checked.
 
-        Parameters
-        ----------
-        low, high : float or None
-            None: a tenth and ten times the scene's value, within what the key allows.
+        `low`, `high` None: a tenth and ten times the scene's value, within what the key allows.
 
-        Raises
-        ------
-        HarvesterError
-            No such key, no range, or a value that the scene cannot have.
+        Raises HarvesterError: no such key, no range, or a value that the scene cannot have.
         """
         value, spec = number(scene, key, "--over")
         ends = sorted((value / SPAN, value * SPAN))
@@ -85,21 +77,17 @@ class Axis:
 
 
 @dataclass(frozen=True)
-class Parameter:
+class OptimalParameter:
     """One parameter at a maximum.
 
     Attributes
     ----------
-    axis : Axis
-    place : float
-    standard_error : float or None
-        Standard error of the place, where a curve was fitted for it.
+    standard_error : standard error of the place, where a curve was fitted for it.
     flat_low, flat_high : float
         Range of this parameter, the others held, in which the quantity is not significantly more
         than 1 % below the maximum; nan where the runs are too short to decide, or it was not
         computed.
-    open_low, open_high : bool
-        The range ends before the flat region does.
+    open_low, open_high : the range ends before the flat region does.
     """
 
     axis: Axis

@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from harvester.studies.optimum.axis import Axis, Parameter
+from harvester.studies.optimum.axis import Axis, OptimalParameter
 from harvester.studies.optimum.objective import Objective
 
 # A place belongs to the flat region if it loses at most this share, within so many standard errors.
@@ -27,7 +27,7 @@ MOVES = 6
 
 
 @dataclass(frozen=True)
-class Side:
+class FlatSide:
     """How far the maximum is flat on one side of one axis.
 
     Attributes
@@ -35,8 +35,7 @@ class Side:
     end : float
         Coordinate of the furthest place that is still flat; nan where the runs are too short for
         errors of differences.
-    is_open : bool
-        It is the end of the range, or nothing was lost up to there.
+    is_open : it is the end of the range, or nothing was lost up to there.
     """
 
     end: float
@@ -46,25 +45,16 @@ class Side:
 def climb(objective: Objective, place: tuple, stage: int) -> tuple[tuple, Any, list]:
     """Climb to a place that no other along an axis exceeds, and measure how flat it is there.
 
-    Parameters
-    ----------
-    objective : Objective
-    place : tuple of float
-        Coordinates.
-    stage : int
-        Number of the noise stream.
-
-    Returns
-    -------
-    place, answer, sides
-        `sides` holds (Side below, Side above) for each axis.
+    `place` holds coordinates; `stage` is the number of the noise stream. Returns the place, its
+    answer, and (FlatSide below, FlatSide above) for each axis.
     """
     (answer,) = objective.answers([place], stage, moments=True)
     moves = 0
     while True:
         rays, higher = _look_around(objective, place, answer, stage)
         if higher is None or moves == MOVES - 1:
-            return place, answer, _paired(rays)
+            sides = [ray.side() for ray in rays]
+            return place, answer, list(zip(sides[::2], sides[1::2], strict=True))
         place, answer = higher
         moves += 1
 
@@ -74,30 +64,19 @@ def _look_around(objective, place, answer, stage):
     rays = [_Ray(axis, way, place) for axis in range(len(place)) for way in (-1.0, 1.0)]
     best = None
     for turn in range(1 + (REFINEMENTS if objective.noisy else WITHOUT_NOISE)):
-        wanted = [(ray, each) for ray in rays for each in ray.wanted(turn)]
-        answers = objective.answers([ray.at(each) for ray, each in wanted], stage, moments=True)
-        for (ray, reach), found in zip(wanted, answers, strict=True):
-            gain, error = _gain(objective, found, answer)
-            lost = FLAT_SHARE * abs(objective.value(answer))
-            ray.flat[reach] = gain >= -lost - FLAT_SIGMAS * error
+        pairs = [(ray, share) for ray in rays for share in ray.wanted(turn)]
+        answers = objective.answers([ray.at(share) for ray, share in pairs], stage, moments=True)
+        value = objective.value(answer)
+        for (ray, reach), moved in zip(pairs, answers, strict=True):
+            moved_value, gain, error = objective.value(moved), -np.inf, 0.0
+            if not np.isnan(moved_value):
+                gain, error = moved_value - value, objective.error_of_difference(moved, answer)
+            ray.flat[reach] = gain >= -FLAT_SHARE * abs(value) - FLAT_SIGMAS * error
             ray.known &= np.isfinite(error)
-            least = max(HIGHER * error, SHARE_HIGHER * abs(objective.value(answer)))
+            least = max(HIGHER * error, SHARE_HIGHER * abs(value))
             if gain > least and (best is None or gain > best[0]):
-                best = gain, ray.at(reach), found
+                best = gain, ray.at(reach), moved
     return rays, best and best[1:]
-
-
-def _gain(objective, found, answer):
-    """The gain of a place over another, with its error."""
-    value = objective.value(found)
-    if np.isnan(value):
-        return -np.inf, 0.0
-    return value - objective.value(answer), objective.error_of_difference(found, answer)
-
-
-def _paired(rays):
-    sides = [ray.side() for ray in rays]
-    return list(zip(sides[::2], sides[1::2], strict=True))
 
 
 class _Ray:
@@ -126,8 +105,8 @@ class _Ray:
     def side(self):
         inside, outside = self._edge()
         if not self.known:
-            return Side(np.nan, False)
-        return Side(self.at(inside)[self._axis], outside is None)
+            return FlatSide(np.nan, False)
+        return FlatSide(self.at(inside)[self._axis], outside is None)
 
     def _edge(self):
         """The last flat share before the first that is not, and that one."""
@@ -139,10 +118,10 @@ class _Ray:
         return inside, None
 
 
-def ranges(axes: Sequence[Axis], place: tuple, sides: list) -> list[Parameter]:
+def ranges(axes: Sequence[Axis], place: tuple, sides: list) -> list[OptimalParameter]:
     """The flat ranges that `climb` found, in the unit of each parameter."""
     return [
-        Parameter(
+        OptimalParameter(
             axis=axis,
             place=axis.value(coordinate),
             flat_low=axis.value(below.end),

@@ -19,7 +19,7 @@ from harvester.method import Method
 from harvester.running import Answer, Request, Runner
 from harvester.scene.model import Scene
 from harvester.studies.answers import answers_in_time, on_common_knots
-from harvester.studies.optimum.axis import Axis, Parameter
+from harvester.studies.optimum.axis import Axis, OptimalParameter
 from harvester.studies.optimum.objective import series_in_units
 from harvester.studies.optimum.result import Averaging, Optimum
 
@@ -57,44 +57,35 @@ def along(
     runner: Runner,
     follow: Callable[[float, str], object],
 ) -> Optimum:
-    """The optimum over one parameter, all of it but its time.
-
-    Raises
-    ------
-    OptimumError, SimulationError
-    """
-    device = _on_common_knots(scene, axis)
-    place, value, reason = None, None, f"knows no {quantity.replace('_', ' ')}"
+    """The optimum over one parameter, all of it but its time."""
+    # One spacing of knots for the whole range: else places would not share their noise.
+    ends = [scene.replace({axis.key: end}) for end in (axis.low, axis.high)]
+    (device,) = on_common_knots([scene], ends)
+    location, value, reason = None, None, f"knows no {quantity.replace('_', ' ')}"
     if quantity in MAXIMISED:
         follow(0.0, "stationary averages")
-        place, value, reason = averaged(device, axis, quantity, closure, runner)
+        location, value, reason = averaged(device, axis, quantity, closure, runner)
     follow(0.3, "simulation")
     search = Search(device, axis, quantity, method, runner)
-    found, fitted = search.find(None if place is None else axis.coordinate(place))
+    maximum, fitted = search.find(None if location is None else axis.coordinate(location))
     follow(0.9, "comparison")
-    there = device.replace({axis.key: found.estimate})
-    wanted = [search.request(axis.coordinate(found.estimate)), Request(there, closure)]
-    simulated, by_closure = answers_in_time(runner, wanted)
+    at_maximum = device.replace({axis.key: maximum.estimate})
+    requests = [search.request(axis.coordinate(maximum.estimate)), Request(at_maximum, closure)]
+    simulated, by_closure = answers_in_time(runner, requests)
     if isinstance(simulated, HarvesterError):
         raise simulated
     refused = isinstance(by_closure, HarvesterError) or quantity not in MAXIMISED
-    there = None if refused else amount(by_closure, quantity)
+    value_of_closure = None if refused else amount(by_closure, quantity)
     return Optimum(
         scene=scene,
         quantity=quantity,
         unit=unit_of(scene, simulated.quantities[quantity].dimension),
         method=method.name,
-        parameters=[Parameter(axis, found.estimate, found.standard_error)],
+        parameters=[OptimalParameter(axis, maximum.estimate, maximum.standard_error)],
         value=simulated.in_units()[quantity],
-        searched=[({axis.key: each}, estimate) for each, estimate in fitted],
-        averaging=Averaging(closure, place, value, reason, there),
+        searched=[({axis.key: value_searched}, estimate) for value_searched, estimate in fitted],
+        averaging=Averaging(closure, location, value, reason, value_of_closure),
     )
-
-
-def _on_common_knots(scene, axis):
-    """The scene with one spacing for the whole range: else places would not share their noise."""
-    ends = [scene.replace({axis.key: end}) for end in (axis.low, axis.high)]
-    return on_common_knots([scene], ends)[0]
 
 
 def amount(answer: Answer, quantity: str) -> float:
@@ -109,12 +100,12 @@ def averaged(
 
     def values(coordinates):
         places = [axis.value(c) for c in coordinates]
-        requests = [Request(scene.replace({axis.key: place}), closure) for place in places]
+        requests = [Request(scene.replace({axis.key: location}), closure) for location in places]
         outcomes = answers_in_time(runner, requests)
-        refusals = [str(each) for each in outcomes if isinstance(each, HarvesterError)]
+        refusals = [str(outcome) for outcome in outcomes if isinstance(outcome, HarvesterError)]
         amounts = [
-            -math.inf if isinstance(each, HarvesterError) else amount(each, quantity)
-            for each in outcomes
+            -math.inf if isinstance(outcome, HarvesterError) else amount(outcome, quantity)
+            for outcome in outcomes
         ]
         return amounts, refusals
 
@@ -145,14 +136,7 @@ def averaged(
 class Search:
     """The maximum of a quantity by simulation, all places on the same noise.
 
-    Parameters
-    ----------
-    scene : Scene
-        The scene, with one knot spacing for all places.
-    axis : Axis
-    quantity : str
-    method : Method
-    runner : harvester.running.Runner
+    `scene`: the scene, with one knot spacing for all places.
     """
 
     def __init__(self, scene: Scene, axis: Axis, quantity: str, method: Method, runner: Runner):
@@ -163,14 +147,7 @@ class Search:
     def find(self, start: float | None) -> tuple[Estimate, list[tuple[float, Estimate]]]:
         """Place with its standard error, and the values that it was fitted to.
 
-        Parameters
-        ----------
-        start : float or None
-            Coordinate to begin at; None: the highest of some places over the whole range.
-
-        Raises
-        ------
-        OptimumError, SimulationError
+        `start`: coordinate to begin at; None: the highest of some places over the whole range.
         """
         centre = self._highest() if start is None else start
         half = WINDOW
@@ -178,7 +155,7 @@ class Search:
             centre = min(max(centre, half), 1.0 - half)
             coordinates = centre + half * np.linspace(-1.0, 1.0, PLACES)
             answers = self._answers(coordinates)
-            fit = Fit(np.linspace(-1.0, 1.0, PLACES), answers, self.quantity)
+            fit = CubicFit(np.linspace(-1.0, 1.0, PLACES), answers, self.quantity)
             if not fit.peaked or abs(fit.place) > 1.0:
                 centre = self._moved(centre, half, fit)
             elif (fit.drop > DROP or fit.misfit) and half > NARROWEST:
@@ -198,15 +175,15 @@ class Search:
     def request(self, coordinate: float, moments: bool = False) -> Request:
         """The request for one place, with the number of realizations that the precision needs."""
         scene = self.scene.replace({self.axis.key: self.axis.value(coordinate)})
-        more = None if self._more == 1 else self._more * self.scene.run.realizations
-        return Request(scene, self.method, realizations=more, moments=moments)
+        realizations = None if self._more == 1 else self._more * self.scene.run.realizations
+        return Request(scene, self.method, realizations=realizations, moments=moments)
 
     def _answers(self, coordinates):
         requests = [self.request(coordinate, moments=True) for coordinate in coordinates]
         answers = answers_in_time(self._runner, requests)
-        for each in answers:
-            if isinstance(each, HarvesterError):
-                raise each
+        for answer in answers:
+            if isinstance(answer, HarvesterError):
+                raise answer
         return answers
 
     def _highest(self):
@@ -240,10 +217,10 @@ class Search:
             return around
         if fit.noisy_ends and self._lengthen():
             return centre
-        place = self.axis.value(centre + half * fit.place)
+        location = self.axis.value(centre + half * fit.place)
         end = self.axis.value(centre + half * fit.flat_to)
         raise OptimumError(
-            f"{self.axis.key}: {self._name()} is flat from {place:.4g} to {end:.4g} by "
+            f"{self.axis.key}: {self._name()} is flat from {location:.4g} to {end:.4g} by "
             f"{self.method.name}, within errors or {STANDS_OUT:.1%}: the maximum is a plateau, or "
             "the range is too narrow: widen it"
         )
@@ -279,29 +256,23 @@ class Search:
         return self.quantity.replace("_", " ")
 
 
-class Fit:
+class CubicFit:
     """Cubic through values at places from −1 to 1, with errors from what their noise has in common.
 
     Attributes
     ----------
-    place, error : float, float or None
-        Position of the maximum, and its error from noise.
+    place, error : position of the maximum, and its error from noise.
     bias : float
         How far a spline through the values has its maximum from there, where values lie off the
         cubic beyond chance.
-    slope : float
-        Slope at the middle of the window.
-    sloped, peaked : bool
-        Whether the slope, and the downward curvature, are beyond chance.
-    drop : float
-        Fall from the maximum to the lower end, as a share of the maximum.
-    misfit : bool
-        Whether the deviation from the cubic matters and the window can be narrowed.
+    slope : slope at the middle of the window.
+    sloped, peaked : whether the slope, and the downward curvature, are beyond chance.
+    drop : fall from the maximum to the lower end, as a share of the maximum.
+    misfit : whether the deviation from the cubic matters and the window can be narrowed.
     flat_to : int
         −1 or 1, the end that the values do not surely fall to from the place nearest to the
         maximum; 0: they fall to both.
-    noisy_ends : bool
-        Whether longer runs could decide that.
+    noisy_ends : whether longer runs could decide that.
     """
 
     def __init__(self, places: np.ndarray, answers: Sequence[Answer], quantity: str):

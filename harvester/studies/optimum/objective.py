@@ -25,19 +25,10 @@ from harvester.studies.optimum.axis import Axis
 
 
 def series_in_units(answer: Any, quantity: str) -> np.ndarray:
-    """Deviation of each batch from a quantity's mean, in the scene's units.
+    """Deviations of batches from a quantity's mean, in the scene's units: (realizations, batches).
 
-    Parameters
-    ----------
-    answer : harvester.running.Answer
-        An answer with its moments.
-    quantity : str
-        Name of a quantity that `harvester.results.paired.deviations` accepts.
-
-    Returns
-    -------
-    ndarray, shape (realizations, batches)
-        Without noise one row, the mean over the starts on the followed orbit.
+    Without noise one row, the mean over the starts on the followed orbit. The answer holds its
+    moments; `harvester.results.paired.deviations` accepts the quantity.
     """
     factor = prepared(answer.scene).scales.of(answer.quantities[quantity].dimension)
     series = factor * deviations(answer.moments, quantity)
@@ -47,15 +38,7 @@ def series_in_units(answer: Any, quantity: str) -> np.ndarray:
 class Objective:
     """A quantity at places in the unit cube of some axes.
 
-    Parameters
-    ----------
-    scene : Scene
-    axes : sequence of Axis
-    quantity : str
-    method : Method
-    runner : harvester.running.Runner
-    follow : callable
-        Given the number of places evaluated.
+    `follow`: given the number of places evaluated.
     """
 
     def __init__(
@@ -65,7 +48,7 @@ class Objective:
         quantity: str,
         method: Method,
         runner: Any,
-        follow: Callable[[int], None],
+        follow: Callable[[int], object],
     ):
         self.axes, self.quantity, self.method = tuple(axes), quantity, method
         self.noisy = is_noisy(scene, method)
@@ -92,30 +75,19 @@ class Objective:
     def answers(self, places: Sequence, stage: int = 0, **options: Any) -> list:
         """Answers at places, or the error in its place.
 
-        Parameters
-        ----------
-        places : sequence of sequence of float
-        stage : int
-        **options
-            Of the `Request`.
-
-        Raises
-        ------
-        OutOfTime
+        `**options`: of the `Request`.
         """
-        found: list[Any] = [None] * len(places)
+        answers: list[Any] = [None] * len(places)
         requests: dict[int, Request] = {}
-        for k, place in enumerate(places):
+        for k, location in enumerate(places):
             try:
-                requests[k] = Request(self.scene_at(place, stage), self.method, **options)
+                requests[k] = Request(self.scene_at(location, stage), self.method, **options)
             except SceneError as error:
-                found[k] = error
-        for k, answer in zip(requests, self._answers(requests.values()), strict=True):
-            found[k] = answer
-        return found
-
-    def _answers(self, requests):
-        return answers_in_time(self._runner, requests, on_answer=self._count)
+                answers[k] = error
+        replies = answers_in_time(self._runner, requests.values(), on_answer=self._count)
+        for k, answer in zip(requests, replies, strict=True):
+            answers[k] = answer
+        return answers
 
     def value(self, answer: Any) -> float:
         """See `value_of`; nan of a beam that is strained beyond its limit."""
@@ -135,7 +107,7 @@ class Objective:
         if not has_deviations(self.quantity):
             errors = [a.in_units()[self.quantity].standard_error for a in (answer, other)]
             return math.inf if None in errors else math.hypot(*errors)
-        series = [series_in_units(each, self.quantity) for each in (answer, other)]
+        series = [series_in_units(compared, self.quantity) for compared in (answer, other)]
         error = standard_error(series[0] - series[1])
         return math.inf if error is None else error
 

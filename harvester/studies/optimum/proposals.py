@@ -40,16 +40,7 @@ BATCH = 8
 class Proposals:
     """Proposes places in the unit cube; the same ones for the same answers.
 
-    Parameters
-    ----------
-    parameters : int
-    seed : int
-    first : sequence of float or None
-        A place to begin with.
-
-    Raises
-    ------
-    MissingLibrary
+    `first`: a place to begin with.
     """
 
     def __init__(self, parameters: int, seed: int, first: Sequence[float] | None = None):

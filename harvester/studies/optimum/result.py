@@ -4,23 +4,30 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from functools import partial
 from typing import TYPE_CHECKING, Any
 
 from harvester.estimates.estimate import Estimate
 from harvester.files.serialising import fields_of, plain
 from harvester.results.orbit import Attractor
 from harvester.scene.model import Scene
-from harvester.show.numbers import NOT_KNOWN, quantity, with_error
-from harvester.show.symbols import definitions, key_words
+from harvester.show.numbers import NOT_KNOWN, prefixed, quantity, with_error
+from harvester.show.palette import CIRCUIT, MONTE_CARLO
+from harvester.show.panels import Panel, Series, draw_panels
+from harvester.show.symbols import definitions, key_label, key_words
 from harvester.simulation.methods import method_of
 from harvester.simulation.orbits import on_orbits, with_orbit
 from harvester.studies.answers import is_noisy, missing_from
-from harvester.studies.optimum.axis import INTERVAL, NARROW, Parameter
+from harvester.studies.optimum.axis import INTERVAL, NARROW, OptimalParameter
 from harvester.studies.optimum.flat_region import FLAT_SHARE
 from harvester.studies.sweep import orbits_of
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
+
+# Points of print from a place searched to the maximum that was found at it.
+APART = 6.0
+SEARCHED, MAXIMUM, OWN = "0.6", MONTE_CARLO, CIRCUIT
 
 
 @dataclass(frozen=True)
@@ -29,13 +36,10 @@ class Averaging:
 
     Attributes
     ----------
-    closure : str
     place, value : float or None
         Place and value of averaging's maximum; None (see the reason) if it refuses or has none
         inside.
-    reason : str
-    value_at_simulated_place : float or None
-        Averaging's value at the place that simulation found.
+    value_at_simulated_place : averaging's value at the place that simulation found.
     """
 
     closure: str
@@ -54,32 +58,23 @@ class Optimum:
 
     Attributes
     ----------
-    scene : Scene
-    quantity, unit, method : str
-    parameters : list of Parameter
-        Each with its place at the optimum.
-    value : Estimate
-        Value from a run at the place; over several parameters on noise of its own.
+    parameters : each with its place at the optimum.
+    value : value from a run at the place; over several parameters on noise of its own.
     searched : list of (dict, Estimate)
         Places and values: those that the last fit used; over several parameters those proposed,
         nan where a run failed.
-    averaging : Averaging or None
-        Over one parameter.
-    own : Estimate or None
-        The value of the scene itself, over several parameters.
-    orbits : tuple of Attractor
-        The orbits that drawn starts reach at the place without noise, the followed one first.
-    evaluations : int
-        Runs in all, over several parameters.
-    seconds : float
-        Wall-clock, of this call.
+    averaging : over one parameter.
+    own : the value of the scene itself, over several parameters.
+    orbits : the orbits that drawn starts reach at the place without noise, the followed one first.
+    evaluations : runs in all, over several parameters.
+    seconds : wall-clock, of this call.
     """
 
     scene: Scene
     quantity: str
     unit: str
     method: str
-    parameters: list[Parameter]
+    parameters: list[OptimalParameter]
     value: Estimate
     searched: list[tuple[dict[str, float], Estimate]]
     averaging: Averaging | None = None
@@ -91,7 +86,7 @@ class Optimum:
     @property
     def keys(self) -> list[str]:
         """The keys of the parameters."""
-        return [each.axis.key for each in self.parameters]
+        return [parameter.axis.key for parameter in self.parameters]
 
     @property
     def place(self) -> Estimate:
@@ -113,29 +108,30 @@ class Optimum:
         header = ["parameter", "range", "optimum at", f"within {FLAT_SHARE:.0%} of the maximum"]
         return header, [
             [
-                each.axis.key,
-                self._span(each.axis.key, each.axis.low, each.axis.high),
-                self._at(each.axis.key, each.place),
-                self._span(each.axis.key, each.flat_low, each.flat_high),
+                parameter.axis.key,
+                self._span(parameter.axis.key, parameter.axis.low, parameter.axis.high),
+                self._at(parameter.axis.key, parameter.place),
+                self._span(parameter.axis.key, parameter.flat_low, parameter.flat_high),
             ]
-            for each in self.parameters
+            for parameter in self.parameters
         ]
 
     def _table_of_methods(self, averaging):
         key = self.parameters[0].axis.key
         header = ["method", "parameter", "optimum at", "interval", self.quantity.replace("_", " ")]
-        place = self._at(key, self.place.estimate)
+        location = self._at(key, self.place.estimate)
         interval = self._span(key, *self.interval)
-        rows = [[self.method, key, place, interval, with_error(self.value, self.unit)]]
+        rows = [[self.method, key, location, interval, with_error(self.value, self.unit)]]
         if averaging.place is not None:
-            place, value = self._at(key, averaging.place), quantity(averaging.value, self.unit)
-            rows.insert(0, [f"averaging, {averaging.closure}", key, place, "", value])
+            location, value = self._at(key, averaging.place), quantity(averaging.value, self.unit)
+            rows.insert(0, [f"averaging, {averaging.closure}", key, location, "", value])
         return header, rows
 
     def headline(self) -> str:
         """The place, its value, and what it was looked for."""
         places = ", ".join(
-            f"{each.axis.key} = {self._at(each.axis.key, each.place)}" for each in self.parameters
+            f"{parameter.axis.key} = {self._at(parameter.axis.key, parameter.place)}"
+            for parameter in self.parameters
         )
         words = self.quantity.replace("_", " ")
         return f"most {words}: {with_error(self.value, self.unit)} at {places}, by {self.method}"
@@ -146,8 +142,8 @@ class Optimum:
 
     def _span(self, key, low, high):
         """A range in words; a dash where an end is not known."""
-        known = not math.isnan(low + high)
-        return f"{self._at(key, low)} … {self._at(key, high)}" if known else NOT_KNOWN
+        has_ends = not math.isnan(low + high)
+        return f"{self._at(key, low)} … {self._at(key, high)}" if has_ends else NOT_KNOWN
 
     def sentences(self) -> list[str]:
         """Sentences on the intervals of place and value, and on the runs."""
@@ -169,10 +165,10 @@ class Optimum:
     def _on_averaging(self, averaging):
         """Sentence: the deviation of averaging from the simulation."""
         words = f"averaging, {averaging.closure}"
-        place, value = self._off(averaging)
+        shift, value = self._off(averaging)
         lines = [f"{words}: no optimum: {averaging.reason}"]
-        if place is not None:
-            lines = [f"{words}: place {place:+.1%}, value {value:+.1%} off {self.method}"]
+        if shift is not None:
+            lines = [f"{words}: place {shift:+.1%}, value {value:+.1%} off {self.method}"]
         if averaging.value_at_simulated_place is not None:
             off = averaging.value_at_simulated_place / self.value.estimate - 1.0
             lines.append(f"{words}, at {self.method}'s optimum: {off:+.1%}")
@@ -182,18 +178,18 @@ class Optimum:
         """Averaging's deviation of place and value, as shares."""
         if averaging.place is None:
             return None, None
-        place = averaging.place / self.place.estimate - 1.0
-        return place, averaging.value / self.value.estimate - 1.0
+        location_deviation = averaging.place / self.place.estimate - 1.0
+        return location_deviation, averaging.value / self.value.estimate - 1.0
 
     def _on_value(self):
-        own: Any = self.own
+        scene_value: Any = self.own
         low, high = self.interval
         span = f"{quantity(low, self.unit)} … {quantity(high, self.unit)}"
         noisy = is_noisy(self.scene, method_of(self.method))
         interval = f", interval {span}" if noisy and math.isfinite(low) else ""
         return [
             f"{self.quantity.replace('_', ' ')} there: {with_error(self.value, self.unit)}"
-            f"{interval}; of the scene itself {with_error(own, self.unit)}",
+            f"{interval}; of the scene itself {with_error(scene_value, self.unit)}",
             *definitions([self.quantity]),
             *missing_from(self.quantity, self.value),
         ]
@@ -202,22 +198,27 @@ class Optimum:
         """Sentences: the flat range of each parameter."""
         lines = []
         failures = sum(math.isnan(value.estimate) for _, value in self.searched)
-        if any(math.isnan(each.flat_low + each.flat_high) for each in self.parameters):
+        if any(
+            math.isnan(parameter.flat_low + parameter.flat_high) for parameter in self.parameters
+        ):
             lines.append(
                 "the runs are too short to tell how flat the maximum is: raise run.duration or "
                 "run.realizations"
             )
-        for each in self.parameters:
-            if each.is_narrow:
+        for parameter in self.parameters:
+            if parameter.is_narrow:
                 lines.append(
-                    f"{each.axis.key}: more than {FLAT_SHARE:.0%} is lost within {NARROW:.0%} of "
-                    "its range: a device must hold the value closely"
+                    f"{parameter.axis.key}: more than {FLAT_SHARE:.0%} is lost within {NARROW:.0%} "
+                    "of its range: a device must hold the value closely"
                 )
-            for end, is_open in ((each.axis.low, each.open_low), (each.axis.high, each.open_high)):
+            for end, is_open in (
+                (parameter.axis.low, parameter.open_low),
+                (parameter.axis.high, parameter.open_high),
+            ):
                 if is_open:
                     lines.append(
-                        f"{each.axis.key}: still within {FLAT_SHARE:.0%} at the end of its range, "
-                        f"{self._at(each.axis.key, end)}: there may be more beyond"
+                        f"{parameter.axis.key}: still within {FLAT_SHARE:.0%} at the end of its "
+                        f"range, {self._at(parameter.axis.key, end)}: there may be more beyond"
                     )
         limit = self.scene.beam.strain_limit if self.scene.beam else None
         if failures:
@@ -231,7 +232,7 @@ class Optimum:
         """Sentences: the orbit that the search followed, and the others at the place."""
         if not self.orbits:
             return []
-        scene, count = with_orbit(self.scene), sum(each.starts for each in self.orbits)
+        scene, count = with_orbit(self.scene), sum(orbit.starts for orbit in self.orbits)
         return [
             f"of {count} drawn starts there: {on_orbits(scene, self.orbits)}",
             'run.orbit = "best" or "weighted", with run.starts = 16 or more, optimises the orbit '
@@ -241,44 +242,44 @@ class Optimum:
     def _on_runs(self):
         """Sentence: the runs of an optimum over several parameters."""
         noisy = is_noisy(self.scene, method_of(self.method))
-        told = "no noise: the place to the method's own precision"
+        accuracy = "no noise: the place to the method's own precision"
         if noisy:
-            told = (
-                "value on noise of its own; interval: two standard errors; seed "
-                f"{self.scene.run.seed}"
-            )
+            accuracy = "value on noise of its own; interval: two standard errors; seed "
+            accuracy += str(self.scene.run.seed)
         return (
             f"{self.method}: {self.evaluations} evaluations, {len(self.searched)} of them proposed"
-            f"; {told}, {self.seconds:.1f} s"
+            f"; {accuracy}, {self.seconds:.1f} s"
         )
 
     def figure(self) -> Figure:
         """Every place searched over each parameter, the maximum, and how far it is flat."""
         from harvester.show import figures
-        from harvester.studies.optimum.drawing import draw
 
-        return figures.drawn(draw, self)
+        return figures.drawn(_draw, self)
 
     def to_dict(self) -> dict[str, Any]:
         """Plain values for JSON; over one parameter averaging and simulation side by side."""
-        content = {"scene": self.scene, "maximised": self.quantity}
-        told = self._side_by_side(self.averaging) if self.averaging else self._over_several()
-        last = {
-            **orbits_of(self.scene, self.orbits),
-            "seed": self.scene.run.seed,
-            "wall_seconds": self.seconds,
-        }
-        return plain({**content, **told, **last})
+        findings = self._side_by_side(self.averaging) if self.averaging else self._over_several()
+        return plain(
+            {
+                "scene": self.scene,
+                "maximised": self.quantity,
+                **findings,
+                **orbits_of(self.scene, self.orbits),
+                "seed": self.scene.run.seed,
+                "wall_seconds": self.seconds,
+            }
+        )
 
     def _side_by_side(self, averaging):
-        place, value = self._off(averaging)
+        location_deviation, value = self._off(averaging)
         (one,) = self.parameters
         return {
             "over": one.axis.key,
             "range": [one.axis.low, one.axis.high],
             "averaging": {
                 **fields_of(averaging),
-                "place_deviation": place,
+                "place_deviation": location_deviation,
                 "value_deviation": value,
             },
             "simulation": {
@@ -287,8 +288,8 @@ class Optimum:
                 "interval": self.interval,
                 "value": self.value,
                 "fitted": [
-                    {"place": place[one.axis.key], **each.to_dict()}
-                    for place, each in self.searched
+                    {"place": values[one.axis.key], **mean.to_dict()}
+                    for values, mean in self.searched
                 ],
             },
         }
@@ -298,18 +299,75 @@ class Optimum:
             "unit": self.unit,
             "method": self.method,
             "parameters": {
-                each.axis.key: {
-                    "range": [each.axis.low, each.axis.high],
-                    "place": each.place,
-                    "flat": [each.flat_low, each.flat_high],
-                    "flat_beyond_range": [each.open_low, each.open_high],
+                parameter.axis.key: {
+                    "range": [parameter.axis.low, parameter.axis.high],
+                    "place": parameter.place,
+                    "flat": [parameter.flat_low, parameter.flat_high],
+                    "flat_beyond_range": [parameter.open_low, parameter.open_high],
                 }
-                for each in self.parameters
+                for parameter in self.parameters
             },
             "flat_within": FLAT_SHARE,
             "value": {**self.value.to_dict(), "interval": self.interval},
             "scene_itself": self.own,
-            "searched": [{**place, "value": each.estimate} for place, each in self.searched],
+            "searched": [{**values, "value": mean.estimate} for values, mean in self.searched],
             "evaluations": self.evaluations,
             "notes": self._on_orbits(),
         }
+
+
+def _draw(found):
+    """Places searched, the maximum, how far it is flat.
+
+    Over several parameters places differ in the others too, so that the highest of them are the
+    outline.
+    """
+    panels = [_panel(found, parameter) for parameter in found.parameters]
+    title = (
+        f"{found.scene.name}: {len(found.searched)} places searched, by {found.method} "
+        "(bars: two standard errors)"
+    )
+    return draw_panels(panels, title, size=(3.0, 2.4), sharey=True)
+
+
+def _panel(found, each):
+    key = each.axis.key
+    factor, unit = prefixed(found.value.estimate, found.unit.split()[0])
+    places = [location[key] for location, _ in found.searched]
+    searched = [value.times(factor) for _, value in found.searched]
+    values = [value.estimate for value in searched]
+    bars = [INTERVAL * (value.standard_error or 0.0) for value in searched]
+    top = found.value.times(factor)
+    height = INTERVAL * (top.standard_error or 0.0)
+    # Beside the place searched there, which it would hide.
+    maximum = Series(
+        x=[each.place],
+        y=[top.estimate],
+        label="maximum",
+        colour=MAXIMUM,
+        line="",
+        marker="*",
+        bars=[height],
+        size=8.0,
+        shift=APART,
+    )
+    return Panel(
+        x_label=key_label(key, found.scene.units),
+        y_label=f"{found.quantity.replace('_', ' ')} [{unit or '1'}]",
+        series=[Series(places, values, "searched", SEARCHED, "", ".", bars=bars), maximum],
+        log_x=each.axis.logarithmic,
+        more=partial(_draw_bounds, found, each, factor),
+    )
+
+
+def _draw_bounds(found, each, factor, axes):
+    """Draw the interval of the place, or the flat region, and the scene's own value."""
+    low, high, label = each.flat_low, each.flat_high, f"within {FLAT_SHARE:.0%}, the others held"
+    if each.standard_error is not None:
+        (low, high), label = found.interval, "interval of the place"
+    if not math.isnan(low + high):
+        axes.axvspan(low, high, color=MAXIMUM, alpha=0.15, lw=0, label=label)
+    if found.own is not None:
+        axes.axhline(
+            factor * found.own.estimate, color=OWN, linestyle=":", label="the scene itself"
+        )

@@ -9,8 +9,6 @@ Methods without noise go on from the highest proposal by COBYQA (T. M. Ragonneau
 Kong Polytechnic University, 2022), to their own precision.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable, Sequence
 
@@ -56,12 +54,7 @@ def over_several(
     evaluations: int | None = None,
     precision: float | None = None,
 ) -> Optimum:
-    """The optimum over several parameters, all of it but its time; see `optimum`.
-
-    Raises
-    ------
-    HarvesterError, OptimumError, OutOfTime, MissingLibrary
-    """
+    """The optimum over several parameters, all of it but its time; see `optimum`."""
     usual = GRID if _by_grid(axes, is_noisy(scene, method)) else EVALUATIONS_EACH * len(axes)
     count = usual if evaluations is None else evaluations
     if not FEWEST_EVALUATIONS <= count <= MOST_EVALUATIONS:
@@ -73,23 +66,23 @@ def over_several(
         raise HarvesterError(f"--over: at most {MOST_PARAMETERS} parameters at a time")
     expected = count + CONFIRMED + CLIMB_EACH * len(axes)
 
-    def told(done):
-        follow(min(done / expected, 0.99), f"{done} evaluations")
-
-    objective = Objective(scene, axes, quantity, method, runner, told)
+    objective = Objective(
+        scene, axes, quantity, method, runner,
+        lambda done: follow(min(done / expected, 0.99), f"{done} evaluations"),
+    )  # fmt: skip
     follow(0.0, "the scene itself")
-    own = first_answer(runner, Request(scene, method))
-    check_quantity(quantity, own)
+    scene_answer = first_answer(runner, Request(scene, method))
+    check_quantity(quantity, scene_answer)
     searched = _search(objective, count)
-    place = _chosen(objective, searched)
+    location = _chosen(objective, searched)
     stage = AGAIN if objective.noisy else SEARCH
-    start = place if objective.noisy else _refined(objective, place)
-    place, answer, sides = climb(objective, start, stage)
-    if place != start and not objective.noisy:
-        place, answer, sides = climb(objective, _refined(objective, place), stage)
+    start = location if objective.noisy else _refined(objective, location)
+    location, answer, sides = climb(objective, start, stage)
+    if location != start and not objective.noisy:
+        location, answer, sides = climb(objective, _refined(objective, location), stage)
     if objective.noisy:
         asked = {"precision": precision, "quantities": (quantity,)}
-        (answer,) = objective.answers([place], VALUE, **asked)
+        (answer,) = objective.answers([location], VALUE, **asked)
         if isinstance(answer, HarvesterError):
             raise answer
     dimension = answer.quantities[quantity].dimension
@@ -98,23 +91,15 @@ def over_several(
         quantity=quantity,
         unit=unit_of(scene, dimension),
         method=method.name,
-        parameters=ranges(objective.axes, place, sides),
+        parameters=ranges(objective.axes, location, sides),
         value=answer.in_units()[quantity],
-        own=own.in_units()[quantity],
+        own=scene_answer.in_units()[quantity],
         searched=[
-            (objective.values_at(each), Estimate(value, None, None, dimension))
-            for each, value in searched
+            (objective.values_at(coordinates), Estimate(value, None, None, dimension))
+            for coordinates, value in searched
         ],
         evaluations=objective.evaluated,
     )
-
-
-def _own_place(scene, axes):
-    """The scene's own, if it lies within the ranges."""
-    tables = [(axis, axis.own(scene)) for axis in axes]
-    if not all(axis.low <= value <= axis.high for axis, value in tables):
-        return None
-    return [axis.coordinate(value) for axis, value in tables]
 
 
 def _by_grid(axes, noisy):
@@ -126,11 +111,13 @@ def _search(objective, count):
     """Places proposed and their values; of one parameter without noise a grid."""
     searched: list[tuple] = []
     axes, proposals = objective.axes, None
-    grid = [(float(each),) for each in np.linspace(0.0, 1.0, count)]
+    grid = [(float(coordinate),) for coordinate in np.linspace(0.0, 1.0, count)]
     if not _by_grid(axes, objective.noisy):
-        proposals = Proposals(
-            len(axes), objective.scene.run.seed, _own_place(objective.scene, axes)
-        )
+        # The search begins at the scene itself, if that lies within the ranges.
+        own = [axis.own(objective.scene) for axis in axes]
+        inside = all(axis.low <= value <= axis.high for axis, value in zip(axes, own, strict=True))
+        first = [axis.coordinate(value) for axis, value in zip(axes, own, strict=True) if inside]
+        proposals = Proposals(len(axes), objective.scene.run.seed, first or None)
     while len(searched) < count:
         done, size = len(searched), min(BATCH, count - len(searched))
         places = proposals.ask(size) if proposals else grid[done : done + size]
@@ -145,12 +132,12 @@ def _search(objective, count):
 
 def _chosen(objective, searched):
     """The highest place; under noise the highest of the best ones on fresh noise."""
-    ended = [each for each in searched if not math.isnan(each[1])]
-    highest = [place for place, _ in sorted(ended, key=lambda each: -each[1])]
+    ended = [pair for pair in searched if not math.isnan(pair[1])]
+    highest = [coordinates for coordinates, _ in sorted(ended, key=lambda each: -each[1])]
     if not objective.noisy:
         return highest[0]
     places = list(dict.fromkeys(highest))[:CONFIRMED]
-    values = [objective.value(each) for each in objective.answers(places, AGAIN, moments=True)]
+    values = [objective.value(answer) for answer in objective.answers(places, AGAIN, moments=True)]
     if all(math.isnan(value) for value in values):
         raise OptimumError("the second runs failed at all of the highest places")
     return places[int(np.nanargmax(values))]
@@ -167,5 +154,5 @@ def _refined(objective, place):
     (answer,) = objective.answers([place])
     scale = abs(objective.value(answer)) or 1.0
     radii = {"initial_tr_radius": RADIUS, "final_tr_radius": LAST_RADIUS}
-    found = minimize(loss, place, method="COBYQA", bounds=[(0.0, 1.0)] * len(place), options=radii)
-    return tuple(map(float, found.x))
+    best = minimize(loss, place, method="COBYQA", bounds=[(0.0, 1.0)] * len(place), options=radii)
+    return tuple(map(float, best.x))

@@ -47,18 +47,13 @@ class Basins:
 
     Attributes
     ----------
-    scene : Scene
-    method, engine_version : str
     displacements, velocities : ndarray, shapes (n,), (m,)
         Coordinates of the starts, with the transducer's state 0 and a load's stores as its netlist
         begins.
     orbit : ndarray of int, shape (m, n)
         Place in `orbits` of each start; −1: not followed.
-    orbits : list of Orbit
-        The orbits, the one with the most starts first.
-    periods : int
-        Least number of forcing periods that each start was followed.
-    seconds : float
+    orbits : the orbits, the one with the most starts first.
+    periods : least number of forcing periods that each start was followed.
     """
 
     scene: Scene
@@ -77,7 +72,18 @@ class Basins:
 
     def table(self) -> tuple[list[str], list[list[str]]]:
         """Header and rows, as text: one row for each orbit."""
-        return orbit_table(self.orbits, self.unit)
+        header = ["orbit", "motion", "share of starts", "mean power", "rms voltage"]
+        header += ["rms displacement", "largest Lyapunov exponent [1/s]"]
+        return header, [
+            [
+                orbit.name,
+                orbit.kind,
+                f"{value_and_error(100.0 * orbit.share, 100.0 * orbit.share_error)} %",
+                *(orbit.text(name, self.unit(dimension)) for name, dimension in QUANTITIES.items()),
+                "—" if orbit.lyapunov is None else str(orbit.lyapunov),
+            ]
+            for orbit in self.orbits
+        ]
 
     def data(self) -> tuple[list[str], list[list[Any]]]:
         """Header and rows: each start and the orbit that it reaches."""
@@ -86,7 +92,7 @@ class Basins:
             f"velocity [{self.unit('velocity')}]",
             "orbit",
         ]
-        names = [*(each.name for each in self.orbits), ""]
+        names = [*(orbit.name for orbit in self.orbits), ""]
         rows = [
             [float(x), float(v), names[number]]
             for v, row in zip(self.velocities, self.orbit, strict=True)
@@ -130,7 +136,7 @@ class Basins:
             {
                 "method": self.method,
                 "engine_version": self.engine_version,
-                "orbits": [orbit_dict(each) for each in self.orbits],
+                "orbits": self.orbits,
                 "displacements": self.displacements,
                 "velocities": self.velocities,
                 "orbit": self.orbit,
@@ -141,35 +147,12 @@ class Basins:
         )
 
 
-def orbit_table(orbits: Sequence[Orbit], unit: Any) -> tuple[list[str], list[list[str]]]:
-    """Header and rows of a table of orbits, as text."""
-    header = [
-        "orbit",
-        "motion",
-        "share of starts",
-        "mean power",
-        "rms voltage",
-        "rms displacement",
-        "largest Lyapunov exponent [1/s]",
-    ]
-    return header, [
-        [
-            each.name,
-            each.kind,
-            f"{value_and_error(100.0 * each.share, 100.0 * each.share_error)} %",
-            *(each.text(name, unit(dimension)) for name, dimension in QUANTITIES.items()),
-            "—" if each.lyapunov is None else str(each.lyapunov),
-        ]
-        for each in orbits
-    ]
-
-
 def orbit_sentences(orbits: Sequence[Orbit], unit: Any) -> list[str]:
     """How many motions there are, and which gives the most power how likely."""
     if not orbits:
         return []
-    steady = [each for each in orbits if each.steady]
-    kinds = Counter(each.kind for each in steady)
+    steady = [orbit for orbit in orbits if orbit.steady]
+    kinds = Counter(orbit.kind for orbit in steady)
     named = ", ".join(f"{count} of {kind}" if count > 1 else kind for kind, count in kinds.items())
     plural = "" if len(steady) == 1 else "s"
     lines = [f"{len(steady)} steady motion{plural}{': ' if named else ''}{named}"]
@@ -187,16 +170,11 @@ def orbit_sentences(orbits: Sequence[Orbit], unit: Any) -> list[str]:
             "a motion with a period is averaged over whole cycles once it has converged: its "
             "errors are what remains of the transient and what the steps may cost"
         )
-    for each in orbits:
-        if not each.steady:
-            plural = "" if each.starts == 1 else "s"
-            lines.append(f"{each.starts} start{plural}: {each.kind}, {REASONS[each.kind]}")
+    for orbit in orbits:
+        if not orbit.steady:
+            plural = "" if orbit.starts == 1 else "s"
+            lines.append(f"{orbit.starts} start{plural}: {orbit.kind}, {REASONS[orbit.kind]}")
     return lines
-
-
-def orbit_dict(orbit: Orbit) -> dict[str, Any]:
-    """An orbit as plain values."""
-    return {name: plain(value) for name, value in vars(orbit).items()}
 
 
 def axes_of_starts(
@@ -205,34 +183,26 @@ def axes_of_starts(
     velocity: Sequence[float] | None,
     points: int,
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Displacements and velocities of the grid, in the scene's units.
-
-    Raises
-    ------
-    HarvesterError
-    """
+    """Displacements and velocities of the grid, in the scene's units."""
     ready = prepared(scene)
     span = energy_range(ready)
     if points > MOST_POINTS:
         raise HarvesterError(f"--points {points}: at most {MOST_POINTS} starts a side")
-    default = {
-        "displacement": (span.low, span.high),
-        "velocity": (-span.speed, span.speed),
-    }
-    found = []
-    for name, given in (("displacement", displacement), ("velocity", velocity)):
-        if given is None:
-            low, high = (each * ready.scales.of(name) for each in default[name])
-            found.append(np.linspace(low, high, points))
+    default = {"displacement": (span.low, span.high), "velocity": (-span.speed, span.speed)}
+    axes = []
+    for name, coordinates in (("displacement", displacement), ("velocity", velocity)):
+        if coordinates is None:
+            low, high = (end * ready.scales.of(name) for end in default[name])
+            axes.append(np.linspace(low, high, points))
             continue
         try:
-            values = np.array(listed(given, name, "[-0.01, 0.0, 0.01]"), dtype=float)
+            values = np.array(listed(coordinates, name, "[-0.01, 0.0, 0.01]"), dtype=float)
         except (TypeError, ValueError):
             values = np.array([np.nan])
         if values.size < 1 or not (np.isfinite(values).all() and (np.diff(values) > 0.0).all()):
             raise HarvesterError(f"--{name}: must be rising numbers")
-        found.append(values)
-    return found[0], found[1]
+        axes.append(values)
+    return axes[0], axes[1]
 
 
 def _draw(basins):
@@ -241,13 +211,13 @@ def _draw(basins):
     from matplotlib.figure import Figure
 
     # From the eleventh on, orbits share the last colour.
-    shown = np.minimum(basins.orbit, MOST_NAMED - 1)
+    colour_index = np.minimum(basins.orbit, MOST_NAMED - 1)
     colours = ListedColormap([NOT_FOLLOWED, *COLOURS])
     norm = BoundaryNorm(np.arange(-1.5, MOST_NAMED), colours.N)
     figure = Figure(figsize=(6.2, 4.2))
     axes = figure.add_subplot()
     axes.pcolormesh(
-        basins.displacements, basins.velocities, shown, cmap=colours, norm=norm,
+        basins.displacements, basins.velocities, colour_index, cmap=colours, norm=norm,
         shading="nearest", rasterized=True,
     )  # fmt: skip
     low_x, high_x = axes.get_xlim()

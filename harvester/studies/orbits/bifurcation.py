@@ -34,17 +34,12 @@ from harvester.show.palette import CIRCUIT, MONTE_CARLO
 from harvester.show.panels import Panel, Series, draw_panels
 from harvester.show.symbols import key_label
 from harvester.simulation.following import follow, forced
-from harvester.studies.orbits.following import (
-    SAMPLES,
-    motion_of,
-    periods_of,
-)
+from harvester.simulation.methods import Engine
+from harvester.studies.orbits.following import SAMPLES, motion_of
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
     from xarray import Dataset
-
-    from harvester.simulation.methods import Engine
 
 # Number of values in one task: a killed run loses at most this many.
 PLACES_TOGETHER = 25
@@ -65,11 +60,8 @@ class Jump:
 
     Attributes
     ----------
-    direction : str
-    before, after : float
-        The last value on the old branch and the first on the new one.
-    power_before, power_after : float
-        Mean powers on both sides of the jump, in the scene's units.
+    before, after : the last value on the old branch and the first on the new one.
+    power_before, power_after : mean powers on both sides of the jump, in the scene's units.
     """
 
     direction: str
@@ -85,14 +77,12 @@ class Branch:
 
     Attributes
     ----------
-    direction : str
-        "up" or "down".
+    direction : "up" or "down".
     displacement, velocity : ndarray, shape (n, samples)
         Section: samples at the beginnings of the last forcing periods; NaN where a run failed.
     period : ndarray of int, shape (n,)
         Period of the motion in forcing periods; 0 if it does not repeat itself.
-    motion : list of str
-        "period 2", "no period", or why there is no steady motion.
+    motion : "period 2", "no period", or why there is no steady motion.
     mean_power, rms_voltage, rms_displacement : ndarray, shape (n,)
         NaN without a steady motion.
     errors : dict of str to ndarray, shape (n,)
@@ -116,19 +106,11 @@ class Bifurcation:
 
     Attributes
     ----------
-    scene : Scene
-    key : str
     values : ndarray, shape (n,)
         Rising.
-    branches : list of Branch
-        Up, and down unless it was left out.
-    jumps : list of Jump
-    method, engine_version : str
-    periods : int
-        Number of forcing periods at each value before the samples.
-    failures : dict of str to str
-        "up at VALUE" to why the run failed.
-    seconds : float
+    branches : up, and down unless it was left out.
+    periods : number of forcing periods at each value before the samples.
+    failures : "up at VALUE" to why the run failed.
     """
 
     scene: Scene
@@ -149,17 +131,17 @@ class Bifurcation:
     def table(self) -> tuple[list[str], list[list[str]]]:
         """Header and rows, as text; of many values some, and both sides of each jump."""
         header, rows = self.data()
-        ends = {(each.direction, end) for each in self.jumps for end in (each.before, each.after)}
-        shown = {*self.values[:: self._every].tolist(), float(self.values[-1])}
+        ends = {(jump.direction, end) for jump in self.jumps for end in (jump.before, jump.after)}
+        tabulated = {*self.values[:: self._every].tolist(), float(self.values[-1])}
         # Each quantity shares its column with its error.
         return [*header[:3], *header[3:9:2], *header[9:]], [
             [
                 *(row[0], f"{row[1]:.6g}", row[2]),
                 *map(value_and_error, row[3:9:2], row[4:9:2]),
-                *(numbers.number(each, 5) for each in row[9:]),
+                *(numbers.number(extreme, 5) for extreme in row[9:]),
             ]
             for row in rows
-            if row[1] in shown or tuple(row[:2]) in ends
+            if row[1] in tabulated or tuple(row[:2]) in ends
         ]
 
     @property
@@ -179,8 +161,8 @@ class Bifurcation:
             for k, value in enumerate(self.values):
                 section = branch.displacement[k]
                 numbers = [
-                    each for name in QUANTITIES
-                    for each in (getattr(branch, name)[k], branch.errors[name][k])
+                    number for name in QUANTITIES
+                    for number in (getattr(branch, name)[k], branch.errors[name][k])
                 ]  # fmt: skip
                 numbers += [section.min(), section.max()]
                 rows.append(
@@ -206,15 +188,15 @@ class Bifurcation:
                     f"({branch.motion[best]})"
                 )
             for kind, reason in REASONS.items():
-                where = self.values[[each == kind for each in branch.motion]]
+                where = self.values[[motion == kind for motion in branch.motion]]
                 if where.size:
-                    named = ", ".join(f"{each:.6g}" for each in where)
+                    named = ", ".join(f"{value:.6g}" for value in where)
                     lines.append(f"{branch.direction}: {kind} at {self.key} = {named}: {reason}")
         power = self.unit("power")
         lines += [
-            f"{each.direction}: jump between {self.key} = {each.before:.6g} and {each.after:.6g}, "
-            f"from {quantity(each.power_before, power)} to {quantity(each.power_after, power)}"
-            for each in self.jumps
+            f"{jump.direction}: jump between {self.key} = {jump.before:.6g} and {jump.after:.6g}, "
+            f"from {quantity(jump.power_before, power)} to {quantity(jump.power_after, power)}"
+            for jump in self.jumps
         ]
         if self._every > 1:
             lines.append(
@@ -223,7 +205,7 @@ class Bifurcation:
             )
         if self.scene.load.circuit and not self.scene.load.is_resistor:
             lines.append("a load's own stores begin at each place as its netlist says")
-        lines += [f"{place}: {why}" for place, why in self.failures.items()]
+        lines += [f"{location}: {why}" for location, why in self.failures.items()]
         return lines
 
     def figure(self) -> Figure:
@@ -235,13 +217,13 @@ class Bifurcation:
     def to_xarray(self) -> Dataset:
         """An xarray Dataset over direction, value and sample, in the scene's units."""
         variables: dict[str, Any] = {
-            name: (("direction", self.key), [getattr(each, name) for each in self.branches])
+            name: (("direction", self.key), [getattr(branch, name) for branch in self.branches])
             for name in (*QUANTITIES, "period")
         }
         for name in ("displacement", "velocity"):
-            section = [getattr(each, name) for each in self.branches]
+            section = [getattr(branch, name) for branch in self.branches]
             variables[name] = (("direction", self.key, "sample"), section)
-        directions = [each.direction for each in self.branches]
+        directions = [branch.direction for branch in self.branches]
         attributes = {"scene": json_text(self.scene.to_dict()), "method": self.method}
         coordinates = {"direction": directions, self.key: self.values}
         return xarray_or_say().Dataset(variables, coordinates, attributes)
@@ -266,15 +248,11 @@ def climb(
 
     Parameters
     ----------
-    scene : Scene
-    key : str
-    values : list of float
     engine, step, settings
         The engine's name, its step, and those of its options that differ from the defaults.
     start : list or None
         Displacement, velocity and the transducer's state in the scene's units; None: the scene's.
-    periods : int
-        Before the samples.
+    periods : before the samples.
 
     Returns
     -------
@@ -284,29 +262,24 @@ def climb(
     """
     rows, failures = [], {}
     for number, value in enumerate(values):
-        place = forced(scene.replace({key: value}), "bifurcation")
-        ready = prepared(place)
-        units = _state_units(ready)
+        driven = forced(scene.replace({key: value}), "bifurcation")
+        ready = prepared(driven)
+        power, length = ready.scales.of("power"), ready.scales.of("displacement")
+        # Displacement, velocity and the transducer's state of one scaled unit.
+        units = np.array([length, length, ready.scene.transducer.state_unit(ready.setting)])
         begin = start_state(prepared(scene), 0) if start is None else np.array(start) / units
         try:
             samples = follow(
-                place, engine, step, [list(begin)], periods + SAMPLES, SAMPLES, report, settings
+                driven, engine, step, [list(begin)], periods + SAMPLES, SAMPLES, report, settings
             )[0]
         except SimulationError as error:
             failures[str(number)] = str(error)
             samples = np.full((SAMPLES + 1, STATE + 3), np.nan)
         if np.isfinite(samples).all():
             start = (samples[-1, :STATE] * units).tolist()
-        power, length = ready.scales.of("power"), ready.scales.of("displacement")
         scales = [*units, power, ready.scales.of("voltage") ** 2, length**2]
         rows.append(samples * scales)
     return {"rows": np.array(rows), "end": start, "failures": failures}
-
-
-def _state_units(ready):
-    """Displacement, velocity and the transducer's state of one scaled unit."""
-    length = ready.scales.displacement
-    return np.array([length, length, ready.scene.transducer.state_unit(ready.setting)])
 
 
 def climbing(
@@ -343,8 +316,8 @@ def climbing(
                 return answer
             rows.append(answer["rows"])
             start = answer["end"]
-            for place, why in answer["failures"].items():
-                failures[f"{direction} at {some[int(place)]:g}"] = why
+            for index, why in answer["failures"].items():
+                failures[f"{direction} at {some[int(index)]:g}"] = why
         samples = np.concatenate(rows)
         scenes = scenes_over(scene, key, values)
         samples = samples if direction == "up" else samples[::-1]
@@ -385,25 +358,20 @@ def jumps_of(values: np.ndarray, branch: Branch) -> list[Jump]:
     size = float(np.nanmax(np.abs(section), initial=0.0))
     shape = np.stack([section.mean(axis=1), section.std(axis=1)])
     change = np.abs(np.diff(shape, axis=1)).max(axis=0)
-    found = []
+    jumps = []
     for k in np.flatnonzero(change > JUMP_SHARE * size):
         sides = change[max(k - NEARBY, 0) : k], change[k + 1 : k + 1 + NEARBY]
         # Next to a value without a steady motion there is no change to compare with.
-        nearby = [float(np.nanmax(each)) for each in sides if np.isfinite(each).any()]
+        nearby = [float(np.nanmax(changes)) for changes in sides if np.isfinite(changes).any()]
         # Sections without a period differ because they sample different parts of the motion.
         wandering = branch.period[k] == 0 and branch.period[k + 1] == 0
         if wandering or (nearby and change[k] < JUMP_RATIO * min(nearby)):
             continue
         ends = (k, k + 1) if branch.direction == "up" else (k + 1, k)
-        before, after = (float(values[each]) for each in ends)
-        powers = (float(branch.mean_power[each]) for each in ends)
-        found.append(Jump(branch.direction, before, after, *powers))
-    return found
-
-
-def settling_periods(scenes: list[Scene]) -> int:
-    """Forcing periods before the samples: those of the place that forgets most slowly."""
-    return max(periods_of(each) for each in scenes)
+        before, after = (float(values[end]) for end in ends)
+        powers = (float(branch.mean_power[end]) for end in ends)
+        jumps.append(Jump(branch.direction, before, after, *powers))
+    return jumps
 
 
 def _draw(result):
@@ -427,16 +395,11 @@ def _draw(result):
 
 
 def scenes_over(scene: Scene, key: str, values: np.ndarray) -> list[Scene]:
-    """The scene at each value, checked before anything runs.
-
-    Raises
-    ------
-    HarvesterError
-    """
+    """The scene at each value, checked before anything runs."""
     table = key.partition(".")[0]
     if table in UNUSED_TABLES:
         raise HarvesterError(
             f"--over {key}: bifurcation takes its length from --periods and each start from the "
             f"value before: nothing in [{table}] changes its result; name a key of another table"
         )
-    return [forced(scene.replace({key: float(each)}), "bifurcation") for each in values]
+    return [forced(scene.replace({key: float(value)}), "bifurcation") for value in values]

@@ -1,11 +1,9 @@
 """Many starts of one driven device, followed to where they settle."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Generator
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -34,6 +32,7 @@ from harvester.results.orbit import (
     share_error,
 )
 from harvester.running.task import Task, Wanted
+from harvester.scene.model import Scene
 from harvester.show.numbers import with_error
 from harvester.simulation.following import (
     PARTING_PERIODS,
@@ -43,9 +42,6 @@ from harvester.simulation.following import (
     neighbours,
 )
 from harvester.simulation.methods import Engine
-
-if TYPE_CHECKING:
-    from harvester.scene.model import Scene
 
 # Samples are taken once the slowest transient has decayed to this share.
 SETTLED_SHARE = 1e-6
@@ -67,16 +63,11 @@ class Orbit:
 
     Attributes
     ----------
-    name : str
-        A, B, … in the order of their shares; of what is no steady motion its `kind`.
-    kind : str
-        "period 3" or "chaotic", or of what is no steady motion one of `UNSTEADY`.
-    period : int or None
-        Period of the motion in forcing periods; None if it does not repeat itself.
-    lyapunov : Divergence or None
-        Of a motion without a period: its largest Lyapunov exponent (1/s).
-    starts : int
-        Number of starts that settled on it.
+    name : A, B, … in the order of their shares; of what is no steady motion its `kind`.
+    kind : "period 3" or "chaotic", or of what is no steady motion one of `UNSTEADY`.
+    period : period of the motion in forcing periods; None if it does not repeat itself.
+    lyapunov : of a motion without a period: its largest Lyapunov exponent (1/s).
+    starts : number of starts that settled on it.
     share, share_error : float
         Share of all starts, and its standard error as that of a random sample of the plane.
     mean_power, rms_voltage, rms_displacement : float
@@ -115,17 +106,12 @@ class Orbit:
 def periods_of(scene: Scene) -> int:
     """Forcing periods in which the device and its load forget where they began."""
     transient = transient_time(prepared(scene), SETTLED_SHARE)
-    wanted = transient / float(scene.excitation.period or 1.0)
-    return int(min(max(wanted, FEWEST_PERIODS), MOST_PERIODS)) + 1
+    periods = transient / float(scene.excitation.period or 1.0)
+    return int(min(max(periods, FEWEST_PERIODS), MOST_PERIODS)) + 1
 
 
 def check_periods(periods: int | None, fewest: int) -> None:
-    """Refuse what cannot be followed, or has no room in memory.
-
-    Raises
-    ------
-    HarvesterError
-    """
+    """Refuse what cannot be followed, or has no room in memory."""
     if periods is not None and not fewest <= periods <= MOST_PERIODS_ASKED:
         raise HarvesterError(
             f"--periods {periods}: must be a whole number in [{fewest}, {MOST_PERIODS_ASKED}]"
@@ -133,11 +119,7 @@ def check_periods(periods: int | None, fewest: int) -> None:
 
 
 def following(
-    scene: Scene,
-    engine: Engine,
-    version: str,
-    starts: np.ndarray,
-    periods: int | None,
+    scene: Scene, engine: Engine, version: str, starts: np.ndarray, periods: int | None
 ) -> Generator[Wanted, list, Any]:
     """A plan for `Runner.follow`: all starts to where they settle.
 
@@ -150,8 +132,8 @@ def following(
         NaN for starts that time was too short for.
     """
     first = _first_periods(scene, periods)
-    kept = min(SAMPLES, first - 1)
-    samples = yield from _pieces(scene, engine, version, starts, first, kept)
+    sample_count = min(SAMPLES, first - 1)
+    samples = yield from _pieces(scene, engine, version, starts, first, sample_count)
     if periods is not None or np.isnan(samples).any():
         return samples
     plan = _Onwards(scene, engine, version, starts, samples, first)
@@ -180,8 +162,8 @@ def _wandering(samples):
 def _groups(samples):
     """Groups of the starts that were followed and stay in range."""
     (inside,) = np.nonzero(np.isfinite(samples).all(axis=(1, 2)))
-    found = groups_of(samples[inside][:, :, :STATE]) if inside.size else []
-    return [replace(each, members=inside[each.members]) for each in found]
+    groups = groups_of(samples[inside][:, :, :STATE]) if inside.size else []
+    return [replace(group, members=inside[group.members]) for group in groups]
 
 
 class _Onwards(NamedTuple):
@@ -216,29 +198,25 @@ def _pieces(scene, engine, version, starts, periods, kept):
     calls = calls_of(scene, engine, starts, periods, kept)
     label = f"{engine.name} {periods}"
     answers = yield Wanted(
-        [Task(follow, each, version, label, len(each["starts"])) for each in calls]
+        [Task(follow, arguments, version, label, len(arguments["starts"])) for arguments in calls]
     )
-    found = []
+    pieces = []
     for answer, call in zip(answers, calls, strict=True):
         if isinstance(answer, HarvesterError):
             raise answer
         missing = np.full((len(call["starts"]), kept + 1, len(COLUMNS)), np.nan)
-        found.append(missing if answer is None else answer)
-    return np.concatenate(found)
+        pieces.append(missing if answer is None else answer)
+    return np.concatenate(pieces)
 
 
 def orbits_of(
-    scene: Scene,
-    engine: Engine,
-    version: str,
-    starts: np.ndarray,
-    periods: int | None,
+    scene: Scene, engine: Engine, version: str, starts: np.ndarray, periods: int | None
 ) -> Generator[Wanted, list, tuple[list[Orbit], np.ndarray]]:
     """A plan for `Runner.follow`: the orbits that starts settle on with their powers, behind them
     what the other starts do, and each start's place in these (−1: not followed)."""
     samples = yield from following(scene, engine, version, starts, periods)
     groups = _groups(samples)
-    found = yield from _cycles(scene, engine, version, starts, samples, groups, periods)
+    motions = yield from _cycles(scene, engine, version, starts, samples, groups, periods)
     unsettled = _unsettled(scene)
     for group in groups:
         if group.period is None:
@@ -248,26 +226,26 @@ def orbits_of(
             )
             exponent = exponent_of(scene, parting, scale)
             if exponent is not None and exponent.chaotic and unsettled != CHARGING:
-                found.append((group.members, samples[group.members], group.points, exponent))
-    found.sort(key=lambda each: (-each[0].size, each[0].min()))
+                motions.append((group.members, samples[group.members], group.points, exponent))
+    motions.sort(key=lambda each: (-each[0].size, each[0].min()))
     which, orbits, ready = np.full(len(starts), -1), [], prepared(scene)
     followed, escaped = ~np.isnan(samples).any(axis=(1, 2)), np.isinf(samples).any(axis=(1, 2))
     count, steps = int(followed.sum()), step_error(ready, engine.step, engine.name)
     seconds, memory = float(scene.excitation.period or 1.0), memory_of(ready)
-    units = np.array([ready.scales.of(each) for each in QUANTITIES.values()])
+    units = np.array([ready.scales.of(dimension) for dimension in QUANTITIES.values()])
     size = np.array([ready.scales.of("displacement"), ready.scales.of("velocity")])
-    for number, (members, own, points, exponent) in enumerate(found):
+    for number, (members, orbit_samples, points, exponent) in enumerate(motions):
         which[members] = number
         period = None if exponent else len(points)
         kind = f"period {period}" if period else "chaotic"
-        values = means_of(own, seconds, steps, memory) * units
+        values = means_of(orbit_samples, seconds, steps, memory) * units
         section = points[:, :2] * size
         name = orbit_name(number)
         orbits.append(_orbit(name, kind, members.size, count, values, section, period, exponent))
-    for kind, here in ((unsettled, followed & ~escaped & (which < 0)), (ESCAPES, escaped)):
-        if here.any():
-            which[here] = len(orbits)
-            orbits.append(_orbit(kind, kind, int(here.sum()), count))
+    for kind, is_member in ((unsettled, followed & ~escaped & (which < 0)), (ESCAPES, escaped)):
+        if is_member.any():
+            which[is_member] = len(orbits)
+            orbits.append(_orbit(kind, kind, int(is_member.sum()), count))
     return orbits, which
 
 
@@ -277,24 +255,24 @@ def _cycles(scene, engine, version, starts, samples, groups, periods):
     The best start of each group goes on until it has converged; groups whose best starts come to
     the same cycle are one motion.
     """
-    members = [each.members for each in groups if each.period]
+    members = [group.members for group in groups if group.period]
     best = np.array(
-        [each[np.argmin(_remains(scene, samples[each]))] for each in members], dtype=int
+        [indices[np.argmin(_remains(scene, samples[indices]))] for indices in members], dtype=int
     )
     first = _first_periods(scene, periods)
     plan = _Onwards(scene, engine, version, starts[best], samples[best], first)
     for k in range(1, ROUNDS) if periods is None else ():
         again = np.flatnonzero(_remains(scene, plan.samples) > CONVERGED)
         yield from plan.follow(again, LONGER**k, LONGER ** (k + 1))
-    remains, found = _remains(scene, plan.samples), []
+    remains, motions = _remains(scene, plan.samples), []
     (settled,) = np.nonzero(remains <= NEARLY_CONVERGED)
     for group in groups_of(plan.samples[settled][:, :, :STATE]) if settled.size else []:
         same = settled[group.members]
-        own = plan.samples[same[[np.argmin(remains[same])]]]
-        period = motion_of(scene, own[0])[0]
+        best_samples = plan.samples[same[[np.argmin(remains[same])]]]
+        period = motion_of(scene, best_samples[0])[0]
         together = np.concatenate([members[k] for k in same])
-        found.append((together, own, own[0, -period:], None))
-    return found
+        motions.append((together, best_samples, best_samples[0, -period:], None))
+    return motions
 
 
 def _remains(scene, samples):
@@ -305,8 +283,8 @@ def _remains(scene, samples):
 def _unsettled(scene):
     """Why starts have not converged: a store of the load may be slower than they are followed."""
     stores = scene.load.circuit and scene.load.circuit.stores
-    wanted = transient_time(prepared(scene), SETTLED_SHARE) / float(scene.excitation.period)
-    return CHARGING if stores and wanted > MOST_PERIODS else NOT_SETTLED
+    periods = transient_time(prepared(scene), SETTLED_SHARE) / float(scene.excitation.period)
+    return CHARGING if stores and periods > MOST_PERIODS else NOT_SETTLED
 
 
 def motion_of(scene: Scene, samples: np.ndarray) -> tuple[int, str]:
@@ -326,7 +304,7 @@ def motion_of(scene: Scene, samples: np.ndarray) -> tuple[int, str]:
 def _orbit(name, kind, starts, count, values=None, points=None, period=None, exponent=None):
     """An outcome of some starts; without values one that is no steady motion."""
     values = np.full((2, len(QUANTITIES)), math.nan) if values is None else values
-    means, errors = (dict(zip(QUANTITIES, map(float, each), strict=True)) for each in values)
+    means, errors = (dict(zip(QUANTITIES, map(float, row), strict=True)) for row in values)
     points = np.empty((0, 2)) if points is None else points
     share = starts / count, share_error(starts, count)
     return Orbit(

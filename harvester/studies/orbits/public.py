@@ -8,16 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Unpack
 from harvester.arguments import listed
 from harvester.calling import takes_scene
 from harvester.errors import HarvesterError
-from harvester.signatures import (
-    Count,
-    Kind,
-    Line,
-    MethodOrName,
-    RunnerOptions,
-    Share,
-    Step,
-    Values,
-)
+from harvester.signatures import Count, Kind, Line, MethodOrName, RunnerOptions, Share, Step, Values
 from harvester.simulation.methods import engine_of
 
 if TYPE_CHECKING:
@@ -63,10 +54,6 @@ def basins(
         default, fine, finest, or the longest step in seconds.
     **running
         See `harvester.running.open_runner`.
-
-    Returns
-    -------
-    Basins
 
     Raises
     ------
@@ -147,10 +134,6 @@ def bifurcation(
     **running
         See `harvester.running.open_runner`.
 
-    Returns
-    -------
-    Bifurcation
-
     Raises
     ------
     HarvesterError
@@ -164,7 +147,7 @@ def bifurcation(
 
     from harvester.running import open_runner
     from harvester.studies.orbits import bifurcation as work
-    from harvester.studies.orbits.following import check_periods
+    from harvester.studies.orbits.following import check_periods, periods_of
 
     clock = time.perf_counter()
     engine = engine_of(method, step=step)
@@ -177,24 +160,24 @@ def bifurcation(
     if rising.size < 2:
         raise HarvesterError("--values: must be two different numbers or more")
     scenes = work.scenes_over(scene, over, rising)
-    settling = periods or work.settling_periods(scenes)
+    settling = periods or max(periods_of(scene_at_value) for scene_at_value in scenes)
     directions = ("up", "down") if down else ("up",)
     with open_runner(**running) as runner:
         version = runner.version(engine.name)
-        (found,) = runner.follow(
+        (outcome,) = runner.follow(
             [work.climbing(scene, over, rising, engine, version, settling, directions)]
         )
-    if isinstance(found, HarvesterError):
-        raise found
-    if found is None:
+    if isinstance(outcome, HarvesterError):
+        raise outcome
+    if outcome is None:
         raise HarvesterError("the time budget was spent: the same command goes on where it ended")
-    branches, failures = found
+    branches, failures = outcome
     return work.Bifurcation(
         scene=scene,
         key=over,
         values=rising,
         branches=branches,
-        jumps=[jump for each in branches for jump in work.jumps_of(rising, each)],
+        jumps=[jump for branch in branches for jump in work.jumps_of(rising, branch)],
         method=engine.name,
         engine_version=version or "compiled equations",
         periods=settling,
@@ -235,10 +218,6 @@ def residence(
     **running
         See `harvester.running.open_runner`.
 
-    Returns
-    -------
-    Residence
-
     Raises
     ------
     HarvesterError
@@ -254,23 +233,23 @@ def residence(
         raise HarvesterError("--over and --values: give both or neither")
     places: list[Any] = [None]
     if values is not None:
-        places = [float(each) for each in listed(values, "values", "[0.1, 0.2]")]
-    scenes = [scene if over is None else scene.replace({over: each}) for each in places]
-    for each in scenes:
-        work.require_wells(each)
+        places = [float(number) for number in listed(values, "values", "[0.1, 0.2]")]
+    scenes = [scene if over is None else scene.replace({over: number}) for number in places]
+    for scene_at_value in scenes:
+        work.require_wells(scene_at_value)
     with open_runner(**running) as runner:
         version = runner.version(engine.name)
-        found: list[Any] = runner.follow(
+        outcomes: list[Any] = runner.follow(
             [
-                work.staying(each, value, engine, version, precision)
-                for each, value in zip(scenes, places, strict=True)
+                work.staying(scene_at_value, value, engine, version, precision)
+                for scene_at_value, value in zip(scenes, places, strict=True)
             ]
         )
     return work.Residence(
         scene=scene,
         key=over,
-        stays=[stay for stays, _ in found for stay in stays],
+        stays=[stay for stays, _ in outcomes for stay in stays],
         method=engine.name,
-        engine_version=next((each for _, each in found if each), ""),
+        engine_version=next((text for _, text in outcomes if text), ""),
         seconds=time.perf_counter() - clock,
     )

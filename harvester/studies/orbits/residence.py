@@ -10,13 +10,14 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from harvester.device import timescales
+from harvester.device.system import potential
 from harvester.errors import HarvesterError
 from harvester.estimates.batch_means import RAISED
 from harvester.excitation.base import kernel_loss
 from harvester.files.plain_text import json_text
 from harvester.files.serialising import plain
 from harvester.files.tables import xarray_or_say
-from harvester.prepared.prepared import prepared
+from harvester.prepared.prepared import Prepared, prepared
 from harvester.prepared.steps import knot_spacing
 from harvester.results.result import unit_of
 from harvester.running.task import Task, Wanted
@@ -26,7 +27,6 @@ from harvester.show.panels import Panel, Series, draw_panels, is_wide
 from harvester.show.symbols import key_label
 from harvester.simulation.methods import Engine, engine_of
 from harvester.simulation.realization import run
-from harvester.studies.orbits.kramers import kramers_time
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -39,6 +39,15 @@ FEWEST_STAYS = 16
 NOTED_BY_KNOTS = 2e-3
 # Number of realizations in one task, and how often their number is doubled to reach the precision.
 TOGETHER, MOST_DOUBLINGS = 8, 6
+# Lowest barrier, in temperatures (units of kT), for Kramers' formula: at three it is some
+# 15 % off.
+FEWEST_TEMPERATURES = 3.0
+# Most by which the noise's colour may change the rate's exponent: the share by which the noise's
+# density at the well's frequency lies below that at zero, times the barrier in temperatures.
+MOST_COLOUR = 0.1
+# Largest share of the well's stiffness, and of the damping, that the transducer may add.
+MOST_TRANSDUCER = 0.01
+NODES = 400
 
 
 @dataclass(frozen=True)
@@ -47,27 +56,21 @@ class Stay:
 
     Attributes
     ----------
-    value : float or None
-        Value of the key; None without one.
+    value : value of the key; None without one.
     well : float
         Displacement at its bottom, in the scene's units; of two alike the one on the right, which
         stands for both.
     time, standard_error : float, float or None
         Mean time from reaching the well to reaching another (s); no error bar on fewer than
         `FEWEST_STAYS` stays. Infinite where it was never left.
-    stays : int
-        Number of stays that ended.
-    watched : float
-        Time in the well, of all realizations (s).
-    kramers : float or None
-        Kramers' time (s), where the formula holds.
-    reason : str
-        Why it does not.
+    stays : number of stays that ended.
+    watched : time in the well, of all realizations (s).
+    kramers : Kramers' time (s), where the formula holds.
+    reason : why it does not.
     longer_by_knots : float
         Share by which the band of white noise's knots lengthens the time: the density that it
         lacks at the well's frequency times the barrier in temperatures. It is up to twice that.
-    outcome : str
-        "complete", or what ended the run.
+    outcome : "complete", or what ended the run.
     """
 
     value: float | None
@@ -88,13 +91,8 @@ class Residence:
 
     Attributes
     ----------
-    scene : Scene
-    key : str or None
-        The key that was varied.
-    stays : list of Stay
-        Value by value, wells from the left to the right.
-    method, engine_version : str
-    seconds : float
+    key : the key that was varied.
+    stays : value by value, wells from the left to the right.
     """
 
     scene: Scene
@@ -111,13 +109,13 @@ class Residence:
         header += ["stays", "Kramers [s]"]
         return header, [
             [
-                "" if each.value is None else f"{each.value:.6g}",
-                f"{each.well:.4g}",
-                _time_text(each),
-                f"{each.stays}",
-                "—" if each.kramers is None else f"{each.kramers:.4g}",
+                "" if stay.value is None else f"{stay.value:.6g}",
+                f"{stay.well:.4g}",
+                _time_text(stay),
+                f"{stay.stays}",
+                "—" if stay.kramers is None else f"{stay.kramers:.4g}",
             ]
-            for each in self.stays
+            for stay in self.stays
         ]
 
     def data(self) -> tuple[list[str], list[list[Any]]]:
@@ -125,8 +123,8 @@ class Residence:
         header = [self.key or "scene", f"well [{unit_of(self.scene, 'displacement')}]"]
         header += ["residence time [s]", "standard error [s]", "stays", "Kramers [s]"]
         return header, [
-            [each.value, each.well, each.time, each.standard_error, each.stays, each.kramers]
-            for each in self.stays
+            [stay.value, stay.well, stay.time, stay.standard_error, stay.stays, stay.kramers]
+            for stay in self.stays
         ]
 
     def sentences(self) -> list[str]:
@@ -136,22 +134,22 @@ class Residence:
             "a stay lasts from reaching a well (no more than a quarter of the energy that leads "
             "out of it) to reaching another one",
         ]
-        reasons = dict.fromkeys(each.reason for each in self.stays if each.reason)
+        reasons = dict.fromkeys(stay.reason for stay in self.stays if stay.reason)
         lines += [f"Kramers' formula is left out: {reason}" for reason in reasons]
-        few = [each for each in self.stays if each.standard_error is None]
+        few = [stay for stay in self.stays if stay.standard_error is None]
         if few:
             lines.append(
                 f"{len(few)} of {len(self.stays)} have no error bar, on fewer than {FEWEST_STAYS} "
                 "stays: raise run.duration or run.realizations, or ask for a --precision"
             )
-        longer = max(each.longer_by_knots for each in self.stays)
+        longer = max(stay.longer_by_knots for stay in self.stays)
         if longer > NOTED_BY_KNOTS:
             lines.append(
                 "white noise ends with the band of its knots: times are about "
                 f"{longer:.1%} to {2.0 * longer:.1%} longer than without that limit; halve "
                 f"excitation.knot_spacing = {knot_spacing(prepared(self.scene)):.3g} to lower this"
             )
-        wrong = dict.fromkeys(each.outcome for each in self.stays if each.outcome != "complete")
+        wrong = dict.fromkeys(stay.outcome for stay in self.stays if stay.outcome != "complete")
         return lines + list(wrong)
 
     def figure(self) -> Figure | None:
@@ -162,20 +160,16 @@ class Residence:
 
     def to_xarray(self) -> Dataset:
         """An xarray Dataset over the stays."""
-        variables = {
-            name: (("stay",), [np.nan if v is None else v for v in map(_of(name), self.stays)])
-            for name in ("value", "well", "time", "standard_error", "stays", "kramers")
-        }
+        variables = {}
+        for name in ("value", "well", "time", "standard_error", "stays", "kramers"):
+            column = [getattr(stay, name) for stay in self.stays]
+            variables[name] = (("stay",), [np.nan if v is None else v for v in column])
         attributes = {"scene": json_text(self.scene.to_dict()), "method": self.method}
         return xarray_or_say().Dataset(variables, attrs=attributes)
 
     def to_dict(self) -> dict[str, Any]:
         """Plain values for JSON."""
         return plain(dict(vars(self)))
-
-
-def _of(name):
-    return lambda stay: getattr(stay, name)
 
 
 def _time_text(stay):
@@ -201,23 +195,19 @@ def stays(
     dict
         `times`, `exits`, shape (realizations, batches, wells), wells from the left; `version`.
     """
-    found = run(scene, engine_of(engine, step=step, **settings or {}), indices, None, report)
-    jumps: Any = [each.moments.jumps for each in found]
+    realizations = run(scene, engine_of(engine, step=step, **settings or {}), indices, None, report)
+    jumps: Any = [realization.moments.jumps for realization in realizations]
     # The last row holds the time before `run.settle`. It counts too: a start at rest is like an
     # arrival by a jump.
     return {
-        "times": np.array([each.times for each in jumps]),
-        "exits": np.array([each.counts.sum(axis=2) for each in jumps]),
-        "version": found[0].engine_version,
+        "times": np.array([jumps_of.times for jumps_of in jumps]),
+        "exits": np.array([jumps_of.counts.sum(axis=2) for jumps_of in jumps]),
+        "version": realizations[0].engine_version,
     }
 
 
 def staying(
-    scene: Scene,
-    value: float | None,
-    engine: Engine,
-    version: str,
-    precision: float | None,
+    scene: Scene, value: float | None, engine: Engine, version: str, precision: float | None
 ) -> Generator[Wanted, list, tuple[list[Stay], str]]:
     """A plan for `Runner.follow`: the stays at one value, and the engine's version."""
     count, done = scene.run.realizations, 0
@@ -231,12 +221,12 @@ def staying(
         tasks = [
             Task(
                 stays,
-                {"scene": scene, **engine.as_arguments("engine"), "indices": each},
+                {"scene": scene, **engine.as_arguments("engine"), "indices": piece},
                 version,
                 f"{engine.name} {value}",
-                len(each),
+                len(piece),
             )
-            for each in pieces
+            for piece in pieces
         ]
         answers = yield Wanted(tasks)
         for answer in answers:
@@ -248,18 +238,18 @@ def staying(
             engine_version = answer["version"]
         if not times:
             break
-        found = stays_of(scene, value, np.concatenate(times), np.concatenate(exits))
+        means = stays_of(scene, value, np.concatenate(times), np.concatenate(exits))
         done, count = count, 2 * count
         errors = [
-            each.standard_error / each.time if each.standard_error else math.inf for each in found
+            stay.standard_error / stay.time if stay.standard_error else math.inf for stay in means
         ]
         if precision is None or outcome != "complete" or max(errors) <= precision:
             break
     if not times:
         wells = timescales.wells(prepared(scene).system)
         nothing = np.zeros((1, 1, len(wells)))
-        found = stays_of(scene, value, nothing, nothing)
-    return [replace(each, outcome=outcome) for each in found], engine_version
+        means = stays_of(scene, value, nothing, nothing)
+    return [replace(stay, outcome=outcome) for stay in means], engine_version
 
 
 def stays_of(scene: Scene, value: float | None, times: np.ndarray, exits: np.ndarray) -> list[Stay]:
@@ -274,7 +264,7 @@ def stays_of(scene: Scene, value: float | None, times: np.ndarray, exits: np.nda
             exits.sum(axis=2)[:, :, None],
             wells[1:],
         )
-    found = []
+    rows = []
     for number, well in enumerate(wells):
         spent, left = times[:, :, number].ravel(), exits[:, :, number].ravel()
         count, watched = float(left.sum()), float(spent.sum())
@@ -286,10 +276,10 @@ def stays_of(scene: Scene, value: float | None, times: np.ndarray, exits: np.nda
             error = math.sqrt(blocks / max(blocks - 1.0, 1.0) * float((off**2).sum())) / count
             error *= 1.0 + RAISED / count
         formula, reason = kramers_time(ready, well)
-        place = well * ready.scales.displacement
+        bottom = well * ready.scales.displacement
         longer = _longer_by_knots(ready, well)
-        found.append(Stay(value, place, time, error, int(count), watched, formula, reason, longer))
-    return found
+        rows.append(Stay(value, bottom, time, error, int(count), watched, formula, reason, longer))
+    return rows
 
 
 def _longer_by_knots(ready, well):
@@ -304,12 +294,7 @@ def _longer_by_knots(ready, well):
 
 
 def require_wells(scene: Scene) -> None:
-    """Refuse a device or an excitation without residence times.
-
-    Raises
-    ------
-    HarvesterError
-    """
+    """Refuse a device or an excitation without residence times."""
     if len(timescales.wells(prepared(scene).system)) < 2:
         raise HarvesterError(
             f"{scene.name}: the device has one well: residence times are those of several, as a "
@@ -325,19 +310,101 @@ def require_wells(scene: Scene) -> None:
 def _draw(residence):
     """Times over the key on a logarithmic axis, with Kramers' where it holds."""
     series = []
-    wells = dict.fromkeys(each.well for each in residence.stays)
+    wells = dict.fromkeys(stay.well for stay in residence.stays)
     for number, well in enumerate(wells):
-        some = [each for each in residence.stays if each.well == well and math.isfinite(each.time)]
-        x, y = [each.value for each in some], [each.time for each in some]
-        bars = [2.0 * (each.standard_error or 0.0) for each in some]
+        some = [stay for stay in residence.stays if stay.well == well and math.isfinite(stay.time)]
+        x, y = [stay.value for stay in some], [stay.time for stay in some]
+        bars = [2.0 * (stay.standard_error or 0.0) for stay in some]
         colour = (MONTE_CARLO, CIRCUIT)[number % 2]
         series.append(Series(x, y, f"well at {well:.3g}", colour, "", "o", bars=bars))
-        known = [each for each in residence.stays if each.well == well and each.kramers]
-        if known:
-            x, y = [each.value for each in known], [each.kramers for each in known]
+        with_formula = [stay for stay in residence.stays if stay.well == well and stay.kramers]
+        if with_formula:
+            x, y = [stay.value for stay in with_formula], [stay.kramers for stay in with_formula]
             series.append(Series(x, y, "Kramers", colour, "--"))
-    values = [each.value for each in residence.stays]
+    values = [stay.value for stay in residence.stays]
     label = key_label(residence.key, residence.scene.units)
     panel = Panel(label, "residence time [s]", series, log_x=is_wide(values), log_y=True)
     title = f"{residence.scene.name}: mean time in a well (bars: two standard errors)"
     return draw_panels([panel], title, size=(4.0, 3.0))
+
+
+def kramers_time(ready: Prepared, well: float) -> tuple[float | None, str]:
+    """Mean time until the other of two wells (s), or None and why the formula does not hold.
+
+    Kramers' rate for moderate to strong damping (Physica 7, 284, 1940) times the depopulation
+    factors of both wells, which hold for any damping (V. I. Mel'nikov and S. V. Meshkov, J. Chem.
+    Phys. 85, 1018, 1986; P. Hänggi, P. Talkner and M. Borkovec, Rev. Mod. Phys. 62, 251, 1990).
+
+    `well`: displacement of the well, scaled.
+    """
+    system = ready.system
+    why = _refusal(ready, well)
+    if why:
+        return None, why
+    (saddle,) = timescales.saddles(system)
+    damping = system.damper.damping
+    temperature = system.noise.intensity / damping
+    barrier = timescales.barrier(system, well) / temperature
+    omega = math.sqrt(timescales.stiffness(system, well))
+    over = math.sqrt(-timescales.stiffness(system, saddle))
+    slowing = (math.sqrt(damping**2 / 4.0 + over**2) - damping / 2.0) / over
+    losses = [
+        damping * _action(system, side, saddle) / temperature for side in timescales.wells(system)
+    ]
+    factor = math.prod(_depopulation(loss) for loss in losses) / _depopulation(sum(losses))
+    return 2.0 * math.pi / (omega * slowing * factor) * math.exp(barrier), ""
+
+
+def _refusal(ready, well):
+    """Why Kramers' formula does not hold; empty where it does."""
+    system, excitation = ready.system, ready.scene.excitation
+    if len(timescales.wells(system)) != 2:
+        return "it is for two wells"
+    if excitation.kind not in ("white", "ornstein-uhlenbeck"):
+        return f'it is for white noise, and excitation.kind = "{excitation.kind}"'
+    drag = ready.scene.oscillator.quadratic_damping
+    if not system.damper.damping > 0.0 or drag > 0.0:
+        return "it is for a linear damper"
+    if any(stopper.restitution < 1.0 for stopper in ready.scene.stoppers):
+        return "stoppers take energy"
+    omega = math.sqrt(max(timescales.stiffness(system, well), 0.0))
+    added = system.transducer.loss_rate(omega)
+    stiffer = system.transducer.stiffness(omega**2)
+    if added > MOST_TRANSDUCER * system.damper.damping or stiffer > MOST_TRANSDUCER * omega**2:
+        return "the transducer takes energy and stiffens the wells"
+    barrier = timescales.barrier(system, well) * system.damper.damping / system.noise.intensity
+    # Rounded as printed: an intensity of few digits makes 2.9999994 of three.
+    if round(barrier, 2) < FEWEST_TEMPERATURES:
+        return f"the barrier is {barrier:.2f} temperatures and not {FEWEST_TEMPERATURES:g} or more"
+    colour = (omega * system.noise.correlation_time) ** 2
+    if colour * barrier > MOST_COLOUR:
+        return "the noise is coloured"
+    return ""
+
+
+def _action(system, well, saddle):
+    """∮ X' dX of one round in a well at the saddle's energy."""
+    from scipy.optimize import brentq
+
+    top = float(potential(system, saddle))
+    away = well - saddle
+    while float(potential(system, well + away)) < top:
+        away *= 1.5
+    end = brentq(lambda x: float(potential(system, x)) - top, well, well + away)
+    # The substitution x = middle − half · cos(angle) removes the root singularities at both ends.
+    angle = (np.arange(NODES) + 0.5) * math.pi / NODES
+    middle, half = 0.5 * (saddle + end), 0.5 * abs(end - saddle)
+    x = middle - half * np.cos(angle)
+    speed = np.sqrt(np.maximum(2.0 * (top - np.asarray(potential(system, x))), 0.0))
+    return float(2.0 * np.sum(speed * half * np.sin(angle)) * math.pi / NODES)
+
+
+def _depopulation(loss):
+    """A(δ) of Mel'nikov and Meshkov, δ the energy lost in a round in temperatures."""
+    from scipy.integrate import quad
+
+    total = quad(
+        lambda y: math.log(-math.expm1(-loss * (y * y + 0.25))) / (y * y + 0.25),
+        0.0, math.inf, limit=200,
+    )[0]  # fmt: skip
+    return math.exp(total / math.pi)

@@ -1,4 +1,4 @@
-"""How a quantity is distributed among devices, and how many of them reach a limit (yield).
+"""Distribution of a quantity among devices, share of them above a limit (yield), and effects.
 
 The value measured for a device contains the noise of its run. The noise widens the distribution and
 moves devices across the limit, more of them from the denser side. It is taken out twice:
@@ -20,6 +20,8 @@ from scipy.special import ndtri
 from harvester.studies.sensitivity.sobol import CONFIDENCE, Interval, interval, product
 
 QUANTILES = (0.05, 0.5, 0.95)
+# Quantiles of the devices at which a parameter counts as low and as high.
+ENDS = (0.05, 0.95)
 RESAMPLES = 1000
 
 
@@ -29,13 +31,10 @@ class Yield:
 
     Attributes
     ----------
-    limit : float
     share : Interval
         Share without the effect of noise; its interval includes the choice of devices and the
         noise.
-    counted : float
-        The share as it is counted, noise and all.
-    devices : int
+    counted : the share as it is counted, noise and all.
     """
 
     limit: float
@@ -52,8 +51,6 @@ class Population:
     ----------
     values : ndarray, shape (devices,)
         Devices' values, their spread reduced by the noise's part.
-    mean, deviation : Interval
-    quantiles : dict of float to Interval
     """
 
     values: np.ndarray
@@ -69,23 +66,22 @@ def population(values: np.ndarray, variance: Interval, seed: int) -> Population:
     ----------
     values : ndarray, shape (replicates, rows, devices in a row)
         Rows are independent of each other.
-    variance : Interval
-        Variance without noise, from `harvester.studies.sensitivity.sobol.indices`.
-    seed : int
-        Seed of the resampling.
+    variance : variance without noise, from `harvester.studies.sensitivity.sobol.indices`.
+    seed : seed of the resampling.
     """
     means = values.mean(axis=0)
     centred = np.moveaxis(values - values.mean(), 2, 0)
-    spread = np.mean([product(each, each) for each in centred], axis=0)
+    spread = np.mean([product(deviations, deviations) for deviations in centred], axis=0)
     devices = _drawn_together(means[None], spread[None])[0]
     generator = np.random.default_rng(np.random.SeedSequence(seed, spawn_key=(2,)))
     chosen = generator.integers(len(means), size=(RESAMPLES, len(means)))
     resampled = _drawn_together(means[chosen], spread[chosen]).reshape(RESAMPLES, -1)
+    spread_ends = variance.estimate, variance.low, variance.high
     ends = np.quantile(resampled, QUANTILES, axis=1)
     return Population(
         values=devices.ravel(),
         mean=interval(float(means.mean()), resampled.mean(axis=1)),
-        deviation=Interval(*(math.sqrt(max(v, 0.0)) for v in _ends(variance))),
+        deviation=Interval(*(math.sqrt(max(v, 0.0)) for v in spread_ends)),
         quantiles={
             q: interval(float(np.quantile(devices, q)), row)
             for q, row in zip(QUANTILES, ends, strict=True)
@@ -96,20 +92,13 @@ def population(values: np.ndarray, variance: Interval, seed: int) -> Population:
 def _drawn_together(means, spread):
     """Devices' values scaled about their mean so that their variance is that without noise.
 
-    Parameters
-    ----------
-    means : ndarray, shape (samples, rows, devices in a row)
-    spread : ndarray, shape (samples, rows)
-        Squares of a row's devices off the mean, without noise.
+    `means` has the shape (samples, rows, devices in a row). `spread`, shape (samples, rows), holds
+    squares of a row's devices off the mean, without noise.
     """
     centre = means.mean(axis=(1, 2), keepdims=True)
     total = means.var(axis=(1, 2))
     share = np.divide(spread.mean(axis=1), total, out=np.zeros_like(total), where=total > 0.0)
     return centre + np.sqrt(np.clip(share, 0.0, 1.0))[:, None, None] * (means - centre)
-
-
-def _ends(each):
-    return each.estimate, each.low, each.high
 
 
 def share_above(values: np.ndarray, limit: float) -> Yield:
@@ -122,7 +111,6 @@ def share_above(values: np.ndarray, limit: float) -> Yield:
     ----------
     values : ndarray, shape (replicates, rows, devices in a row)
         Values of one or two replicates.
-    limit : float
     """
     counted = values.mean(axis=0) > limit
     scores = counted.astype(float)
@@ -134,12 +122,51 @@ def share_above(values: np.ndarray, limit: float) -> Yield:
     effective = devices
     if scatter > 0.0:
         effective = min(share * (1.0 - share) / scatter or devices, devices)
-    return Yield(limit, _wilson(share, effective), float(counted.mean()), devices)
-
-
-def _wilson(share, count):
     z = float(ndtri(0.5 + 0.5 * CONFIDENCE))
-    middle = (share + 0.5 * z * z / count) / (1.0 + z * z / count)
-    reach = math.sqrt(share * (1.0 - share) / count + 0.25 * (z / count) ** 2)
-    reach *= z / (1.0 + z * z / count)
-    return Interval(share, max(middle - reach, 0.0), min(middle + reach, 1.0))
+    middle = (share + 0.5 * z * z / effective) / (1.0 + z * z / effective)
+    reach = math.sqrt(share * (1.0 - share) / effective + 0.25 * (z / effective) ** 2)
+    reach *= z / (1.0 + z * z / effective)
+    interval_of_share = Interval(share, max(middle - reach, 0.0), min(middle + reach, 1.0))
+    return Yield(limit, interval_of_share, float(counted.mean()), devices)
+
+
+def effects(shares: np.ndarray, values: np.ndarray, seed: int) -> list[tuple[Interval, Interval]]:
+    """Change of the quantity's mean where one parameter is low and high, averaged over the others.
+
+    By least squares: a mean and, for each parameter, a parabola in the share of the devices below
+    it. Rows are resampled for the intervals.
+
+    Parameters
+    ----------
+    shares : ndarray, shape (rows, devices, parameters)
+        Shares of the devices below each value, in (0, 1).
+    values : ndarray, shape (rows, devices)
+
+    Returns
+    -------
+    list of (Interval, Interval)
+        Low and high, for each parameter.
+    """
+    rows, _, count = shares.shape
+    terms = np.concatenate([np.ones((*values.shape, 1)), *_parabola(shares)], axis=2)
+    squares = np.einsum("rdi,rdj->rij", terms, terms)
+    products = np.einsum("rdi,rd->ri", terms, values)
+    generator = np.random.default_rng(np.random.SeedSequence(seed, spawn_key=(3,)))
+    weights = generator.multinomial(rows, np.full(rows, 1.0 / rows), RESAMPLES)
+    weights = np.vstack([np.ones(rows), weights])
+    fits = [np.linalg.pinv(np.tensordot(w, squares, 1)) @ (w @ products) for w in weights]
+    slopes, bends = np.array(fits)[:, 1 : count + 1], np.array(fits)[:, count + 1 :]
+    intervals = []
+    for k in range(count):
+        low, high = (sum(np.multiply((slopes[:, k], bends[:, k]), _column(end))) for end in ENDS)
+        intervals.append((interval(low[0], low[1:]), interval(high[0], high[1:])))
+    return intervals
+
+
+def _parabola(share):
+    """Slope and bend, each with mean 0 over all devices."""
+    return share - 0.5, (share - 0.5) ** 2 - 1.0 / 12.0
+
+
+def _column(share):
+    return np.array(_parabola(share))[:, None]

@@ -54,10 +54,8 @@ class Indices:
     first, total : list of Interval, or None
         One for each parameter; None where the parameters' variance is not significantly above that
         of the noise.
-    variance : Interval
-        Variance of the quantity among devices, without the noise.
-    noise_variance : float
-        Variance of the mean of a device's replicates.
+    variance : variance of the quantity among devices, without the noise.
+    noise_variance : variance of the mean of a device's replicates.
     """
 
     first: list[Interval] | None
@@ -71,11 +69,8 @@ def design(rows: int, parameters: int, seed: int) -> np.ndarray:
 
     Parameters
     ----------
-    rows : int
-        A power of two.
-    parameters : int
-    seed : int
-        Seed of the scrambling of Sobol's sequence.
+    rows : a power of two.
+    seed : seed of the scrambling of Sobol's sequence.
 
     Returns
     -------
@@ -97,15 +92,17 @@ def indices(values: np.ndarray, seed: int) -> Indices:
     ----------
     values : ndarray, shape (replicates, rows, parameters + 2)
         Values: of one replicate if there is no noise, else of two or more.
-    seed : int
-        Seed of the resampling.
+    seed : seed of the resampling.
     """
     y = values - values[:, :, :2].mean()
     a, b, exchanged = y[:, :, 0], y[:, :, 1], np.moveaxis(y[:, :, 2:], 2, 0)
     spread = 0.5 * (product(a, a) + product(b, b))
     first = np.array([product(b, c - a) for c in exchanged])
     total = np.array([0.5 * product(a - c, a - c) for c in exchanged])
-    weights = _resampled(spread.size, seed)
+    generator = np.random.default_rng(np.random.SeedSequence(seed, spawn_key=(1,)))
+    # Share of each row in each resample, shape (RESAMPLES, rows).
+    size = spread.size
+    weights = generator.multinomial(size, np.full(size, 1.0 / size), RESAMPLES) / size
     variances = weights @ spread
     variance = interval(float(spread.mean()), variances)
     noise = 0.0
@@ -121,15 +118,9 @@ def indices(values: np.ndarray, seed: int) -> Indices:
 
 
 def product(left: np.ndarray, right: np.ndarray) -> np.ndarray:
-    """Mean product of two quantities, the factors always from different replicates.
+    """Mean product, shape (rows,), of two quantities of shape (replicates, rows).
 
-    Parameters
-    ----------
-    left, right : ndarray, shape (replicates, rows)
-
-    Returns
-    -------
-    ndarray, shape (rows,)
+    The factors are always from different replicates.
     """
     count = len(left)
     if count == 1:
@@ -143,9 +134,3 @@ def interval(estimate: float, resampled: np.ndarray) -> Interval:
     tail = 0.5 * (1.0 - CONFIDENCE)
     low, high = np.quantile(resampled, [tail, 1.0 - tail])
     return Interval(estimate, float(low), float(high))
-
-
-def _resampled(rows, seed):
-    """Share of each row in each resample, shape (RESAMPLES, rows)."""
-    generator = np.random.default_rng(np.random.SeedSequence(seed, spawn_key=(1,)))
-    return generator.multinomial(rows, np.full(rows, 1.0 / rows), RESAMPLES) / rows

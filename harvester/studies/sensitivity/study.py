@@ -14,12 +14,15 @@ from harvester.estimates.units import unit_of
 from harvester.files.serialising import plain
 from harvester.method import Method
 from harvester.running import Request, Runner
+from harvester.running.folder import StudyFolder
 from harvester.scene.model import Scene
-from harvester.show.numbers import NOT_KNOWN, quantity, share_with_error, with_error
-from harvester.show.symbols import definitions
+from harvester.show.numbers import NOT_KNOWN, prefixed, quantity, share_with_error, with_error
+from harvester.show.palette import CIRCUIT, MONTE_CARLO
+from harvester.show.panels import entitle, legend_below
+from harvester.show.symbols import definitions, key_words
+from harvester.studies import SENSITIVITY_FILES
 from harvester.studies.answers import (
     check_quantity,
-    checked_method,
     first_answer,
     is_complete,
     is_noisy,
@@ -27,16 +30,19 @@ from harvester.studies.answers import (
     told,
     value_of,
 )
-from harvester.studies.public import ROWS, SENSITIVITY_FILES
-from harvester.studies.sensitivity.devices import devices, parameters
-from harvester.studies.sensitivity.effects import ENDS, effects
-from harvester.studies.sensitivity.population import Population, Yield, population, share_above
+from harvester.studies.sensitivity.population import (
+    ENDS,
+    Population,
+    Yield,
+    effects,
+    population,
+    share_above,
+)
 from harvester.studies.sensitivity.sobol import Indices, design, indices
+from harvester.studies.sensitivity.tolerances import devices, parameters
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
-
-    from harvester.running.folder import StudyFolder
 
 # Fewest rows of a design, without which no interval is meaningful, and the most.
 FEWEST_ROWS, MOST_ROWS = 16, 65536
@@ -46,6 +52,8 @@ REPLICATES = 2
 LARGEST_FAILURE = 0.1
 # A note states the share of the noise in the measured variance if it exceeds this.
 NOTED_NOISE = 0.2
+COLOURS = CIRCUIT, MONTE_CARLO
+BINS = 30
 
 
 @dataclass(frozen=True)
@@ -54,28 +62,16 @@ class Sensitivity:
 
     Attributes
     ----------
-    scene : Scene
-    tolerances : list of Tolerance or Direction
-    quantity, unit, method : str
-    nominal : Estimate
-        The quantity of the scene itself.
-    indices : Indices
-    population : Population
+    nominal : the quantity of the scene itself.
     effects : list of (Interval, Interval)
         For each parameter: change of the quantity's mean where the parameter is low and high (5 %
         and 95 % quantiles of the devices), averaged over the others.
-    yield_above : Yield or None
     shares : ndarray, shape (rows, parameters + 2, parameters)
         The design; see `harvester.studies.sensitivity.sobol.design`.
     values : ndarray, shape (replicates, rows, parameters + 2)
-    rows_asked : int
-    failures : tuple of str
-        Why rows were left out.
-    out_of_time : bool
-    seconds : float
-        Wall-clock, of this call.
-    notes : tuple of str
-        Which orbit was followed, without noise.
+    failures : why rows were left out.
+    seconds : wall-clock, of this call.
+    notes : which orbit was followed, without noise.
     """
 
     scene: Scene
@@ -108,17 +104,17 @@ class Sensitivity:
         rows = []
         for k in self.order():
             both = (self.indices.first, self.indices.total)
-            found = [each[k] if each else NOT_KNOWN for each in both]
+            index_values = [estimates[k] if estimates else NOT_KNOWN for estimates in both]
             effects = [_signed(effect, self.population.mean.estimate) for effect in self.effects[k]]
-            each = self.tolerances[k]
-            rows.append([each.key, str(each), *map(str, found), *effects])
+            parameter = self.tolerances[k]
+            rows.append([parameter.key, str(parameter), *map(str, index_values), *effects])
         return header, rows
 
     def order(self) -> list:
         """Indices of the parameters, the one with the largest total index first."""
         size = [abs(high.estimate - low.estimate) for low, high in self.effects]
         if self.indices.total is not None:
-            size = [each.estimate for each in self.indices.total]
+            size = [index.estimate for index in self.indices.total]
         return sorted(range(len(self.tolerances)), key=lambda k: -size[k])
 
     def sentences(self) -> list:
@@ -130,7 +126,7 @@ class Sensitivity:
             f"{self._spread(p.deviation)}",
             "of the devices "
             + ", ".join(
-                f"{q:.0%} are below {self._spread(each)}" for q, each in p.quantiles.items()
+                f"{q:.0%} are below {self._spread(quantile)}" for q, quantile in p.quantiles.items()
             ),
             *definitions([self.quantity]),
         ]
@@ -161,8 +157,8 @@ class Sensitivity:
                 "the parameters' part of the scatter is not above the runs' noise: no indices; "
                 "lower --precision, or raise run.duration, run.realizations or --rows"
             ]
-        noise, own = self.indices.noise_variance, self.indices.variance.estimate
-        share = noise / (noise + own)
+        noise, of_parameters = self.indices.noise_variance, self.indices.variance.estimate
+        share = noise / (noise + of_parameters)
         if len(self.values) == 1:
             return []
         advice = "; longer runs make the intervals narrower" if share > NOTED_NOISE else ""
@@ -170,7 +166,7 @@ class Sensitivity:
 
     def to_dict(self) -> dict:
         """Plain values for JSON."""
-        found, limit = self.indices, self.yield_above
+        sobol_indices, limit = self.indices, self.yield_above
         return plain(
             {
                 "scene": self.scene,
@@ -182,18 +178,18 @@ class Sensitivity:
                     "standard_error": self.nominal.standard_error,
                 },
                 "parameters": {
-                    each.key: {
-                        "distribution": each.kind,
-                        "of": [each.first, each.second],
-                        "first_order_index": found.first and found.first[k],
-                        "total_index": found.total and found.total[k],
+                    parameter.key: {
+                        "distribution": parameter.kind,
+                        "of": [parameter.first, parameter.second],
+                        "first_order_index": sobol_indices.first and sobol_indices.first[k],
+                        "total_index": sobol_indices.total and sobol_indices.total[k],
                         "effect_low": self.effects[k][0],
                         "effect_high": self.effects[k][1],
                     }
-                    for k, each in enumerate(self.tolerances)
+                    for k, parameter in enumerate(self.tolerances)
                 },
-                "variance": found.variance,
-                "noise_variance": found.noise_variance,
+                "variance": sobol_indices.variance,
+                "noise_variance": sobol_indices.noise_variance,
                 "mean": self.population.mean,
                 "standard_deviation": self.population.deviation,
                 "quantiles": self.population.quantiles,
@@ -212,7 +208,6 @@ class Sensitivity:
     def figure(self) -> Figure:
         """The tornado and the indices."""
         from harvester.show import figures
-        from harvester.studies.sensitivity.drawing import draw_tornado
 
         return figures.drawn(draw_tornado, self)
 
@@ -220,7 +215,6 @@ class Sensitivity:
         """Write JSON, the table of devices and both figures."""
         from harvester.files.writing import in_folder, write_json, write_text
         from harvester.show import figures
-        from harvester.studies.sensitivity.drawing import draw_distribution, draw_tornado
 
         places = [in_folder(Path(folder), file) for file in SENSITIVITY_FILES]
         content, table, tornado, scatter = places
@@ -234,31 +228,13 @@ class Sensitivity:
         keys = ",".join(parameters(self.tolerances, self.shares[0][0]))
         replicates = ",".join(f"replicate_{k + 1}" for k in range(len(self.values)))
         lines = [f"row,device,{keys},{replicates}"]
-        names = ["a", "b", *(f"a with b's {each.key}" for each in self.tolerances)]
+        names = ["a", "b", *(f"a with b's {parameter.key}" for parameter in self.tolerances)]
         for row, shares in enumerate(self.shares):
-            for place, name in enumerate(names):
-                own = parameters(self.tolerances, shares[place])
-                numbers = [*own.values(), *self.values[:, row, place]]
+            for column, name in enumerate(names):
+                device_parameters = parameters(self.tolerances, shares[column])
+                numbers = [*device_parameters.values(), *self.values[:, row, column]]
                 lines.append(f"{row},{name}," + ",".join(f"{n:.9g}" for n in numbers))
         return "\n".join(lines) + "\n"
-
-
-def checked(scene: Scene, tolerances: list, method: str | Method | None, rows: int) -> Method:
-    """The method, checked together with the design and its options.
-
-    Raises
-    ------
-    HarvesterError
-    """
-    if not tolerances:
-        raise HarvesterError(
-            "--vary: name at least one parameter, TABLE.KEY=±10%, or give --covariance"
-        )
-    if not FEWEST_ROWS <= rows <= MOST_ROWS or rows & (rows - 1):
-        raise HarvesterError(
-            f"--rows {rows}: must be a power of two, {FEWEST_ROWS} to {MOST_ROWS}, such as {ROWS}"
-        )
-    return checked_method(scene, method)
 
 
 def study_of(
@@ -278,12 +254,13 @@ def study_of(
     replicates = REPLICATES if is_noisy(scene, method) else 1
     scenes = devices(scene, tolerances, shares, replicates)
     asked: dict[str, Any] = {"precision": precision, "quantities": (quantity,)}
-    answers = runner.answer([Request(each, method, **asked) for row in scenes for each in row])
-    values, failures = _values(answers, quantity, (*shape, replicates))
-    kept = np.isfinite(values).all(axis=(1, 2))
-    _check_rows(kept, failures, runner.out_of_time)
-    values = np.moveaxis(values[kept], 2, 0)
-    found = indices(values, scene.run.seed)
+    answers = runner.answer([Request(device, method, **asked) for row in scenes for device in row])
+    failures = [told(run) for run in answers if run is not None and not is_complete(run)]
+    values = np.array([value_of(run, quantity) for run in answers]).reshape(*shape, replicates)
+    complete = np.isfinite(values).all(axis=(1, 2))
+    _check_rows(complete, failures, runner.out_of_time)
+    values = np.moveaxis(values[complete], 2, 0)
+    sobol_indices = indices(values, scene.run.seed)
     return Sensitivity(
         scene=scene,
         tolerances=tolerances,
@@ -291,24 +268,17 @@ def study_of(
         unit=unit_of(scene, nominal.quantities[quantity].dimension),
         method=method.name,
         nominal=nominal.in_units()[quantity],
-        indices=found,
-        population=population(values[:, :, :2], found.variance, scene.run.seed),
-        effects=effects(shares[kept], values.mean(axis=0), scene.run.seed),
+        indices=sobol_indices,
+        population=population(values[:, :, :2], sobol_indices.variance, scene.run.seed),
+        effects=effects(shares[complete], values.mean(axis=0), scene.run.seed),
         yield_above=None if above is None else share_above(values[:, :, :2], above),
-        shares=shares[kept],
+        shares=shares[complete],
         values=values,
         rows_asked=shape[0],
         notes=nominal.on_orbits,
-        failures=_told(kept, failures, runner.out_of_time),
+        failures=_told(complete, failures, runner.out_of_time),
         out_of_time=runner.out_of_time,
     )
-
-
-def _values(answers, quantity, shape):
-    """Values in the scene's units, shape (rows, devices, replicates), and what failed."""
-    failures = [told(each) for each in answers if each is not None and not is_complete(each)]
-    values = [value_of(each, quantity) for each in answers]
-    return np.array(values).reshape(shape), failures
 
 
 def _check_rows(kept, failures, out_of_time):
@@ -345,3 +315,118 @@ def _signed(each, mean):
         return NOT_KNOWN
     half = 0.5 * (each.high - each.low) / abs(mean)
     return share_with_error(Estimate(each.estimate / mean, half, None, "1"))
+
+
+def draw_tornado(study: Sensitivity) -> Figure:
+    """A figure of each parameter's effect on the quantity, with its Sobol indices."""
+    from matplotlib.figure import Figure
+
+    order = study.order()[::-1]
+    names = [key_words(study.tolerances[k].key, study.scene.units)[0] for k in order]
+    figure = Figure(figsize=(8.0, 1.5 + 0.5 * len(names)))
+    left, right = figure.subplots(1, 2, sharey=True, width_ratios=(1.3, 1.0))
+    _draw_effects(left, study, order)
+    left.set_yticks(range(len(names)), names)
+    left.set_ylim(-0.7, len(names) - 0.3)
+    _draw_indices(right, study, order)
+    legend_below(figure, [left, right])
+    entitle(
+        figure,
+        f"{study.scene.name}: {study.quantity.replace('_', ' ')} by {study.method}, bars: 95 % "
+        "intervals",
+    )
+    return figure
+
+
+def _draw_effects(axes, study, order):
+    # If the mean is 0, all changes are 0 too.
+    mean = abs(study.population.mean.estimate) or 1.0
+    for end, (colour, label) in enumerate(
+        zip(COLOURS, ("low: 5 % of devices are below", "high: 95 % are below"), strict=True)
+    ):
+        effects = [study.effects[k][end] for k in order]
+        widths = 100.0 * np.array([effect.estimate for effect in effects]) / mean
+        ends = 100.0 * np.array([[effect.low, effect.high] for effect in effects]).T / mean
+        # The two bars stand one above the other, since both may point the same way.
+        heights = np.arange(len(order)) + (0.14, -0.14)[end]
+        axes.barh(heights, widths, height=0.26, color=colour, label=label)
+        axes.errorbar(widths, heights, xerr=_bars(widths, ends), fmt="none", color="0.2", capsize=2)
+    axes.axvline(0.0, color="0.2", linewidth=0.8)
+    axes.set_xlabel("change of the mean where a parameter is low or high [%]")
+
+
+def _draw_indices(axes, study, order):
+    axes.set_xlim(0.0, 1.0)
+    axes.set_xlabel("share of the variance")
+    if study.indices.first is None:
+        axes.text(0.5, 0.5, "hidden by noise", transform=axes.transAxes, ha="center")
+        return
+    pairs = (
+        ("first-order", study.indices.first, "o", 0.12),
+        ("total", study.indices.total, "s", -0.12),
+    )
+    for name, intervals, marker, height in pairs:
+        values = np.array([intervals[k].estimate for k in order])
+        ends = np.array([[intervals[k].low, intervals[k].high] for k in order]).T
+        axes.errorbar(
+            values,
+            np.arange(len(order)) + height,
+            xerr=_bars(values, ends),
+            fmt=marker,
+            markersize=4,
+            capsize=2,
+            color="0.1" if name == "total" else "0.55",
+            label=f"{name} Sobol index",
+        )
+    axes.set_xlim(min(0.0, axes.dataLim.x0) - 0.02, max(1.0, axes.dataLim.x1) + 0.02)
+
+
+def _bars(values, ends):
+    """Lengths of error bars; 0 on a side where a resampled interval does not reach its estimate."""
+    low, high = np.minimum(*ends), np.maximum(*ends)
+    return np.maximum([values - low, high - values], 0.0)
+
+
+def draw_distribution(study: Sensitivity) -> Figure:
+    """The quantity among devices, its quantiles, the scene's own value and the limit."""
+    from matplotlib.figure import Figure
+
+    figure = Figure(figsize=(5.0, 3.2))
+    axes = figure.add_subplot()
+    values = study.population.values
+    hidden = study.indices.first is None
+    factor, unit = prefixed(float(np.abs(values).max()), study.unit.split()[0])
+    if hidden:
+        # If the variance without noise is not above 0, the histogram shows the measured values,
+        # noise included.
+        values = study.values.mean(axis=0)[:, :2].ravel()
+    values = factor * values
+    axes.hist(values, bins=min(BINS, max(5, values.size // 6)), density=True, color="0.8")
+    for share, quantile in () if hidden else study.population.quantiles.items():
+        centre, ends = factor * quantile.estimate, (factor * quantile.low, factor * quantile.high)
+        axes.axvline(centre, color=COLOURS[0], linewidth=1.0)
+        axes.axvspan(*ends, color=COLOURS[0], alpha=0.15, linewidth=0)
+        axes.text(
+            centre, 1.0, f"{share:.0%}", transform=axes.get_xaxis_transform(),
+            fontsize=7, ha="center", va="bottom", color=COLOURS[0],
+        )  # fmt: skip
+    axes.axvline(
+        factor * study.nominal.estimate, color="0.1", linestyle=":", label="the scene itself"
+    )
+    if study.yield_above is not None:
+        share = study.yield_above.share
+        axes.axvline(
+            factor * study.yield_above.limit,
+            color=COLOURS[1],
+            linestyle="--",
+            label=f"limit: {share.estimate:.1%} above ({share.low:.1%} … {share.high:.1%})",
+        )
+    axes.set_xlabel(f"{study.quantity.replace('_', ' ')} [{unit}]")
+    axes.set_ylabel("probability density")
+    legend_below(figure, [axes])
+    entitle(
+        figure,
+        f"{study.scene.name}: {study.devices} devices by {study.method}, "
+        + ("as measured, noise and all" if hidden else "the noise's part of the spread taken out"),
+    )
+    return figure

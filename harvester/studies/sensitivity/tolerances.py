@@ -1,8 +1,18 @@
-"""How a parameter scatters from device to device: `±10%`, `uniform:a:b`, `normal:5%`, …"""
+"""How parameters scatter from device to device, and the devices that a tolerance study simulates.
 
+A parameter scatters alone, as `±10%`, `uniform:a:b` or `normal:5%`, or together with others by
+their covariance. Sobol indices are of independent parameters. The principal axes of a joint normal
+distribution are independent, whatever the covariance: each is one parameter of the study, named
+after what it mostly moves.
+"""
+
+import json
 import math
 import re
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
 
 import numpy as np
 from scipy.special import ndtr, ndtri
@@ -10,11 +20,15 @@ from scipy.special import ndtr, ndtri
 from harvester.errors import HarvesterError, SceneError
 from harvester.files.numbers import number as written
 from harvester.files.plain_text import named
+from harvester.files.reading import read_input
 from harvester.scene.model import Scene
 from harvester.scene.numbers import number
+from harvester.studies.answers import on_common_knots
 
 FORMS = "±10%, ±0.5, uniform:LOW:HIGH, normal:5% or normal:MEAN:SD"
 PLUS_MINUS = re.compile(r"(?:±|\+/?-)(.+)")
+# Largest JSON of an identification, in bytes.
+LARGEST_FILE = 10_000_000
 # A normal distribution is followed up to this distance of the quantile from 0 and 1.
 SMALLEST_SHARE = 1e-12
 
@@ -25,14 +39,10 @@ class Tolerance:
 
     Attributes
     ----------
-    key : str
-        "table.key" of the scene.
-    kind : str
-        "uniform" or "normal".
-    first, second : float
-        Ends of a uniform distribution; mean and standard deviation of a normal one.
-    low, high : float
-        Limits that the key allows; a normal distribution is cut off there.
+    key : "table.key" of the scene.
+    kind : "uniform" or "normal".
+    first, second : ends of a uniform distribution; mean and standard deviation of a normal one.
+    low, high : limits that the key allows; a normal distribution is cut off there.
     """
 
     key: str
@@ -61,35 +71,24 @@ class Tolerance:
         return f"normal, {self.first:.4g} ± {self.second:.2g}{note}"
 
 
-def parse(scene: Scene, text: str) -> Tolerance:
-    """The tolerance that `table.key=DISTRIBUTION` says.
-
-    Raises
-    ------
-    HarvesterError
-        No such key, no such distribution, or values that the scene cannot take.
-    """
-    key, separator, distribution = (part.strip() for part in text.partition("="))
-    if not separator or not distribution:
-        raise HarvesterError(f"--vary {named(text)}: write it as TABLE.KEY={FORMS.split(',')[0]}")
-    return tolerance(scene, key, distribution)
-
-
 def tolerance(scene: Scene, key: str, distribution: str) -> Tolerance:
-    """One parameter's distribution from its text; see `parse`."""
+    """One parameter's distribution from its text.
+
+    Raises HarvesterError: no such key, no such distribution, or values that the scene cannot take.
+    """
     value, spec = number(scene, key, "--vary")
     where = f"--vary {key}={named(distribution)}"
     if not isinstance(distribution, str):
         raise HarvesterError(f"{where}: is no text; write {FORMS}")
     kind, first, second = _distribution(distribution, value, where)
-    made = Tolerance(key, kind, first, second, spec.low, spec.high)
+    tolerance_of_key = Tolerance(key, kind, first, second, spec.low, spec.high)
     typical = (first, second) if kind == "uniform" else (first,)
-    for each in typical:
+    for typical_value in typical:
         try:
-            scene.replace({key: each})
+            scene.replace({key: typical_value})
         except SceneError as error:
             raise HarvesterError(f"{where}: {error}") from None
-    return made
+    return tolerance_of_key
 
 
 def _distribution(text, value, where):
@@ -130,3 +129,134 @@ def _number(text, where):
     if not math.isfinite(amount):
         raise HarvesterError(f"{where}: {named(text)} is no number; write {FORMS}")
     return amount
+
+
+@dataclass(frozen=True)
+class Direction:
+    """One principal axis of a joint normal distribution.
+
+    Attributes
+    ----------
+    key : the parameter that it mostly moves, with its place among the axes.
+    centre, steps : dict of str to float
+        For every parameter: its mean, and its change in one standard deviation of the axis.
+    """
+
+    key: str
+    centre: dict[str, float]
+    steps: dict[str, float]
+    kind: str = "normal"
+    first: float = 0.0
+    second: float = 1.0
+
+    def values(self, shares: np.ndarray) -> np.ndarray:
+        """Standard deviations below which these shares of the devices lie, same shape."""
+        return ndtri(np.clip(shares, SMALLEST_SHARE, 1.0 - SMALLEST_SHARE))
+
+    def __str__(self) -> str:
+        moved = sorted(
+            ((step / abs(self.centre[key] or 1.0), key) for key, step in self.steps.items()),
+            key=lambda each: -abs(each[0]),
+        )
+        return ", ".join(f"{key.rpartition('.')[2]} {share:+.2g}" for share, key in moved[:3])
+
+
+def directions(scene: Scene, identified: Mapping[str, Any] | str | Path) -> list[Direction]:
+    """The principal axes of an identification's covariance.
+
+    Parameters
+    ----------
+    scene : the scene, whose values are the means of the distributions.
+    identified : dict with `keys` and `covariance`, or the file of its JSON
+        Result of `Identification.to_dict` or `harvester identify --json`.
+
+    Raises
+    ------
+    HarvesterError
+        It is no such thing, or names keys that the scene does not have.
+    """
+    where, content = "covariance", identified
+    if not isinstance(content, Mapping):
+        where = f"--covariance {named(str(content))}"
+        try:
+            content = json.loads(read_input(content, "JSON file", LARGEST_FILE))
+        except (ValueError, RecursionError):
+            raise HarvesterError(f"{where}: not a JSON file") from None
+    try:
+        keys = [str(key) for key in content["keys"]]
+        covariance = np.array(content["covariance"], dtype=float)
+    except (KeyError, TypeError, ValueError):
+        raise HarvesterError(f"{where}: no identification with keys and covariance") from None
+    if covariance.shape != (len(keys), len(keys)) or not np.isfinite(covariance).all():
+        raise HarvesterError(f"{where}: the covariance is no square matrix of its keys' size")
+    indices = [index for index, key in enumerate(keys) if not key.startswith("sensor.")]
+    keys, covariance = [keys[index] for index in indices], covariance[np.ix_(indices, indices)]
+    centre = {key: number(scene, key, where)[0] for key in keys}
+    units = np.array([abs(value) or 1.0 for value in centre.values()])
+    spread, axes = np.linalg.eigh(covariance / np.outer(units, units))
+    axes_found: list[Direction] = []
+    for axis in map(int, np.argsort(-spread)):
+        steps = axes[:, axis] * math.sqrt(max(float(spread[axis]), 0.0)) * units
+        main = keys[int(np.argmax(np.abs(axes[:, axis])))]
+        label = f"axis {len(axes_found) + 1}: {main}"
+        axes_found.append(Direction(label, centre, dict(zip(keys, map(float, steps), strict=True))))
+    return axes_found
+
+
+def parameters(tolerances: Sequence[Tolerance | Direction], shares: np.ndarray) -> dict[str, float]:
+    """Values of a device's parameters by their keys."""
+    values: dict[str, float] = {}
+    for tolerance, share in zip(tolerances, shares, strict=True):
+        value = float(tolerance.values(share))
+        if isinstance(tolerance, Direction):
+            for key, step in tolerance.steps.items():
+                values[key] = values.get(key, tolerance.centre[key]) + value * step
+        else:
+            values[tolerance.key] = value
+    return values
+
+
+def devices(
+    scene: Scene, tolerances: Sequence[Tolerance | Direction], shares: np.ndarray, replicates: int
+) -> list[list[Scene]]:
+    """Scenes of each row: of every device all replicates, one after another.
+
+    Parameters
+    ----------
+    shares : ndarray, shape (rows, devices, parameters)
+        See `harvester.studies.sensitivity.sobol.design`.
+    replicates : each has its part of the realizations, on noise that is a row's own.
+
+    Raises
+    ------
+    HarvesterError
+        A device that cannot be.
+    """
+    realizations = max(scene.run.realizations // replicates, 1)
+    rows = []
+    for place, row in enumerate(shares):
+        seeds = [_seed(scene.run.seed, place, k) for k in range(replicates)]
+        try:
+            scenes = [scene.replace(parameters(tolerances, quantiles)) for quantiles in row]
+        except SceneError as error:
+            raise HarvesterError(
+                f"--vary: a device within the tolerances is not valid: {error}; choose narrower "
+                "ones"
+            ) from None
+        rows.append(
+            [
+                replace(device, run=replace(scene.run, seed=seed, realizations=realizations))
+                for device in scenes
+                for seed in (seeds if replicates > 1 else [scene.run.seed])
+            ]
+        )
+    if replicates == 1:
+        return rows
+    flat = iter(on_common_knots([device_scene for row in rows for device_scene in row]))
+    return [[next(flat) for _ in row] for row in rows]
+
+
+def _seed(seed, row, replicate):
+    """The seed of the noise that all devices of a row share in one replicate."""
+    words = np.random.SeedSequence(seed, spawn_key=(row, replicate)).generate_state(2, np.uint64)
+    return int(words[0])

@@ -9,7 +9,7 @@ from scipy.optimize import brentq
 from scipy.special import ellipk
 from truths import flat, well
 
-from harvester.averaging.orbits import Edge, Orbits
+from harvester.averaging.orbits import Edge, OrbitFamily
 from harvester.device.contact import loss_rate
 from harvester.scene.model import Scene
 
@@ -22,7 +22,7 @@ DUFFING = flat(Scene.load("duffing"))
 def outer_orbits(parameters, excess, added=0.0):
     """With this ½X'² at X = 0; their integrals are over a quarter of the phase plane."""
     level = np.log(np.asarray(excess, dtype=float))
-    return Orbits(Edge(parameters.system), level, np.full_like(level, added), NODES)
+    return OrbitFamily(Edge(parameters.system), level, np.full_like(level, added), NODES)
 
 
 def test_harmonic_orbits():
@@ -54,7 +54,7 @@ def test_outer_period_of_the_double_well():
 def test_well_period_of_the_double_well(level):
     """T = 2 K(1 − b²/a²)/(a √(κ/2)) between turning points b < a, near the saddle too."""
     level = np.array([level])
-    orbits = Orbits(Edge(DUFFING.system, inside=True), level, np.zeros(1), NODES)
+    orbits = OrbitFamily(Edge(DUFFING.system, inside=True), level, np.zeros(1), NODES)
     inner, outer = orbits.left[0], orbits.right[0]
     twice = 2.0 * well(DUFFING) ** 2
     assert inner**2 + outer**2 == pytest.approx(twice, rel=1e-10)
@@ -78,7 +78,7 @@ def test_integrals_in_a_well_with_stopper(gap, level):
     p = PAPER._replace(gap=gap)
     anchored = Edge(p.system, inside=True, anchor=p.rest)
     added, pivot = 0.7, 0.3
-    orbits = Orbits(anchored, np.array([level]), np.array([added]), NODES)
+    orbits = OrbitFamily(anchored, np.array([level]), np.array([added]), NODES)
     bottom = anchored.bottom(np.array([added]))[0]
     left, energy = orbits.left[0], orbits.energy[0]
 
@@ -116,7 +116,7 @@ def test_integrals_in_a_well_with_stopper(gap, level):
 def test_area_grows_by_the_period():
     """dJ/dE = T while N2 is the same, also of halves."""
     level = np.array([-1e-4, 0.0, 1e-4]) + 0.7
-    orbits = Orbits(Edge(PAPER.system, inside=True), level, np.full(3, 0.4), NODES)
+    orbits = OrbitFamily(Edge(PAPER.system, inside=True), level, np.full(3, 0.4), NODES)
     area = orbits.loop(1.0)
     slope = (area[2] - area[0]) / (orbits.energy[2] - orbits.energy[0])
     assert slope == pytest.approx(orbits.time[1], rel=1e-6)

@@ -7,11 +7,11 @@ import pytest
 from harvester.commands.shown import Shown, Tabled
 from harvester.identification.identification import Identification
 from harvester.results.result import Result
-from harvester.studies.comparison import Comparison
+from harvester.studies.comparison.comparison import Comparison
 from harvester.studies.frequency_response import FrequencyResponse
-from harvester.studies.loads.study import Study
-from harvester.studies.optimum import Optimum
-from harvester.studies.sensitivity import Sensitivity
+from harvester.studies.loads.study import LoadStudy
+from harvester.studies.optimum.result import Optimum
+from harvester.studies.sensitivity.study import Sensitivity
 from harvester.studies.sweep import Sweep
 from harvester.verification.accuracy.time_to_accuracy import TimeToAccuracy
 from harvester.verification.accuracy.work_precision import WorkPrecision
@@ -31,7 +31,7 @@ SHOWN = [
     Result,
     Sensitivity,
     StabilityMatrix,
-    Study,
+    LoadStudy,
     Sweep,
     TimeToAccuracy,
     Verification,

@@ -15,7 +15,7 @@ from harvester.studies.loads.drawing import (
     draw_power,
     draw_waveforms,
 )
-from harvester.studies.sensitivity.drawing import draw_distribution
+from harvester.studies.sensitivity.study import draw_distribution
 
 pytestmark = [pytest.mark.slow, pytest.mark.usefixtures("shared_workers")]
 

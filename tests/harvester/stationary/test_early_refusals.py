@@ -27,8 +27,8 @@ def test_refused_with_a_fifth_of_the_work_at_most(overrides, words, monkeypatch)
         work.append(more)
         return taken(task, more, ahead)
 
-    taken = solution.Task.take
-    monkeypatch.setattr(solution.Task, "take", counted)
+    taken = solution.StationaryProblem.take
+    monkeypatch.setattr(solution.StationaryProblem, "take", counted)
     with pytest.raises(AveragingError, match=words) as caught:
         average(averaged_device(scene))
     assert sum(work) < 0.2 * solution.MOST_WORK

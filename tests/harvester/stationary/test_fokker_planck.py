@@ -172,7 +172,7 @@ def test_a_tolerance_out_of_reach_is_refused(monkeypatch):
 def test_work_is_bounded(monkeypatch):
     """What all grids together may take is refused before it is exceeded."""
     monkeypatch.setattr(solution, "MOST_WORK", 1e6)
-    task = solution.Task(PAPER.system, 0.01)
+    task = solution.StationaryProblem(PAPER.system, 0.01)
     task.take(9e5)
     for more, ahead in ((2e5, 0.0), (0.0, 2e5)):
         with pytest.raises(AveragingError, match=r"tolerance of 0\.01"):
@@ -187,7 +187,7 @@ def test_a_slow_load_is_told_beyond_single_precision():
     device = PAPER._replace(decay_rate=2e-3).system
     region = Region.guessed(device)
     level = REGION_LEVEL._replace(tolerance=0.002)
-    found = solution.Solution(solution.Task(device, 0.002), region, level)
+    found = solution.Solution(solution.StationaryProblem(device, 0.002), region, level)
     later = Propagator(device, found.grid).repeated(found.state, found.steps)
     rest = np.linalg.norm(later - found.state) / np.linalg.norm(found.state)
     assert rest < 2e-2 * 0.002 * 2e-3 * solution.period(device)
@@ -335,7 +335,7 @@ def test_a_coil_without_inductance():
 
 
 def test_a_rate_that_comes_out_negative_is_none_within_its_error():
-    grids, means, error = fokker_planck._refined(solution.Task(PAPER.system, 0.05))
+    grids, means, error = fokker_planck._refined(solution.StationaryProblem(PAPER.system, 0.05))
     means |= {"well_crossing_rate": -1e-4}
     error |= {"well_crossing_rate": 2e-4}
     answer = fokker_planck._answer((grids, means, error))

@@ -5,14 +5,14 @@ import pytest
 
 from harvester.errors import AveragingError
 from harvester.stationary import inverse as module
+from harvester.stationary.flow import PhaseGrid
 from harvester.stationary.inverse import Inverse, moved
-from harvester.stationary.propagator import Grid
 
 
 def grid_of(nodes):
     """A grid of so many nodes of X and of X', nothing kept along Z, white noise."""
     x = np.linspace(-3.0, 3.0, nodes)
-    return Grid(x, x, np.zeros(1), False, 1, 0.1)
+    return PhaseGrid(x, x, np.zeros(1), False, 1, 0.1)
 
 
 def spreading(grid, narrow=0.4):

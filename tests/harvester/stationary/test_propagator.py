@@ -7,8 +7,8 @@ import pytest
 from truths import flat
 
 from harvester.scene.model import Scene
-from harvester.stationary.flow import lagrange
-from harvester.stationary.propagator import Grid, Propagator, mirrored
+from harvester.stationary.flow import PhaseGrid, lagrange
+from harvester.stationary.propagator import Propagator, mirrored
 
 PAPER = flat(Scene.load("paper"))
 LINEAR = flat(Scene.load("linear"))
@@ -33,7 +33,7 @@ def test_steps_of_a_free_mass(memory):
         damping=0.0, linear_stiffness=1e-12, coupling=0.0, intensity=0.05, correlation_time=memory
     )
     x, v = np.linspace(-40.0, 40.0, 401), np.linspace(-4.0, 4.0, 160)
-    propagator = Propagator(p.system, Grid(x, v, np.array([-0.5, 0.5]), True, 8, 0.5))
+    propagator = Propagator(p.system, PhaseGrid(x, v, np.array([-0.5, 0.5]), True, 8, 0.5))
     state = np.zeros(propagator.grid.shape)
     width = 0.3
     state[:, 0, 0] = np.exp(-0.5 * (x[:, None] / 4.0) ** 2 - 0.5 * (v / width) ** 2)
@@ -51,7 +51,7 @@ def test_steps_of_a_free_mass(memory):
 def test_steps_in_single_precision(columns):
     """The same as in double precision but for rounding; all mass is kept, whatever fills a row."""
     x, v = np.linspace(-1.6, 1.6, 40), np.linspace(-1.2, 1.2, columns)
-    grid = Grid(x, v, np.linspace(-1.5, 1.5, 6), True, 3, 0.7)
+    grid = PhaseGrid(x, v, np.linspace(-1.5, 1.5, 6), True, 3, 0.7)
     start = np.random.default_rng(5).normal(size=grid.shape)
     propagator = Propagator(PAPER.system, grid)
     exact, single = (each.repeated(start, 4) for each in (propagator, propagator.single()))

@@ -10,8 +10,7 @@ from harvester.averaging.of_scene import average as average_scene
 from harvester.averaging.of_scene import averaged_device
 from harvester.scene.model import Scene
 from harvester.simulation.simulate import simulate
-from harvester.stationary.flow import lagrange
-from harvester.stationary.propagator import Grid
+from harvester.stationary.flow import PhaseGrid, lagrange
 from harvester.stationary.voltage_density import density_of_charge
 
 pytestmark = pytest.mark.usefixtures("shared_workers")
@@ -76,7 +75,7 @@ def test_charge_left_behind_in_another_well(share_left_behind):
             spread = np.hypot((1.0 - slope) * width_of_x, width_of_z)
             exact += 0.5 * share * norm.pdf(charge, well - kept, spread)
     mass = along[:, :, None] * norm.pdf(v, 0.0, 0.3) / norm.pdf(v, 0.0, 0.3).sum()
-    grid = Grid(x, v, z, False, 1, 0.1)
+    grid = PhaseGrid(x, v, z, False, 1, 0.1)
     places, density = density_of_charge(grid, mass)
     found = np.interp(charge, places, density, 0.0, 0.0)
     assert np.trapezoid(abs(found - exact), charge) < 0.02

@@ -13,8 +13,7 @@ from harvester.results.paired import paired_difference
 from harvester.results.result import with_error
 from harvester.scene.model import Scene
 from harvester.simulation.simulate import simulate
-from harvester.studies.comparison import Comparison
-from harvester.studies.comparison.report import report
+from harvester.studies.comparison.comparison import Comparison
 
 EMPTY = {"meta", "img", "br"}
 
@@ -53,7 +52,7 @@ def comparison(pool):
 
 @pytest.mark.slow
 def test_the_page_is_whole_and_loads_nothing(comparison):
-    text = report(comparison)
+    text = comparison.page()
     page = Page(text)
     assert page.open == []
     assert len(page.references) == 4
@@ -72,7 +71,7 @@ def test_the_page_is_whole_and_loads_nothing(comparison):
 @pytest.mark.slow
 def test_without_schemdraw_the_page_says_so(comparison, monkeypatch):
     monkeypatch.setitem(sys.modules, "schemdraw", None)
-    page = Page(report(comparison))
+    page = Page(comparison.page())
     assert len(page.references) == 3
     assert "pip install 'vibration-harvester[schematic]'" in "".join(page.words)
 

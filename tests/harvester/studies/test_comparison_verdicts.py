@@ -3,8 +3,7 @@ from types import SimpleNamespace
 import pytest
 
 from harvester.estimates.estimate import Estimate
-from harvester.studies.comparison import Comparison
-from harvester.studies.comparison.verdicts import verdicts
+from harvester.studies.comparison.comparison import Comparison, verdicts
 
 NAMES = {
     "mean_square_voltage": 1.0,

@@ -7,8 +7,7 @@ import pytest
 
 from harvester.errors import HarvesterError
 from harvester.scene.model import Scene
-from harvester.studies.sensitivity.devices import parameters
-from harvester.studies.sensitivity.joint_tolerance import directions
+from harvester.studies.sensitivity.tolerances import directions, parameters
 
 KEYS = ["oscillator.damping", "piezo.coupling", "sensor.voltage_offset"]
 ERRORS = np.array([1e-3, 2e-5, 0.1])

@@ -21,7 +21,7 @@ from harvester.simulation.simulate import simulate
 from harvester.studies.answers import missing_from
 from harvester.studies.optimum import line as optimum_search
 from harvester.studies.optimum.axis import Axis
-from harvester.studies.optimum.line import Fit, Search, averaged
+from harvester.studies.optimum.line import CubicFit, Search, averaged
 from harvester.studies.public import optimum
 
 pytestmark = pytest.mark.usefixtures("shared_workers")
@@ -176,7 +176,7 @@ def test_the_fit_covers_a_known_maximum(monkeypatch):
         batches = 3.0 * noise.normal(size=(2, 64)) + 0.3 * noise.normal(size=(7, 2, 64))
         means = batches.mean(axis=(1, 2))
         series.update({k: batches[k] - means[k] for k in range(7)})
-        fit = Fit(places, [Synthetic(k, truth[k] + means[k]) for k in range(7)], "mean_power")
+        fit = CubicFit(places, [Synthetic(k, truth[k] + means[k]) for k in range(7)], "mean_power")
         assert fit.peaked
         covered += abs(fit.place - 0.2) < 2.0 * fit.error
     assert 0.91 * 300 < covered < 300

@@ -16,7 +16,7 @@ from harvester.running import open_runner
 from harvester.scene.model import Scene
 from harvester.show import figures
 from harvester.studies.public import sensitivity
-from harvester.studies.sensitivity import drawing as sensitivity_drawing
+from harvester.studies.sensitivity.study import draw_distribution, draw_tornado
 
 pytestmark = pytest.mark.usefixtures("shared_workers")
 
@@ -180,7 +180,7 @@ def test_figures_and_files_are_made():
     header, rows = study.table()
     assert {len(row) for row in rows} == {len(header)}
     assert len(study.device_table().splitlines()) == 1 + 16 * 5
-    for draw in (sensitivity_drawing.draw_tornado, sensitivity_drawing.draw_distribution):
+    for draw in (draw_tornado, draw_distribution):
         assert figures.picture(draw, study, "png").startswith(b"\x89PNG")
 
 

@@ -21,9 +21,10 @@ from harvester.prepared.steps import knot_spacing
 from harvester.scene.model import Scene
 from harvester.simulation.methods import Circuit, MonteCarlo
 from harvester.simulation.simulate import simulate
-from harvester.studies import load_study, save
 from harvester.studies.loads import proof as proof_module
 from harvester.studies.loads.proof import Proof, proving
+from harvester.studies.loads.study import save
+from harvester.studies.public import load_study
 
 pytestmark = pytest.mark.usefixtures("shared_workers")
 

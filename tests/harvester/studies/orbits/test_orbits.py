@@ -26,8 +26,7 @@ from harvester.simulation.following import follow, forced
 from harvester.studies import frequency_response
 from harvester.studies.orbits.basins import orbit_sentences
 from harvester.studies.orbits.following import Orbit
-from harvester.studies.orbits.kramers import kramers_time
-from harvester.studies.orbits.residence import Residence, stays_of
+from harvester.studies.orbits.residence import Residence, kramers_time, stays_of
 
 pytestmark = pytest.mark.usefixtures("shared_workers")
 
