@@ -122,6 +122,8 @@ def _ordered(line):
             model = line.model(word)
         elif not equals:
             values.append(word)
+    if len(values) > 1:
+        line.refuse(f"two values, {' and '.join(values)[:60]}: keep one")
     return model, values, line.numbers(line.letter)
 
 
