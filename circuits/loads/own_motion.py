@@ -13,14 +13,15 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
-from circuits.loads.expression import ExpressionError, Tree
+from circuits.loads.elements import Element
+from circuits.loads.expression import ExpressionError, Tree, renamed
 from circuits.loads.numbers import THERMAL_VOLTAGE
 from circuits.loads.part_models import hysteresis
+from circuits.loads.turns import turns
 from harvester.device.terminals import GROUND
 from harvester.errors import LoadError
 
 if TYPE_CHECKING:
-    from circuits.loads.elements import Element
     from circuits.loads.subcircuits import LoadCircuit
 
 # Conductance from every node to ground (S); most Newton iterations; and the residual at which they
@@ -44,6 +45,9 @@ LEAST_TURN = 1e-8
 PERIOD_COST = {"Monte Carlo": 8.6e-6, "the circuit": 2.6e-3}
 # A note states the cost of a realization if it takes either engine more than so many seconds.
 LONG = 60.0
+# Two values are equal by cancellation if they differ by less than this share of the largest unknown
+# in all trials with exact parts, and by more in the trials with such errors of the parts.
+CANCELLED, TRIALS = 1e-12, (0.0, 0.0, 0.0, 1e-3)
 # Loads with more unknowns are not analysed. So many take half a second.
 MOST_UNKNOWNS = 300
 
@@ -90,18 +94,72 @@ def own_motion(elements: tuple[Element, ...]) -> OwnMotion:
 
 
 def check_turn(load: LoadCircuit, step: float) -> None:
-    """Refuse switches that turn by themselves faster than a run on a grid of this step (s) follows.
+    """Refuse switches that turn by themselves faster than a run on a grid of this step (s) follows,
+    and comparisons that rounding decides.
 
     Raises
     ------
     LoadError
     """
+    if load.cancelled:
+        raise LoadError(
+            f"{load.cancelled}: it compares two values that are equal by cancellation, so that "
+            "rounding decides; compare with a threshold of some millivolts above or below"
+        )
     own = load.own_motion
     if own.turn < LEAST_TURN * step:
         raise LoadError(
             f"{own.switch} turns by itself, and its control follows within {own.turn:.2g} s: steps "
             f"of {step:.2g} s cannot follow that; raise ron or the capacitance at its control"
         )
+
+
+def cancelled(elements: tuple[Element, ...]) -> str:
+    """The first source that compares two values which differ by rounding alone, or "".
+
+    The load is solved with its pins p and n driven by random voltages, its stores being replaced
+    with their impedances at a random rate and its waveforms with random values.
+    """
+    from circuits.loads.tape import Values
+
+    compared = [
+        (each, renamed(passed, {"n": GROUND}))
+        for each in elements
+        for passed in (turns(each.expression) if each.expression else ())
+        if passed[0] not in ("sin", "cos")
+    ]
+    draw = np.random.default_rng(1)
+    for error in TRIALS if compared else ():
+        rate = 10.0 ** draw.uniform(1.0, 4.0)
+        parts = [_static(each, rate, error, draw) for each in elements if each.letter != "k"]
+        drive = Element("v", "", ("p", GROUND), "", value=draw.uniform(-20.0, 20.0))
+        try:
+            circuit = _Circuit((*parts, drive))
+            closed = draw.random(circuit.closed.size) < 0.5
+            y = circuit.rest(closed, next(circuit.sources()))
+        except ExpressionError:
+            return ""
+        if circuit.size > MOST_UNKNOWNS or y is None:
+            return ""
+        values = Values([passed for _, passed in compared], circuit.unknowns)
+        equal = np.abs(values(np.zeros(1), y[:, None])[:, 0]) < CANCELLED * np.abs(y).max()
+        wanted = error == 0.0
+        compared = [one for one, same in zip(compared, equal, strict=True) if same == wanted]
+    return f"{compared[0][0].name} ({compared[0][0].where})" if compared else ""
+
+
+def _static(each, rate, error, draw):
+    """An element without a memory: a store as a resistor, a waveform as a constant.
+
+    Every value changes by a random share of at most `error`.
+    """
+    if each.letter in "cl" and each.size:
+        ohms = 1.0 / (rate * each.size) if each.letter == "c" else rate * each.size
+        each = Element("r", each.name, each.nodes, each.where, value=ohms)
+    elif each.wave:
+        each = each._replace(wave=None, value=draw.uniform(-10.0, 10.0))
+    factor = 1.0 + error * draw.uniform(-1.0, 1.0)
+    return each if each.value is None else each._replace(value=each.value * factor)
 
 
 def following_notes(load: LoadCircuit, duration: float) -> tuple[str, ...]:
@@ -193,7 +251,7 @@ class _Circuit:
         self._values = np.array(self._tape.values, dtype=float)
         self._ends, self._sizes = self._storage()
         self._g = self._matrix(self._conductance) + np.diag(
-            [0.0 if name.startswith("i(") else GMIN for name in [*self._places][2:]]
+            [0.0 if name.startswith("i(") else GMIN for name in self.unknowns]
         )
 
     def _matrix(self, entries):
@@ -285,6 +343,11 @@ class _Circuit:
                     right[place] += sign * _value(each, which)
             yield right
 
+    @property
+    def unknowns(self) -> list[str]:
+        """Names of the unknowns, in the order of the equations."""
+        return [*self._places][2:]
+
     def name(self, switch: int) -> str:
         """A switch as "name (file:line)"."""
         each = self._switches[switch][0]
@@ -330,7 +393,7 @@ class _Circuit:
     def _newton(self, closed, source, held):
         """Newton's iterations, slowed by a conductance (S) at each node that fades."""
         y = np.zeros(self.size)
-        nodes = np.diag([0.0 if name.startswith("i(") else 1.0 for name in [*self._places][2:]])
+        nodes = np.diag([0.0 if name.startswith("i(") else 1.0 for name in self.unknowns])
         for _ in range(MOST_ITERATIONS):
             current, slope = self._currents(y, closed, True)
             left, sizes = source - current, np.abs(slope) @ np.abs(y) + np.abs(source)

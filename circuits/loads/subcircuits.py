@@ -23,7 +23,7 @@ from circuits.loads.load_watch import Watch, watch_of
 from circuits.loads.measurement import evaluated
 from circuits.loads.measures import Measure, vet_measures
 from circuits.loads.numbers import number
-from circuits.loads.own_motion import OwnMotion, own_motion
+from circuits.loads.own_motion import OwnMotion, cancelled, own_motion
 from circuits.loads.part_values import negative_parts, reading_notes, sources_of
 from circuits.loads.reader import Card, read_cards
 from circuits.loads.stores import Store, levels_of, stores_of
@@ -126,6 +126,11 @@ class LoadCircuit:
     def own_motion(self) -> OwnMotion:
         """How it behaves with the device at rest: `circuits.loads.own_motion`."""
         return own_motion(self.elements)
+
+    @cached_property
+    def cancelled(self) -> str:
+        """The first source in it whose comparison rounding decides: `circuits.loads.own_motion`."""
+        return cancelled(self.elements)
 
     @cached_property
     def sources(self) -> tuple[str, ...]:

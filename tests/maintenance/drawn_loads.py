@@ -81,7 +81,7 @@ SUFFIXES = ((12, "t"), (9, "g"), (6, "meg"), (3, "k"), (0, ""), (-3, "m"), (-6, 
 
 def spelt(draw, low, high):
     """A log-uniform number of three digits in one of SPICE's spellings."""
-    value = float(f"{math.exp(draw.uniform(math.log(max(low, 1e-30)), math.log(high))):.3g}")
+    value = float(f"{math.exp(draw.uniform(math.log(max(low, 1e-3 * high)), math.log(high))):.3g}")
     power, letter = next(each for each in SUFFIXES if value >= 0.999 * 10.0 ** each[0])
     digits = f"{value / 10.0**power:.4g}"
     whole, _, rest = digits.partition(".")
