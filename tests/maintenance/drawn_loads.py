@@ -5,11 +5,6 @@ Templates: `<low:high>` is a number in a random spelling, `<a|b>` one of the tex
 the part's own, and `$` stands for a dimensionless voltage, v(p,n)/20 or v(out,ref)/5.
 """
 
-import math
-import re
-
-import numpy as np
-
 # Elements between p, n (0), a (behind a resistor of some kΩ), out and ref.
 PARTS = [
     "R# a n <2e4:1e6>", "R# a n R=<2e4:1e6> m=<2|3|0.5>", "R# a n <2e4:1e5> tc1=<1e-3:8e-3> temp=<40|77|-20>",
@@ -37,16 +32,8 @@ PARTS = [
 ]  # fmt: skip
 DIODE = ".model dm# d(is=<1e-15:1e-7> n=<1|1.05|1.8> <rs=<1:50>|> <cjo=<1e-12:1e-10> vj=<0.4|0.7> m=<0.33|0.5> fc=0.6|> <tt=5n|> <ikf=<1e-4:1e-2>|> <isr=<1e-10:1e-9> nr=2|> <bv=100|> <eg=0.69 xti=2|> <trs1=1m tnom=25|> <mfg=X type=silicon|>)"
 # Of everything that docs/loads.md and the reader's own table name, kept about 1 and in range.
-FUNCTIONS = """
-abs($) acos(0.9*tanh($)) acosh(1+$*$) arctan($) asin(0.9*tanh($)) asinh($) atan($) atanh(0.9*tanh($)) buf($) ceil($) cos($)
-cosh(tanh($)) exp(tanh($)) floor(2*$) hypot($,1) if($>0.5,$,0.5) int(3*$) inv($) limit($,-0.5,1) ln(1+abs($)) log(1+$*$)
-log10(1+abs($)) max($,0.2) min($,0.2) nint(2*$) pow(abs($),1.5) pow($,2) pwr($,3) pwrs($,0.5) round(2*$) sgn($-0.3) sin(2*$)
-sinh(tanh($)) sqr($) sqrt(abs($)) stp($-0.2) tan(tanh($)) tanh(2*$) ternary_fcn($>0.1,$,-$) u($-0.1) u2($) uramp($)
-($)**2 ($)^3 (abs($))**1.5 (-$) ($>0.2)*$ ($<=0.3?1:-$) ($>0.1&&$<0.9) ($<-0.5||$>0.5) (!($>0.4)) ($>=0.2)-($!=0.5)
-($/(1+$*$)) (2*$-3*$/(2+abs($))) (1-$*$/4) ($-2<$*$?$:1) (5m*200*$) (0.001k*$) (1e3*$/1k) (4k7*$/4.7k) idt($) atan2($,1) table($,0,0,1,1)
-(($>0.3)^($>0.6)) ($>0.3&$<0.6) (~($>0.3)) ($==$) (v(p,n)*v(out,ref)/200) (sin(2*pi*60*time)*$) (temper/27*$) (($>0.5)==($>0.1)) nofunction($)
-""".split()  # fmt: skip
-CONSTANTS = "pi e/2 exp(0.5) sqrt(2) (3>2) 2**0.5 2^1.5 (5%3) max(1,2) int(1.7) nint(1.6) pow(2,0.5) pwr(2,0.5) min(2,3k) (1?2:3) log10(50) ln(5) floor(1.5) 1e3/1k 25.4u/1mil boltz/1.38e-23 echarge/1.6e-19 (-kelvin/273) temper/27 c/3e8 abs(-1.2) sgn(3) (1&&1) hypot(1,1) if(1,2,3) acos(0.3) atan(1) exp(80)/exp(79) 2-1 .5 1.5E0".split()  # fmt: skip
+FUNCTIONS = ["abs($)", "acos(0.9*tanh($))", "acosh(1+$*$)", "arctan($)", "asin(0.9*tanh($))", "asinh($)", "atan($)", "atanh(0.9*tanh($))", "buf($)", "ceil($)", "cos($)", "cosh(tanh($))", "exp(tanh($))", "floor(2*$)", "hypot($,1)", "if($>0.5,$,0.5)", "int(3*$)", "inv($)", "limit($,-0.5,1)", "ln(1+abs($))", "log(1+$*$)", "log10(1+abs($))", "max($,0.2)", "min($,0.2)", "nint(2*$)", "pow(abs($),1.5)", "pow($,2)", "pwr($,3)", "pwrs($,0.5)", "round(2*$)", "sgn($-0.3)", "sin(2*$)", "sinh(tanh($))", "sqr($)", "sqrt(abs($))", "stp($-0.2)", "tan(tanh($))", "tanh(2*$)", "ternary_fcn($>0.1,$,-$)", "u($-0.1)", "u2($)", "uramp($)", "($)**2", "($)^3", "(abs($))**1.5", "(-$)", "($>0.2)*$", "($<=0.3?1:-$)", "($>0.1&&$<0.9)", "($<-0.5||$>0.5)", "(!($>0.4))", "($>=0.2)-($!=0.5)", "($/(1+$*$))", "(2*$-3*$/(2+abs($)))", "(1-$*$/4)", "($-2<$*$?$:1)", "(5m*200*$)", "(0.001k*$)", "(1e3*$/1k)", "(4k7*$/4.7k)", "idt($)", "atan2($,1)", "table($,0,0,1,1)", "(($>0.3)^($>0.6))", "($>0.3&$<0.6)", "(~($>0.3))", "($==$)", "(v(p,n)*v(out,ref)/200)", "(sin(2*pi*60*time)*$)", "(temper/27*$)", "(($>0.5)==($>0.1))", "nofunction($)"]  # fmt: skip
+CONSTANTS = ["pi", "e/2", "exp(0.5)", "sqrt(2)", "(3>2)", "2**0.5", "2^1.5", "(5%3)", "max(1,2)", "int(1.7)", "nint(1.6)", "pow(2,0.5)", "pwr(2,0.5)", "min(2,3k)", "(1?2:3)", "log10(50)", "ln(5)", "floor(1.5)", "1e3/1k", "25.4u/1mil", "boltz/1.38e-23", "echarge/1.6e-19", "(-kelvin/273)", "temper/27", "c/3e8", "abs(-1.2)", "sgn(3)", "(1&&1)", "hypot(1,1)", "if(1,2,3)", "acos(0.3)", "atan(1)", "exp(80)/exp(79)", "2-1", ".5", "1.5E0"]  # fmt: skip
 FRONTS = [
     "D1f p out dmf\nRf ref n 10\nRr a p <1e3:1e4>", "D1f p out dmf\nD2f ref p dmf\nD3f n out dmf\nD4f ref n dmf\nRr p a <1e3:1e4>",
     "Cf p m 100n\nD1f ref m dmf\nD2f m out dmf\nRf n ref 10\nRr p a 1k", "Rf ref n 1\nRr p a <1e3:5e4>\nRs a out <1e5:1e6>", "Lf p a <1:20>\nD1f a out dmf\nRf ref n 10", "V0 ref n 0\nE0 out ref p n 0.2\nRr p a 5k",
@@ -75,47 +62,3 @@ VENDORS = [
     "X# out m# y# V#\nR1# y# m# 100k\nR2# m# ref <2e4:1e5>\n.subckt V# p m o\nG1 ref0 x p m <0.1m|1m>\nR1 x ref0 <1e5|1e6>\nC1 x ref0 <1n|3n>\nE1 e ref0 x ref0 <1|10>\nRo e o <100|1k>\nV0 ref0 0 0\nD1 x vc DX\nVc vc ref0 <1|3>\nD2 ref0 x DX\n.model DX D(is=1e-14 rs=1)\n.ends", "X# out m# y# V#\nRf# y# m# 10k\nRg# m# ref <1e4:1e5>\n.SUBCKT V# 1 2 3 PARAMS: GBW=<1k|5k> AOL=<100|1k>\nRIN 1 2 1MEG\nE1 4 0 VALUE = { LIMIT(AOL*V(1,2),-<4|10>,5) }\nR1 4 5 1K\nC1 5 0 {AOL/(6.2832*GBW*1K)}\nE2 6 0 5 0 1\nR2 6 3 <100|50>\n.ENDS",
     "X# out m# y# V#\nRf# y# m# 10k\nRg# m# ref 1e4\n.SUBCKT V# 1 2 3\nEGND 99 0 POLY(2) (1,0) (2,0) 0 .5 .5\nG1 3 0 1 2 <1m|2m>\nR1 3 0 1k\n.ENDS", "X# p out y# V#\nR# y# ref <1e5:5e5>\n.subckt V# a b o\nB1 x ref1 V=<1|3>*tanh(<2|10>*(V(a)-V(b)))\nV1 ref1 0 0\nR1 x o <1k|10k>\nC1 o 0 <100p|1n>\n.ends", "X# a out y# V#\nR# y# ref <1e5:5e5>\n.subckt V# inp inm o\nB1 o 0 V = V(inp,inm) > <0.1|0.5> ? <3|2> : 0\n.ends", "X# p n y# V#\nR# y# ref <1e5:5e5>\n.subckt V# a b o\nE1 o b VALUE {IF(V(a,b)><1|2>,<2|3>,0)}\n.ends", "V# b# n <3|5>\nX# p n b# y# V#\nR# y# ref 1meg\n.SUBCKT V# 1 2 3 4\nQ1 5 1 6 QN\nQ2 4 2 6 QN\nR1 3 5 <1e5:3e5>\nR2 3 4 <1e5:3e5>\nR3 6 2 <1e5:5e5>\n.MODEL QN NPN(BF=<80|150> IS=8E-16 CJC=1p TF=1n)\n.ENDS",
 ]  # fmt: skip
-SUFFIXES = ((12, "t"), (9, "g"), (6, "meg"), (3, "k"), (0, ""), (-3, "m"), (-6, "u"), (-9, "n"),
-            (-12, "p"), (-15, "f"), (-18, "e-18"), (-21, "e-21"))  # fmt: skip
-
-
-def spelt(draw, low, high):
-    """A log-uniform number of three digits in one of SPICE's spellings."""
-    value = float(f"{math.exp(draw.uniform(math.log(max(low, 1e-3 * high)), math.log(high))):.3g}")
-    power, letter = next(each for each in SUFFIXES if value >= 0.999 * 10.0 ** each[0])
-    digits = f"{value / 10.0**power:.4g}"
-    whole, _, rest = digits.partition(".")
-    unit = str(draw.choice(["", "", "", "ohm", "V", "Hz", "s"])) if letter else ""
-    forms = [f"{value:g}", f"{value:.6E}", digits + letter, (digits + letter).upper(), digits + letter + unit,
-             f"{value / 10.0 ** (power + 3):.6g}{dict(SUFFIXES).get(power + 3) or 'e' + str(power + 3)}"]  # fmt: skip
-    if letter and rest and len(letter) == 1 and letter != "f":
-        forms.append(f"{whole}{letter}{rest}")
-    return str(draw.choice(forms))
-
-
-def filled(draw, template, number):
-    """A template's text: choices from the innermost, then numbers, then its own number."""
-    text = template.replace("<DIODE>", DIODE).replace("#", str(number))
-    while found := re.search(r"<([^<>\n]*[|:][^<>\n]*)>", text):
-        if "|" in found[1]:
-            new = str(draw.choice(found[1].split("|")))
-        else:
-            ends = [float(re.sub("u$", "e-6", each)) for each in found[1].split(":")]
-            new = spelt(draw, *ends)
-        text = text[: found.start()] + new + text[found.end() :]
-    for word, pool in (("<FUNCTION>", FUNCTIONS), ("<CONSTANT>", CONSTANTS)):
-        while word in text:
-            text = text.replace(word, str(draw.choice(pool)), 1)
-    return text.replace("$", str(draw.choice(["v(p,n)/20", "(v(p,n)/20)", "(v(a)-v(n))/20"])))
-
-
-def load_text(seed, number, kind):
-    """One load: `kind` "random", or "vendor" whose text has parts of a vendor's library."""
-    draw = np.random.default_rng([seed, number, kind == "vendor"])
-    pool, several = (VENDORS, 1) if kind == "vendor" else (PARTS, int(draw.integers(2, 5)))
-    parts = [pool[number % len(pool)], *draw.choice(PARTS, several - 1)]
-    lines = [filled(draw, each, k) for k, each in enumerate(parts, 1)]
-    lines += [filled(draw, str(draw.choice(FRONTS)), 0), filled(draw, FRONT_DIODE, 0)]
-    lines += [f"Rload out ref {spelt(draw, 5e4, 1e6)}", f"Cs out ref {spelt(draw, 1e-8, 2e-7)}"]
-    dialect = str(draw.choice(["", "", "", "* dialect: ngspice\n", "* dialect: ltspice\n", "* dialect: pspice\n"]))
-    return f"* {kind} {number} of {seed}\n{dialect}.subckt z p n out ref\n" + "\n".join(lines) + "\n.ends\n"
