@@ -3,8 +3,6 @@
 import signal
 import sys
 
-INTERRUPTED = 130
-
 
 def main() -> int:
     """Run the command line; returns the exit code.
@@ -26,11 +24,10 @@ def main() -> int:
         code = run()
     except KeyboardInterrupt:
         print("harvester: interrupted; nothing was written", file=sys.stderr)
-        return INTERRUPTED
+        return 130
     if signals and code == 0:
         print("harvester: interrupted, but only after its last result", file=sys.stderr)
-        return INTERRUPTED
-    return code
+    return code or (130 if signals else 0)
 
 
 if __name__ == "__main__":

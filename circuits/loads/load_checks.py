@@ -97,8 +97,7 @@ def _check_sizes(parts):
         energy = 0.5 * abs(each.size or 0.0) * max(abs(each.get("ic")), 1.0) ** 2
         if each.letter in "cl" and energy > LARGEST_ENERGY:
             raise NetlistError(
-                f"{each.where}: {each.name}: it stores {energy:.2g} J, whose rounding hides what a "
-                "harvester adds; a source (V, I) keeps its value constant"
+                f"{each.where}: {each.name}: {energy:.2g} J: rounding hides a harvest: use V, I"
             )
         size = each.size if each.letter == "r" else None
         if size is not None and abs(size) < LEAST_RESISTANCE:

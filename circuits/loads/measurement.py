@@ -119,15 +119,14 @@ class Measurement(_Rows):
     def _means(self, time, unknowns, ends):
         """Means of the measures between the middles of steps; `ends` are the values at points."""
         steps, shares = np.diff(time), (np.arange(JUMP_PLACES) + 0.5) / JUMP_PLACES
-        within = [
-            (each[..., :-1, None] + np.diff(each)[..., None] * shares).reshape(*each.shape[:-1], -1)
-            for each in (time, unknowns)
-        ]
-        halves = self._values(*within).reshape(len(ends), steps.size, 2, -1).mean(axis=-1)
-        areas, widths = np.zeros(ends.shape), np.zeros(time.size)
-        for half, place in enumerate((slice(None, -1), slice(1, None))):
-            areas[:, place] += steps * halves[:, :, half]
-            widths[place] += steps
+        inside = np.vstack([time, unknowns])
+        inside = inside[:, :-1, None] + np.diff(inside)[..., None] * shares
+        times, *voltages = inside.reshape(len(inside), -1)
+        halves = self._values(times, np.array(voltages))
+        halves = halves.reshape(len(ends), steps.size, 2, -1).mean(axis=-1)
+        before, after = (steps * halves[:, :, half] for half in (1, 0))
+        areas = np.pad(before, ((0, 0), (1, 0))) + np.pad(after, ((0, 0), (0, 1)))
+        widths = np.pad(steps, (1, 0)) + np.pad(steps, (0, 1))
         return np.divide(areas, widths, out=ends.copy(), where=widths > 0.0)
 
 

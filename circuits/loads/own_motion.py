@@ -103,8 +103,7 @@ def check_turn(load: LoadCircuit, step: float) -> None:
     """
     if load.cancelled:
         raise LoadError(
-            f"{load.cancelled}: it compares two values that are equal by cancellation, so that "
-            "rounding decides; compare with a threshold of some millivolts above or below"
+            f"{load.cancelled} compares two values equal but for rounding: use a threshold of mV"
         )
     own = load.own_motion
     if own.turn < LEAST_TURN * step:
@@ -136,15 +135,15 @@ def cancelled(elements: tuple[Element, ...]) -> str:
         try:
             circuit = _Circuit((*parts, drive))
             closed = draw.random(circuit.closed.size) < 0.5
-            y = circuit.rest(closed, next(circuit.sources()))
+            small = circuit.size <= MOST_UNKNOWNS
+            y = circuit.rest(closed, next(circuit.sources())) if small else None
         except ExpressionError:
-            return ""
-        if circuit.size > MOST_UNKNOWNS or y is None:
+            y = None
+        if y is None:
             return ""
         values = Values([passed for _, passed in compared], circuit.unknowns)
         equal = np.abs(values(np.zeros(1), y[:, None])[:, 0]) < CANCELLED * np.abs(y).max()
-        wanted = error == 0.0
-        compared = [one for one, same in zip(compared, equal, strict=True) if same == wanted]
+        compared = [each for k, each in enumerate(compared) if equal[k] == (error == 0.0)]
     return f"{compared[0][0].name} ({compared[0][0].where})" if compared else ""
 
 
@@ -154,12 +153,11 @@ def _static(each, rate, error, draw):
     Every value changes by a random share of at most `error`.
     """
     if each.letter in "cl" and each.size:
-        ohms = 1.0 / (rate * each.size) if each.letter == "c" else rate * each.size
+        ohms = (rate * each.size) ** (-1.0 if each.letter == "c" else 1.0)
         each = Element("r", each.name, each.nodes, each.where, value=ohms)
     elif each.wave:
         each = each._replace(wave=None, value=draw.uniform(-10.0, 10.0))
-    factor = 1.0 + error * draw.uniform(-1.0, 1.0)
-    return each if each.value is None else each._replace(value=each.value * factor)
+    return each._replace(value=(each.value or 0.0) * (1.0 + error * draw.uniform(-1.0, 1.0)))
 
 
 def following_notes(load: LoadCircuit, duration: float) -> tuple[str, ...]:
@@ -245,7 +243,8 @@ class _Circuit:
         coils = {each.name: each.size for each in elements if each.letter == "l"}
         for each in elements:
             self._add(each, coils)
-        self.size = len(self._places) - 2
+        self.unknowns = [*self._places][2:]
+        self.size = len(self.unknowns)
         self.closed = np.array(["on" in each.flags for each, *_ in self._switches], dtype=bool)
         self._rows = np.array(self._tape.rows, dtype=np.int64).reshape(-1, 4)
         self._values = np.array(self._tape.values, dtype=float)
@@ -342,11 +341,6 @@ class _Circuit:
                 if place >= 0:
                     right[place] += sign * _value(each, which)
             yield right
-
-    @property
-    def unknowns(self) -> list[str]:
-        """Names of the unknowns, in the order of the equations."""
-        return [*self._places][2:]
 
     def name(self, switch: int) -> str:
         """A switch as "name (file:line)"."""
