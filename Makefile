@@ -10,7 +10,7 @@ BIN := .venv/bin
 RUNS := .venv/.complete
 STAMP := .venv/.complete-test
 
-.PHONY: run test test-fast test-all faults compare drawn fast lint types docs setup clean
+.PHONY: run test test-fast test-all faults compare drawn netlists fast lint types docs setup clean
 
 run: $(RUNS)
 	$(BIN)/harvester validate paper --output results
@@ -53,6 +53,11 @@ compare: $(STAMP)
 drawn: $(STAMP)
 	OPENBLAS_NUM_THREADS=1 PYTHONPATH=tests $(BIN)/python -m maintenance.drawn --seed $(SEED) \
 		--count $(or $(COUNT),44) --only "$(ONLY)"
+
+# COUNT random loads (KIND=random or vendor) by Monte Carlo, circuit and plain ngspice; ONLY as above.
+netlists: $(STAMP)
+	OPENBLAS_NUM_THREADS=1 PYTHONPATH=tests $(BIN)/python -m maintenance.netlists --seed $(SEED) \
+		--count $(or $(COUNT),60) --kind $(or $(KIND),random) --only "$(ONLY)"
 
 # Notebooks are executed where their code is new: after a change of the package, `make clean` first.
 docs: $(STAMP)

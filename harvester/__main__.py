@@ -1,20 +1,33 @@
 """`python -m harvester` and the command `harvester`, from the process's first moment on."""
 
+import signal
 import sys
 
 
 def main() -> int:
     """Run the command line; returns the exit code.
 
-    What it needs is imported here, so that an interrupt meanwhile ends in a line as well.
+    What it needs is imported here, so that an interrupt meanwhile ends in a line as well. Callbacks
+    of compiled libraries may swallow an interrupt: the exit code reports it nevertheless.
     """
+    signals = []
+
+    def interrupt(*signal_and_frame):
+        signals.append(signal_and_frame[0])
+        raise KeyboardInterrupt
+
+    if signal.getsignal(signal.SIGINT) is signal.default_int_handler:
+        signal.signal(signal.SIGINT, interrupt)
     try:
         from harvester.command_line import main as run
 
-        return run()
+        code = run()
     except KeyboardInterrupt:
         print("harvester: interrupted; nothing was written", file=sys.stderr)
         return 130
+    if signals and code == 0:
+        print("harvester: interrupted, but only after its last result", file=sys.stderr)
+    return code or (130 if signals else 0)
 
 
 if __name__ == "__main__":

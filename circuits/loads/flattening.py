@@ -111,7 +111,7 @@ class _Line:
 
 def _ordered(line):
     """The model (or None), the values as text and the other numbers of an R, C or L."""
-    model, values = None, []
+    model, values, bare = None, [], []
     for word in line.rest:
         key, equals, text = word.partition("=") if word[0] != "{" else (word, "", "")
         if equals and key == line.letter:
@@ -122,6 +122,9 @@ def _ordered(line):
             model = line.model(word)
         elif not equals:
             values.append(word)
+            bare.append(word)
+    if len(bare) > 1:
+        line.refuse(f"two values, {' and '.join(bare)[:60]}: keep one")
     return model, values, line.numbers(line.letter)
 
 

@@ -21,6 +21,9 @@ if TYPE_CHECKING:
 
 # Largest value of a part. Powers of larger ones leave the range of numbers.
 LARGEST_VALUE = 1e30
+# Largest energy (J) of a store at 1 V or 1 A, or at its ic. Rounding of a larger one hides what a
+# harvester adds to it.
+LARGEST_ENERGY = 1e9
 # If coils are fully coupled, some of their currents hold no energy, to within this share.
 ROUNDING = 1e-9
 # Letters of elements whose second pair of nodes controls them and carries no current.
@@ -95,6 +98,12 @@ def _check_sizes(parts):
                     f"{LARGEST_VALUE:g}"
                     "; leave the part out if it is to have no effect"
                 )
+        energy = 0.5 * abs(part.size or 0.0) * max(abs(part.get("ic")), 1.0) ** 2
+        if part.letter in "cl" and energy > LARGEST_ENERGY:
+            raise NetlistError(
+                f"{part.where}: {part.name}: {energy:.2g} J: above {LARGEST_ENERGY:g} J rounding "
+                "hides what the harvester adds; write a voltage or a current source"
+            )
         size = part.size if part.letter == "r" else None
         if size is not None and abs(size) < LEAST_RESISTANCE:
             raise NetlistError(

@@ -11,7 +11,7 @@ from circuits.loads.elements import Element
 from circuits.loads.kinds import LEVEL
 from circuits.loads.load_checks import loose_nodes
 from circuits.loads.measures import Measure
-from circuits.loads.own_motion import OwnMotion, own_motion
+from circuits.loads.own_motion import OwnMotion, cancelled, own_motion
 from circuits.loads.stores import Store, levels_of, stores_of
 from circuits.loads.supplies import coupled, supplies_of
 from circuits.loads.writer import reads_alike, run_text
@@ -89,6 +89,11 @@ class LoadCircuit:
     def own_motion(self) -> OwnMotion:
         """How it behaves with the device at rest: `circuits.loads.own_motion`."""
         return own_motion(self.elements)
+
+    @cached_property
+    def cancelled(self) -> str:
+        """The first source in it whose comparison rounding decides: `circuits.loads.own_motion`."""
+        return cancelled(self.elements)
 
     @cached_property
     def sources(self) -> tuple[str, ...]:

@@ -81,12 +81,17 @@ def _spoken(seconds):
 
 
 def check_turn(load: LoadCircuit, step: float) -> None:
-    """Refuse switches that turn by themselves faster than a run on a grid of this step (s) follows.
+    """Refuse comparisons that rounding decides, and switches too fast for a grid of this step (s).
 
     Raises
     ------
     LoadError
     """
+    if load.cancelled:
+        raise LoadError(
+            f"{load.cancelled} compares two values that are equal but for rounding: compare with "
+            "a threshold of some millivolts"
+        )
     motion = load.own_motion
     if motion.turn < LEAST_TURN * step:
         raise LoadError(

@@ -13,9 +13,10 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 
 from circuits.loads.expression import CIRCUIT_ONLY, ExpressionError, Tree, leaves, renamed
-from circuits.loads.kinds import LEVEL, STATE
+from circuits.loads.kinds import LEVEL, LOSS, OUTPUT, STATE
 from circuits.loads.stores import weights
 from circuits.loads.supplies import COMMON
+from circuits.loads.turns import turns
 from harvester.device.terminals import GROUND
 from harvester.errors import NetlistError
 from harvester.files.plain_text import named, nearest
@@ -27,6 +28,8 @@ if TYPE_CHECKING:
     from circuits.loads.scope import Scope
     from circuits.loads.tape import Values
 
+# A power that jumps is evaluated at this number of places within each step, an even one.
+JUMP_PLACES = 32
 # Letters of elements whose current is an unknown of the circuit.
 _WITH_CURRENT = "vehl"
 # Letters of diodes, switches and transistors, which part the two sides of a rectifier.
@@ -94,17 +97,40 @@ class Measurement(_Rows):
         -------
         ndarray, shape (measures, n)
             Powers and energies in that unit; of states 1 where they hold, else 0. nan where an
-            expression has no value.
+            expression has no value. A power that jumps, such as floor(v(p,n)), is its mean from the
+            middle of one step to that of the next, the unknowns being interpolated: its trapezoidal
+            integral holds every jump at its own time.
         """
         if not self._measures:
             return np.empty((0, time.size))
         values = self._values(time, unknowns)
+        if self._jumping and time.size > 1:
+            values[self._jumping] = self._means(time, unknowns, values)[self._jumping]
         for row, (kind, _) in zip(values, self.rows, strict=False):
             if kind == STATE:
                 row[:] = np.where(np.isnan(row), np.nan, row > 0.0)
             else:
                 row *= unit
         return values
+
+    @cached_property
+    def _jumping(self) -> list[int]:
+        """Rows of powers whose expression jumps."""
+        rows = enumerate(zip(self.rows, self.trees, strict=True))
+        return [k for k, ((kind, _), tree) in rows if kind in (LOSS, OUTPUT) and turns(tree)]
+
+    def _means(self, time, unknowns, ends):
+        """Means of the measures between the middles of steps; `ends` are the values at points."""
+        steps, shares = np.diff(time), (np.arange(JUMP_PLACES) + 0.5) / JUMP_PLACES
+        inside = np.vstack([time, unknowns])
+        inside = inside[:, :-1, None] + np.diff(inside)[..., None] * shares
+        times, *voltages = inside.reshape(len(inside), -1)
+        halves = self._values(times, np.array(voltages))
+        halves = halves.reshape(len(ends), steps.size, 2, -1).mean(axis=-1)
+        before, after = (steps * halves[:, :, half] for half in (1, 0))
+        areas = np.pad(before, ((0, 0), (1, 0))) + np.pad(after, ((0, 0), (0, 1)))
+        widths = np.pad(steps, (1, 0)) + np.pad(steps, (0, 1))
+        return np.divide(areas, widths, out=ends.copy(), where=widths > 0.0)
 
 
 NOTHING = Measurement()

@@ -13,13 +13,14 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
-from circuits.loads.expression import ExpressionError, Tree
+from circuits.loads.elements import Element
+from circuits.loads.expression import ExpressionError, Tree, renamed
 from circuits.loads.numbers import THERMAL_VOLTAGE
 from circuits.loads.part_models import hysteresis
+from circuits.loads.turns import turns
 from harvester.device.terminals import GROUND
 
 if TYPE_CHECKING:
-    from circuits.loads.elements import Element
 
 # Conductance from every node to ground (S); most Newton iterations; and the residual at which they
 # end, as a share of the currents at a node or of the voltages around a loop.
@@ -34,6 +35,9 @@ LARGEST_EXPONENT = 40.0
 GROWING, FASTEST = 1e-6, 1e13
 # A mode counts if it makes up at least this share of a control's change.
 TAKES_PART = 0.05
+# Two values are equal by cancellation if they differ by less than this share of the largest unknown
+# in all trials with exact parts, and by more in the trials with such errors of the parts.
+CANCELLED, TRIALS = 1e-12, (0.0, 0.0, 0.0, 1e-3)
 # Loads with more unknowns are not analysed. So many take half a second.
 MOST_UNKNOWNS = 300
 
@@ -77,6 +81,52 @@ def own_motion(elements: tuple[Element, ...]) -> OwnMotion:
     oscillates = any(motion.oscillates for motion in motions)
     unknown = next((motion.unknown for motion in motions if motion.unknown), "")
     return OwnMotion(oscillates, fastest.turn, fastest.switch, "" if oscillates else unknown)
+
+
+def cancelled(elements: tuple[Element, ...]) -> str:
+    """The first source that compares two values which differ by rounding alone, or "".
+
+    The load is solved with its pins p and n driven by random voltages, its stores being replaced
+    with their impedances at a random rate and its waveforms with random values.
+    """
+    from circuits.loads.tape import Values
+
+    compared = [
+        (source, renamed(passed, {"n": GROUND}))
+        for source in (elements if len(elements) <= MOST_UNKNOWNS else ())
+        for passed in (turns(source.expression) if source.expression else ())
+        if passed[0] not in ("sin", "cos")
+    ]
+    draw = np.random.default_rng(1)
+    for error in TRIALS if compared else ():
+        rate = 10.0 ** draw.uniform(1.0, 4.0)
+        parts = [_static(part, rate, error, draw) for part in elements if part.letter != "k"]
+        drive = Element("v", "", ("p", GROUND), "", value=draw.uniform(-20.0, 20.0))
+        try:
+            circuit = _Circuit((*parts, drive))
+            closed = draw.random(circuit.closed.size) < 0.5
+            y = circuit.rest(closed, next(circuit.sources()))
+        except ExpressionError:
+            y = None
+        if y is None:
+            return ""
+        values = Values([passed for _, passed in compared], circuit.unknowns)
+        equal = np.abs(values(np.zeros(1), y[:, None])[:, 0]) < CANCELLED * np.abs(y).max()
+        compared = [pair for pair, same in zip(compared, equal, strict=True) if same == (error == 0.0)]
+    return f"{compared[0][0].name} ({compared[0][0].where})" if compared else ""
+
+
+def _static(each, rate, error, draw):
+    """An element without a memory: a store as a resistor, a waveform as a constant.
+
+    Every value changes by a random share of at most `error`.
+    """
+    if each.letter in "cl" and each.size:
+        ohms = (rate * each.size) ** (-1.0 if each.letter == "c" else 1.0)
+        each = Element("r", each.name, each.nodes, each.where, value=ohms)
+    elif each.wave:
+        each = each._replace(wave=None, value=draw.uniform(-10.0, 10.0))
+    return each._replace(value=(each.value or 0.0) * (1.0 + error * draw.uniform(-1.0, 1.0)))
 
 
 def _may_drive(each):
@@ -128,13 +178,14 @@ class _Circuit:
         coils = {element.name: element.size for element in elements if element.letter == "l"}
         for element in elements:
             self._add(element, coils)
-        self.size = len(self._places) - 2
+        self.unknowns = [*self._places][2:]
+        self.size = len(self.unknowns)
         self.closed = np.array(["on" in switch.flags for switch, *_ in self._switches], dtype=bool)
         self._rows = np.array(self._tape.rows, dtype=np.int64).reshape(-1, 4)
         self._values = np.array(self._tape.values, dtype=float)
         self._ends, self._sizes = self._storage()
         self._g = self._matrix(self._conductance) + np.diag(
-            [0.0 if name.startswith("i(") else GMIN for name in [*self._places][2:]]
+            [0.0 if name.startswith("i(") else GMIN for name in self.unknowns]
         )
 
     def _matrix(self, entries):
@@ -271,7 +322,7 @@ class _Circuit:
     def _newton(self, closed, source, held):
         """Newton's iterations, slowed by a conductance (S) at each node that fades."""
         y = np.zeros(self.size)
-        nodes = np.diag([0.0 if name.startswith("i(") else 1.0 for name in [*self._places][2:]])
+        nodes = np.diag([0.0 if name.startswith("i(") else 1.0 for name in self.unknowns])
         for _ in range(MOST_ITERATIONS):
             current, slope = self._currents(y, closed, True)
             left, sizes = source - current, np.abs(slope) @ np.abs(y) + np.abs(source)

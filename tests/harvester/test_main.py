@@ -44,3 +44,17 @@ def test_python_without_docstrings_is_refused_in_one_line():
     assert ended.returncode == 2
     assert "use python -O" in ended.stderr
     assert ended.stderr.count("\n") == 1
+
+
+def test_an_interrupt_that_a_callback_swallows_ends_in_the_code_of_one():
+    program = (
+        "import os, signal, sys\nimport harvester.command_line\n"
+        "def run():\n    try:\n        os.kill(os.getpid(), signal.SIGINT)\n"
+        "        signal.pause()\n    except KeyboardInterrupt:\n        return 0\n"
+        "harvester.command_line.main = run\nfrom harvester.__main__ import main\nsys.exit(main())"
+    )
+    shown = subprocess.run(
+        [sys.executable, "-c", program], cwd=PACKAGE.parent, capture_output=True, text=True
+    )
+    assert shown.returncode == 130
+    assert shown.stderr == "harvester: interrupted, but only after its last result\n"

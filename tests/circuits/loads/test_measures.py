@@ -2,8 +2,10 @@
 
 import math
 
+import numpy as np
 import pytest
 
+from circuits.loads.measurement import measurement_of
 from circuits.loads.subcircuits import read_load
 from harvester.errors import NetlistError
 from harvester.scene.model import Scene
@@ -109,3 +111,21 @@ def test_both_engines_find_what_the_circuit_equations_say(pool, tmp_path, method
     each = found["positive_energy"] * found["positive_stops_per_hour"] / 3600.0
     assert each == pytest.approx(0.5 * found["rest_power"], rel=0.05)
     assert math.isclose(found["mean_output_power"], found["rest_power"], rel_tol=1e-3)
+
+
+@pytest.mark.parametrize("count", [30, 41])
+def test_a_power_that_jumps_is_integrated_within_the_steps(tmp_path, count):
+    """Of floor(v) and v > 3 on a triangle of 10 V, sampled three times a volt or less."""
+    path = tmp_path / "load.lib"
+    path.write_text(
+        ".subckt load p n out ref\n* measure: output q = floor(v(p,n))\n"
+        "* measure: loss above = v(p,n)>3\nRo out ref 1k\nRp p n 1k\n.ends\n"
+    )
+    measurement = measurement_of(read_load(path), {})
+    time = np.linspace(0.0, 1.0, count)
+    triangle = 10.0 * (1.0 - np.abs(2.0 * time - 1.0))
+    unknowns = np.array([triangle * (name == "p") for name in measurement.watched])
+    values = measurement.values(time, unknowns, 1.0)
+    exact = np.interp(np.linspace(0.0, 1.0, 100_001), time, triangle)
+    for row, right in zip(values, (np.floor(exact).mean(), (exact > 3.0).mean()), strict=False):
+        assert np.trapezoid(row, time) == pytest.approx(right, rel=2e-3)

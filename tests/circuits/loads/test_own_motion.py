@@ -91,3 +91,27 @@ def test_what_a_fast_clock_costs_is_said_where_it_is_long(tmp_path):
         assert word in note
     assert following_notes(load, 0.1) == ()
     assert following_notes(load_of(tmp_path, "Rload p n 1meg\n"), 1e6) == ()
+
+
+MIRRORED = "Ra p en 1meg\nE1 x n p n -1\nRb x en 1meg\n"
+BATTERIES = "V1 b n 3.3\nV2 en b -3.3\nRb en n 10k\n"
+
+
+@pytest.mark.parametrize(
+    ("body", "refused"),
+    [
+        (f"{MIRRORED}B1 p n i=v(en)>0 ? 1u : 0", True),
+        (f"{MIRRORED}C1 p q 1n\nRq q en 1meg\nB1 p n i=v(en)>0 ? 1u : 0", False),
+        (f"{MIRRORED}B1 p n i=v(en)>1m ? 1u : 0", False),
+        (f"{BATTERIES}B1 p n i=1u*sgn(v(en,n))", True),
+        (f"{BATTERIES}B1 p n i=1u*(v(b)<v(en)+3.3)", True),
+        (f"{BATTERIES}B1 p n i=1u*(v(p)<v(b))", False),
+        ("Ra en n 1k\nB1 p n i=v(en)>0 ? 1u : 0", False),
+    ],
+)
+def test_a_comparison_that_rounding_decides_is_refused(tmp_path, body, refused):
+    load = load_of(tmp_path, body)
+    assert load.cancelled == ("b1 (load.lib:5)" if refused else "")
+    if refused:
+        with pytest.raises(LoadError, match="equal but for rounding"):
+            check_turn(load, 1e-4)

@@ -53,6 +53,8 @@ def test_both_coefficients_of_temperature_count(tmp_path, letter, said):
         ("V1 a b 1\nE1 b c p n 2\nB1 a c v=time\nR1 p a 1k\nR2 c n 1k", "b1: it closes a loop"),
         ("E1 p p a n 2\nR1 a n 1k\nR2 p a 1k", "e1: it closes a loop"),
         ("R1 p n 1e300", "r1: 1e+300: no part's value is above 1e+30"),
+        ("R1 p n 80k 5", "r1: two values, 80k and 5: keep one"),
+        ("C1 p n 1e20 ic=1e20", "c1: 5e+59 J: rounding hides a harvest"),
         ("C1 p n 1n ic=1e200", "c1: ic=1e+200: no part's value"),
         ("R1 p n {f(1,2)}\n.func f(a,a) {a+1}", "the arguments a, a of f must differ"),
         ("D1 p n dm\n.model dm ako:dx d(is=1n)", "ako: write out the parameters"),
