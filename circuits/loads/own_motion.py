@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator
-from typing import TYPE_CHECKING, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
@@ -19,8 +19,6 @@ from circuits.loads.numbers import THERMAL_VOLTAGE
 from circuits.loads.part_models import hysteresis
 from circuits.loads.turns import turns
 from harvester.device.terminals import GROUND
-
-if TYPE_CHECKING:
 
 # Conductance from every node to ground (S); most Newton iterations; and the residual at which they
 # end, as a share of the currents at a node or of the voltages around a loop.
@@ -112,7 +110,9 @@ def cancelled(elements: tuple[Element, ...]) -> str:
             return ""
         values = Values([passed for _, passed in compared], circuit.unknowns)
         equal = np.abs(values(np.zeros(1), y[:, None])[:, 0]) < CANCELLED * np.abs(y).max()
-        compared = [pair for pair, same in zip(compared, equal, strict=True) if same == (error == 0.0)]
+        compared = [
+            pair for pair, same in zip(compared, equal, strict=True) if same == (error == 0.0)
+        ]
     return f"{compared[0][0].name} ({compared[0][0].where})" if compared else ""
 
 

@@ -54,7 +54,7 @@ def test_both_coefficients_of_temperature_count(tmp_path, letter, said):
         ("E1 p p a n 2\nR1 a n 1k\nR2 p a 1k", "e1: it closes a loop"),
         ("R1 p n 1e300", "r1: 1e+300: no part's value is above 1e+30"),
         ("R1 p n 80k 5", "r1: two values, 80k and 5: keep one"),
-        ("C1 p n 1e20 ic=1e20", "c1: 5e+59 J: rounding hides a harvest"),
+        ("C1 p n 1e20 ic=1e20", "c1: 5e+59 J: above 1e+09 J rounding hides"),
         ("C1 p n 1n ic=1e200", "c1: ic=1e+200: no part's value"),
         ("R1 p n {f(1,2)}\n.func f(a,a) {a+1}", "the arguments a, a of f must differ"),
         ("D1 p n dm\n.model dm ako:dx d(is=1n)", "ako: write out the parameters"),
