@@ -143,6 +143,7 @@ def run_estimates(
     found = shortfalls(ready, moments, whole, balance, stores)
     sensitive = scene.excitation.transient(scene.run) and step_error >= NOTED_CHANGE
     notes = (
+        *dict.fromkeys(each.note for each in moments if each.note),
         *source_notes(scene.load.circuit),
         *_loose_nodes(scene.load.circuit),
         *_without_value(scene.load.circuit, moments),
