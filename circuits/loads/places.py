@@ -26,7 +26,7 @@ def with_places(message: str, load: LoadCircuit | None) -> str:
     if load is None:
         return message
     told = _PIN.sub(lambda pin: f'"xload.{pin.group(1) or "p"}"', message)
-    told = _FLAT.sub(lambda match: _named(*match.groups(), load), told)
+    told = _FLAT.sub(lambda match: _named(match.group(1), match.group(2), load), told)
     if any(each.where in told for each in load.elements):
         return told
     return f"{told} (the load is {load.file})"

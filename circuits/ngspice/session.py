@@ -19,7 +19,7 @@ from PySpice.Spice.NgSpice.Shared import NgSpiceCommandError, NgSpiceShared, ffi
 
 from circuits import elements, verilog
 from circuits.loads.course import AHEAD
-from circuits.loads.part_values import SOURCE_CURE, suspicion
+from circuits.loads.part_values import SOURCE_CURE, jumping_sources, suspicion
 from circuits.loads.places import with_places
 from circuits.ngspice import callbacks, compiled_device, messages
 from circuits.ngspice.chatter import Chattering
@@ -366,6 +366,10 @@ class Session(NgSpiceShared):
                     f"{GETS_NOWHERE}; a force or a current that jumps, as dry friction does, has "
                     "this effect"
                 )
+                jumping = jumping_sources(self.circuit_load) if self.circuit_load else ()
+                if jumping:
+                    names = ", ".join(f"{each.name} ({each.where})" for each in jumping[:3])
+                    trouble += f"; look at {names}"
                 give_up(SimulatorAborted(self._said(trouble)))
 
     def _move_window(self):

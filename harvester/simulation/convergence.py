@@ -20,6 +20,7 @@ from harvester.estimates.balance import energy_balance_residual
 from harvester.prepared.prepared import prepared
 from harvester.prepared.steps import knot_spacing, steps_per_knot
 from harvester.record.moments import QUANTITIES
+from harvester.record.output_side import QUANTITIES as OUTPUT_QUANTITIES
 from harvester.simulation.methods import Circuit, Engine
 
 if TYPE_CHECKING:
@@ -61,7 +62,7 @@ def run_converged(scene: Scene, engine: Engine, simulate: Callable) -> list[Any]
     for words, aided, doubled in _options(scene, engine):
         try:
             found = simulate(aided)
-            reason = _too_large(scene, found, simulate(doubled)) if doubled else ""
+            reason = _too_large(scene, found, simulate(doubled) if doubled else found)
         except (NotConverged, SolutionDiverged):
             tried.append(words)
             continue
@@ -99,7 +100,8 @@ def _options(scene: Scene, engine: Circuit) -> Iterator[tuple[str, Circuit, Circ
             "gmin": f"gmin = {value:.1g} S",
             "cshunt": f"cshunt = {value:.2g} F from each node to ground",
         }[name]
-        one, two = ({name: factor * value, "scheme": "gear"} for factor in (1.0, 2.0))
+        one: dict[str, Any] = {name: value, "scheme": "gear"}
+        two: dict[str, Any] = {name: 2.0 * value, "scheme": "gear"}
         yield f"Gear's rule and {words}", replace(engine, **one), replace(engine, **two)
 
 
@@ -121,21 +123,16 @@ def _change(moments: Moments, others: Moments) -> float:
     columns = [QUANTITIES.index("input_power"), QUANTITIES.index("load_power")]
     sums = np.array([each.integrals[:, columns].sum(axis=0) for each in (moments, others)])
     differences = np.abs(sums[1] - sums[0]) / np.abs(sums[0])
-    if moments.output is None or others.output is None:
-        return float(np.max(differences, initial=0.0))
-    output = np.array(
-        [
-            (
-                each.output.conductance * each.output.integrals[:, 2].sum(),
-                each.output.stored.sum(),
-                *each.output.measured[:, :, 0].sum(axis=0)[_powers(each.output.rows)],
-            )
-            for each in (moments, others)
-        ]
-    )
-    share = np.abs(output[1] - output[0]) / abs(sums[0, 1])
-    return float(np.max([*differences, *share], initial=0.0))
+    if moments.output is not None and others.output is not None:
+        output = np.array([_energies(each) for each in (moments.output, others.output)])
+        differences = np.append(differences, np.abs(output[1] - output[0]) / abs(sums[0, 1]))
+    return float(np.max(differences))
 
 
-def _powers(rows):
-    return [k for k, (kind, _) in enumerate(rows) if kind in (OUTPUT, LOSS, SUPPLY, BATTERY)]
+def _energies(output):
+    """Energies of a load's output, stores and sources."""
+    kinds = OUTPUT, LOSS, SUPPLY, BATTERY
+    powers = [row for row, (kind, _) in enumerate(output.rows) if kind in kinds]
+    square = output.integrals[:, OUTPUT_QUANTITIES.index("square_voltage")].sum()
+    measured = output.measured[:, powers, 0].sum(axis=0)
+    return np.append(measured, [output.conductance * square, output.stored.sum()])
