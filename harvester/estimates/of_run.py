@@ -176,6 +176,8 @@ def _with_lengths(scene, moments, whole, memory):
     if duration <= scene.run.duration:  # too few jumps, say, and not too few periods
         return whole
     note = f"too short for an error bar: set run.duration = {duration:.2g} or more"
+    if scene.excitation.kind == "record" and not period:
+        note = f"too short for an error bar: a record of {duration:.2g} s or more has one"
     return {
         name: replace(each, note=note) if each.note == TOO_SHORT else each
         for name, each in whole.items()
