@@ -61,6 +61,8 @@ SENSITIVE = (
 )
 # Fewest periods of a deterministic excitation whose means show how they differ.
 FEWEST_PERIODS = 2
+# Most notes on options of ngspice, which may differ from realization to realization.
+MOST_NOTES = 3
 
 
 @dataclass(frozen=True)
@@ -143,7 +145,7 @@ def run_estimates(
     found = shortfalls(ready, moments, whole, balance, stores)
     sensitive = scene.excitation.transient(scene.run) and step_error >= NOTED_CHANGE
     notes = (
-        *dict.fromkeys(each.note for each in moments if each.note),
+        *[*dict.fromkeys(each.note for each in moments if each.note)][:MOST_NOTES],
         *source_notes(scene.load.circuit),
         *_loose_nodes(scene.load.circuit),
         *_without_value(scene.load.circuit, moments),

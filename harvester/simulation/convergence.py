@@ -67,9 +67,9 @@ def run_converged(scene: Scene, engine: Engine, simulate: Callable) -> list[Any]
             tried.append(words)
             continue
         if not reason:
-            note = f"ngspice converged with {words}; with its usual options: {failure}"
+            note = f"ngspice converged with {words}, and not without: {_trouble(failure)}"
             if doubled:
-                note += f"; they change no energy by more than {NEGLIGIBLE:.1%}"
+                note += f" (energies change by less than {NEGLIGIBLE:.1%} with twice the value)"
             for each in found:
                 each.moments.note = note
             return found
@@ -80,6 +80,11 @@ def run_converged(scene: Scene, engine: Engine, simulate: Callable) -> list[Any]
         f"{', '.join(itertools.islice(steep, MOST_NAMED)) or 'what is connected to it'}",
         failure.partial,
     )
+
+
+def _trouble(failure):
+    """The node or element at which Newton's iterations failed, the same in all realizations."""
+    return str(failure).partition("trouble with ")[2] or str(failure)
 
 
 def _options(scene: Scene, engine: Circuit) -> Iterator[tuple[str, Circuit, Circuit | None]]:
