@@ -105,7 +105,7 @@ def test_monte_carlo_is_not_repeated(tmp_path):
 
 @pytest.mark.slow
 def test_a_steep_regulator_takes_the_power_of_one_with_a_capacitor(tmp_path, pool):
-    """Plain ngspice ends at 0.225 s with "Timestep too small" on the first."""
+    """Plain ngspice at its default tolerance ends with "Timestep too small" on the first."""
     powers = [
         simulate(scene(tmp_path, STEEP.format(size)), runner=pool)["mean_power"].estimate
         for size in ("10p", "1n")
