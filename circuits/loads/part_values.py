@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 from circuits.loads.expression import leaves
 from circuits.loads.kinds import OUTPUT
 from circuits.loads.own_motion import own_notes
+from harvester.device.terminals import GROUND
 
 if TYPE_CHECKING:
     from collections.abc import Iterable
@@ -92,7 +93,29 @@ def reading_notes(load: LoadCircuit) -> tuple[str, ...]:
                 f"{each.name} ({each.where}) across the output is {each.size:g} {unit}: in SPICE F "
                 "behind a number is femto and M is milli; a farad has no letter, a million is meg"
             )
+    notes += [
+        f"{each.name} ({each.where}) depends on its own output by way of the node {node}: a "
+        "comparator with such a hysteresis may turn too late or too early at default steps; "
+        "compare with --step finest, or use a switch (S, vt= and vh=)"
+        for each in load.elements
+        for node in _fed_back(load, each)[:1]
+    ]
     return (*notes, *own_notes(load))
+
+
+def _fed_back(load, source):
+    """Nodes that a voltage by expression depends on and drives through resistors or coils."""
+    if source.expression is None or not source.voltage:
+        return []
+    reached, size = {*source.nodes[:2]}, 0
+    outside = {*load.pins, GROUND} - {"out"}
+    wires = [{*each.nodes[:2]} for each in load.elements if each.letter in "rl"]
+    while len(reached) != size:
+        size = len(reached)
+        reached = reached.union(*(ends for ends in wires if ends & reached - outside))
+    named = (leaf[1:] for leaf in leaves(source.expression) if leaf[0] == "v")
+    driven = reached - {*source.nodes[:2]} - outside
+    return [node for pair in named for node in pair if node in driven]
 
 
 def _gives(each):

@@ -61,6 +61,8 @@ SENSITIVE = (
 )
 # Fewest periods of a deterministic excitation whose means show how they differ.
 FEWEST_PERIODS = 2
+# Most notes on options of ngspice, which may differ from realization to realization.
+MOST_NOTES = 3
 
 
 @dataclass(frozen=True)
@@ -143,6 +145,7 @@ def run_estimates(
     found = shortfalls(ready, moments, whole, balance, stores)
     sensitive = scene.excitation.transient(scene.run) and step_error >= NOTED_CHANGE
     notes = (
+        *[*dict.fromkeys(each.note for each in moments if each.note)][:MOST_NOTES],
         *source_notes(scene.load.circuit),
         *_loose_nodes(scene.load.circuit),
         *_without_value(scene.load.circuit, moments),
@@ -175,6 +178,8 @@ def _with_lengths(scene, moments, whole, memory):
     if duration <= scene.run.duration:  # too few jumps, say, and not too few periods
         return whole
     note = f"too short for an error bar: set run.duration = {duration:.2g} or more"
+    if scene.excitation.kind == "record" and not period:
+        note = f"too short for an error bar: a record of {duration:.2g} s or more has one"
     return {
         name: replace(each, note=note) if each.note == TOO_SHORT else each
         for name, each in whole.items()

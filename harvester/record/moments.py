@@ -85,6 +85,8 @@ class Moments:
         Longest step (s), where the run chose it; None: the engine's.
     step_error : float
         Relative change of the energies from a run with steps twice as long, where one was made.
+    note : str
+        The option of ngspice with which the run converged, where another one failed first.
     """
 
     start: float
@@ -104,6 +106,7 @@ class Moments:
     strain: StrainMoments | None = None
     step: float | None = None
     step_error: float = 0.0
+    note: str = ""
 
     @property
     def has_output(self) -> bool:

@@ -113,7 +113,7 @@ def _draw(study, label, value, more):
     return draw_panels(
         panels,
         f"{study.scene.name}: {' and '.join(dict.fromkeys(study.methods))}, "
-        "bars: two standard errors (hollow: none)",
+        "bars: two standard errors (hollow: none or not ranked)",
     )
 
 
@@ -133,6 +133,8 @@ def _curves(study, other, places, value):
         if not shown:
             continue
         errors = [each.standard_error for _, each in shown]
+        fed = [bool(each.fed_by_store) for each in row if value(each)]
+        hollow = [error is None or drained for error, drained in zip(errors, fed, strict=True)]
         series.append(
             Series(
                 x=[places[place] if study.curve_keys[0] else k for place, _ in shown],
@@ -141,7 +143,7 @@ def _curves(study, other, places, value):
                 colour=colour,
                 marker=marker,
                 bars=[0.0 if error is None else BARS * error for error in errors],
-                hollow=[error is None for error in errors],
+                hollow=hollow,
             )
         )
     return series
