@@ -15,6 +15,8 @@ from circuits.loads.load_notes import check_turn
 from circuits.loads.load_watch import NOTHING as UNWATCHED
 from circuits.loads.load_watch import Watch, may_jump, watch_of
 from circuits.loads.measurement import NOTHING, Measurement, measurement_of
+from circuits.loads.waveform import ramped
+from circuits.loads.writer import run_text
 from harvester.device import timescales
 from harvester.device.system import speed_held
 from harvester.errors import NetlistError
@@ -193,6 +195,7 @@ def assemble(
     compiled: bool = False,
     line: float = 0.0,
     named: bool = False,
+    ramp: float = 0.0,
 ) -> Netlist:
     """Build the equivalent circuit of a scene with PySpice.
 
@@ -220,6 +223,8 @@ def assemble(
     named : bool
         The load keeps its sub-circuits and the names of its parameters, for people to read; not
         where ngspice would take a name for another.
+    ramp : float
+        Time (s) in which the load's constant sources rise from 0.
 
     Returns
     -------
@@ -295,7 +300,8 @@ def assemble(
                     part_values.capacitance(across))  # fmt: skip
     # The load was checked when the scene was read.
     if load:
-        text += load.text if named and load.is_plain else load.run_text
+        run = run_text(load.name, load.pins, ramped(load.elements, ramp)) if ramp else load.run_text
+        text += load.text if named and load.is_plain else run
     stop = stop_time(ready)
     first, shortest = length, 0.0
     if waveform == "external":

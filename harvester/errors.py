@@ -93,6 +93,10 @@ class SimulatorAborted(SimulationError):
     """The simulator gave up and said why."""
 
 
+class NotConverged(SimulatorAborted):
+    """Newton's iterations failed at the shortest step; other options of ngspice may help."""
+
+
 class LoadChatters(SimulatorAborted):
     """A part of the load turns on and off without an end; the load's file is to be changed."""
 

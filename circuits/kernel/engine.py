@@ -244,7 +244,8 @@ def _slow_or_stuck(circuit, state, outcome):
     name = circuit.names[int(np.argmax(np.where(np.isfinite(moved), moved, np.inf)))]
     return (
         f"no step is short enough for the load, the trouble is with {name}; a current that jumps, "
-        "or a node that nothing determines, has this effect: the circuit engine may take it"
+        "or a node that nothing determines, has this effect: give it a capacitor, or a smoother "
+        "expression"
     )
 
 

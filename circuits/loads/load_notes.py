@@ -5,8 +5,10 @@ from __future__ import annotations
 import math
 import re
 
+from circuits.loads.expression import leaves
 from circuits.loads.kinds import OUTPUT
 from circuits.loads.load_circuit import LoadCircuit
+from harvester.device.terminals import GROUND
 from harvester.errors import LoadError
 
 # Smallest storage (F) and resistance (Ω) across an output. Smaller values are probably a misread
@@ -22,7 +24,15 @@ PERIOD_COST = {"Monte Carlo": 8.6e-6, "the circuit": 2.6e-3}
 LONG = 60.0
 # Matches ngspice's flat names: letters and calls, as in "d.xload.d.xbridge.dupper". The name of a
 # model follows a colon, as in "xload:ideal".
-_FLAT = re.compile(r"(?<![\w.])(?:[a-z]\.)*(?:xcopy\d+[.:])?xload([.:])([^\s,;()]*[^\s,;:.()])")
+_FLAT = re.compile(
+    r"(?<![\w.])(?:[a-z]\.)*(?:xcopy\d+[.:])?xload[.:]([^\s,;()\"]*[^\s,;:.()\"])(\"?)"
+)
+# Matches the nodes at a load's pins and the current into it.
+_PIN = re.compile(r'"(?:load_(out|ref)|load_\w+|vload#branch)"')
+# Letters of elements, those first that Newton's iterations fail at most often.
+_LETTERS = "bmqjdswegfhvilcr"
+# At most so many elements at a node are named.
+NAMED = 2
 
 
 def reading_notes(load: LoadCircuit) -> tuple[str, ...]:
@@ -48,12 +58,34 @@ def reading_notes(load: LoadCircuit) -> tuple[str, ...]:
                 "in SPICE F behind a number is femto and M is milli; a farad has no letter, "
                 "a million is meg"
             )
+    notes += [
+        f"{source.name} ({source.where}) depends on its own output by way of the node {node}: a "
+        "comparator with such a hysteresis may turn too late or too early at default steps; "
+        "compare with --step finest, or use a switch (S, vt= and vh=)"
+        for source in load.elements
+        for node in _fed_back(load, source)[:1]
+    ]
     if load.own_motion.unknown:
         notes.append(
             "whether the load oscillates by itself is not known "
             f"({load.own_motion.unknown}): compare with shorter steps"
         )
     return tuple(notes)
+
+
+def _fed_back(load, source):
+    """Nodes that a voltage by expression depends on and drives through resistors or coils."""
+    if source.expression is None or not source.voltage:
+        return []
+    reached, size = {*source.nodes[:2]}, 0
+    outside = {*load.pins, GROUND} - {"out"}
+    wires = [{*element.nodes[:2]} for element in load.elements if element.letter in "rl"]
+    while len(reached) != size:
+        size = len(reached)
+        reached = reached.union(*(ends for ends in wires if ends & reached - outside))
+    named = (leaf[1:] for leaf in leaves(source.expression) if leaf[0] == "v")
+    driven = reached - {*source.nodes[:2]} - outside
+    return [node for pair in named for node in pair if node in driven]
 
 
 def following_notes(load: LoadCircuit, duration: float) -> tuple[str, ...]:
@@ -112,16 +144,22 @@ def with_places(message: str, load: LoadCircuit | None) -> str:
     """A message of ngspice's with the names of a load's elements as its files give them."""
     if load is None:
         return message
-    placed = _FLAT.sub(lambda match: _named(match.group(2), load), message)
+    placed = _PIN.sub(lambda pin: f'"xload.{pin.group(1) or "p"}"', message)
+    placed = _FLAT.sub(lambda match: _named(match.group(1), match.group(2), load), placed)
     if any(element.where in placed for element in load.elements):
         return placed
     return f"{placed} (the load is {load.file})"
 
 
-def _named(flat, load):
+def _named(flat, quote, load):
     """ "dupper (bridge.lib:24)", or the bare name of what is no element, as a node."""
     path = re.split("[.:]", flat.removesuffix("#branch"))
     # The element's letter is repeated between the calls.
     full = ".".join(part for k, part in enumerate(path) if len(part) > 1 or k == len(path) - 1)
     places = {element.name: element.where for element in load.elements}
-    return f"{path[-1]} ({places[full]})" if full in places else f"{path[-1]} of the load"
+    if full in places:
+        return f"{path[-1]}{quote} ({places[full]})"
+    near = [element for element in load.elements if full in element.nodes]
+    near.sort(key=lambda element: _LETTERS.find(element.letter))
+    names = " and ".join(f"{element.name} ({element.where})" for element in near[:NAMED])
+    return f"{path[-1]}{quote} of the load" + (f", at {names}" if names else "")

@@ -5,7 +5,7 @@ from __future__ import annotations
 import copy
 import importlib
 import re
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from typing import TYPE_CHECKING, Any
 
 from circuits.assembly import assemble, step_options
@@ -39,6 +39,8 @@ def run_realizations(
     tolerance: float | None = None,
     device: str = "automatic",
     outputs: Any = None,
+    aids: Mapping[str, float] | None = None,
+    ramp: float = 0.0,
 ) -> dict[str, str]:
     """Run realizations side by side in one netlist through ngspice.
 
@@ -66,6 +68,10 @@ def run_realizations(
         See `harvester.simulate`.
     outputs : sequence of harvester.record.output_side.OutputMoments or None
         For a load that has an output side, one for each realization.
+    aids : mapping of str to float
+        Options of ngspice that help Newton's iterations; those that are 0 are left out.
+    ramp : float
+        Time (s) in which the load's constant sources rise from 0.
 
     Returns
     -------
@@ -87,12 +93,15 @@ def run_realizations(
         engine.run(netlist, system, paths, observers, 0, outputs=outputs)
     else:
         options, by_error = step_options(ready, step, tolerance)
+        for name, value in (aids or {}).items():
+            options += f" {name}={value!r}" if value else ""
         compiled = _compiled(engine, ready, device)
         exact = scheme == "trapezoidal" and tolerance is None
         line = line_frequency(ready) if exact else 0.0
         netlist = assemble(
-            ready, step, starts, options=options, integrator=scheme, compiled=compiled, line=line
-        )
+            ready, step, starts, options=options, integrator=scheme, compiled=compiled, line=line,
+            ramp=ramp,
+        )  # fmt: skip
         steps = steps_per_knot(ready, step), steps_per_contact(ready, step)
         refinement = steps[0] / steps_per_knot(ready)
         engine.run(netlist, system, paths, observers, *steps, by_error, refinement, outputs)

@@ -30,7 +30,7 @@ from PySpice.Spice.NgSpice.Shared import NgSpiceCommandError, NgSpiceShared, ffi
 from circuits import elements, verilog
 from circuits.loads.course import AHEAD
 from circuits.loads.load_notes import suspicion, with_places
-from circuits.loads.part_values import SOURCE_CURE
+from circuits.loads.part_values import SOURCE_CURE, jumping_sources
 from circuits.ngspice import callbacks, compiled_device, messages
 from circuits.ngspice.chatter import Chattering
 from circuits.ngspice.library import code_models, find_library, no_initialisation_files
@@ -40,6 +40,7 @@ from harvester.device import timescales
 from harvester.errors import (
     CompiledDeviceUnavailable,
     LoadChatters,
+    NotConverged,
     SimulatorAborted,
     SolutionDiverged,
 )
@@ -375,6 +376,10 @@ class Session(NgSpiceShared):
                     f"{GETS_NOWHERE}; a force or a current that jumps, as dry friction does, has "
                     "this effect"
                 )
+                jumping = jumping_sources(self.circuit_load.elements) if self.circuit_load else ()
+                if jumping:
+                    names = ", ".join(f"{source.name} ({source.where})" for source in jumping[:3])
+                    trouble += f"; look at {names}"
                 give_up(SimulatorAborted(self._said(trouble)))
 
     def _move_window(self):
@@ -407,13 +412,16 @@ class Session(NgSpiceShared):
         try:
             self.exec_command(command)
         except (NgSpiceCommandError, NameError):
-            raise SimulatorAborted(self._abort_message()) from None
+            raise self._abortion() from None
 
-    def _abort_message(self):
+    def _abortion(self):
+        """The error of a run that ended early; another one where other options may help."""
         self._doing = f"stopped at t = {self._time_reached:g}"
         reason = messages.abortion(self.errors)
         advice = messages.advice(reason, self._netlist.drives_current)
-        return self._said(reason + (advice or suspicion(self.circuit_load)))
+        advice = advice or suspicion(self.circuit_load)
+        kind = SimulatorAborted if advice else NotConverged
+        return kind(self._said(reason + advice))
 
     def _said(self, trouble):
         """ngspice's messages on what went wrong, with the load's own names."""
@@ -427,7 +435,7 @@ class Session(NgSpiceShared):
             )
         if self._time_reached < stop * (1.0 - 1e-9):
             if messages.abortion(self.errors):
-                raise SimulatorAborted(self._abort_message())
+                raise self._abortion()
             raise SolutionDiverged(
                 f"ngspice ended at t = {self._time_reached:g} of {stop:g} without a message"
             )

@@ -62,6 +62,8 @@ SENSITIVE = (
 )
 # Fewest periods of a deterministic excitation whose means show how they differ.
 FEWEST_PERIODS = 2
+# Most notes on options of ngspice, which may differ from realization to realization.
+MOST_NOTES = 3
 
 
 @dataclass(frozen=True)
@@ -133,6 +135,7 @@ def run_estimates(
     reasons = shortfalls(ready, moments, estimates, balance, stores)
     sensitive = scene.excitation.transient(scene.run) and step_error >= NOTED_CHANGE
     notes = (
+        *[*dict.fromkeys(each.note for each in moments if each.note)][:MOST_NOTES],
         *source_notes(scene.load.circuit),
         *_loose_nodes(scene.load.circuit),
         *_without_value(scene.load.circuit, moments),
@@ -165,6 +168,8 @@ def _with_lengths(scene, moments, whole, memory):
     if duration <= scene.run.duration:  # too few jumps, say, and not too few periods
         return whole
     note = f"too short for an error bar: set run.duration = {duration:.2g} or more"
+    if scene.excitation.kind == "record" and not period:
+        note = f"too short for an error bar: a record of {duration:.2g} s or more has one"
     return {
         name: replace(estimate, note=note) if estimate.note == TOO_SHORT else estimate
         for name, estimate in whole.items()

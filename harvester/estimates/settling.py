@@ -43,6 +43,8 @@ if TYPE_CHECKING:
 FORGETTING_TIMES = 8.0
 # A drift is reported when it exceeds this share of the mean and so many of its standard errors.
 SMALLEST_DRIFT, DRIFT_IN_STANDARD_ERRORS = 2e-3, 4.5
+# Above this share of what a store holds, the bound of its missing charge is not printed.
+MOST_MISSING = 10.0
 # After three exchange times of the wells exp(−3) = 5 % of the starts are left. A note names shares
 # of time that the starts move by more than 0.005.
 SETTLED, NOTED_START = 3.0, 0.005
@@ -298,13 +300,19 @@ def _storage(scene, stores, estimates):
         return None
     worst = max(stores, key=lambda each: abs(each.missing) - DRIFT_IN_STANDARD_ERRORS * each.error)
     if abs(worst.missing) > bound + DRIFT_IN_STANDARD_ERRORS * worst.error:
+        away = f"it is up to {100.0 * abs(worst.missing):.2g} % of what it holds away from its "
+        longest = (
+            f" (to {run.settle + FORGETTING_TIMES * worst.time:.2g} s at most, less where a diode "
+            "charges it)"
+        )
+        if abs(worst.missing) > MOST_MISSING:
+            # While diodes block, the bound says nothing.
+            away, longest = "it has not come near its ", ""
         return Shortfall(
             f"the store {worst.name} ({worst.where}) still "
             f"{'charges' if worst.missing > 0.0 else 'discharges'}",
-            f"it is up to {100.0 * abs(worst.missing):.2g} % of what it holds away from its "
-            "steady state, which affects all means; raise run.settle (to "
-            f"{run.settle + FORGETTING_TIMES * worst.time:.2g} s at most, less where a diode "
-            "charges it), or start it nearer to that by ic=",
+            f"{away}steady state, which affects all means; raise run.settle{longest}, or start it "
+            "nearer to that by ic=",
         )
     if not scene.excitation.random:
         return None

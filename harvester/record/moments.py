@@ -73,6 +73,7 @@ class Moments:
     strain : of the layers, for a scene with a drawing; `StrainWatch` adds to it.
     step : longest step (s), where the run chose it; None: the engine's.
     step_error : relative change of the energies from a run with steps twice as long, if made.
+    note : the option of ngspice with which the run converged, where another one failed first.
     """
 
     start: float
@@ -92,6 +93,7 @@ class Moments:
     strain: StrainMoments | None = None
     step: float | None = None
     step_error: float = 0.0
+    note: str = ""
 
     @property
     def has_output(self) -> bool:

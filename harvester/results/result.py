@@ -405,7 +405,7 @@ class Result:
         if self.step_error is not None:
             sentences.append(f"the steps cost powers up to {100.0 * self.step_error:.1g} %")
         if self.energy_balance_residual is not None:
-            sentences.append(f"energy balance residual {self.energy_balance_residual:.2%}")
+            sentences.append(f"energy balance residual {self.energy_balance_residual:z.2%}")
         sentences.append(f"{self.wall_seconds:.2f} s")
         if self.netlist_sha256:
             sentences.append(f"netlist {self.netlist_sha256[:12]}")

@@ -115,6 +115,10 @@ class Circuit(Engine):
     tolerance : float or None
         Relative tolerance of ngspice's control by the local error, which shortens steps below
         `step`; None: fixed steps, or ngspice's own tolerance for "pwl".
+    gmin, cshunt : float
+        ngspice's options of these names (S, F), which change the circuit; 0: ngspice's defaults.
+    ramp : float
+        Time (s) in which the load's constant sources rise from 0.
     """
 
     scheme: str = "trapezoidal"
@@ -122,6 +126,9 @@ class Circuit(Engine):
     device: str = "automatic"
     copies: int | None = None
     tolerance: float | None = None
+    gmin: float = 0.0
+    cshunt: float = 0.0
+    ramp: float = 0.0
     schemes: ClassVar[tuple[str, ...]] = ("trapezoidal", "gear")
 
     def __post_init__(self) -> None:
@@ -164,7 +171,7 @@ class Circuit(Engine):
 
         return engine.run_realizations(
             ready, paths, starts, observers, self.step, self.source, self.scheme, self.tolerance,
-            self.device, outputs,
+            self.device, outputs, {"gmin": self.gmin, "cshunt": self.cshunt}, self.ramp,
         )  # fmt: skip
 
 

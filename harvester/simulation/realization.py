@@ -29,6 +29,7 @@ from harvester.record.record import Record
 from harvester.record.strain import StrainMoments, StrainWatch
 from harvester.record.strain import prepare as prepare_strain
 from harvester.record.stroboscope import Stroboscope, strobe_times
+from harvester.simulation.convergence import run_converged
 from harvester.simulation.methods import Engine
 
 if TYPE_CHECKING:
@@ -185,7 +186,7 @@ def run(
     """
     others = (indices, window, report, joint_density, stretch, stroboscope)
     if engine.chooses_steps or not scene.excitation.transient(scene.run):
-        return _run(scene, engine, *others)
+        return run_converged(scene, engine, lambda aided: _run(scene, aided, *others))
     return _refined(scene, engine, others)
 
 
@@ -206,7 +207,8 @@ def _refined(scene, engine, others):
     for steps in sorted({max(count // 2, 1), *(count * 2**k for k in range(halvings + 1))}):
         before, step = refined, spacing / steps
         try:
-            refined = _run(scene, replace(engine, step=step), *others)
+            finer = replace(engine, step=step)
+            refined = run_converged(scene, finer, lambda aided: _run(scene, aided, *others))
         except SimulationError:
             # Steps longer than those asked for may be too long.
             if steps >= count:

@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from circuits.loads.kinds import OUTPUT
+from circuits.loads.kinds import BATTERY, OUTPUT, SUPPLY
 from harvester.arguments import listed
 from harvester.device import timescales
 from harvester.errors import HarvesterError
@@ -288,15 +288,16 @@ class _Outputs:
     def __init__(self, windows: list[Waveform], rows: Sequence[tuple[str, str]]) -> None:
         self._windows = windows
         self._powers = [k for k, (kind, _) in enumerate(rows) if kind == OUTPUT]
+        self._sources = [k for k, (kind, _) in enumerate(rows) if kind in (SUPPLY, BATTERY)]
         self.conductance = self.capacitance = math.nan
 
     def add(
         self, time: np.ndarray, voltage: np.ndarray, values: np.ndarray, *others: object
     ) -> None:
-        """Points of the voltage, and of what the load's file measures as output power."""
-        power = values[self._powers].sum(axis=0)
+        """Points of the voltage, of the measured output power, and of what each source takes."""
+        used = values[self._powers].sum(axis=0)
         for window in self._windows:
-            window.add_output(voltage, power)
+            window.add_output(voltage, used, *values[self._sources])
 
 
 def one_direction(
@@ -449,12 +450,17 @@ def _means(record, base, stop, measured):
 
 
 def _output_means(times, outputs, stop, measured, conductance):
-    """Mean voltage and power of a load's output over the last whole periods."""
-    voltage, power_measured = outputs
+    """Mean voltage and power of a load's output over the last whole periods.
+
+    What sources of the load deliver is no harvested power.
+    """
+    voltage, used, *sources = outputs
     ends = (stop - measured, stop)
     mean = _integrals(times, voltage, ends) / measured
-    power = _integrals(times, conductance * voltage**2 + power_measured, ends) / measured
-    return float(mean[0]), float(power[0])
+    power = _integrals(times, conductance * voltage**2 + used, ends) / measured
+    means = (_integrals(times, source, ends)[0] / measured for source in sources)
+    supplied = -sum(min(taken, 0.0) for taken in means)
+    return float(mean[0]), float(max(power[0] - supplied, 0.0) if supplied else power[0])
 
 
 def _peak(times, values):

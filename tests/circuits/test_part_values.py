@@ -66,3 +66,20 @@ def test_what_lies_across_the_output_is_charged_in_r_c(tmp_path, values, seconds
     across = read(tmp_path, text, **values).across_output
     assert capacitance(across) / conductance(across) == pytest.approx(seconds, rel=1e-12)
     assert capacitance(read(tmp_path, text.replace("Crest b a", "Crest b 0")).across_output) == 0.0
+
+
+@pytest.mark.parametrize(
+    ("body", "noted"),
+    [
+        ("B1 g ref V=tanh(v(out,ref)-3+v(h,ref))\nR1 g h 10k\nC1 h ref 1n", True),
+        # A source that another one sets, and one that depends on the output alone.
+        ("B1 g ref V=tanh(v(out,ref)-3+v(h,ref))\nR1 g a 10k\nC1 h ref 1n\nR2 h ref 1k", False),
+        ("B1 g ref V=tanh(v(out,ref)-3)\nR1 g h 10k\nC1 h ref 1n", False),
+    ],
+)
+def test_a_comparator_that_feeds_itself_is_noted(tmp_path, body, noted):
+    """At default steps such a lockout delivered 12 % less by the circuit, 49 % by Monte Carlo."""
+    load = read(tmp_path, f".subckt load p n out ref\nR0 p out 1k\n{body}\nRl out ref 1k\n.ends\n")
+    notes = [each for each in load.reading_notes if "its own output" in each]
+    assert bool(notes) == noted
+    assert all("b1 (load.lib:3)" in each and "the node h" in each for each in notes)

@@ -106,7 +106,7 @@ def _draw(study, label, value, more):
     return draw_panels(
         panels,
         f"{study.scene.name}: {' and '.join(dict.fromkeys(study.methods))}, "
-        "bars: two standard errors (hollow: none)",
+        "bars: two standard errors (hollow: none or not ranked)",
     )
 
 
@@ -126,6 +126,8 @@ def _curves(study, other, places, value):
         if not means:
             continue
         errors = [mean.standard_error for _, mean in means]
+        fed = [bool(e.fed_by_store) for e in row if value(e)]
+        hollow = [error is None or drained for error, drained in zip(errors, fed, strict=True)]
         series.append(
             Series(
                 x=[places[index] if study.curve_keys[0] else k for index, _ in means],
@@ -134,7 +136,7 @@ def _curves(study, other, places, value):
                 colour=colour,
                 marker=marker,
                 bars=[0.0 if error is None else BARS * error for error in errors],
-                hollow=[error is None for error in errors],
+                hollow=hollow,
             )
         )
     return series

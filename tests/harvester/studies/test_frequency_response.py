@@ -193,6 +193,20 @@ def test_frequencies_have_a_short_form():
         harvester.frequency_response(sine("linear", 0.3), [0.0, 1.0])
 
 
+def test_output_power_excludes_what_a_source_supplies(tmp_path, pool):
+    """A follower draws nothing: all of its output is supplied."""
+    file = tmp_path / "follower.lib"
+    file.write_text(
+        ".subckt follower p n out ref\nRp p n 60k\nE1 out ref p n 1\nRl out ref 60k\n"
+        "Rw ref n 1k\n.ends\n"
+    )
+    scene = Scene.load("cantilever", [f'load.netlist="{file}"'])
+    found = harvester.frequency_response(scene, [47.0], amplitude=9.80665, executor=pool)
+    (sweep,) = found.sweeps
+    assert found.values("mean_power", sweep) > 0.0
+    assert found.values("mean_output_power", sweep) == 0.0
+
+
 @pytest.mark.slow
 def test_tip_voltage_and_output_behind_a_netlist_per_g(tmp_path, pool):
     """A linear piezo on a divider, by its transfer functions; 2 g, shown for 1 g."""
