@@ -85,6 +85,9 @@ class Moments:
         Longest step (s), where the run chose it; None: the engine's.
     step_error : float
         Relative change of the energies from a run with steps twice as long, where one was made.
+    spread : float
+        Relative standard error of the energies among runs whose excitation differs by what the
+        steps may cost, of one nonlinear device under one record; 0 where none were made.
     """
 
     start: float
@@ -104,6 +107,7 @@ class Moments:
     strain: StrainMoments | None = None
     step: float | None = None
     step_error: float = 0.0
+    spread: float = 0.0
 
     @property
     def has_output(self) -> bool:

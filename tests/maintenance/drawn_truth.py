@@ -17,6 +17,8 @@ from scipy.integrate import quad
 STEPS, STEPS_IN_CONTACT = 300, 1500
 # Fewest steps in the time in which the transducer's own state decays.
 STEPS_PER_DECAY = 5
+# Share of a power that these steps may cost, of a well stiffer than the device's own frequency.
+STEP_ERROR = 1e-6
 # Samples of noise over the shortest period. The density is raised by 1/sinc⁴, which straight lines
 # between the samples take.
 SAMPLES = 48
@@ -295,7 +297,8 @@ def periodic(device, sines, start, own, settle, averaged=AVERAGED):
         device, start, np.array(sines), path, spacing, _substeps(device, fastest, spacing),
         knots * settle, 4, NO_WELLS,
     )  # fmt: skip
-    return (float(power.mean()), float(power.std(ddof=1) / 2.0)), end
+    mean, error = float(power.mean()), float(power.std(ddof=1) / 2.0)
+    return (mean, math.hypot(error, STEP_ERROR * mean)), end
 
 
 def on_record(device, motion, start, own, settle, duration):
