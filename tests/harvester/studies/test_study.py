@@ -138,6 +138,17 @@ def test_steps_that_cost_more_than_the_precision_are_told(linear, pool, monkeypa
     assert "the steps may cost 0.3 of a power" in point.outcome
 
 
+def test_a_power_without_an_error_bar_says_why(linear, pool):
+    short = linear.replace({"run.duration": 5.0, "run.realizations": 2})
+    (point,) = load_study(
+        short, loads=["resistor"], method="monte-carlo", executor=pool
+    ).evaluations
+    power = point.estimates["output_power"]
+    assert power.standard_error is None
+    assert power.note.startswith("too short for an error bar")
+    assert f"output power: {power.note}" in point.outcome
+
+
 def test_a_difference_is_named_and_red(study, capsys):
     proofs = [Proof(4, True, 0.05, 0.01), Proof(2, False, 0.005, 1e-4), Proof(1, False, 0.05, 0.02)]
     proofs.append(Proof(0, False, 0.05, 0.1, early_difference=-0.02, early_standard_error=0.002))
