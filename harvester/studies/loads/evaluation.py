@@ -174,8 +174,9 @@ def _evaluate(scene, method, good, ended, cost=0.0):
     name = "mean_output_power" if moments[0].has_output else "mean_power"
     why = "" if error is not None else found.whole[name].note or TOO_SHORT
     power = with_steps(scene, Estimate(mean, error, None, "power", why), found.path_error)
-    notes = (*on_orbits, *found.notes, *residual_notes(found.residual))
-    outcome = "; ".join([COMPLETE, *notes, *(f"output power: {why}",) * bool(why)])
+    reason = (f"output power: {why}",) if why and not found.shortfalls else ()
+    notes = (*on_orbits, *found.notes, *residual_notes(found.residual), *reason)
+    outcome = "; ".join([COMPLETE, *notes])
     if isinstance(ended, HarvesterError):
         outcome = f"ended after {len(moments)} realizations: {told(ended)}"
     estimates = in_units(found.whole, scales)
