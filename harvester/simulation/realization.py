@@ -211,8 +211,8 @@ def run(
     """
     beside = _beside(scene, engine)
     together = isinstance(engine, MonteCarlo) and scene.load.is_resistor
-    others = (indices, window, report, joint_density, stretch, stroboscope)
-    others += (beside if together else (),)
+    idle = beside if together else ()
+    others = (indices, window, report, joint_density, stretch, stroboscope, idle)
     if engine.chooses_steps or not scene.excitation.transient(scene.run):
         found = _run(scene, engine, *others)
     else:
@@ -278,7 +278,7 @@ def _spread(ensemble):
     Student's quantile for 95 %; the first and what is true are both drawn from the ensemble.
     """
     rows = slice(1, QUANTITIES.index("loss_power") + 1)
-    sums = [each.integrals[:, rows].sum(axis=0) for each in ensemble]
+    sums = np.array([each.integrals[:, rows].sum(axis=0) for each in ensemble])
     if ensemble[0].has_output:
         squares = [each.output.integrals[:, 2].sum() for each in ensemble]
         sums = np.column_stack([sums, squares])

@@ -180,8 +180,8 @@ def _specified(excitation, seconds, spacing):
 
     Without edges of its own it reaches from the reciprocal of the time to the samples' limit.
     """
-    band = getattr(excitation, "band", None) or (1.0 / seconds, 0.5 / spacing)
-    frequencies = np.unique([*np.geomspace(*band, PLACES), *excitation.corners])
+    low, high = getattr(excitation, "band", None) or (1.0 / seconds, 0.5 / spacing)
+    frequencies = np.unique([*np.geomspace(low, high, PLACES), *excitation.corners])
     density = None if excitation.lines else excitation.density(frequencies)
     return None if density is None else (frequencies, density, 0.0)
 

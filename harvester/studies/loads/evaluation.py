@@ -163,17 +163,18 @@ def _evaluate(scene, method, good, ended, cost=0.0):
     if "quantities" in good[0]:
         estimates = in_units(good[0]["quantities"], scales)
         mean = estimates["mean_power"]
-        error = _or_nan(mean.standard_error)
-        return Evaluation(method, COMPLETE, {**estimates, POWER: mean}, power_error=error)
+        power_error = _or_nan(mean.standard_error)
+        return Evaluation(method, COMPLETE, {**estimates, POWER: mean}, power_error=power_error)
     scene, moments, orbits, on_orbits = followed(scene, good, cost)
     found = run_estimates(prepared(scene), moments, cost)
     if not abs(found.residual) <= LARGEST_RESIDUAL:
         return Evaluation(method, told(not_balanced(found.residual)))
     series = power_series(found.moments, scales.power)
-    mean, error = float(series.mean()), found.error(series)
+    error = found.error(series)
     name = "mean_output_power" if moments[0].has_output else "mean_power"
     why = "" if error is not None else found.whole[name].note or TOO_SHORT
-    power = with_steps(scene, Estimate(mean, error, None, "power", why), found.path_error)
+    power = Estimate(float(series.mean()), error, None, "power", why)
+    power = with_steps(scene, power, found.path_error)
     reason = (f"output power: {why}",) if why and not found.shortfalls else ()
     notes = (*on_orbits, *found.notes, *residual_notes(found.residual), *reason)
     outcome = "; ".join([COMPLETE, *notes])
