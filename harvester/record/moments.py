@@ -87,6 +87,9 @@ class Moments:
         Relative change of the energies from a run with steps twice as long, where one was made.
     note : str
         The option of ngspice with which the run converged, where another one failed first.
+    spread : float
+        Relative standard error of the energies among runs whose excitation differs by what the
+        steps may cost, of one nonlinear device under one record; 0 where none were made.
     """
 
     start: float
@@ -107,6 +110,7 @@ class Moments:
     step: float | None = None
     step_error: float = 0.0
     note: str = ""
+    spread: float = 0.0
 
     @property
     def has_output(self) -> bool:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import math
 import time
 from collections.abc import Callable, Sequence
@@ -10,14 +11,15 @@ from itertools import zip_longest
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
+from scipy.special import stdtrit
 
 from harvester.device import timescales
-from harvester.errors import SimulationError
+from harvester.errors import LoadError, SimulationError
 from harvester.estimates.batch_means import KNOTS_PER_SAMPLE, batch_counts
 from harvester.excitation.sum import common_period
 from harvester.prepared.paths import noise_path, start_state
 from harvester.prepared.prepared import Prepared, prepared
-from harvester.prepared.steps import knot_spacing, steps_per_knot, stop_time
+from harvester.prepared.steps import knot_spacing, step_error, steps_per_knot, stop_time
 from harvester.record.joint import JointHistogram
 from harvester.record.joint import prepare as prepare_joint
 from harvester.record.jumps import Jumps
@@ -30,7 +32,7 @@ from harvester.record.strain import StrainMoments, strain_watches
 from harvester.record.strain import prepare as prepare_strain
 from harvester.record.stroboscope import Stroboscope, strobe_times
 from harvester.simulation.convergence import run_converged
-from harvester.simulation.methods import Engine
+from harvester.simulation.methods import Engine, MonteCarlo
 
 if TYPE_CHECKING:
     from circuits.loads.measurement import Probe
@@ -40,6 +42,12 @@ REPORT_SECONDS = 0.25
 # A transient is resolved if its energies, in so many parts of the run, change by less than this
 # share when its steps are halved.
 PARTS, RESOLVED = 16, 0.01
+# The path of a nonlinear device under one record may be chaotic. Runs beside it, whose excitation
+# differs by these shares of what the steps may cost, show it: in lanes of the processor that one
+# realization with a resistor leaves idle. Of a netlist there are the first few, each of which costs
+# a run, and only up to so many periods: the parts of a longer run scatter by themselves.
+BESIDE = (1.0, -1.0, 0.5, -0.7, 0.7, -0.4, 0.2)
+BESIDE_NETLIST, MOST_PERIODS = 3, 1000.0
 
 
 @dataclass
@@ -202,10 +210,82 @@ def run(
     -------
     list of Realization
     """
-    others = (indices, window, report, joint_density, stretch, stroboscope)
+    beside = _beside(scene, engine)
+    together = isinstance(engine, MonteCarlo) and scene.load.is_resistor
+    idle = beside if together else ()
+    others = (indices, window, report, joint_density, stretch, stroboscope, idle)
     if engine.chooses_steps or not scene.excitation.transient(scene.run):
-        return run_converged(scene, engine, lambda aided: _run(scene, aided, *others))
-    return _refined(scene, engine, others)
+        found = run_converged(scene, engine, lambda aided: _run(scene, aided, *others))
+    else:
+        found = _refined(scene, engine, others)
+    if beside and not together:
+        _compare(scene, engine, indices, found, beside)
+    return found
+
+
+def _beside(scene, engine):
+    """Relative changes of the excitation, for runs that show whether a path is chaotic."""
+    excitation, system = scene.excitation, prepared(scene).system
+    one_path = excitation.drifts and not excitation.random and scene.run.starts is None
+    linear = system.spring.straight and not system.contacts
+    if not one_path or linear or excitation.prescribes_displacement:
+        return ()
+    cost, count = step_error(prepared(scene), engine.step, engine.name), len(BESIDE)
+    if not scene.load.is_resistor:
+        periods = stop_time(prepared(scene)) * timescales.angular_frequency(system) / math.tau
+        count = BESIDE_NETLIST if periods < MOST_PERIODS else 0
+    return tuple(cost * share for share in BESIDE[:count])
+
+
+def _ensemble(ready, indices, beside):
+    """Paths, starts and empty moments of the runs beside each realization."""
+    pairs = [(index, share) for index in indices for share in beside]
+    paths = [noise_path(ready, index, 1.0 + share) for index, share in pairs]
+    starts = [start_state(ready, index) for index, _ in pairs]
+    return paths, starts, [empty_moments(ready) for _ in pairs]
+
+
+def _compare(scene, engine, indices, found, beside):
+    """Set the spread of realizations, by Monte Carlo where it takes the scene."""
+    ready, load = prepared(scene), scene.load.circuit
+    other: Engine = MonteCarlo()
+    try:
+        other.check(scene)
+    except LoadError:
+        other = engine
+    paths, starts, moments = _ensemble(ready, indices, beside)
+    outputs = None
+    if load and load.has_output:
+        outputs = [OutputMoments.beside(each, load.recorded) for each in moments]
+        for each, its_output in zip(moments, outputs, strict=True):
+            each.output = its_output
+    other.prepare(ready)
+    # A run that fails tells nothing of the others' spread.
+    with contextlib.suppress(SimulationError):
+        other.run_realizations(ready, paths, starts, [[each] for each in moments], outputs)
+        _set_spread([each.moments for each in found], moments)
+
+
+def _set_spread(moments, ensemble):
+    """Set each one's spread among the runs beside it."""
+    size = len(ensemble) // len(moments)
+    for k, each in enumerate(moments):
+        each.spread = _spread([each, *ensemble[k * size : (k + 1) * size]])
+
+
+def _spread(ensemble):
+    """Relative standard error of the first one's mean energies among all of an ensemble.
+
+    Student's quantile for 95 %; the first and what is true are both drawn from the ensemble.
+    """
+    rows = slice(1, QUANTITIES.index("loss_power") + 1)
+    sums = np.array([each.integrals[:, rows].sum(axis=0) for each in ensemble])
+    if ensemble[0].has_output:
+        squares = [each.output.integrals[:, 2].sum() for each in ensemble]
+        sums = np.column_stack([sums, squares])
+    own, deviation = np.abs(sums[0]), np.std(sums, axis=0, ddof=1)
+    quantile = math.sqrt(2.0) * float(stdtrit(len(ensemble) - 1, 0.975)) / 1.96
+    return quantile * float(np.max(deviation[own > 0.0] / own[own > 0.0], initial=0.0))
 
 
 def _refined(scene, engine, others):
@@ -247,8 +327,8 @@ def _change(moments, earlier):
     return float(np.max(changes[total > 0.0] / total[total > 0.0], initial=0.0))
 
 
-def _run(scene, engine, indices, window, report, joint_density, stretch, stroboscope):
-    """Simulate realizations once; see `run`."""
+def _run(scene, engine, indices, window, report, joint_density, stretch, stroboscope, beside=()):
+    """Simulate realizations once; see `run`. With `beside` their spread is set, too."""
     ready = prepared(scene)
     paths = [noise_path(ready, index) for index in indices]
     moments = [empty_moments(ready) for _ in indices]
@@ -285,7 +365,13 @@ def _run(scene, engine, indices, window, report, joint_density, stretch, strobos
     clock, processor = time.perf_counter(), time.process_time()
     starts = [start_state(ready, index) for index in indices]
     observers = with_range_watch(ready, observers)
-    outcome = engine.run_realizations(_probed(ready, probes), paths, starts, observers, outputs)
+    more_paths, more_starts, ensemble = _ensemble(ready, indices, beside)
+    observers += [[each] for each in ensemble]
+    outcome = engine.run_realizations(
+        _probed(ready, probes), paths + more_paths, starts + more_starts, observers, outputs
+    )
+    if ensemble:
+        _set_spread(moments, ensemble)
     for each, seen in zip(moments, outputs or (), strict=False):
         if each.output:
             each.output.conductance, each.output.capacitance = seen.conductance, seen.capacitance

@@ -13,7 +13,6 @@ import numpy as np
 from harvester.arguments import usual_arithmetic
 from harvester.calling import scene_of
 from harvester.errors import HarvesterError
-from harvester.excitation.spectrum import Spectrum
 from harvester.files import plain_text
 from harvester.files.serialising import plain
 from harvester.signatures import File, Seconds
@@ -121,7 +120,7 @@ def _of_scene(scene, duration, resolution, breakpoints):
             yield ready.excitation_unit * path.read(min(size, count - first))
 
     name = scene.name
-    profiled = _specified(scene.excitation)
+    profiled = _specified(scene.excitation, seconds, spacing)
     return _analysed(
         name, blocks, count, spacing, resolution, breakpoints, scene, scene.units, True, profiled
     )
@@ -176,12 +175,15 @@ def _welch(blocks, count, interval, size, knots):
     return frequencies[1:], density[1:], moments, segments
 
 
-def _specified(excitation):
-    """Frequencies, density and bandwidth of a scene's own spectrum; None for another excitation."""
-    if not isinstance(excitation, Spectrum):
-        return None
-    frequencies = np.unique([*np.geomspace(*excitation.band, PLACES), *excitation.corners])
-    return frequencies, excitation.density(frequencies), 0.0
+def _specified(excitation, seconds, spacing):
+    """Frequencies, density and bandwidth of noise whose density is known; None of another.
+
+    Without edges of its own it reaches from the reciprocal of the time to the samples' limit.
+    """
+    low, high = getattr(excitation, "band", None) or (1.0 / seconds, 0.5 / spacing)
+    frequencies = np.unique([*np.geomspace(low, high, PLACES), *excitation.corners])
+    density = None if excitation.lines else excitation.density(frequencies)
+    return None if density is None else (frequencies, density, 0.0)
 
 
 def _segment(count, interval, resolution, name):
