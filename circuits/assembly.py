@@ -10,12 +10,12 @@ from typing import TYPE_CHECKING, Any
 from circuits import elements, verilog
 from circuits.loads import part_values
 from circuits.loads.course import Course
+from circuits.loads.elements import ramped
 from circuits.loads.expression import ExpressionError, check
 from circuits.loads.load_notes import check_turn
 from circuits.loads.load_watch import NOTHING as UNWATCHED
 from circuits.loads.load_watch import Watch, may_jump, watch_of
 from circuits.loads.measurement import NOTHING, Measurement, measurement_of
-from circuits.loads.waveform import ramped
 from circuits.loads.writer import run_text
 from harvester.device import timescales
 from harvester.device.system import speed_held

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from typing import NamedTuple
 
 from circuits.loads.expression import Tree
@@ -77,3 +78,13 @@ class Element(NamedTuple):
         if self.value is None or not self.many:
             return None
         return self.value * self.many if self.letter == "c" else self.value / self.many
+
+
+def ramped(elements: Iterable[Element], time: float) -> list[Element]:
+    """Elements whose constant sources rise from 0 within this time (s)."""
+    return [
+        element._replace(wave=Waveform("pwl", (0.0, 0.0, time, element.value)))
+        if element.letter in "vi" and element.value and element.wave is None
+        else element
+        for element in elements
+    ]

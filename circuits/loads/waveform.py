@@ -4,13 +4,13 @@ refused."""
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from typing import TYPE_CHECKING, NamedTuple
 
 from circuits.loads.expression import ExpressionError
 
 if TYPE_CHECKING:
-    from circuits.loads.elements import Element
+    pass
 
 # Waveforms, and how many numbers each takes here.
 KINDS = {"pulse": (7,), "sin": range(3, 7), "exp": (6,), "sffm": (5,), "pwl": range(2, 10_000)}
@@ -83,16 +83,6 @@ def waveform(kind: str, given: Sequence[float], delay: float = 0.0) -> Waveform:
             f"below 0, of 0 or out of order differs from release to release: write {_FORMS[kind]}"
         )
     return Waveform(kind, tuple(numbers))
-
-
-def ramped(elements: Iterable[Element], time: float) -> list[Element]:
-    """Elements whose constant sources rise from 0 within this time (s)."""
-    return [
-        each._replace(wave=Waveform("pwl", (0.0, 0.0, time, each.value)))
-        if each.letter in "vi" and each.value and each.wave is None
-        else each
-        for each in elements
-    ]
 
 
 def _pulse(n, _):

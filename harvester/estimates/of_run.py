@@ -60,6 +60,11 @@ SENSITIVE = (
     "the motion is sensitive to the steps: the phase at which an event meets it rests on all steps "
     "before; choose --step finest or a shorter one, best with --method monte-carlo"
 )
+CHAOTIC = (
+    "the path is chaotic: runs whose excitation differs by what the steps may cost end with powers "
+    "that scatter by {:.0%}, so that no step resolves it and one path is one of many; error bars "
+    "hold that scatter; set run.starts = 100, which averages over starts, or take a longer record"
+)
 # Fewest periods of a deterministic excitation whose means show how they differ.
 FEWEST_PERIODS = 2
 # Most notes on options of ngspice, which may differ from realization to realization.
@@ -75,6 +80,7 @@ class RunEstimates:
     whole : all estimates, each with its error bar.
     shortfalls : the relaxations for which the run was too short.
     step_error : share of a power that the steps may cost.
+    path_error : share by which the steps may change the means of one deterministic path.
     residual : of the energy balance, as a share of the energy put in.
     notes : on sources in the load, efficiencies above 1 and the shortfalls.
     moments : weighted by `harvester.estimates.well_balance` where wells differ.
@@ -85,6 +91,7 @@ class RunEstimates:
     whole: dict[str, Estimate]
     shortfalls: list[Shortfall]
     step_error: float
+    path_error: float
     residual: float
     notes: tuple[str, ...]
     moments: list[Moments] = field(repr=False)
@@ -118,6 +125,8 @@ def run_estimates(
             "raise it to some periods of the motion"
         )
     step_error = max(step_error, *(realization.step_error for realization in moments))
+    spread = max(realization.spread for realization in moments)
+    path_error = math.hypot(step_error, spread)
     balance = well_balance(scene, system, moments)
     balanced = weighted(moments, balance)
     memory = correlation_time(ready, moments)
@@ -130,7 +139,7 @@ def run_estimates(
     estimates = estimate_all(balanced, system, error) | estimate_output(balanced, error_of_output)
     estimates |= estimate_strain(balanced, scene.excitation, error)
     estimates = {
-        name: with_steps(scene, estimate, step_error) for name, estimate in estimates.items()
+        name: with_steps(scene, estimate, path_error) for name, estimate in estimates.items()
     }
     reasons = shortfalls(ready, moments, estimates, balance, stores)
     sensitive = scene.excitation.transient(scene.run) and step_error >= NOTED_CHANGE
@@ -148,10 +157,13 @@ def run_estimates(
         *(reason.note for reason in reasons),
         *slow_exchange(scene, balance),
         *(SENSITIVE,) * sensitive,
+        *(CHAOTIC.format(spread),) * (spread >= NOTED_CHANGE),
     )
     residual = energy_balance_residual(moments, system)
     estimates = _with_lengths(scene, balanced, estimates, memory)
-    return RunEstimates(estimates, reasons, step_error, residual, notes, balanced, error, balance)
+    return RunEstimates(
+        estimates, reasons, step_error, path_error, residual, notes, balanced, error, balance
+    )
 
 
 def _with_lengths(scene, moments, whole, memory):
@@ -243,16 +255,22 @@ def error_of(scene: Scene, memory: float = 0.0) -> Callable:
     return error
 
 
-def with_steps(scene: Scene, estimate: Estimate, step_error: float) -> Estimate:
-    """For a periodic excitation or a transient, add the step error and drop the sample size."""
-    excitation = scene.excitation
-    lasting = excitation.period is None and not excitation.transient(scene.run)
-    if lasting or excitation.random:
+def with_steps(scene: Scene, estimate: Estimate, path_error: float) -> Estimate:
+    """The estimate of a deterministic path with the error of its steps.
+
+    Under a periodic excitation or a transient it has no sample size.
+    """
+    excitation, error = scene.excitation, estimate.standard_error
+    deterministic = excitation.period is not None or excitation.drifts
+    if excitation.random or not deterministic or error is None:
         return estimate
-    error = estimate.standard_error
-    if error is not None:
-        error = math.hypot(error, step_error * abs(estimate.estimate))
-    return replace(estimate, standard_error=error, effective_sample_size=None)
+    whole = math.hypot(error, path_error * abs(estimate.estimate))
+    size = estimate.effective_sample_size
+    if excitation.period is not None or excitation.transient(scene.run):
+        size = None
+    elif size is not None:
+        size *= (error / whole) ** 2
+    return replace(estimate, standard_error=whole, effective_sample_size=size)
 
 
 def _loose_nodes(load):

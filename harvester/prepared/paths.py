@@ -48,7 +48,7 @@ def distinct_realizations(ready: Prepared, wanted: int | None = None) -> int:
     return min(count, 1 if alike else len(timescales.wells(ready.system)))
 
 
-def noise_path(ready: Prepared, index: int) -> ExcitationPath:
+def noise_path(ready: Prepared, index: int, factor: float = 1.0) -> ExcitationPath:
     """The excitation of one realization, at its beginning; the same for every engine."""
     seed = realization_seed(ready.scene.run.seed, index)
-    return ready.scene.excitation.path(knot_spacing(ready), ready.excitation_unit, seed)
+    return ready.scene.excitation.path(knot_spacing(ready), ready.excitation_unit / factor, seed)

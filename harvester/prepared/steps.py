@@ -160,11 +160,18 @@ def step_error(ready: Prepared, step: str | float = "default", engine: str = "ci
     constant, order, left = _frequency_error(ready, engine)
     length = knot_spacing(ready) / steps_per_knot(ready, step, engine)
     error = constant * (omega * length) ** order
+    if order == 4 and not system.spring.straight:
+        # Overtones meet the resonance of a well that is stiffer than the line is fast.
+        error *= max(timescales.angular_frequency(system) / omega, 1.0) ** order
     # Without damping the resonance has no width, and the whole power may be missed.
     flank = left * error / max(lines.half_width(ready), error) if left > 0.0 else 0.0
     load = scene.load.circuit
     switched = engine == "circuit" and load is not None and load.switches
     period_error = (SWITCHED_LOAD_ERRORS if switched else LOAD_ERRORS) * error
+    if order == 4 and scene.excitation.lines and not scene.excitation.prescribes_displacement:
+        # The base's charge follows the samples of a sine, raised by (ω h)²/12.
+        charge = abs(system.transducer.base_rate(1.0) / lines.receptance(system, omega))
+        period_error += charge * (omega * length) ** 2 / 6.0
     if system.contacts:
         period_error += CONTACT_ERROR / steps_per_contact(ready, step, engine) ** 2
     misplaced, _ = _noise_error(ready, engine, length)

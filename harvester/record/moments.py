@@ -74,6 +74,8 @@ class Moments:
     step : longest step (s), where the run chose it; None: the engine's.
     step_error : relative change of the energies from a run with steps twice as long, if made.
     note : the option of ngspice with which the run converged, where another one failed first.
+    spread : relative standard error of the energies among runs whose excitation differs by what the
+        steps may cost, of one nonlinear device under one record; 0 where none were made.
     """
 
     start: float
@@ -94,6 +96,7 @@ class Moments:
     step: float | None = None
     step_error: float = 0.0
     note: str = ""
+    spread: float = 0.0
 
     @property
     def has_output(self) -> bool:

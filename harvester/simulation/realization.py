@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import math
 import time
 from collections.abc import Callable, Sequence
@@ -10,14 +11,15 @@ from itertools import zip_longest
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
+from scipy.special import stdtrit
 
 from harvester.device import timescales
-from harvester.errors import SimulationError
+from harvester.errors import LoadError, SimulationError
 from harvester.estimates.batch_means import KNOTS_PER_SAMPLE, batch_counts
 from harvester.excitation.sum import common_period
 from harvester.prepared.paths import noise_path, start_state
 from harvester.prepared.prepared import Prepared, prepared
-from harvester.prepared.steps import knot_spacing, steps_per_knot, stop_time
+from harvester.prepared.steps import knot_spacing, step_error, steps_per_knot, stop_time
 from harvester.record.joint import JointHistogram
 from harvester.record.joint import prepare as prepare_joint
 from harvester.record.jumps import Jumps
@@ -30,7 +32,7 @@ from harvester.record.strain import StrainMoments, StrainWatch
 from harvester.record.strain import prepare as prepare_strain
 from harvester.record.stroboscope import Stroboscope, strobe_times
 from harvester.simulation.convergence import run_converged
-from harvester.simulation.methods import Engine
+from harvester.simulation.methods import Engine, MonteCarlo
 
 if TYPE_CHECKING:
     from circuits.loads.measurement import Probe
@@ -40,6 +42,12 @@ REPORT_SECONDS = 0.25
 # A transient is resolved if its energies, in so many parts of the run, change by less than this
 # share when its steps are halved.
 PARTS, RESOLVED = 16, 0.01
+# The path of a nonlinear device under one record may be chaotic. Runs beside it, whose excitation
+# differs by these shares of what the steps may cost, show it: in lanes of the processor that one
+# realization with a resistor leaves idle. Of a netlist there are the first few, each of which costs
+# a run, and only up to so many periods: the parts of a longer run scatter by themselves.
+BESIDE = (1.0, -1.0, 0.5, -0.7, 0.7, -0.4, 0.2)
+BESIDE_NETLIST, MOST_PERIODS = 3, 1000.0
 
 
 @dataclass
@@ -184,10 +192,85 @@ def run(
     joint_density, stroboscope : bool
         See `harvester.simulate`.
     """
-    others = (indices, window, report, joint_density, stretch, stroboscope)
+    beside = _beside(scene, engine)
+    together = isinstance(engine, MonteCarlo) and scene.load.is_resistor
+    idle = beside if together else ()
+    others = (indices, window, report, joint_density, stretch, stroboscope, idle)
     if engine.chooses_steps or not scene.excitation.transient(scene.run):
-        return run_converged(scene, engine, lambda aided: _run(scene, aided, *others))
-    return _refined(scene, engine, others)
+        realizations = run_converged(scene, engine, lambda aided: _run(scene, aided, *others))
+    else:
+        realizations = _refined(scene, engine, others)
+    if beside and not together:
+        _compare(scene, engine, indices, realizations, beside)
+    return realizations
+
+
+def _beside(scene, engine):
+    """Relative changes of the excitation, for runs that show whether a path is chaotic."""
+    excitation, system = scene.excitation, prepared(scene).system
+    one_path = excitation.drifts and not excitation.random and scene.run.starts is None
+    linear = system.spring.straight and not system.contacts
+    if not one_path or linear or excitation.prescribes_displacement:
+        return ()
+    cost, count = step_error(prepared(scene), engine.step, engine.name), len(BESIDE)
+    if not scene.load.is_resistor:
+        periods = stop_time(prepared(scene)) * timescales.angular_frequency(system) / math.tau
+        count = BESIDE_NETLIST if periods < MOST_PERIODS else 0
+    return tuple(cost * share for share in BESIDE[:count])
+
+
+def _ensemble(ready, indices, beside):
+    """Paths, starts and empty moments of the runs beside each realization."""
+    pairs = [(index, share) for index in indices for share in beside]
+    paths = [noise_path(ready, index, 1.0 + share) for index, share in pairs]
+    starts = [start_state(ready, index) for index, _ in pairs]
+    return paths, starts, [empty_moments(ready) for _ in pairs]
+
+
+def _compare(scene, engine, indices, realizations, beside):
+    """Set the spread of realizations, by Monte Carlo where it takes the scene."""
+    prepared_scene, load = prepared(scene), scene.load.circuit
+    other: Engine = MonteCarlo()
+    try:
+        other.check(scene)
+    except LoadError:
+        other = engine
+    paths, starts, moments = _ensemble(prepared_scene, indices, beside)
+    outputs = None
+    if load and load.has_output:
+        outputs = [OutputMoments.beside(neighbour, load.recorded) for neighbour in moments]
+        for neighbour, output in zip(moments, outputs, strict=True):
+            neighbour.output = output
+    other.prepare(prepared_scene)
+    # A run that fails tells nothing of the others' spread.
+    with contextlib.suppress(SimulationError):
+        observers = [[neighbour] for neighbour in moments]
+        other.run_realizations(prepared_scene, paths, starts, observers, outputs)
+        _set_spread([realization.moments for realization in realizations], moments)
+
+
+def _set_spread(moments, ensemble):
+    """Set each one's spread among the runs beside it."""
+    size = len(ensemble) // len(moments)
+    for k, realization in enumerate(moments):
+        realization.spread = _spread([realization, *ensemble[k * size : (k + 1) * size]])
+
+
+def _spread(ensemble):
+    """Relative standard error of the first one's mean energies among all of an ensemble.
+
+    Student's quantile for 95 %; the first and what is true are both drawn from the ensemble.
+    """
+    rows = slice(1, QUANTITIES.index("loss_power") + 1)
+    sums = np.array([neighbour.integrals[:, rows].sum(axis=0) for neighbour in ensemble])
+    if ensemble[0].has_output:
+        squares = [neighbour.output.integrals[:, 2].sum() for neighbour in ensemble]
+        sums = np.column_stack([sums, squares])
+    energies, deviation = np.abs(sums[0]), np.std(sums, axis=0, ddof=1)
+    quantile = math.sqrt(2.0) * float(stdtrit(len(ensemble) - 1, 0.975)) / 1.96
+    return quantile * float(
+        np.max(deviation[energies > 0.0] / energies[energies > 0.0], initial=0.0)
+    )
 
 
 def _refined(scene, engine, others):
@@ -232,8 +315,8 @@ def _change(moments, earlier):
     return float(np.max(changes[total > 0.0] / total[total > 0.0], initial=0.0))
 
 
-def _run(scene, engine, indices, window, report, joint_density, stretch, stroboscope):
-    """Simulate realizations once; see `run`."""
+def _run(scene, engine, indices, window, report, joint_density, stretch, stroboscope, beside=()):
+    """Simulate realizations once; see `run`. With `beside` their spread is set, too."""
     prepared_scene = prepared(scene)
     paths = [noise_path(prepared_scene, index) for index in indices]
     moments = [empty_moments(prepared_scene) for _ in indices]
@@ -273,15 +356,21 @@ def _run(scene, engine, indices, window, report, joint_density, stretch, strobos
     clock, processor = time.perf_counter(), time.process_time()
     starts = [start_state(prepared_scene, index) for index in indices]
     observers = with_range_watch(prepared_scene, observers)
+    more_paths, more_starts, ensemble = _ensemble(prepared_scene, indices, beside)
+    observers += [[neighbour] for neighbour in ensemble]
     outcome = engine.run_realizations(
-        _probed(prepared_scene, probes), paths, starts, observers, outputs
+        _probed(prepared_scene, probes),
+        paths + more_paths,
+        starts + more_starts,
+        observers,
+        outputs,
     )
+    if ensemble:
+        _set_spread(moments, ensemble)
     for realization, seen in zip(moments, outputs or (), strict=False):
         if realization.output:
-            realization.output.conductance, realization.output.capacitance = (
-                seen.conductance,
-                seen.capacitance,
-            )
+            realization.output.conductance = seen.conductance
+            realization.output.capacitance = seen.capacitance
     for watch in strained:
         watch.close()
     elapsed, seconds = time.perf_counter() - clock, time.process_time() - processor

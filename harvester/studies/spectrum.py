@@ -12,7 +12,6 @@ import numpy as np
 
 from harvester.arguments import usual_arithmetic
 from harvester.errors import HarvesterError
-from harvester.excitation.spectrum import Spectrum
 from harvester.files import plain_text
 from harvester.files.serialising import plain
 
@@ -97,10 +96,7 @@ def of_scene(
         for first in range(0, count, size):
             yield ready.excitation_unit * path.read(min(size, count - first))
 
-    profiled, excitation = None, scene.excitation
-    if isinstance(excitation, Spectrum):
-        frequencies = np.unique([*np.geomspace(*excitation.band, PLACES), *excitation.corners])
-        profiled = frequencies, excitation.density(frequencies), 0.0
+    profiled = _specified(scene.excitation, seconds, spacing)
     return _analysed(
         scene.name, blocks, count, spacing, resolution, breakpoints, scene, scene.units,
         knots=True, profiled=profiled,
@@ -154,6 +150,17 @@ def _welch(blocks, count, interval, size, knots):
         # factor.
         density = density * np.sinc(frequencies * interval) ** 4
     return frequencies[1:], density[1:], moments, segments
+
+
+def _specified(excitation, seconds, spacing):
+    """Frequencies, density and bandwidth of noise whose density is known; None of another.
+
+    Without edges of its own it reaches from the reciprocal of the time to the samples' limit.
+    """
+    low, high = getattr(excitation, "band", None) or (1.0 / seconds, 0.5 / spacing)
+    frequencies = np.unique([*np.geomspace(low, high, PLACES), *excitation.corners])
+    density = None if excitation.lines else excitation.density(frequencies)
+    return None if density is None else (frequencies, density, 0.0)
 
 
 def _segment(count, interval, resolution, name):

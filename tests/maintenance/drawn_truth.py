@@ -15,6 +15,10 @@ from scipy.integrate import quad
 
 # Steps over the shortest period of device and sines; a Hertzian contact lasts a thirtieth of one.
 STEPS, STEPS_IN_CONTACT = 300, 1500
+# Fewest steps in the time in which the transducer's own state decays.
+STEPS_PER_DECAY = 5
+# Share of a power that these steps may cost, of a well stiffer than the device's own frequency.
+STEP_ERROR = 1e-6
 # Samples of noise over the shortest period. The density is raised by 1/sinc⁴, which straight lines
 # between the samples take.
 SAMPLES = 48
@@ -104,8 +108,9 @@ def motion_of(tables):
     if kind == "spectrum":
         points = np.array(tables["breakpoints"])
         return specified(points)
+    # A record is the base's acceleration, and η is minus that.
     samples = np.loadtxt(tables["file"], delimiter=",", skiprows=1)
-    return Motion(record=samples[:, 1] - samples[:, 1].mean(), spacing=samples[1, 0])
+    return Motion(record=samples[:, 1].mean() - samples[:, 1], spacing=samples[1, 0])
 
 
 def specified(points):
@@ -272,7 +277,10 @@ def wells_of(device):
 
 def _substeps(device, fastest, spacing):
     steps = STEPS_IN_CONTACT if len(device.contacts) else STEPS
-    return max(1, math.ceil(spacing * fastest * steps))
+    resistance = device.winding + device.resistance
+    decay = resistance / device.storage if device.coil and device.storage else 0.0
+    decay = decay if device.coil else 1.0 / (device.resistance * device.storage)
+    return max(1, math.ceil(spacing * max(fastest * steps, decay * STEPS_PER_DECAY)))
 
 
 def periodic(device, sines, start, own, settle, averaged=AVERAGED):
@@ -289,7 +297,8 @@ def periodic(device, sines, start, own, settle, averaged=AVERAGED):
         device, start, np.array(sines), path, spacing, _substeps(device, fastest, spacing),
         knots * settle, 4, NO_WELLS,
     )  # fmt: skip
-    return (float(power.mean()), float(power.std(ddof=1) / 2.0)), end
+    mean, error = float(power.mean()), float(power.std(ddof=1) / 2.0)
+    return (mean, math.hypot(error, STEP_ERROR * mean)), end
 
 
 def on_record(device, motion, start, own, settle, duration):

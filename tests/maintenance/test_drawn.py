@@ -81,6 +81,20 @@ def test_integration_under_noise_agrees_with_its_density():
     assert abs(power - truth.linear_power(DEVICE, motion)[0]) < 3.0 * error
 
 
+def test_a_record_pushes_with_minus_the_acceleration_of_the_base(tmp_path):
+    file = tmp_path / "steps.csv"
+    file.write_text("time [s],acceleration [m/s^2]\n0,1\n0.1,2\n0.2,6\n")
+    motion = truth.motion_of({"kind": "record", "file": str(file)})
+    assert motion.record == pytest.approx([2.0, 1.0, -3.0])
+
+
+def test_a_coil_that_decays_within_a_step_is_resolved():
+    motion = truth.Motion(record=np.sin(np.arange(100) * 0.3), spacing=1e-3)
+    power = truth.on_record(COIL._replace(storage=1e-3), motion, (0.0, 0.0, 0.0), OWN, 0.0, 0.09)
+    without = truth.on_record(COIL._replace(storage=0.0), motion, (0.0, 0.0, 0.0), OWN, 0.0, 0.09)
+    assert power == pytest.approx(without, rel=1e-3)
+
+
 def test_a_well_is_reached_with_a_quarter_of_the_energy_that_leads_out_of_it():
     # U = x⁴/4 − x²/2: wells of −1/4 at ±1 on either side of 0.
     wells = truth.wells_of(DEVICE._replace(spring=np.array([0.0, -1.0, 0.0, 1.0])))

@@ -10,7 +10,7 @@ import numpy as np
 from harvester.averaging.method import Stationary
 from harvester.errors import HarvesterError
 from harvester.estimates.batch_means import complete_batches
-from harvester.estimates.estimate import Estimate
+from harvester.estimates.estimate import TOO_SHORT, Estimate
 from harvester.estimates.of_run import run_estimates, with_steps
 from harvester.estimates.settling import withheld
 from harvester.method import Method
@@ -154,18 +154,23 @@ def _evaluate(scene, method, good, ended, cost=0.0):
     if "quantities" in good[0]:
         estimates = in_units(good[0]["quantities"], scales)
         mean = estimates["mean_power"]
-        error = _or_nan(mean.standard_error)
-        return Evaluation(method, COMPLETE, {**estimates, POWER: mean}, power_error=error)
+        power_error = _or_nan(mean.standard_error)
+        return Evaluation(method, COMPLETE, {**estimates, POWER: mean}, power_error=power_error)
     scene, moments, orbits, on_orbits = followed(scene, good, cost)
     run = run_estimates(prepared(scene), moments, cost)
     if not abs(run.residual) <= LARGEST_RESIDUAL:
         return Evaluation(method, told(not_balanced(run.residual)))
-    outcome = "; ".join([COMPLETE, *on_orbits, *run.notes, *residual_notes(run.residual)])
+    series = power_series(run.moments, scales.power)
+    error = run.error(series)
+    name = "mean_output_power" if moments[0].has_output else "mean_power"
+    why = "" if error is not None else run.whole[name].note or TOO_SHORT
+    power = Estimate(float(series.mean()), error, None, "power", why)
+    power = with_steps(scene, power, run.path_error)
+    reason = (f"output power: {why}",) if why and not run.shortfalls else ()
+    notes = (*on_orbits, *run.notes, *residual_notes(run.residual), *reason)
+    outcome = "; ".join([COMPLETE, *notes])
     if isinstance(ended, HarvesterError):
         outcome = f"ended after {len(moments)} realizations: {told(ended)}"
-    series = power_series(run.moments, scales.power)
-    power = Estimate(float(series.mean()), run.error(series), None, "power")
-    power = with_steps(scene, power, run.step_error)
     estimates = in_units(run.whole, scales)
     estimates[POWER] = power
     waveform = good[0]["waveform"]

@@ -16,8 +16,11 @@ from harvester.estimates.batch_means import standard_error
 from harvester.estimates.estimate import Estimate
 from harvester.estimates.units import unit_of
 from harvester.method import Method
+from harvester.prepared.prepared import prepared
+from harvester.prepared.steps import step_error
 from harvester.running import Answer, Request, Runner
 from harvester.scene.model import Scene
+from harvester.simulation.methods import Engine
 from harvester.studies.answers import answers_in_time, on_common_knots
 from harvester.studies.optimum.axis import Axis, OptimalParameter
 from harvester.studies.optimum.objective import series_in_units
@@ -243,7 +246,12 @@ class Search:
             (self.axis.value(c), answer.in_units()[self.quantity])
             for c, answer in zip(coordinates, answers, strict=True)
         ]
-        return Estimate(self.axis.value(coordinate), error, None, "1"), fitted
+        place = self.axis.value(coordinate)
+        if isinstance(self.method, Engine) and not self.scene.excitation.random:
+            # Steps that cost more at one place than at another move the maximum by such a share.
+            cost = step_error(prepared(self.scene), self.method.step, self.method.name)
+            error = math.hypot(error, cost * place)
+        return Estimate(place, error, None, "1"), fitted
 
     def _refuse_end(self, coordinate):
         raise OptimumError(

@@ -8,6 +8,7 @@ from harvester.prepared.lines import half_width, line_frequency, spread
 from harvester.prepared.prepared import prepared
 from harvester.prepared.steps import FINER_NEAR_LINES, step_error, steps_per_knot
 from harvester.simulation.realization import empty_moments
+from harvester.simulation.simulate import simulate
 
 # The built-in linear device: its resonance is 2 rad/s without the piezo.
 OMEGA = 2.0
@@ -144,3 +145,21 @@ def test_a_burst_in_a_silent_record_is_no_line_at_frequency_0(tmp_path):
     scene = Scene.load("device").replace({"excitation": record, **run})
     assert scene.excitation.lines == ()
     assert steps_per_knot(prepared(scene)) >= 1
+
+
+def test_runge_kutta_in_a_well_stiffer_than_the_line_is_within_its_error():
+    values = {"restoring_force": [0.0, 1.0, 0.0, -3.778, 0.0, 2.778], "damping": 0.04}
+    scene = Scene.load("linear").replace(
+        {
+            **{f"oscillator.{name}": value for name, value in values.items()},
+            "excitation": {"kind": "sine", "amplitude": 0.2, "frequency": 0.11},
+            "start": {"displacement": 1.0},
+            "run": {"seed": 1, "settle": 1000.0, "duration": 200.0, "realizations": 1},
+        }
+    )
+    default, fine = (
+        simulate(scene, method="monte-carlo", step=step, workers=1)["mean_power"]
+        for step in ("default", "fine")
+    )
+    off = abs(default.estimate - fine.estimate)
+    assert off < 2.0 * default.standard_error < 1e-3 * fine.estimate

@@ -102,3 +102,28 @@ def test_a_run_of_many_events_is_no_transient(scene_of):
     noise = np.random.default_rng(1).standard_normal(pulses().size)
     np.savetxt(scene.excitation.file, noise)
     assert not scene_of(CUBIC).excitation.transient(scene.run)
+
+
+def test_error_bars_of_a_chaotic_path_hold_its_scatter_and_others_do_not_grow(scene_of):
+    scene = scene_of(CUBIC)
+    well = np.sqrt(SPRING / CUBIC)
+    # Noise that drives the device over the barrier between two wells in some of its periods.
+    noise = np.random.default_rng(3).standard_normal(pulses().size)
+    np.savetxt(scene.excitation.file, 2.0 * well * SPRING / MASS * noise)
+    wells = {"oscillator.linear_stiffness": -SPRING, "start.displacement": well}
+    chaotic, linear = scene_of(CUBIC).replace(wells), scene_of(0.0)
+    assert not chaotic.excitation.transient(chaotic.run)
+    options = {"method": "monte-carlo", "workers": 1}
+    quiet, loud, finest = (
+        simulate(each, step=step, **options)
+        for each, step in ((linear, "default"), (chaotic, "default"), (chaotic, "finest"))
+    )
+    circuit = simulate(chaotic, method="circuit", workers=1)
+    assert not any("chaotic" in note for note in quiet.notes)
+    assert quiet.moments[0].spread == 0.0
+    for each in (loud, circuit):
+        assert any("the path is chaotic" in note for note in each.notes)
+        assert each.moments[0].spread > 0.03
+    power, other = loud.quantity("mean_power"), finest.quantity("mean_power")
+    assert power.standard_error >= loud.moments[0].spread * power.estimate
+    assert abs(power.estimate - other.estimate) < 2.0 * power.standard_error

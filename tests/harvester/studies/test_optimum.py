@@ -317,3 +317,23 @@ def test_the_output_of_a_netlist_has_its_optimum(runner):
     assert max(values[0], values[-1]) < found.value.estimate
     with pytest.raises(HarvesterError, match="unknown quantity mean_output_power"):
         optimum(LINEAR, over="load.decay_rate", maximise="mean_output_power")
+
+
+@pytest.mark.slow
+def test_the_place_without_noise_is_known_as_well_as_its_steps(pool):
+    sine = {"kind": "sine", "amplitude": 0.1, "frequency": 0.27}
+    run = {"seed": 1, "settle": 600.0, "duration": 200.0, "realizations": 1}
+    scene = Scene.load("linear").replace({"excitation": sine, "run": run})
+    p, s = flat(scene), 2j * math.pi * sine["frequency"]
+
+    def power(log):
+        decay = math.exp(log)
+        electrical = s / (s + decay)
+        x = 1.0 / (p.linear_stiffness + s**2 + s * p.damping + p.coupling * electrical)
+        return decay * abs(electrical * x) ** 2
+
+    best = minimize_scalar(lambda log: -power(log), bounds=(-3.0, 4.0), method="bounded")
+    place = math.exp(best.x)
+    ends = (0.25 * place, 4.0 * place)
+    found = optimum(scene, {"load.decay_rate": ends}, method="monte-carlo", executor=pool).place
+    assert abs(found.estimate - place) < 2.0 * found.standard_error < 1e-3 * place

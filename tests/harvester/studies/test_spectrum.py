@@ -159,6 +159,17 @@ def test_too_few_breakpoints_are_told_with_the_device_that_loses_most():
     assert f"Q = 100 changes most at {frequency:.4g} Hz, by {share:+.1%}" in line
 
 
+def test_a_specification_of_known_noise_has_its_density_however_short_the_path():
+    scene = Scene.load("linear")
+    found = harvester.spectrum(scene, duration=200.0 * scene.excitation.correlation_time)
+    low = found.profile[0, 0], 1.0 / found.profile[-1, 0]
+    assert low[0] == pytest.approx(1.0 / found.duration, rel=0.01)
+    frequencies = np.geomspace(3.0 * low[0], 0.3 / low[1], 50)
+    lines = np.exp(np.interp(np.log(frequencies), *np.log(found.profile.T)))
+    assert lines == pytest.approx(scene.excitation.density(frequencies), rel=0.1)
+    assert not any("too short to resolve" in line for line in found.sentences())
+
+
 def test_a_sine_has_no_specification(tmp_path):
     np.save(tmp_path / "sine.npy", np.sin(2.0 * np.pi * 40.3 / RATE * np.arange(ROWS)))
     found = harvester.spectrum(tmp_path / "sine.npy", unit="m/s^2", sampling_rate=RATE)

@@ -139,6 +139,17 @@ def test_steps_that_cost_more_than_the_precision_are_told(linear, pool, monkeypa
     assert "the steps may cost 0.3 of a power" in point.outcome
 
 
+def test_a_power_without_an_error_bar_says_why(linear, pool):
+    short = linear.replace({"run.settle": 50.0, "run.duration": 20.0, "run.realizations": 2})
+    (point,) = load_study(
+        short, loads=["resistor"], method="monte-carlo", executor=pool
+    ).evaluations
+    power = point.estimates["output_power"]
+    assert power.standard_error is None
+    assert power.note.startswith("too short for an error bar")
+    assert f"output power: {power.note}" in point.outcome
+
+
 def test_a_difference_is_named_and_red(study, capsys):
     proofs = [Proof(4, True, 0.05, 0.01), Proof(2, False, 0.005, 1e-4), Proof(1, False, 0.05, 0.02)]
     proofs.append(Proof(0, False, 0.05, 0.1, early_difference=-0.02, early_standard_error=0.002))
@@ -345,7 +356,7 @@ def test_a_storage_that_charges_for_longer_than_the_settling_is_told(pool):
     scene = scene.replace({"run.realizations": 1, "load.netlist": "bridge"})
     sweeps = {RESISTANCE: [1e6], "load.parameters.storage": [1e-7, 1e-5]}
     quick, slow = load_study(scene, sweeps=sweeps, executor=pool).evaluations
-    assert quick.outcome == "complete"
+    assert quick.outcome.startswith("complete; output power: too short for an error bar")
     assert "the store cstorage (bridge.lib:28) still charges" in slow.outcome
     assert slow.estimates["output_power"].standard_error is None
     assert "still charges" in slow.estimates["output_power"].note
