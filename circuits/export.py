@@ -8,13 +8,7 @@ from shlex import quote
 from typing import TYPE_CHECKING, Any
 
 from circuits import elements
-from circuits.assembly import (
-    LOAD_TOLERANCE,
-    OWN_TOLERANCE,
-    assemble,
-    own_steps,
-    step_options,
-)
+from circuits.assembly import LOAD_TOLERANCE, OWN_TOLERANCE, assemble, own_steps, step_options
 from circuits.loads.load_watch import may_jump
 from circuits.ltspice import DIFFERENCES, to_ltspice
 from harvester.device import timescales
@@ -90,13 +84,7 @@ def stand_alone(
     source = f"Inoise 0 {elements.excited_node(ready.network)} PWL"
     before, after = netlist.text.split(source, 1)
     text = "".join(
-        [
-            _header(before, scene, netlist, scales),
-            f"{source}(\n",
-            "\n".join(lines),
-            "\n+ )",
-            after,
-        ]
+        [_header(before, scene, netlist, scales), f"{source}(\n", "\n".join(lines), "\n+ )", after]
     )
     return dataclasses.replace(netlist, text=text)
 

@@ -262,13 +262,7 @@ def call_once(
 
 @intrinsic
 def call(
-    typing_context: Any,
-    address: Any,
-    memory: Any,
-    slot: Any,
-    first: Any,
-    second: Any,
-    third: Any,
+    typing_context: Any, address: Any, memory: Any, slot: Any, first: Any, second: Any, third: Any
 ) -> Any:
     """Call a function by its address, in compiled code; float of (int, int, int, 3 floats)."""
 

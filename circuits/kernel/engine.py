@@ -13,9 +13,7 @@ from circuits.kernel import stepping
 from circuits.kernel.assembly import build
 from circuits.kernel.emitter import call_once
 from circuits.kernel.mechanics import device_of
-from circuits.kernel.stage import (
-    fresh_state,
-)
+from circuits.kernel.stage import fresh_state
 from circuits.kernel.stepping import CHATTER, FINE, SOURCE_CHATTER, advance
 from circuits.kernel.tables import Circuit
 from circuits.loads.course import AHEAD, NO_PLAN

@@ -12,9 +12,7 @@ from harvester.record.record import fill
 if TYPE_CHECKING:
     import numpy as np
 
-    from circuits.kernel.stage import (
-        State,
-    )
+    from circuits.kernel.stage import State
     from circuits.kernel.tables import Probes
     from harvester.record.record import Record
 

@@ -36,10 +36,7 @@ _MADE: dict[str, tuple[int, Callable]] = {
     "sqr": (1, lambda x: ("*", x, x)),
     "arctan": (1, lambda x: ("atan", x)),
     "hypot": (2, lambda x, y: ("sqrt", ("+", ("*", x, x), ("*", y, y)))),
-    "limit": (
-        3,
-        lambda x, low, high: ("min", ("max", x, ("min", low, high)), ("max", low, high)),
-    ),
+    "limit": (3, lambda x, low, high: ("min", ("max", x, ("min", low, high)), ("max", low, high))),
     "buf": (1, lambda x: ("<", HALF, x)),
     "inv": (1, lambda x: ("<=", x, HALF)),
     "stp": (1, lambda x: ("<", ZERO, x)),

@@ -45,11 +45,7 @@ def check_load(elements: Sequence[Element], pins: Sequence[str]) -> None:
 def loose_nodes(elements: Sequence[Element], pins: Sequence[str]) -> tuple[str, ...]:
     """Nodes with a single connection and no use in an expression, as "node of name (file:line)"."""
     ends = Counter(node for element in elements for node in _connected(element))
-    known_nodes = {
-        GROUND,
-        *pins,
-        *(node for element in elements for node in _controlling(element)),
-    }
+    known_nodes = {GROUND, *pins, *(node for element in elements for node in _controlling(element))}
     return tuple(
         f"{node} of {element.name} ({element.where})"
         for element in elements

@@ -82,10 +82,7 @@ def code_models(library: str) -> list[Path]:
         Sorted; none where there are none.
     """
     home = _loaded_from(library).parent
-    folders = (
-        home / "ngspice",
-        home.parent / "lib" / "ngspice",
-    )
+    folders = (home / "ngspice", home.parent / "lib" / "ngspice")
     module_lists = (sorted(folder.glob("*.cm")) for folder in folders)
     return next(filter(None, module_lists), [])
 
