@@ -11,12 +11,12 @@ current away.
 from __future__ import annotations
 
 import enum
-from typing import Any, NamedTuple
+from collections import namedtuple
+from typing import Any
 
 import numpy as np
 
 from circuits.kernel import waveform
-from circuits.kernel.code import Code
 from circuits.kernel.emitter import call
 from circuits.kernel.mechanics import Device, evaluate
 from circuits.kernel.memory import SLOTS, fresh_memory
@@ -69,7 +69,14 @@ SCALARS = np.dtype(
 )
 
 
-class State(NamedTuple):
+class State(
+    namedtuple(
+        "State",
+        "code address slots stride motion core keys y rates largest change stored right error "
+        "filtered solution iterated voltages before charges new_charges slopes sizes switches "
+        "capacity conductance latest closed values shares jumps passing scalars",
+    )
+):
     """A realization of a circuit with n unknowns, m junctions: arrays changed in place.
 
     Attributes
@@ -86,40 +93,6 @@ class State(NamedTuple):
     passing : (k,) what passes 0 where a source jumps, at the step's beginning.
     scalars : (1,) of `SCALARS`.
     """
-
-    code: Code
-    address: int
-    slots: int
-    stride: int
-    motion: int
-    core: np.ndarray
-    keys: np.ndarray
-    y: np.ndarray
-    rates: np.ndarray
-    largest: np.ndarray
-    change: np.ndarray
-    stored: np.ndarray
-    right: np.ndarray
-    error: np.ndarray
-    filtered: np.ndarray
-    solution: np.ndarray
-    iterated: np.ndarray
-    voltages: np.ndarray
-    before: np.ndarray
-    charges: np.ndarray
-    new_charges: np.ndarray
-    slopes: np.ndarray
-    sizes: np.ndarray
-    switches: np.ndarray
-    capacity: np.ndarray
-    conductance: np.ndarray
-    latest: np.ndarray
-    closed: np.ndarray
-    values: np.ndarray
-    shares: np.ndarray
-    jumps: np.ndarray
-    passing: np.ndarray
-    scalars: np.ndarray
 
 
 def fresh_state(circuit: Circuit) -> State:

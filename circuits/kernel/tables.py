@@ -8,6 +8,7 @@ unknown is a power.
 
 from __future__ import annotations
 
+from collections import namedtuple
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
@@ -18,7 +19,14 @@ if TYPE_CHECKING:
     from circuits.loads.own_motion import OwnMotion
 
 
-class Tables(NamedTuple):
+class Tables(
+    namedtuple(
+        "Tables",
+        "entries capacity conductance steady sources waves corners driven drives junctions "
+        "junction_values switches switch_values tape tape_values behavioural inputs turns "
+        "retimed nonlinear_rows nonlinear_columns own start",
+    )
+):
     """Arrays of a circuit with n unknowns; places of unknowns are int64, n stands for ground.
 
     Attributes
@@ -43,30 +51,6 @@ class Tables(NamedTuple):
         own size, and 1 for a current.
     start : (2, n) y at the beginning, and what one volt or ampere of the transducer's state adds.
     """
-
-    entries: np.ndarray
-    capacity: np.ndarray
-    conductance: np.ndarray
-    steady: np.ndarray
-    sources: np.ndarray
-    waves: np.ndarray
-    corners: np.ndarray
-    driven: np.ndarray
-    drives: np.ndarray
-    junctions: np.ndarray
-    junction_values: np.ndarray
-    switches: np.ndarray
-    switch_values: np.ndarray
-    tape: np.ndarray
-    tape_values: np.ndarray
-    behavioural: np.ndarray
-    inputs: np.ndarray
-    turns: np.ndarray
-    retimed: np.ndarray
-    nonlinear_rows: np.ndarray
-    nonlinear_columns: np.ndarray
-    own: np.ndarray
-    start: np.ndarray
 
 
 class Probes(NamedTuple):
