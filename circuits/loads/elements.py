@@ -67,6 +67,16 @@ class Element(NamedTuple):
         return self.letter == "b" and self.written_letter in "sw"
 
     @property
+    def delivers(self) -> bool:
+        """Whether it is an independent source other than 0."""
+        return self.letter in "vi" and (self.wave is not None or self.value != 0.0)
+
+    @property
+    def first_value(self) -> float | None:
+        """The value of an independent source at the beginning."""
+        return self.wave.start if self.wave else self.value
+
+    @property
     def many(self) -> float:
         """Number of equal elements in parallel."""
         return self.get("m", 1.0)

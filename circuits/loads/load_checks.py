@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from circuits.loads.expression import ExpressionError, leaves, parse
+from circuits.loads.expression import ExpressionError, currents_in, leaves, nodes_in, parse
 from circuits.loads.flattening import calls
 from circuits.loads.part_models import LEAST_RESISTANCE
 from harvester.device.terminals import GROUND
@@ -106,10 +106,7 @@ def _check_sources(parts):
         if part.letter != "v" and not part.voltage:
             continue
         a, z = (GROUND if node == "n" else node for node in part.nodes[:2])
-        asked = part.controls or any(
-            leaf[0] == "i" for leaf in leaves(part.expression or ("time",))
-        )
-        if asked and a != z:
+        if (part.controls or currents_in(part.expression)) and a != z:
             # Its voltage may depend on the loop's current.
             continue
         one, other = (joined.setdefault(node, {node}) for node in (a, z))
@@ -139,8 +136,7 @@ def _check_currents(parts):
     """Refuse an expression with the current of an element that does not exist."""
     currents = {part.name for part in parts if part.letter in "vehl" or part.voltage}
     for part in parts:
-        asked = {leaf[1] for leaf in leaves(part.expression or ("time",)) if leaf[0] == "i"}
-        for name in sorted({*part.controls, *asked}):
+        for name in sorted({*part.controls, *currents_in(part.expression)}):
             if name not in currents:
                 raise NetlistError(
                     f"{part.where}: {part.name}: i({name[:60]}) is no current of the load"
@@ -151,8 +147,7 @@ def _check_currents(parts):
 
 def _controlling(each: Element) -> list[str]:
     """Nodes whose voltage controls an element."""
-    pairs = (leaf[1:] for leaf in leaves(each.expression or ("time",)) if leaf[0] == "v")
-    inner = sorted({node for pair in pairs for node in pair})
+    inner = sorted({*nodes_in(each.expression)})
     return [*each.nodes[2:], *inner] if each.letter in _CONTROLLED else inner
 
 

@@ -118,12 +118,8 @@ def _comparisons(parts, pins):
         if not of_time_alone(with_sources(passed, potentials))
     ]
     return [
-        (
-            tuple(pins.get(end, end) for end in crossing.ends),
-            (crossing.level, crossing.level, False),
-        )
-        for crossing in dict.fromkeys(crossings)
-        if crossing is not None
+        (tuple(pins.get(end, end) for end in ends), (level, level, False))
+        for ends, level in filter(None, dict.fromkeys(crossings))
     ]
 
 

@@ -5,14 +5,21 @@ from __future__ import annotations
 import itertools
 import math
 import re
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import replace
 from functools import cached_property
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
-from circuits.loads.expression import CIRCUIT_ONLY, ExpressionError, Tree, leaves, renamed
+from circuits.loads.expression import (
+    CIRCUIT_ONLY,
+    ExpressionError,
+    Tree,
+    leaves,
+    renamed,
+    unknowns_in,
+)
 from circuits.loads.kinds import LEVEL, STATE
 from circuits.loads.stores import weights
 from circuits.loads.supplies import COMMON
@@ -73,7 +80,7 @@ class Measurement(_Rows):
     def _level_places(self) -> tuple[int | None, ...]:
         places: dict[str, int] = {name: index for index, name in enumerate(self.watched)}
         level_trees = self.trees[self._measures :]
-        return tuple(places.get(next(_unknowns(tree), GROUND)) for tree in level_trees)
+        return tuple(places.get((unknowns_in(tree) or [GROUND])[0]) for tree in level_trees)
 
     def levels(self, unknowns: np.ndarray) -> list[np.ndarray | None]:
         """The levels, in V and A, of unknowns (len(watched), n) in V and A; None: of ground."""
@@ -129,7 +136,7 @@ def measurement_of(load: LoadCircuit, pins: Mapping[str, str]) -> Measurement:
         ("i", name[2:-1]) if name.startswith("i(") else ("v", pins.get(name, name), GROUND)
         for name in (*load.levels, *load.probes)
     ]
-    watched = tuple(dict.fromkeys(name for tree in trees for name in _unknowns(tree)))
+    watched = tuple(dict.fromkeys(name for tree in trees for name in unknowns_in(tree)))
     outside = tuple(name for name in watched if name in pins.values())
     return Measurement(load.recorded, tuple(trees), watched, outside, energy_of(load))
 
@@ -260,18 +267,10 @@ def _has_current(part):
 
 
 def _check_known(measure, tree, known):
-    for name in _unknowns(tree):
+    for name in unknowns_in(tree):
         if name not in known:
             what = "current" if name.startswith("i(") else "node"
             raise NetlistError(
                 f"{measure.where}: measure: the load has no {what} {name[:60]}"
                 f"{nearest(name, known)}; a current is that of a V, E, H, L or of a B with v="
             )
-
-
-def _unknowns(tree: Tree) -> Iterator[str]:
-    for leaf in leaves(tree):
-        if leaf[0] == "v":
-            yield from (node for node in leaf[1:] if node != GROUND)
-        elif leaf[0] == "i":
-            yield f"i({leaf[1]})"

@@ -81,9 +81,8 @@ def own_motion(elements: tuple[Element, ...]) -> OwnMotion:
 
 def _may_drive(each):
     """Whether an element could keep something moving: a source, a gain or what is below 0."""
-    if each.letter in "vi":
-        return each.wave is not None or each.value != 0.0
-    return each.letter in "begfh" or (each.letter in "rlc" and (each.size or 0.0) < 0.0)
+    negative = each.letter in "rlc" and (each.size or 0.0) < 0.0
+    return each.delivers or each.letter in "begfh" or negative
 
 
 def _of_sources(circuit, source):
@@ -332,10 +331,8 @@ class _Circuit:
 
 def _value(source, which):
     """Value of a source at the beginning (0), or its opposite extreme (1)."""
-    if source.wave is None:
-        return source.value
-    if which == 0:
-        return source.wave.start
+    if source.wave is None or which == 0:
+        return source.first_value
     numbers = source.wave.numbers
     if source.wave.kind == "pwl":
         return max(numbers[1::2], key=abs)

@@ -6,11 +6,10 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from circuits.loads.expression import leaves, renamed
+from circuits.loads.expression import renamed, unknowns_in
 from circuits.loads.part_values import jumping_sources
 from circuits.loads.tape import Values
 from circuits.ngspice import callbacks
-from harvester.device.terminals import GROUND
 
 if TYPE_CHECKING:
     from circuits.assembly import Netlist
@@ -46,7 +45,7 @@ class Chattering:
         pins = {name: tree[1] for name, tree in zip(levels, level_trees, strict=True)}
         for source in jumping_sources(load.elements) if load else ():
             tree = renamed(source.expression, pins) if source.expression else None
-            if tree and _nodes(tree) <= {*measurement.watched}:
+            if tree and {*unknowns_in(tree)} <= {*measurement.watched}:
                 trees.append(tree)
                 self._names.append(f"the source {source.name} ({source.where})")
         self._values = Values(trees, measurement.watched) if trees else None
@@ -67,9 +66,3 @@ class Chattering:
         jumps = np.abs(np.diff(values)) > 0.5 * np.abs(values).max(axis=1, keepdims=True)
         shares = jumps.mean(axis=1)
         return self._names[int(shares.argmax())] if shares.max() > JUMPING_SHARE else ""
-
-
-def _nodes(tree):
-    """Unknowns that an expression needs."""
-    nodes = {node for leaf in leaves(tree) if leaf[0] == "v" for node in leaf[1:]} - {GROUND}
-    return nodes | {f"i({leaf[1]})" for leaf in leaves(tree) if leaf[0] == "i"}
