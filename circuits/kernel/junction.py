@@ -185,11 +185,10 @@ class Law:
             through = (-saturation - back).where(reverse, through)
             return through, (back * inverse * per_swing * 3.0).where(reverse, slope)
 
-        def blocked():
-            return -saturation, self._constant(0.0)
-
         live = self._e.any(v * per_swing > BLOCKED)
-        through, slope = self._e.choose(live, conducting, blocked)
+        through, slope = self._e.choose(
+            live, conducting, lambda: (-saturation, self._constant(0.0))
+        )
         if self._has.recombination:
             recombined, steeper = self._recombination(v)
             through, slope = through + recombined, slope + steeper

@@ -130,7 +130,7 @@ def fresh_state(circuit: Circuit) -> State:
         passing=np.zeros(len(tables.turns)),
         scalars=np.zeros(1, SCALARS).view(np.recarray),
     )
-    state.scalars[0].pace, state.scalars[0].turn_time = 1.0, circuit.own_motion.turn
+    state.scalars[0].pace, state.scalars[0].turn_time = 1.0, circuit.load.own_motion.turn
     return state
 
 

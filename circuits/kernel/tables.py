@@ -15,8 +15,8 @@ import numpy as np
 
 if TYPE_CHECKING:
     from circuits.loads.course import Course
+    from circuits.loads.load_circuit import LoadCircuit
     from circuits.loads.measurement import Measurement
-    from circuits.loads.own_motion import OwnMotion
 
 
 class Tables(
@@ -81,13 +81,9 @@ class Circuit(NamedTuple):
     code : circuits.kernel.code.Code
     names : of the unknowns, for messages.
     switches, sources : (name, "file:line") of each switch, and of each behavioural source.
-    suspicion : what of the load may be why a run ended early, for messages; may be empty.
+    load : circuits.loads.load_circuit.LoadCircuit
     measurement : of the load, from the unknowns watched.
-    jumping : "name (file:line)" of each source whose value may jump.
-    limited : "name (file:line)" of each source whose expression has no value everywhere.
-    conductance, capacitance : across the output (S, F).
     course : what of the load moves by itself in the course of time.
-    own_motion : what it does with the device at rest.
     """
 
     tables: Tables
@@ -98,11 +94,6 @@ class Circuit(NamedTuple):
     names: tuple[str, ...]
     switches: tuple[tuple[str, str], ...]
     sources: tuple[tuple[str, str], ...]
-    suspicion: str
+    load: LoadCircuit
     measurement: Measurement
-    jumping: tuple[str, ...]
-    limited: tuple[str, ...]
-    conductance: float
-    capacitance: float
     course: Course
-    own_motion: OwnMotion

@@ -57,6 +57,11 @@ class Element(NamedTuple):
         return dict(self.numbers).get(name, otherwise)
 
     @property
+    def place(self) -> str:
+        """Its name and where it stands, for messages: "name (file:line)"."""
+        return f"{self.name} ({self.where})"
+
+    @property
     def written_letter(self) -> str:
         """The letter in its file, where what it is made of is another element here."""
         return self.name.rpartition(".")[2][0]

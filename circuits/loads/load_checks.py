@@ -47,7 +47,7 @@ def loose_nodes(elements: Sequence[Element], pins: Sequence[str]) -> tuple[str, 
     ends = Counter(node for element in elements for node in _connected(element))
     known_nodes = {GROUND, *pins, *(node for element in elements for node in _controlling(element))}
     return tuple(
-        f"{node} of {element.name} ({element.where})"
+        f"{node} of {element.place}"
         for element in elements
         for node in _connected(element)
         if ends[node] == 1 and node not in known_nodes

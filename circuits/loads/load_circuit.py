@@ -106,7 +106,7 @@ class LoadCircuit:
     def negative_parts(self) -> tuple[str, ...]:
         """Resistors, capacitors and coils in it whose value is below 0."""
         return tuple(
-            f"{element.name} ({element.where})"
+            element.place
             for element in self.elements
             if element.letter in "rcl" and (element.size or 0.0) < 0.0
         )

@@ -47,7 +47,7 @@ class Chattering:
             tree = renamed(source.expression, pins) if source.expression else None
             if tree and {*unknowns_in(tree)} <= {*measurement.watched}:
                 trees.append(tree)
-                self._names.append(f"the source {source.name} ({source.where})")
+                self._names.append(f"the source {source.place}")
         self._values = Values(trees, measurement.watched) if trees else None
 
     def found(self, times: np.ndarray, points: np.ndarray) -> str:

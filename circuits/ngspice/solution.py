@@ -109,15 +109,6 @@ def convert(
         put_in = excitation * systems.base_speed(s.transducer, v, state, current * per_ampere)
         stored_state = systems.kept_state(s.transducer, state, excitation)
         fill(
-            record,
-            row,
-            times[row],
-            x,
-            v,
-            voltage,
-            power,
-            put_in,
-            loss,
-            transducer_loss,
+            record, row, times[row], x, v, voltage, power, put_in, loss, transducer_loss,
             stored_state,
-        )
+        )  # fmt: skip
