@@ -77,15 +77,13 @@ def stand_alone(
     scene = ready.scene
     if points is None:
         return dataclasses.replace(netlist, text=_header(netlist.text, scene, netlist, scales))
-    lines = [
-        "+ " + " ".join(points[start : start + POINTS_PER_LINE])
+    lines = "".join(
+        f"+ {' '.join(points[start : start + POINTS_PER_LINE])}\n"
         for start in range(0, len(points), POINTS_PER_LINE)
-    ]
+    )
     source = f"Inoise 0 {elements.excited_node(ready.network)} PWL"
     before, after = netlist.text.split(source, 1)
-    text = "".join(
-        [_header(before, scene, netlist, scales), f"{source}(\n", "\n".join(lines), "\n+ )", after]
-    )
+    text = f"{_header(before, scene, netlist, scales)}{source}(\n{lines}+ ){after}"
     return dataclasses.replace(netlist, text=text)
 
 

@@ -399,10 +399,6 @@ def _behavioural(card, rest, scope):
 
 
 _KINDS = {
-    "value": _value,
-    "coupling": _coupling,
-    "model": _model,
-    "source": _source,
-    "controlled": _controlled,
-    "behavioural": _behavioural,
-}
+    "value": _value, "coupling": _coupling, "model": _model, "source": _source,
+    "controlled": _controlled, "behavioural": _behavioural,
+}  # fmt: skip

@@ -237,14 +237,11 @@ def send_data(values: Any, count: int, identity: int, user: Any) -> int:
 
 @cfunc(
     types.int32(
-        types.CPointer(types.double),
-        types.double,
-        types.voidptr,
-        types.int32,
+        types.CPointer(types.double), types.double, types.voidptr, types.int32,
         types.CPointer(_STATE),
     ),
     cache=CACHED,
-)
+)  # fmt: skip
 def get_noise(current: Any, time: float, name: Any, identity: int, user: Any) -> int:
     """`GetISRCData`: noise or clock of the copy whose number stands in the source's name."""
     state = carray(user, 1)[0]

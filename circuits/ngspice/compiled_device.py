@@ -14,15 +14,12 @@ import re
 import shutil
 import subprocess
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from harvester.errors import CompiledDeviceUnavailable
 from harvester.files.libraries import install_command
 from harvester.files.surroundings import who_else_writes
 from harvester.files.temporary import TemporaryFolder
-
-if TYPE_CHECKING:
-    pass
 
 COMPILER = "openvaf-r"
 # Compiles for a generic processor: all processors that share a cache then give the same last

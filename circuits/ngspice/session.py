@@ -106,18 +106,15 @@ class Session(NgSpiceShared):
         service = ffi.callback("int (int)", self._serve)
         self._keep.append(service)
         self.state["service"] = int(ffi.cast("intptr_t", service))
-        self._load_code_models()
+        for model in code_models(self.library_path):
+            # ngspice splits its commands at blanks, quoted or not.
+            with contextlib.chdir(model.parent):
+                self.exec_command(f"codemodel ./{model.name}")
         self.version_text = self.exec_command("version -f")
         self.exec_command("set nomoremode")
         # Otherwise newer releases read a system file at every step.
         self.exec_command("set no_mem_check")
         self.exec_command("set num_threads=1")
-
-    def _load_code_models(self):
-        for model in code_models(self.library_path):
-            # ngspice splits its commands at blanks, quoted or not.
-            with contextlib.chdir(model.parent):
-                self.exec_command(f"codemodel ./{model.name}")
 
     def compiled_device_is_off(self, system: System) -> str:
         """Why there is no compiled device with these parts; empty where it is loaded.
@@ -196,7 +193,10 @@ class Session(NgSpiceShared):
         try:
             self._load(netlist.text)
             with self._watched():
-                self._command("run")
+                try:
+                    self.exec_command("run")
+                except (NgSpiceCommandError, NameError):
+                    raise SimulatorAborted(self._abort_message()) from None
             self._flush()
             self._check_end(netlist.stop)
             scale = netlist.per_power * netlist.voltage_scale**2
@@ -206,10 +206,8 @@ class Session(NgSpiceShared):
         finally:
             self._service = None
             for command in ("remcirc", "destroy all"):
-                try:
+                with contextlib.suppress(NgSpiceCommandError):
                     self.exec_command(command)
-                except NgSpiceCommandError:
-                    continue
         return int(self.state["steps"][0])
 
     def _begin(self, netlist, system, paths, observers):
@@ -361,11 +359,8 @@ class Session(NgSpiceShared):
                 spent, reached = time.process_time(), latest
             elif not done.is_set() and time.process_time() - spent > PATIENCE:
                 self._doing = f"stopped at t = {latest:g}"
-                trouble = (
-                    f"{GETS_NOWHERE}; a force or a current that jumps, as dry friction does, has "
-                    "this effect"
-                )
-                give_up(SimulatorAborted(self._said(trouble)))
+                cause = "a force or a current that jumps, as dry friction does, has this effect"
+                give_up(SimulatorAborted(self._said(f"{GETS_NOWHERE}; {cause}")))
 
     def _move_window(self):
         """Drop the knots that are past and read as many new ones."""
@@ -392,12 +387,6 @@ class Session(NgSpiceShared):
         """Print what ngspice is about to do: if it crashes, the error quotes this line."""
         load = f" with the load {self.circuit_load.file}" if self.circuit_load else ""
         print(f"ngspice {doing}{load}", file=sys.stderr, flush=True)
-
-    def _command(self, command):
-        try:
-            self.exec_command(command)
-        except (NgSpiceCommandError, NameError):
-            raise SimulatorAborted(self._abort_message()) from None
 
     def _abort_message(self):
         self._doing = f"stopped at t = {self._time_reached:g}"
