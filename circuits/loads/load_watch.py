@@ -126,6 +126,6 @@ def _comparisons(parts, pins):
 def _store(each, pins):
     """The unknowns of a store (two nodes, or a coil's current), and (size in F or H, whether
     it is a coil)."""
-    coil = each.letter == "l"
-    ends = tuple(pins.get(node, node) for node in each.nodes)
-    return (f"i({each.name})", GROUND) if coil else ends, (each.size, coil)
+    if each.letter == "l":
+        return (f"i({each.name})", GROUND), (each.size, True)
+    return tuple(pins.get(node, node) for node in each.nodes), (each.size, False)

@@ -6,7 +6,7 @@ import itertools
 import math
 import re
 from collections.abc import Iterable, Mapping
-from dataclasses import replace
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import TYPE_CHECKING, Any, NamedTuple
 
@@ -40,15 +40,8 @@ _WITH_CURRENT = "vehl"
 _RECTIFYING = "dswqmj"
 
 
-class _Rows(NamedTuple):
-    rows: tuple[tuple[str, str], ...] = ()
-    trees: tuple[Tree, ...] = ()
-    watched: tuple[str, ...] = ()
-    pins: tuple[str, ...] = ()
-    energy: np.ndarray = np.zeros((0, 0))
-
-
-class Measurement(_Rows):
+@dataclass(frozen=True, eq=False)
+class Measurement:
     """The measures of a load, ready to be evaluated.
 
     Attributes
@@ -64,6 +57,12 @@ class Measurement(_Rows):
     energy : ndarray
         What the load stores (J), as a quadratic form of the first levels.
     """
+
+    rows: tuple[tuple[str, str], ...] = ()
+    trees: tuple[Tree, ...] = ()
+    watched: tuple[str, ...] = ()
+    pins: tuple[str, ...] = ()
+    energy: np.ndarray = field(default_factory=lambda: np.zeros((0, 0)))
 
     @cached_property
     def _values(self) -> Values:

@@ -69,18 +69,15 @@ def vet_measures(cards: Iterable[Card], scope: Scope) -> tuple[Measure, ...]:
     accepted: dict[tuple[str, str], Measure] = {}
     for card in cards:
         measure = _vetted(card, scope)
-        if (quantity := _quantity(measure)) in accepted:
+        # Its quantities' kind and name: a store has a power as well.
+        stored = measure.kind == STORE
+        quantity = (OUTPUT, f"{measure.name}_storage") if stored else (measure.kind, measure.name)
+        if quantity in accepted:
             refuse(card, f"measure: {measure.kind} {measure.name} is there twice")
         accepted[quantity] = measure
         if len(accepted) > MOST_MEASURES:
             refuse(card, f"more than {MOST_MEASURES} measures")
     return tuple(accepted.values())
-
-
-def _quantity(measure):
-    """Kind and name by which its quantities differ from others: a store has a power as well."""
-    stored = measure.kind == STORE
-    return (OUTPUT, f"{measure.name}_storage") if stored else (measure.kind, measure.name)
 
 
 def _vetted(card, scope):

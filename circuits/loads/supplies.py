@@ -162,10 +162,7 @@ def _groups(sources: dict[str, Element], parts: Sequence[Element]) -> list[list[
         by_current[name] = (currents & {*sources} | _near(around, at, sources)) - {name}
         reached[name] = by_current[name] | _near(nodes, at, sources) - {name}
     for _ in sources:
-        reached = {
-            a: sources_reached.union(*(reached[b] for b in sources_reached))
-            for a, sources_reached in reached.items()
-        }
+        reached = {a: near.union(*(reached[b] for b in near)) for a, near in reached.items()}
     groups: list[list[str]] = []
     for name in sources:
         together = [

@@ -126,15 +126,12 @@ def _line(each, names):
 def _by_expression(each):
     text = said(each.expression)
     if each.letter in "cl":
-        return [
-            f"{each.letter}='{text}'",
-            *(f"{key}={_number(value)}" for key, value in each.numbers),
-        ]
+        numbers = [f"{key}={_number(value)}" for key, value in each.numbers]
+        return [f"{each.letter}='{text}'", *numbers]
     if each.many != 1.0:
         text = f"({text})*{_number(each.many)}"
-    key = "v" if each.voltage else "i"
     if each.letter == "b":
-        return [f"{key}={text}"]
+        return [f"{'v' if each.voltage else 'i'}={text}"]
     return [f"{'vol' if each.voltage else 'cur'}='{text}'"]
 
 

@@ -29,12 +29,8 @@ def ours(scene):
     ]
     time, piezo, output, power = np.concatenate(chunks, axis=1)
     square = np.trapezoid(piezo**2, time) / stop * scales.voltage**2
-    used = (
-        np.trapezoid(output**2, time)
-        / stop
-        * scales.voltage**2
-        * conductance(circuit.load.across_output)
-    )
+    siemens = conductance(circuit.load.across_output)
+    used = np.trapezoid(output**2, time) / stop * scales.voltage**2 * siemens
     return square, used, np.trapezoid(power, time) * scales.power
 
 
