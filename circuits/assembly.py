@@ -79,10 +79,6 @@ def step_options(
     tolerance : float or None
         Relative tolerance of the local error; None: none, or for a load that may jump one that
         goes with the step, because ngspice's trapezoidal steps grow as its square root.
-
-    Returns
-    -------
-    str, bool
     """
     load = ready.scene.load.circuit
     if load is None or load.linear:
@@ -220,10 +216,6 @@ def assemble(
     named : bool
         The load keeps its sub-circuits and the names of its parameters, for people to read; not
         where ngspice would take a name for another.
-
-    Returns
-    -------
-    Netlist
     """
     from PySpice.Spice.Netlist import Circuit, SubCircuit
 

@@ -64,10 +64,6 @@ def stand_alone(
         Vectors to keep, those of the load's output with them; empty keeps nothing (for a run that
         streams), None those of `saved`.
 
-    Returns
-    -------
-    circuits.assembly.Netlist
-
     Raises
     ------
     NetlistError

@@ -38,10 +38,6 @@ def to_ltspice(text: str) -> str:
     text : str
         A netlist of `circuits.assembly`, the noise source's waveform already LTspice's.
 
-    Returns
-    -------
-    str
-
     Raises
     ------
     NetlistError

@@ -48,13 +48,7 @@ endmodule
 
 
 def module(name: str, parameters: Parameters) -> str:
-    """The module's text, its head as a comment.
-
-    Parameters
-    ----------
-    name : str
-    parameters : circuits.block.parameters.Parameters
-    """
+    """The module's text, its head as a comment."""
     prepared_scene, rate, length = parameters.ready, parameters.rate, parameters.length
     refer = parameters.named(str)
     moved = mechanics(prepared_scene.system, rate, refer, "place", "u", bounded=True)

@@ -35,10 +35,6 @@ def collect(ready: Prepared, whole: bool = True) -> tuple[Builder, Measurement, 
     whole : bool
         Whether every element of the load is needed: else those not taken are left out.
 
-    Returns
-    -------
-    Builder, circuits.loads.measurement.Measurement, Probes, int
-
     Raises
     ------
     LoadError

@@ -67,12 +67,7 @@ NO_PLAN = Plan(np.zeros(0), np.zeros(0), np.zeros(0))
 
 
 class Course:
-    """The sources and expressions of a load that change with time alone.
-
-    Parameters
-    ----------
-    elements : iterable of circuits.loads.elements.Element
-    """
+    """The sources and expressions of a load that change with time alone."""
 
     def __init__(self, elements: Iterable[Element]) -> None:
         elements = tuple(elements)

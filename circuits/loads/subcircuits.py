@@ -102,10 +102,6 @@ def read_load(
     cards : sequence of Card, optional
         What was read of the file before: it is not read again.
 
-    Returns
-    -------
-    LoadCircuit
-
     Raises
     ------
     NetlistError

@@ -111,10 +111,6 @@ def read_topology(text: str) -> Any:
     text : str
         A netlist without includes.
 
-    Returns
-    -------
-    Topology
-
     Raises
     ------
     NetlistError

@@ -415,12 +415,7 @@ def _set_step(time, delta, before, redo, identity, location, user):
 
 
 def step_setter(system: System) -> int:
-    """Address of the `GetSyncData` that sets the steps of a device with such parts.
-
-    Parameters
-    ----------
-    system : harvester.device.system.System
-    """
+    """Address of the `GetSyncData` that sets the steps of a device with such parts."""
     floats = types.float64, types.CPointer(types.float64), types.float64
     user = types.CPointer(numba.typeof(system))
     return address_of(_set_step, *floats, types.int32, types.int32, types.int32, user)

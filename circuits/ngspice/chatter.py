@@ -25,13 +25,7 @@ FEWEST_POINTS = 200
 
 
 class Chattering:
-    """Checks a run's points about once a second for a source that chatters.
-
-    Parameters
-    ----------
-    netlist : circuits.assembly.Netlist
-    load : circuits.loads.load_circuit.LoadCircuit or None
-    """
+    """Checks a run's points about once a second for a source that chatters."""
 
     def __init__(self, netlist: Netlist, load: LoadCircuit | None) -> None:
         measurement = netlist.measurement

@@ -67,10 +67,6 @@ def compiled_file(text: str) -> Path:
 
     Any number of processes may ask at once: each compiles in a folder of its own and renames.
 
-    Returns
-    -------
-    pathlib.Path
-
     Raises
     ------
     CompiledDeviceUnavailable

@@ -117,12 +117,7 @@ class Session(NgSpiceShared):
         self.exec_command("set num_threads=1")
 
     def compiled_device_is_off(self, system: System) -> str:
-        """Why there is no compiled device with these parts; empty where it is loaded.
-
-        Parameters
-        ----------
-        system : harvester.device.system.System
-        """
+        """Why there is no compiled device with these parts; empty where it is loaded."""
         try:
             name, text = verilog.module_of(system)
         except CompiledDeviceUnavailable as reason:

@@ -24,10 +24,6 @@ if TYPE_CHECKING:
 def vectors(netlist: Netlist) -> Iterator[tuple[str, ...]]:
     """ngspice's names of the buffer's columns, for each copy of the device.
 
-    Parameters
-    ----------
-    netlist : circuits.assembly.Netlist
-
     Yields
     ------
     tuple of str
