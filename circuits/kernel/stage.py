@@ -183,9 +183,7 @@ def add_waves(
 
 
 @compiled
-def _linearise(
-    rows, behavioural, inputs, values, shares, latest, y, slopes, sizes, time
-):  # fmt: skip
+def _linearise(rows, behavioural, inputs, values, shares, latest, y, slopes, sizes, time):
     """Behavioural sources at the latest iterate, in terms of the change u."""
     evaluate_tape(rows, values, latest, time)
     position = 0

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Iterable, Sequence
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NoReturn
 
 import numpy as np
 
@@ -80,22 +80,24 @@ def _values(scope, condition):
     return ", ".join(assignments) or "no parameter in it"
 
 
+def _refuse(part: Element, fault: str) -> NoReturn:
+    raise NetlistError(f"{part.where}: {part.name}: {fault}")
+
+
 def _check_sizes(parts):
     """Refuse values whose currents or powers rounding or overflow would hide."""
     for part in parts:
         for key, value in (("", part.value or 0.0), *part.numbers):
             if abs(value) > LARGEST_VALUE:
                 written = f"{key}={value:g}" if key else f"{value:g}"
-                raise NetlistError(
-                    f"{part.where}: {part.name}: {written}: no part's value is above "
-                    f"{LARGEST_VALUE:g}"
-                    "; leave the part out if it is to have no effect"
-                )
+                cure = "leave the part out if it is to have no effect"
+                _refuse(part, f"{written}: no part's value is above {LARGEST_VALUE:g}; {cure}")
         size = part.size if part.letter == "r" else None
         if size is not None and abs(size) < LEAST_RESISTANCE:
-            raise NetlistError(
-                f"{part.where}: {part.name}: {abs(size):g} Ω: below {LEAST_RESISTANCE:g} Ω "
-                "currents are lost to rounding; 1m, a thousandth of an ohm, does the same"
+            _refuse(
+                part,
+                f"{abs(size):g} Ω: below {LEAST_RESISTANCE:g} Ω currents are lost to rounding; 1m, "
+                "a thousandth of an ohm, does the same",
             )
 
 
@@ -111,10 +113,10 @@ def _check_sources(parts):
             continue
         one, other = (joined.setdefault(node, {node}) for node in (a, z))
         if one is other:
-            raise NetlistError(
-                f"{part.where}: {part.name}: it closes a loop of voltage sources, whose voltages "
-                "contradict each other or leave their current undetermined: leave it out, or put "
-                "a resistor in series"
+            _refuse(
+                part,
+                "it closes a loop of voltage sources, whose voltages contradict each other or "
+                "leave their current undetermined: leave it out, or put a resistor in series",
             )
         one |= other
         joined.update(dict.fromkeys(other, one))
@@ -126,10 +128,8 @@ def _check_nodes(parts, pins):
     for part in parts:
         for node in _controlling(part):
             if node not in known_nodes:
-                raise NetlistError(
-                    f"{part.where}: {part.name}: nothing is connected to the node "
-                    f"{node[:60]}{nearest(node, known_nodes)}"
-                )
+                hint = nearest(node, known_nodes)
+                _refuse(part, f"nothing is connected to the node {node[:60]}{hint}")
 
 
 def _check_currents(parts):
@@ -138,10 +138,10 @@ def _check_currents(parts):
     for part in parts:
         for name in sorted({*part.controls, *currents_in(part.expression)}):
             if name not in currents:
-                raise NetlistError(
-                    f"{part.where}: {part.name}: i({name[:60]}) is no current of the load"
-                    f"{nearest(name, currents)}: only that of a V, E, H, L or of a B with v= is; a "
-                    "source of 0 V in series is an ammeter"
+                _refuse(
+                    part,
+                    f"i({name[:60]}) is no current of the load{nearest(name, currents)}: only that "
+                    "of a V, E, H, L or of a B with v= is; a source of 0 V in series is an ammeter",
                 )
 
 
@@ -165,15 +165,13 @@ def _check_couplings(parts):
     for coupling in couplings:
         size = coupling.value
         if several := [name for name in coupling.controls if many[name] != 1.0]:
-            raise NetlistError(
-                f"{coupling.where}: {coupling.name}: m= of the coupled coil {several[0]} has no "
-                "effect on its coupling: write one coil with the inductance of all"
+            _refuse(
+                coupling,
+                f"m= of the coupled coil {several[0]} has no effect on its coupling: write one "
+                "coil with the inductance of all",
             )
         if abs(size) > 1.0:
-            raise NetlistError(
-                f"{coupling.where}: {coupling.name}: a coupling of {size:g}; "
-                "it lies between -1 and 1"
-            )
+            _refuse(coupling, f"a coupling of {size:g}; it lies between -1 and 1")
         ends = [names.index(name) for name in coupling.controls]
         energy[np.ix_(ends, ends)] += size * (1.0 - np.eye(len(ends)))
     if names:
@@ -181,11 +179,9 @@ def _check_couplings(parts):
         if levels[0] < -ROUNDING:
             flowing = np.abs(currents[:, 0]) > ROUNDING
             coils = [name for name, flows in zip(names, flowing, strict=True) if flows]
-            last = [
-                coupling for coupling in couplings if not set(coils).isdisjoint(coupling.controls)
-            ][-1]
-            raise NetlistError(
-                f"{last.where}: {last.name}: impossible couplings: some currents in "
-                f"{', '.join(coils[:5])} would hold less than no energy; lower the couplings, or "
-                "give one the other sign"
+            last = [part for part in couplings if not {*coils}.isdisjoint(part.controls)][-1]
+            _refuse(
+                last,
+                f"impossible couplings: some currents in {', '.join(coils[:5])} would hold less "
+                "than no energy; lower the couplings, or give one the other sign",
             )

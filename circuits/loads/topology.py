@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import re
 from dataclasses import dataclass, field
-from typing import Any
 
 from circuits.loads.reader import statements
 from circuits.loads.vetting import ELEMENTS
@@ -103,7 +102,7 @@ class Topology:
         return self.outer.model(name)
 
 
-def read_topology(text: str) -> Any:
+def read_topology(text: str) -> Topology:
     """Elements and sub-circuits of a netlist.
 
     Parameters
