@@ -228,22 +228,19 @@ def _trouble(circuit, state, outcome, which):
     if outcome == SOURCE_CHATTER:
         name, where = circuit.sources[which]
         return LoadChatters(f"{stopped}the source {name} ({where}) chatters: {SOURCE_CURE}")
-    trouble = _slow_or_stuck(circuit, state, outcome)
+    trouble = f"{GETS_NOWHERE}; a current that grows without an end or jumps has this effect"
+    if outcome != CRAWLING:
+        moved = np.abs(state.change)
+        name = circuit.names[int(np.argmax(np.where(np.isfinite(moved), moved, np.inf)))]
+        trouble = (
+            f"no step is short enough for the load, the trouble is with {name}; a current that "
+            "jumps, or a node that nothing determines, has this effect: the circuit engine may "
+            "take it"
+        )
     if jumping := jumping_sources(circuit.load.elements):
         names = ", ".join(source.place for source in jumping[:3])
         return LoadChatters(f"{stopped}{trouble}; {names} may chatter: {SOURCE_CURE}")
     return SimulatorAborted(f"{stopped}{trouble}{suspicion(circuit.load)}")
-
-
-def _slow_or_stuck(circuit, state, outcome):
-    if outcome == CRAWLING:
-        return f"{GETS_NOWHERE}; a current that grows without an end or jumps has this effect"
-    moved = np.abs(state.change)
-    name = circuit.names[int(np.argmax(np.where(np.isfinite(moved), moved, np.inf)))]
-    return (
-        f"no step is short enough for the load, the trouble is with {name}; a current that jumps, "
-        "or a node that nothing determines, has this effect: the circuit engine may take it"
-    )
 
 
 def _beginning(s, circuit, start):

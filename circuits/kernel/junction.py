@@ -193,7 +193,9 @@ class Law:
             recombined, steeper = self._recombination(v)
             through, slope = through + recombined, slope + steeper
         if self._has.knee:
-            through, slope = self._beyond_knee(through, slope)
+            root = (through.greater(0.0) / self._value(KNEE)).function("sqrt")
+            share = 1.0 / (root + 1.0)
+            through, slope = through * share, slope * (root * 0.5 + 1.0) * share * share
         if self._has.breakdown:
             lost, steeper = self._breakdown(v)
             through, slope = through - lost, slope + steeper
@@ -210,11 +212,6 @@ class Law:
         bend = factor * self._value(GRADING) * ratio / (width * potential)
         slope = factor * rise * per_swing - bend * (rise - 1.0)
         return factor * (rise - 1.0), slope.where(v > end, self._constant(0.0))
-
-    def _beyond_knee(self, through, slope):
-        root = (through.greater(0.0) / self._value(KNEE)).function("sqrt")
-        share = 1.0 / (root + 1.0)
-        return through * share, slope * (root * 0.5 + 1.0) * share * share
 
     def _breakdown(self, v):
         beyond, per_swing = -v - self._value(BREAKDOWN), self._value(PER_BREAKDOWN_SWING)

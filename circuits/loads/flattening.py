@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import itertools
 from collections.abc import Iterator
 from typing import Any, NoReturn
 
@@ -232,11 +231,8 @@ def _only(line, before, words):
 def _count_numbers(words):
     """How many of these are values, up to the first word that is no value."""
     keywords = ("dc", "ac", "am", "sine", *WAVEFORMS)
-
-    def is_value(word):
-        return word not in keywords and (word[0] == "{" or "=" not in word)
-
-    return len(list(itertools.takewhile(is_value, words)))
+    others = (word in keywords or (word[0] != "{" and "=" in word) for word in words)
+    return next((count for count, other in enumerate(others) if other), len(words))
 
 
 def _by_expression(line, text, voltage):

@@ -87,12 +87,10 @@ def _told(lines):
         if match:
             subject = subject or match.group(1) or f"model {match.group(2)}"
         elif line and not _EMPTY.fullmatch(line):
-            reasons[_without_form(line)[:LONGEST_REASON]] = True
+            forms = (form.match(line) for form in (_FAULT, _ENDED, _SINGULAR))
+            form = next(filter(None, forms), None)
+            message = (line[form.end() :] if form else line).removesuffix(" - ignored")
+            message = " ".join(message.lstrip(" :!,").rstrip(" :,").split())
+            reasons[message[:LONGEST_REASON]] = True
     summary = "; ".join(list(reasons)[:MOST_REASONS]) or "it gave no reason"
     return f"{subject}: {summary}" if subject else summary
-
-
-def _without_form(line):
-    form = next(filter(None, (form.match(line) for form in (_FAULT, _ENDED, _SINGULAR))), None)
-    message = line[form.end() :] if form else line
-    return " ".join(message.removesuffix(" - ignored").lstrip(" :!,").rstrip(" :,").split())
