@@ -248,10 +248,8 @@ def vet_element(card: Card, scope: Scope) -> list[str]:
         text = _TWO_COEFFICIENTS.sub(r" tc1=\1 tc2=\2", text)
     name, *words = re.split(r"\s+", text)
     if name[0] not in ELEMENTS:
-        letters = "X " + " ".join(sorted(ELEMENTS)).upper()
-        refuse(
-            card, f"{name[:40]}: an element of this letter is not accepted; these are: {letters}"
-        )
+        fault = "an element of this letter is not accepted; these are: X"
+        refuse(card, f"{name[:40]}: {fault} {' '.join(sorted(ELEMENTS)).upper()}")
     count, kind = ELEMENTS[name[0]]
     nodes, remainder = words[:count], words[count:]
     if not re.fullmatch(r"[\w.+\-#]+", name) or len(nodes) < count or not remainder:
