@@ -249,7 +249,8 @@ def assemble(
             elements.add_load(place, load, electrical, named and load.is_plain)
         else:
             # 1/λ in scaled scenes, whose capacitance is 1.
-            ohms = scene.load.resistance or 1.0 / scene.load.decay_rate
+            table: Any = scene.load
+            ohms = table.resistance or 1.0 / table.decay_rate
             elements.add_resistor(place, ohms, electrical)
 
     if len(starts) == 1:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 from circuits.loads.expression import Tree
 from circuits.loads.waveform import Waveform
@@ -77,7 +77,7 @@ class Element(NamedTuple):
         return self.letter in "vi" and (self.wave is not None or self.value != 0.0)
 
     @property
-    def first_value(self) -> float | None:
+    def first_value(self) -> Any:
         """The value of an independent source at the beginning."""
         return self.wave.start if self.wave else self.value
 

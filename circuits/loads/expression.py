@@ -542,7 +542,7 @@ def written(
         if kind == "i":
             return f"i({source(here[1])})", 9
         if kind == "v":
-            return _voltage(*here[1:], node), 9
+            return _voltage(here[1], here[2], node), 9
         if kind == "call":
             name = _LTSPICES.get(here[1], here[1]) if dialect == "ltspice" else here[1]
             return f"{name}({','.join(text for text, _ in parts)})", 9
