@@ -126,8 +126,8 @@ class Parameters:
             if contact.law.damping_factor:
                 self._give(f"{name}_restitution", stopper.restitution, "1", "e", "[0:1]")
             if isinstance(self.ready.system.spring, Polynomial):
-                place = "from x = 0 to the stopper"
-                self._give(f"{name}_gap", stopper.gap, "m", place, "(0:inf)")
+                meaning = "from x = 0 to the stopper"
+                self._give(f"{name}_gap", stopper.gap, "m", meaning, "(0:inf)")
 
     def _add_transducer(self):
         table = self.ready.scene.transducer

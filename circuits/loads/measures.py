@@ -89,8 +89,8 @@ def _vetted(card, scope):
         hint = f"{nearest(kind, KINDS)}; there are {', '.join(KINDS)}"
         refuse(card, f"measure: unknown kind {kind[:LONGEST_SHOWN]}{hint}")
     if not re.fullmatch(rf"[a-z]\w{{,{LONGEST_NAME - 1}}}", name, re.ASCII):
-        shown = name[:LONGEST_SHOWN]
-        refuse(card, f"measure: {shown!r} is no name of at most {LONGEST_NAME} letters")
+        excerpt = name[:LONGEST_SHOWN]
+        refuse(card, f"measure: {excerpt!r} is no name of at most {LONGEST_NAME} letters")
     if KEPT_NAMES.fullmatch(name):
         refuse(card, f"measure: {name} would name a quantity of the program's own: rename it")
     plain = text.replace("{", "(").replace("}", ")")

@@ -100,7 +100,7 @@ def size(
 
 
 def _first_of(numbers, model, *names):
-    values = (said.get(name) for name in names for said in (numbers, dict(model.numbers)))
+    values = (table.get(name) for name in names for table in (numbers, dict(model.numbers)))
     return next((value for value in values if value is not None), 0.0)
 
 

@@ -217,11 +217,11 @@ def check_value(card: Card, value: str, scope: Scope, what: str = "value") -> st
         return repr(size) if "mil" in value else INFIX.sub(r"\1.\3\2", value)
     if value in scope.parameters:
         return "{" + value + "}"
-    shown = f"{what} {value[:LONGEST_SHOWN]}"
+    excerpt = f"{what} {value[:LONGEST_SHOWN]}"
     if AMPERE.fullmatch(value):
-        refuse(card, f"{shown}: ngspice 46 reads 1e-18 for A, 39 reads 1: leave the A out")
+        refuse(card, f"{excerpt}: ngspice 46 reads 1e-18 for A, 39 reads 1: leave the A out")
     if NUMBER.fullmatch(value):
-        refuse(card, f"{shown} is not finite")
+        refuse(card, f"{excerpt} is not finite")
     refuse(card, f"{what} {value[:40]!r} is no number{nearest(value, scope.parameters)}")
 
 

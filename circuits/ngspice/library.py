@@ -29,11 +29,11 @@ def candidates() -> list[str]:
     if chosen:
         return [chosen]
     prefix = Path(sys.prefix)
-    places = (
+    patterns = (
         "ngspice-osdi/usr/lib/*/libngspice.so*", "ngspice/usr/lib/*/libngspice.so*",
         "lib/libngspice*", "Library/bin/*ngspice*.dll",
     )  # fmt: skip
-    paths = (str(path) for place in places for path in sorted(prefix.glob(place)))
+    paths = (str(path) for pattern in patterns for path in sorted(prefix.glob(pattern)))
     return [*paths, *SYSTEM_NAMES]
 
 
