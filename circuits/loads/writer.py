@@ -63,8 +63,8 @@ def reads_alike(text: str, elements: tuple[Element, ...]) -> bool:
     # A parameter with the value of ngspice's constant of its name is that constant.
     parameters = {
         name
-        for name, text in definitions
-        if (value := number(text)) is None
+        for name, definition in definitions
+        if (value := number(definition)) is None
         or not math.isclose(value, CONSTANTS.get(name, 0.0), rel_tol=1e-6)
     }
     parameters |= {*re.findall(r" (\w+)=", " ".join(re.findall(r"(?m)^\.subckt .*", text)))}
