@@ -81,10 +81,6 @@ def step_options(
     tolerance : float or None
         Relative tolerance of the local error; None: none, or for a load that may jump one that
         goes with the step, because ngspice's trapezoidal steps grow as its square root.
-
-    Returns
-    -------
-    str, bool
     """
     load = ready.scene.load.circuit
     if load is None or load.linear:
@@ -225,10 +221,6 @@ def assemble(
         where ngspice would take a name for another.
     ramp : float
         Time (s) in which the load's constant sources rise from 0.
-
-    Returns
-    -------
-    Netlist
     """
     from PySpice.Spice.Netlist import Circuit, SubCircuit
 
@@ -261,7 +253,10 @@ def assemble(
         if load:
             elements.add_load(place, load, electrical, named and load.is_plain)
         else:
-            elements.add_resistor(place, _resistance(scene.load), electrical)
+            # 1/λ in scaled scenes, whose capacitance is 1.
+            table: Any = scene.load
+            ohms = table.resistance or 1.0 / table.decay_rate
+            elements.add_resistor(place, ohms, electrical)
 
     if len(starts) == 1:
         add_device(circuit, starts[0])
@@ -352,23 +347,15 @@ def _start(system, start, rate, electrical):
 def _add_mechanics(circuit, system, rate, step, start):
     """Mass, spring, damper and contacts as elements, only those that the scene needs."""
     elements.add_oscillator(circuit, system, rate, start)
-    elements.add_nonlinear_spring(circuit, system, rate)
-    elements.add_drag(circuit, system)
-    elements.add_contacts(circuit, system, rate)
+    elements.add_nonlinear_forces(circuit, system, rate)
     if elements.holding(system):
         elements.add_speed_hold(circuit, system, rate, step, start[3])
 
 
-def _resistance(load):
-    """The resistance of the built-in resistor (Ω); 1/λ in scaled scenes, whose capacitance is 1."""
-    return load.resistance or 1.0 / load.decay_rate
-
-
 def _analysis(interval, stop, longest, options, integrator, save):
-    saved = " ".join(save) or "none"
-    interval, stop, longest = (elements.number(value) for value in (interval, stop, longest))
+    interval, stop, longest = map(elements.number, (interval, stop, longest))
     return (
-        f".save {saved}\n"
+        f".save {' '.join(save) or 'none'}\n"
         f".options method={INTEGRATORS[integrator]} {options}\n"
         f".tran {interval} {stop} 0 {longest} uic\n"
     )

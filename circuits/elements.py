@@ -146,28 +146,17 @@ def add_prescribed_displacement(
             source(plus, plus, minus, element.plus, element.minus, gain)
 
 
-def add_nonlinear_spring(circuit: Circuit, s: System, rate: float) -> None:
-    """The restoring force beyond its first power, where there is any."""
-    expression = s.spring.nonlinear_formula(X, rate, literal)
-    if expression:
-        name = "cubic" if s.spring.odd_cubic else "nonlinear_spring"
-        circuit.BehavioralSource(name, VELOCITY, circuit.gnd, current_expression=expression)
-
-
-def add_drag(circuit: Circuit, s: System) -> None:
-    """Quadratic damping C2 |X'| X', where there is any."""
-    expression = drag_formula(s.damper, U, literal)
-    if expression:
-        circuit.BehavioralSource("drag", VELOCITY, circuit.gnd, current_expression=expression)
-
-
-def add_contacts(circuit: Circuit, s: System, rate: float) -> None:
-    """Every contact, evaluated while it acts only (Eq. 5)."""
+def add_nonlinear_forces(circuit: Circuit, s: System, rate: float) -> None:
+    """The spring beyond its first power, air drag, and every contact while it acts (Eq. 5)."""
+    name = "cubic" if s.spring.odd_cubic else "nonlinear_spring"
+    forces = {name: s.spring.nonlinear_formula(X, rate, literal)}
+    forces["drag"] = drag_formula(s.damper, U, literal)
     for name, contact in named_contacts(s):
         condition, force = contacts.formulas(contact, s.spring, X, U, rate, literal, H)
-        circuit.BehavioralSource(
-            name, VELOCITY, circuit.gnd, current_expression=f"({condition}) ? {force} : 0"
-        )
+        forces[name] = f"({condition}) ? {force} : 0"
+    for name, expression in forces.items():
+        if expression:
+            circuit.BehavioralSource(name, VELOCITY, circuit.gnd, current_expression=expression)
 
 
 def named_contacts(s: System) -> Iterator[tuple[str, Contact]]:
@@ -201,12 +190,10 @@ def add_speed_hold(circuit: Circuit, s: System, rate: float, step: float, start:
     conditions = [
         contacts.formulas(contact, s.spring, X, U, rate, literal, H)[0] for contact in held
     ]
-    gains = {
-        contact.side: contacts.arrival_formula(
-            contact, contact.side or 1.0, s.spring, X, rate, literal
-        )
-        for contact in held
-    }
+    gains = {}
+    for contact in held:
+        ahead = contact.side or 1.0
+        gains[contact.side] = contacts.arrival_formula(contact, ahead, s.spring, X, rate, literal)
     gain = next(iter(gains.values()))
     if len(gains) == 2:
         gain = f"(({U}>0) ? {gains[1.0]} : {gains[-1.0]})"

@@ -8,13 +8,7 @@ from shlex import quote
 from typing import TYPE_CHECKING, Any
 
 from circuits import elements
-from circuits.assembly import (
-    LOAD_TOLERANCE,
-    OWN_TOLERANCE,
-    assemble,
-    own_steps,
-    step_options,
-)
+from circuits.assembly import LOAD_TOLERANCE, OWN_TOLERANCE, assemble, own_steps, step_options
 from circuits.loads.load_watch import may_jump
 from circuits.ltspice import DIFFERENCES, to_ltspice
 from harvester.device import timescales
@@ -70,10 +64,6 @@ def stand_alone(
         Vectors to keep, those of the load's output with them; empty keeps nothing (for a run that
         streams), None those of `saved`.
 
-    Returns
-    -------
-    circuits.assembly.Netlist
-
     Raises
     ------
     NetlistError
@@ -83,21 +73,13 @@ def stand_alone(
     scene = ready.scene
     if points is None:
         return dataclasses.replace(netlist, text=_header(netlist.text, scene, netlist, scales))
-    lines = [
-        "+ " + " ".join(points[start : start + POINTS_PER_LINE])
+    lines = "".join(
+        f"+ {' '.join(points[start : start + POINTS_PER_LINE])}\n"
         for start in range(0, len(points), POINTS_PER_LINE)
-    ]
+    )
     source = f"Inoise 0 {elements.excited_node(ready.network)} PWL"
     before, after = netlist.text.split(source, 1)
-    text = "".join(
-        [
-            _header(before, scene, netlist, scales),
-            f"{source}(\n",
-            "\n".join(lines),
-            "\n+ )",
-            after,
-        ]
-    )
+    text = f"{_header(before, scene, netlist, scales)}{source}(\n{lines}+ ){after}"
     return dataclasses.replace(netlist, text=text)
 
 

@@ -38,10 +38,6 @@ def to_ltspice(text: str) -> str:
     text : str
         A netlist of `circuits.assembly`, the noise source's waveform already LTspice's.
 
-    Returns
-    -------
-    str
-
     Raises
     ------
     NetlistError
@@ -86,7 +82,8 @@ def translate(expression: str, behavioural: bool = False) -> str:
     'if(1.0<v(x),pwr(v(x)-1.0,1.5),0.0)'
     """
     try:
-        tree = resolved(parse(expression.replace("{", "(").replace("}", ")")), _Kept(behavioural))
+        names = Names(lambda name: ("name", _kept(name, behavioural)))
+        tree = resolved(parse(expression.replace("{", "(").replace("}", ")")), names)
         return written(rebuilt(tree, _with_truths), dialect="ltspice")
     except ExpressionError as fault:
         raise NetlistError(
@@ -94,15 +91,10 @@ def translate(expression: str, behavioural: bool = False) -> str:
         ) from None
 
 
-class _Kept(Names):
-    """Names stay; parameters of a B source stand in braces."""
-
-    def __init__(self, behavioural):
-        self._behavioural = behavioural
-
-    def name(self, name):
-        name = "temp" if name == "temper" else name
-        return ("name", f"{{{name}}}" if self._behavioural and name not in VARIABLES else name)
+def _kept(name, behavioural):
+    """A name as it stays; parameters of a B source stand in braces."""
+    name = "temp" if name == "temper" else name
+    return f"{{{name}}}" if behavioural and name not in VARIABLES else name
 
 
 def _with_truths(tree: Tree, parts: list[Tree]) -> Tree:

@@ -118,11 +118,8 @@ def module(
     parameter("charge", charge, "theta l, C per unit of X")
     parameter("capacitance", capacitance, "Cp, F", "(0:inf)")
 
-    def default(key):
-        return elements.number(values[key] if name else 1.0)
-
     declared = "".join(
-        f"    parameter real {key} = {default(key)}{bounds};{meaning}\n"
+        f"    parameter real {key} = {number(values[key] if name else 1.0)}{bounds};{meaning}\n"
         for key, (bounds, meaning) in described.items()
     )
     body = "".join(f"        {line}\n" for line in lines)

@@ -95,45 +95,39 @@ class Parameters:
             ("start_velocity", start[1] * self.length, "m/s"),
             ("start_state", state, "V" if ready.network.state_voltage else "A"),
         ):
-            self.given[name] = Parameter(value, unit, "at the beginning")
-        self.given["displacement_unit"] = Parameter(
-            displacement_unit, "m/V", "at the pin x", "(0:inf)"
-        )
+            self._give(name, value, unit, "at the beginning")
+        self._give("displacement_unit", displacement_unit, "m/V", "at the pin x", "(0:inf)")
+
+    def _give(self, name: str, *parameter: Any) -> None:
+        self.given[name] = Parameter(*parameter)
 
     def _add_mechanics(self):
         oscillator, spring = self.ready.scene.oscillator, self.ready.system.spring
         mass: Any = oscillator.mass
-        self.given["mass"] = Parameter(mass, "kg", "moving mass", "(0:inf)")
-        self.given["base_factor"] = Parameter(
-            oscillator.base_factor, "1", "how many times the base's acceleration counts"
-        )
-        self.given["damping"] = Parameter(oscillator.damping, "N s/m", "c", "[0:inf)")
-        if oscillator.quadratic_damping:
-            self.given["quadratic_damping"] = Parameter(
-                oscillator.quadratic_damping, "N s2/m2", "air drag", "[0:inf)"
-            )
+        self._give("mass", mass, "kg", "moving mass", "(0:inf)")
+        counts = "how many times the base's acceleration counts"
+        self._give("base_factor", oscillator.base_factor, "1", counts)
+        self._give("damping", oscillator.damping, "N s/m", "c", "[0:inf)")
+        if drag := oscillator.quadratic_damping:
+            self._give("quadratic_damping", drag, "N s2/m2", "air drag", "[0:inf)")
         if isinstance(spring, Polynomial):
             for n, value in enumerate(oscillator.coefficients):
                 if value:
                     unit = "N/m" + (str(n) if n > 1 else "") if n else "N"
-                    self.given[f"k{n}"] = Parameter(value, unit, f"of F = ... + k{n} x^{n} + ...")
+                    self._give(f"k{n}", value, unit, f"of F = ... + k{n} x^{n} + ...")
 
     def _add_contacts(self):
         stoppers = acting_stoppers(self.ready.scene, self.ready.system.spring)
-        pairs = zip(self.contacts.items(), stoppers, strict=True)
-        for (name, contact), (stopper, _) in pairs:
+        for (name, contact), (stopper, _) in zip(self.contacts.items(), stoppers, strict=True):
             if not isinstance(contact.law, HertzDamp):
                 continue
             power = f"N/m^{stopper.exponent:g}"
-            self.given[f"{name}_stiffness"] = Parameter(stopper.stiffness, power, "K", "[0:inf)")
+            self._give(f"{name}_stiffness", stopper.stiffness, power, "K", "[0:inf)")
             if contact.law.damping_factor:
-                self.given[f"{name}_restitution"] = Parameter(
-                    stopper.restitution, "1", "e", "[0:1]"
-                )
+                self._give(f"{name}_restitution", stopper.restitution, "1", "e", "[0:1]")
             if isinstance(self.ready.system.spring, Polynomial):
-                self.given[f"{name}_gap"] = Parameter(
-                    stopper.gap, "m", "from x = 0 to the stopper", "(0:inf)"
-                )
+                meaning = "from x = 0 to the stopper"
+                self._give(f"{name}_gap", stopper.gap, "m", meaning, "(0:inf)")
 
     def _add_transducer(self):
         table = self.ready.scene.transducer
@@ -144,10 +138,9 @@ class Parameters:
                  "leakage_resistance": "ohm", "base_charge": "C s2/m", "resistance": "ohm",
                  "inductance": "H"}  # fmt: skip
         for name, unit in units.items():
-            value = getattr(table, name, None)
-            if value:
+            if value := getattr(table, name, None):
                 bounds = "" if name == "base_charge" else "(0:inf)"
-                self.given[name] = Parameter(value, unit, "transducer", bounds)
+                self._give(name, value, unit, "transducer", bounds)
 
     def proportional(self, value: float, *names: str) -> str:
         """A value as an expression of parameters; a slash before a name divides by it."""

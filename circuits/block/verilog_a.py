@@ -48,13 +48,7 @@ endmodule
 
 
 def module(name: str, parameters: Parameters) -> str:
-    """The module's text, its head as a comment.
-
-    Parameters
-    ----------
-    name : str
-    parameters : circuits.block.parameters.Parameters
-    """
+    """The module's text, its head as a comment."""
     prepared_scene, rate, length = parameters.ready, parameters.rate, parameters.length
     refer = parameters.named(str)
     moved = mechanics(prepared_scene.system, rate, refer, "place", "u", bounded=True)
@@ -62,8 +56,7 @@ def module(name: str, parameters: Parameters) -> str:
     named = nodes_of(network)
     inside = sorted(named.get(node, node) for node in network.nodes - {network.terminal})
     inside += ["terminal"] * metered(network)
-    electrical = _electrical(parameters)
-    text = _TEXT.format(
+    return _TEXT.format(
         head="".join(
             f"// {line}".rstrip() + "\n" for line in head(prepared_scene, parameters, start=False)
         ),
@@ -87,9 +80,8 @@ def module(name: str, parameters: Parameters) -> str:
         per_base=number(1.0 / (length * rate**2)),
         length=number(length),
         mechanics="".join(f"        {line}\n" for line in moved),
-        electrical="".join(f"        {line}\n" for line in electrical),
+        electrical="".join(f"        {line}\n" for line in _electrical(parameters)),
     )
-    return text
 
 
 def _electrical(parameters: Parameters) -> list[str]:

@@ -14,11 +14,7 @@ from circuits.kernel.memory import layout_of
 from circuits.kernel.parts import add_load
 from circuits.kernel.tables import Circuit, Probes
 from circuits.loads.course import Course
-from circuits.loads.expression import leaves
-from circuits.loads.functions import LIMITED
-from circuits.loads.load_notes import suspicion
 from circuits.loads.measurement import measurement_of
-from circuits.loads.part_values import capacitance, conductance, jumping_sources
 from harvester.device.terminals import GROUND, LOAD_AMMETER
 
 if TYPE_CHECKING:
@@ -38,10 +34,6 @@ def collect(ready: Prepared, whole: bool = True) -> tuple[Builder, Measurement, 
         A scene whose load is a netlist.
     whole : bool
         Whether every element of the load is needed: else those not taken are left out.
-
-    Returns
-    -------
-    Builder, circuits.loads.measurement.Measurement, Probes, int
 
     Raises
     ------
@@ -63,17 +55,11 @@ def collect(ready: Prepared, whole: bool = True) -> tuple[Builder, Measurement, 
     velocity = _add_transducer(b, network, scales, row_unit)
     state = _state(b, network, ammeter)
     b.initial = [entry for entry in b.initial if entry[3] != 0.0]
+    units = (1.0 / scales.voltage, 1.0 / network.state_unit, network.current_per_ampere,
+             network.power_unit)  # fmt: skip
     probes = Probes(
         np.array([inside, ammeter, state, *places]),
-        np.array(
-            [
-                1.0 / scales.voltage,
-                1.0 / network.state_unit,
-                network.current_per_ampere,
-                network.power_unit,
-                row_unit,
-            ]
-        ),
+        np.array([*units, row_unit]),
         (network.reference_capacitance, scales.voltage),
     )
     return b, measurement, probes, velocity
@@ -103,16 +89,9 @@ def build(ready: Prepared) -> Circuit:
         (*b.unknowns, "X'"),
         tuple(b.switch_names),
         tuple((element.name, element.where) for element, *_ in b.waiting),
-        suspicion(load),
+        load,
         measurement,
-        tuple(f"{element.name} ({element.where})" for element in jumping_sources(load.elements)),
-        tuple(
-            f"{element.name} ({element.where})" for element in load.elements if _is_limited(element)
-        ),
-        conductance(load.across_output),
-        capacitance(load.across_output),
         Course(load.elements),
-        load.own_motion,
     )
 
 
@@ -126,11 +105,6 @@ def _own(b, tables, stray):
     }
     storing = [(k, names[k].startswith("i(")) for k in sorted(stores) if DEVICE not in names[k]]
     return np.array(storing, dtype=np.int64).reshape(-1, 2)
-
-
-def _is_limited(each):
-    found = leaves(each.expression) if each.expression is not None else ()
-    return any(part[0] in LIMITED for part in found)
 
 
 def _state(b, network, ammeter):

@@ -22,6 +22,7 @@ from __future__ import annotations
 
 import functools
 import itertools
+from collections import namedtuple
 from typing import Any, NamedTuple
 
 from llvmlite import ir
@@ -69,18 +70,8 @@ class Shape(NamedTuple):
     layout: Layout
 
 
-class Code(NamedTuple):
+class Code(namedtuple("Code", "factor predict begin again iterate finish conclude error accept")):
     """Addresses of a circuit's compiled functions; the module's head says what each does."""
-
-    factor: int
-    predict: int
-    begin: int
-    again: int
-    iterate: int
-    finish: int
-    conclude: int
-    error: int
-    accept: int
 
 
 def code_of(tables: Tables, order: Order) -> Code:

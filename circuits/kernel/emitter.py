@@ -120,10 +120,8 @@ class Number:
         """The exponential of a number between −700 and 700: 2 to a whole number times a series."""
         shifted = self * (1.0 / math.log(2.0)) + ROUNDING
         power_of_2 = shifted - ROUNDING
-        power, terms = (
-            self - power_of_2 * LN_2[0] - power_of_2 * LN_2[1],
-            [*map(self._like, SERIES)],
-        )
+        power = self - power_of_2 * LN_2[0] - power_of_2 * LN_2[1]
+        terms = [Number(self.builder, _constant(term, self.count)) for term in SERIES]
         while len(terms) > 1:
             pairs = zip(terms[::2], terms[1::2], strict=False)
             terms = [low + high * power for low, high in pairs] + terms[len(terms) & ~1 :]
@@ -133,9 +131,6 @@ class Number:
         exponent = self.builder.shl(digits, _constant(52, self.count, INTEGER))
         total = self.builder.add(self.builder.bitcast(terms[0].value, bits), exponent)
         return Number(self.builder, self.builder.bitcast(total, self.value.type))
-
-    def _like(self, value):
-        return Number(self.builder, _constant(value, self.count))
 
 
 def _constant(value, count, kind=DOUBLE):
@@ -262,13 +257,7 @@ def call_once(
 
 @intrinsic
 def call(
-    typing_context: Any,
-    address: Any,
-    memory: Any,
-    slot: Any,
-    first: Any,
-    second: Any,
-    third: Any,
+    typing_context: Any, address: Any, memory: Any, slot: Any, first: Any, second: Any, third: Any
 ) -> Any:
     """Call a function by its address, in compiled code; float of (int, int, int, 3 floats)."""
 

@@ -13,14 +13,14 @@ from circuits.kernel import stepping
 from circuits.kernel.assembly import build
 from circuits.kernel.emitter import call_once
 from circuits.kernel.mechanics import device_of
-from circuits.kernel.stage import (
-    fresh_state,
-)
+from circuits.kernel.stage import fresh_state
 from circuits.kernel.stepping import CHATTER, FINE, SOURCE_CHATTER, advance
 from circuits.kernel.tables import Circuit
 from circuits.loads.course import AHEAD, NO_PLAN
-from circuits.loads.load_notes import check_turn
-from circuits.loads.part_values import SOURCE_CURE
+from circuits.loads.expression import leaves
+from circuits.loads.functions import LIMITED
+from circuits.loads.load_notes import check_turn, suspicion
+from circuits.loads.part_values import SOURCE_CURE, capacitance, conductance, jumping_sources
 from harvester.compilation import numba
 from harvester.device import contact, system, timescales
 from harvester.errors import LoadChatters, LoadError, SimulatorAborted, SolutionDiverged
@@ -102,17 +102,10 @@ def run_realizations(
     check_turn(scene.load.circuit, knot_spacing(ready) / fixed)
     in_contact = steps_per_contact(ready, step, "monte-carlo")
     refinement = fixed / steps_per_knot(ready, engine="monte-carlo")
+    stop, line = stop_time(ready), line_frequency(ready)
     for k, (path, start, watching) in enumerate(zip(paths, starts, observers, strict=True)):
         for record, output in integrate(
-            s,
-            circuit,
-            path,
-            start,
-            stop_time(ready),
-            fixed,
-            in_contact,
-            refinement,
-            line_frequency(ready),
+            s, circuit, path, start, stop, fixed, in_contact, refinement, line
         ):
             if not all(np.isfinite(column[-1]) for column in record):
                 raise SolutionDiverged(
@@ -129,8 +122,8 @@ def run_realizations(
                 outputs[k].add(record.time, output[0], values, levels, energy)
         if outputs is not None:
             unit = circuit.probes.units[3] * scales.voltage**2
-            outputs[k].conductance = unit * circuit.conductance
-            outputs[k].capacitance = unit * circuit.capacitance
+            outputs[k].conductance = unit * conductance(circuit.load.across_output)
+            outputs[k].capacitance = unit * capacitance(circuit.load.across_output)
     return {
         "engine_version": f"{SCHEME}, numba {numba.__version__}",
         "netlist_sha256": scene.load.circuit.sha256,
@@ -216,10 +209,15 @@ def integrate(
 def _trouble(circuit, state, outcome, which):
     """The error that says why a run ended early."""
     stopped = f"Monte Carlo stopped at t = {state.scalars[0].time:g}: "
-    if circuit.limited and not np.isfinite(state.values).all():
+    limited = [
+        element.place
+        for element in circuit.load.elements
+        if any(leaf[0] in LIMITED for leaf in leaves(element.expression))
+    ]
+    if limited and not np.isfinite(state.values).all():
         return SimulatorAborted(
             f"{stopped}an expression has no value there, a root, logarithm, arc or power outside "
-            f"its range: look at {', '.join(circuit.limited[:3])}"
+            f"its range: look at {', '.join(limited[:3])}"
         )
     if outcome == CHATTER:
         name, where = circuit.switches[which]
@@ -230,23 +228,19 @@ def _trouble(circuit, state, outcome, which):
     if outcome == SOURCE_CHATTER:
         name, where = circuit.sources[which]
         return LoadChatters(f"{stopped}the source {name} ({where}) chatters: {SOURCE_CURE}")
-    trouble = _slow_or_stuck(circuit, state, outcome)
-    if circuit.jumping:
-        names = ", ".join(circuit.jumping[:3])
+    trouble = f"{GETS_NOWHERE}; a current that grows without an end or jumps has this effect"
+    if outcome != CRAWLING:
+        moved = np.abs(state.change)
+        name = circuit.names[int(np.argmax(np.where(np.isfinite(moved), moved, np.inf)))]
+        trouble = (
+            f"no step is short enough for the load, the trouble is with {name}; a current that "
+            "jumps, or a node that nothing determines, has this effect: give it a capacitor, or a "
+            "smoother expression"
+        )
+    if jumping := jumping_sources(circuit.load.elements):
+        names = ", ".join(source.place for source in jumping[:3])
         return LoadChatters(f"{stopped}{trouble}; {names} may chatter: {SOURCE_CURE}")
-    return SimulatorAborted(f"{stopped}{trouble}{circuit.suspicion}")
-
-
-def _slow_or_stuck(circuit, state, outcome):
-    if outcome == CRAWLING:
-        return f"{GETS_NOWHERE}; a current that grows without an end or jumps has this effect"
-    moved = np.abs(state.change)
-    name = circuit.names[int(np.argmax(np.where(np.isfinite(moved), moved, np.inf)))]
-    return (
-        f"no step is short enough for the load, the trouble is with {name}; a current that jumps, "
-        "or a node that nothing determines, has this effect: give it a capacitor, or a smoother "
-        "expression"
-    )
+    return SimulatorAborted(f"{stopped}{trouble}{suspicion(circuit.load)}")
 
 
 def _beginning(s, circuit, start):

@@ -185,16 +185,17 @@ class Law:
             through = (-saturation - back).where(reverse, through)
             return through, (back * inverse * per_swing * 3.0).where(reverse, slope)
 
-        def blocked():
-            return -saturation, self._constant(0.0)
-
         live = self._e.any(v * per_swing > BLOCKED)
-        through, slope = self._e.choose(live, conducting, blocked)
+        through, slope = self._e.choose(
+            live, conducting, lambda: (-saturation, self._constant(0.0))
+        )
         if self._has.recombination:
             recombined, steeper = self._recombination(v)
             through, slope = through + recombined, slope + steeper
         if self._has.knee:
-            through, slope = self._beyond_knee(through, slope)
+            root = (through.greater(0.0) / self._value(KNEE)).function("sqrt")
+            share = 1.0 / (root + 1.0)
+            through, slope = through * share, slope * (root * 0.5 + 1.0) * share * share
         if self._has.breakdown:
             lost, steeper = self._breakdown(v)
             through, slope = through - lost, slope + steeper
@@ -211,11 +212,6 @@ class Law:
         bend = factor * self._value(GRADING) * ratio / (width * potential)
         slope = factor * rise * per_swing - bend * (rise - 1.0)
         return factor * (rise - 1.0), slope.where(v > end, self._constant(0.0))
-
-    def _beyond_knee(self, through, slope):
-        root = (through.greater(0.0) / self._value(KNEE)).function("sqrt")
-        share = 1.0 / (root + 1.0)
-        return through * share, slope * (root * 0.5 + 1.0) * share * share
 
     def _breakdown(self, v):
         beyond, per_swing = -v - self._value(BREAKDOWN), self._value(PER_BREAKDOWN_SWING)

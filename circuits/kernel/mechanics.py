@@ -11,15 +11,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 from llvmlite import ir
 
-from harvester.compilation import (
-    address_of,
-    cgutils,
-    compiled,
-    intrinsic,
-    numba,
-    numbers_of,
-    types,
-)
+from harvester.compilation import address_of, cgutils, compiled, intrinsic, numba, numbers_of, types
 from harvester.device import contact
 from harvester.device import spring as springs
 from harvester.device import system as systems
@@ -53,18 +45,11 @@ class Device(NamedTuple):
 
 def device_of(s: System) -> Device:
     """The device whose functions the solver calls; compiled where they are not."""
-    kind = types.CPointer(numba.typeof(s))
-    return Device(
-        s.transducer,
-        np.array(numbers_of(s)),
-        *(_address(function, kind) for function in _FUNCTIONS),
-    )
-
-
-def _address(function: Any, kind: Any) -> int:
-    """The address of a compiled function of a device of this kind and floats."""
-    floats = function.py_func.__code__.co_argcount - 1
-    return address_of(function, kind, *(types.float64,) * floats)
+    kind, addresses = types.CPointer(numba.typeof(s)), list[int]()
+    for function in _FUNCTIONS:
+        floats = (types.float64,) * (function.py_func.__code__.co_argcount - 1)
+        addresses.append(address_of(function, kind, *floats))
+    return Device(s.transducer, np.array(numbers_of(s)), *addresses)
 
 
 @intrinsic

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from collections import namedtuple
 
 import numpy as np
 
@@ -16,7 +16,14 @@ from circuits.kernel.tables import Tables
 SLOTS = 24
 
 
-class Layout(NamedTuple):
+class Layout(
+    namedtuple(
+        "Layout",
+        "y rates largest change stored first new_rates right ordered error filtered steady "
+        "solution core iterated voltages before charges new_charges capacity conductance "
+        "switches junctions slopes sizes slots end",
+    )
+):
     """Places in the memory of a circuit with n unknowns, m junctions and a core of c unknowns.
 
     Attributes
@@ -40,34 +47,6 @@ class Layout(NamedTuple):
     slots : `SLOTS` times the factors of the linear unknowns and the core without junctions.
     end : the size.
     """
-
-    y: int
-    rates: int
-    largest: int
-    change: int
-    stored: int
-    first: int
-    new_rates: int
-    right: int
-    ordered: int
-    error: int
-    filtered: int
-    steady: int
-    solution: int
-    core: int
-    iterated: int
-    voltages: int
-    before: int
-    charges: int
-    new_charges: int
-    capacity: int
-    conductance: int
-    switches: int
-    junctions: int
-    slopes: int
-    sizes: int
-    slots: int
-    end: int
 
 
 def layout_of(tables: Tables, order: Order) -> Layout:

@@ -24,21 +24,8 @@ _DIODE = {"is", "n", "rs", "bv", "ibv", "nbv", "cjo", "vj", "m", "tt", "fc", "ik
           "ttt2", "tcv", "tlev", "tlevc", "tpb", "cta"}  # fmt: skip
 # Parameters without an effect in a transient: noise, limits that are only reported, the thermal
 # path, and the temperature of a tunnel current.
-_NO_PART = {
-    "kf",
-    "af",
-    "level",
-    "keg",
-    "xtitun",
-    "ntun",
-    "bv_max",
-    "fv_max",
-    "id_max",
-    "te_max",
-    "pd_max",
-    "rth0",
-    "cth0",
-}
+_NO_PART = {"kf", "af", "level", "keg", "xtitun", "ntun", "bv_max", "fv_max", "id_max", "te_max",
+            "pd_max", "rth0", "cth0"}  # fmt: skip
 # Parameters of the periphery. They have no effect without a length `pj`.
 _PERIPHERY = {"isw", "jsw", "ns", "cjp", "cjsw", "php", "vjsw", "mjsw", "fcs", "ikp", "ctp", "ctc",
               "tphp", "pj"}  # fmt: skip

@@ -12,9 +12,7 @@ from harvester.record.record import fill
 if TYPE_CHECKING:
     import numpy as np
 
-    from circuits.kernel.stage import (
-        State,
-    )
+    from circuits.kernel.stage import State
     from circuits.kernel.tables import Probes
     from harvester.record.record import Record
 
@@ -124,18 +122,9 @@ def _write(device, probes, state, record, output, point, time, noise, free):
     put_in = noise * systems.base_speed(device.transducer, v, electrical, amperes * units[2])
     stored_state = systems.kept_state(device.transducer, electrical, noise)
     fill(
-        record,
-        point,
-        time,
-        x,
-        v,
-        volts * units[0],
-        power,
-        put_in,
-        loss,
-        transducer_loss,
+        record, point, time, x, v, volts * units[0], power, put_in, loss, transducer_loss,
         stored_state,
-    )
+    )  # fmt: skip
     output[0, point] = (y[places[3]] - y[places[4]]) * units[0]
     for k in range(1, output.shape[0]):
         output[k, point] = y[places[4 + k]]

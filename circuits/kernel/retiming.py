@@ -15,9 +15,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from circuits.kernel.stage import (
-    State,
-)
+from circuits.kernel.stage import State
 from circuits.kernel.tables import Tables
 from harvester.compilation import compiled, merged
 

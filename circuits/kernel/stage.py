@@ -11,12 +11,12 @@ current away.
 from __future__ import annotations
 
 import enum
-from typing import Any, NamedTuple
+from collections import namedtuple
+from typing import Any
 
 import numpy as np
 
 from circuits.kernel import waveform
-from circuits.kernel.code import Code
 from circuits.kernel.emitter import call
 from circuits.kernel.mechanics import Device, evaluate
 from circuits.kernel.memory import SLOTS, fresh_memory
@@ -69,7 +69,14 @@ SCALARS = np.dtype(
 )
 
 
-class State(NamedTuple):
+class State(
+    namedtuple(
+        "State",
+        "code address slots stride motion core keys y rates largest change stored right error "
+        "filtered solution iterated voltages before charges new_charges slopes sizes switches "
+        "capacity conductance latest closed values shares jumps passing scalars",
+    )
+):
     """A realization of a circuit with n unknowns, m junctions: arrays changed in place.
 
     Attributes
@@ -86,40 +93,6 @@ class State(NamedTuple):
     passing : (k,) what passes 0 where a source jumps, at the step's beginning.
     scalars : (1,) of `SCALARS`.
     """
-
-    code: Code
-    address: int
-    slots: int
-    stride: int
-    motion: int
-    core: np.ndarray
-    keys: np.ndarray
-    y: np.ndarray
-    rates: np.ndarray
-    largest: np.ndarray
-    change: np.ndarray
-    stored: np.ndarray
-    right: np.ndarray
-    error: np.ndarray
-    filtered: np.ndarray
-    solution: np.ndarray
-    iterated: np.ndarray
-    voltages: np.ndarray
-    before: np.ndarray
-    charges: np.ndarray
-    new_charges: np.ndarray
-    slopes: np.ndarray
-    sizes: np.ndarray
-    switches: np.ndarray
-    capacity: np.ndarray
-    conductance: np.ndarray
-    latest: np.ndarray
-    closed: np.ndarray
-    values: np.ndarray
-    shares: np.ndarray
-    jumps: np.ndarray
-    passing: np.ndarray
-    scalars: np.ndarray
 
 
 def fresh_state(circuit: Circuit) -> State:
@@ -157,7 +130,7 @@ def fresh_state(circuit: Circuit) -> State:
         passing=np.zeros(len(tables.turns)),
         scalars=np.zeros(1, SCALARS).view(np.recarray),
     )
-    state.scalars[0].pace, state.scalars[0].turn_time = 1.0, circuit.own_motion.turn
+    state.scalars[0].pace, state.scalars[0].turn_time = 1.0, circuit.load.own_motion.turn
     return state
 
 
@@ -210,9 +183,7 @@ def add_waves(
 
 
 @compiled
-def _linearise(
-    rows, behavioural, inputs, values, shares, latest, y, slopes, sizes, time
-):  # fmt: skip
+def _linearise(rows, behavioural, inputs, values, shares, latest, y, slopes, sizes, time):
     """Behavioural sources at the latest iterate, in terms of the change u."""
     evaluate_tape(rows, values, latest, time)
     position = 0

@@ -27,13 +27,7 @@ from circuits.kernel.emitter import call
 from circuits.kernel.mechanics import Device, evaluate
 from circuits.kernel.points import add_points, given_power, load_power, stored_energy
 from circuits.kernel.retiming import DIAGONAL, retime
-from circuits.kernel.stage import (
-    Rates,
-    State,
-    add_waves,
-    slot_of,
-    solve_stage,
-)
+from circuits.kernel.stage import Rates, State, add_waves, slot_of, solve_stage
 from circuits.kernel.switching import (
     accept_passed,
     missed_controls,

@@ -8,17 +8,25 @@ unknown is a power.
 
 from __future__ import annotations
 
+from collections import namedtuple
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
 if TYPE_CHECKING:
     from circuits.loads.course import Course
+    from circuits.loads.load_circuit import LoadCircuit
     from circuits.loads.measurement import Measurement
-    from circuits.loads.own_motion import OwnMotion
 
 
-class Tables(NamedTuple):
+class Tables(
+    namedtuple(
+        "Tables",
+        "entries capacity conductance steady sources waves corners driven drives junctions "
+        "junction_values switches switch_values tape tape_values behavioural inputs turns "
+        "retimed nonlinear_rows nonlinear_columns own start",
+    )
+):
     """Arrays of a circuit with n unknowns; places of unknowns are int64, n stands for ground.
 
     Attributes
@@ -43,30 +51,6 @@ class Tables(NamedTuple):
         own size, and 1 for a current.
     start : (2, n) y at the beginning, and what one volt or ampere of the transducer's state adds.
     """
-
-    entries: np.ndarray
-    capacity: np.ndarray
-    conductance: np.ndarray
-    steady: np.ndarray
-    sources: np.ndarray
-    waves: np.ndarray
-    corners: np.ndarray
-    driven: np.ndarray
-    drives: np.ndarray
-    junctions: np.ndarray
-    junction_values: np.ndarray
-    switches: np.ndarray
-    switch_values: np.ndarray
-    tape: np.ndarray
-    tape_values: np.ndarray
-    behavioural: np.ndarray
-    inputs: np.ndarray
-    turns: np.ndarray
-    retimed: np.ndarray
-    nonlinear_rows: np.ndarray
-    nonlinear_columns: np.ndarray
-    own: np.ndarray
-    start: np.ndarray
 
 
 class Probes(NamedTuple):
@@ -97,13 +81,9 @@ class Circuit(NamedTuple):
     code : circuits.kernel.code.Code
     names : of the unknowns, for messages.
     switches, sources : (name, "file:line") of each switch, and of each behavioural source.
-    suspicion : what of the load may be why a run ended early, for messages; may be empty.
+    load : circuits.loads.load_circuit.LoadCircuit
     measurement : of the load, from the unknowns watched.
-    jumping : "name (file:line)" of each source whose value may jump.
-    limited : "name (file:line)" of each source whose expression has no value everywhere.
-    conductance, capacitance : across the output (S, F).
     course : what of the load moves by itself in the course of time.
-    own_motion : what it does with the device at rest.
     """
 
     tables: Tables
@@ -114,11 +94,6 @@ class Circuit(NamedTuple):
     names: tuple[str, ...]
     switches: tuple[tuple[str, str], ...]
     sources: tuple[tuple[str, str], ...]
-    suspicion: str
+    load: LoadCircuit
     measurement: Measurement
-    jumping: tuple[str, ...]
-    limited: tuple[str, ...]
-    conductance: float
-    capacitance: float
     course: Course
-    own_motion: OwnMotion

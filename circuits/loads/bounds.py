@@ -35,7 +35,7 @@ def bounds(tree: Tree, low: np.ndarray, high: np.ndarray) -> Pair:
         Ends of the intervals (s).
     """
 
-    def made(here: Tree, parts: list[Pair]) -> Pair:
+    def made(here: Tree, parts: list[Pair]) -> Any:
         kind = here[0]
         if kind == "number":
             value = np.full(low.size, here[1])

@@ -67,12 +67,7 @@ NO_PLAN = Plan(np.zeros(0), np.zeros(0), np.zeros(0))
 
 
 class Course:
-    """The sources and expressions of a load that change with time alone.
-
-    Parameters
-    ----------
-    elements : iterable of circuits.loads.elements.Element
-    """
+    """The sources and expressions of a load that change with time alone."""
 
     def __init__(self, elements: Iterable[Element]) -> None:
         elements = tuple(elements)
@@ -134,8 +129,7 @@ class Steps:
         low, high = _merged(*jumps)
         low, high = np.maximum(low, edges[0]), np.minimum(high, edges[-1])
         yield low, high, np.ones(low.size)
-        cuts = np.concatenate([edges[:-1][holds], edges[1:][holds], low, high])
-        cuts = np.unique(cuts)
+        cuts = np.unique(np.concatenate([edges[:-1][holds], edges[1:][holds], low, high]))
         middle = 0.5 * (cuts[:-1] + cuts[1:])
         inside = holds[np.clip(np.searchsorted(edges, middle, "right") - 1, 0, holds.size - 1)]
         index = np.searchsorted(low, middle, "right") - 1
@@ -154,7 +148,11 @@ class Steps:
             if low.size == 0:
                 break
             if total + low.size > MOST_STEPS * count:
-                self._refuse(element, low[0])
+                raise LoadError(
+                    f"{element.where}: {element.name}: from {low[0]:.4g} s on it changes by itself "
+                    f"within less than a {MOST_STEPS}th of the device's steps of {self._step:.3g} "
+                    "s: no run can follow; slow it down, or put its mean in its place"
+                )
             middle = 0.5 * (low + high)
             low, high = np.concatenate([low, middle]), np.concatenate([middle, high])
         return tuple(np.concatenate(column) for column in zip(*done, strict=True)), (low, high)
@@ -177,13 +175,6 @@ class Steps:
             if np.count_nonzero(~good) > worst:
                 worst, element = int(np.count_nonzero(~good)), source
         return fine, element
-
-    def _refuse(self, each, time):
-        raise LoadError(
-            f"{each.where}: {each.name}: from {time:.4g} s on it changes by itself within less "
-            f"than a {MOST_STEPS}th of the device's steps of {self._step:.3g} s: no run can "
-            "follow; slow it down, or put its mean in its place"
-        )
 
 
 def _cells(edges, intervals):

@@ -114,9 +114,12 @@ def _ours(text):
 def ambiguity(cards: Iterable[Card]) -> str:
     """A note on a file without a dialect line that may be LTspice's or PSpice's; else empty."""
     cards = list(cards)
+    expressions = [
+        (card.where, "".join(pair)) for card in cards for pair in _EXPRESSION.findall(card.text)
+    ]
     for dialect, marks in _MARKS.items():
         words = [match.group() for card in cards if (match := marks.search(card.text))]
-        unlike = (expression for expression in _expressions(cards) if _differs(expression[1]))
+        unlike = (expression for expression in expressions if _differs(expression[1]))
         for where, text in unlike if words else ():
             return (
                 f"{where}: {text[:60]} is read as ngspice has it, and means something else to "
@@ -124,12 +127,6 @@ def ambiguity(cards: Iterable[Card]) -> str:
                 "* dialect: ngspice in it"
             )
     return ""
-
-
-def _expressions(cards):
-    for card in cards:
-        for pair in _EXPRESSION.findall(card.text):
-            yield card.where, "".join(pair)
 
 
 def _differs(text):

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 from circuits.loads.expression import Tree
 from circuits.loads.waveform import Waveform
@@ -58,6 +58,11 @@ class Element(NamedTuple):
         return dict(self.numbers).get(name, otherwise)
 
     @property
+    def place(self) -> str:
+        """Its name and where it stands, for messages: "name (file:line)"."""
+        return f"{self.name} ({self.where})"
+
+    @property
     def written_letter(self) -> str:
         """The letter in its file, where what it is made of is another element here."""
         return self.name.rpartition(".")[2][0]
@@ -66,6 +71,16 @@ class Element(NamedTuple):
     def is_smooth_switch(self) -> bool:
         """Whether it is a switch of LTspice or PSpice, a current by an expression here."""
         return self.letter == "b" and self.written_letter in "sw"
+
+    @property
+    def delivers(self) -> bool:
+        """Whether it is an independent source other than 0."""
+        return self.letter in "vi" and (self.wave is not None or self.value != 0.0)
+
+    @property
+    def first_value(self) -> Any:
+        """The value of an independent source at the beginning."""
+        return self.wave.start if self.wave else self.value
 
     @property
     def many(self) -> float:

@@ -11,7 +11,7 @@ import math
 import re
 import sys
 from collections.abc import Callable, Iterator, Mapping
-from typing import Any
+from typing import Any, NamedTuple
 
 from circuits.loads.functions import CONSTANTS, OPERATIONS, SOLUTION, VARYING, folded
 from circuits.loads.numbers import AMPERE, INFIX, THOUSANDTH_OF_AN_INCH, number
@@ -36,10 +36,7 @@ _MADE: dict[str, tuple[int, Callable]] = {
     "sqr": (1, lambda x: ("*", x, x)),
     "arctan": (1, lambda x: ("atan", x)),
     "hypot": (2, lambda x, y: ("sqrt", ("+", ("*", x, x), ("*", y, y)))),
-    "limit": (
-        3,
-        lambda x, low, high: ("min", ("max", x, ("min", low, high)), ("max", low, high)),
-    ),
+    "limit": (3, lambda x, low, high: ("min", ("max", x, ("min", low, high)), ("max", low, high))),
     "buf": (1, lambda x: ("<", HALF, x)),
     "inv": (1, lambda x: ("<=", x, HALF)),
     "stp": (1, lambda x: ("<", ZERO, x)),
@@ -327,13 +324,39 @@ def rebuilt(tree: Tree, made: Callable) -> Any:
     return done[0]
 
 
-def leaves(tree: Tree) -> Iterator[Tree]:
-    """A tree and all trees within it."""
-    waiting = [tree]
+def replaced(tree: Tree, change: Callable[[Tree], Tree]) -> Tree:
+    """A tree with each of its leaves replaced by what `change` makes of it."""
+
+    def made(node: Tree, parts: list[Tree]) -> Tree:
+        return (*node[: len(node) - len(parts)], *parts) if parts else change(node)
+
+    return rebuilt(tree, made)
+
+
+def leaves(tree: Tree | None) -> Iterator[Tree]:
+    """A tree and all trees within it; none of None."""
+    waiting = [tree] if tree else []
     while waiting:
         node = waiting.pop()
         yield node
         waiting += parts_of(node)
+
+
+def nodes_in(tree: Tree | None) -> list[str]:
+    """Nodes whose voltages an expression depends on, ground among them."""
+    return [node for leaf in leaves(tree) if leaf[0] == "v" for node in leaf[1:]]
+
+
+def currents_in(tree: Tree | None) -> list[str]:
+    """Sources and coils whose currents an expression depends on."""
+    return [leaf[1] for leaf in leaves(tree) if leaf[0] == "i"]
+
+
+def unknowns_in(tree: Tree | None) -> list[str]:
+    """Nodes but ground, and currents as "i(name)", that an expression depends on, each once."""
+    asked = [leaf for leaf in leaves(tree) if leaf[0] in ("v", "i")]
+    names = [f"i({leaf[1]})" if leaf[0] == "i" else node for leaf in asked for node in leaf[1:]]
+    return [name for name in dict.fromkeys(names) if name != GROUND]
 
 
 def is_constant(tree: Tree) -> bool:
@@ -357,27 +380,22 @@ def check(text: str, parameters: Any, functions: Mapping[str, Any]) -> None:
     """
     for leaf in leaves(parse(text)):
         if leaf[0] == "name" and leaf[1] not in NAMES and leaf[1] not in parameters:
-            raise ExpressionError(f"unknown name {leaf[1][:60]}{_instead(leaf[1], parameters)}")
+            truths = ("true", "false", "yes", "no")
+            hint = "; write 1 or 0" if leaf[1] in truths else nearest(leaf[1], parameters)
+            raise ExpressionError(f"unknown name {leaf[1][:60]}{hint}")
         if leaf[0] == "call":
             _check_call(leaf[1], len(leaf) - 2, functions)
 
 
-def _instead(name, known):
-    if name in ("true", "false", "yes", "no"):
-        return "; write 1 or 0"
-    return nearest(name, known)
-
-
 def _check_call(name, count, functions):
-    if name in functions:
-        expected: Any = (len(functions[name][1]),)
-    else:
-        expected = _arguments_of(name, functions)
+    expected = _arguments_of(name, functions)
     if count not in expected:
         raise ExpressionError(f"{name} takes {expected[0]} arguments, not {count}")
 
 
 def _arguments_of(name, functions):
+    if name in functions:
+        return (len(functions[name][1]),)
     if name in _MADE:
         return (_MADE[name][0],)
     if name in CIRCUIT_ONLY:
@@ -397,42 +415,24 @@ FUNCTIONS = {name for name in OPERATIONS if name.isalpha() and name not in _HIDD
 FUNCTIONS |= {*_SAME, *_MADE, *CIRCUIT_ONLY, *SOLUTION}
 
 
-class Names:
-    """Interface: resolves names and functions of an expression; implemented in
-    `circuits.loads.scope`.
+def _unknown(name):
+    raise ExpressionError(f"unknown name {name[:60]}")
+
+
+class Names(NamedTuple):
+    """How the names and functions of an expression are looked up.
 
     Attributes
     ----------
-    parameters_only : bool
-        For a parameter's value: pow() keeps the sign and pwr() does not, and nothing varies.
+    name : gives the tree of a name.
+    function : gives (arguments, tree, look-up of its own functions) of a file's function, or None.
+    parameters_only : for a parameter's value: pow() keeps the sign and pwr() does not, and nothing
+        varies.
     """
 
-    parameters_only = False
-
-    def name(self, name: str) -> Tree:
-        """The tree of a name."""
-        raise ExpressionError(f"unknown name {name[:60]}")
-
-    def function(self, name: str) -> Any:
-        """(arguments, tree, names of its own functions) of a function of the file's, or None."""
-        return None
-
-
-class _Within(Names):
-    """Within a function: its arguments, else the caller's names; functions from where it stands.
-
-    ngspice puts a function's text in the place of its call.
-    """
-
-    def __init__(self, given, outer, functions):
-        self.parameters_only = outer.parameters_only
-        self._given, self._outer, self._functions = given, outer, functions
-
-    def name(self, name):
-        return self._given[name] if name in self._given else self._outer.name(name)
-
-    def function(self, name):
-        return self._functions(name)
+    name: Callable[[str], Tree] = _unknown
+    function: Callable[[str], Any] = lambda name: None
+    parameters_only: bool = False
 
 
 def resolved(tree: Tree, names: Names) -> Tree:
@@ -462,7 +462,12 @@ def _called(name, arguments, names):
         if len(formal) != len(arguments):
             raise ExpressionError(f"{name} takes {len(formal)} arguments, not {len(arguments)}")
         bindings = dict(zip(formal, arguments, strict=True))
-        return resolved(body, _Within(bindings, names, functions))
+
+        # ngspice puts a function's text in the place of its call: other names are the caller's.
+        def within(name):
+            return bindings[name] if name in bindings else names.name(name)
+
+        return resolved(body, Names(within, functions, names.parameters_only))
     _check_call(name, len(arguments), {})
     if name in CIRCUIT_ONLY:
         return ("call", name, *arguments)
@@ -537,8 +542,7 @@ def written(
         if kind == "i":
             return f"i({source(here[1])})", 9
         if kind == "v":
-            _, plus, minus = here
-            return _voltage(plus, minus, node), 9
+            return _voltage(here[1], here[2], node), 9
         if kind == "call":
             name = _LTSPICES.get(here[1], here[1]) if dialect == "ltspice" else here[1]
             return f"{name}({','.join(text for text, _ in parts)})", 9
@@ -579,9 +583,7 @@ def varies(tree: Tree) -> bool:
 def renamed(tree: Tree, nodes: Mapping[str, str]) -> Tree:
     """A resolved tree with some of its nodes under other names."""
 
-    def made(here: Tree, parts: list[Tree]) -> Tree:
-        if here[0] == "v":
-            return ("v", *(nodes.get(node, node) for node in here[1:]))
-        return (*here[: len(here) - len(parts)], *parts) if parts else here
+    def other(leaf: Tree) -> Tree:
+        return ("v", *(nodes.get(n, n) for n in leaf[1:])) if leaf[0] == "v" else leaf
 
-    return rebuilt(tree, made)
+    return replaced(tree, other)

@@ -100,10 +100,6 @@ class _Line:
         numbers = tuple((key, scope.value(text)) for key, text in pairs if text)
         return Model(scope.path + name, kind, numbers, tuple(k for k, text in pairs if not text))
 
-    def source(self, name: str) -> str:
-        """Full name of a source or coil of the same sub-circuit."""
-        return self.scope.element(name)
-
     def made(self, **what: Any) -> Element:
         """The element that the line describes."""
         return Element(self.letter, self.name, self.nodes, self.card.where, **what)
@@ -159,7 +155,7 @@ def _varying(line, text, numbers):
 
 def _coupling(line):
     *names, size = line.plain
-    return line.made(value=line.scope.value(size), controls=tuple(map(line.source, names)))
+    return line.made(value=line.scope.value(size), controls=tuple(map(line.scope.element, names)))
 
 
 def _with_model(line):
@@ -185,7 +181,7 @@ def _switch(line):
     controls: tuple[str, ...] = ()
     plain = list(line.plain)
     if line.letter == "w":
-        controls = (line.source(plain.pop(0)),)
+        controls = (line.scope.element(plain.pop(0)),)
     model = line.model(plain[0])
     asked: Tree = ("i", controls[0]) if controls else ("v", *line.nodes[2:4])
     smooth = part_models.smooth_switch(line, model, asked)
@@ -218,17 +214,13 @@ def _source(line):
             position += count
         elif not equals:
             constant = _only(line, constant, [word])
-    return _made_source(line, constant, kind, amounts)
-
-
-def _made_source(line, constant, kind, given):
     if "r" in line.named:
         line.refuse("r=: ngspice 39 and 46 repeat a pwl differently: write its points out")
     value = line.scope.value(constant) if constant else 0.0
     if kind is None:
         return line.made(value=value)
     delay = line.scope.value(line.named["td"]) if "td" in line.named else 0.0
-    return line.made(wave=waveform(kind, given, delay))
+    return line.made(wave=waveform(kind, amounts, delay))
 
 
 def _only(line, before, words):
@@ -242,12 +234,8 @@ def _only(line, before, words):
 def _count_numbers(words):
     """How many of these are values, up to the first word that is no value."""
     keywords = ("dc", "ac", "am", "sine", *WAVEFORMS)
-    count = 0
-    for word in words:
-        if word in keywords or (word[0] != "{" and "=" in word):
-            break
-        count += 1
-    return count
+    others = (word in keywords or (word[0] != "{" and "=" in word) for word in words)
+    return next((count for count, other in enumerate(others) if other), len(words))
 
 
 def _by_expression(line, text, voltage):
@@ -265,7 +253,7 @@ def _controlled(line):
     if text is not None:
         return _by_expression(line, text, voltage)
     gain = line.scope.value(line.plain[-1])
-    controls = (line.source(line.plain[0]),) if line.letter in "fh" else ()
+    controls = (line.scope.element(line.plain[0]),) if line.letter in "fh" else ()
     return line.made(value=gain, controls=controls, voltage=voltage, numbers=_multiplier(line))
 
 

@@ -4,11 +4,11 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Iterable, Sequence
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NoReturn
 
 import numpy as np
 
-from circuits.loads.expression import ExpressionError, leaves, parse
+from circuits.loads.expression import ExpressionError, currents_in, leaves, nodes_in, parse
 from circuits.loads.flattening import calls
 from circuits.loads.part_models import LEAST_RESISTANCE
 from harvester.device.terminals import GROUND
@@ -48,13 +48,9 @@ def check_load(elements: Sequence[Element], pins: Sequence[str]) -> None:
 def loose_nodes(elements: Sequence[Element], pins: Sequence[str]) -> tuple[str, ...]:
     """Nodes with a single connection and no use in an expression, as "node of name (file:line)"."""
     ends = Counter(node for element in elements for node in _connected(element))
-    known_nodes = {
-        GROUND,
-        *pins,
-        *(node for element in elements for node in _controlling(element)),
-    }
+    known_nodes = {GROUND, *pins, *(node for element in elements for node in _controlling(element))}
     return tuple(
-        f"{node} of {element.name} ({element.where})"
+        f"{node} of {element.place}"
         for element in elements
         for node in _connected(element)
         if ends[node] == 1 and node not in known_nodes
@@ -87,28 +83,31 @@ def _values(scope, condition):
     return ", ".join(assignments) or "no parameter in it"
 
 
+def _refuse(part: Element, fault: str) -> NoReturn:
+    raise NetlistError(f"{part.where}: {part.name}: {fault}")
+
+
 def _check_sizes(parts):
     """Refuse values whose currents or powers rounding or overflow would hide."""
     for part in parts:
         for key, value in (("", part.value or 0.0), *part.numbers):
             if abs(value) > LARGEST_VALUE:
                 written = f"{key}={value:g}" if key else f"{value:g}"
-                raise NetlistError(
-                    f"{part.where}: {part.name}: {written}: no part's value is above "
-                    f"{LARGEST_VALUE:g}"
-                    "; leave the part out if it is to have no effect"
-                )
+                cure = "leave the part out if it is to have no effect"
+                _refuse(part, f"{written}: no part's value is above {LARGEST_VALUE:g}; {cure}")
         energy = 0.5 * abs(part.size or 0.0) * max(abs(part.get("ic")), 1.0) ** 2
         if part.letter in "cl" and energy > LARGEST_ENERGY:
-            raise NetlistError(
-                f"{part.where}: {part.name}: {energy:.2g} J: above {LARGEST_ENERGY:g} J rounding "
-                "hides what the harvester adds; write a voltage or a current source"
+            _refuse(
+                part,
+                f"{energy:.2g} J: above {LARGEST_ENERGY:g} J rounding hides what the harvester "
+                "adds; write a voltage or a current source",
             )
         size = part.size if part.letter == "r" else None
         if size is not None and abs(size) < LEAST_RESISTANCE:
-            raise NetlistError(
-                f"{part.where}: {part.name}: {abs(size):g} Ω: below {LEAST_RESISTANCE:g} Ω "
-                "currents are lost to rounding; 1m, a thousandth of an ohm, does the same"
+            _refuse(
+                part,
+                f"{abs(size):g} Ω: below {LEAST_RESISTANCE:g} Ω currents are lost to rounding; 1m, "
+                "a thousandth of an ohm, does the same",
             )
 
 
@@ -119,18 +118,15 @@ def _check_sources(parts):
         if part.letter != "v" and not part.voltage:
             continue
         a, z = (GROUND if node == "n" else node for node in part.nodes[:2])
-        asked = part.controls or any(
-            leaf[0] == "i" for leaf in leaves(part.expression or ("time",))
-        )
-        if asked and a != z:
+        if (part.controls or currents_in(part.expression)) and a != z:
             # Its voltage may depend on the loop's current.
             continue
         one, other = (joined.setdefault(node, {node}) for node in (a, z))
         if one is other:
-            raise NetlistError(
-                f"{part.where}: {part.name}: it closes a loop of voltage sources, whose voltages "
-                "contradict each other or leave their current undetermined: leave it out, or put "
-                "a resistor in series"
+            _refuse(
+                part,
+                "it closes a loop of voltage sources, whose voltages contradict each other or "
+                "leave their current undetermined: leave it out, or put a resistor in series",
             )
         one |= other
         joined.update(dict.fromkeys(other, one))
@@ -142,30 +138,26 @@ def _check_nodes(parts, pins):
     for part in parts:
         for node in _controlling(part):
             if node not in known_nodes:
-                raise NetlistError(
-                    f"{part.where}: {part.name}: nothing is connected to the node "
-                    f"{node[:60]}{nearest(node, known_nodes)}"
-                )
+                hint = nearest(node, known_nodes)
+                _refuse(part, f"nothing is connected to the node {node[:60]}{hint}")
 
 
 def _check_currents(parts):
     """Refuse an expression with the current of an element that does not exist."""
     currents = {part.name for part in parts if part.letter in "vehl" or part.voltage}
     for part in parts:
-        asked = {leaf[1] for leaf in leaves(part.expression or ("time",)) if leaf[0] == "i"}
-        for name in sorted({*part.controls, *asked}):
+        for name in sorted({*part.controls, *currents_in(part.expression)}):
             if name not in currents:
-                raise NetlistError(
-                    f"{part.where}: {part.name}: i({name[:60]}) is no current of the load"
-                    f"{nearest(name, currents)}: only that of a V, E, H, L or of a B with v= is; a "
-                    "source of 0 V in series is an ammeter"
+                _refuse(
+                    part,
+                    f"i({name[:60]}) is no current of the load{nearest(name, currents)}: only that "
+                    "of a V, E, H, L or of a B with v= is; a source of 0 V in series is an ammeter",
                 )
 
 
 def _controlling(each: Element) -> list[str]:
     """Nodes whose voltage controls an element."""
-    pairs = (leaf[1:] for leaf in leaves(each.expression or ("time",)) if leaf[0] == "v")
-    inner = sorted({node for pair in pairs for node in pair})
+    inner = sorted({*nodes_in(each.expression)})
     return [*each.nodes[2:], *inner] if each.letter in _CONTROLLED else inner
 
 
@@ -183,15 +175,13 @@ def _check_couplings(parts):
     for coupling in couplings:
         size = coupling.value
         if several := [name for name in coupling.controls if many[name] != 1.0]:
-            raise NetlistError(
-                f"{coupling.where}: {coupling.name}: m= of the coupled coil {several[0]} has no "
-                "effect on its coupling: write one coil with the inductance of all"
+            _refuse(
+                coupling,
+                f"m= of the coupled coil {several[0]} has no effect on its coupling: write one "
+                "coil with the inductance of all",
             )
         if abs(size) > 1.0:
-            raise NetlistError(
-                f"{coupling.where}: {coupling.name}: a coupling of {size:g}; "
-                "it lies between -1 and 1"
-            )
+            _refuse(coupling, f"a coupling of {size:g}; it lies between -1 and 1")
         ends = [names.index(name) for name in coupling.controls]
         energy[np.ix_(ends, ends)] += size * (1.0 - np.eye(len(ends)))
     if names:
@@ -199,11 +189,9 @@ def _check_couplings(parts):
         if levels[0] < -ROUNDING:
             flowing = np.abs(currents[:, 0]) > ROUNDING
             coils = [name for name, flows in zip(names, flowing, strict=True) if flows]
-            last = [
-                coupling for coupling in couplings if not set(coils).isdisjoint(coupling.controls)
-            ][-1]
-            raise NetlistError(
-                f"{last.where}: {last.name}: impossible couplings: some currents in "
-                f"{', '.join(coils[:5])} would hold less than no energy; lower the couplings, or "
-                "give one the other sign"
+            last = [part for part in couplings if not {*coils}.isdisjoint(part.controls)][-1]
+            _refuse(
+                last,
+                f"impossible couplings: some currents in {', '.join(coils[:5])} would hold less "
+                "than no energy; lower the couplings, or give one the other sign",
             )

@@ -98,11 +98,7 @@ class LoadCircuit:
     @cached_property
     def sources(self) -> tuple[str, ...]:
         """Independent sources in it that are not 0: each may deliver energy."""
-        names = (
-            element.name.rpartition(".")[2]
-            for element in self.elements
-            if element.letter in "vi" and (element.wave is not None or element.value != 0.0)
-        )
+        names = (element.name.rpartition(".")[2] for element in self.elements if element.delivers)
         return tuple(dict.fromkeys(names))
 
     @cached_property
@@ -115,7 +111,7 @@ class LoadCircuit:
     def negative_parts(self) -> tuple[str, ...]:
         """Resistors, capacitors and coils in it whose value is below 0."""
         return tuple(
-            f"{element.name} ({element.where})"
+            element.place
             for element in self.elements
             if element.letter in "rcl" and (element.size or 0.0) < 0.0
         )

@@ -38,7 +38,7 @@ NAMED = 2
 def reading_notes(load: LoadCircuit) -> tuple[str, ...]:
     """Notes on values that the reader may have understood otherwise than their writer."""
     notes = [
-        f"{element.name} ({element.where}) is read as a smooth switch of LTspice or PSpice: its "
+        f"{element.place} is read as a smooth switch of LTspice or PSpice: its "
         "conductance changes over the whole hysteresis"
         for element in load.elements
         if element.is_smooth_switch
@@ -54,7 +54,7 @@ def reading_notes(load: LoadCircuit) -> tuple[str, ...]:
         if 0.0 < (element.size or 0.0) < small:
             unit = "F" if element.letter == "c" else "Ω"
             notes.append(
-                f"{element.name} ({element.where}) across the output is {element.size:g} {unit}: "
+                f"{element.place} across the output is {element.size:g} {unit}: "
                 "in SPICE F behind a number is femto and M is milli; a farad has no letter, "
                 "a million is meg"
             )

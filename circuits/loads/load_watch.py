@@ -118,18 +118,14 @@ def _comparisons(parts, pins):
         if not of_time_alone(with_sources(passed, potentials))
     ]
     return [
-        (
-            tuple(pins.get(end, end) for end in crossing.ends),
-            (crossing.level, crossing.level, False),
-        )
-        for crossing in dict.fromkeys(crossings)
-        if crossing is not None
+        (tuple(pins.get(end, end) for end in ends), (level, level, False))
+        for ends, level in filter(None, dict.fromkeys(crossings))
     ]
 
 
 def _store(each, pins):
     """The unknowns of a store (two nodes, or a coil's current), and (size in F or H, whether
     it is a coil)."""
-    coil = each.letter == "l"
-    ends = tuple(pins.get(node, node) for node in each.nodes)
-    return (f"i({each.name})", GROUND) if coil else ends, (each.size, coil)
+    if each.letter == "l":
+        return (f"i({each.name})", GROUND), (each.size, True)
+    return tuple(pins.get(node, node) for node in each.nodes), (each.size, False)

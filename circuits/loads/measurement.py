@@ -5,14 +5,21 @@ from __future__ import annotations
 import itertools
 import math
 import re
-from collections.abc import Iterable, Iterator, Mapping
-from dataclasses import replace
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
-from circuits.loads.expression import CIRCUIT_ONLY, ExpressionError, Tree, leaves, renamed
+from circuits.loads.expression import (
+    CIRCUIT_ONLY,
+    ExpressionError,
+    Tree,
+    leaves,
+    renamed,
+    unknowns_in,
+)
 from circuits.loads.kinds import LEVEL, LOSS, OUTPUT, STATE
 from circuits.loads.stores import weights
 from circuits.loads.supplies import COMMON
@@ -36,15 +43,8 @@ _WITH_CURRENT = "vehl"
 _RECTIFYING = "dswqmj"
 
 
-class _Rows(NamedTuple):
-    rows: tuple[tuple[str, str], ...] = ()
-    trees: tuple[Tree, ...] = ()
-    watched: tuple[str, ...] = ()
-    pins: tuple[str, ...] = ()
-    energy: np.ndarray = np.zeros((0, 0))
-
-
-class Measurement(_Rows):
+@dataclass(frozen=True, eq=False)
+class Measurement:
     """The measures of a load, ready to be evaluated.
 
     Attributes
@@ -61,6 +61,12 @@ class Measurement(_Rows):
         What the load stores (J), as a quadratic form of the first levels.
     """
 
+    rows: tuple[tuple[str, str], ...] = ()
+    trees: tuple[Tree, ...] = ()
+    watched: tuple[str, ...] = ()
+    pins: tuple[str, ...] = ()
+    energy: np.ndarray = field(default_factory=lambda: np.zeros((0, 0)))
+
     @cached_property
     def _values(self) -> Values:
         # Imported here, not at the head: reading a load needs no compiled code.
@@ -76,7 +82,7 @@ class Measurement(_Rows):
     def _level_places(self) -> tuple[int | None, ...]:
         places: dict[str, int] = {name: index for index, name in enumerate(self.watched)}
         level_trees = self.trees[self._measures :]
-        return tuple(places.get(next(_unknowns(tree), GROUND)) for tree in level_trees)
+        return tuple(places.get((unknowns_in(tree) or [GROUND])[0]) for tree in level_trees)
 
     def levels(self, unknowns: np.ndarray) -> list[np.ndarray | None]:
         """The levels, in V and A, of unknowns (len(watched), n) in V and A; None: of ground."""
@@ -155,7 +161,7 @@ def measurement_of(load: LoadCircuit, pins: Mapping[str, str]) -> Measurement:
         ("i", name[2:-1]) if name.startswith("i(") else ("v", pins.get(name, name), GROUND)
         for name in (*load.levels, *load.probes)
     ]
-    watched = tuple(dict.fromkeys(name for tree in trees for name in _unknowns(tree)))
+    watched = tuple(dict.fromkeys(name for tree in trees for name in unknowns_in(tree)))
     outside = tuple(name for name in watched if name in pins.values())
     return Measurement(load.recorded, tuple(trees), watched, outside, energy_of(load))
 
@@ -286,18 +292,10 @@ def _has_current(part):
 
 
 def _check_known(measure, tree, known):
-    for name in _unknowns(tree):
+    for name in unknowns_in(tree):
         if name not in known:
             what = "current" if name.startswith("i(") else "node"
             raise NetlistError(
                 f"{measure.where}: measure: the load has no {what} {name[:60]}"
                 f"{nearest(name, known)}; a current is that of a V, E, H, L or of a B with v="
             )
-
-
-def _unknowns(tree: Tree) -> Iterator[str]:
-    for leaf in leaves(tree):
-        if leaf[0] == "v":
-            yield from (node for node in leaf[1:] if node != GROUND)
-        elif leaf[0] == "i":
-            yield f"i({leaf[1]})"

@@ -69,18 +69,15 @@ def vet_measures(cards: Iterable[Card], scope: Scope) -> tuple[Measure, ...]:
     accepted: dict[tuple[str, str], Measure] = {}
     for card in cards:
         measure = _vetted(card, scope)
-        if (quantity := _quantity(measure)) in accepted:
+        # Its quantities' kind and name: a store has a power as well.
+        stored = measure.kind == STORE
+        quantity = (OUTPUT, f"{measure.name}_storage") if stored else (measure.kind, measure.name)
+        if quantity in accepted:
             refuse(card, f"measure: {measure.kind} {measure.name} is there twice")
         accepted[quantity] = measure
         if len(accepted) > MOST_MEASURES:
             refuse(card, f"more than {MOST_MEASURES} measures")
     return tuple(accepted.values())
-
-
-def _quantity(measure):
-    """Kind and name by which its quantities differ from others: a store has a power as well."""
-    stored = measure.kind == STORE
-    return (OUTPUT, f"{measure.name}_storage") if stored else (measure.kind, measure.name)
 
 
 def _vetted(card, scope):
@@ -92,9 +89,8 @@ def _vetted(card, scope):
         hint = f"{nearest(kind, KINDS)}; there are {', '.join(KINDS)}"
         refuse(card, f"measure: unknown kind {kind[:LONGEST_SHOWN]}{hint}")
     if not re.fullmatch(rf"[a-z]\w{{,{LONGEST_NAME - 1}}}", name, re.ASCII):
-        refuse(
-            card, f"measure: {name[:LONGEST_SHOWN]!r} is no name of at most {LONGEST_NAME} letters"
-        )
+        excerpt = name[:LONGEST_SHOWN]
+        refuse(card, f"measure: {excerpt!r} is no name of at most {LONGEST_NAME} letters")
     if KEPT_NAMES.fullmatch(name):
         refuse(card, f"measure: {name} would name a quantity of the program's own: rename it")
     plain = text.replace("{", "(").replace("}", ")")

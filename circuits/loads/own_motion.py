@@ -131,9 +131,8 @@ def _static(each, rate, error, draw):
 
 def _may_drive(each):
     """Whether an element could keep something moving: a source, a gain or what is below 0."""
-    if each.letter in "vi":
-        return each.wave is not None or each.value != 0.0
-    return each.letter in "begfh" or (each.letter in "rlc" and (each.size or 0.0) < 0.0)
+    negative = each.letter in "rlc" and (each.size or 0.0) < 0.0
+    return each.delivers or each.letter in "begfh" or negative
 
 
 def _of_sources(circuit, source):
@@ -149,8 +148,8 @@ def _of_sources(circuit, source):
         closed[wrong] = ~closed[wrong]
         before, steady_state = steady_state, circuit.rest(closed, source)
         if steady_state is not None:
-            name = circuit.name(wrong)
-            turns.append((circuit.time_constant(wrong, before, steady_state, closed), name))
+            constant = circuit.time_constant(wrong, before, steady_state, closed)
+            turns.append((constant, circuit.switches[wrong][0].place))
     if steady_state is None:
         return OwnMotion(unknown="no rest of it is found")
     return OwnMotion(True, *min(turns[seen.index(tuple(closed)) :]))
@@ -166,7 +165,7 @@ class _Circuit:
         self._conductance: list[tuple[int, int, float]] = []
         self._steady: list[tuple[int, float, Element]] = []
         self._diodes: list[tuple] = []
-        self._switches: list[tuple] = []
+        self.switches: list[tuple] = []
         self._behavioural: list[tuple] = []
         self._branches = {element.name: self._unknown(f"i({element.name})") for element in elements
                           if element.letter in "vl" or element.voltage}  # fmt: skip
@@ -180,7 +179,7 @@ class _Circuit:
             self._add(element, coils)
         self.unknowns = [*self._places][2:]
         self.size = len(self.unknowns)
-        self.closed = np.array(["on" in switch.flags for switch, *_ in self._switches], dtype=bool)
+        self.closed = np.array(["on" in switch.flags for switch, *_ in self.switches], dtype=bool)
         self._rows = np.array(self._tape.rows, dtype=np.int64).reshape(-1, 4)
         self._values = np.array(self._tape.values, dtype=float)
         self._ends, self._sizes = self._storage()
@@ -239,7 +238,7 @@ class _Circuit:
             self._diodes.append((nodes, each))
         elif each.letter in "sw":
             control = nodes[2:] if each.letter == "s" else [self._branches[each.controls[0]], -1]
-            self._switches.append((each, nodes, control))
+            self.switches.append((each, nodes, control))
         elif each.expression is not None:
             self._add_expression(each, nodes, row)
         elif each.letter in "egfh":
@@ -277,11 +276,6 @@ class _Circuit:
                     right[row] += sign * _value(source, which)
             yield right
 
-    def name(self, switch: int) -> str:
-        """A switch as "name (file:line)"."""
-        element = self._switches[switch][0]
-        return f"{element.name} ({element.where})"
-
     def _currents(self, y, closed, slopes_too):
         """Currents i(y) into the nodes, and their derivatives."""
         current, slope = self._g @ y, self._g.copy()
@@ -295,7 +289,7 @@ class _Circuit:
                         if slopes_too and column >= 0:
                             slope[row, column] += sign * other * siemens
 
-        for (switch, nodes, _), on in zip(self._switches, closed, strict=True):
+        for (switch, nodes, _), on in zip(self.switches, closed, strict=True):
             siemens = 1.0 / switch.model.get("ron" if on else "roff")
             conducts(nodes[:2], siemens * (potentials[nodes[0]] - potentials[nodes[1]]), siemens)
         for nodes, switch in self._diodes:
@@ -340,7 +334,7 @@ class _Circuit:
     def wrong(self, closed: np.ndarray, y: np.ndarray) -> int:
         """Index of the first switch that would turn at these voltages, or −1."""
         potentials = np.append(y, 0.0)
-        for k, (switch, _, control) in enumerate(self._switches):
+        for k, (switch, _, control) in enumerate(self.switches):
             volts = potentials[control[0]] - potentials[control[1]]
             low, high = hysteresis(switch.letter, switch.model)
             if (closed[k] and volts < low) or (not closed[k] and volts > high):
@@ -369,7 +363,7 @@ class _Circuit:
         # A turn leaves the energy in stores unchanged; the voltages of nodes without a store jump.
         shares = np.linalg.pinv(held) @ (self._ends.T @ (before - y)) if rates.size else rates
         deflections = np.vstack([shapes * shares, np.zeros(rates.size)])
-        one, other = self._switches[switch][2]
+        one, other = self.switches[switch][2]
         parts = np.abs(deflections[one] - deflections[other])
         moved = np.append(before - y, 0.0)
         if abs((deflections[one] - deflections[other]).sum()) < 0.5 * abs(
@@ -383,10 +377,8 @@ class _Circuit:
 
 def _value(source, which):
     """Value of a source at the beginning (0), or its opposite extreme (1)."""
-    if source.wave is None:
-        return source.value
-    if which == 0:
-        return source.wave.start
+    if source.wave is None or which == 0:
+        return source.first_value
     numbers = source.wave.numbers
     if source.wave.kind == "pwl":
         return max(numbers[1::2], key=abs)

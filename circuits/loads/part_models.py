@@ -100,9 +100,7 @@ def size(
 
 
 def _first_of(numbers, model, *names):
-    values = (
-        value for name in names for value in (numbers.get(name), dict(model.numbers).get(name))
-    )
+    values = (table.get(name) for name in names for table in (numbers, dict(model.numbers)))
     return next((value for value in values if value is not None), 0.0)
 
 
@@ -138,21 +136,15 @@ def check_diode(line: Any, model: Model, numbers: Mapping[str, float]) -> Model:
         line.refuse(f"a diode with a model of {model.kind}")
     parameters = {_SAME.get(key, key): value for key, value in model.numbers}
     # ngspice raises smaller values to this one.
-    parameters["is"] = (
-        max(parameters.get("is", 1e-14), LEAST_SATURATION)
-        if parameters.get("is", 1.0) > 0.0
-        else 0.0
-    )
+    saturation = parameters.get("is", 1e-14)
+    parameters["is"] = max(saturation, LEAST_SATURATION) if saturation > 0.0 else 0.0
     area = numbers.get("area", 1.0) * numbers.get("m", 1.0)
-    if not (parameters.get("is", 1e-14) > 0.0 and parameters.get("n", 1.0) > 0.0 and area > 0.0):
+    if not (parameters["is"] > 0.0 and parameters.get("n", 1.0) > 0.0 and area > 0.0):
         line.refuse("is, n, area and m of a diode lie above 0")
     if not (0.0 <= parameters.get("m", 0.5) < 1.0 and 0.0 <= parameters.get("fc", 0.5) < 1.0):
         line.refuse("m and fc of a diode lie from 0 to below 1")
-    if (
-        parameters.get("rs", 0.0) < 0.0
-        or parameters.get("bv", 1.0) <= 0.0
-        or parameters.get("vj", 1.0) <= 0.0
-    ):
+    breakdown, potential = parameters.get("bv", 1.0), parameters.get("vj", 1.0)
+    if parameters.get("rs", 0.0) < 0.0 or breakdown <= 0.0 or potential <= 0.0:
         line.refuse("rs of a diode is not below 0, bv and vj are above it")
     if parameters.get("level", 1.0) not in (1.0, 3.0):
         line.refuse("level= of a diode is 1 or 3 here: give is, n, rs, cjo")
@@ -169,21 +161,15 @@ def switch(line: Any, model: Model) -> Model:
     kind = "csw" if line.letter == "w" else "sw"
     if model.kind != kind:
         line.refuse(f"a switch with a model of {model.kind}: it takes {kind}")
-    off, on = _resistances(line, model)
-    threshold, width = LEVELS[line.letter]
-    numbers = {threshold: model.get(threshold), width: model.get(width), "ron": on, "roff": off}
-    return model._replace(numbers=tuple(numbers.items()))
-
-
-def _resistances(line, model):
-    """Resistances (Ω) of a switch, open and closed."""
     off, on = model.get("roff", 1e12), model.get("ron", 1.0)
     if min(off, on) < LEAST_RESISTANCE:
         line.refuse(
             f"ron={on:g} roff={off:g}: below {LEAST_RESISTANCE:g} Ω currents are lost to rounding; "
             "write 1m, a thousandth of an ohm"
         )
-    return off, on
+    threshold, width = LEVELS[line.letter]
+    numbers = {threshold: model.get(threshold), width: model.get(width), "ron": on, "roff": off}
+    return model._replace(numbers=tuple(numbers.items()))
 
 
 def smooth_switch(line: Any, model: Model, control: Tree) -> Tree | None:

@@ -36,6 +36,5 @@ def jumping_sources(elements: Iterable[Element]) -> tuple[Element, ...]:
     return tuple(
         element
         for element in elements
-        if element.expression is not None
-        and any(leaf[0] in _JUMPS for leaf in leaves(element.expression))
+        if any(leaf[0] in _JUMPS for leaf in leaves(element.expression))
     )

@@ -7,7 +7,7 @@ from collections.abc import Iterable
 from itertools import pairwise
 
 from circuits.loads.elements import Element
-from circuits.loads.expression import ONE, ZERO, Tree, leaves, rebuilt
+from circuits.loads.expression import ONE, ZERO, Tree, leaves, replaced
 from circuits.loads.part_models import hysteresis
 from circuits.loads.waveform import FOREVER, Waveform
 from harvester.device.terminals import GROUND
@@ -68,24 +68,15 @@ class Potentials:
         sources = self.between(a, z)
         if sources is None:
             return None
-        return sum(sign * _at_start(source) for sign, source in sources)
-
-
-def _at_start(each):
-    if each.letter == "c":
-        return each.get("ic")
-    return each.wave.start if each.wave else each.value
+        return sum(
+            sign * (source.get("ic") if source.letter == "c" else source.first_value)
+            for sign, source in sources
+        )
 
 
 def with_sources(tree: Tree, potentials: Potentials) -> Tree:
     """An expression in which each voltage that sources set is replaced by the sources' values."""
-
-    def made(here: Tree, parts: list[Tree]) -> Tree:
-        if here[0] == "v":
-            return _said(here, potentials)
-        return (*here[: len(here) - len(parts)], *parts) if parts else here
-
-    return rebuilt(tree, made)
+    return replaced(tree, lambda leaf: _said(leaf, potentials) if leaf[0] == "v" else leaf)
 
 
 def _said(voltage, potentials):

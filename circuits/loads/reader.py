@@ -49,10 +49,6 @@ def read_cards(path: Path, text: str | None = None) -> list[Card]:
     text : str, optional
         What the file is to hold; it is then not read.
 
-    Returns
-    -------
-    list of Card
-
     Raises
     ------
     NetlistError
@@ -193,10 +189,6 @@ def statements(text: str, name: str) -> list[Card]:
     text : str
     name : str
         Name of the file, for messages.
-
-    Returns
-    -------
-    list of Card
 
     Raises
     ------

@@ -20,8 +20,7 @@ from circuits.loads.expression import (
     is_constant,
     leaves,
     parse,
-    parts_of,
-    rebuilt,
+    replaced,
     resolved,
 )
 from circuits.loads.functions import CONSTANTS
@@ -31,41 +30,6 @@ from harvester.device.terminals import GROUND
 
 # In ngspice's behavioural sources only these constants have precedence over parameters.
 _FIRST = ("pi", "e")
-
-
-class _Parameters(Names):
-    """Names in a parameter's value, or in any that must be a number."""
-
-    parameters_only = True
-
-    def __init__(self, scope):
-        self._scope = scope
-
-    def function(self, name):
-        return self._scope.function(name)
-
-    def name(self, name):
-        return ("number", self._scope.parameter(name))
-
-
-class _Circuit(Names):
-    """Names in an expression of the circuit's voltages and currents."""
-
-    def __init__(self, scope):
-        self._scope = scope
-
-    def function(self, name):
-        return self._scope.function(name)
-
-    def name(self, name):
-        if name == "time":
-            return ("time",)
-        if name == "hertz":
-            raise NotConstant("hertz, which is defined only in an AC analysis")
-        value = self._scope.parameter(name)
-        if name in _FIRST and not math.isclose(value, CONSTANTS[name], rel_tol=1e-6):
-            raise ExpressionError(f"{name} means ngspice's constant here: rename the parameter")
-        return ("number", value)
 
 
 class Scope:
@@ -108,19 +72,27 @@ class Scope:
         size = number(text)
         if size is not None:
             return size
-        result = resolved(parse(text.strip("{}")), _Parameters(self))
+        names = Names(lambda name: ("number", self.parameter(name)), self.function, True)
+        result = resolved(parse(text.strip("{}")), names)
         if not is_constant(result):
             raise NotConstant("a value that changes while the circuit runs")
         return float(result[1])
 
     def tree(self, text: str) -> Tree:
         """An expression of the circuit's solution, its nodes and sources by their full names."""
-        return self.with_full_names(resolved(parse(text.strip("{}")), self.circuit_names))
+        names = Names(self._of_circuit, self.function)
+        return replaced(resolved(parse(text.strip("{}")), names), self._with_full_names)
 
-    @property
-    def circuit_names(self) -> Names:
-        """The resolver of names for expressions of voltages and currents."""
-        return _Circuit(self)
+    def _of_circuit(self, name):
+        """The tree of a name in an expression of voltages and currents."""
+        if name == "time":
+            return ("time",)
+        if name == "hertz":
+            raise NotConstant("hertz, which is defined only in an AC analysis")
+        value = self.parameter(name)
+        if name in _FIRST and not math.isclose(value, CONSTANTS[name], rel_tol=1e-6):
+            raise ExpressionError(f"{name} means ngspice's constant here: rename the parameter")
+        return ("number", value)
 
     def parameter(self, name: str) -> float:
         """The value of a parameter, from here outwards along the calls.
@@ -191,17 +163,11 @@ class Scope:
         """
         return self.path + (name if name[0] == "x" else name.replace(".", ":"))
 
-    def with_full_names(self, tree: Tree) -> Tree:
-        """A tree with its nodes and sources by their full names."""
-
-        def made(here, parts):
-            if here[0] == "v":
-                return ("v", self.node(here[1]), self.node(here[2]))
-            if here[0] == "i":
-                return ("i", self.element(here[1]))
-            return (*here[: len(here) - len(parts)], *parts) if parts_of(here) else here
-
-        return rebuilt(tree, made)
+    def _with_full_names(self, leaf):
+        """A voltage or current with the full names of its nodes or source."""
+        if leaf[0] == "v":
+            return ("v", *map(self.node, leaf[1:]))
+        return ("i", self.element(leaf[1])) if leaf[0] == "i" else leaf
 
     def called(self, name: str, target: Subcircuit, pins: list[str], given: dict[str, str]) -> Any:
         """The scope of a call from here, values given as text.

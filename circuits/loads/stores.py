@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
-from circuits.loads.expression import leaves
+from circuits.loads.expression import nodes_in
 from harvester.device.terminals import GROUND
 
 if TYPE_CHECKING:
@@ -40,7 +40,11 @@ class Store(NamedTuple):
 def stores_of(elements: Sequence[Element]) -> tuple[Store, ...]:
     """The capacitors and coils of a load that hold something."""
     return tuple(
-        _store(element)
+        Store(
+            element.name,
+            element.where,
+            *((f"i({element.name})", GROUND) if element.letter == "l" else element.nodes[:2]),
+        )
         for element in elements
         if element.letter in "cl"
         and (element.expression is not None or (element.size or 0.0) > 0.0)
@@ -60,16 +64,8 @@ def levels_of(elements: Sequence[Element], stores: Sequence[Store]) -> tuple[str
             nodes += element.nodes
         elif element.letter in _CONTROLLED:
             nodes += element.nodes[2:4]
-        if element.expression is not None:
-            for leaf in leaves(element.expression):
-                if leaf[0] == "v":
-                    nodes += leaf[1:]
+        nodes += nodes_in(element.expression)
     return tuple(name for name in dict.fromkeys(nodes) if name != GROUND)
-
-
-def _store(each):
-    ends = (f"i({each.name})", GROUND) if each.letter == "l" else each.nodes[:2]
-    return Store(each.name, each.where, *ends)
 
 
 def weights(store: Store, levels: Iterable[str]) -> np.ndarray:

@@ -102,10 +102,6 @@ def read_load(
     cards : sequence of Card, optional
         What was read of the file before: it is not read again.
 
-    Returns
-    -------
-    LoadCircuit
-
     Raises
     ------
     NetlistError
@@ -127,13 +123,15 @@ def read_load(
     parts = tuple(elements(scope))
     measures = vet_measures([*root.measures, *top.measures], top.scope())
     output = _across_output(top, parts, measures)
+    defaults = {**root.local, **top.parameters, **top.local}
+    sizes = ((name, number(defaults[name])) for name in top.parameters)
     letters = {"b" if part.expression is not None else part.letter for part in parts}
     load = LoadCircuit(
         text="\n".join(written(root)) + "\n",
         name=top.name,
         pins=top.pins,
         parameters=tuple(values.items()),
-        defaults=tuple(_defaults(root, top)),
+        defaults=tuple((name, size) for name, size in sizes if size is not None),
         across_output=tuple(output),
         linear=letters <= {"r", "c"},
         switches=not letters <= {"r", "c", "d"},
@@ -148,20 +146,12 @@ def read_load(
     return load
 
 
-def _defaults(root, top):
-    """(name, number) of its own parameters where the file gives a plain number."""
-    defaults = {**root.local, **top.parameters, **top.local}
-    sizes = ((name, number(defaults[name])) for name in top.parameters)
-    return [(name, size) for name, size in sizes if size is not None]
-
-
 def _chosen(root, path, name):
     if not root.inner:
         raise NetlistError(f"{path.name}: holds no .subckt: put the load into one")
     if name is None:
-        names = [
-            circuit_name for circuit_name, circuit in root.inner.items() if _fits(circuit)
-        ] or [*root.inner]
+        fitting = [name for name, circuit in root.inner.items() if _fits(circuit)]
+        names = fitting or [*root.inner]
         name = path.stem.lower() if path.stem.lower() in root.inner else names[0]
         if name != path.stem.lower() and len(names) > 1:
             raise NetlistError(
@@ -214,8 +204,7 @@ def _override(root, top, given, path):
         if name in top.parameters:
             values[name] = size
         else:
-            table = top.local if name in top.local else root.local
-            table[name] = repr(size)
+            (top.local if name in top.local else root.local)[name] = repr(size)
     return values
 
 
@@ -230,35 +219,27 @@ def _vet(circuit):
     for name, (card, kind, pairs) in circuit.models.items():
         checked = [(k, v and check_value(card, v, scope, k)) for k, v in pairs]
         circuit.models[name] = (card, kind, checked)
-    circuit.needs = [
-        card
-        if (text := check_expression(card, card.text, scope)) == rewritten(card.text)
-        else card._replace(text=text)
-        for card in circuit.needs
-    ]
+    for k, card in enumerate(circuit.needs):
+        text = check_expression(card, card.text, scope)
+        if text != rewritten(card.text):
+            circuit.needs[k] = card._replace(text=text)
     for name, (card, arguments, expression) in circuit.functions.items():
-        inner_scope = scope._replace(
-            parameters=scope.parameters.new_child(dict.fromkeys(arguments))
-        )
-        circuit.functions[name] = (card, arguments, check_expression(card, expression, inner_scope))
+        inside = scope._replace(parameters=scope.parameters.new_child(dict.fromkeys(arguments)))
+        circuit.functions[name] = (card, arguments, check_expression(card, expression, inside))
     circuit.elements = [_vetted(card, circuit, scope) for card in circuit.elements]
     names = set()
     for card, words in circuit.elements:
         if words[0] in names:
             refuse(card, f"{words[0][:40]} is there twice")
         names.add(words[0])
+    coils = {name for name in names if name[0] == "l"}
     for card, words in circuit.elements:
-        if words[0][0] == "k":
-            _check_coupling(card, words, {name for name in names if name[0] == "l"})
+        for name in words[1:-1] if words[0][0] == "k" else ():
+            if name not in coils:
+                hint = nearest(name, coils)
+                refuse(card, f"{words[0]}: no inductor {name} in its sub-circuit{hint}")
     for inner in circuit.inner.values():
         _vet(inner)
-
-
-def _check_coupling(card, words, coils):
-    """Refuse a coupling with what is no coil."""
-    for name in words[1:-1]:
-        if name not in coils:
-            refuse(card, f"{words[0]}: no inductor {name} in its sub-circuit{nearest(name, coils)}")
 
 
 def _vetted(card, circuit, scope):
@@ -279,15 +260,10 @@ def _vetted(card, circuit, scope):
         if name == "m" and name not in target.parameters:
             refuse(card, "m= on a call: ngspice 39 and 46 differ in it: write the call m times")
         if name not in target.parameters:
-            refuse(
-                card,
-                f"{target.name[:40]} has no parameter {name[:40]}"
-                f"{nearest(name, target.parameters)}",
-            )
-    assignments = [
-        f"{name}={check_value(card, value, scope, name)}" for name, value in pairs.items()
-    ]
-    return card, [*bare, *assignments]
+            hint = nearest(name, target.parameters)
+            refuse(card, f"{target.name[:40]} has no parameter {name[:40]}{hint}")
+    values = {name: check_value(card, value, scope, name) for name, value in pairs.items()}
+    return card, [*bare, *(f"{name}={value}" for name, value in values.items())]
 
 
 def _single_resistance(top, parts):
@@ -304,11 +280,8 @@ def _across_output(top, parts, measures):
         if measures:
             refuse(top.card, f"measures are of a load with the pins {' '.join(OUTPUT_PINS)}")
         return []
-    across = [
-        part
-        for part in parts
-        if {*part.nodes[:2]} == {*OUTPUT_PINS} and part.written_letter in "rc"
-    ]
+    joining = (part for part in parts if {*part.nodes[:2]} == {*OUTPUT_PINS})
+    across = [part for part in joining if part.written_letter in "rc"]
     for part in across:
         if part.value is None:
             raise NetlistError(

@@ -10,7 +10,7 @@ import itertools
 from collections.abc import Collection, Iterable, Sequence
 from typing import TYPE_CHECKING
 
-from circuits.loads.expression import Tree, leaves
+from circuits.loads.expression import Tree, currents_in, leaves, nodes_in
 from circuits.loads.kinds import BATTERY, LOSS, OUTPUT, SUPPLY
 from circuits.loads.measures import Measure
 from circuits.loads.potentials import has_tree, wave_tree
@@ -40,11 +40,10 @@ def supplies_of(
         if _within(source, coupled_nodes) and _current(source) is not None
     }
     counted = {
-        leaf[1]
+        name
         for measure in measures
         if measure.kind in (OUTPUT, LOSS)
-        for leaf in leaves(measure.trees[0])
-        if leaf[0] == "i"
+        for name in currents_in(measure.trees[0])
     }
     groups = ([booked[name] for name in group if name in booked]
               for group in _groups(sources, elements))  # fmt: skip
@@ -59,9 +58,7 @@ def unbooked(elements: Iterable[Element]) -> tuple[str, ...]:
 
 
 def _may_supply(each: Element) -> bool:
-    if each.letter in "vi":
-        return each.wave is not None or each.value != 0.0
-    return each.letter in "efghb" and each.written_letter not in "rsw"
+    return each.delivers or (each.letter in "efghb" and each.written_letter not in "rsw")
 
 
 def _current(each: Element) -> Tree | None:
@@ -141,9 +138,7 @@ def _islands(parts):
 
 def _controls(each: Element) -> tuple[set[str], set[str]]:
     """Nodes and currents on which an element depends, other than by its own ends."""
-    leaves_of_source = list(leaves(each.expression)) if each.expression is not None else []
-    nodes = {node for leaf in leaves_of_source if leaf[0] == "v" for node in leaf[1:]}
-    names = {leaf[1] for leaf in leaves_of_source if leaf[0] == "i"}
+    nodes, names = {*nodes_in(each.expression)}, {*currents_in(each.expression)}
     if each.expression is None and each.letter in "egs":
         nodes |= {*each.nodes[2:4]}
     if each.letter in "fhw":
@@ -167,10 +162,7 @@ def _groups(sources: dict[str, Element], parts: Sequence[Element]) -> list[list[
         by_current[name] = (currents & {*sources} | _near(around, at, sources)) - {name}
         reached[name] = by_current[name] | _near(nodes, at, sources) - {name}
     for _ in sources:
-        reached = {
-            a: sources_reached.union(*(reached[b] for b in sources_reached))
-            for a, sources_reached in reached.items()
-        }
+        reached = {a: near.union(*(reached[b] for b in near)) for a, near in reached.items()}
     groups: list[list[str]] = []
     for name in sources:
         together = [

@@ -101,9 +101,7 @@ class Values:
 
 
 @compiled
-def _at_points(
-    rows: Any, values: Any, ends: Any, time: Any, points: Any, found: Any
-) -> None:  # fmt: skip
+def _at_points(rows: Any, values: Any, ends: Any, time: Any, points: Any, found: Any) -> None:
     for k in range(time.size):
         evaluate(rows, values, points[k], time[k])
         for index in range(ends.size):

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import re
 from dataclasses import dataclass, field
-from typing import Any
 
 from circuits.loads.reader import statements
 from circuits.loads.vetting import ELEMENTS
@@ -103,17 +102,13 @@ class Topology:
         return self.outer.model(name)
 
 
-def read_topology(text: str) -> Any:
+def read_topology(text: str) -> Topology:
     """Elements and sub-circuits of a netlist.
 
     Parameters
     ----------
     text : str
         A netlist without includes.
-
-    Returns
-    -------
-    Topology
 
     Raises
     ------
@@ -144,11 +139,6 @@ def _joined(text):
     return re.sub(r"(?<![=<>!])\s*=\s*(?!=)", "=", text)
 
 
-def _has_fourth_node(rest):
-    """Whether a node stands before the model's name: what follows that is a number or a pair."""
-    return len(rest) > 1 and "=" not in rest[1] and re.match(r"(?!off$)[a-z_]", rest[1].lower())
-
-
 def _part(words, card):
     name, letter = words[0], words[0][0].lower()
     if letter == "x":
@@ -160,7 +150,9 @@ def _part(words, card):
     if letter == "k":
         return Part(name, (), tuple(words[1:-1]), words[-1])
     count = 2 if letter in CONTROLLED_BY_NODES else ELEMENTS[letter][0]
-    if letter in ("m", "q") and _has_fourth_node(words[1 + count :]):
+    # Behind a fourth node of a transistor stands its model's name, else a number, a pair or "off".
+    following = words[2 + count : 3 + count] if letter in ("m", "q") else []
+    if any("=" not in w and re.match(r"(?!off$)[a-z_]", w.lower()) for w in following):
         count += 1
     nodes, remainder = tuple(words[1 : 1 + count]), words[1 + count :]
     if (

@@ -5,7 +5,6 @@ from __future__ import annotations
 import re
 from collections import ChainMap
 from dataclasses import dataclass, field
-from typing import Any
 
 from circuits.loads import vetting
 from circuits.loads.dialects import DIALECTS
@@ -46,10 +45,9 @@ class Subcircuit:
     def scope(self) -> Scope:
         """The names that are visible here, including those of the definitions around it."""
         around = self.around()
+        parameters = (values for c in around for values in (c.local, c.parameters))
         return Scope(
-            ChainMap(
-                *(values for circuit in around for values in (circuit.local, circuit.parameters))
-            ),
+            ChainMap(*parameters),
             ChainMap(*(circuit.functions for circuit in around)),
             ChainMap(*(circuit.models for circuit in around)),
             around[-1].dialect,
@@ -65,13 +63,11 @@ class Subcircuit:
 
     def find(self, name: str) -> Subcircuit | None:
         """A sub-circuit by name, from here outwards, or None."""
-        if name in self.inner:
-            return self.inner[name]
-        return self.outer.find(name) if self.outer else None
+        return next((c.inner[name] for c in self.around() if name in c.inner), None)
 
-    def known(self) -> Any:
+    def known(self) -> set[str]:
         """Names of all sub-circuits that can be called from here."""
-        return {*self.inner, *(self.outer.known() if self.outer else ())}
+        return {name for circuit in self.around() for name in circuit.inner}
 
 
 def parse(cards: list[Card], name: str) -> Subcircuit:
@@ -108,9 +104,8 @@ def parse(cards: list[Card], name: str) -> Subcircuit:
             current.models[name] = (card, kind, values)
         elif first == DIALECT:
             if remainder not in DIALECTS or root.dialect not in ("", remainder):
-                refuse(
-                    card, f"* dialect: {remainder[:40]}: one of {', '.join(DIALECTS)} for all files"
-                )
+                choice = ", ".join(DIALECTS)
+                refuse(card, f"* dialect: {remainder[:40]}: one of {choice} for all files")
             root.dialect = remainder
         elif first == MEASURE:
             current.measures.append(Card(remainder, card.where))
@@ -119,11 +114,10 @@ def parse(cards: list[Card], name: str) -> Subcircuit:
                 refuse(card, "needs: put it into the .subckt whose parameters it is about")
             current.needs.append(Card(remainder, card.where))
         elif first.startswith("."):
-            instead = _INSTEAD.get(first, "")
             refuse(
                 card,
-                f"{first[:40]} is not accepted{instead}: a load holds elements, .model, .param, "
-                ".func, .subckt and .include, and is no program",
+                f"{first[:40]} is not accepted{_INSTEAD.get(first, '')}: a load holds elements, "
+                ".model, .param, .func, .subckt and .include, and is no program",
             )
         elif current is root:
             title = "; a title begins with *" if card is cards[0] else ""

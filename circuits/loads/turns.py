@@ -5,12 +5,11 @@ from __future__ import annotations
 import functools
 import math
 from collections.abc import Iterator
-from typing import NamedTuple
 
 import numpy as np
 
 from circuits.loads.bounds import of_time_alone
-from circuits.loads.expression import ExpressionError, Tree, leaves
+from circuits.loads.expression import ExpressionError, Tree, leaves, unknowns_in
 from harvester.device.terminals import GROUND
 
 # An expression is examined on so many lines through the space of voltages and currents, with values
@@ -21,21 +20,6 @@ LINES, SMALLEST, GREATEST, HALVINGS = 64, -2.0, 2.0, 60
 CONTINUOUS = 1e-6
 # A slope of a comparison below this share is rounding.
 ROUNDING = 1e-9
-
-
-class Passing(NamedTuple):
-    """A comparison that turns where the first unknown less the second passes a level.
-
-    Attributes
-    ----------
-    ends : (str, str)
-        A node, "i(source)" or ground each.
-    level : float
-        Level in V or A.
-    """
-
-    ends: tuple[str, str]
-    level: float
 
 
 @functools.lru_cache(maxsize=4096)
@@ -59,15 +43,9 @@ def _passed(tree: Tree) -> Iterator[Tree]:
             yield ("cos", ("*", half_turn, leaf[1]))
 
 
-def _unknowns(tree):
-    named = [leaf for leaf in leaves(tree) if leaf[0] in ("v", "i")]
-    names = [f"i({leaf[1]})" if leaf[0] == "i" else node for leaf in named for node in leaf[1:]]
-    return [name for name in dict.fromkeys(names) if name != GROUND]
-
-
 def _jumps(tree, passed):
     """Whether an expression jumps where another crosses 0; True also if no crossing was found."""
-    names = _unknowns(tree)
+    names = unknowns_in(tree)
     try:
         from circuits.loads.tape import Values
 
@@ -97,9 +75,12 @@ def _jumps(tree, passed):
     return not met.any() or bool(np.any((leap > CONTINUOUS * size)[met]))
 
 
-def passing(passed: Tree) -> Passing | None:
-    """An expression that passes 0 as two unknowns and a level; None if it is less simple."""
-    names = _unknowns(passed)
+def passing(passed: Tree) -> tuple[tuple[str, str], float] | None:
+    """Two unknowns whose difference passes a level (V or A) where an expression passes 0.
+
+    Each is a node, "i(source)" or ground. None if the expression is less simple.
+    """
+    names = unknowns_in(passed)
     try:
         from circuits.loads.tape import Values
 
@@ -118,8 +99,7 @@ def passing(passed: Tree) -> Passing | None:
     counts.sort(key=lambda k: -slopes[k])
     if len(counts) == 1:
         (k,) = counts
-        return Passing((names[k], GROUND), float(-start / slopes[k]))
+        return (names[k], GROUND), float(-start / slopes[k])
     if len(counts) == 2 and abs(slopes[counts].sum()) <= ROUNDING * np.abs(slopes).max():
-        ends = names[counts[0]], names[counts[1]]
-        return Passing(ends, float(-start / slopes[counts[0]]))
+        return (names[counts[0]], names[counts[1]]), float(-start / slopes[counts[0]])
     return None

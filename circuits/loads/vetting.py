@@ -174,11 +174,8 @@ def vet_parameters(card: Card, text: str) -> dict[str, Any]:
     pairs = dict(_pairs(card, text, ()))
     for name, value in pairs.items():
         if THOUSANDTH_OF_AN_INCH.fullmatch(value):
-            refuse(
-                card,
-                f"{name}={value[:LONGEST_SHOWN]}: ngspice takes mil for a thousandth in a "
-                "parameter: write it times 25.4u",
-            )
+            cure = "ngspice takes mil for a thousandth in a parameter: write it times 25.4u"
+            refuse(card, f"{name}={value[:LONGEST_SHOWN]}: {cure}")
     for name in VARYING & {*pairs}:
         refuse(card, f"{name} is ngspice's own and no parameter; give it another name")
     return pairs
@@ -220,14 +217,11 @@ def check_value(card: Card, value: str, scope: Scope, what: str = "value") -> st
         return repr(size) if "mil" in value else INFIX.sub(r"\1.\3\2", value)
     if value in scope.parameters:
         return "{" + value + "}"
+    excerpt = f"{what} {value[:LONGEST_SHOWN]}"
     if AMPERE.fullmatch(value):
-        refuse(
-            card,
-            f"{what} {value[:LONGEST_SHOWN]}: ngspice 46 reads 1e-18 for A, 39 reads 1: leave the "
-            "A out",
-        )
+        refuse(card, f"{excerpt}: ngspice 46 reads 1e-18 for A, 39 reads 1: leave the A out")
     if NUMBER.fullmatch(value):
-        refuse(card, f"{what} {value[:LONGEST_SHOWN]} is not finite")
+        refuse(card, f"{excerpt} is not finite")
     refuse(card, f"{what} {value[:40]!r} is no number{nearest(value, scope.parameters)}")
 
 
@@ -254,10 +248,8 @@ def vet_element(card: Card, scope: Scope) -> list[str]:
         text = _TWO_COEFFICIENTS.sub(r" tc1=\1 tc2=\2", text)
     name, *words = re.split(r"\s+", text)
     if name[0] not in ELEMENTS:
-        letters = " ".join(sorted(ELEMENTS)).upper()
-        refuse(
-            card, f"{name[:40]}: an element of this letter is not accepted; these are: X {letters}"
-        )
+        fault = "an element of this letter is not accepted; these are: X"
+        refuse(card, f"{name[:40]}: {fault} {' '.join(sorted(ELEMENTS)).upper()}")
     count, kind = ELEMENTS[name[0]]
     nodes, remainder = words[:count], words[count:]
     if not re.fullmatch(r"[\w.+\-#]+", name) or len(nodes) < count or not remainder:
@@ -399,10 +391,6 @@ def _behavioural(card, rest, scope):
 
 
 _KINDS = {
-    "value": _value,
-    "coupling": _coupling,
-    "model": _model,
-    "source": _source,
-    "controlled": _controlled,
-    "behavioural": _behavioural,
-}
+    "value": _value, "coupling": _coupling, "model": _model, "source": _source,
+    "controlled": _controlled, "behavioural": _behavioural,
+}  # fmt: skip

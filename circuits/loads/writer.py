@@ -60,7 +60,13 @@ def reads_alike(text: str, elements: tuple[Element, ...]) -> bool:
     asked = {*re.findall(r"(?<![\w.])([a-z_]\w*)(?=[-+*/^<>?:,!&|})])", text)}
     called = {*re.findall(r"(?<![\w.])([a-z_]\w*)\(", text)}
     definitions = re.findall(r"(?m)^\.param (\w+)=(\S+)", text)
-    parameters = {name for name, value in definitions if not _is_ngspices(name, number(value))}
+    # A parameter with the value of ngspice's constant of its name is that constant.
+    parameters = {
+        name
+        for name, definition in definitions
+        if (value := number(definition)) is None
+        or not math.isclose(value, CONSTANTS.get(name, 0.0), rel_tol=1e-6)
+    }
     parameters |= {*re.findall(r" (\w+)=", " ".join(re.findall(r"(?m)^\.subckt .*", text)))}
     return not (
         any(element.is_smooth_switch for element in elements)
@@ -69,11 +75,6 @@ def reads_alike(text: str, elements: tuple[Element, ...]) -> bool:
         or parameters & ((FUNCTIONS - SOLUTION) | {"pi", "e"})
         or (asked & {*CONSTANTS} - {"temper"}) - named
     )
-
-
-def _is_ngspices(name, value):
-    """Whether a parameter has the value of ngspice's constant of its name."""
-    return value is not None and math.isclose(value, CONSTANTS.get(name, 0.0), rel_tol=1e-6)
 
 
 def _model_names(elements):
@@ -126,15 +127,12 @@ def _line(each, names):
 def _by_expression(each):
     text = said(each.expression)
     if each.letter in "cl":
-        return [
-            f"{each.letter}='{text}'",
-            *(f"{key}={_number(value)}" for key, value in each.numbers),
-        ]
+        numbers = [f"{key}={_number(value)}" for key, value in each.numbers]
+        return [f"{each.letter}='{text}'", *numbers]
     if each.many != 1.0:
         text = f"({text})*{_number(each.many)}"
-    key = "v" if each.voltage else "i"
     if each.letter == "b":
-        return [f"{key}={text}"]
+        return [f"{'v' if each.voltage else 'i'}={text}"]
     return [f"{'vol' if each.voltage else 'cur'}='{text}'"]
 
 

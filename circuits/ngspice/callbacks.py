@@ -237,14 +237,11 @@ def send_data(values: Any, count: int, identity: int, user: Any) -> int:
 
 @cfunc(
     types.int32(
-        types.CPointer(types.double),
-        types.double,
-        types.voidptr,
-        types.int32,
+        types.CPointer(types.double), types.double, types.voidptr, types.int32,
         types.CPointer(_STATE),
     ),
     cache=CACHED,
-)
+)  # fmt: skip
 def get_noise(current: Any, time: float, name: Any, identity: int, user: Any) -> int:
     """`GetISRCData`: noise or clock of the copy whose number stands in the source's name."""
     state = carray(user, 1)[0]
@@ -418,12 +415,7 @@ def _set_step(time, delta, before, redo, identity, location, user):
 
 
 def step_setter(system: System) -> int:
-    """Address of the `GetSyncData` that sets the steps of a device with such parts.
-
-    Parameters
-    ----------
-    system : harvester.device.system.System
-    """
+    """Address of the `GetSyncData` that sets the steps of a device with such parts."""
     floats = types.float64, types.CPointer(types.float64), types.float64
     user = types.CPointer(numba.typeof(system))
     return address_of(_set_step, *floats, types.int32, types.int32, types.int32, user)

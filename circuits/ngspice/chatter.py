@@ -6,11 +6,10 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from circuits.loads.expression import leaves, renamed
+from circuits.loads.expression import renamed, unknowns_in
 from circuits.loads.part_values import jumping_sources
 from circuits.loads.tape import Values
 from circuits.ngspice import callbacks
-from harvester.device.terminals import GROUND
 
 if TYPE_CHECKING:
     from circuits.assembly import Netlist
@@ -26,13 +25,7 @@ FEWEST_POINTS = 200
 
 
 class Chattering:
-    """Checks a run's points about once a second for a source that chatters.
-
-    Parameters
-    ----------
-    netlist : circuits.assembly.Netlist
-    load : circuits.loads.load_circuit.LoadCircuit or None
-    """
+    """Checks a run's points about once a second for a source that chatters."""
 
     def __init__(self, netlist: Netlist, load: LoadCircuit | None) -> None:
         measurement = netlist.measurement
@@ -46,9 +39,9 @@ class Chattering:
         pins = {name: tree[1] for name, tree in zip(levels, level_trees, strict=True)}
         for source in jumping_sources(load.elements) if load else ():
             tree = renamed(source.expression, pins) if source.expression else None
-            if tree and _nodes(tree) <= {*measurement.watched}:
+            if tree and {*unknowns_in(tree)} <= {*measurement.watched}:
                 trees.append(tree)
-                self._names.append(f"the source {source.name} ({source.where})")
+                self._names.append(f"the source {source.place}")
         self._values = Values(trees, measurement.watched) if trees else None
 
     def found(self, times: np.ndarray, points: np.ndarray) -> str:
@@ -67,9 +60,3 @@ class Chattering:
         jumps = np.abs(np.diff(values)) > 0.5 * np.abs(values).max(axis=1, keepdims=True)
         shares = jumps.mean(axis=1)
         return self._names[int(shares.argmax())] if shares.max() > JUMPING_SHARE else ""
-
-
-def _nodes(tree):
-    """Unknowns that an expression needs."""
-    nodes = {node for leaf in leaves(tree) if leaf[0] == "v" for node in leaf[1:]} - {GROUND}
-    return nodes | {f"i({leaf[1]})" for leaf in leaves(tree) if leaf[0] == "i"}

@@ -14,15 +14,12 @@ import re
 import shutil
 import subprocess
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from harvester.errors import CompiledDeviceUnavailable
 from harvester.files.libraries import install_command
 from harvester.files.surroundings import who_else_writes
 from harvester.files.temporary import TemporaryFolder
-
-if TYPE_CHECKING:
-    pass
 
 COMPILER = "openvaf-r"
 # Compiles for a generic processor: all processors that share a cache then give the same last
@@ -69,10 +66,6 @@ def compiled_file(text: str) -> Path:
     """The compiled device of a Verilog-A text, from the cache or compiled now.
 
     Any number of processes may ask at once: each compiles in a folder of its own and renames.
-
-    Returns
-    -------
-    pathlib.Path
 
     Raises
     ------

@@ -105,10 +105,7 @@ def run_realizations(
         steps = steps_per_knot(ready, step), steps_per_contact(ready, step)
         refinement = steps[0] / steps_per_knot(ready)
         engine.run(netlist, system, paths, observers, *steps, by_error, refinement, outputs)
-    return {
-        "engine_version": version(engine),
-        "netlist_sha256": netlist.sha256,
-    }
+    return {"engine_version": version(engine), "netlist_sha256": netlist.sha256}
 
 
 def device_used(ready: Prepared, device: str, report: Callable) -> str:

@@ -12,15 +12,10 @@ from harvester.errors import EngineNotFound
 from harvester.files.temporary import TemporaryFolder
 
 SYSTEM_NAMES = (
-    "libngspice.so",
-    "libngspice.so.0",
-    "libngspice.dylib",
-    "libngspice.0.dylib",
-    "/opt/homebrew/lib/libngspice.dylib",
-    "/usr/local/lib/libngspice.dylib",
-    "ngspice.dll",
+    "libngspice.so", "libngspice.so.0", "libngspice.dylib", "libngspice.0.dylib",
+    "/opt/homebrew/lib/libngspice.dylib", "/usr/local/lib/libngspice.dylib", "ngspice.dll",
     "libngspice-0.dll",
-)
+)  # fmt: skip
 HOW_TO_GET_IT = (
     "get it with 'apt-get install libngspice0' (Debian, Ubuntu), 'brew install libngspice' "
     "(macOS), 'conda install -c conda-forge ngspice-lib' (conda), or from ngspice's download page "
@@ -34,13 +29,12 @@ def candidates() -> list[str]:
     if chosen:
         return [chosen]
     prefix = Path(sys.prefix)
-    places = [
-        *sorted(prefix.glob("ngspice-osdi/usr/lib/*/libngspice.so*")),
-        *sorted(prefix.glob("ngspice/usr/lib/*/libngspice.so*")),
-        *sorted(prefix.glob("lib/libngspice*")),
-        *sorted(prefix.glob("Library/bin/*ngspice*.dll")),
-    ]
-    return [*(str(path) for path in places), *SYSTEM_NAMES]
+    patterns = (
+        "ngspice-osdi/usr/lib/*/libngspice.so*", "ngspice/usr/lib/*/libngspice.so*",
+        "lib/libngspice*", "Library/bin/*ngspice*.dll",
+    )  # fmt: skip
+    paths = (str(path) for pattern in patterns for path in sorted(prefix.glob(pattern)))
+    return [*paths, *SYSTEM_NAMES]
 
 
 def find_library() -> str:
@@ -82,12 +76,8 @@ def code_models(library: str) -> list[Path]:
         Sorted; none where there are none.
     """
     home = _loaded_from(library).parent
-    folders = (
-        home / "ngspice",
-        home.parent / "lib" / "ngspice",
-    )
-    module_lists = (sorted(folder.glob("*.cm")) for folder in folders)
-    return next(filter(None, module_lists), [])
+    folders = (home / "ngspice", home.parent / "lib" / "ngspice")
+    return next(filter(None, (sorted(folder.glob("*.cm")) for folder in folders)), [])
 
 
 @contextlib.contextmanager
@@ -118,11 +108,9 @@ def _loaded_from(library):
 
     class Place(ctypes.Structure):
         _fields_ = (
-            ("file", ctypes.c_char_p),
-            ("base", ctypes.c_void_p),
-            ("symbol", ctypes.c_char_p),
-            ("address", ctypes.c_void_p),
-        )
+            ("file", ctypes.c_char_p), ("base", ctypes.c_void_p),
+            ("symbol", ctypes.c_char_p), ("address", ctypes.c_void_p),
+        )  # fmt: skip
 
     symbol_info = Place()
     if os.name == "posix":

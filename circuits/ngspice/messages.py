@@ -15,24 +15,10 @@ _ENDED = re.compile(r"doAnalyses: (?:TRAN: *)?", re.I)
 _SINGULAR = re.compile(r"warning: (?=singular matrix)", re.I)
 # Matches lines that only announce or repeat a fault, or say that it is worked around.
 _EMPTY = re.compile(
-    "|".join(
-        (
-            r"note:.*",
-            r"error on line.*",
-            r"line no\..*",
-            r"warning: model issue.*",
-            r"warning: there is no circuit.*",
-            r"command '.*",
-            r"warning:.*(step|increment).*",
-            r"trying .*",
-            r"supplies reduced .*",
-            r"error: transient op failed.*",
-            r"error: (the|finding the) operating point.*",
-            r"any of the following.*",
-            r"run simulation\(s\) aborted",
-            r"error: fatal error in ngspice.*",
-        )
-    ),
+    r"(note:|error on line|line no\.|command '|trying |supplies reduced |any of the following"
+    r"|warning: (model issue|there is no circuit)|warning:.*(step|increment)"
+    r"|error: (transient op failed|(the|finding the) operating point|fatal error in ngspice)).*"
+    r"|run simulation\(s\) aborted",
     re.I,
 )
 _SUBJECT = re.compile(r"(?:in line )?((?:[a-z]\.)+x\S+)(?: .*)?|\.model (\S+) .*", re.I)
@@ -57,7 +43,9 @@ def refusal(lines: list[Any]) -> str:
     lines : sequence of str
         Lines of standard error.
     """
-    first = next((k for k, line in enumerate(lines) if _refuses(line)), None)
+    forms = (_FAULT.match, _MISSING.match, _IGNORED.fullmatch)
+    refused = (k for k, line in enumerate(lines) if any(form(line.strip()) for form in forms))
+    first = next(refused, None)
     if first is None:
         return ""
     # The element's model stands before what is wrong with it.
@@ -91,11 +79,6 @@ def advice(reason: str, drives_current: bool) -> str:
     return _CHATTER if _AT_SWITCH.search(reason) else ""
 
 
-def _refuses(line):
-    line = line.strip()
-    return bool(_FAULT.match(line) or _MISSING.match(line) or _IGNORED.fullmatch(line))
-
-
 def _told(lines):
     """One line from ngspice's messages: the element that they name, then the reasons."""
     subject, reasons = "", {}
@@ -104,12 +87,10 @@ def _told(lines):
         if match:
             subject = subject or match.group(1) or f"model {match.group(2)}"
         elif line and not _EMPTY.fullmatch(line):
-            reasons[_without_form(line)[:LONGEST_REASON]] = True
+            forms = (form.match(line) for form in (_FAULT, _ENDED, _SINGULAR))
+            form = next(filter(None, forms), None)
+            message = (line[form.end() :] if form else line).removesuffix(" - ignored")
+            message = " ".join(message.lstrip(" :!,").rstrip(" :,").split())
+            reasons[message[:LONGEST_REASON]] = True
     summary = "; ".join(list(reasons)[:MOST_REASONS]) or "it gave no reason"
     return f"{subject}: {summary}" if subject else summary
-
-
-def _without_form(line):
-    form = next(filter(None, (form.match(line) for form in (_FAULT, _ENDED, _SINGULAR))), None)
-    message = line[form.end() :] if form else line
-    return " ".join(message.removesuffix(" - ignored").lstrip(" :!,").rstrip(" :,").split())

@@ -117,26 +117,18 @@ class Session(NgSpiceShared):
         service = ffi.callback("int (int)", self._serve)
         self._keep.append(service)
         self.state["service"] = int(ffi.cast("intptr_t", service))
-        self._load_code_models()
+        for model in code_models(self.library_path):
+            # ngspice splits its commands at blanks, quoted or not.
+            with contextlib.chdir(model.parent):
+                self.exec_command(f"codemodel ./{model.name}")
         self.version_text = self.exec_command("version -f")
         self.exec_command("set nomoremode")
         # Otherwise newer releases read a system file at every step.
         self.exec_command("set no_mem_check")
         self.exec_command("set num_threads=1")
 
-    def _load_code_models(self):
-        for model in code_models(self.library_path):
-            # ngspice splits its commands at blanks, quoted or not.
-            with contextlib.chdir(model.parent):
-                self.exec_command(f"codemodel ./{model.name}")
-
     def compiled_device_is_off(self, system: System) -> str:
-        """Why there is no compiled device with these parts; empty where it is loaded.
-
-        Parameters
-        ----------
-        system : harvester.device.system.System
-        """
+        """Why there is no compiled device with these parts; empty where it is loaded."""
         try:
             name, text = verilog.module_of(system)
         except CompiledDeviceUnavailable as reason:
@@ -207,7 +199,10 @@ class Session(NgSpiceShared):
         try:
             self._load(netlist.text)
             with self._watched():
-                self._command("run")
+                try:
+                    self.exec_command("run")
+                except (NgSpiceCommandError, NameError):
+                    raise self._abortion() from None
             self._flush()
             self._check_end(netlist.stop)
             scale = netlist.per_power * netlist.voltage_scale**2
@@ -217,10 +212,8 @@ class Session(NgSpiceShared):
         finally:
             self._service = None
             for command in ("remcirc", "destroy all"):
-                try:
+                with contextlib.suppress(NgSpiceCommandError):
                     self.exec_command(command)
-                except NgSpiceCommandError:
-                    continue
         return int(self.state["steps"][0])
 
     def _begin(self, netlist, system, paths, observers):
@@ -372,14 +365,10 @@ class Session(NgSpiceShared):
                 spent, reached = time.process_time(), latest
             elif not done.is_set() and time.process_time() - spent > PATIENCE:
                 self._doing = f"stopped at t = {latest:g}"
-                trouble = (
-                    f"{GETS_NOWHERE}; a force or a current that jumps, as dry friction does, has "
-                    "this effect"
-                )
-                jumping = jumping_sources(self.circuit_load.elements) if self.circuit_load else ()
-                if jumping:
-                    names = ", ".join(f"{source.name} ({source.where})" for source in jumping[:3])
-                    trouble += f"; look at {names}"
+                cause = "a force or a current that jumps, as dry friction does, has this effect"
+                trouble = f"{GETS_NOWHERE}; {cause}"
+                if self.circuit_load and (jumping := jumping_sources(self.circuit_load.elements)):
+                    trouble += f"; look at {', '.join(source.place for source in jumping[:3])}"
                 give_up(SimulatorAborted(self._said(trouble)))
 
     def _move_window(self):
@@ -407,12 +396,6 @@ class Session(NgSpiceShared):
         """Print what ngspice is about to do: if it crashes, the error quotes this line."""
         load = f" with the load {self.circuit_load.file}" if self.circuit_load else ""
         print(f"ngspice {doing}{load}", file=sys.stderr, flush=True)
-
-    def _command(self, command):
-        try:
-            self.exec_command(command)
-        except (NgSpiceCommandError, NameError):
-            raise self._abortion() from None
 
     def _abortion(self):
         """The error of a run that ended early; another one where other options may help."""

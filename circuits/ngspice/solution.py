@@ -24,10 +24,6 @@ if TYPE_CHECKING:
 def vectors(netlist: Netlist) -> Iterator[tuple[str, ...]]:
     """ngspice's names of the buffer's columns, for each copy of the device.
 
-    Parameters
-    ----------
-    netlist : circuits.assembly.Netlist
-
     Yields
     ------
     tuple of str
@@ -109,15 +105,6 @@ def convert(
         put_in = excitation * systems.base_speed(s.transducer, v, state, current * per_ampere)
         stored_state = systems.kept_state(s.transducer, state, excitation)
         fill(
-            record,
-            row,
-            times[row],
-            x,
-            v,
-            voltage,
-            power,
-            put_in,
-            loss,
-            transducer_loss,
+            record, row, times[row], x, v, voltage, power, put_in, loss, transducer_loss,
             stored_state,
-        )
+        )  # fmt: skip

@@ -70,10 +70,6 @@ def lay_out(
         Nodes that are connected to something outside on that side; each gets a rail.
     series : bool
         Whether elements in series share a column; otherwise every node gets a rail.
-
-    Returns
-    -------
-    Ladder
     """
     parts = [part for part in parts if len(part.nodes) > 1]
     rail_nodes = {

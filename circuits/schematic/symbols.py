@@ -83,11 +83,8 @@ class Pen:
 
     def dot(self, at: tuple[float, float], filled: bool = True) -> None:
         """Mark a connection of wires or, with `filled` false, a terminal."""
-
-        def draw(library):
-            return library.Dot(open=not filled, radius=0.07).at(at).theta(0).linewidth(LINE)
-
-        self._steps.append(draw)
+        shape = {"open": not filled, "radius": 0.07}
+        self._steps.append(lambda library: library.Dot(**shape).at(at).theta(0).linewidth(LINE))
 
     def ground(self, at: tuple[float, float]) -> None:
         """Draw the symbol of ground, node 0."""

@@ -15,6 +15,7 @@ from scipy.optimize import minimize
 from scipy.special import erfc
 
 from circuits.kernel.engine import circuit_of, integrate
+from circuits.loads.part_values import conductance
 from harvester.prepared.paths import noise_path, start_state
 from harvester.prepared.prepared import prepared
 from harvester.prepared.steps import steps_per_knot, stop_time
@@ -55,7 +56,7 @@ def powers(scene):
     columns = columns[:, columns[0] >= scene.run.settle]
     length = columns[0, -1] - columns[0, 0]
     into, square, place = np.trapezoid(columns[1:], columns[0], axis=1) / length
-    used = circuit.conductance * square * scales.voltage**2
+    used = conductance(circuit.load.across_output) * square * scales.voltage**2
     return into * scales.power, used, np.sqrt(place) * scales.displacement
 
 

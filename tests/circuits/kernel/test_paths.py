@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 from circuits.kernel.engine import circuit_of, integrate
+from circuits.loads.part_values import conductance
 from harvester.prepared.paths import noise_path, start_state
 from harvester.prepared.prepared import prepared
 from harvester.prepared.steps import steps_per_knot, stop_time
@@ -28,7 +29,8 @@ def ours(scene):
     ]
     time, piezo, output, power = np.concatenate(chunks, axis=1)
     square = np.trapezoid(piezo**2, time) / stop * scales.voltage**2
-    used = np.trapezoid(output**2, time) / stop * scales.voltage**2 * circuit.conductance
+    siemens = conductance(circuit.load.across_output)
+    used = np.trapezoid(output**2, time) / stop * scales.voltage**2 * siemens
     return square, used, np.trapezoid(power, time) * scales.power
 
 

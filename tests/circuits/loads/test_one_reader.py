@@ -14,7 +14,6 @@ from circuits.kernel.assembly import build
 from circuits.loads import subcircuits
 from circuits.loads.expression import (
     ExpressionError,
-    Names,
     leaves,
     parse,
     rebuilt,
@@ -289,10 +288,10 @@ def random_chain(draw):
 LAST_DIGITS = 1e-12
 
 
-class Moved(Names):
+class Moved:
     """x and y as numbers, their last digits and all others' changed by chance; seed 0: not."""
 
-    function = staticmethod(lambda name: None)
+    function, parameters_only = staticmethod(lambda name: None), False
 
     def __init__(self, seed):
         self._seed = seed
@@ -353,7 +352,7 @@ def agree(tmp_path, seed, count):
     for k, text in enumerate(texts):
         found = raw[f"v(b{k})"][0], raw[f"v(w{k})"][0], ours[k]
         assert found[1:] == pytest.approx([found[0]] * 2, rel=1e-6, abs=1e-9), text
-        parameters = resolved(parse(text), scope.circuit_names)
+        parameters = scope.tree(text)
         assert parameters[1] == pytest.approx(found[0], rel=1e-6, abs=1e-9), text
         if k in plain:
             own = scope.value(f"{{{text}}}")

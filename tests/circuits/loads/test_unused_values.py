@@ -78,8 +78,7 @@ def test_facts_in_quotes_are_facts(tmp_path):
 
 
 def test_exp_of_a_constant_is_exp_and_of_a_source_ngspices():
-    names = Names()
-    names.parameters_only = True
+    names = Names(parameters_only=True)
     for x in (59.0, 61.0, 80.0, 300.0):
         assert resolved(parse(f"exp({x})"), names)[1] == pytest.approx(np.exp(x), rel=1e-12)
     assert value(EXPONENTIAL, 80.0, 0.0) == pytest.approx(np.exp(80.0), rel=1e-12)
