@@ -4,9 +4,10 @@ from __future__ import annotations
 
 import json
 import math
+from itertools import pairwise
 from typing import TYPE_CHECKING, Any
 
-from harvester.scene.units import rest_stiffness
+from harvester.scene.units import rest_stiffness, restoring_spring
 
 if TYPE_CHECKING:
     from harvester.scene.model import Scene
@@ -35,6 +36,7 @@ def device_line(scene: Scene) -> tuple[str, ...]:
         f"stiffness {stiffness:.4g} N/m",
         f"damping {oscillator.damping:.3g} N s/m",
     ]
+    parts += _wells(oscillator)
     if ratio > 0.0:
         parts.append(f"Q = {0.5 / ratio:.3g}, damping ratio {ratio:.3g}")
     transducer: Any = scene.transducer
@@ -43,6 +45,28 @@ def device_line(scene: Scene) -> tuple[str, ...]:
         parts.append(f"k² = {coupling:.3g}")
     matched = transducer.matched_resistance(rate)
     return (f"{', '.join(parts)}, matched load about {quantity(matched, 'Ω', 3)}",)
+
+
+def _wells(oscillator):
+    """Texts on the wells of a spring that has several, and on the barriers out of them."""
+    from harvester.show.numbers import quantity
+
+    spring = restoring_spring(oscillator)
+    roots = sorted(float(root) for root in spring.roots())
+    wells = [root for root in roots if spring.slope(root) > 0.0]
+    saddles = [root for root in roots if spring.slope(root) < 0.0]
+    # Wells and saddles alternate.
+    if len(wells) < 2 or not all(any(a < x < b for x in saddles) for a, b in pairwise(wells)):
+        return []
+    barriers = []
+    for well in wells:
+        below = [x for x in saddles if x < well][-1:]
+        above = [x for x in saddles if x > well][:1]
+        bottom = spring.energy(well)
+        barriers.append(min(float(spring.energy(x) - bottom) for x in below + above))
+    places = ", ".join(quantity(well, "m", 3) for well in wells)
+    heights = ", ".join(quantity(barrier, "J", 3) for barrier in barriers)
+    return [f"spring's wells at {places}", f"barriers out of them {heights}"]
 
 
 def scene_rows(scene: Scene) -> list[tuple[str, str]]:

@@ -178,7 +178,7 @@ class Comparison:
             if name not in result.scaled_quantities:
                 row.append(NOT_KNOWN)
                 continue
-            value = number(factor * result.quantity(name).estimate)
+            value = with_error(result.quantity(name).times(factor))
             row.append(f"{value} ({share:+.1%}, {_sigmas(sigma, 0)})")
         return [row, *self._row_of_root(name)]
 

@@ -238,7 +238,7 @@ class Study(Tabular):
 
     def _precision(self, evaluation):
         reached, asked = evaluation.relative_error, self.precision
-        said = f"{reached:.1%}" if math.isfinite(reached) else "no error bar"
+        said = f"power known to {reached:.1%}" if math.isfinite(reached) else "no error bar"
         return said if reached <= asked else f"{said}, not the {asked:.1%} asked for"
 
     def sentences(self) -> list[str]:

@@ -21,6 +21,7 @@ from harvester.prepared.steps import knot_spacing
 from harvester.results.result import unit_of
 from harvester.running.task import Task, Wanted
 from harvester.scene.model import Scene
+from harvester.show.numbers import quantity, value_and_error
 from harvester.show.palette import CIRCUIT, MONTE_CARLO
 from harvester.show.panels import Panel, Series, draw_panels, is_wide
 from harvester.show.symbols import key_label
@@ -106,9 +107,9 @@ class Residence:
 
     def table(self) -> tuple[list[str], list[list[str]]]:
         """Header and rows, as text."""
-        name = self.key or "scene"
-        header = [name, f"well at [{unit_of(self.scene, 'displacement')}]", "residence time [s]"]
-        header += ["stays", "Kramers [s]"]
+        name = key_label(self.key, self.scene.units) if self.key else "scene"
+        header = [name, f"well at [{unit_of(self.scene, 'displacement')}]"]
+        header += ["residence time ± standard error [s]", "stays", "Kramers [s]"]
         return header, [
             [
                 "" if each.value is None else f"{each.value:.6g}",
@@ -136,8 +137,15 @@ class Residence:
             "a stay lasts from reaching a well (no more than a quarter of the energy that leads "
             "out of it) to reaching another one",
         ]
-        reasons = dict.fromkeys(each.reason for each in self.stays if each.reason)
-        lines += [f"Kramers' formula is left out: {reason}" for reason in reasons]
+        reasons: dict[str, dict[str, None]] = {}
+        for each in self.stays:
+            if each.reason:
+                value = "" if each.value is None else f"{each.value:.6g}"
+                reasons.setdefault(each.reason, {})[value] = None
+        everywhere = len({each.value for each in self.stays})
+        for reason, values in reasons.items():
+            where = f" at {self.key} = {', '.join(values)}" if len(values) < everywhere else ""
+            lines.append(f"Kramers' formula is left out{where}: {reason}")
         few = [each for each in self.stays if each.standard_error is None]
         if few:
             lines.append(
@@ -183,7 +191,7 @@ def _time_text(stay):
         return f"over {stay.watched:.4g}"
     if stay.standard_error is None:
         return f"{stay.time:.3g} (no error bar)"
-    return f"{stay.time:.4g} ± {stay.standard_error:.2g}"
+    return value_and_error(stay.time, stay.standard_error)
 
 
 def stays(
@@ -331,7 +339,8 @@ def _draw(residence):
         x, y = [each.value for each in some], [each.time for each in some]
         bars = [2.0 * (each.standard_error or 0.0) for each in some]
         colour = (MONTE_CARLO, CIRCUIT)[number % 2]
-        series.append(Series(x, y, f"well at {well:.3g}", colour, "", "o", bars=bars))
+        place = quantity(well, unit_of(residence.scene, "displacement"))
+        series.append(Series(x, y, f"well at {place}", colour, "", "o", bars=bars))
         known = [each for each in residence.stays if each.well == well and each.kramers]
         if known:
             x, y = [each.value for each in known], [each.kramers for each in known]
