@@ -360,8 +360,8 @@ def _residence(moments, estimates, balance):
     fewest = float(min(counts.sum(axis=0).min(), counts.sum(axis=1).min()))
     needed = FEWEST_JUMPS / (fewest + 1.0) * times.sum()
     return Shortfall(
-        f"{counts.sum():.0f} jumps between uneven wells in {times.sum():.3g} s, "
-        f"{fewest:.0f} to or from one of them",
+        f"{counts.sum():.0f} jumps between uneven wells in {times.sum():.3g} s"
+        + f", only {fewest:.0f} into or out of one of them" * bool(counts.sum()),
         f"shares of time and what depends on them are not known; simulate {needed:.1g} s in all or "
         "longer (run.duration times run.realizations), or average by fokker_planck",
         names,

@@ -53,7 +53,9 @@ def parsed(text: str) -> tuple[str, Any]:
         except NotToml as error:
             # A table or a list with a slip would be refused as a text of the wrong type.
             if value.startswith("{") or (value.startswith("[") and value.endswith("]")):
-                refusal = SceneError(str(error).replace("not a TOML file", f"{named(value)} is no TOML"))
+                refusal = SceneError(
+                    str(error).replace("not a TOML file", f"{named(value)} is no TOML")
+                )
             continue
         # A value that holds a line break would define further keys.
         return key, read["value"] if len(read) == 1 else value

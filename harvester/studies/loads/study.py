@@ -256,6 +256,8 @@ class Study(Tabular):
             lines.append(
                 f"{' and '.join(dict.fromkeys(self.methods))}: realizations of {run.duration:g} s "
                 f"after {run.settle:g} s, seed {run.seed}, the same noise for all points"
+                + f"; --precision takes at most {DURATION_OVER_SETTLE:g} times run.settle of each, "
+                "and more of them" * bool(self.precision)
             )
         lines.append(
             f"{self.computed} tasks computed, {self.reused} taken from before; "
