@@ -70,11 +70,15 @@ def _wells(oscillator):
 
 
 def scene_rows(scene: Scene) -> list[tuple[str, str]]:
-    """Every key with its value, as text, for a table."""
+    """Every key with its value, as text, for a table; with its unit where that is known."""
+    from harvester.show.symbols import key_words
+
     rows = []
     for table, values in scene.to_tables().items():
         pairs = values.items() if isinstance(values, dict) else [(None, values)]
         for key, value in pairs:
             text = value if isinstance(value, str) else json.dumps(value, ensure_ascii=False)
-            rows.append((f"{table}.{key}" if key else table, text))
+            name = f"{table}.{key}" if key else table
+            unit = key_words(name, scene.units)[1]
+            rows.append((name, f"{text} {unit}" if unit not in ("", "1") else text))
     return rows

@@ -20,7 +20,7 @@ from harvester.prepared.starts import energy_range
 from harvester.results.orbit import REASONS
 from harvester.results.result import unit_of
 from harvester.scene.model import Scene
-from harvester.show.numbers import quantity, value_and_error
+from harvester.show.numbers import NOT_KNOWN, quantity, value_and_error
 from harvester.show.panels import entitle
 from harvester.studies.orbits.following import Orbit
 
@@ -150,6 +150,7 @@ def orbit_table(orbits: Sequence[Orbit], unit: Any) -> tuple[list[str], list[lis
         "mean power",
         "rms voltage",
         "rms displacement",
+        "displacement at the period's beginning",
         "largest Lyapunov exponent [1/s]",
     ]
     return header, [
@@ -158,10 +159,21 @@ def orbit_table(orbits: Sequence[Orbit], unit: Any) -> tuple[list[str], list[lis
             each.kind,
             f"{value_and_error(100.0 * each.share, 100.0 * each.share_error)} %",
             *(each.text(name, unit(dimension)) for name, dimension in QUANTITIES.items()),
+            _section(each, unit("displacement")),
             "—" if each.lyapunov is None else str(each.lyapunov),
         ]
         for each in orbits
     ]
+
+
+def _section(orbit, unit):
+    """Text: the range of the section's displacements, by which mirror images differ."""
+    if not orbit.steady or not orbit.points.size:
+        return NOT_KNOWN
+    ends = dict.fromkeys(
+        quantity(float(end), unit, 3) for end in (orbit.points[:, 0].min(), orbit.points[:, 0].max())
+    )
+    return " … ".join(ends)
 
 
 def orbit_sentences(orbits: Sequence[Orbit], unit: Any) -> list[str]:
