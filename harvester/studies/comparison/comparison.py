@@ -209,6 +209,11 @@ class Comparison:
             by_chance = "" if math.isnan(chance) else f", {chance:.3f} by chance alone"
             lines.append(f"∬|p(X, X') by {name} − by Monte Carlo| = {apart:.3f}{by_chance}")
         lines += [*device_line(self.scene), *definitions(self.compared)]
+        if self.closures:
+            lines.append(
+                "a closure's ± is its numerical error; in brackets its deviation from Monte Carlo, as "
+                "a share and in standard errors of Monte Carlo alone"
+            )
         return [*lines, *dict.fromkeys((*self.circuit.notes, *self.monte_carlo.notes))]
 
     def verdict(self) -> Verdict:

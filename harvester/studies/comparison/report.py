@@ -32,8 +32,8 @@ from harvester.studies.comparison.drawing import draw_comparison
 from harvester.studies.comparison.verdicts import verdicts
 
 LEGEND = (
-    "± one standard error; beside a closure its deviation from Monte Carlo, as a share and in "
-    "standard errors. Difference: circuit minus Monte Carlo in joint standard errors. Paired bias: "
+    "± one standard error, of a closure the numerical error; in brackets its deviation from Monte "
+    "Carlo, as a share and in standard errors of Monte Carlo alone. Difference: circuit minus Monte Carlo in joint standard errors. Paired bias: "
     "the same as a share, on common noise."
 )
 JOINT_CAPTION = (

@@ -171,7 +171,8 @@ def _section(orbit, unit):
     if not orbit.steady or not orbit.points.size:
         return NOT_KNOWN
     ends = dict.fromkeys(
-        quantity(float(end), unit, 3) for end in (orbit.points[:, 0].min(), orbit.points[:, 0].max())
+        quantity(float(end), unit, 3)
+        for end in (orbit.points[:, 0].min(), orbit.points[:, 0].max())
     )
     return " … ".join(ends)
 
