@@ -13,7 +13,7 @@ from harvester.results.headline import headline
 from harvester.results.result import Result, with_roots
 from harvester.scene.described import device_line
 from harvester.scene.model import Scene
-from harvester.show.numbers import NOT_KNOWN, number, share_with_error, with_error
+from harvester.show.numbers import NOT_KNOWN, share_with_error, with_error
 from harvester.show.page import Verdict
 from harvester.show.symbols import definitions
 
@@ -192,7 +192,7 @@ class Comparison:
         factor, unit = self.circuit.in_print(of_root, found[0][of_root])
         engines = [with_error(each[of_root].times(factor)) for each in found[:2]]
         closures = [
-            number(factor * each[of_root].estimate) if of_root in each else NOT_KNOWN
+            with_error(each[of_root].times(factor)) if of_root in each else NOT_KNOWN
             for each in found[2:]
         ]
         return [[of_root.replace("_", " "), unit, *engines, "", "", *closures]]
@@ -211,8 +211,8 @@ class Comparison:
         lines += [*device_line(self.scene), *definitions(self.compared)]
         if self.closures:
             lines.append(
-                "a closure's ± is its numerical error; in brackets its deviation from Monte Carlo, as "
-                "a share and in standard errors of Monte Carlo alone"
+                "a closure's ± is its numerical error; in brackets its deviation from Monte Carlo, "
+                "as a share and in standard errors of Monte Carlo alone"
             )
         return [*lines, *dict.fromkeys((*self.circuit.notes, *self.monte_carlo.notes))]
 
