@@ -33,8 +33,8 @@ from harvester.studies.comparison.verdicts import verdicts
 
 LEGEND = (
     "± one standard error, of a closure the numerical error; in brackets its deviation from Monte "
-    "Carlo, as a share and in standard errors of Monte Carlo alone. Difference: circuit minus Monte "
-    "Carlo in joint standard errors. Paired bias: the same as a share, on common noise."
+    "Carlo, as a share and in standard errors of Monte Carlo alone. Difference: circuit minus "
+    "Monte Carlo in joint standard errors. Paired bias: the same as a share, on common noise."
 )
 JOINT_CAPTION = (
     "Displacement and velocity together, in the same places and colours; dots: wells, crosses: "
