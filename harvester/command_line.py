@@ -14,7 +14,16 @@ from harvester.files.plain_text import nearest
 from harvester.files.streams import guarded_streams
 
 # Former names of options, with the present ones.
-FORMER_OPTIONS = {"--engine": "--method", "--closure": "--method"}
+FORMER_OPTIONS = {
+    "--engine": ("--method",),
+    "--closure": ("--method",),
+    # Commands that vary a key name the option differently.
+    "--over": ("--sweep", "--vary"),
+    "--sweep": ("--over", "--vary"),
+    "--vary": ("--over", "--sweep"),
+    "--values": ("--over", "--sweep"),
+    "--csv": ("--output",),
+}
 # Most words of a call. argparse's time grows with the square of their number.
 MOST_ARGUMENTS = 2000
 # After so many seconds an interrupt that C code lost is repeated.
@@ -115,7 +124,7 @@ def _parsed(arguments):
         word = unknown[0].partition("=")[0]
         if word in spellings:
             command.error(f"argument {word} goes behind {options.command.name}")
-        former = FORMER_OPTIONS.get(word)
-        hint = f" (did you mean {former}?)" if former in spellings else nearest(word, spellings)
+        former = [each for each in FORMER_OPTIONS.get(word, ()) if each in spellings]
+        hint = f" (did you mean {former[0]}?)" if former else nearest(word, spellings)
         command.error(f"unknown argument {word}{hint}")
     return options

@@ -109,7 +109,7 @@ def shortfalls(
         _storage(scene, stores, estimates),
         _jumps(scene, p, moments, estimates),
         # Without chance the well is decided by the start, and a longer run has no more jumps.
-        _residence(moments, estimates, balance) if scene.excitation.random else None,
+        _residence(p, moments, estimates, balance) if scene.excitation.random else None,
     ]
     reasons = [reason for reason in reasons if reason]
     return reasons or _drift(moments, balance)
@@ -348,7 +348,7 @@ def _jumps(scene, p, moments, estimates):
     )
 
 
-def _residence(moments, estimates, balance):
+def _residence(p, moments, estimates, balance):
     """The shortfall of a run with few jumps between wells, in what depends on the well."""
     shares = [name for name in estimates if name.startswith("share_of_time_in_well_")]
     if not shares:
@@ -367,11 +367,15 @@ def _residence(moments, estimates, balance):
             return None
     fewest = float(min(counts.sum(axis=0).min(), counts.sum(axis=1).min()))
     needed = FEWEST_JUMPS / (fewest + 1.0) * times.sum()
+    # Wells of a symmetric spring differ by their stoppers alone.
+    untouched = p.spring.symmetric and p.contacts and not _total(moments, "impacts")
     return Shortfall(
-        f"{counts.sum():.0f} jumps between uneven wells in {times.sum():.3g} s, "
-        f"{fewest:.0f} to or from one of them",
+        f"{counts.sum():.0f} jumps between uneven wells in {times.sum():.3g} s"
+        + f", only {fewest:.0f} into or out of one of them" * bool(counts.sum()),
         f"shares of time and what depends on them are not known; simulate {needed:.1g} s in all or "
-        "longer (run.duration times run.realizations), or average by fokker_planck",
+        "longer (run.duration times run.realizations), or average by fokker_planck"
+        + "; the mass touched no stopper: without [stoppers] the wells are alike"
+        * bool(untouched),
         names,
     )
 

@@ -39,6 +39,8 @@ TEST_PERIODS = 25
 # 1e-9.
 TOLERANCES = "reltol=1e-9"
 POINTS_PER_LINE = 4
+# Names that end like this are files, not folders.
+DATA_SUFFIXES = (".csv", ".h5", ".hdf5")
 
 
 @dataclass(frozen=True)
@@ -127,6 +129,12 @@ def folder_of(output: str | Path, kind: str) -> Path:
     """Return the folder for several files; raise HarvesterError if it cannot be written."""
     if is_stream(output):
         raise HarvesterError(f"--as {kind} writes several files: say where, --output DIR")
+    if Path(output).suffix.lower() in DATA_SUFFIXES and not Path(output).is_dir():
+        folder = Path(output).with_suffix("")
+        raise HarvesterError(
+            f"--as {kind} names its files itself: --output {output} is to be a folder, such as "
+            f"--output {folder}"
+        )
     check_folder(output)
     return Path(output)
 

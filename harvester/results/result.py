@@ -301,7 +301,7 @@ class Result:
                 self.in_print(name, estimate)[1],
                 with_error(estimate.times(self.in_print(name, estimate)[0])),
                 *([] if numerical else [count(estimate.effective_sample_size)]),
-                *[estimate.note] * bare,
+                *[estimate.note.removeprefix("no error bar: ")] * bare,
             ]
             for name, estimate in printed.items()
         ]

@@ -4,9 +4,10 @@ from __future__ import annotations
 
 import json
 import math
+from itertools import pairwise
 from typing import TYPE_CHECKING, Any
 
-from harvester.scene.units import rest_stiffness
+from harvester.scene.units import rest_stiffness, restoring_spring
 
 if TYPE_CHECKING:
     from harvester.scene.model import Scene
@@ -35,6 +36,7 @@ def device_line(scene: Scene) -> tuple[str, ...]:
         f"stiffness {stiffness:.4g} N/m",
         f"damping {oscillator.damping:.3g} N s/m",
     ]
+    parts += _wells(oscillator)
     if ratio > 0.0:
         parts.append(f"Q = {0.5 / ratio:.3g}, damping ratio {ratio:.3g}")
     transducer: Any = scene.transducer
@@ -45,12 +47,38 @@ def device_line(scene: Scene) -> tuple[str, ...]:
     return (f"{', '.join(parts)}, matched load about {quantity(matched, 'Ω', 3)}",)
 
 
+def _wells(oscillator):
+    """Texts on the wells of a spring that has several, and on the barriers out of them."""
+    from harvester.show.numbers import quantity
+
+    spring = restoring_spring(oscillator)
+    roots = sorted(float(root) for root in spring.roots())
+    wells = [root for root in roots if spring.slope(root) > 0.0]
+    saddles = [root for root in roots if spring.slope(root) < 0.0]
+    # Wells and saddles alternate.
+    if len(wells) < 2 or not all(any(a < x < b for x in saddles) for a, b in pairwise(wells)):
+        return []
+    barriers = []
+    for well in wells:
+        below = [x for x in saddles if x < well][-1:]
+        above = [x for x in saddles if x > well][:1]
+        bottom = spring.energy(well)
+        barriers.append(min(float(spring.energy(x) - bottom) for x in below + above))
+    places = ", ".join(quantity(well, "m", 3) for well in wells)
+    heights = ", ".join(quantity(barrier, "J", 3) for barrier in barriers)
+    return [f"spring's wells at {places}", f"barriers out of them {heights}"]
+
+
 def scene_rows(scene: Scene) -> list[tuple[str, str]]:
-    """Every key with its value, as text, for a table."""
+    """Every key with its value, as text, for a table; with its unit where that is known."""
+    from harvester.show.symbols import key_words
+
     rows = []
     for table, values in scene.to_tables().items():
         pairs = values.items() if isinstance(values, dict) else [(None, values)]
         for key, value in pairs:
             text = value if isinstance(value, str) else json.dumps(value, ensure_ascii=False)
-            rows.append((f"{table}.{key}" if key else table, text))
+            name = f"{table}.{key}" if key else table
+            unit = key_words(name, scene.units)[1]
+            rows.append((name, f"{text} {unit}" if unit not in ("", "1") else text))
     return rows

@@ -46,13 +46,21 @@ def parsed(text: str) -> tuple[str, Any]:
         raise SceneError(f"--set {named(text)}: write it as table.key=value")
     if value.lower() == "none":
         return key, None
+    refusal = None
     for spelling in (value, _with_digits(value)):
         try:
             read = read_toml(f"value = {spelling}", f"--set {named(key)}")
-        except NotToml:
+        except NotToml as error:
+            # A table or a list with a slip would be refused as a text of the wrong type.
+            if value.startswith("{") or (value.startswith("[") and value.endswith("]")):
+                refusal = SceneError(
+                    str(error).replace("not a TOML file", f"{named(value)} is no TOML")
+                )
             continue
         # A value that holds a line break would define further keys.
         return key, read["value"] if len(read) == 1 else value
+    if refusal:
+        raise refusal
     return key, _number(value)
 
 

@@ -241,7 +241,8 @@ def _refine(grids, respect, known=None):
         name, share = known
         raise AveragingError(
             f"{name.replace('_', ' ')} is known to {share:.2g} of itself, not to the tolerance of "
-            f"{last.level.tolerance:g}, on as fine a grid as is tried: raise it, or simulate"
+            f"{last.level.tolerance:g}, on the finest grid that is tried: raise the tolerance, or "
+            "simulate"
         ) from refusal
     for name in NEVER_NEGATIVE:
         if finer.means[name] < 0.0:

@@ -192,6 +192,10 @@ class FrequencyResponse:
             f"the transient down to {SETTLED_SHARE:g} within {MOST_PERIODS} periods; "
             f"{self.seconds:.2f} s"
         ]
+        lines.append(
+            "residual: share by which the mean-square voltage changes from the first half of the "
+            "measured periods to the second; the power is known no better"
+        )
         for sweep in self.sweeps:
             name = self.power
             charging = np.count_nonzero(np.isnan(sweep.mean_power))
@@ -206,7 +210,7 @@ class FrequencyResponse:
             lines.append(
                 f"sweep {sweep.direction}: most {name.removeprefix('mean_').replace('_', ' ')}, "
                 f"{quantity(self.values(name, sweep)[best], self.unit('power'))}, at "
-                f"{self.frequencies[best]:.4g} Hz"
+                f"{self.frequencies[best]:.4g} Hz (residual {sweep.residual[best]:.1e})"
             )
             unsettled = int(np.count_nonzero(~(sweep.residual <= NOTED_RESIDUAL))) - charging
             if unsettled:
@@ -278,7 +282,9 @@ def _draw(response):
         wide = is_wide(response.frequencies)
         positive = all((response.values(name, sweep) > 0.0).all() for sweep in response.sweeps)
         panels.append(Panel("frequency [Hz]", label, series, log_x=wide, log_y=positive))
-    title = f"{response.scene.name}: {response.engine} (hollow marks: not periodic or not settled)"
+    marked = any(not (sweep.residual <= NOTED_RESIDUAL).all() for sweep in response.sweeps)
+    title = f"{response.scene.name}: {response.engine}"
+    title += " (hollow marks: not periodic or not settled)" * marked
     return draw_panels(panels, title, size=(2.6, 2.4))
 
 

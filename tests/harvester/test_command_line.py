@@ -161,6 +161,20 @@ def test_a_users_mistake_is_one_line_and_exit_code_two(capsys, command, word):
     assert word in streams.err
 
 
+@pytest.mark.parametrize(
+    ("command", "option"),
+    [
+        (["load-study", "paper", "--over", "load.resistance=1,2"], "--sweep"),
+        (["residence", "paper", "--sweep", "excitation.intensity=1,2"], "--over"),
+        (["sensitivity", "paper", "--over", "stoppers.gap=1:2"], "--vary"),
+    ],
+)
+def test_an_option_of_another_command_is_told_in_this_ones_word(capsys, command, option):
+    with pytest.raises(SystemExit):
+        main(command)
+    assert f"(did you mean {option}?)" in capsys.readouterr().err
+
+
 def test_an_option_in_front_of_its_command_is_told_where_it_goes(capsys):
     with pytest.raises(SystemExit):
         main(["--quiet", "simulate", "paper"])

@@ -13,7 +13,7 @@ from harvester.results.headline import headline
 from harvester.results.result import Result, with_roots
 from harvester.scene.described import device_line
 from harvester.scene.model import Scene
-from harvester.show.numbers import NOT_KNOWN, number, share_with_error, with_error
+from harvester.show.numbers import NOT_KNOWN, share_with_error, with_error
 from harvester.show.page import Verdict
 from harvester.show.symbols import definitions
 
@@ -185,7 +185,7 @@ class Comparison:
             if name not in result.scaled_quantities:
                 row.append(NOT_KNOWN)
                 continue
-            value = number(factor * result.quantity(name).estimate)
+            value = with_error(result.quantity(name).times(factor))
             row.append(f"{value} ({share:+.1%}, {_sigmas(sigma, 0)})")
         return [row, *self._row_of_root(name)]
 
@@ -199,7 +199,7 @@ class Comparison:
         factor, unit = self.circuit.in_print(of_root, roots[0][of_root])
         engines = [with_error(means[of_root].times(factor)) for means in roots[:2]]
         closures = [
-            number(factor * means[of_root].estimate) if of_root in means else NOT_KNOWN
+            with_error(means[of_root].times(factor)) if of_root in means else NOT_KNOWN
             for means in roots[2:]
         ]
         return [[of_root.replace("_", " "), unit, *engines, "", "", *closures]]
@@ -216,6 +216,11 @@ class Comparison:
             by_chance = "" if math.isnan(chance) else f", {chance:.3f} by chance alone"
             lines.append(f"∬|p(X, X') by {name} − by Monte Carlo| = {apart:.3f}{by_chance}")
         lines += [*device_line(self.scene), *definitions(self.compared)]
+        if self.closures:
+            lines.append(
+                "a closure's ± is its numerical error; in brackets its deviation from Monte Carlo, "
+                "as a share and in standard errors of Monte Carlo alone"
+            )
         return [*lines, *dict.fromkeys((*self.circuit.notes, *self.monte_carlo.notes))]
 
     def verdict(self) -> Verdict:

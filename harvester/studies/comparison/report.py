@@ -35,9 +35,9 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 LEGEND = (
-    "± one standard error; beside a closure its deviation from Monte Carlo, as a share and in "
-    "standard errors. Difference: circuit minus Monte Carlo in joint standard errors. Paired bias: "
-    "the same as a share, on common noise."
+    "± one standard error, of a closure the numerical error; in brackets its deviation from Monte "
+    "Carlo, as a share and in standard errors of Monte Carlo alone. Difference: circuit minus "
+    "Monte Carlo in joint standard errors. Paired bias: the same as a share, on common noise."
 )
 JOINT_CAPTION = (
     "Displacement and velocity together, in the same places and colours; dots: wells, crosses: "

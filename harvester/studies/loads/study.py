@@ -208,7 +208,9 @@ class LoadStudy(Tabular):
         notes += [f"at {', '.join(fed)} not ranked: stores discharge into the output"] * bool(fed)
         if self.precision and best.realizations:
             reached, asked = best.relative_error, self.precision
-            precision = f"{reached:.1%}" if math.isfinite(reached) else "no error bar"
+            precision = (
+                f"power known to {reached:.1%}" if math.isfinite(reached) else "no error bar"
+            )
             notes.append(precision + f", not the {asked:.1%} asked for" * (not reached <= asked))
         inside = math.isfinite(optimum.low)
         unit = key_words(key, self.scene.units)[1] if key else ""
@@ -244,6 +246,8 @@ class LoadStudy(Tabular):
             lines.append(
                 f"{' and '.join(dict.fromkeys(self.methods))}: realizations of {run.duration:g} s "
                 f"after {run.settle:g} s, seed {run.seed}, the same noise for all points"
+                + f"; --precision takes at most {DURATION_OVER_SETTLE:g} times run.settle of each, "
+                "and more of them" * bool(self.precision)
             )
         lines.append(
             f"{self.computed} tasks computed, {self.reused} taken from before; "

@@ -20,7 +20,7 @@ from harvester.prepared.starts import energy_range
 from harvester.results.orbit import REASONS
 from harvester.results.result import unit_of
 from harvester.scene.model import Scene
-from harvester.show.numbers import quantity, value_and_error
+from harvester.show.numbers import NOT_KNOWN, quantity, value_and_error
 from harvester.show.panels import entitle
 from harvester.studies.orbits.following import Orbit
 
@@ -73,13 +73,15 @@ class Basins:
     def table(self) -> tuple[list[str], list[list[str]]]:
         """Header and rows, as text: one row for each orbit."""
         header = ["orbit", "motion", "share of starts", "mean power", "rms voltage"]
-        header += ["rms displacement", "largest Lyapunov exponent [1/s]"]
+        header += ["rms displacement", "displacement at the period's beginning"]
+        header += ["largest Lyapunov exponent [1/s]"]
         return header, [
             [
                 orbit.name,
                 orbit.kind,
                 f"{value_and_error(100.0 * orbit.share, 100.0 * orbit.share_error)} %",
                 *(orbit.text(name, self.unit(dimension)) for name, dimension in QUANTITIES.items()),
+                _section(orbit, self.unit("displacement")),
                 "—" if orbit.lyapunov is None else str(orbit.lyapunov),
             ]
             for orbit in self.orbits
@@ -145,6 +147,17 @@ class Basins:
                 "scene": self.scene,
             }
         )
+
+
+def _section(orbit, unit):
+    """Text: the range of the section's displacements, by which mirror images differ."""
+    if not orbit.steady or not orbit.points.size:
+        return NOT_KNOWN
+    ends = dict.fromkeys(
+        quantity(float(end), unit, 3)
+        for end in (orbit.points[:, 0].min(), orbit.points[:, 0].max())
+    )
+    return " … ".join(ends)
 
 
 def orbit_sentences(orbits: Sequence[Orbit], unit: Any) -> list[str]:

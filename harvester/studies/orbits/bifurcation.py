@@ -134,7 +134,8 @@ class Bifurcation:
         ends = {(jump.direction, end) for jump in self.jumps for end in (jump.before, jump.after)}
         tabulated = {*self.values[:: self._every].tolist(), float(self.values[-1])}
         # Each quantity shares its column with its error.
-        return [*header[:3], *header[3:9:2], *header[9:]], [
+        label = key_label(self.key, self.scene.units)
+        return [header[0], label, header[2], *header[3:9:2], *header[9:]], [
             [
                 *(row[0], f"{row[1]:.6g}", row[2]),
                 *map(value_and_error, row[3:9:2], row[4:9:2]),
@@ -384,13 +385,15 @@ def _draw(result):
         x = np.repeat(result.values, branch.displacement.shape[1])
         section.append(Series(x, branch.displacement.ravel(), None, colour, "", ".", size=size))
         y = factor * branch.mean_power
-        power.append(Series(result.values, y, branch.direction, colour, "-"))
+        bars = 2.0 * factor * branch.errors["mean_power"]
+        power.append(Series(result.values, y, branch.direction, colour, "-", bars=bars))
     label = key_label(result.key, result.scene.units)
     panels = [
         Panel(label, f"displacement [{result.unit('displacement')}]", section),
         Panel(label, f"mean power [{unit}]", power, from_zero=True),
     ]
-    title = f"{result.scene.name}: one sample a period of the excitation, and the mean power"
+    title = f"{result.scene.name}: one sample a period of the excitation, and the mean power "
+    title += "(bars: two errors)"
     return draw_panels(panels, title, size=(4.4, 3.2), columns=1, sharex=True)
 
 
@@ -402,4 +405,6 @@ def scenes_over(scene: Scene, key: str, values: np.ndarray) -> list[Scene]:
             f"--over {key}: bifurcation takes its length from --periods and each start from the "
             f"value before: nothing in [{table}] changes its result; name a key of another table"
         )
+    # Without a periodic excitation the key itself may not exist.
+    forced(scene, "bifurcation")
     return [forced(scene.replace({key: float(value)}), "bifurcation") for value in values]

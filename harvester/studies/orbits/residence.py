@@ -22,6 +22,7 @@ from harvester.prepared.steps import knot_spacing
 from harvester.results.result import unit_of
 from harvester.running.task import Task, Wanted
 from harvester.scene.model import Scene
+from harvester.show.numbers import quantity, value_and_error
 from harvester.show.palette import CIRCUIT, MONTE_CARLO
 from harvester.show.panels import Panel, Series, draw_panels, is_wide
 from harvester.show.symbols import key_label
@@ -104,9 +105,9 @@ class Residence:
 
     def table(self) -> tuple[list[str], list[list[str]]]:
         """Header and rows, as text."""
-        name = self.key or "scene"
-        header = [name, f"well at [{unit_of(self.scene, 'displacement')}]", "residence time [s]"]
-        header += ["stays", "Kramers [s]"]
+        name = key_label(self.key, self.scene.units) if self.key else "scene"
+        header = [name, f"well at [{unit_of(self.scene, 'displacement')}]"]
+        header += ["residence time ± standard error [s]", "stays", "Kramers [s]"]
         return header, [
             [
                 "" if stay.value is None else f"{stay.value:.6g}",
@@ -134,8 +135,15 @@ class Residence:
             "a stay lasts from reaching a well (no more than a quarter of the energy that leads "
             "out of it) to reaching another one",
         ]
-        reasons = dict.fromkeys(stay.reason for stay in self.stays if stay.reason)
-        lines += [f"Kramers' formula is left out: {reason}" for reason in reasons]
+        reasons: dict[str, dict[str, None]] = {}
+        for stay in self.stays:
+            if stay.reason:
+                value = "" if stay.value is None else f"{stay.value:.6g}"
+                reasons.setdefault(stay.reason, {})[value] = None
+        everywhere = len({stay.value for stay in self.stays})
+        for reason, values in reasons.items():
+            where = f" at {self.key} = {', '.join(values)}" if len(values) < everywhere else ""
+            lines.append(f"Kramers' formula is left out{where}: {reason}")
         few = [stay for stay in self.stays if stay.standard_error is None]
         if few:
             lines.append(
@@ -177,7 +185,7 @@ def _time_text(stay):
         return f"over {stay.watched:.4g}"
     if stay.standard_error is None:
         return f"{stay.time:.3g} (no error bar)"
-    return f"{stay.time:.4g} ± {stay.standard_error:.2g}"
+    return value_and_error(stay.time, stay.standard_error)
 
 
 def stays(
@@ -316,7 +324,8 @@ def _draw(residence):
         x, y = [stay.value for stay in some], [stay.time for stay in some]
         bars = [2.0 * (stay.standard_error or 0.0) for stay in some]
         colour = (MONTE_CARLO, CIRCUIT)[number % 2]
-        series.append(Series(x, y, f"well at {well:.3g}", colour, "", "o", bars=bars))
+        label = f"well at {quantity(well, unit_of(residence.scene, 'displacement'))}"
+        series.append(Series(x, y, label, colour, "", "o", bars=bars))
         with_formula = [stay for stay in residence.stays if stay.well == well and stay.kramers]
         if with_formula:
             x, y = [stay.value for stay in with_formula], [stay.kramers for stay in with_formula]

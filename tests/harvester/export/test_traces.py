@@ -25,6 +25,14 @@ def test_a_trace_without_a_sample_is_refused(tmp_path):
     assert list(tmp_path.iterdir()) == []
 
 
+def test_a_folder_named_like_a_file_is_refused(tmp_path):
+    with pytest.raises(
+        HarvesterError, match=r"trace\.csv is to be a folder, such as --output .*e$"
+    ):
+        write(harvester.Scene.load("device"), "csv", tmp_path / "trace.csv", duration=0.1)
+    assert list(tmp_path.iterdir()) == []
+
+
 @pytest.mark.exhaustive
 def test_shepherd_reads_the_energy_of_the_load(tmp_path, caplog):
     """V²/R of the load's own voltage, from the resistor's moments of the same run."""

@@ -84,3 +84,13 @@ def test_the_line_on_the_device():
     assert "Q = 18.5, damping ratio 0.027, k² = 0.113, matched load about 84.4 kΩ" in line
     assert math.sqrt(1.0 + 0.1133) * 45.7 == pytest.approx(48.22, abs=0.01)
     assert device_line(Scene.load("paper")) == ()
+
+
+def test_the_line_on_the_device_has_wells_and_barriers():
+    """Closed form: wells at ±√(−k1/k3), barrier k1²/(4 k3); `asymmetric` as docs/scenes.md says."""
+    (line,) = device_line(Scene.load("device"))
+    assert "spring's wells at -10 mm, 10 mm, barriers out of them 1.59 mJ, 1.59 mJ" in line
+    (line,) = device_line(Scene.load("asymmetric"))
+    assert "spring's wells at -10.6 mm, 9.62 mm, barriers out of them 1.07 mJ, 2.39 mJ" in line
+    (line,) = device_line(Scene.load("tristable"))
+    assert "spring's wells at -12.8 mm, 0 m, 12.8 mm" in line

@@ -76,3 +76,10 @@ def test_a_study_may_vary_the_numbers_of_each_table():
     coil = numbers(Scene.load("electromagnetic"))
     assert {"coil.coupling", "coil.resistance", "load.resistance"} <= set(coil)
     assert not [key for key in coil if key.startswith("piezo")]
+
+
+def test_a_slip_within_a_table_is_named():
+    with pytest.raises(SceneError, match=r'--set excitation: \{kind="sine" a=1\} is no TOML: Uncl'):
+        parsed('excitation={kind="sine" a=1}')
+    # A file's name may begin with a bracket.
+    assert parsed("excitation.file=[1] road.csv") == ("excitation.file", "[1] road.csv")

@@ -210,6 +210,8 @@ def test_starts_lie_in_the_energy_range():
 def test_refusals():
     with pytest.raises(HarvesterError, match="needs a periodic excitation"):
         harvester.basins("duffing")
+    with pytest.raises(HarvesterError, match="bifurcation needs a periodic excitation"):
+        harvester.bifurcation("duffing", over="excitation.amplitude", values=[0.1, 0.2])
     with pytest.raises(HarvesterError, match="under noise"):
         harvester.residence(duffing(0.25, 0.2, 1.0))
     with pytest.raises(HarvesterError, match=r"run\.starts"):
@@ -533,6 +535,23 @@ def test_what_the_knots_of_white_noise_lengthen_is_noted():
         assert found[0].longer_by_knots == pytest.approx(3.0 * 8.0 * spacing**2 / 6.0, rel=0.01)
         lines = Residence(scene, None, found, "monte-carlo", "", 0.0).sentences()
         assert any("about 1.2% to 2.5% longer" in line for line in lines) == noted
+
+
+def test_a_missing_kramers_time_is_told_with_its_value():
+    times, exits = np.full((4, 4, 2), 100.0), np.full((4, 4, 2), 2.0)
+    scene = three_temperatures(1.0 / 6.0)
+    found = [
+        stay
+        for value in (0.1, 0.3)
+        for stay in stays_of(scene.replace({"excitation.intensity": value}), value, times, exits)
+    ]
+    residence = Residence(scene, "excitation.intensity", found, "monte-carlo", "", 0.0)
+    (line,) = [line for line in residence.sentences() if "Kramers" in line]
+    assert line.startswith("Kramers' formula is left out at excitation.intensity = 0.3: ")
+    header, rows = residence.table()
+    assert header[2] == "residence time ± standard error [s]"
+
+    assert rows[0][2].startswith("50.0")
 
 
 @pytest.mark.exhaustive
