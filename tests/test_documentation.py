@@ -22,12 +22,15 @@ def blocks(text, language):
 
 
 def found(dotted):
-    """Whether a dotted name leads to something."""
+    """Whether a dotted name leads to a module or to a member of one."""
     module, _, name = dotted.rpartition(".")
     try:
-        return hasattr(importlib.import_module(module), name)
+        if hasattr(importlib.import_module(module), name):
+            return True
+        importlib.import_module(dotted)
     except ImportError:
         return False
+    return True
 
 
 @pytest.mark.parametrize("page", PAGES, ids=lambda page: page.name)
