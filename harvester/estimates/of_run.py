@@ -239,15 +239,15 @@ def error_of(scene: Scene, memory: float = 0.0) -> Callable:
 
 
 def with_steps(scene: Scene, estimate: Estimate, step_error: float) -> Estimate:
-    """For a periodic excitation or a transient, add the step error and drop the sample size."""
+    """Without chance, add the step error; a periodic motion or a transient has no sample size."""
     excitation = scene.excitation
-    lasting = excitation.period is None and not excitation.transient(scene.run)
-    if lasting or excitation.random:
+    if excitation.random:
         return estimate
-    error = estimate.standard_error
+    error, size = estimate.standard_error, estimate.effective_sample_size
     if error is not None:
         error = math.hypot(error, step_error * abs(estimate.estimate))
-    return replace(estimate, standard_error=error, effective_sample_size=None)
+    lasting = excitation.period is None and not excitation.transient(scene.run)
+    return replace(estimate, standard_error=error, effective_sample_size=size if lasting else None)
 
 
 def _loose_nodes(load):

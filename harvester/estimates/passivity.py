@@ -101,9 +101,17 @@ def supply_notes(estimates: dict[str, Estimate], power_scale: float, unit: str) 
         for name, estimate in estimates.items()
         if name.startswith(SUPPLIED)
     ]
+    voltage = estimates.get("output_voltage")
+    collapsed = voltage is not None and voltage.estimate < 0.0
+    advice = (
+        "the output's voltage has collapsed below 0: a sink asks for more than the device "
+        "delivers; lower it"
+        if collapsed
+        else "let the source draw its power from the load, as a converter does"
+    )
     return bool(supplied) * (
         f"{', '.join(supplied)}, which does not come from the piezo; output power and efficiencies "
-        "exclude it; let the source draw its power from the load, as a converter does",
+        f"exclude it; {advice}",
     )
 
 

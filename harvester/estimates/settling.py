@@ -107,7 +107,7 @@ def shortfalls(
         _storage(scene, stores, estimates),
         _jumps(scene, p, moments, estimates),
         # Without chance the well is decided by the start, and a longer run has no more jumps.
-        _residence(moments, estimates, balance) if scene.excitation.random else None,
+        _residence(scene, moments, estimates, balance) if scene.excitation.random else None,
     ]
     reasons = [reason for reason in reasons if reason]
     return reasons or _drift(moments, balance)
@@ -340,7 +340,7 @@ def _jumps(scene, p, moments, estimates):
     )
 
 
-def _residence(moments, estimates, balance):
+def _residence(scene, moments, estimates, balance):
     """The shortfall of a run with few jumps between wells, in what depends on the well."""
     shares = [name for name in estimates if name.startswith("share_of_time_in_well_")]
     if not shares:
@@ -359,11 +359,14 @@ def _residence(moments, estimates, balance):
             return None
     fewest = float(min(counts.sum(axis=0).min(), counts.sum(axis=1).min()))
     needed = FEWEST_JUMPS / (fewest + 1.0) * times.sum()
+    averaged = scene.load.is_resistor and not scene.excitation.averaging_refusal()
     return Shortfall(
-        f"{counts.sum():.0f} jumps between uneven wells in {times.sum():.3g} s, "
+        f"{counts.sum():.0f} jumps between {'wells' if balance is None else 'uneven wells'} in "
+        f"{times.sum():.3g} s, "
         f"{fewest:.0f} to or from one of them",
         f"shares of time and what depends on them are not known; simulate {needed:.1g} s in all or "
-        "longer (run.duration times run.realizations), or average by fokker_planck",
+        "longer (run.duration times run.realizations)"
+        f"{', or average by fokker_planck' if averaged else ''}",
         names,
     )
 

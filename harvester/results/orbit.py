@@ -16,6 +16,7 @@ from harvester.show.numbers import with_error
 
 # Kinds of motions without a period: if the exponent is not above 0, and if there is none.
 NOT_SETTLED, UNTOLD = "not settled", "no period: chaotic or not settled"
+NO_PERIOD = "no period"
 # What starts do that reach no steady motion: the last two of a load's store and of the mass.
 UNSTEADY = NOT_SETTLED, CHARGING, ESCAPES = NOT_SETTLED, "still charging", "escapes"
 REASONS = {
