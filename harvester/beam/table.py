@@ -34,6 +34,8 @@ PACKAGE = 0.1
 # drawing's, or that share of it.
 SOFTEST_CLAMP, OTHER_PERMITTIVITY = 0.5, 3.0
 GRAVITY = 9.81
+# Share of the beam's length by which its tip may sag under its weight, and that gets a note.
+MOST_SAG, SAG = 0.5, 0.1
 # Sizes that parts have, and the unit that is often given in place of the key's.
 LONG, THIN = (1e-7, 3.0, 1e-3, "mm"), (1e-9, 0.1, 1e-3, "mm")
 MODULUS, DENSITY = (1e6, 2e12, 1e9, "GPa"), (10.0, 3e4, 1e3, "g/cm³")
@@ -330,11 +332,11 @@ def lumped(beam: Beam, origin: str = "beam") -> LumpedBeam:
     first = modes(pieces, tip, 1, compliance)[0]
     every = rest(pieces, tip)
     omega, mass = first.angular_frequency, 1.0 / first.tip**2
-    if GRAVITY / omega**2 > beam.length:
+    if GRAVITY / omega**2 > MOST_SAG * beam.length:
         raise SceneError(
             f"{origin}: beam: {omega / (2.0 * math.pi):.3g} Hz, at which the tip sags by "
-            f"{GRAVITY / omega**2:.3g} m under its weight, more than the beam's length: check the "
-            "units of sizes (m), masses (kg) and moduli (Pa)"
+            f"{GRAVITY / omega**2:.3g} m under its weight, more than {MOST_SAG:g} of the beam's "
+            "length: check the units of sizes (m), masses (kg) and moduli (Pa)"
         )
     first_capacitance = (first.coupling / omega) ** 2
     capacitance, (begin, end) = layer_capacitance(beam), beam.patch
@@ -433,6 +435,12 @@ def notes(beam: Beam) -> list[str]:
         remarks.append(
             f"strain_limit = {limit:g} is over {FAR_BEYOND:g} times the {usual:.3g} of "
             f"{beam.piezo}: {limit:g} % would be {0.01 * limit:g}"
+        )
+    sag = GRAVITY / (2.0 * math.pi * lumped(beam).short_frequency) ** 2
+    if sag > SAG * beam.length:
+        remarks.append(
+            f"the tip sags by {sag:.2g} m under its weight, {sag / beam.length:.0%} of the length: "
+            "such deflections stiffen a beam; check tip_mass (kg) and thickness (m)"
         )
     if beam.ratio == 0.0:
         remarks.append("no damping_ratio or quality_factor is given: ζ = 0")

@@ -22,8 +22,9 @@ UNSTEADY = NOT_SETTLED, CHARGING, ESCAPES = NOT_SETTLED, "still charging", "esca
 REASONS = {
     NOT_SETTLED: "no period repeats to the end and neighbouring paths do not diverge; follow "
     "longer (--periods, or run.settle)",
-    CHARGING: "a store of the load is slower than a start is followed; begin near its steady "
-    "voltage by ic=",
+    CHARGING: "a store of the load is slower than a start is followed; give it a smaller "
+    "capacitance, which changes little but its ripple, or begin within 0.1 % of its steady voltage "
+    "by ic=",
     ESCAPES: "the mass leaves oscillator.restoring_force_range, where the spring is not known",
 }
 
