@@ -298,6 +298,9 @@ def _storage(scene, stores, estimates):
         return None
     worst = max(stores, key=lambda each: abs(each.missing) - DRIFT_IN_STANDARD_ERRORS * each.error)
     if abs(worst.missing) > bound + DRIFT_IN_STANDARD_ERRORS * worst.error:
+        # Small stores follow the slowest one that moves.
+        moving = [each for each in stores if abs(each.missing) > SMALLEST_DRIFT]
+        worst = max(moving, key=lambda each: each.time)
         return Shortfall(
             f"the store {worst.name} ({worst.where}) still "
             f"{'charges' if worst.missing > 0.0 else 'discharges'}",

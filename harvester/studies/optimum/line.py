@@ -18,7 +18,7 @@ from harvester.estimates.units import unit_of
 from harvester.method import Method
 from harvester.running import Answer, Request, Runner
 from harvester.scene.model import Scene
-from harvester.studies.answers import answers_in_time, on_common_knots
+from harvester.studies.answers import answers_in_time, missing_from, on_common_knots
 from harvester.studies.optimum.axis import Axis, Parameter
 from harvester.studies.optimum.objective import series_in_units
 from harvester.studies.optimum.result import Averaging, Optimum
@@ -159,6 +159,7 @@ class Search:
         self.scene, self.axis, self.quantity = scene, axis, quantity
         self.method, self._runner = method, runner
         self._more = 1
+        self._missing: list[str] = []
 
     def find(self, start: float | None) -> tuple[Estimate, list[tuple[float, Estimate]]]:
         """Place with its standard error, and the values that it was fitted to.
@@ -207,6 +208,11 @@ class Search:
         for each in answers:
             if isinstance(each, HarvesterError):
                 raise each
+        self._missing = [
+            line
+            for answer in answers
+            for line in missing_from(self.quantity, answer.quantities[self.quantity])
+        ]
         return answers
 
     def _highest(self):
@@ -271,8 +277,8 @@ class Search:
     def _refuse_end(self, coordinate):
         raise OptimumError(
             f"{self.axis.key}: {self._name()} is largest at the end of the range, "
-            f"{self.axis.value(coordinate):.4g}, by {self.method.name}: no optimum inside; "
-            "widen it with --from and --to"
+            f"{self.axis.value(coordinate):.4g}, by {self.method.name}: "
+            f"{(*self._missing, 'no optimum inside; widen it with --from and --to')[0]}"
         )
 
     def _name(self):

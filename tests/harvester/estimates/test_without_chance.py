@@ -257,6 +257,8 @@ def test_few_jumps_under_noise_and_a_sine_name_no_solver_that_refuses_them():
     scene = Scene.load("device", ["run.realizations=4"]).replace(
         {"excitation": {"kind": "sum", "parts": parts}}
     )
-    (note,) = (each for each in simulate(scene, method="monte-carlo").notes if "jumps between" in each)
+    (note,) = (
+        each for each in simulate(scene, method="monte-carlo").notes if "jumps between" in each
+    )
     assert "fokker_planck" not in note
     assert "uneven" not in note
