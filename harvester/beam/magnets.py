@@ -181,7 +181,7 @@ def _force_of_charges(magnets, slope, offset, origin):
 def _collide(magnets, slope, offset):
     """Whether a corner of a magnet enters another within the reach, in the plane of the motion."""
     tip, frame = np.array(magnets.tip_size)[[-1, 0]], np.array(magnets.frame_size)[[-1, 0]]
-    x = np.linspace(-magnets.reach, magnets.reach, PLACES)[:, None]
+    x, distance = np.linspace(-magnets.reach, magnets.reach, PLACES)[:, None], magnets.distance
     cos, sin = np.cos(slope * x), np.sin(slope * x)
     along, across = np.array([[0.5, 0.5, -0.5, -0.5], [0.5, -0.5, 0.5, -0.5]])
 
@@ -191,12 +191,10 @@ def _collide(magnets, slope, offset):
     for centre in magnets.frames[1]:
         # The tip's corners seen from the frame's magnet, and its corners seen from the tip's.
         a, b = offset + along * tip[0], across * tip[1]
-        ahead = a * cos - b * sin - offset - magnets.distance
-        if inside(ahead, x + a * sin + b * cos - centre, frame):
+        c, d = distance + offset + along * frame[0], centre + across * frame[1] - x
+        if inside(a * cos - b * sin - offset - distance, x + a * sin + b * cos - centre, frame):
             return True
-        a = magnets.distance + offset + along * frame[0]
-        b = centre + across * frame[1] - x
-        if inside(a * cos + b * sin - offset, b * cos - a * sin, tip):
+        if inside(c * cos + d * sin - offset, d * cos - c * sin, tip):
             return True
     return False
 

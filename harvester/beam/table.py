@@ -34,8 +34,8 @@ PACKAGE = 0.1
 # drawing's, or that share of it.
 SOFTEST_CLAMP, OTHER_PERMITTIVITY = 0.5, 3.0
 GRAVITY = 9.81
-# Share of the beam's length by which its tip may sag under its weight, and that gets a note.
-MOST_SAG, SAG = 0.5, 0.1
+# Share of the beam's length by which its tip may sag under its weight.
+MOST_SAG = 0.5
 # Sizes that parts have, and the unit that is often given in place of the key's.
 LONG, THIN = (1e-7, 3.0, 1e-3, "mm"), (1e-9, 0.1, 1e-3, "mm")
 MODULUS, DENSITY = (1e6, 2e12, 1e9, "GPa"), (10.0, 3e4, 1e3, "g/cm³")
@@ -435,12 +435,6 @@ def notes(beam: Beam) -> list[str]:
         remarks.append(
             f"strain_limit = {limit:g} is over {FAR_BEYOND:g} times the {usual:.3g} of "
             f"{beam.piezo}: {limit:g} % would be {0.01 * limit:g}"
-        )
-    sag = GRAVITY / (2.0 * math.pi * lumped(beam).short_frequency) ** 2
-    if sag > SAG * beam.length:
-        remarks.append(
-            f"the tip sags by {sag:.2g} m under its weight, {sag / beam.length:.0%} of the length: "
-            "such deflections stiffen a beam; check tip_mass (kg) and thickness (m)"
         )
     if beam.ratio == 0.0:
         remarks.append("no damping_ratio or quality_factor is given: ζ = 0")

@@ -102,13 +102,11 @@ def supply_notes(estimates: dict[str, Estimate], power_scale: float, unit: str) 
         if name.startswith(SUPPLIED)
     ]
     voltage = estimates.get("output_voltage")
-    collapsed = voltage is not None and voltage.estimate < 0.0
-    advice = (
-        "the output's voltage has collapsed below 0: a sink asks for more than the device "
-        "delivers; lower it"
-        if collapsed
-        else "let the source draw its power from the load, as a converter does"
-    )
+    advice = "let the source draw its power from the load, as a converter does"
+    if voltage is not None and voltage.estimate < 0.0:
+        advice = (
+            "the output has collapsed below 0 V: it asks for more than the device has; lower it"
+        )
     return bool(supplied) * (
         f"{', '.join(supplied)}, which does not come from the piezo; output power and efficiencies "
         f"exclude it; {advice}",

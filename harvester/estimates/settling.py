@@ -43,6 +43,8 @@ if TYPE_CHECKING:
 FORGETTING_TIMES = 8.0
 # A drift is reported when it exceeds this share of the mean and so many of its standard errors.
 SMALLEST_DRIFT, DRIFT_IN_STANDARD_ERRORS = 2e-3, 4.5
+# Of stores that lack this share of the worst's and more, the greatest capacitance is named.
+FOLLOWING = 0.25
 # After three exchange times of the wells exp(−3) = 5 % of the starts are left. A note names shares
 # of time that the starts move by more than 0.005.
 SETTLED, NOTED_START = 3.0, 0.005
@@ -298,9 +300,11 @@ def _storage(scene, stores, estimates):
         return None
     worst = max(stores, key=lambda each: abs(each.missing) - DRIFT_IN_STANDARD_ERRORS * each.error)
     if abs(worst.missing) > bound + DRIFT_IN_STANDARD_ERRORS * worst.error:
-        # Small stores follow the slowest one that moves.
-        moving = [each for each in stores if abs(each.missing) > SMALLEST_DRIFT]
-        worst = max(moving, key=lambda each: each.time)
+        # Stray capacitances follow the storage.
+        alike = [each for each in stores if abs(each.missing) > FOLLOWING * abs(worst.missing)]
+        elements = scene.load.circuit.elements
+        sizes = {each.name: each.size or 0.0 for each in elements if each.letter == "c"}
+        worst = max(alike, key=lambda each: sizes.get(each.name, 0.0))
         return Shortfall(
             f"the store {worst.name} ({worst.where}) still "
             f"{'charges' if worst.missing > 0.0 else 'discharges'}",

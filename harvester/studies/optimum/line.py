@@ -208,11 +208,7 @@ class Search:
         for each in answers:
             if isinstance(each, HarvesterError):
                 raise each
-        self._missing = [
-            line
-            for answer in answers
-            for line in missing_from(self.quantity, answer.quantities[self.quantity])
-        ]
+            self._missing += missing_from(self.quantity, each.quantities[self.quantity])
         return answers
 
     def _highest(self):

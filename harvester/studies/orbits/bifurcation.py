@@ -283,8 +283,7 @@ def climb(
     periods : int
         Before the samples.
     longer : int
-        A value without a period is followed for so many times the periods: chaos may be a
-        transient.
+        Multiple of the periods for which a value without a period is followed further.
 
     Returns
     -------
