@@ -29,6 +29,8 @@ POINTS = 513
 # Points of quadrature along a face's radius, refined until the force changes by less than this
 # share of its greatest value: two discs a fifth of their diameter apart need the last.
 ORDERS, CHANGE = (6, 9, 13, 19), 1e-3
+# Number of displacements at which magnets are searched for a collision.
+PLACES = 65
 # Degree of the interpolation between displacements, at Chebyshev's nodes.
 DEGREE = 32
 # Dipoles nearer than this multiple of a magnet's width, the cube root of its volume, are noted.
@@ -158,6 +160,11 @@ def _force_of_charges(magnets, slope, offset, origin):
     beside = abs(magnets.frames[1][0]) >= (tip[0] + frame[0]) / 2.0
     apart = beside or magnets.distance > (tip[-1] + frame[-1]) / 2.0
     domain, before = [-magnets.reach, magnets.reach], None
+    if apart and _collide(magnets, slope, offset):
+        raise SceneError(
+            f"{origin}: magnets.reach = {magnets.reach:g}: within it the tip's magnet strikes one "
+            "on the frame: lower it"
+        )
     for order in ORDERS if apart else ():
         arguments = magnets, slope, offset, origin, order
         series = np.polynomial.Chebyshev.interpolate(_pulls, DEGREE, domain, arguments)
@@ -169,6 +176,27 @@ def _force_of_charges(magnets, slope, offset, origin):
         f"{origin}: magnets.distance = {magnets.distance:g} between the centres: the magnets "
         f"overlap, or their faces come too close for a force within {CHANGE:g}: raise it"
     )
+
+
+def _collide(magnets, slope, offset):
+    """Whether a corner of a magnet enters another within the reach, in the plane of the motion."""
+    tip, frame = np.array(magnets.tip_size)[[-1, 0]], np.array(magnets.frame_size)[[-1, 0]]
+    x, distance = np.linspace(-magnets.reach, magnets.reach, PLACES)[:, None], magnets.distance
+    cos, sin = np.cos(slope * x), np.sin(slope * x)
+    along, across = np.array([[0.5, 0.5, -0.5, -0.5], [0.5, -0.5, 0.5, -0.5]])
+
+    def inside(a, b, size):
+        return bool(((2.0 * np.abs(a) < size[0]) & (2.0 * np.abs(b) < size[1])).any())
+
+    for centre in magnets.frames[1]:
+        # The tip's corners seen from the frame's magnet, and its corners seen from the tip's.
+        a, b = offset + along * tip[0], across * tip[1]
+        c, d = distance + offset + along * frame[0], centre + across * frame[1] - x
+        if inside(a * cos - b * sin - offset - distance, x + a * sin + b * cos - centre, frame):
+            return True
+        if inside(c * cos + d * sin - offset, d * cos - c * sin, tip):
+            return True
+    return False
 
 
 def _pulls(x, magnets, slope, offset, origin, order):

@@ -20,6 +20,10 @@ from harvester.errors import SceneError
 THICKEST, THICK = 0.2, 0.1
 # Width over length that gets a note: a plate is stiffer, by up to 1/(1 − ν²) = 10 %.
 WIDE = 0.5
+# Share of the rigidity by the field within a bent layer that gets a note: 1 % of the frequency.
+STIFFENED = 0.02
+# Multiple of a material's own strain limit from which a given one gets a note.
+FAR_BEYOND = 10.0
 # A patch shorter than the first number of its thicknesses is refused, than the second noted: it
 # does not follow the beam at its ends.
 SHORTEST_PATCH, SHORT_PATCH = 2.0, 10.0
@@ -30,6 +34,8 @@ PACKAGE = 0.1
 # drawing's, or that share of it.
 SOFTEST_CLAMP, OTHER_PERMITTIVITY = 0.5, 3.0
 GRAVITY = 9.81
+# Share of the beam's length by which its tip may sag under its weight.
+MOST_SAG = 0.5
 # Sizes that parts have, and the unit that is often given in place of the key's.
 LONG, THIN = (1e-7, 3.0, 1e-3, "mm"), (1e-9, 0.1, 1e-3, "mm")
 MODULUS, DENSITY = (1e6, 2e12, 1e9, "GPa"), (10.0, 3e4, 1e3, "g/cm³")
@@ -104,7 +110,7 @@ class Beam:
         **dict.fromkeys(("quality_factor", "fatigue_cycles", "fatigue_exponent"), _size()),
         "piezo_d31": Key(units=(SI,), likely=(1e-14, 1e-8, 1e-12, "pm/V")),
         "piezo_start": not_negative(units=(SI,), likely=LONG),
-        "tip_mass": not_negative(units=(SI,), likely=(1e-15, 30.0, 1e-3, "g")),
+        "tip_mass": not_negative(units=(SI,), likely=(1e-15, 10.0, 1e-3, "g")),
         "tip_inertia": not_negative(units=(SI,), likely=(1e-30, 1.0, 1e-9, "g mm²")),
         "tip_offset": Key(units=(SI,), likely=LONG),
         "layers": Key(kind=int, low=1, high=2, units=(SI,)),
@@ -326,11 +332,11 @@ def lumped(beam: Beam, origin: str = "beam") -> LumpedBeam:
     first = modes(pieces, tip, 1, compliance)[0]
     every = rest(pieces, tip)
     omega, mass = first.angular_frequency, 1.0 / first.tip**2
-    if GRAVITY / omega**2 > beam.length:
+    if GRAVITY / omega**2 > MOST_SAG * beam.length:
         raise SceneError(
             f"{origin}: beam: {omega / (2.0 * math.pi):.3g} Hz, at which the tip sags by "
-            f"{GRAVITY / omega**2:.3g} m under its weight, more than the beam's length: check the "
-            "units of sizes (m), masses (kg) and moduli (Pa)"
+            f"{GRAVITY / omega**2:.3g} m under its weight, more than {MOST_SAG:g} of the beam's "
+            "length: check the units of sizes (m), masses (kg) and moduli (Pa)"
         )
     first_capacitance = (first.coupling / omega) ** 2
     capacitance, (begin, end) = layer_capacitance(beam), beam.patch
@@ -413,6 +419,22 @@ def notes(beam: Beam) -> list[str]:
         remarks.append(
             f"the patch is {(end - begin) / beam.piezo_thickness:.2g} thicknesses long, < "
             f"{SHORT_PATCH:g}: at its ends it does not follow the beam, and couples less"
+        )
+    modulus, _, d31, permittivity = beam.active
+    field = (modulus * d31) ** 2 / (permittivity * VACUUM_PERMITTIVITY)
+    share = beam.layers * field * beam.width * beam.piezo_thickness**3 / 12.0
+    share /= section(beam, True).rigidity
+    if beam.electrode_spacing is None and share > STIFFENED:
+        remarks.append(
+            f"the field in a layer is taken as uniform: as it varies with the strain, the covered "
+            f"beam is {share:.1%} stiffer; its frequency is up to {share / 2.0:.1%} higher, and k² "
+            "lower by about the former: where this matters, identify the lumped values"
+        )
+    limit, usual = beam.strain_limit or 0.0, ACTIVE[beam.piezo].strain_limit
+    if limit > FAR_BEYOND * usual:
+        remarks.append(
+            f"strain_limit = {limit:g} is over {FAR_BEYOND:g} times the {usual:.3g} of "
+            f"{beam.piezo}: {limit:g} % would be {0.01 * limit:g}"
         )
     if beam.ratio == 0.0:
         remarks.append("no damping_ratio or quality_factor is given: ζ = 0")

@@ -256,21 +256,22 @@ def error_of(scene: Scene, memory: float = 0.0) -> Callable:
 
 
 def with_steps(scene: Scene, estimate: Estimate, path_error: float) -> Estimate:
-    """The estimate of a deterministic path with the error of its steps.
+    """The estimate with the error of its steps, if the excitation is deterministic.
 
-    Under a periodic excitation or a transient it has no sample size.
+    A periodic motion or a transient has no sample size.
     """
-    excitation, error = scene.excitation, estimate.standard_error
-    deterministic = excitation.period is not None or excitation.drifts
-    if excitation.random or not deterministic or error is None:
+    excitation = scene.excitation
+    if excitation.random:
         return estimate
-    whole = math.hypot(error, path_error * abs(estimate.estimate))
-    size = estimate.effective_sample_size
+    error, size = estimate.standard_error, estimate.effective_sample_size
     if excitation.period is not None or excitation.transient(scene.run):
         size = None
-    elif size is not None:
-        size *= (error / whole) ** 2
-    return replace(estimate, standard_error=whole, effective_sample_size=size)
+    if error is not None:
+        whole = math.hypot(error, path_error * abs(estimate.estimate))
+        if size is not None and whole > 0.0:
+            size *= (error / whole) ** 2
+        error = whole
+    return replace(estimate, standard_error=error, effective_sample_size=size)
 
 
 def _loose_nodes(load):

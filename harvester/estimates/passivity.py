@@ -101,9 +101,15 @@ def supply_notes(estimates: dict[str, Estimate], power_scale: float, unit: str) 
         for name, estimate in estimates.items()
         if name.startswith(SUPPLIED)
     ]
+    voltage = estimates.get("output_voltage")
+    advice = "let the source draw its power from the load, as a converter does"
+    if voltage is not None and voltage.estimate < 0.0:
+        advice = (
+            "the output has collapsed below 0 V: it asks for more than the device has; lower it"
+        )
     return bool(supplied) * (
         f"{', '.join(supplied)}, which does not come from the piezo; output power and efficiencies "
-        "exclude it; let the source draw its power from the load, as a converter does",
+        f"exclude it; {advice}",
     )
 
 

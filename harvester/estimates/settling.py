@@ -45,6 +45,8 @@ FORGETTING_TIMES = 8.0
 SMALLEST_DRIFT, DRIFT_IN_STANDARD_ERRORS = 2e-3, 4.5
 # Above this share of what a store holds, the bound of its missing charge is not printed.
 MOST_MISSING = 10.0
+# Of stores that lack this share of the worst's and more, the greatest capacitance is named.
+FOLLOWING = 0.25
 # After three exchange times of the wells exp(−3) = 5 % of the starts are left. A note names shares
 # of time that the starts move by more than 0.005.
 SETTLED, NOTED_START = 3.0, 0.005
@@ -109,7 +111,7 @@ def shortfalls(
         _storage(scene, stores, estimates),
         _jumps(scene, p, moments, estimates),
         # Without chance the well is decided by the start, and a longer run has no more jumps.
-        _residence(p, moments, estimates, balance) if scene.excitation.random else None,
+        _residence(scene, p, moments, estimates, balance) if scene.excitation.random else None,
     ]
     reasons = [reason for reason in reasons if reason]
     return reasons or _drift(moments, balance)
@@ -300,6 +302,11 @@ def _storage(scene, stores, estimates):
         return None
     worst = max(stores, key=lambda each: abs(each.missing) - DRIFT_IN_STANDARD_ERRORS * each.error)
     if abs(worst.missing) > bound + DRIFT_IN_STANDARD_ERRORS * worst.error:
+        # Stray capacitances follow the storage.
+        alike = [store for store in stores if abs(store.missing) > FOLLOWING * abs(worst.missing)]
+        elements = scene.load.circuit.elements
+        sizes = {part.name: part.size or 0.0 for part in elements if part.letter == "c"}
+        worst = max(alike, key=lambda store: sizes.get(store.name, 0.0))
         away = f"it is up to {100.0 * abs(worst.missing):.2g} % of what it holds away from its "
         longest = (
             f" (to {run.settle + FORGETTING_TIMES * worst.time:.2g} s at most, less where a diode "
@@ -348,7 +355,7 @@ def _jumps(scene, p, moments, estimates):
     )
 
 
-def _residence(p, moments, estimates, balance):
+def _residence(scene, p, moments, estimates, balance):
     """The shortfall of a run with few jumps between wells, in what depends on the well."""
     shares = [name for name in estimates if name.startswith("share_of_time_in_well_")]
     if not shares:
@@ -369,13 +376,16 @@ def _residence(p, moments, estimates, balance):
     needed = FEWEST_JUMPS / (fewest + 1.0) * times.sum()
     # Wells of a symmetric spring differ by their stoppers alone.
     untouched = p.spring.symmetric and p.contacts and not _total(moments, "impacts")
+    averaged = scene.load.is_resistor and not scene.excitation.averaging_refusal()
     return Shortfall(
-        f"{counts.sum():.0f} jumps between uneven wells in {times.sum():.3g} s"
-        + f", only {fewest:.0f} into or out of one of them" * bool(counts.sum()),
+        f"{counts.sum():.0f} jumps between {'wells' if balance is None else 'uneven wells'} in "
+        f"{times.sum():.3g} s"
+        + f", only {fewest:.0f} into or out of one of them"
+        * bool(counts.sum()),
         f"shares of time and what depends on them are not known; simulate {needed:.1g} s in all or "
-        "longer (run.duration times run.realizations), or average by fokker_planck"
-        + "; the mass touched no stopper: without [stoppers] the wells are alike"
-        * bool(untouched),
+        "longer (run.duration times run.realizations)"
+        + ", or average by fokker_planck" * averaged
+        + "; the mass touched no stopper: without [stoppers] the wells are alike" * bool(untouched),
         names,
     )
 

@@ -126,7 +126,8 @@ def _state(store, levels, ends, matrix, times):
     if not held:
         return StoreState(store.name, store.where, 0.0, 0.0, math.nan, 0.0)
     error = _error_of_change(changes, levels.random) / length * abs(time) if rate else 0.0
-    return StoreState(store.name, store.where, missing / held, error / held, abs(time), memory)
+    missing = math.copysign(missing / held, missing * float(levels.mean @ ends))
+    return StoreState(store.name, store.where, missing, error / held, abs(time), memory)
 
 
 def _by_decay(changes, length):

@@ -30,8 +30,9 @@ UNITS = (*ACCELERATION, "scaled")
 BAND_SHARE, BAND_MISS = 0.99, 3.0
 # The result has a note if the offset exceeds this share of the rms.
 NOTED_OFFSET = 0.1
-# The mean squares of this many stretches are compared, to find a record that is not stationary.
-STRETCHES = 4
+# The mean squares of this many stretches are compared, to find a record that is not stationary: one
+# whose greatest is more than STEADY times its least.
+STRETCHES, STEADY = 4, 1.1
 # The record is cut into LINE_STRETCHES stretches. It counts as one sine at a time, perhaps swept,
 # if in most of them LINE_SHARE of the power lies within LINE_BINS bins of the strongest. Noise
 # behind a filter of Q < 20 has less.
@@ -247,10 +248,13 @@ class RecordedMotion(Excitation):
                 "error bars are those of the steps, from a second run with longer steps"
             )
         else:
+            drifting = (
+                "are those of records that drift alike; between its quarters the mean square "
+                f"changes by a factor of {change:.3g}"
+            )
+            steady = "hold for records like it; its mean square is steady"
             lines.append(
-                "one pass of one record: error bars are those of records that drift alike; "
-                "between its quarters the mean square changes by a factor of "
-                f"{change:.3g}"
+                f"one pass of one record: error bars {drifting if change > STEADY else steady}"
             )
         if abs(values.mean()) > NOTED_OFFSET * values.std():
             lines.append(

@@ -16,13 +16,15 @@ from harvester.show.numbers import with_error
 
 # Kinds of motions without a period: if the exponent is not above 0, and if there is none.
 NOT_SETTLED, UNTOLD = "not settled", "no period: chaotic or not settled"
+NO_PERIOD = "no period"
 # What starts do that reach no steady motion: the last two of a load's store and of the mass.
 UNSTEADY = NOT_SETTLED, CHARGING, ESCAPES = NOT_SETTLED, "still charging", "escapes"
 REASONS = {
     NOT_SETTLED: "no period repeats to the end and neighbouring paths do not diverge; follow "
     "longer (--periods, or run.settle)",
-    CHARGING: "a store of the load is slower than a start is followed; begin near its steady "
-    "voltage by ic=",
+    CHARGING: "a store of the load is slower than a start is followed; give it a smaller "
+    "capacitance, which changes little but its ripple, or begin within 0.1 % of its steady voltage "
+    "by ic=",
     ESCAPES: "the mass leaves oscillator.restoring_force_range, where the spring is not known",
 }
 

@@ -21,7 +21,7 @@ from harvester.prepared.steps import step_error
 from harvester.running import Answer, Request, Runner
 from harvester.scene.model import Scene
 from harvester.simulation.methods import Engine
-from harvester.studies.answers import answers_in_time, on_common_knots
+from harvester.studies.answers import answers_in_time, missing_from, on_common_knots
 from harvester.studies.optimum.axis import Axis, OptimalParameter
 from harvester.studies.optimum.objective import series_in_units
 from harvester.studies.optimum.result import Averaging, Optimum
@@ -146,6 +146,7 @@ class Search:
         self.scene, self.axis, self.quantity = scene, axis, quantity
         self.method, self._runner = method, runner
         self._more = 1
+        self._missing: list[str] = []
 
     def find(self, start: float | None) -> tuple[Estimate, list[tuple[float, Estimate]]]:
         """Place with its standard error, and the values that it was fitted to.
@@ -187,6 +188,7 @@ class Search:
         for answer in answers:
             if isinstance(answer, HarvesterError):
                 raise answer
+            self._missing += missing_from(self.quantity, answer.quantities[self.quantity])
         return answers
 
     def _highest(self):
@@ -256,8 +258,8 @@ class Search:
     def _refuse_end(self, coordinate):
         raise OptimumError(
             f"{self.axis.key}: {self._name()} is largest at the end of the range, "
-            f"{self.axis.value(coordinate):.4g}, by {self.method.name}: no optimum inside; "
-            "widen it with --from and --to"
+            f"{self.axis.value(coordinate):.4g}, by {self.method.name}: "
+            f"{(*self._missing, 'no optimum inside; widen it with --from and --to')[0]}"
         )
 
     def _name(self):

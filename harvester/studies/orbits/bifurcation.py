@@ -24,7 +24,7 @@ from harvester.prepared.paths import start_state
 from harvester.prepared.prepared import prepared
 from harvester.prepared.steps import step_error
 from harvester.record.stroboscope import STATE
-from harvester.results.orbit import REASONS, UNSTEADY
+from harvester.results.orbit import NO_PERIOD, REASONS, UNSTEADY
 from harvester.results.result import unit_of
 from harvester.running.task import Task, Wanted
 from harvester.scene.model import Scene
@@ -35,7 +35,7 @@ from harvester.show.panels import Panel, Series, draw_panels
 from harvester.show.symbols import key_label
 from harvester.simulation.following import follow, forced
 from harvester.simulation.methods import Engine
-from harvester.studies.orbits.following import SAMPLES, motion_of
+from harvester.studies.orbits.following import LONGER, SAMPLES, motion_of
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -206,8 +206,18 @@ class Bifurcation:
             )
         if self.scene.load.circuit and not self.scene.load.is_resistor:
             lines.append("a load's own stores begin at each place as its netlist says")
+        lines += [line for branch in self.branches for line in self._of_chaos(branch)]
         lines += [f"{location}: {why}" for location, why in self.failures.items()]
         return lines
+
+    def _of_chaos(self, branch):
+        """Where a mean over the samples of a motion without a period has no error bar."""
+        missing = np.isfinite(branch.mean_power) & np.isnan(branch.errors["mean_power"])
+        where = ", ".join(f"{value:.6g}" for value in self.values[missing])
+        return [
+            f"{branch.direction}: no error bar at {self.key} = {where}: the power changes more "
+            f"slowly than {SAMPLES} periods show; harvester basins there averages over many starts"
+        ] * bool(where)
 
     def figure(self) -> Figure:
         """The section and the mean power over the key."""
@@ -244,6 +254,7 @@ def climb(
     periods: int,
     report: Callable,
     settings: dict[str, Any] | None = None,
+    longer: int = 1,
 ) -> dict[str, Any]:
     """Values one after another, each from where the last ended; in a worker process.
 
@@ -254,6 +265,7 @@ def climb(
     start : list or None
         Displacement, velocity and the transducer's state in the scene's units; None: the scene's.
     periods : before the samples.
+    longer : multiple of the periods for which a value without a period is followed further.
 
     Returns
     -------
@@ -270,9 +282,15 @@ def climb(
         units = np.array([length, length, ready.scene.transducer.state_unit(ready.setting)])
         begin = start_state(prepared(scene), 0) if start is None else np.array(start) / units
         try:
-            samples = follow(
-                driven, engine, step, [list(begin)], periods + SAMPLES, SAMPLES, report, settings
-            )[0]
+            for times in (1, longer):
+                samples = follow(
+                    driven, engine, step, [list(begin)], times * (periods + SAMPLES), SAMPLES,
+                    report, settings,
+                )[0]  # fmt: skip
+                if times == longer or motion_of(driven, samples)[1] != NO_PERIOD:
+                    break
+                if driven.load.is_resistor:
+                    begin = samples[-1, :STATE]
         except SimulationError as error:
             failures[str(number)] = str(error)
             samples = np.full((SAMPLES + 1, STATE + 3), np.nan)
@@ -289,15 +307,16 @@ def climbing(
     values: np.ndarray,
     engine: Engine,
     version: str,
-    periods: int,
+    periods: int | None,
     directions: Sequence[str],
 ) -> Generator[Wanted, list, Any]:
     """A plan for `Runner.follow`: the directions one after another, some places in a task; the
     Branch of each and the failures.
 
-    Each direction begins where the one before ended. None where the time was spent.
+    Each direction begins where the one before ended. `periods` None: as many as the device needs,
+    and more where it finds no period. None where the time was spent.
     """
-    start, branches, failures = None, [], {}
+    start, branches, failures, scenes = None, [], {}, scenes_over(scene, key, values)
     for number, direction in enumerate(directions):
         ordered, rows = values if direction == "up" else values[::-1], []
         for first in range(0, ordered.size, PLACES_TOGETHER):
@@ -308,7 +327,8 @@ def climbing(
                 "values": some.tolist(),
                 **engine.as_arguments("engine"),
                 "start": start,
-                "periods": periods,
+                "periods": periods or max(periods_of(driven) for driven in scenes),
+                "longer": 1 if periods else LONGER**2,
             }
             task = Task(climb, arguments, version, engine.name, some.size)
             ahead = ordered.size * (len(directions) - number) - first
@@ -320,7 +340,6 @@ def climbing(
             for index, why in answer["failures"].items():
                 failures[f"{direction} at {some[int(index)]:g}"] = why
         samples = np.concatenate(rows)
-        scenes = scenes_over(scene, key, values)
         samples = samples if direction == "up" else samples[::-1]
         branches.append(_branch(scenes, engine, direction, samples))
     return branches, failures

@@ -26,6 +26,7 @@ from harvester.record.stroboscope import COLUMNS, STATE
 from harvester.results.orbit import (
     CHARGING,
     ESCAPES,
+    NO_PERIOD,
     NOT_SETTLED,
     UNSTEADY,
     orbit_name,
@@ -298,7 +299,7 @@ def motion_of(scene: Scene, samples: np.ndarray) -> tuple[int, str]:
     if period and remains <= NEARLY_CONVERGED:
         return int(period), f"period {period}"
     unsettled = _unsettled(scene)
-    return 0, unsettled if period or unsettled == CHARGING else "no period"
+    return 0, unsettled if period or unsettled == CHARGING else NO_PERIOD
 
 
 def _orbit(name, kind, starts, count, values=None, points=None, period=None, exponent=None):

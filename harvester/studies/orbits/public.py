@@ -126,7 +126,8 @@ def bifurcation(
         leaves it out.
     periods : int or None
         Number of periods of the excitation, at each value before the samples (default: as many as
-        the device needs to forget the value before).
+        the device needs to forget the value before, and nine times as many where it finds no
+        period by then).
     method : str or Method
         monte-carlo (the equations themselves) or circuit (ngspice).
     step : str or float
@@ -165,7 +166,7 @@ def bifurcation(
     with open_runner(**running) as runner:
         version = runner.version(engine.name)
         (outcome,) = runner.follow(
-            [work.climbing(scene, over, rising, engine, version, settling, directions)]
+            [work.climbing(scene, over, rising, engine, version, periods, directions)]
         )
     if isinstance(outcome, HarvesterError):
         raise outcome

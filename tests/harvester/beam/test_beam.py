@@ -149,6 +149,16 @@ def test_a_report_says_where_a_block_stands():
     assert not any("tip_offset" in each for each in remarks(flush))
 
 
+def test_notes_name_a_layer_that_its_field_stiffens_and_a_strain_in_per_cent():
+    """Finite elements with the field inside the layer: 227.37 Hz for 222.45 Hz (+2.2 %)."""
+    thick = Beam(30e-3, 8e-3, 0.1e-3, 0.3e-3, piezo="PZT-5A", layers=1, strain_limit=0.04)
+    lines = remarks(thick)
+    assert any("4.5% stiffer; its frequency is up to 2.2% higher" in each for each in lines)
+    assert any("0.04 % would be 0.0004" in each for each in lines)
+    thin = remarks(replace(thick, thickness=0.5e-3, piezo_thickness=0.1e-3, strain_limit=4e-4))
+    assert not any("stiffer;" in each or "would be" in each for each in thin)
+
+
 @pytest.mark.parametrize(
     ("changes", "message"),
     [
@@ -166,7 +176,9 @@ def test_a_report_says_where_a_block_stands():
         ({"beam.measured_capacitance": 29.5}, "29.5 nF is 2.95e-08$"),
         ({"beam.measured_capacitance": 2.95e-7}, "of the order of the drawing's 4.76e-08 F"),
         ({"beam.measured_frequency": 12}, "at least 0.5 of the 45.7 Hz of a rigid clamp"),
-        ({"beam.tip_mass": 12.0}, "sags by 0.102 m under its weight"),
+        ({"beam.tip_mass": 12.0}, "12 g is 0.012$"),
+        ({"beam.tip_mass": 12e3}, "1e-15 to 10$"),
+        ({"beam.tip_mass": 5.0}, "under its weight"),
         ({**STEEL_BLOCK, "beam.tip_length": 0.06}, "a block longer than the beam's 0.0508 m"),
         ({"beam": None, "magnets.distance": 0.01}, r"need the table \[beam\]"),
         ({"units": "scaled"}, 'needs units = "SI"'),

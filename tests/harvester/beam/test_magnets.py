@@ -226,7 +226,12 @@ CLOSE = {**SIZES, "tip_moment": None, "frame_moment": None}
         ({**CLOSE, "remanence": 1300}, "1300 mT is 1.3$"),
         ({**CLOSE, "tip_size": [10, 3]}, r"tip_size\[0\] = 10: .*10 mm is 0.01$"),
         ({**CLOSE, "distance": 2.9e-3}, "magnets overlap"),
-        ({**CLOSE, "distance": 3.5e-3}, "come too close"),
+        ({**CLOSE, "distance": 3.5e-3, "reach": 1e-3}, "come too close"),
+        ({**CLOSE, "distance": 3.5e-3}, "strikes one on the frame"),
+        (
+            {**CLOSE, "arrangement": "attracting", "distance": 2e-3, "spacing": 0.02},
+            "strikes one on the frame: lower it",
+        ),
         ({"tip_moment": None, "tip_volume": 1e-7}, "needs magnets.remanence"),
     ],
 )

@@ -3,7 +3,7 @@ import math
 import pytest
 
 from harvester.estimates.estimate import Estimate
-from harvester.estimates.passivity import efficiency_notes
+from harvester.estimates.passivity import efficiency_notes, supply_notes
 
 
 def notes(**values):
@@ -47,3 +47,12 @@ def test_a_source_that_feeds_the_output_is_no_stored_energy():
     assert "a source in the load feeds 6 W into its output" in note
     (note,) = notes(**outside, mean_output_power=-3.0, mean_storage_power=-2.9)
     assert "energy stored before the measured time" in note
+
+
+def test_a_source_at_a_collapsed_output_is_no_converter():
+    """A constant current behind a doubler: it pulls the output to -1.2 V."""
+    values = {"supplied_by_b1": 1.2e-3, "output_voltage": -1.2}
+    for sign, advice in ((1.0, "asks for more than the device has"), (-1.0, "a converter")):
+        found = {k: Estimate(sign * v, None, None, "1") for k, v in values.items()}
+        (note,) = supply_notes(found, 1.0, "W")
+        assert advice in note

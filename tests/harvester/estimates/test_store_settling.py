@@ -57,3 +57,15 @@ def test_an_uncharged_store_behind_something_is_named(tmp_path, pool, method, ca
     _, notes = run(tmp_path, pool, f"C1 out ref 1n\nR1 out ref 1meg\n{cards}", 3.0, method)
     assert len(notes) == 1
     assert "still charges" in notes[0]
+
+
+def test_a_stray_capacitance_at_a_negative_voltage_is_not_the_store_that_charges():
+    """The bridge's stray capacitor follows its storage, with the opposite sign."""
+    excitation = 'excitation={kind="sine", amplitude=4.0, frequency=46.0}'
+    scene = Scene.load(
+        "cantilever",
+        ["load.netlist=bridge", "load.parameters.storage=1m", "run.realizations=1", excitation],
+    )
+    (note,) = (each for each in simulate(scene, method="monte-carlo").notes if "store c" in each)
+    assert note.startswith("the store cstorage")
+    assert "still charges" in note

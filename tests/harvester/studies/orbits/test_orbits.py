@@ -615,3 +615,19 @@ def test_a_measured_path_repeats_as_its_section_does(amplitude, expected):
     assert repetition(section[None])[0] == expected
     noise = 0.02 * np.random.default_rng(3).standard_normal(times.size)
     assert repeats_in_noise(path[0] + noise, points) == (expected > 0)
+
+
+def test_a_chaotic_transient_is_followed_to_its_orbit():
+    """The device at 10 Hz and 8 m/s² wanders for some 200 periods; scipy ends on one orbit."""
+    scene = Scene.load(
+        "device", ['excitation={kind="sine",amplitude=7.0,frequency=10.0}', "run.seed=1"]
+    )
+    found = harvester.bifurcation(
+        scene, over="excitation.amplitude", values=[7.0, 8.0], workers=1, down=False
+    )
+    (up,) = found.branches
+    assert up.period[1] == 1
+    assert up.mean_power[1] == pytest.approx(0.0149569, rel=1e-4)
+    # What has no error bar says why.
+    missing = np.isnan(up.errors["mean_power"])
+    assert missing.any() == any("no error bar" in each for each in found.sentences())
