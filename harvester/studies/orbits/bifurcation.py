@@ -35,7 +35,7 @@ from harvester.show.panels import Panel, Series, draw_panels
 from harvester.show.symbols import key_label
 from harvester.simulation.following import follow, forced
 from harvester.simulation.methods import Engine
-from harvester.studies.orbits.following import LONGER, SAMPLES, motion_of
+from harvester.studies.orbits.following import LONGER, SAMPLES, motion_of, periods_of
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
