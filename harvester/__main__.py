@@ -19,7 +19,7 @@ def main() -> int:
     if signal.getsignal(signal.SIGINT) is signal.default_int_handler:
         signal.signal(signal.SIGINT, interrupt)
     try:
-        from harvester.command_line import main as run
+        from harvester.cli.command_line import main as run
 
         code = run()
     except KeyboardInterrupt:

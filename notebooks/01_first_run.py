@@ -24,9 +24,9 @@
 import matplotlib.pyplot as plt
 
 import harvester
-from circuits.assembly import assemble
-from harvester.prepared.prepared import prepared
-from harvester.show import figures
+from circuits.equivalent.assembly import assemble
+from harvester.results import figures
+from harvester.scene.prepared import prepared
 from harvester.studies.comparison.comparison import COMPARED
 
 plt.style.use(figures.STYLE)

@@ -28,7 +28,7 @@ import matplotlib.pyplot as plt
 import numpy as np
 
 import harvester
-from harvester.show import figures
+from harvester.results import figures
 
 plt.style.use(figures.STYLE)
 

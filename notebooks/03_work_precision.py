@@ -24,10 +24,10 @@
 import matplotlib.pyplot as plt
 
 import harvester
-from harvester.show import figures
-from harvester.verification import MEANS
-from harvester.verification.accuracy.methods import ComparedMethod
-from harvester.verification.accuracy.work_precision import judged, work_precision
+from harvester.results import figures
+from harvester.validation import MEANS
+from harvester.validation.accuracy.methods import ComparedMethod
+from harvester.validation.accuracy.work_precision import judged, work_precision
 
 plt.style.use(figures.STYLE)
 

@@ -17,7 +17,7 @@
 #
 # The paper derives its curves by stochastic averaging and compares them with its own Monte Carlo.
 # Here the same equations go through the closures, Monte Carlo and the circuit. Everything is data:
-# `figures_list.FIGURES` and `claims_list.CLAIMS` of `harvester.verification.paper`.
+# `figures_list.FIGURES` and `claims_list.CLAIMS` of `harvester.validation.paper`.
 
 # %%
 # %matplotlib inline
@@ -26,11 +26,11 @@ from dataclasses import replace
 import matplotlib.pyplot as plt
 
 import harvester
-from harvester.show import figures
-from harvester.verification.paper.claims import METHODS, claims
-from harvester.verification.paper.claims_list import CLAIMS, JUMPING
-from harvester.verification.paper.drawing import draw
-from harvester.verification.paper.reproduce import reproduce
+from harvester.results import figures
+from harvester.validation.paper.claims import METHODS, claims
+from harvester.validation.paper.claims_list import CLAIMS, JUMPING
+from harvester.validation.paper.drawing import draw
+from harvester.validation.paper.reproduce import reproduce
 
 plt.style.use(figures.STYLE)
 scene = harvester.Scene.load("paper")

@@ -28,7 +28,7 @@ import numpy as np
 from scipy.signal import welch
 
 import harvester
-from harvester.show import figures, palette
+from harvester.results import figures, palette
 
 plt.style.use(figures.STYLE)
 

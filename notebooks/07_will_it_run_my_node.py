@@ -29,7 +29,7 @@ import matplotlib.pyplot as plt
 import numpy as np
 
 import harvester
-from harvester.show import figures, palette
+from harvester.results import figures, palette
 
 plt.style.use(figures.STYLE)
 

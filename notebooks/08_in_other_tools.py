@@ -29,10 +29,10 @@ import matplotlib.pyplot as plt
 import numpy as np
 
 import harvester
-from harvester.export.block import block_of
-from harvester.export.formats import write
-from harvester.show import figures
-from harvester.verification.known_results.simulators import find_ngspice, find_vacask, read_raw
+from harvester.interop.block import block_of
+from harvester.interop.formats import write
+from harvester.results import figures
+from harvester.validation.known_results.simulators import find_ngspice, find_vacask, read_raw
 
 plt.style.use(figures.STYLE)
 folder = Path(tempfile.mkdtemp())

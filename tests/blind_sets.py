@@ -10,7 +10,7 @@ import sys
 import numpy as np
 from measured_sets import FAULTS, a_set
 
-from harvester.errors import HarvesterError
+from harvester.base.errors import HarvesterError
 from harvester.identification.identify import identify
 
 WORDS = ("predicts", "fits", "wrong", "incomplete", "nothing", "refused")

@@ -7,8 +7,8 @@ import kept
 import pytest
 from hypothesis import HealthCheck, settings
 
-from harvester.workers.pools import WorkerPool
-from harvester.workers.process import Worker
+from harvester.base.pools import WorkerPool
+from harvester.base.process import Worker
 
 HERE = Path(__file__).parent
 # Fuzz tests: the same few seconds every time, or `--hypothesis-profile=long` by hand.
@@ -48,7 +48,7 @@ def shared_workers(pool, monkeypatch):
     """A call that would start workers of its own takes those of the session.
 
     To start one takes a second of processor time. That calls start their own and end them has
-    tests in `harvester/workers`, and of the command line in `test_command_line`.
+    tests in `harvester/base`, and of the command line in `test_command_line`.
     """
     monkeypatch.setattr(WorkerPool, "__enter__", lambda unused: pool)
 

@@ -5,8 +5,8 @@ import math
 import numpy as np
 
 from harvester.device import timescales
-from harvester.prepared.prepared import prepared
 from harvester.scene.model import Scene
+from harvester.scene.prepared import prepared
 
 SCALED = {
     "units": "scaled",

@@ -9,9 +9,9 @@ from scipy import interpolate
 from scipy.integrate import DOP853, quad
 from scipy.optimize import brentq
 
-from harvester.prepared.paths import noise_path, start_state
-from harvester.prepared.prepared import prepared
-from harvester.prepared.steps import knot_spacing
+from harvester.scene.paths import noise_path, start_state
+from harvester.scene.prepared import prepared
+from harvester.scene.steps import knot_spacing
 
 
 class Tabulated:

@@ -4,8 +4,8 @@ import ctypes
 
 import numpy as np
 
-from harvester.prepared.paths import noise_path
-from harvester.prepared.prepared import prepared
+from harvester.scene.paths import noise_path
+from harvester.scene.prepared import prepared
 
 ENERGIES = ("input", "stored", "damper", "contacts", "transducer", "delivered")
 LENGTH = 1e-3  # s, of an exchange

@@ -8,9 +8,9 @@ import itertools
 
 import numpy as np
 
-from harvester.command_line import main
-from harvester.prepared.prepared import prepared
+from harvester.cli.command_line import main
 from harvester.scene.model import Scene
+from harvester.scene.prepared import prepared
 
 # Of a run, a quarter of them to settle in; an optimum is refused where each mean is of fewer.
 PERIODS, PERIODS_OF_AN_OPTIMUM = 6.0, 12.0

@@ -10,7 +10,7 @@ import signal
 import effort
 import hypothesis
 
-from harvester.errors import HarvesterError
+from harvester.base.errors import HarvesterError
 
 LONGEST_MESSAGE = 2000
 # The largest of the records takes 1.6 million.

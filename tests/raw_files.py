@@ -7,8 +7,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from harvester.errors import ProgramNotFound
-from harvester.verification.known_results.simulators import find_ngspice, read_raw
+from harvester.base.errors import ProgramNotFound
+from harvester.validation.known_results.simulators import find_ngspice, read_raw
 
 
 def ngspice_program():

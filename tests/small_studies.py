@@ -4,18 +4,18 @@ import json
 import sys
 from dataclasses import replace
 
-from harvester.running import open_runner
+from harvester.engines.opening import open_runner
 from harvester.scene.model import Scene
 from harvester.studies.optimum import line
 from harvester.studies.public import frequency_response, load_study, optimum, sensitivity
-from harvester.verification.accuracy import measurement, throughput, timed
-from harvester.verification.accuracy.methods import ComparedMethod
-from harvester.verification.accuracy.work_precision import work_precision
-from harvester.verification.paper import claims, reproduce, runs
-from harvester.verification.paper.claim_tests import Trend
-from harvester.verification.paper.claims_list import Claim
-from harvester.verification.paper.figures_list import FIGURES
-from harvester.verification.stability import cases, matrix
+from harvester.validation.accuracy import measurement, throughput, timed
+from harvester.validation.accuracy.methods import ComparedMethod
+from harvester.validation.accuracy.work_precision import work_precision
+from harvester.validation.paper import claims, reproduce, runs
+from harvester.validation.paper.claim_tests import Trend
+from harvester.validation.paper.claims_list import Claim
+from harvester.validation.paper.figures_list import FIGURES
+from harvester.validation.stability import cases, matrix
 
 PAPER = Scene.load("paper", ["run.settle=5"])
 BRIEF = Scene.load("linear", ["run.realizations=4", "run.duration=600", "run.settle=50"])

@@ -8,9 +8,9 @@ from pathlib import Path
 import pytest
 
 import harvester
-import harvester.errors
-from circuits.loads.subcircuits import read_load
-from harvester.commands.table import COMMANDS, build_parser
+import harvester.base.errors
+from circuits.netlist.subcircuits import read_load
+from harvester.cli.table import COMMANDS, build_parser
 
 ROOT = Path(__file__).parents[1]
 PAGES = [ROOT / "README.md", ROOT / "CONTRIBUTING.md", *sorted((ROOT / "docs").glob("*.md"))]
@@ -101,7 +101,7 @@ def test_the_reference_has_every_public_name_once():
     text = (ROOT / "docs" / "reference.md").read_text(encoding="utf-8")
     named = re.findall(r"^\.\. auto\w+:: harvester\.(\w+)", text, re.MULTILINE)
     named.remove("errors")
-    kinds = [name for name in vars(harvester.errors) if not name.startswith("_")]
+    kinds = [name for name in vars(harvester.base.errors) if not name.startswith("_")]
     assert sorted(named) == sorted(set(harvester.__all__) - {"__version__", *kinds})
 
 

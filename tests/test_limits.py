@@ -4,15 +4,13 @@ from pathlib import Path
 
 import pytest
 
-from circuits import export
-from circuits.loads import expansion, expression, reader, vetting
+from circuits.equivalent import export
+from circuits.netlist import expansion, expression, reader, vetting
+from harvester.base import plain_text
 from harvester.device import keys
+from harvester.engines import codec, simulate
 from harvester.excitation import arrays, hdf5_file, mat_file
-from harvester.files import plain_text
-from harvester.prepared import steps
-from harvester.running import codec
-from harvester.scene import schema, toml
-from harvester.simulation import simulate
+from harvester.scene import schema, steps, toml
 
 SAFETY = Path(__file__).parents[1] / "docs" / "safety.md"
 ROWS = [

@@ -2,8 +2,8 @@
 
 import numpy as np
 
-from harvester.estimates.estimate import Estimate
-from harvester.running import Answer
+from harvester.engines.request import Answer
+from harvester.statistics.estimate import Estimate
 
 
 class ToyRunner:
@@ -23,7 +23,7 @@ class ToyRunner:
         self.function, self.noise, self.asked = function, noise, []
 
     def answer(self, requests, on_answer=None):
-        """See `harvester.running.Runner.answer`."""
+        """See `harvester.engines.Runner.answer`."""
         answers = []
         for index, request in enumerate(requests):
             self.asked.append(request)

@@ -4,8 +4,9 @@ import time
 
 import numpy as np
 
-from harvester.errors import AveragingError
-from harvester.running import Task, Wanted, open_runner
+from harvester.base.errors import AveragingError
+from harvester.engines.opening import open_runner
+from harvester.engines.task import Task, Wanted
 
 PRECISION, DRAWN = 0.05, 50
 

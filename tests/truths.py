@@ -16,12 +16,12 @@ from harvester.device.hertz import hertz_damp
 from harvester.device.piezo import piezo
 from harvester.device.polynomial import polynomial
 from harvester.device.system import Noise, System
-from harvester.monte_carlo.engine import integrate, record_of
-from harvester.prepared.paths import noise_path, start_state
-from harvester.prepared.prepared import prepared
-from harvester.prepared.steps import knot_spacing
+from harvester.engines.monte_carlo import integrate, record_of
 from harvester.scene.model import Scene
-from harvester.verification.known_results.formulas import linear_piezo_power
+from harvester.scene.paths import noise_path, start_state
+from harvester.scene.prepared import prepared
+from harvester.scene.steps import knot_spacing
+from harvester.validation.known_results.formulas import linear_piezo_power
 
 # One mass and its stoppers alone, v0 held: what `rebound_speed` is the law of.
 NOTHING_BUT_STOPPERS = [

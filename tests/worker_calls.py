@@ -3,18 +3,18 @@
 import os
 import time
 
-from circuits import verilog
-from circuits.assembly import Netlist, assemble
+from circuits.equivalent import verilog
+from circuits.equivalent.assembly import Netlist, assemble
 from circuits.ngspice import compiled_device
 from circuits.ngspice.session import session
-from harvester import numba_cache
-from harvester.errors import SimulatorAborted
-from harvester.prepared.paths import noise_path, start_state
-from harvester.prepared.prepared import prepared
-from harvester.prepared.steps import steps_per_knot
+from harvester.base import numba_cache
+from harvester.base.errors import SimulatorAborted
+from harvester.engines.methods import engine_of
 from harvester.scene.model import Scene
-from harvester.simulation.methods import engine_of
-from harvester.verification.accuracy import throughput
+from harvester.scene.paths import noise_path, start_state
+from harvester.scene.prepared import prepared
+from harvester.scene.steps import steps_per_knot
+from harvester.validation.accuracy import throughput
 
 
 def say(report, text):
@@ -150,8 +150,8 @@ def drop(report, scene, speed, step):
 
     from truths import Keep
 
-    from circuits.assembly import assemble
-    from harvester.prepared.steps import steps_per_knot
+    from circuits.equivalent.assembly import assemble
+    from harvester.scene.steps import steps_per_knot
 
     ready = prepared(scene)
     parameters = ready.system
@@ -187,7 +187,7 @@ def run_with_law(report, tables, engine, step):
     from truths import Keep
 
     from harvester.device.contact import LAWS
-    from harvester.prepared.steps import knot_spacing
+    from harvester.scene.steps import knot_spacing
 
     LAWS["dashpot"] = spring_dashpot
     scene = Scene.from_tables(tables)

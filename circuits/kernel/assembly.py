@@ -6,20 +6,20 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from circuits import elements as circuit_elements
+from circuits.equivalent import elements as circuit_elements
 from circuits.kernel.builder import Builder, tables_of
 from circuits.kernel.code import code_of
 from circuits.kernel.linear import order_of
 from circuits.kernel.memory import layout_of
 from circuits.kernel.parts import add_load
 from circuits.kernel.tables import Circuit, Probes
-from circuits.loads.course import Course
-from circuits.loads.measurement import measurement_of
+from circuits.netlist.course import Course
+from circuits.netlist.measurement import measurement_of
 from harvester.device.terminals import GROUND, LOAD_AMMETER
 
 if TYPE_CHECKING:
-    from circuits.loads.measurement import Measurement
-    from harvester.prepared.prepared import Prepared
+    from circuits.netlist.measurement import Measurement
+    from harvester.scene.prepared import Prepared
 
 # Prefix of the names of the device's nodes and branches. No name of a load holds a colon.
 DEVICE = "device:"

@@ -8,7 +8,7 @@ import numpy as np
 
 from circuits.kernel import junction, waveform
 from circuits.kernel.tables import Tables
-from circuits.loads.tape import Tape
+from circuits.netlist.tape import Tape
 from harvester.device.terminals import GROUND
 
 

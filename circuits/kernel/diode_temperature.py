@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 
-from circuits.loads.part_models import TEMPERATURE
+from circuits.netlist.part_models import TEMPERATURE
 
 # ngspice's constants: 0 °C and its reference temperature, both in K, and k/q in V/K.
 FREEZING, REFERENCE = 273.15, 300.15

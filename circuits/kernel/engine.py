@@ -16,16 +16,17 @@ from circuits.kernel.mechanics import device_of
 from circuits.kernel.stage import fresh_state
 from circuits.kernel.stepping import CHATTER, FINE, SOURCE_CHATTER, advance
 from circuits.kernel.tables import Circuit
-from circuits.loads.course import AHEAD, NO_PLAN
-from circuits.loads.expression import leaves
-from circuits.loads.functions import LIMITED
-from circuits.loads.load_notes import check_turn, suspicion
-from circuits.loads.part_values import SOURCE_CURE, capacitance, conductance, jumping_sources
-from harvester.compilation import numba
+from circuits.netlist.course import AHEAD, NO_PLAN
+from circuits.netlist.expression import leaves
+from circuits.netlist.functions import LIMITED
+from circuits.netlist.load_notes import check_turn, suspicion
+from circuits.netlist.part_values import SOURCE_CURE, capacitance, conductance, jumping_sources
+from harvester.base.compilation import numba
+from harvester.base.errors import LoadChatters, LoadError, SimulatorAborted, SolutionDiverged
 from harvester.device import contact, system, timescales
-from harvester.errors import LoadChatters, LoadError, SimulatorAborted, SolutionDiverged
-from harvester.prepared.lines import line_frequency
-from harvester.prepared.steps import (
+from harvester.device.record import Record, empty_record, part
+from harvester.scene.lines import line_frequency
+from harvester.scene.steps import (
     CRAWL,
     GETS_NOWHERE,
     PATIENCE,
@@ -37,12 +38,11 @@ from harvester.prepared.steps import (
     steps_per_knot,
     stop_time,
 )
-from harvester.record.record import Record, empty_record, part
 
 if TYPE_CHECKING:
     from harvester.device.system import System
     from harvester.excitation.base import ExcitationPath
-    from harvester.prepared.prepared import Prepared
+    from harvester.scene.prepared import Prepared
 
 CHUNK = 16384
 # Finer steps than these do not ask for a smaller error.

@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 
 from circuits.kernel.diode_temperature import at_temperature
-from circuits.loads.part_models import TEMPERATURE
+from circuits.netlist.part_models import TEMPERATURE
 
 if TYPE_CHECKING:
     from circuits.kernel.emitter import Emitter, Number

@@ -11,7 +11,15 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 from llvmlite import ir
 
-from harvester.compilation import address_of, cgutils, compiled, intrinsic, numba, numbers_of, types
+from harvester.base.compilation import (
+    address_of,
+    cgutils,
+    compiled,
+    intrinsic,
+    numba,
+    numbers_of,
+    types,
+)
 from harvester.device import contact
 from harvester.device import spring as springs
 from harvester.device import system as systems

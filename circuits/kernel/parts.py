@@ -5,18 +5,18 @@ from __future__ import annotations
 import contextlib
 from typing import TYPE_CHECKING, Any, NoReturn
 
-from circuits import elements as circuit_elements
+from circuits.equivalent import elements as circuit_elements
 from circuits.kernel import junction, waveform
 from circuits.kernel.builder import Builder
-from circuits.loads.expression import ExpressionError, renamed
-from circuits.loads.part_models import TEMPERATURE
-from circuits.loads.potentials import Potentials, levels, with_sources
-from circuits.loads.turns import turns
-from harvester.errors import LoadError
+from circuits.netlist.expression import ExpressionError, renamed
+from circuits.netlist.part_models import TEMPERATURE
+from circuits.netlist.potentials import Potentials, levels, with_sources
+from circuits.netlist.turns import turns
+from harvester.base.errors import LoadError
 
 if TYPE_CHECKING:
-    from circuits.loads.elements import Element
-    from circuits.loads.load_circuit import LoadCircuit
+    from circuits.netlist.elements import Element
+    from circuits.netlist.load_circuit import LoadCircuit
 
 # Parameters of a diode's model that have an effect here, at any temperature.
 _DIODE = {"is", "n", "rs", "bv", "ibv", "nbv", "cjo", "vj", "m", "tt", "fc", "ikf", "isr", "nr",

@@ -5,16 +5,16 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 from circuits.kernel.mechanics import Device, evaluate
-from harvester.compilation import compiled, merged
+from harvester.base.compilation import compiled, merged
 from harvester.device import system as systems
-from harvester.record.record import fill
+from harvester.device.record import fill
 
 if TYPE_CHECKING:
     import numpy as np
 
     from circuits.kernel.stage import State
     from circuits.kernel.tables import Probes
-    from harvester.record.record import Record
+    from harvester.device.record import Record
 
 # An extra point is recorded if the mean of the powers at a step's two ends differs from the step's
 # mean power by more than this share. With five times this value 0.2 % of SECE's energy was missing.

@@ -17,7 +17,7 @@ import numpy as np
 
 from circuits.kernel.stage import State
 from circuits.kernel.tables import Tables
-from harvester.compilation import compiled, merged
+from harvester.base.compilation import compiled, merged
 
 # The coefficient δ of a stage, over the step.
 DIAGONAL = 1.0 - 0.5 * np.sqrt(2.0)

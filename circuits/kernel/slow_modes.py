@@ -10,14 +10,14 @@ import numpy as np
 from circuits.kernel import junction
 from circuits.kernel.assembly import collect
 from circuits.kernel.builder import tables_of
-from circuits.loads.part_values import capacitance, conductance
-from circuits.loads.stores import times_of, weights
-from circuits.loads.tape import evaluate, slopes
+from circuits.netlist.part_values import capacitance, conductance
+from circuits.netlist.stores import times_of, weights
+from circuits.netlist.tape import evaluate, slopes
 from harvester.device.terminals import GROUND
 
 if TYPE_CHECKING:
     from circuits.kernel.tables import Tables
-    from harvester.prepared.prepared import Prepared
+    from harvester.scene.prepared import Prepared
 
 # Conductance from every node to ground, in siemens, which gives isolated nodes a voltage. It is a
 # hundredth of what ngspice puts beside a junction.

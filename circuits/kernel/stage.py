@@ -21,9 +21,9 @@ from circuits.kernel.emitter import call
 from circuits.kernel.mechanics import Device, evaluate
 from circuits.kernel.memory import SLOTS, fresh_memory
 from circuits.kernel.tables import Circuit, Tables
-from circuits.loads.tape import evaluate as evaluate_tape
-from circuits.loads.tape import slopes as tape_slopes
-from harvester.compilation import compiled, merged
+from circuits.netlist.tape import evaluate as evaluate_tape
+from circuits.netlist.tape import slopes as tape_slopes
+from harvester.base.compilation import compiled, merged
 
 MOST_ITERATIONS = 40
 # The iterations end at a relative Newton step below these; the next step would be about its square.

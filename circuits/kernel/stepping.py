@@ -37,7 +37,7 @@ from circuits.kernel.switching import (
     turn,
 )
 from circuits.kernel.tables import Probes, Tables
-from harvester.compilation import compiled, merged, uncounted
+from harvester.base.compilation import compiled, merged, uncounted
 from harvester.device.zones import crossing, overshoots
 
 ROOT = np.sqrt(2.0)
@@ -130,7 +130,7 @@ def advance(
         Between two knots (s).
     steps_per_knot, steps_per_contact : int
         Steps of the grid between two knots, and fewest in a contact.
-    plan : circuits.loads.course.Plan
+    plan : circuits.netlist.course.Plan
         Steps that follow the load's own sources.
     record : Record
         Filled with the accepted points.

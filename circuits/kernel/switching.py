@@ -5,8 +5,8 @@ from __future__ import annotations
 from typing import Any
 
 from circuits.kernel.tables import Tables
-from circuits.loads.tape import evaluate
-from harvester.compilation import merged
+from circuits.netlist.tape import evaluate
+from harvester.base.compilation import merged
 
 # A switch's control is known to this share of its distance from the threshold and its hysteresis.
 # At a tenth, series SSHI missed extremes of the voltage, 7 % of its mean square; at a hundredth, a

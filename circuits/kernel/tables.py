@@ -14,9 +14,9 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 
 if TYPE_CHECKING:
-    from circuits.loads.course import Course
-    from circuits.loads.load_circuit import LoadCircuit
-    from circuits.loads.measurement import Measurement
+    from circuits.netlist.course import Course
+    from circuits.netlist.load_circuit import LoadCircuit
+    from circuits.netlist.measurement import Measurement
 
 
 class Tables(
@@ -81,7 +81,7 @@ class Circuit(NamedTuple):
     code : circuits.kernel.code.Code
     names : of the unknowns, for messages.
     switches, sources : (name, "file:line") of each switch, and of each behavioural source.
-    load : circuits.loads.load_circuit.LoadCircuit
+    load : circuits.netlist.load_circuit.LoadCircuit
     measurement : of the load, from the unknowns watched.
     course : what of the load moves by itself in the course of time.
     """

@@ -7,10 +7,10 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from harvester.compilation import compiled
+from harvester.base.compilation import compiled
 
 if TYPE_CHECKING:
-    from circuits.loads.waveform import Waveform
+    from circuits.netlist.waveform import Waveform
 
 SINE, PULSE, EXPONENTIAL, LINES = range(4)
 # Numbers of a changing source: sign, its first and last corner, and up to seven of its own.

@@ -13,10 +13,10 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from llvmlite import ir
 
-from circuits.assembly import FIRST_ORDER_SHARE
-from circuits.elements import pace_of
+from circuits.equivalent.assembly import FIRST_ORDER_SHARE
+from circuits.equivalent.elements import pace_of
 from circuits.ngspice import load_steps
-from harvester.compilation import (
+from harvester.base.compilation import (
     CACHED,
     address_of,
     carray,
@@ -43,7 +43,7 @@ FEWEST_POINTS, FEWEST_KNOTS = 512, 1024
 # When the window moves on, so many knots behind the latest accepted time stay in it.
 KNOTS_KEPT_BEHIND = 8
 # Longest name of a source, with ngspice's prefix, from which the number of its copy is read. The
-# names come from `circuits.elements` and are shorter.
+# names come from `circuits.equivalent.elements` and are shorter.
 LONGEST_NAME = 64
 # Last letter of the name of the source `elements.add_pace`.
 CLOCK = ord("k")
@@ -108,7 +108,7 @@ STATE = np.dtype(
         ("memory", np.int64),  # float64 (copies, switches + 1)
         ("capacitance", np.float64),  # twice the energy over the terminal's voltage squared (F)
         ("least_energy", np.float64),  # twice that which does not count (J)
-        ("turn", np.float64),  # see `circuits.loads.load_watch.Watch` (s)
+        ("turn", np.float64),  # see `circuits.netlist.load_watch.Watch` (s)
         ("pace", np.float64),  # of the motion's clock, for steps of the grid
         ("line", np.float64),  # at which the motion is to be exact (rad/s); 0: none
         ("push", np.int64),  # address of float64 (copies,): acceleration at the latest point
@@ -116,7 +116,7 @@ STATE = np.dtype(
         ("owed", np.float64),  # time by which the clock is still fast (s)
         ("settling", np.float64),  # longest step after the excitation bends; 0: any (s)
         ("refinement", np.float64),  # of the steps against the default ones
-        # The load's own motion, see `circuits.loads.course.Plan`. The last ones are addresses.
+        # The load's own motion, see `circuits.netlist.course.Plan`. The last ones are addresses.
         ("planned_to", np.float64),  # infinite where it does nothing (s)
         ("planned_count", np.int64),
         ("planned_place", np.int64),

@@ -6,14 +6,14 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from circuits.loads.expression import renamed, unknowns_in
-from circuits.loads.part_values import jumping_sources
-from circuits.loads.tape import Values
+from circuits.netlist.expression import renamed, unknowns_in
+from circuits.netlist.part_values import jumping_sources
+from circuits.netlist.tape import Values
 from circuits.ngspice import callbacks
 
 if TYPE_CHECKING:
-    from circuits.assembly import Netlist
-    from circuits.loads.load_circuit import LoadCircuit
+    from circuits.equivalent.assembly import Netlist
+    from circuits.netlist.load_circuit import LoadCircuit
 
 # A source chatters if it jumps by half its greatest value at JUMPING_SHARE of the points while
 # steps are shorter than SLIDING_STEP of the usual one, in each of LOOKS checks a second apart. A

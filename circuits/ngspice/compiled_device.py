@@ -1,4 +1,4 @@
-"""The mechanical side as one compiled device: `circuits.verilog` through openvaf-r to OSDI.
+"""The mechanical side as one compiled device: `circuits.equivalent.verilog` through openvaf-r to OSDI.
 
 Compiled once and kept in the user's cache folder, under a name that holds a digest of what it was
 made from and one of itself: ngspice crashes on a damaged file, so none reaches it.
@@ -16,10 +16,10 @@ import subprocess
 from pathlib import Path
 from typing import Any
 
-from harvester.errors import CompiledDeviceUnavailable
-from harvester.files.libraries import install_command
-from harvester.files.surroundings import who_else_writes
-from harvester.files.temporary import TemporaryFolder
+from harvester.base.errors import CompiledDeviceUnavailable
+from harvester.base.libraries import install_command
+from harvester.base.surroundings import who_else_writes
+from harvester.base.temporary import TemporaryFolder
 
 COMPILER = "openvaf-r"
 # Compiles for a generic processor: all processors that share a cache then give the same last

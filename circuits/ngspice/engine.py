@@ -1,4 +1,4 @@
-"""The circuit engine: scene → netlist → ngspice, as `harvester.simulation.realization` calls it."""
+"""The circuit engine: scene → netlist → ngspice, as `harvester.engines.realization` calls it."""
 
 from __future__ import annotations
 
@@ -8,14 +8,14 @@ import re
 from collections.abc import Callable, Mapping
 from typing import TYPE_CHECKING, Any
 
-from circuits.assembly import assemble, step_options
+from circuits.equivalent.assembly import assemble, step_options
 from circuits.ngspice import compiled_device
 from circuits.ngspice.session import session
-from harvester.errors import CompiledDeviceUnavailable
-from harvester.prepared.lines import line_frequency
-from harvester.prepared.prepared import Prepared, prepared
-from harvester.prepared.steps import steps_per_contact, steps_per_knot
+from harvester.base.errors import CompiledDeviceUnavailable
+from harvester.scene.lines import line_frequency
 from harvester.scene.model import Scene
+from harvester.scene.prepared import Prepared, prepared
+from harvester.scene.steps import steps_per_contact, steps_per_knot
 
 if TYPE_CHECKING:
     from circuits.ngspice.session import Session
@@ -54,7 +54,7 @@ def run_realizations(
     observers : sequence of sequences of objects with `add(record)`
         Those of each realization.
     step : str or float
-        See `harvester.prepared.steps.steps_per_knot`.
+        See `harvester.scene.steps.steps_per_knot`.
     source : str
         "external", or "pwl" for a PWL source in the netlist with ngspice's own steps, which
         takes one realization.
@@ -63,10 +63,10 @@ def run_realizations(
     tolerance : float or None
         ngspice's relative tolerance for the local error of a step, which then shortens the
         steps; None: fixed steps, or ngspice's default for "pwl", and for a load that switches
-        `circuits.assembly.LOAD_TOLERANCE`.
+        `circuits.equivalent.assembly.LOAD_TOLERANCE`.
     device : str
         See `harvester.simulate`.
-    outputs : sequence of harvester.record.output_side.OutputMoments or None
+    outputs : sequence of harvester.statistics.output_moments.OutputMoments or None
         For a load that has an output side, one for each realization.
     aids : mapping of str to float
         Options of ngspice that help Newton's iterations; those that are 0 are left out.
@@ -86,7 +86,7 @@ def run_realizations(
     engine = session()
     engine.circuit_load = scene.load.circuit
     if source == "pwl":
-        from circuits.export import stand_alone
+        from circuits.equivalent.export import stand_alone
 
         written = copy.deepcopy(paths[0])
         netlist = stand_alone(ready, written, starts[0], step, tolerance, scheme, save=())

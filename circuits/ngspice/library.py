@@ -8,8 +8,8 @@ import sys
 from collections.abc import Iterator
 from pathlib import Path
 
-from harvester.errors import EngineNotFound
-from harvester.files.temporary import TemporaryFolder
+from harvester.base.errors import EngineNotFound
+from harvester.base.temporary import TemporaryFolder
 
 SYSTEM_NAMES = (
     "libngspice.so", "libngspice.so.0", "libngspice.dylib", "libngspice.0.dylib",

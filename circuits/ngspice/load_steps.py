@@ -13,7 +13,7 @@ from typing import Any
 
 import numpy as np
 
-from harvester.compilation import uncounted
+from harvester.base.compilation import uncounted
 
 # Largest error of a step in a capacitor or a coil: the root of the error's energy over the root of
 # the greatest recent energy.

@@ -1,6 +1,6 @@
 """One ngspice library in this process: loads a netlist, runs it, streams its solution.
 
-Runs in a worker process of its own (`harvester.workers.process`), because some mistakes make
+Runs in a worker process of its own (`harvester.base.process`), because some mistakes make
 ngspice abort or hang. PySpice loads the library and sends the commands; its callbacks are replaced
 by the compiled ones of `circuits.ngspice.callbacks`.
 
@@ -27,34 +27,34 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from PySpice.Spice.NgSpice.Shared import NgSpiceCommandError, NgSpiceShared, ffi
 
-from circuits import elements, verilog
-from circuits.loads.course import AHEAD
-from circuits.loads.load_notes import suspicion, with_places
-from circuits.loads.part_values import SOURCE_CURE, jumping_sources
+from circuits.equivalent import elements, verilog
+from circuits.netlist.course import AHEAD
+from circuits.netlist.load_notes import suspicion, with_places
+from circuits.netlist.part_values import SOURCE_CURE, jumping_sources
 from circuits.ngspice import callbacks, compiled_device, messages
 from circuits.ngspice.chatter import Chattering
 from circuits.ngspice.library import code_models, find_library, no_initialisation_files
 from circuits.ngspice.solution import convert, units_of, vectors
-from harvester.compilation import numbers_of
-from harvester.device import timescales
-from harvester.errors import (
+from harvester.base.compilation import numbers_of
+from harvester.base.errors import (
     CompiledDeviceUnavailable,
     LoadChatters,
     NotConverged,
     SimulatorAborted,
     SolutionDiverged,
 )
-from harvester.prepared.steps import CRAWL, GETS_NOWHERE, PATIENCE, STEPS_PER_CONTACT
-from harvester.record.record import empty_record, part
-from harvester.workers.worker import as_answer, give_up
+from harvester.base.worker import as_answer, give_up
+from harvester.device import timescales
+from harvester.device.record import empty_record, part
+from harvester.scene.steps import CRAWL, GETS_NOWHERE, PATIENCE, STEPS_PER_CONTACT
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-    from circuits.assembly import Netlist
+    from circuits.equivalent.assembly import Netlist
     from harvester.device.system import System
     from harvester.excitation.base import ExcitationPath
-    from harvester.record.output_side import OutputMoments
+    from harvester.statistics.output_moments import OutputMoments
 
 # The impact speed is held from the beginning of the contact, located within this share of the
 # contact's step.
@@ -88,7 +88,7 @@ class Session(NgSpiceShared):
 
     Attributes
     ----------
-    circuit_load : circuits.loads.load_circuit.LoadCircuit or None
+    circuit_load : circuits.netlist.load_circuit.LoadCircuit or None
         The load of the netlist at hand, whose elements messages are to name.
     """
 
@@ -164,7 +164,7 @@ class Session(NgSpiceShared):
 
         Parameters
         ----------
-        netlist : circuits.assembly.Netlist
+        netlist : circuits.equivalent.assembly.Netlist
         system : harvester.device.system.System
         paths : sequence of ExcitationPath
             One for each copy of the device in the netlist.
@@ -178,7 +178,7 @@ class Session(NgSpiceShared):
             Between knots, ngspice's own step is taken where it is shorter.
         refinement : float
             Number by which the default step is divided.
-        outputs : sequence of harvester.record.output_side.OutputMoments or None
+        outputs : sequence of harvester.statistics.output_moments.OutputMoments or None
             For a load that has an output side, one for each copy.
 
         Returns

@@ -4,21 +4,21 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from circuits import elements
-from circuits.loads.writer import current_name, node_name
+from circuits.equivalent import elements
+from circuits.netlist.writer import current_name, node_name
 from circuits.ngspice import callbacks
-from harvester.compilation import compiled
+from harvester.base.compilation import compiled
 from harvester.device import system as systems
-from harvester.record.record import fill
+from harvester.device.record import fill
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
 
     import numpy as np
 
-    from circuits.assembly import Netlist
+    from circuits.equivalent.assembly import Netlist
+    from harvester.device.record import Record
     from harvester.device.system import System
-    from harvester.record.record import Record
 
 
 def vectors(netlist: Netlist) -> Iterator[tuple[str, ...]]:

@@ -7,21 +7,21 @@ from typing import NamedTuple
 import numpy as np
 from scipy.interpolate import CubicSpline
 
+from harvester.averaging.averages import Averages
 from harvester.averaging.density import Layer, OrbitDensity
+from harvester.averaging.fokker_planck import fokker_planck
 from harvester.averaging.method import DEFAULT_CLOSURE
 from harvester.averaging.orbits import edges, settled_orbits, stiffnesses
 from harvester.averaging.spectral import spectral
+from harvester.base.errors import AveragingError
+from harvester.base.plain_text import nearest
+from harvester.base.registry import Registry
 from harvester.device import timescales
 from harvester.device.damper import Damper
 from harvester.device.hertz import HERTZ_EXPONENT, HertzDamp
 from harvester.device.piezo import PiezoLaw
 from harvester.device.polynomial import Polynomial
 from harvester.device.system import System
-from harvester.errors import AveragingError
-from harvester.files.plain_text import nearest
-from harvester.registry import Registry
-from harvester.stationary.averages import Averages
-from harvester.stationary.fokker_planck import fokker_planck
 
 # Levels of each edge, and nodes of an orbit on either side of the stopper. The difference to the
 # coarse grid is the numerical error.

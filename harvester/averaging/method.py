@@ -3,7 +3,7 @@
 from dataclasses import dataclass
 from typing import Any
 
-from harvester.method import Method
+from harvester.base.method import Method
 
 # The default closure: it holds for the widest range of devices.
 DEFAULT_CLOSURE = "fokker_planck"

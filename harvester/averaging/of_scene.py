@@ -8,17 +8,17 @@ from dataclasses import replace
 from typing import TYPE_CHECKING
 
 from harvester.averaging.method import DEFAULT_CLOSURE, Stationary
-from harvester.calling import takes_scene
-from harvester.errors import AveragingError, HarvesterError
-from harvester.method import Method
-from harvester.signatures import MethodOrName, Share
+from harvester.base.errors import AveragingError, HarvesterError
+from harvester.base.method import Method
+from harvester.base.signatures import MethodOrName, Share
+from harvester.scene.calling import takes_scene
 
 if TYPE_CHECKING:
+    from harvester.averaging.averages import Averages
     from harvester.device.system import System
-    from harvester.estimates.estimate import Estimate
     from harvester.results.result import Result
     from harvester.scene.model import Scene
-    from harvester.stationary.averages import Averages
+    from harvester.statistics.estimate import Estimate
 
 DIMENSIONS = {
     "mean_square_voltage": "voltage^2",
@@ -76,13 +76,13 @@ def average(
     LoadError
         The load is no resistor.
     """
-    from harvester.beam.magnets import magnet_notes
     from harvester.device import timescales
-    from harvester.estimates.estimate import Density, root
-    from harvester.estimates.joint_density import JointDensity
-    from harvester.prepared.prepared import prepared
+    from harvester.device.beam.magnets import magnet_notes
     from harvester.results.result import Result
+    from harvester.scene.prepared import prepared
     from harvester.scene.units import require_resistor
+    from harvester.statistics.estimate import Density, root
+    from harvester.statistics.joint_density import JointDensity
 
     if isinstance(method, Method):
         options = {"tolerance": tolerance, "fit": fit, "jump_rates": jump_rates}
@@ -159,7 +159,7 @@ def averages_of(
     """Scaled means by a closure for a scene; see `harvester.averaging.average`."""
     from harvester.averaging.closures import CLOSURES
     from harvester.averaging.closures import average as average_parameters
-    from harvester.prepared.prepared import prepared
+    from harvester.scene.prepared import prepared
     from harvester.scene.units import require_resistor
 
     chosen = CLOSURES.get(closure)
@@ -180,7 +180,7 @@ def averaged_device(scene: Scene) -> System:
     AveragingError
         Its excitation is no noise that can be averaged over.
     """
-    from harvester.prepared.prepared import prepared
+    from harvester.scene.prepared import prepared
     from harvester.scene.units import require_resistor
 
     require_resistor(scene, "stochastic averaging")
@@ -202,7 +202,7 @@ def _refuse_range(scene):
 
 def estimates_of(averages: Averages) -> dict[str, Estimate]:
     """A closure's means as estimates with its numerical error."""
-    from harvester.estimates.estimate import Estimate
+    from harvester.statistics.estimate import Estimate
 
     values = {name: getattr(averages, name) for name in DIMENSIONS} | averages.between_wells
     return {
@@ -223,7 +223,7 @@ def _fitted(scene):
     from harvester.excitation.ornstein_uhlenbeck import OrnsteinUhlenbeck
     from harvester.excitation.recorded import RecordedMotion
     from harvester.excitation.spectrum_fit import fit_spectrum
-    from harvester.prepared.prepared import prepared
+    from harvester.scene.prepared import prepared
 
     if not isinstance(scene.excitation, RecordedMotion):
         raise AveragingError(

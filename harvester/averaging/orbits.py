@@ -15,12 +15,12 @@ import numpy as np
 from scipy.interpolate import CubicSpline
 from scipy.optimize.elementwise import find_root
 
+from harvester.base.errors import AveragingError
 from harvester.device import contact as contacts
 from harvester.device import spring as springs
 from harvester.device import timescales
 from harvester.device.dispatch import Values
 from harvester.device.system import System, elastic_force, potential
-from harvester.errors import AveragingError
 
 # A divisor that has vanished is replaced by this.
 SMALLEST = 1e-150

@@ -6,12 +6,12 @@ from typing import Any
 
 import numpy as np
 
+from harvester.averaging.averages import Averages
+from harvester.base.errors import AveragingError
 from harvester.device.damper import Damper
 from harvester.device.system import System
-from harvester.errors import AveragingError
 from harvester.excitation.base import Excitation
-from harvester.prepared.prepared import Prepared
-from harvester.stationary.averages import Averages
+from harvester.scene.prepared import Prepared
 
 # Gauss–Legendre nodes on each piece. The difference to the coarse nodes is the numerical error.
 NODES, COARSE_NODES = 20, 12

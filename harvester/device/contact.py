@@ -13,11 +13,11 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
-from harvester.compilation import overload, register_jitable, types
+from harvester.base.compilation import overload, register_jitable, types
+from harvester.base.registry import Registry
 from harvester.device import spring as springs
 from harvester.device.dispatch import equation
 from harvester.device.hertz import hertz_damp
-from harvester.registry import Registry
 
 if TYPE_CHECKING:
     from harvester.device.dispatch import Values

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from harvester.compilation import compiled
+from harvester.base.compilation import compiled
 
 # Below this exponent the recursion for the drive's coefficients runs downwards: upwards it would
 # lose digits by cancellation.

@@ -10,7 +10,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import Any, TypeAlias
 
-from harvester.compilation import overload, types
+from harvester.base.compilation import overload, types
 
 # A float or an array of any shape; the result of an equation is of the same kind. No type checker
 # can express this for compiled functions.

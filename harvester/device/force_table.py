@@ -18,7 +18,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from harvester.compilation import intrinsic, overload, types
+from harvester.base.compilation import intrinsic, overload, types
 from harvester.device.dispatch import Values
 
 MOST_PIECES = 32

@@ -7,9 +7,9 @@ from collections.abc import Collection
 from dataclasses import FrozenInstanceError, dataclass
 from typing import Any, TypeVar
 
-from harvester.errors import SceneError
-from harvester.files.numbers import NotANumber, number
-from harvester.files.plain_text import nearest, shown
+from harvester.base.errors import SceneError
+from harvester.base.numbers import NotANumber, number
+from harvester.base.plain_text import nearest, shown
 
 Table = TypeVar("Table")
 

@@ -10,11 +10,11 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Any, ClassVar, NamedTuple
 
+from harvester.base.errors import LoadError
 from harvester.device.dispatch import Values
 from harvester.device.keys import SCALED, SI, Key, names_replace, not_negative, positive
 from harvester.device.linear_transducer import LinearTransducer, TransducerRates
 from harvester.device.terminals import GROUND, Component, Network, Setting, TransducerTable
-from harvester.errors import LoadError
 
 # The square of a larger λ (1/s) would overflow.
 FASTEST_DECAY = 1e150

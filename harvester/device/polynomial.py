@@ -11,7 +11,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from harvester.compilation import overload
+from harvester.base.compilation import overload
 from harvester.device.dispatch import Values
 
 

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
-from harvester.compilation import register_jitable
+from harvester.base.compilation import register_jitable
 from harvester.device import contact as contacts
 from harvester.device import spring as springs
 from harvester.device.dispatch import equation

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from harvester.compilation import compiled
+from harvester.base.compilation import compiled
 
 
 @compiled

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Any
 
+from harvester.base.registry import Registry
 from harvester.excitation.base import Excitation
 from harvester.excitation.ornstein_uhlenbeck import OrnsteinUhlenbeck
 from harvester.excitation.prescribed import PrescribedDisplacement
@@ -14,7 +15,6 @@ from harvester.excitation.spectrum import Spectrum
 from harvester.excitation.sum import Sum
 from harvester.excitation.swept_sine import SweptSine
 from harvester.excitation.white import White
-from harvester.registry import Registry
 
 # Excitations by the word that `[excitation] kind` takes. The first is the default.
 KINDS: Registry[type[Excitation]] = Registry(

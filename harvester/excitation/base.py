@@ -9,8 +9,8 @@ from typing import TYPE_CHECKING, Any, ClassVar, NoReturn
 
 import numpy as np
 
+from harvester.base.errors import SceneError
 from harvester.device.keys import names_replace
-from harvester.errors import SceneError
 
 if TYPE_CHECKING:
     from numpy.random.bit_generator import SeedSequence

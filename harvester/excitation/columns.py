@@ -7,7 +7,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from harvester.errors import SceneError
+from harvester.base.errors import SceneError
+from harvester.base.plain_text import named, nearest, shown
 from harvester.excitation.motion_file import read_table, refused_as_record
 from harvester.excitation.quantities import (
     COMPLEX_QUANTITIES,
@@ -20,7 +21,6 @@ from harvester.excitation.quantities import (
     unit_named,
 )
 from harvester.excitation.table import Table
-from harvester.files.plain_text import named, nearest, shown
 
 SHOWN_NAMES = 12
 # The mean rate of a time column and the given rate may differ by the first factor. If the scene

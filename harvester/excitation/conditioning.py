@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
-from harvester.errors import SceneError
+from harvester.base.errors import SceneError
 from harvester.excitation.time_base import (
     LARGEST_JITTER,
     SPLINE_DEGREE,

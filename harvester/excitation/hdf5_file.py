@@ -8,9 +8,9 @@ from typing import Any
 
 import numpy as np
 
+from harvester.base.libraries import optional_library
 from harvester.excitation.arrays import NUMBER_KINDS, REAL_KINDS, ArraysTable, rate_of
 from harvester.excitation.table import Unreadable, broken_file
-from harvester.files.libraries import optional_library
 
 # Filters that HDF5 and h5py have built in (deflate, shuffle, Fletcher's sum, szip, nbit,
 # scale-offset, LZF); for others HDF5 would load a plug-in, which is code.

@@ -8,9 +8,9 @@ import re
 from collections.abc import Iterator
 from typing import Any
 
+from harvester.base.libraries import optional_library
 from harvester.excitation.arrays import ArraysTable
 from harvester.excitation.table import Unreadable, broken_file
-from harvester.files.libraries import optional_library
 
 SCHEMA = "mide_ide.xml"
 # The reader evaluates these texts of the file. Only numbers and ratios are allowed in them.

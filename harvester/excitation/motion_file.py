@@ -8,7 +8,9 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
-from harvester.errors import SceneError
+from harvester.base.errors import SceneError
+from harvester.base.plain_text import named
+from harvester.base.reading import memory_limit, read_input
 from harvester.excitation.hdf5_file import Hdf5Table
 from harvester.excitation.ide_file import IdeTable
 from harvester.excitation.lvm_file import LvmTable
@@ -18,8 +20,6 @@ from harvester.excitation.table import Table
 from harvester.excitation.tdms_file import TdmsTable
 from harvester.excitation.text_file import TextTable
 from harvester.excitation.wav_file import WavTable
-from harvester.files.plain_text import named
-from harvester.files.reading import memory_limit, read_input
 
 # Largest record and largest text file, in bytes. A text takes seconds to read; .npy is smaller.
 LARGEST_RECORD, LARGEST_TEXT = 2**29, 2**27

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from harvester.compilation import compiled, uncounted, ziggurat
+from harvester.base.compilation import compiled, uncounted, ziggurat
 
 if TYPE_CHECKING:
     from numpy.random.bit_generator import SeedSequence

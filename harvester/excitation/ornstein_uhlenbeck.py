@@ -8,8 +8,8 @@ from typing import TYPE_CHECKING, ClassVar
 
 import numpy as np
 
+from harvester.base.errors import SceneError
 from harvester.device.keys import names_replace, positive
-from harvester.errors import SceneError
 from harvester.excitation.base import Excitation, ExcitationPath, Run
 from harvester.excitation.normals import NormalSequence
 

@@ -7,8 +7,8 @@ from __future__ import annotations
 
 from typing import Any, NamedTuple
 
-from harvester.errors import SceneError
-from harvester.files.plain_text import nearest, shown
+from harvester.base.errors import SceneError
+from harvester.base.plain_text import nearest, shown
 
 _GEVS = "NASA GSFC-STD-7000A (GEVS, 22 April 2013), table 2.4-3"
 

@@ -10,8 +10,8 @@ import re
 from collections.abc import Collection
 from typing import NamedTuple
 
-from harvester.errors import SceneError
-from harvester.files.plain_text import named, nearest
+from harvester.base.errors import SceneError
+from harvester.base.plain_text import named, nearest
 
 SAMPLES = "samples"
 # Factors to SI, by the unit's usual spelling. `unit_named` translates other spellings.

@@ -10,15 +10,15 @@ from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple
 
 import numpy as np
 
+from harvester.base import plain_text
+from harvester.base.errors import SceneError
+from harvester.base.plain_text import named, nearest
 from harvester.device.keys import Key, names_replace, not_negative, positive
-from harvester.errors import SceneError
 from harvester.excitation import conditioning
 from harvester.excitation.base import Excitation, ExcitationPath, Run, kernel_loss
 from harvester.excitation.columns import motion_columns
 from harvester.excitation.motion_file import most_samples, read_record
 from harvester.excitation.quantities import ACCELERATION, QUANTITIES, unit_named
-from harvester.files import plain_text
-from harvester.files.plain_text import named, nearest
 
 if TYPE_CHECKING:
     from numpy.random.bit_generator import SeedSequence

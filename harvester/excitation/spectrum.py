@@ -9,8 +9,8 @@ from typing import TYPE_CHECKING, ClassVar
 
 import numpy as np
 
+from harvester.base.errors import SceneError
 from harvester.device.keys import Key, names_replace, positive
-from harvester.errors import SceneError
 from harvester.excitation.base import Excitation, ExcitationPath, Run
 from harvester.excitation.quantities import ACCELERATION
 from harvester.excitation.shaped import (

@@ -8,9 +8,9 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from harvester.errors import AveragingError
+from harvester.base.errors import AveragingError
+from harvester.base.serialising import plain, read
 from harvester.excitation.recorded import one_pass
-from harvester.files.serialising import plain, read
 
 if TYPE_CHECKING:
     from harvester.excitation.recorded import RecordedMotion
@@ -241,7 +241,7 @@ def _decibels(frequency, density, fitted, centre):
 
 def _with_error(value, error):
     if math.isfinite(error):
-        from harvester.show.numbers import value_and_error
+        from harvester.base.formatting import value_and_error
 
         return value_and_error(value, error)
     return f"{value:.2g} (too short to show)"

@@ -11,8 +11,8 @@ from typing import TYPE_CHECKING, Any, ClassVar
 
 import numpy as np
 
+from harvester.base.errors import SceneError
 from harvester.device.keys import Key, names_replace, positive
-from harvester.errors import SceneError
 from harvester.excitation.base import Excitation, ExcitationPath, Run, child_seed
 from harvester.excitation.motion_file import most_samples
 from harvester.excitation.sine import WITHOUT_CHANCE, Sine

@@ -8,8 +8,8 @@ from typing import Any, ClassVar
 
 import numpy as np
 
+from harvester.base.errors import SceneError
 from harvester.device.keys import names_replace, not_negative, positive
-from harvester.errors import SceneError
 from harvester.excitation.base import ExcitationPath, Run
 from harvester.excitation.sine import FEWEST_KNOTS_PER_PERIOD, KNOTS_PER_PERIOD, Harmonic
 

@@ -9,7 +9,7 @@ from collections.abc import Collection, Iterator, Sequence
 
 import numpy as np
 
-from harvester.errors import HarvesterError
+from harvester.base.errors import HarvesterError
 
 
 class Unreadable(ValueError):

@@ -11,7 +11,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from harvester.errors import SceneError
+from harvester.base.errors import SceneError
 
 # Limits of a time column, in seconds.
 LARGEST_TIME, SHORTEST_STEP = 1e20, 1e-20

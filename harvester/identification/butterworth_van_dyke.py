@@ -18,7 +18,7 @@ from functools import cached_property
 
 import numpy as np
 
-from harvester.errors import IdentificationError
+from harvester.base.errors import IdentificationError
 
 # A further mode is first sought with these quality factors, at each of the measured frequencies.
 QUALITIES = np.geomspace(5.0, 2000.0, 9)

@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from harvester.errors import HarvesterError, SceneError
+from harvester.base.errors import HarvesterError, SceneError
 from harvester.identification.fitted_model import MISSED_SHARE, MOST_NOISE, NOTED, Fitted
 from harvester.identification.fitting import fitted
 from harvester.identification.measured_response import MeasuredResponse

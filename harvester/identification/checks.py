@@ -7,8 +7,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from harvester.errors import IdentificationError
-from harvester.files.plain_text import named, nearest
+from harvester.base.errors import IdentificationError
+from harvester.base.plain_text import named, nearest
 from harvester.identification.measured_response import MeasuredResponse
 from harvester.identification.reconstruction import frequencies
 from harvester.identification.sensors import VELOCITY_SCALE

@@ -8,8 +8,8 @@ import numpy as np
 
 from harvester.identification.proof import ResponseStretch
 from harvester.identification.sensors import OUTPUT_UNITS
-from harvester.show.palette import CIRCUIT, MONTE_CARLO
-from harvester.show.panels import entitle, legend_below
+from harvester.results.palette import CIRCUIT, MONTE_CARLO
+from harvester.results.panels import entitle, legend_below
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure

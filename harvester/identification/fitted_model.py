@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from harvester.errors import IdentificationError
+from harvester.base.errors import IdentificationError
 from harvester.excitation.recorded import RecordedMotion
 from harvester.identification.intervals import undetermined
 from harvester.identification.measured_response import MeasuredResponse

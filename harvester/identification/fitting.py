@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from harvester.errors import IdentificationError
+from harvester.base.errors import IdentificationError
 from harvester.identification import intervals
 from harvester.identification.fitted_model import Fitted
 from harvester.identification.measured_impedance import MeasuredImpedance
@@ -43,7 +43,7 @@ from harvester.identification.search import (
 from harvester.identification.shooting import Shooting, ShootingFit
 from harvester.identification.steady_response import NO_STATES, SteadyExperiment, SteadyResponses
 from harvester.identification.unknowns import ORIGIN, unknowns
-from harvester.prepared.prepared import prepared
+from harvester.scene.prepared import prepared
 
 if TYPE_CHECKING:
     from harvester.identification.measurement import Measurement

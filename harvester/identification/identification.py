@@ -9,8 +9,9 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from harvester.base.formatting import share_with_error, with_error
+from harvester.base.serialising import plain
 from harvester.device import timescales
-from harvester.files.serialising import plain
 from harvester.identification.candidates import Candidate, proposed
 from harvester.identification.fitting import responses_of
 from harvester.identification.intervals import HALF_INTERVAL, interval
@@ -18,7 +19,6 @@ from harvester.identification.proof import ResponseStretch, sensor_noise
 from harvester.identification.response import FINE_STEPS
 from harvester.identification.scene_file import scene_text
 from harvester.identification.unknowns import BASE_FACTOR
-from harvester.show.numbers import share_with_error, with_error
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -310,7 +310,7 @@ class Identification:
     def figure(self) -> Figure:
         """Measured and predicted: waveforms, spectra, densities, and the residuals' correlation."""
         from harvester.identification.drawing import draw
-        from harvester.show import figures
+        from harvester.results import figures
 
         return figures.drawn(draw, self)
 
@@ -336,7 +336,7 @@ class Identification:
     def page(self) -> str:
         """One self-contained page of HTML with everything."""
         from harvester.identification.drawing import draw, draw_posterior
-        from harvester.show import figures, page
+        from harvester.results import figures, page
 
         first, *others = self.sentences()
         verdicts = [page.Verdict(first, self.verdict.good), *map(page.Verdict, others)]

@@ -7,11 +7,11 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
-from harvester.arguments import listed
-from harvester.calling import takes_scene
-from harvester.errors import IdentificationError
-from harvester.files.plain_text import shown
-from harvester.signatures import Kind, one_record_of, records_of
+from harvester.base.arguments import listed
+from harvester.base.errors import IdentificationError
+from harvester.base.plain_text import shown
+from harvester.base.signatures import Kind, one_record_of, records_of
+from harvester.scene.calling import takes_scene
 
 if TYPE_CHECKING:
     from harvester.identification.fitted_model import Fitted

@@ -13,9 +13,9 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from harvester.base.errors import IdentificationError, SceneError
 from harvester.device import timescales
 from harvester.device.piezo import PiezoTable
-from harvester.errors import IdentificationError, SceneError
 from harvester.identification.butterworth_van_dyke import (
     NUMBERS,
     SYMBOLS,
@@ -31,8 +31,8 @@ from harvester.identification.proof import predicted_lines
 from harvester.identification.shooting import Shooting, ShootingFit
 from harvester.identification.steady_response import NO_STATES, SteadyExperiment, SteadyResponses
 from harvester.identification.unknowns import unknowns
-from harvester.prepared.prepared import prepared
 from harvester.scene.numbers import numbers
+from harvester.scene.prepared import prepared
 
 if TYPE_CHECKING:
     from harvester.scene.model import Scene

@@ -17,9 +17,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from harvester.base.formatting import with_error
 from harvester.device import timescales
-from harvester.estimates.attractors import repeats_in_noise
-from harvester.estimates.estimate import Estimate
 from harvester.identification.intervals import HALF_INTERVAL, HELD
 from harvester.identification.own_values import own_values
 from harvester.identification.proof import blocks_of, predicted, sensor_noise
@@ -28,7 +27,8 @@ from harvester.identification.search import HOPELESS
 from harvester.identification.sensors import OUTPUT_UNITS
 from harvester.identification.shooting import ShootingFit
 from harvester.identification.visited import band
-from harvester.show.numbers import with_error
+from harvester.statistics.attractors import repeats_in_noise
+from harvester.statistics.estimate import Estimate
 
 if TYPE_CHECKING:
     from harvester.identification.consistency import Misfit

@@ -12,14 +12,14 @@ from typing import Any
 
 import numpy as np
 
-from harvester.errors import IdentificationError, SceneError
+from harvester.base.errors import IdentificationError, SceneError
+from harvester.base.libraries import optional_library
+from harvester.base.plain_text import name as plain_name
+from harvester.base.plain_text import named, nearest
 from harvester.excitation.columns import MeasuredFile
 from harvester.excitation.motion_file import read_record
 from harvester.excitation.quantities import QUANTITIES
 from harvester.excitation.table import broken_file
-from harvester.files.libraries import optional_library
-from harvester.files.plain_text import name as plain_name
-from harvester.files.plain_text import named, nearest
 from harvester.identification.measured_response import MeasuredResponse
 
 FEWEST_FREQUENCIES = 12

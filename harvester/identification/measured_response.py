@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from harvester.errors import IdentificationError, SceneError
+from harvester.base.errors import IdentificationError, SceneError
 
 # Fewest frequencies in a response. One line in three is kept aside.
 FEWEST_FREQUENCIES, KEPT_ASIDE = 12, 3

@@ -9,7 +9,9 @@ from typing import Any
 
 import numpy as np
 
-from harvester.errors import SceneError
+from harvester.base.errors import SceneError
+from harvester.base.plain_text import name as plain_name
+from harvester.base.plain_text import named, nearest, shown
 from harvester.excitation.columns import MeasuredFile
 from harvester.excitation.conditioning import (
     FEWEST_SAMPLES,
@@ -20,8 +22,6 @@ from harvester.excitation.conditioning import (
 from harvester.excitation.motion_file import read_record
 from harvester.excitation.quantities import IMPEDANCES, POINTS, QUANTITIES, factor_of, unit_named
 from harvester.excitation.time_base import TimeBase, time_base
-from harvester.files.plain_text import name as plain_name
-from harvester.files.plain_text import named, nearest, shown
 from harvester.identification.measured_response import MeasuredResponse, response_of
 from harvester.identification.sensors import OUTPUTS, checked_sensors
 

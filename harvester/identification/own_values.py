@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from harvester.errors import IdentificationError
+from harvester.base.errors import IdentificationError
 from harvester.identification.fitted_model import fitted_sizes
 from harvester.identification.intervals import covariance
 from harvester.identification.response import COARSE_STEPS, experiment

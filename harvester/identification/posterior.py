@@ -14,8 +14,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from harvester.files.libraries import optional_library
-from harvester.files.serialising import plain
+from harvester.base.libraries import optional_library
+from harvester.base.serialising import plain
 
 if TYPE_CHECKING:
     from harvester.identification.fitted_model import Fitted

@@ -9,12 +9,12 @@ from typing import TYPE_CHECKING, Any, ClassVar
 
 import numpy as np
 
-from harvester.estimates.estimate import Estimate
 from harvester.identification.measured_impedance import MeasuredImpedance
 from harvester.identification.search import settle_windows
 from harvester.identification.shooting import Shooting, ShootingFit
 from harvester.identification.steady_response import NO_STATES, SteadyResponses
 from harvester.scene.units import load_resistance
+from harvester.statistics.estimate import Estimate
 
 if TYPE_CHECKING:
     pass

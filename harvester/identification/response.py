@@ -20,11 +20,12 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from harvester.base.errors import HarvesterError, IdentificationError
 from harvester.device import system as device
 from harvester.device.damper import QuadraticDamper
 from harvester.device.polynomial import Polynomial
 from harvester.device.spring import Ranged
-from harvester.errors import HarvesterError, IdentificationError
+from harvester.engines.sampled import states_at_samples
 from harvester.excitation.conditioning import smoothed
 from harvester.identification.reconstruction import frequencies
 from harvester.identification.sensors import (
@@ -38,9 +39,8 @@ from harvester.identification.sensors import (
     without_memory,
 )
 from harvester.identification.unknowns import BASE_FACTOR, with_values
-from harvester.monte_carlo.sampled import states_at_samples
-from harvester.prepared.prepared import prepared
 from harvester.scene.numbers import numbers
+from harvester.scene.prepared import prepared
 from harvester.scene.units import Scales
 
 if TYPE_CHECKING:

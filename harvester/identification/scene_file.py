@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 from typing import TYPE_CHECKING, Any
 
-from harvester.files.plain_text import one_line
+from harvester.base.plain_text import one_line
 
 if TYPE_CHECKING:
     from harvester.scene.model import Scene

@@ -18,9 +18,9 @@ from itertools import pairwise
 
 import numpy as np
 
-from harvester.errors import SceneError
+from harvester.base.errors import SceneError
+from harvester.base.plain_text import named, nearest, shown
 from harvester.excitation.conditioning import SPLINE_DEGREE
-from harvester.files.plain_text import named, nearest, shown
 
 OUTPUT_UNITS = {"voltage": "V", "displacement": "m", "velocity": "m/s"}
 OUTPUTS = tuple(OUTPUT_UNITS)

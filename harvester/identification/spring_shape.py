@@ -11,7 +11,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from harvester.errors import HarvesterError
+from harvester.base.errors import HarvesterError
 from harvester.identification import intervals
 from harvester.identification.candidates import SURE, richer
 from harvester.identification.fitted_model import NOTED, Fitted

@@ -10,12 +10,12 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from harvester.errors import HarvesterError, SceneError
-from harvester.files.plain_text import named, nearest
+from harvester.base.errors import HarvesterError, SceneError
+from harvester.base.plain_text import named, nearest
 from harvester.identification.reconstruction import frequencies
 from harvester.identification.sensors import HIGHPASSES, PROBE, VELOCITY_SCALE, neutral, sensor_keys
-from harvester.prepared.prepared import prepared
 from harvester.scene.numbers import numbers
+from harvester.scene.prepared import prepared
 from harvester.scene.units import restoring_spring
 
 if TYPE_CHECKING:

@@ -6,11 +6,11 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
+from harvester.base.formatting import share_with_error
 from harvester.identification.candidates import SURE, Candidate, proposed, rivals
 from harvester.identification.consistency import Misfit, worst
 from harvester.identification.intervals import HALF_INTERVAL
 from harvester.identification.proof import ResponseStretch, Whiteness, sensor_noise
-from harvester.show.numbers import share_with_error
 
 if TYPE_CHECKING:
     from harvester.identification.fitted_model import Fitted

@@ -8,9 +8,9 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from harvester.estimates.estimate import Density
-from harvester.show.palette import CIRCUIT
-from harvester.show.panels import entitle
+from harvester.results.palette import CIRCUIT
+from harvester.results.panels import entitle
+from harvester.statistics.estimate import Density
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

@@ -7,11 +7,11 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from harvester.device import timescales
-from harvester.prepared.paths import noise_path
-from harvester.prepared.prepared import prepared
-from harvester.prepared.steps import knot_spacing
-from harvester.show.palette import CIRCUIT
-from harvester.show.panels import entitle
+from harvester.results.palette import CIRCUIT
+from harvester.results.panels import entitle
+from harvester.scene.paths import noise_path
+from harvester.scene.prepared import prepared
+from harvester.scene.steps import knot_spacing
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure

@@ -5,8 +5,8 @@ from __future__ import annotations
 from pathlib import PurePath
 from typing import TYPE_CHECKING, Any
 
-from harvester.show.numbers import quantity, with_error
-from harvester.show.symbols import key_words
+from harvester.base.formatting import quantity, with_error
+from harvester.results.symbols import key_words
 
 if TYPE_CHECKING:
     from harvester.scene.model import Scene

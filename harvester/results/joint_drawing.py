@@ -8,9 +8,9 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from harvester.device import timescales
-from harvester.prepared.prepared import prepared
 from harvester.results.drawing import axis_label
-from harvester.show.panels import entitle
+from harvester.results.panels import entitle
+from harvester.scene.prepared import prepared
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure

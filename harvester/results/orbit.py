@@ -9,10 +9,10 @@ from typing import Any
 
 import numpy as np
 
-from harvester.estimates.attractors import Divergence
-from harvester.estimates.estimate import Estimate
-from harvester.files.serialising import plain
-from harvester.show.numbers import with_error
+from harvester.base.formatting import with_error
+from harvester.base.serialising import plain
+from harvester.statistics.attractors import Divergence
+from harvester.statistics.estimate import Estimate
 
 # Kinds of motions without a period: if the exponent is not above 0, and if there is none.
 NOT_SETTLED, UNTOLD = "not settled", "no period: chaotic or not settled"

@@ -7,13 +7,13 @@ from typing import Any
 
 import numpy as np
 
-from harvester.estimates.batch_means import complete_batches, ratio_of_sums, standard_error
-from harvester.estimates.estimate import Estimate, why_no_error
-from harvester.estimates.means import MEANS
-from harvester.estimates.output_side import RATIOS, output_ratio
-from harvester.estimates.well_balance import WellBalance, weighted, well_balance
-from harvester.prepared.prepared import prepared
-from harvester.record.moments import QUANTITIES, Moments
+from harvester.scene.prepared import prepared
+from harvester.statistics.batch_means import complete_batches, ratio_of_sums, standard_error
+from harvester.statistics.estimate import Estimate, why_no_error
+from harvester.statistics.means import MEANS
+from harvester.statistics.moments import QUANTITIES, Moments
+from harvester.statistics.output_side import RATIOS, output_ratio
+from harvester.statistics.well_balance import WellBalance, weighted, well_balance
 
 # Two paths go through the same wells if no batch's share of time in one differs by more than this:
 # jumps that two engines make at the same time end up so close, others differ by most of a batch.
@@ -30,7 +30,7 @@ def paired_difference(result: Any, reference: Any) -> dict[str, Estimate]:
 
     Parameters
     ----------
-    result, reference : harvester.results.result.Result or harvester.running.Answer
+    result, reference : harvester.results.result.Result or harvester.engines.Answer
         Each with its scene and moments; of the same scene, or of scenes with the same seed, knots
         and length of run.
 

@@ -7,11 +7,11 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from harvester.device import timescales
-from harvester.estimates.balance import stored_change
-from harvester.prepared.passband import misplacement
-from harvester.prepared.prepared import prepared
-from harvester.prepared.steps import knot_spacing, steps_per_contact
-from harvester.record.moments import QUANTITIES
+from harvester.scene.passband import misplacement
+from harvester.scene.prepared import prepared
+from harvester.scene.steps import knot_spacing, steps_per_contact
+from harvester.statistics.balance import stored_change
+from harvester.statistics.moments import QUANTITIES
 
 if TYPE_CHECKING:
     from harvester.results.result import Result

@@ -9,23 +9,23 @@ from typing import TYPE_CHECKING, Any, get_type_hints
 
 import numpy as np
 
-from harvester.errors import HarvesterError, UnknownQuantity
-from harvester.estimates.estimate import Density, Estimate, root
-from harvester.estimates.joint_density import JointDensity
-from harvester.estimates.strain import without_line
-from harvester.estimates.units import SI_UNITS, unit_of
+from harvester.base.errors import HarvesterError, UnknownQuantity
+from harvester.base.formatting import count, is_share, prefixed, quantity, with_error
+from harvester.base.libraries import optional_library
+from harvester.base.plain_text import nearest, one_line, shown
+from harvester.base.serialising import NotAValue, plain, read
 from harvester.excitation.spectrum_fit import SpectrumFit
-from harvester.files.libraries import optional_library
-from harvester.files.plain_text import nearest, one_line, shown
-from harvester.files.serialising import NotAValue, plain, read
-from harvester.record.moments import Moments
 from harvester.results.orbit import Attractor
+from harvester.results.symbols import definitions
 from harvester.results.waveform import Waveform
 from harvester.scene.described import device_line
 from harvester.scene.model import Scene
 from harvester.scene.units import Scales, scale
-from harvester.show.numbers import count, is_share, prefixed, quantity, with_error
-from harvester.show.symbols import definitions
+from harvester.statistics.estimate import Density, Estimate, root
+from harvester.statistics.joint_density import JointDensity
+from harvester.statistics.moments import Moments
+from harvester.statistics.strain import without_line
+from harvester.statistics.units import SI_UNITS, unit_of
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -85,7 +85,7 @@ class Result:
     step : float or None
         Longest step (s).
     step_error : float or None
-        Share of a mean power that the steps may cost, by `harvester.prepared.steps.step_error`;
+        Share of a mean power that the steps may cost, by `harvester.scene.steps.step_error`;
         None where it is not known. It is part of the error bars where nothing is by chance.
     realizations : int
     engine_version : str
@@ -102,13 +102,13 @@ class Result:
         A stretch of the first realization, in the scene's units; None of averaging.
     failures : dict of int to str
         Realizations that failed for good, with the reason; left out of the estimates.
-    moments : list of harvester.record.moments.Moments
+    moments : list of harvester.statistics.moments.Moments
         One per realization, for paired differences; empty for averaging.
     spectrum_fit : SpectrumFit or None
         The fit behind averaging over a record.
     stroboscope : ndarray or None, shape (realizations, samples, columns)
         If requested, the state at the beginnings of the excitation's periods, scaled, in
-        the columns of `harvester.record.stroboscope.COLUMNS`; see `section`.
+        the columns of `harvester.statistics.stroboscope.COLUMNS`; see `section`.
     attractors : tuple of Attractor
         For a deterministic run from several starts: the motions that they reach.
     outcome : str
@@ -358,15 +358,14 @@ class Result:
 
     def figure(self) -> Figure | None:
         """A figure of the densities and of the fit to a record, or None if there is neither."""
+        from harvester.results import figures
         from harvester.results.drawing import draw_result
-        from harvester.show import figures
 
         return figures.drawn(draw_result, self)
 
     def joint_figure(self) -> Figure | None:
         """A figure of the joint density of displacement and velocity, or None if there is none."""
-        from harvester.results import joint_drawing
-        from harvester.show import figures
+        from harvester.results import figures, joint_drawing
 
         return figures.drawn(joint_drawing.draw, [self])
 
@@ -388,7 +387,7 @@ class Result:
         return one_line(f"<Result of {self.scene.name} by {self.engine}: {summary}>")
 
     def _repr_html_(self) -> str:
-        from harvester.show.page import facts, table_of
+        from harvester.results.page import facts, table_of
 
         title = facts(f"{self.scene.name}: {self.engine}")
         return f"{title}{table_of(*self.table())}{facts('; '.join(self.sentences()))}"

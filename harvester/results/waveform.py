@@ -9,15 +9,15 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from harvester.errors import HarvesterError, UnknownQuantity
-from harvester.estimates.units import unit_of
-from harvester.files.libraries import optional_library
-from harvester.files.plain_text import named, nearest
-from harvester.files.tables import write_csv, write_netcdf, xarray_or_say
-from harvester.record.record import Record
-from harvester.show.numbers import prefixed
-from harvester.show.palette import CIRCUIT
-from harvester.show.panels import entitle
+from harvester.base.errors import HarvesterError, UnknownQuantity
+from harvester.base.formatting import prefixed
+from harvester.base.libraries import optional_library
+from harvester.base.plain_text import named, nearest
+from harvester.base.tables import write_csv, write_netcdf, xarray_or_say
+from harvester.device.record import Record
+from harvester.results.palette import CIRCUIT
+from harvester.results.panels import entitle
+from harvester.statistics.units import unit_of
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -119,7 +119,7 @@ class Waveform:
 
     def figure(self) -> Figure:
         """A panel for each column over time."""
-        from harvester.show import figures
+        from harvester.results import figures
 
         return figures.drawn(_draw, self)
 
@@ -135,7 +135,7 @@ class Waveform:
         elif ending == ".nc":
             write_netcdf(path, self.to_xarray())
         else:
-            from harvester.show import figures
+            from harvester.results import figures
 
             figures.write(self.figure(), path)
 

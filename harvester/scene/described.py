@@ -19,7 +19,7 @@ def device_line(scene: Scene) -> tuple[str, ...]:
     Frequency and quality factor are those of mass, spring and damper alone (a shorted piezo);
     k² = θ²/(K Cp) raises the frequency of the open piezo by √(1 + k²).
     """
-    from harvester.show.numbers import quantity
+    from harvester.base.formatting import quantity
 
     if scene.units != "SI" or scene.excitation.prescribes_displacement:
         return ()
@@ -49,7 +49,7 @@ def device_line(scene: Scene) -> tuple[str, ...]:
 
 def _wells(oscillator):
     """Texts on the wells of a spring that has several, and on the barriers out of them."""
-    from harvester.show.numbers import quantity
+    from harvester.base.formatting import quantity
 
     spring = restoring_spring(oscillator)
     roots = sorted(float(root) for root in spring.roots())
@@ -71,7 +71,7 @@ def _wells(oscillator):
 
 def scene_rows(scene: Scene) -> list[tuple[str, str]]:
     """Every key with its value, as text, for a table; with its unit where that is known."""
-    from harvester.show.symbols import key_words
+    from harvester.results.symbols import key_words
 
     rows = []
     for table, values in scene.to_tables().items():

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 from typing import Any
 
-from harvester.beam.magnets import Magnets, spring_points
-from harvester.beam.table import Beam, lumped
+from harvester.base.errors import SceneError
+from harvester.device.beam.magnets import Magnets, spring_points
+from harvester.device.beam.table import Beam, lumped
 from harvester.device.keys import SI
-from harvester.errors import SceneError
 from harvester.scene.schema import OTHER_KEYS, check_table
 
 # Keys that follow from the drawing. A scene with [beam] may not hold them.

@@ -12,17 +12,17 @@ from pathlib import Path
 from types import MethodType
 from typing import Any, Protocol, overload
 
-from harvester.beam.magnets import Magnets
-from harvester.beam.table import Beam
+from harvester.base import plain_text
+from harvester.base.errors import SceneError
+from harvester.base.plain_text import named, shown
 from harvester.device import timescales
+from harvester.device.beam.magnets import Magnets
+from harvester.device.beam.table import Beam
 from harvester.device.keys import SI, names_replace
 from harvester.device.terminals import TransducerTable
-from harvester.errors import SceneError
 from harvester.excitation import KINDS, build
 from harvester.excitation.base import Excitation, Run
 from harvester.excitation.recorded import RecordedMotion
-from harvester.files import plain_text
-from harvester.files.plain_text import named, shown
 from harvester.scene.drawn import DRAWN, with_drawing
 from harvester.scene.force_file import with_points
 from harvester.scene.overrides import put
@@ -152,7 +152,7 @@ class Load:
     `kind`, `resistance` (SI, Ω), `decay_rate` (scaled, λ = 1/(R Cp)) are the built-in resistor's.
     `netlist` is a name in netlists/ or a path, `subcircuit` the one meant of its file,
     `parameters` its values; `circuit` is what was read there
-    (circuits.loads.load_circuit.LoadCircuit).
+    (circuits.netlist.load_circuit.LoadCircuit).
     """
 
     kind: str | None = None
@@ -507,7 +507,7 @@ def _folders(folder):
 
 
 def _read_netlist(load, folders, before):
-    from circuits.loads.subcircuits import find_netlist, read_load
+    from circuits.netlist.subcircuits import find_netlist, read_load
 
     unchanged = before is not None and before.netlist == load["netlist"]
     file, cards = (

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Any
 
+from harvester.base.errors import HarvesterError
+from harvester.base.plain_text import named, nearest
 from harvester.device.keys import Key
-from harvester.errors import HarvesterError
 from harvester.excitation import KINDS
-from harvester.files.plain_text import named, nearest
 from harvester.scene.schema import OTHER_KEYS, table_keys
 
 if TYPE_CHECKING:

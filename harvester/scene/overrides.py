@@ -9,9 +9,9 @@ import math
 import re
 from typing import Any
 
-from harvester.errors import SceneError
+from harvester.base.errors import SceneError
+from harvester.base.plain_text import named, nearest, shown
 from harvester.excitation import KINDS
-from harvester.files.plain_text import named, nearest, shown
 from harvester.scene.schema import NESTED_TABLES, REPLACED_KEYS, SEVERAL, table_keys
 from harvester.scene.toml import NotToml, read_toml
 

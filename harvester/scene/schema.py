@@ -7,8 +7,11 @@ from collections.abc import Mapping
 from itertools import pairwise
 from typing import Any
 
-from harvester.beam.magnets import Magnets
-from harvester.beam.table import Beam
+from harvester.base.errors import SceneError
+from harvester.base.plain_text import named, nearest, shown
+from harvester.base.registry import Registry
+from harvester.device.beam.magnets import Magnets
+from harvester.device.beam.table import Beam
 from harvester.device.coil import CoilTable
 from harvester.device.contact import LAWS, SIDES
 from harvester.device.force_table import INTERPOLATIONS, MOST_PIECES, POINTS_PER_PIECE, force_table
@@ -25,9 +28,6 @@ from harvester.device.keys import (
 )
 from harvester.device.piezo import PiezoTable
 from harvester.device.terminals import TransducerTable
-from harvester.errors import SceneError
-from harvester.files.plain_text import named, nearest, shown
-from harvester.registry import Registry
 
 # The transducers that a scene may have, by the name of their table.
 TRANSDUCERS: Registry[type[TransducerTable]] = Registry(

@@ -7,9 +7,9 @@ from collections.abc import Iterable
 from pathlib import Path
 from typing import Any
 
-from harvester.errors import SceneError
-from harvester.files.plain_text import named, nearest, shown
-from harvester.files.reading import read_input
+from harvester.base.errors import SceneError
+from harvester.base.plain_text import named, nearest, shown
+from harvester.base.reading import read_input
 from harvester.scene.overrides import parsed, put, texts
 from harvester.scene.toml import LARGEST_SCENE, read_toml
 

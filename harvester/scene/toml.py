@@ -9,8 +9,8 @@ from typing import Any
 
 import numpy as np
 
-from harvester.errors import SceneError
-from harvester.files.plain_text import named, shown
+from harvester.base.errors import SceneError
+from harvester.base.plain_text import named, shown
 
 # Largest scene in bytes. A scene holds no data.
 LARGEST_SCENE = 2**18

@@ -10,6 +10,7 @@ import math
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
+from harvester.base.errors import LoadError, SceneError
 from harvester.device import timescales
 from harvester.device.contact import LAWS, SIDES, Contact
 from harvester.device.damper import damper
@@ -19,7 +20,6 @@ from harvester.device.polynomial import polynomial
 from harvester.device.spring import ranged
 from harvester.device.system import Noise, System
 from harvester.device.terminals import Setting
-from harvester.errors import LoadError, SceneError
 
 if TYPE_CHECKING:
     from collections.abc import Iterator

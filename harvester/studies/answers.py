@@ -5,19 +5,18 @@ from collections.abc import Iterable, Sequence
 from dataclasses import replace
 from typing import Any
 
-from harvester.arguments import check_name
-from harvester.errors import HarvesterError, LoadError, OutOfTime
-from harvester.estimates.estimate import Estimate
-from harvester.estimates.strain import without_line
-from harvester.method import Method
-from harvester.prepared.prepared import prepared
-from harvester.prepared.steps import knot_spacing, resolving
-from harvester.running import Request
-from harvester.running.request import COMPLETE
+from harvester.base.arguments import check_name
+from harvester.base.errors import HarvesterError, LoadError, OutOfTime
+from harvester.base.method import Method
+from harvester.engines.methods import Circuit, Engine, MonteCarlo, method_of
+from harvester.engines.orbits import note_on_one_start, with_orbit
+from harvester.engines.request import COMPLETE, Request
 from harvester.scene.model import Scene
+from harvester.scene.prepared import prepared
+from harvester.scene.steps import knot_spacing, resolving
 from harvester.scene.units import require_resistor
-from harvester.simulation.methods import Circuit, Engine, MonteCarlo, method_of
-from harvester.simulation.orbits import note_on_one_start, with_orbit
+from harvester.statistics.estimate import Estimate
+from harvester.statistics.strain import without_line
 
 # Starts that are drawn at an optimum, without noise: an orbit that a quarter of them reach is
 # missed once in a hundred times.
@@ -110,7 +109,7 @@ def on_common_knots(scenes: Sequence[Scene], of: Sequence[Scene] | None = None) 
 
 
 def answers_in_time(runner: Any, requests: Iterable[Request], **options: Any) -> list:
-    """A runner's answers to requests, or OutOfTime; see `harvester.running.Runner.answer`."""
+    """A runner's answers to requests, or OutOfTime; see `harvester.engines.Runner.answer`."""
     answers = runner.answer(list(requests), **options)
     if runner.out_of_time:
         raise OutOfTime(

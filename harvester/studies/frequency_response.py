@@ -15,29 +15,29 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from circuits.loads.kinds import BATTERY, OUTPUT, SUPPLY
-from harvester.arguments import listed
+from circuits.netlist.kinds import BATTERY, OUTPUT, SUPPLY
+from harvester.base.arguments import listed
+from harvester.base.errors import HarvesterError
+from harvester.base.formatting import quantity
+from harvester.base.plain_text import json_text
+from harvester.base.serialising import plain
+from harvester.base.tables import xarray_or_say
 from harvester.device import timescales
-from harvester.errors import HarvesterError
-from harvester.estimates.transient import transient_time
-from harvester.estimates.units import SI_UNITS
+from harvester.engines.methods import engine_of
+from harvester.engines.realization import WaveformObserver as Waveform
+from harvester.engines.simulate import check_name
 from harvester.excitation.sine import KNOTS_PER_PERIOD, Sine, SteppedSine
-from harvester.files.plain_text import json_text
-from harvester.files.serialising import plain
-from harvester.files.tables import xarray_or_say
-from harvester.prepared.paths import start_state
-from harvester.prepared.prepared import prepared
-from harvester.prepared.steps import knot_spacing
-from harvester.record.range_watch import with_range_watch
 from harvester.results.orbit import CHARGING, REASONS
+from harvester.results.palette import CIRCUIT, MONTE_CARLO
+from harvester.results.panels import Panel, Series, draw_panels, is_wide
 from harvester.scene.model import Scene
+from harvester.scene.paths import start_state
+from harvester.scene.prepared import prepared
+from harvester.scene.steps import knot_spacing
 from harvester.scene.units import Scales
-from harvester.show.numbers import quantity
-from harvester.show.palette import CIRCUIT, MONTE_CARLO
-from harvester.show.panels import Panel, Series, draw_panels, is_wide
-from harvester.simulation.methods import engine_of
-from harvester.simulation.realization import WaveformObserver as Waveform
-from harvester.simulation.simulate import check_name
+from harvester.statistics.range_watch import with_range_watch
+from harvester.statistics.transient import transient_time
+from harvester.statistics.units import SI_UNITS
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -237,7 +237,7 @@ class FrequencyResponse:
 
     def figure(self) -> Figure:
         """Amplitude, voltage and power over frequency."""
-        from harvester.show import figures
+        from harvester.results import figures
 
         return figures.drawn(_draw, self)
 

@@ -8,15 +8,15 @@ from numbers import Real
 from pathlib import Path
 from typing import Any
 
-from harvester.arguments import listed, table
-from harvester.errors import HarvesterError, SceneError
+from harvester.base.arguments import listed, table
+from harvester.base.errors import HarvesterError, SceneError
+from harvester.base.plain_text import name, nearest, shown
 from harvester.excitation import KINDS
-from harvester.files.plain_text import name, nearest, shown
-from harvester.prepared.prepared import prepared
-from harvester.prepared.steps import knot_spacing
 from harvester.scene.model import Scene
 from harvester.scene.numbers import numbers
+from harvester.scene.prepared import prepared
 from harvester.scene.schema import table_keys
+from harvester.scene.steps import knot_spacing
 
 # Either key names the load's resistor, be it the built-in one or a netlist's parameter.
 RESISTANCES = ("load.parameters.resistance", "load.resistance")

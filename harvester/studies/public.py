@@ -13,11 +13,10 @@ from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Unpack
 
-from harvester.arguments import check_name, listed, table
-from harvester.calling import scene_of, takes_scene
-from harvester.errors import AveragingError, HarvesterError, LoadError
-from harvester.method import Method
-from harvester.signatures import (
+from harvester.base.arguments import check_name, listed, table
+from harvester.base.errors import AveragingError, HarvesterError, LoadError
+from harvester.base.method import Method
+from harvester.base.signatures import (
     Distributions,
     Faults,
     File,
@@ -36,14 +35,16 @@ from harvester.signatures import (
     Share,
     Step,
 )
-from harvester.simulation.methods import Engine, engine_of, method_of
-from harvester.simulation.simulate import TIME_LIMIT, require_paths, simulate
+from harvester.engines.methods import Engine, engine_of, method_of
+from harvester.engines.simulate import TIME_LIMIT, require_paths, simulate
+from harvester.scene.calling import scene_of, takes_scene
 from harvester.studies import JUDGED, ROWS
 
 if TYPE_CHECKING:
     from collections.abc import Callable
     from concurrent.futures import Executor
 
+    from harvester.base.pools import Workers
     from harvester.scene.model import Scene
     from harvester.studies.comparison.comparison import Comparison
     from harvester.studies.frequency_response import FrequencyResponse
@@ -52,7 +53,6 @@ if TYPE_CHECKING:
     from harvester.studies.sensitivity.study import Sensitivity
     from harvester.studies.spectrum import SpectrumAnalysis
     from harvester.studies.sweep import Sweep
-    from harvester.workers.pools import Workers
 
 # Default time budget of a load study with a precision, in seconds.
 TIME_BUDGET = 540.0
@@ -96,9 +96,9 @@ def validate(
     from harvester.averaging.closures import CLOSURES
     from harvester.averaging.of_scene import average
     from harvester.device import timescales
-    from harvester.prepared.prepared import prepared
+    from harvester.engines.spread import running
     from harvester.results.paired import paired_difference
-    from harvester.simulation.spread import running
+    from harvester.scene.prepared import prepared
     from harvester.studies.comparison import comparison
 
     parameters = prepared(scene).system
@@ -169,7 +169,7 @@ def frequency_response(
     time_limit : float
         Wall-clock limit of one realization (default: 3600).
     **running
-        See `harvester.running.open_runner`.
+        See `harvester.engines.open_runner`.
 
     Raises
     ------
@@ -183,8 +183,9 @@ def frequency_response(
     """
     import numpy as np
 
-    from harvester.prepared.prepared import prepared
-    from harvester.running import Task, open_runner
+    from harvester.engines.opening import open_runner
+    from harvester.engines.task import Task
+    from harvester.scene.prepared import prepared
     from harvester.studies import frequency_response as work
 
     engine = engine_of(method, step=step)
@@ -316,14 +317,15 @@ def sweep(
     time_limit : float
         Wall-clock limit of one realization (default: 3600).
     **running
-        See `harvester.running.open_runner`.
+        See `harvester.engines.open_runner`.
 
     Raises
     ------
     HarvesterError
         A mistake in the call. A simulation that fails is the outcome of its place.
     """
-    from harvester.running import Request, open_runner
+    from harvester.engines.opening import open_runner
+    from harvester.engines.request import Request
     from harvester.studies import sweep as work
     from harvester.studies.grid import make_grid
 
@@ -397,7 +399,7 @@ def load_study(
     time_limit : float
         Wall-clock limit of one realization (default: 3600).
     **running
-        See `harvester.running.open_runner`; with a precision the time budget is `TIME_BUDGET`
+        See `harvester.engines.open_runner`; with a precision the time budget is `TIME_BUDGET`
         where none is given.
 
     Raises
@@ -405,7 +407,7 @@ def load_study(
     HarvesterError
         A mistake in the call. A simulation that fails is the outcome of its point.
     """
-    from harvester.running import open_runner
+    from harvester.engines.opening import open_runner
     from harvester.studies.grid import make_grid
     from harvester.studies.loads import study as work
     from harvester.studies.loads.evaluation import MOST_REALIZATIONS, evaluating
@@ -490,7 +492,7 @@ def sensitivity(
         (default: the scene's own run). Noise is taken out at any length of run: few rows of long
         runs and many of short ones cost the same.
     **running
-        See `harvester.running.open_runner`.
+        See `harvester.engines.open_runner`.
 
     Raises
     ------
@@ -503,7 +505,7 @@ def sensitivity(
     -----
     `harvester.studies.sensitivity.sobol` says what is estimated, and how the noise is taken out.
     """
-    from harvester.running import open_runner
+    from harvester.engines.opening import open_runner
     from harvester.studies.answers import checked_method
     from harvester.studies.sensitivity import study as work
     from harvester.studies.sensitivity.tolerances import directions, tolerance
@@ -578,7 +580,7 @@ def optimum(
         Relative standard error of the value at the optimum of several parameters (default: the
         scene's own run).
     **running
-        See `harvester.running.open_runner`.
+        See `harvester.engines.open_runner`.
 
     Returns
     -------
@@ -604,8 +606,8 @@ def optimum(
     """
     from harvester.averaging.closures import CLOSURES
     from harvester.averaging.method import DEFAULT_CLOSURE
-    from harvester.estimates.output_side import RATIOS
-    from harvester.running import open_runner
+    from harvester.engines.opening import open_runner
+    from harvester.statistics.output_side import RATIOS
     from harvester.studies.answers import checked_method, orbits_at
     from harvester.studies.optimum.axis import Axis
     from harvester.studies.optimum.line import MAXIMISED, along

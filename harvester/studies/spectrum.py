@@ -10,10 +10,10 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from harvester.arguments import usual_arithmetic
-from harvester.errors import HarvesterError
-from harvester.files import plain_text
-from harvester.files.serialising import plain
+from harvester.base import plain_text
+from harvester.base.arguments import usual_arithmetic
+from harvester.base.errors import HarvesterError
+from harvester.base.serialising import plain
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -77,9 +77,9 @@ def of_scene(
     scene: Scene, duration: float | None, resolution: float | None, breakpoints: int
 ) -> SpectrumAnalysis:
     """Analysis of the first realization of a scene's excitation, by default of its duration."""
-    from harvester.prepared.paths import noise_path
-    from harvester.prepared.prepared import prepared
-    from harvester.prepared.steps import knot_spacing
+    from harvester.scene.paths import noise_path
+    from harvester.scene.prepared import prepared
+    from harvester.scene.steps import knot_spacing
 
     ready = prepared(scene)
     spacing = knot_spacing(ready)
@@ -393,7 +393,7 @@ class SpectrumAnalysis:
     def device_band(self) -> tuple[float, float, float] | None:
         """Frequency and half-power width of the device (Hz), and the share of the power in it."""
         from harvester.device import timescales
-        from harvester.prepared.prepared import prepared
+        from harvester.scene.prepared import prepared
 
         if self.scene is None or self.scene.excitation.prescribes_displacement:
             return None
@@ -489,14 +489,14 @@ class SpectrumAnalysis:
 
     def figure(self) -> Figure:
         """The density, its specification and the device's frequency."""
-        from harvester.show import figures
+        from harvester.results import figures
 
         return figures.drawn(_draw, self)
 
 
 def _draw(analysis):
-    from harvester.show.numbers import in_print
-    from harvester.show.panels import Panel, Series, draw_panels
+    from harvester.base.formatting import in_print
+    from harvester.results.panels import Panel, Series, draw_panels
 
     loud = analysis.density > FAINTEST * analysis.density.max()
     y = analysis.density[loud]

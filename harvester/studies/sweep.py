@@ -11,19 +11,19 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from harvester.averaging.closures import CLOSURES
-from harvester.errors import HarvesterError
-from harvester.estimates.estimate import Estimate
-from harvester.estimates.units import unit_of
-from harvester.files.plain_text import json_text
-from harvester.files.serialising import plain
-from harvester.files.tables import Tabular, xarray_or_say
+from harvester.base.errors import HarvesterError
+from harvester.base.formatting import is_share, number, prefixed, with_error
+from harvester.base.plain_text import json_text
+from harvester.base.serialising import plain
+from harvester.base.tables import Tabular, xarray_or_say
+from harvester.engines.request import COMPLETE, OUT_OF_TIME, told
 from harvester.results.orbit import Attractor
-from harvester.running.request import COMPLETE, OUT_OF_TIME, told
+from harvester.results.palette import CIRCUIT, LINES, MONTE_CARLO, styles
+from harvester.results.panels import Panel, Series, draw_panels, is_wide
+from harvester.results.symbols import key_label
 from harvester.scene.model import Scene
-from harvester.show.numbers import is_share, number, prefixed, with_error
-from harvester.show.palette import CIRCUIT, LINES, MONTE_CARLO, styles
-from harvester.show.panels import Panel, Series, draw_panels, is_wide
-from harvester.show.symbols import key_label
+from harvester.statistics.estimate import Estimate
+from harvester.statistics.units import unit_of
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -171,7 +171,7 @@ class Sweep(Tabular):
 
     def figure(self) -> Figure:
         """Each quantity over the key with most values: engines with error bars, closures lines."""
-        from harvester.show import figures
+        from harvester.results import figures
 
         return figures.drawn(_draw, self)
 

@@ -9,12 +9,12 @@ from raw_files import run_raw
 from scipy.signal import lfilter, lsim
 
 import harvester
-from circuits.export import stand_alone
-from harvester.beam.table import lumped
-from harvester.prepared.paths import noise_path
-from harvester.prepared.prepared import prepared
-from harvester.prepared.steps import knot_spacing
+from circuits.equivalent.export import stand_alone
+from harvester.device.beam.table import lumped
 from harvester.scene.model import Scene
+from harvester.scene.paths import noise_path
+from harvester.scene.prepared import prepared
+from harvester.scene.steps import knot_spacing
 
 pytestmark = pytest.mark.usefixtures("shared_workers")
 

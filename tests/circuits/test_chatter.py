@@ -2,10 +2,10 @@
 
 import pytest
 
-from circuits.loads.part_values import jumping_sources
-from harvester.errors import LoadChatters
+from circuits.netlist.part_values import jumping_sources
+from harvester.base.errors import LoadChatters
+from harvester.engines.simulate import simulate
 from harvester.scene.model import Scene
-from harvester.simulation.simulate import simulate
 
 BRIDGE = """.model m4148 d(is=2.52n rs=.568 n=1.752 cjo=4p m=.4 tt=20n bv=75)
 D1 p out m4148

@@ -5,9 +5,9 @@ import pytest
 from scipy.linalg import solve_continuous_lyapunov
 from truths import assert_near
 
-from harvester.errors import SimulatorAborted
+from harvester.base.errors import SimulatorAborted
+from harvester.engines.simulate import simulate
 from harvester.scene.model import Scene
-from harvester.simulation.simulate import simulate
 
 MASS, DAMPING, STIFFNESS = 0.01, 0.02, 20.0
 CONSTANT, WINDING, LOAD, INTENSITY = 8.0, 300.0, 500.0, 0.01

@@ -5,9 +5,9 @@ import pytest
 from device_scenes import DEVICES, FOLLOWED, device
 from device_truths import written_path
 
-from harvester.prepared.prepared import prepared
-from harvester.prepared.steps import knot_spacing, stop_time
-from harvester.simulation.simulate import simulate
+from harvester.engines.simulate import simulate
+from harvester.scene.prepared import prepared
+from harvester.scene.steps import knot_spacing, stop_time
 
 EACH = [
     pytest.param(name, marks=() if name in FOLLOWED else pytest.mark.exhaustive, id=name)

@@ -5,14 +5,14 @@ import pytest
 from scipy.integrate import solve_ivp
 from truths import Keep
 
-from harvester.beam.magnets import Magnets
-from harvester.beam.table import lumped
-from harvester.monte_carlo.engine import run_realizations
-from harvester.prepared.paths import noise_path, start_state
-from harvester.prepared.prepared import prepared
-from harvester.prepared.steps import knot_spacing, stop_time
+from harvester.device.beam.magnets import Magnets
+from harvester.device.beam.table import lumped
+from harvester.engines.monte_carlo import run_realizations
+from harvester.engines.simulate import simulate
 from harvester.scene.model import Scene
-from harvester.simulation.simulate import simulate
+from harvester.scene.paths import noise_path, start_state
+from harvester.scene.prepared import prepared
+from harvester.scene.steps import knot_spacing, stop_time
 
 MAGNETS = {"distance": 8e-3, "reach": 6e-3, "tip_moment": 0.2, "frame_moment": 0.2}
 

@@ -5,9 +5,9 @@ import math
 import pytest
 from device_scenes import DEVICES, SCALED
 
+from harvester.engines.simulate import simulate
 from harvester.results.paired import paired_difference
 from harvester.scene.model import Scene
-from harvester.simulation.simulate import simulate
 
 EACH = [
     pytest.param("bias and quadratic term", marks=pytest.mark.exhaustive),

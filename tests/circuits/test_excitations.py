@@ -6,11 +6,11 @@ import numpy as np
 import pytest
 from scipy import signal
 
-from circuits.export import stand_alone
-from harvester.prepared.paths import noise_path
-from harvester.prepared.prepared import prepared
+from circuits.equivalent.export import stand_alone
+from harvester.engines.simulate import simulate
 from harvester.scene.model import Scene
-from harvester.simulation.simulate import simulate
+from harvester.scene.paths import noise_path
+from harvester.scene.prepared import prepared
 from harvester.studies.comparison.comparison import Comparison
 
 

@@ -7,10 +7,10 @@ import pytest
 
 import harvester
 from harvester import Scene
-from harvester.estimates.of_run import run_estimates
-from harvester.prepared.prepared import prepared
-from harvester.simulation.methods import engine_of
-from harvester.simulation.realization import run
+from harvester.engines.methods import engine_of
+from harvester.engines.realization import run
+from harvester.scene.prepared import prepared
+from harvester.statistics.of_run import run_estimates
 
 DEVICES = ("linear", "hardening", "bistable", "stopper", "coil")
 LOADS = ("resistor", "bridge", "sshi_parallel", "doubler", "sece")

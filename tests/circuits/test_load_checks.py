@@ -2,10 +2,10 @@
 
 import pytest
 
-from circuits.loads.subcircuits import read_load
-from harvester.errors import NetlistError
+from circuits.netlist.subcircuits import read_load
+from harvester.base.errors import NetlistError
+from harvester.engines.simulate import simulate
 from harvester.scene.model import Scene
-from harvester.simulation.simulate import simulate
 
 COILS = "L1 p n 1\nL2 a n 10m\nL3 b n 2\nR2 a n 1k\nR3 b n 1k\n"
 

@@ -4,8 +4,8 @@ import math
 
 import pytest
 
-from circuits.loads.load_watch import NOTHING, may_jump, watch_of
-from circuits.loads.subcircuits import find_netlist, read_load
+from circuits.netlist.load_watch import NOTHING, may_jump, watch_of
+from circuits.netlist.subcircuits import find_netlist, read_load
 
 PINS = {"p": "terminal", "n": "0", "out": "output", "ref": "reference"}
 

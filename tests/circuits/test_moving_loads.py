@@ -6,9 +6,9 @@ from by_hand import ngspice
 from scipy.integrate import quad
 from scipy.special import ive
 
-from harvester.errors import LoadError
+from harvester.base.errors import LoadError
+from harvester.engines.simulate import simulate
 from harvester.scene.model import Scene
-from harvester.simulation.simulate import simulate
 
 # A linear device that a sine drives; the load's own part does not touch it. Means are over 0.8 s,
 # whole periods of all that is periodic here.

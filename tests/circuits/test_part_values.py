@@ -4,11 +4,11 @@ import re
 
 import pytest
 
-from circuits.loads.part_values import capacitance, conductance
-from circuits.loads.subcircuits import read_load
-from harvester.errors import SimulatorAborted
+from circuits.netlist.part_values import capacitance, conductance
+from circuits.netlist.subcircuits import read_load
+from harvester.base.errors import SimulatorAborted
+from harvester.engines.simulate import simulate
 from harvester.scene.model import Scene
-from harvester.simulation.simulate import simulate
 
 
 def read(tmp_path, text, **parameters):

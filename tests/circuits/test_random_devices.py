@@ -6,11 +6,11 @@ from device_scenes import random_device
 from device_truths import written_path
 from truths import Keep
 
-from harvester.monte_carlo.engine import run_realizations
-from harvester.prepared.paths import noise_path, start_state
-from harvester.prepared.prepared import prepared
-from harvester.prepared.steps import knot_spacing, stop_time
-from harvester.simulation.simulate import simulate
+from harvester.engines.monte_carlo import run_realizations
+from harvester.engines.simulate import simulate
+from harvester.scene.paths import noise_path, start_state
+from harvester.scene.prepared import prepared
+from harvester.scene.steps import knot_spacing, stop_time
 
 SEEDS = (1, 8, 9, 11, 12)
 SMALL = 1e-6

@@ -6,13 +6,13 @@ from device_scenes import MAGNETS, device
 from device_truths import written_path
 from raw_files import run_raw
 
-from circuits.export import for_ltspice, stand_alone
-from harvester.prepared.paths import noise_path
-from harvester.prepared.prepared import prepared
-from harvester.prepared.steps import knot_spacing, stop_time
+from circuits.equivalent.export import for_ltspice, stand_alone
+from harvester.engines.simulate import simulate
 from harvester.results.paired import paired_difference
 from harvester.scene.model import Scene
-from harvester.simulation.simulate import simulate
+from harvester.scene.paths import noise_path
+from harvester.scene.prepared import prepared
+from harvester.scene.steps import knot_spacing, stop_time
 
 
 @pytest.mark.slow

@@ -9,9 +9,9 @@ from device_truths import gibbs, gibbs_share
 from truths import assert_near
 
 from harvester.device import timescales
-from harvester.prepared.prepared import prepared
+from harvester.engines.simulate import simulate
 from harvester.scene.model import Scene
-from harvester.simulation.simulate import simulate
+from harvester.scene.prepared import prepared
 
 SKEW = [-0.08, -2.0, 0.3, 2.2]
 ELASTIC = {"stiffness": 40.0, "restitution": 1.0}

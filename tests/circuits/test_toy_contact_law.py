@@ -6,16 +6,16 @@ import worker_calls
 from device_truths import Written, written_path
 from spring_dashpot import DASHPOT, spring_dashpot
 
-from circuits.assembly import assemble
-from circuits.verilog import module
+from circuits.equivalent.assembly import assemble
+from circuits.equivalent.verilog import module
 from harvester.averaging import NOISE_CLOSURES
 from harvester.averaging.of_scene import average
+from harvester.base.errors import AveragingError, SceneError
 from harvester.device import system
 from harvester.device.contact import LAWS
-from harvester.errors import AveragingError, SceneError
-from harvester.prepared.prepared import prepared
-from harvester.prepared.steps import knot_spacing, stop_time
 from harvester.scene.model import Scene
+from harvester.scene.prepared import prepared
+from harvester.scene.steps import knot_spacing, stop_time
 
 TABLES = {
     "units": "scaled",

@@ -9,15 +9,15 @@ from scipy.linalg import solve_continuous_lyapunov
 from series_piezo import SeriesPiezoTable
 from truths import assert_near
 
-from circuits.export import for_ltspice, stand_alone
-from circuits.schematic.drawing import schematic
+from circuits.equivalent.export import for_ltspice, stand_alone
+from circuits.equivalent.schematic.drawing import schematic
 from harvester.averaging.of_scene import average
-from harvester.errors import AveragingError, SceneError
-from harvester.prepared.paths import noise_path
-from harvester.prepared.prepared import prepared
+from harvester.base.errors import AveragingError, SceneError
+from harvester.engines.simulate import simulate
 from harvester.scene.model import Scene
+from harvester.scene.paths import noise_path
+from harvester.scene.prepared import prepared
 from harvester.scene.schema import TRANSDUCERS
-from harvester.simulation.simulate import simulate
 
 MASS, DAMPING, STIFFNESS = 0.02, 0.05, 120.0
 THETA, CAPACITANCE, ELECTRODE, LOAD, INTENSITY = 8e-4, 4e-8, 1.5e5, 3e5, 0.4

@@ -10,11 +10,11 @@ import time
 import pytest
 
 import harvester
-from harvester.command_line import main
-from harvester.commands import console
-from harvester.commands.command import Command
-from harvester.commands.table import COMMANDS, build_parser
-from harvester.errors import EngineNotFound, SceneError, SimulatorTimeout
+from harvester.base.errors import EngineNotFound, SceneError, SimulatorTimeout
+from harvester.cli import console
+from harvester.cli.command import Command
+from harvester.cli.command_line import main
+from harvester.cli.table import COMMANDS, build_parser
 
 COMMAND_NAMES = sorted(build_parser()[1].choices)
 COLOUR = re.compile(r"\x1b\[[\d;]*\b(?:3[0-7]|9[0-7]|38;[\d;]+)m")

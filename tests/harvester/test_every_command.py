@@ -10,16 +10,16 @@ import pytest
 import worker_calls
 
 from harvester import averaging
-from harvester.running import Task
-from harvester.verification.accuracy import (
+from harvester.base.process import Worker
+from harvester.engines.task import Task
+from harvester.validation.accuracy import (
     measurement,
     throughput,
     timed,
 )
-from harvester.verification.accuracy.methods import ComparedMethod
-from harvester.verification.stability import matrix
-from harvester.verification.stability.cases import Case
-from harvester.workers.process import Worker
+from harvester.validation.accuracy.methods import ComparedMethod
+from harvester.validation.stability import matrix
+from harvester.validation.stability.cases import Case
 
 # Words of Python about a fault of ours.
 FAULT = re.compile(r"Traceback|\b(?!Memory)[A-Z]\w*(?:Error|Exception|Warning)\b: ")
@@ -65,7 +65,7 @@ class SameWorker(Worker):
 def briefly():
     """One worker process for all calls, each closure computed once, studies cut to a few points."""
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("harvester.workers.pools.Worker", SameWorker)
+        patch.setattr("harvester.base.pools.Worker", SameWorker)
         patch.setattr("harvester.studies.frequency_response.SETTLED_SHARE", 0.9)
         patch.setattr("harvester.studies.sensitivity.study.FEWEST_ROWS", 2)
         patch.setattr(matrix, "default_cases", lambda: FEW_CASES)
@@ -74,15 +74,15 @@ def briefly():
         patch.setattr(measurement, "TIMED_LOAD_METHODS", FEW_LOAD_METHODS)
         patch.setattr(measurement, "MOST_REALIZATIONS", 1)
         patch.setattr(timed, "NOISE_CLOSURES", ("consistent",))
-        patch.setattr("harvester.verification.stability.cases.STEP_BUDGET", 4000)
-        patch.setattr("harvester.verification.stability.path_deviation.PATH_STEPS", 2000)
+        patch.setattr("harvester.validation.stability.cases.STEP_BUDGET", 4000)
+        patch.setattr("harvester.validation.stability.path_deviation.PATH_STEPS", 2000)
         patch.setattr(measurement, "METHODS", FEW_METHODS)
         patch.setattr(measurement, "LOAD_METHODS", FEW_LOAD_METHODS)
         patch.setattr(measurement, "PERIODS", 1)
         patch.setattr(measurement, "PATHS", 2)
         patch.setattr(throughput, "task", speeds_here)
         # Rates of jumps take several times as long as all else that `validate` averages.
-        patch.setattr("harvester.stationary.jumps.MOST_WORK", 1e6)
+        patch.setattr("harvester.averaging.jumps.MOST_WORK", 1e6)
         patch.setattr("harvester.averaging.closures.average", lru_cache(averaging.average))
         yield
     for worker in SameWorker.made:

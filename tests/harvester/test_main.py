@@ -5,7 +5,7 @@ import sys
 
 import pytest
 
-from harvester.files.surroundings import PACKAGE
+from harvester.base.surroundings import PACKAGE
 
 INTERRUPTED = """
 import builtins, sys
@@ -25,7 +25,7 @@ sys.exit(main())
 
 
 @pytest.mark.parametrize(
-    "module", ["harvester.command_line", "argparse", "harvester.scene.model", "numpy"]
+    "module", ["harvester.cli.command_line", "argparse", "harvester.scene.model", "numpy"]
 )
 def test_an_interrupt_while_libraries_are_imported_is_one_line(module):
     program = INTERRUPTED.format(module=module)
@@ -48,10 +48,10 @@ def test_python_without_docstrings_is_refused_in_one_line():
 
 def test_an_interrupt_that_a_callback_swallows_ends_in_the_code_of_one():
     program = (
-        "import os, signal, sys\nimport harvester.command_line\n"
+        "import os, signal, sys\nimport harvester.cli.command_line\n"
         "def run():\n    try:\n        os.kill(os.getpid(), signal.SIGINT)\n"
         "        signal.pause()\n    except KeyboardInterrupt:\n        return 0\n"
-        "harvester.command_line.main = run\nfrom harvester.__main__ import main\nsys.exit(main())"
+        "harvester.cli.command_line.main = run\nfrom harvester.__main__ import main\nsys.exit(main())"
     )
     shown = subprocess.run(
         [sys.executable, "-c", program], cwd=PACKAGE.parent, capture_output=True, text=True

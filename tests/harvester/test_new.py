@@ -7,8 +7,8 @@ import sys
 
 import pytest
 
-from harvester.command_line import main
-from harvester.commands import new
+from harvester.cli import new
+from harvester.cli.command_line import main
 from harvester.scene.model import Scene
 from harvester.scene.source import BUILT_IN
 

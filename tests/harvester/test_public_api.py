@@ -12,7 +12,7 @@ from pathlib import Path
 import pytest
 
 import harvester
-from harvester import errors
+from harvester.base import errors
 
 ROOT = Path(harvester.__file__).parents[1]
 PUBLIC = [name for name in harvester.__all__ if name != "__version__"]
@@ -66,7 +66,7 @@ def test_annotations_are_shipped(package):
     assert (ROOT / package / "py.typed").exists()
 
 
-COMMAND_LINE = "from harvester.commands.table import build_parser; build_parser()"
+COMMAND_LINE = "from harvester.cli.table import build_parser; build_parser()"
 
 
 @pytest.mark.parametrize("statement", ["import harvester; dir(harvester)", COMMAND_LINE])

@@ -20,7 +20,7 @@ from typing import Any
 import numpy as np
 
 import harvester
-from harvester.command_line import main
+from harvester.cli.command_line import main
 
 # Beside what `to_dict` tells of a result.
 KEPT = ("moments", "densities", "joint_density", "waveform")

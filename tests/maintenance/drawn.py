@@ -31,9 +31,9 @@ from maintenance.drawn_scenes import (
 )
 
 import harvester
+from harvester.base.pools import WorkerPool
 from harvester.device import timescales
-from harvester.prepared.prepared import prepared
-from harvester.workers.pools import WorkerPool
+from harvester.scene.prepared import prepared
 
 RIGHT, WRONG, REFUSED, WITHHELD = "right", "WRONG", "refused", "withheld"
 SLOW, BROKEN = "SLOW", "BROKEN"

@@ -11,8 +11,8 @@ from typing import NamedTuple
 import numpy as np
 
 from harvester.device import timescales
-from harvester.prepared.prepared import prepared
 from harvester.scene.model import Scene
+from harvester.scene.prepared import prepared
 
 DEVICES = ("linear", "hardening", "bistable", "tristable", "stopper", "coil", "beam")
 LOADS = ("resistor", "bridge", "SSHI", "doubler", "store")

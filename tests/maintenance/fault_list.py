@@ -34,43 +34,46 @@ SPRING, DAMPER, CONTACT, HERTZ, PIEZO, COIL, SYSTEM = (
 )
 FORCE_TABLE, UNITS = "harvester/device/force_table.py", "harvester/scene/units.py"
 MOMENTS, SEVERAL, OUTPUT_SIDE, JUMPS = (
-    f"harvester/record/{name}.py" for name in ("moments", "several", "output_side", "jumps")
+    f"harvester/statistics/{name}.py" for name in ("moments", "several", "output_side", "jumps")
 )
 BATCH_MEANS, ESTIMATE, MEANS, BALANCE, MEASURES = (
-    f"harvester/estimates/{name}.py"
+    f"harvester/statistics/{name}.py"
     for name in ("batch_means", "estimate", "means", "balance", "measures")
 )
 PAIRED = "harvester/results/paired.py"
 JUNCTION, SWITCHING, PARTS = (
     f"circuits/kernel/{name}.py" for name in ("junction", "switching", "parts")
 )
-PROPAGATOR = "harvester/stationary/propagator.py"
+PROPAGATOR = "harvester/averaging/propagator.py"
 CLOSURES, ORBITS = "harvester/averaging/closures.py", "harvester/averaging/orbits.py"
 INTERVALS = "harvester/identification/intervals.py"
-COMMAND_LINE = "harvester/command_line.py"
+COMMAND_LINE = "harvester/cli/command_line.py"
 
 OF_SYSTEM = "harvester/device/test_system.py"
 ONE_DEFINITION = "harvester/device/test_one_definition.py"
 ALL_FORMS = (f"{ONE_DEFINITION}::test_all_forms_of_a_device_agree_at_random_states",)
 EQUATION_5 = (f"{OF_SYSTEM}::test_the_contact_force_is_that_of_eq_5_on_either_side",)
 TRANSDUCERS = ("harvester/device/test_transducers.py",)
-OF_MEANS, OF_MEASURES = "harvester/estimates/test_means.py", "harvester/estimates/test_measures.py"
+OF_MEANS, OF_MEASURES = (
+    "harvester/statistics/test_means.py",
+    "harvester/statistics/test_measures.py",
+)
 EXACT_ERROR = (f"{OF_MEANS}::test_in_the_mean_the_error_bar_is_exact",)
-OF_SEVERAL = ("harvester/record/test_several.py",)
-OF_JUNCTION, NUMBERS = ("circuits/kernel/test_junction.py",), ("circuits/loads/test_numbers.py",)
+OF_SEVERAL = ("harvester/statistics/test_several.py",)
+OF_JUNCTION, NUMBERS = ("circuits/kernel/test_junction.py",), ("circuits/netlist/test_numbers.py",)
 TURNS = (
     "circuits/kernel/test_switching.py"
     "::test_a_switch_turns_beyond_its_hysteresis_and_when_its_control_passes_it",
 )
-OF_STORE = "harvester/running/test_store.py"
-OF_DENSITIES = ("harvester/estimates/test_densities.py",)
+OF_STORE = "harvester/engines/test_store.py"
+OF_DENSITIES = ("harvester/statistics/test_densities.py",)
 OF_ORBITS = "harvester/studies/orbits/test_orbits.py"
 OF_SPECTRUM = "harvester/excitation/test_spectrum.py"
-WELL_BALANCE = "harvester/estimates/well_balance.py"
-OF_WELL_BALANCE = ("harvester/estimates/test_well_balance.py",)
+WELL_BALANCE = "harvester/statistics/well_balance.py"
+OF_WELL_BALANCE = ("harvester/statistics/test_well_balance.py",)
 KEY = (f"{OF_STORE}::test_the_key_follows_all_that_decides_the_numbers",)
 NO_ANSWER = (f"{OF_STORE}::test_what_is_no_answer_is_named_and_written_again",)
-LINEAR = ("harvester/stationary/test_fokker_planck.py::test_linear_device",)
+LINEAR = ("harvester/averaging/test_fokker_planck.py::test_linear_device",)
 SMALL_DAMPING = ("harvester/averaging/test_closures.py::test_linear_device_at_small_damping",)
 PRINTED = ("harvester/averaging/test_printed_closure.py",)
 OF_INTERVALS = ("harvester/identification/test_intervals.py",)
@@ -109,27 +112,24 @@ FAULTS = [
     ),
     Fault(
         "strain: what the modes left out do under a voltage has another sign",
-        "harvester/beam/strain.py",
+        "harvester/device/beam/strain.py",
         "per_volt=-(height - cut.axis) * by_volt",
         "per_volt=(height - cut.axis) * by_volt",
-        ("harvester/beam/test_strain.py::test_static_deflection_of_a_uniform_beam",),
+        ("harvester/device/beam/test_strain.py::test_static_deflection_of_a_uniform_beam",),
     ),
     Fault(
         "strain: a peak is that of the record's points",
-        "harvester/record/strain.py",
+        "harvester/statistics/strain_moments.py",
         "return middle[k] - 0.25 * slope * slope / bend",
         "return middle[k]",
-        ("harvester/beam/test_strain.py::test_cycles_of_e1049",),
+        ("harvester/device/beam/test_strain.py::test_cycles_of_e1049",),
     ),
     Fault(
         "base: its factor divides what drives the mass",
         UNITS,
         "return length / scene.oscillator.base_factor",
         "return length * scene.oscillator.base_factor",
-        (
-            "harvester/prepared/test_base_factor.py"
-            "::test_it_counts_as_a_base_that_moves_as_much_more",
-        ),
+        ("harvester/scene/test_base_factor.py::test_it_counts_as_a_base_that_moves_as_much_more",),
     ),
     Fault(
         "damper: drag pushes a mass that moves to the left",
@@ -224,20 +224,20 @@ FAULTS = [
     ),
     Fault(
         "steps: a stage of Runge-Kutta goes from the first slope",
-        "harvester/monte_carlo/schemes.py",
+        "harvester/engines/schemes.py",
         "held, x + half * v2, v3, e3, middle)",
         "held, x + half * v, v3, e3, middle)",
         (
-            "harvester/monte_carlo/test_engine.py"
+            "harvester/engines/test_monte_carlo.py"
             "::test_the_order_is_four_against_scipy_on_the_same_path",
         ),
     ),
     Fault(
         "steps: finer ones are not finer in a contact",
-        "harvester/prepared/steps.py",
+        "harvester/scene/steps.py",
         "return math.ceil(fewest * max(finer, 1.0))",
         "return math.ceil(fewest)",
-        ("harvester/prepared/test_steps.py",),
+        ("harvester/scene/test_steps.py",),
     ),
     Fault(
         "steps: the cubic to an edge bends at the other end",
@@ -279,14 +279,14 @@ FAULTS = [
         JUMPS,
         "counts[batch, well, nearest] += 1.0",
         "counts[batch, nearest, well] += 1.0",
-        ("harvester/record/test_jumps.py",),
+        ("harvester/statistics/test_jumps.py",),
     ),
     Fault(
         "moments: the load's stores are emptied where they are filled",
         OUTPUT_SIDE,
         "self.stored[batch] += held(end - 1) - held(begin - 1)",
         "self.stored[batch] += held(begin - 1) - held(end - 1)",
-        ("harvester/record/test_output_side.py", "circuits/loads/test_supplies.py"),
+        ("harvester/statistics/test_output_moments.py", "circuits/netlist/test_supplies.py"),
     ),
     Fault(
         "batch means: a batch is joined with itself",
@@ -367,21 +367,21 @@ FAULTS = [
     ),
     Fault(
         "reader: the Greek letter is a thousandth of a millionth",
-        "circuits/loads/reader.py",
+        "circuits/netlist/reader.py",
         '.replace("µ", "u")',
         '.replace("µ", "n")',
-        ("circuits/loads/test_subcircuits.py",),
+        ("circuits/netlist/test_subcircuits.py",),
     ),
     Fault(
         "reader: u is a thousandth",
-        "circuits/loads/numbers.py",
+        "circuits/netlist/numbers.py",
         '"u": -6',
         '"u": -3',
         NUMBERS,
     ),
     Fault(
         "reader: meg is a thousandth",
-        "circuits/loads/numbers.py",
+        "circuits/netlist/numbers.py",
         '"meg": 6',
         '"meg": -3',
         NUMBERS,
@@ -409,7 +409,7 @@ FAULTS = [
     ),
     Fault(
         "switch: half the hysteresis is missing",
-        "circuits/loads/part_models.py",
+        "circuits/netlist/part_models.py",
         "return middle - half, middle + half",
         "return middle - half, middle",
         ("circuits/test_load_watch.py",),
@@ -430,10 +430,10 @@ FAULTS = [
     ),
     Fault(
         "measures: half of what is stored is harvested",
-        "harvester/estimates/output_side.py",
+        "harvester/statistics/output_side.py",
         "_without(consumed + stored, delivered)",
         "_without(consumed + 0.5 * stored, delivered)",
-        ("harvester/record/test_output_side.py", "circuits/loads/test_supplies.py"),
+        ("harvester/statistics/test_output_moments.py", "circuits/netlist/test_supplies.py"),
     ),
     Fault(
         "store: the key does not tell seeds apart",
@@ -444,52 +444,52 @@ FAULTS = [
     ),
     Fault(
         "store: the key does not tell steps apart",
-        "harvester/running/task.py",
+        "harvester/engines/task.py",
         "_plain(self.arguments),",
         '_plain({**self.arguments, "step": ""}),',
         KEY,
     ),
     Fault(
         "store: the key does not tell engines' versions apart",
-        "harvester/running/task.py",
+        "harvester/engines/task.py",
         'f"harvester {__version__}, {self.version}"',
         'f"harvester {__version__}"',
         KEY,
     ),
     Fault(
         "kill and resume: a damaged answer is believed",
-        "harvester/running/codec.py",
+        "harvester/engines/codec.py",
         "if digest != digest_of(arrays):",
         "if not digest:",
         NO_ANSWER,
     ),
     Fault(
         "kill and resume: another task's answer is believed",
-        "harvester/running/codec.py",
+        "harvester/engines/codec.py",
         'if tree["key"] != key:',
         'if not tree["key"]:',
         (f"{OF_STORE}::test_an_answer_under_another_name_is_none",),
     ),
     Fault(
         "kill and resume: what ended by a limit is kept as an answer",
-        "harvester/running/store.py",
+        "harvester/engines/store.py",
         "final = not is_error or",
         "final = True or",
         (f"{OF_STORE}::test_what_another_run_may_end_otherwise_is_not_kept",),
     ),
     Fault(
         "error bars: an exponent's is a quarter",
-        "harvester/estimates/attractors.py",
+        "harvester/statistics/attractors.py",
         "return Divergence(float(exponent), float(error))",
         "return Divergence(float(exponent), float(error) / 4.0)",
         (f"{OF_ORBITS}::test_the_error_of_an_exponent_is_how_far_it_lies_off",),
     ),
     Fault(
         "error bars: that of the largest strain falls with the number of realizations",
-        "harvester/estimates/strain.py",
+        "harvester/statistics/strain.py",
         "float(highest.std(ddof=1)) / math.sqrt(count) * wider",
         "float(highest.std(ddof=1)) / count * wider",
-        ("harvester/beam/test_strain.py::test_peaks_have_the_errors_of_their_realizations",),
+        ("harvester/device/beam/test_strain.py::test_peaks_have_the_errors_of_their_realizations",),
     ),
     Fault(
         "error bars: that of a density of several wells falls with the number of groups",
@@ -521,14 +521,14 @@ FAULTS = [
     ),
     Fault(
         "error bars: a density's falls with the number of groups",
-        "harvester/estimates/densities.py",
+        "harvester/statistics/densities.py",
         "deviations.std(axis=0, ddof=1) / math.sqrt(len(groups))",
         "deviations.std(axis=0, ddof=1) / len(groups)",
         OF_DENSITIES,
     ),
     Fault(
         "error bars: a joint density's falls with the number of groups",
-        "harvester/estimates/joint_density.py",
+        "harvester/statistics/joint_density.py",
         "densities.std(axis=0, ddof=1) / math.sqrt(len(counts))",
         "densities.std(axis=0, ddof=1) / len(counts)",
         OF_DENSITIES,
@@ -559,7 +559,7 @@ FAULTS = [
         PROPAGATOR,
         "np.exp(-(push**2) * (passed - forgotten))",
         "np.exp(-(push**2) * passed)",
-        ("harvester/stationary/test_propagator.py::test_steps_of_a_free_mass",),
+        ("harvester/averaging/test_propagator.py::test_steps_of_a_free_mass",),
     ),
     Fault(
         "stationary solver: a charge decays by a step of Euler",
@@ -570,7 +570,7 @@ FAULTS = [
     ),
     Fault(
         "stationary solver: a fiftieth of the power put in is lost",
-        "harvester/stationary/solution.py",
+        "harvester/averaging/solution.py",
         "np.sum(gained * v**2)) * 0.5 / grid.step",
         "np.sum(gained * v**2)) * 0.49 / grid.step",
         LINEAR,

@@ -23,12 +23,12 @@ from maintenance.drawn_loads import CONSTANTS, DIODE, FRONT_DIODE, FRONTS, FUNCT
 from raw_files import program_46
 
 import harvester
-from circuits.export import stand_alone
-from circuits.loads.numbers import INFIX
-from harvester.prepared.paths import noise_path
-from harvester.prepared.prepared import prepared
-from harvester.verification.known_results.simulators import read_raw
-from harvester.workers.pools import WorkerPool
+from circuits.equivalent.export import stand_alone
+from circuits.netlist.numbers import INFIX
+from harvester.base.pools import WorkerPool
+from harvester.scene.paths import noise_path
+from harvester.scene.prepared import prepared
+from harvester.validation.known_results.simulators import read_raw
 
 BASE = {
     "units": "SI",

@@ -2,9 +2,9 @@
 
 import pytest
 
-from circuits.loads.kinds import LOSS, OUTPUT
+from circuits.netlist.kinds import LOSS, OUTPUT
+from harvester.engines.simulate import simulate
 from harvester.scene.model import Scene
-from harvester.simulation.simulate import simulate
 
 SUFFIX = {LOSS: "loss", OUTPUT: "power"}
 # Small enough to stay in a well: paths of both engines stay together.

@@ -7,15 +7,15 @@ from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
-from harvester.estimates.estimate import NOT_SHARP, SHARP_SHARE, Estimate
-from harvester.files.serialising import plain
+from harvester.base.formatting import NOT_KNOWN, share_with_error, with_error
+from harvester.base.serialising import plain
 from harvester.results.headline import headline
+from harvester.results.page import Verdict
 from harvester.results.result import Result, with_roots
+from harvester.results.symbols import definitions
 from harvester.scene.described import device_line
 from harvester.scene.model import Scene
-from harvester.show.numbers import NOT_KNOWN, share_with_error, with_error
-from harvester.show.page import Verdict
-from harvester.show.symbols import definitions
+from harvester.statistics.estimate import NOT_SHARP, SHARP_SHARE, Estimate
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -314,15 +314,14 @@ class Comparison:
 
     def figure(self) -> Figure:
         """Densities by every method, and circuit and Monte Carlo on one path of noise."""
-        from harvester.show import figures
+        from harvester.results import figures
         from harvester.studies.comparison.report import draw_comparison
 
         return figures.drawn(draw_comparison, self)
 
     def joint_figure(self) -> Figure | None:
         """p(X, X') of the stationary solver and of Monte Carlo, in the same places and colours."""
-        from harvester.results import joint_drawing
-        from harvester.show import figures
+        from harvester.results import figures, joint_drawing
 
         return figures.drawn(joint_drawing.draw, [*self.closures.values(), self.monte_carlo])
 

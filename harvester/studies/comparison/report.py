@@ -10,14 +10,11 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from harvester.errors import MissingLibrary
-from harvester.prepared.prepared import prepared
-from harvester.results import joint_drawing
+from harvester.base.errors import MissingLibrary
+from harvester.results import figures, joint_drawing
 from harvester.results.drawing import axis_label, density_label, draw_density, draw_result, frame
 from harvester.results.excitation_drawing import draw_spectrum
-from harvester.scene.described import scene_rows
-from harvester.show import figures
-from harvester.show.page import (
+from harvester.results.page import (
     LEAST_SCALE,
     Verdict,
     facts,
@@ -27,9 +24,11 @@ from harvester.show.page import (
     verdict_list,
     wide,
 )
-from harvester.show.palette import CIRCUIT, LINES, MONTE_CARLO
-from harvester.show.panels import entitle, legend_below
-from harvester.show.symbols import definitions
+from harvester.results.palette import CIRCUIT, LINES, MONTE_CARLO
+from harvester.results.panels import entitle, legend_below
+from harvester.results.symbols import definitions
+from harvester.scene.described import scene_rows
+from harvester.scene.prepared import prepared
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -50,7 +49,7 @@ WIDTHS = (3.0, 1.0)
 
 def report(comparison: Any, verdicts: list[Verdict]) -> str:
     """A comparison as a self-contained page of HTML: style and pictures are in it."""
-    from circuits.assembly import assemble
+    from circuits.equivalent.assembly import assemble
 
     scene = comparison.scene
     header, rows = comparison.table()
@@ -93,7 +92,7 @@ def _figures(comparison):
 
 
 def _schematic(scene):
-    from circuits.schematic.drawing import schematic
+    from circuits.equivalent.schematic.drawing import schematic
 
     try:
         drawing = schematic(scene)

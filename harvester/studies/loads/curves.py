@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from harvester.estimates.batch_means import standard_error
+from harvester.statistics.batch_means import standard_error
 
 # An interval reaches so many standard errors to either side.
 INTERVAL = 2.0

@@ -9,11 +9,11 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from harvester.estimates.units import unit_of
-from harvester.record.record import Record
-from harvester.show.numbers import prefixed
-from harvester.show.panels import Panel, Series, draw_panels, entitle, is_wide
-from harvester.show.symbols import key_label
+from harvester.base.formatting import prefixed
+from harvester.device.record import Record
+from harvester.results.panels import Panel, Series, draw_panels, entitle, is_wide
+from harvester.results.symbols import key_label
+from harvester.statistics.units import unit_of
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure

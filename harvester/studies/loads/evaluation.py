@@ -8,20 +8,14 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from harvester.averaging.method import Stationary
-from harvester.errors import HarvesterError
-from harvester.estimates.batch_means import complete_batches
-from harvester.estimates.estimate import TOO_SHORT, Estimate
-from harvester.estimates.of_run import run_estimates, with_steps
-from harvester.estimates.settling import withheld
-from harvester.method import Method
-from harvester.prepared.paths import distinct_realizations
-from harvester.prepared.prepared import prepared
-from harvester.prepared.steps import step_error
-from harvester.record.moments import Moments
-from harvester.record.record import Record
-from harvester.results.paired import sums
-from harvester.running.realizations import Realizations, averaging
-from harvester.running.request import (
+from harvester.base.errors import HarvesterError
+from harvester.base.method import Method
+from harvester.device.record import Record
+from harvester.engines.methods import Engine
+from harvester.engines.orbits import followed
+from harvester.engines.outcome import LARGEST_RESIDUAL
+from harvester.engines.realizations import Realizations, averaging
+from harvester.engines.request import (
     COMPLETE,
     FIRST_REALIZATIONS,
     aim_beside_steps,
@@ -33,11 +27,17 @@ from harvester.running.request import (
     residual_notes,
     told,
 )
-from harvester.running.task import Wanted
+from harvester.engines.task import Wanted
+from harvester.results.paired import sums
 from harvester.scene.model import Scene
-from harvester.simulation.methods import Engine
-from harvester.simulation.orbits import followed
-from harvester.simulation.outcome import LARGEST_RESIDUAL
+from harvester.scene.paths import distinct_realizations
+from harvester.scene.prepared import prepared
+from harvester.scene.steps import step_error
+from harvester.statistics.batch_means import complete_batches
+from harvester.statistics.estimate import TOO_SHORT, Estimate
+from harvester.statistics.moments import Moments
+from harvester.statistics.of_run import run_estimates, with_steps
+from harvester.statistics.settling import withheld
 from harvester.studies.sweep import Cell
 
 # Dimensions of a record's columns. All others are powers.
@@ -113,7 +113,7 @@ def evaluating(
     Parameters
     ----------
     method : engine or closure.
-    version : see `harvester.running.runner.Runner.version`.
+    version : see `harvester.engines.runner.Runner.version`.
     precision : float or None
         Relative error of the output power, what the steps may cost included; None: the scene's own
         run.
@@ -145,7 +145,7 @@ def _evaluate(scene, method, good, ended, cost=0.0):
     ----------
     good : answers of its tasks, in the order of their realizations.
     ended : the reason why later answers are missing; "" if all came.
-    cost : share of a power that the steps may cost; see `harvester.prepared.steps.step_error`.
+    cost : share of a power that the steps may cost; see `harvester.scene.steps.step_error`.
     """
     scales = prepared(scene).scales
     if not good:

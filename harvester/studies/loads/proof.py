@@ -13,17 +13,17 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.special import ndtr, stdtrit
 
-from harvester.errors import HarvesterError
-from harvester.estimates.batch_means import ratio_of_sums, standard_error
-from harvester.estimates.estimate import SHARP_SHARE, why_no_error
-from harvester.estimates.of_run import error_of
-from harvester.prepared.prepared import prepared
-from harvester.prepared.steps import step_error
-from harvester.running.realizations import Realizations, periods_of
-from harvester.running.request import good_ones, told
-from harvester.running.task import Wanted
+from harvester.base.errors import HarvesterError
+from harvester.engines.methods import Engine
+from harvester.engines.realizations import Realizations, periods_of
+from harvester.engines.request import good_ones, told
+from harvester.engines.task import Wanted
 from harvester.scene.model import Scene
-from harvester.simulation.methods import Engine
+from harvester.scene.prepared import prepared
+from harvester.scene.steps import step_error
+from harvester.statistics.batch_means import ratio_of_sums, standard_error
+from harvester.statistics.estimate import SHARP_SHARE, why_no_error
+from harvester.statistics.of_run import error_of
 from harvester.studies.grid import Grid
 from harvester.studies.loads.evaluation import Evaluation, series_of
 

@@ -12,25 +12,25 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from harvester.arguments import check_name
-from harvester.errors import LoadError
-from harvester.estimates.estimate import NOT_SHARP, Estimate
-from harvester.estimates.units import unit_of
-from harvester.files.plain_text import json_text
-from harvester.files.serialising import fields_of, plain
-from harvester.files.tables import Tabular, write_netcdf, xarray_or_say
-from harvester.files.writing import in_folder
-from harvester.method import Method
-from harvester.record.record import Record
-from harvester.running import Runner
-from harvester.running.folder import StudyFolder, held
-from harvester.running.realizations import PERIODS
-from harvester.running.request import COMPLETE
+from harvester.base.arguments import check_name
+from harvester.base.errors import LoadError
+from harvester.base.formatting import NOT_KNOWN, number, quantity, share_with_error, with_error
+from harvester.base.method import Method
+from harvester.base.plain_text import json_text
+from harvester.base.serialising import fields_of, plain
+from harvester.base.tables import Tabular, write_netcdf, xarray_or_say
+from harvester.base.writing import in_folder
+from harvester.device.record import Record
+from harvester.engines.folder import StudyFolder, held
+from harvester.engines.methods import ENGINES, Circuit, Engine, engine_of, method_of
+from harvester.engines.realizations import PERIODS
+from harvester.engines.request import COMPLETE
+from harvester.engines.runner import Runner
+from harvester.results.symbols import EFFICIENCIES, definitions, key_words
 from harvester.scene.model import Scene
 from harvester.scene.units import require_resistor
-from harvester.show.numbers import NOT_KNOWN, number, quantity, share_with_error, with_error
-from harvester.show.symbols import EFFICIENCIES, definitions, key_words
-from harvester.simulation.methods import ENGINES, Circuit, Engine, engine_of, method_of
+from harvester.statistics.estimate import NOT_SHARP, Estimate
+from harvester.statistics.units import unit_of
 from harvester.studies import JUDGED, LOAD_STUDY_FILES
 from harvester.studies.grid import Grid
 from harvester.studies.loads.curves import Difference, optimum_of, rank
@@ -309,14 +309,14 @@ class LoadStudy(Tabular):
 
     def figures(self) -> list[Figure]:
         """Power, efficiency and waveforms, as `save` draws them."""
-        from harvester.show import figures
+        from harvester.results import figures
         from harvester.studies.loads import drawing
 
         return [figures.drawn(draw, self) for draw in drawing.FIGURES]
 
     def figure(self) -> Figure:
         """Output power over the swept value."""
-        from harvester.show import figures
+        from harvester.results import figures
         from harvester.studies.loads.drawing import draw_power
 
         return figures.drawn(draw_power, self)
@@ -501,7 +501,7 @@ def save(study: LoadStudy, folder: str | Path | StudyFolder) -> list[str]:
     OutputError
         `FolderInUse` where another run is at work there.
     """
-    from harvester.show import figures
+    from harvester.results import figures
     from harvester.studies.loads import drawing
 
     with held(folder) as directory:

@@ -3,7 +3,7 @@
 import math
 from dataclasses import dataclass
 
-from harvester.errors import HarvesterError
+from harvester.base.errors import HarvesterError
 from harvester.scene.model import Scene
 from harvester.scene.numbers import number
 

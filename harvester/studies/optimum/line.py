@@ -11,16 +11,17 @@ from collections.abc import Callable, Sequence
 import numpy as np
 from scipy.interpolate import CubicSpline
 
-from harvester.errors import HarvesterError, OptimumError
-from harvester.estimates.batch_means import standard_error
-from harvester.estimates.estimate import Estimate
-from harvester.estimates.units import unit_of
-from harvester.method import Method
-from harvester.prepared.prepared import prepared
-from harvester.prepared.steps import step_error
-from harvester.running import Answer, Request, Runner
+from harvester.base.errors import HarvesterError, OptimumError
+from harvester.base.method import Method
+from harvester.engines.methods import Engine
+from harvester.engines.request import Answer, Request
+from harvester.engines.runner import Runner
 from harvester.scene.model import Scene
-from harvester.simulation.methods import Engine
+from harvester.scene.prepared import prepared
+from harvester.scene.steps import step_error
+from harvester.statistics.batch_means import standard_error
+from harvester.statistics.estimate import Estimate
+from harvester.statistics.units import unit_of
 from harvester.studies.answers import answers_in_time, missing_from, on_common_knots
 from harvester.studies.optimum.axis import Axis, OptimalParameter
 from harvester.studies.optimum.objective import series_in_units

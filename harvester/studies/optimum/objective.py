@@ -7,13 +7,13 @@ from typing import Any
 
 import numpy as np
 
-from harvester.errors import SceneError
-from harvester.estimates.batch_means import standard_error
-from harvester.method import Method
-from harvester.prepared.prepared import prepared
+from harvester.base.errors import SceneError
+from harvester.base.method import Method
+from harvester.engines.request import Request
 from harvester.results.paired import deviations, has_deviations
-from harvester.running import Request
 from harvester.scene.model import Scene
+from harvester.scene.prepared import prepared
+from harvester.statistics.batch_means import standard_error
 from harvester.studies.answers import (
     answers_in_time,
     is_complete,

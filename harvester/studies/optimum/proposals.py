@@ -30,7 +30,7 @@ from typing import Any
 
 import numpy as np
 
-from harvester.files.libraries import optional_library
+from harvester.base.libraries import optional_library
 
 # Places proposed at a time. The number does not depend on the workers, since the answers decide the
 # next places.

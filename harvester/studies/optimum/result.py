@@ -7,16 +7,16 @@ from dataclasses import dataclass
 from functools import partial
 from typing import TYPE_CHECKING, Any
 
-from harvester.estimates.estimate import Estimate
-from harvester.files.serialising import fields_of, plain
+from harvester.base.formatting import NOT_KNOWN, prefixed, quantity, with_error
+from harvester.base.serialising import fields_of, plain
+from harvester.engines.methods import method_of
+from harvester.engines.orbits import on_orbits, with_orbit
 from harvester.results.orbit import Attractor
+from harvester.results.palette import CIRCUIT, MONTE_CARLO
+from harvester.results.panels import Panel, Series, draw_panels
+from harvester.results.symbols import definitions, key_label, key_words
 from harvester.scene.model import Scene
-from harvester.show.numbers import NOT_KNOWN, prefixed, quantity, with_error
-from harvester.show.palette import CIRCUIT, MONTE_CARLO
-from harvester.show.panels import Panel, Series, draw_panels
-from harvester.show.symbols import definitions, key_label, key_words
-from harvester.simulation.methods import method_of
-from harvester.simulation.orbits import on_orbits, with_orbit
+from harvester.statistics.estimate import Estimate
 from harvester.studies.answers import is_noisy, missing_from
 from harvester.studies.optimum.axis import INTERVAL, NARROW, OptimalParameter
 from harvester.studies.optimum.flat_region import FLAT_SHARE
@@ -253,7 +253,7 @@ class Optimum:
 
     def figure(self) -> Figure:
         """Every place searched over each parameter, the maximum, and how far it is flat."""
-        from harvester.show import figures
+        from harvester.results import figures
 
         return figures.drawn(_draw, self)
 

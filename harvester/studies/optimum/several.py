@@ -15,13 +15,14 @@ from collections.abc import Callable, Sequence
 import numpy as np
 from scipy.optimize import minimize
 
-from harvester.errors import HarvesterError, OptimumError
-from harvester.estimates.estimate import Estimate
-from harvester.estimates.units import unit_of
-from harvester.files.writing import finite
-from harvester.method import Method
-from harvester.running import Request, Runner
+from harvester.base.errors import HarvesterError, OptimumError
+from harvester.base.method import Method
+from harvester.base.writing import finite
+from harvester.engines.request import Request
+from harvester.engines.runner import Runner
 from harvester.scene.model import Scene
+from harvester.statistics.estimate import Estimate
+from harvester.statistics.units import unit_of
 from harvester.studies.answers import check_quantity, first_answer, is_noisy
 from harvester.studies.optimum.axis import Axis
 from harvester.studies.optimum.flat_region import climb, ranges

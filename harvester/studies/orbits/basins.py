@@ -9,19 +9,19 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from harvester.arguments import listed
-from harvester.errors import HarvesterError
-from harvester.estimates.attractors import QUANTITIES
-from harvester.files.plain_text import json_text
-from harvester.files.serialising import plain
-from harvester.files.tables import xarray_or_say
-from harvester.prepared.prepared import prepared
-from harvester.prepared.starts import energy_range
+from harvester.base.arguments import listed
+from harvester.base.errors import HarvesterError
+from harvester.base.formatting import NOT_KNOWN, quantity, value_and_error
+from harvester.base.plain_text import json_text
+from harvester.base.serialising import plain
+from harvester.base.tables import xarray_or_say
 from harvester.results.orbit import REASONS
+from harvester.results.panels import entitle
 from harvester.results.result import unit_of
 from harvester.scene.model import Scene
-from harvester.show.numbers import NOT_KNOWN, quantity, value_and_error
-from harvester.show.panels import entitle
+from harvester.scene.prepared import prepared
+from harvester.scene.starts import energy_range
+from harvester.statistics.attractors import QUANTITIES
 from harvester.studies.orbits.following import Orbit
 
 if TYPE_CHECKING:
@@ -119,7 +119,7 @@ class Basins:
 
     def figure(self) -> Figure | None:
         """The basins in the plane of the starts, with the orbits' sections."""
-        from harvester.show import figures
+        from harvester.results import figures
 
         return figures.drawn(_draw, self)
 

@@ -13,28 +13,28 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from harvester.errors import HarvesterError, SimulationError
-from harvester.estimates.attractors import QUANTITIES, means_of
-from harvester.estimates.estimate import Estimate
-from harvester.estimates.transient import memory_of
-from harvester.files.plain_text import json_text
-from harvester.files.serialising import plain
-from harvester.files.tables import xarray_or_say
-from harvester.prepared.paths import start_state
-from harvester.prepared.prepared import prepared
-from harvester.prepared.steps import step_error
-from harvester.record.stroboscope import STATE
+from harvester.base import formatting as numbers
+from harvester.base.errors import HarvesterError, SimulationError
+from harvester.base.formatting import prefixed, quantity, value_and_error, with_error
+from harvester.base.plain_text import json_text
+from harvester.base.serialising import plain
+from harvester.base.tables import xarray_or_say
+from harvester.engines.following import follow, forced
+from harvester.engines.methods import Engine
+from harvester.engines.task import Task, Wanted
 from harvester.results.orbit import NO_PERIOD, REASONS, UNSTEADY
+from harvester.results.palette import CIRCUIT, MONTE_CARLO
+from harvester.results.panels import Panel, Series, draw_panels
 from harvester.results.result import unit_of
-from harvester.running.task import Task, Wanted
+from harvester.results.symbols import key_label
 from harvester.scene.model import Scene
-from harvester.show import numbers
-from harvester.show.numbers import prefixed, quantity, value_and_error, with_error
-from harvester.show.palette import CIRCUIT, MONTE_CARLO
-from harvester.show.panels import Panel, Series, draw_panels
-from harvester.show.symbols import key_label
-from harvester.simulation.following import follow, forced
-from harvester.simulation.methods import Engine
+from harvester.scene.paths import start_state
+from harvester.scene.prepared import prepared
+from harvester.scene.steps import step_error
+from harvester.statistics.attractors import QUANTITIES, means_of
+from harvester.statistics.estimate import Estimate
+from harvester.statistics.stroboscope import STATE
+from harvester.statistics.transient import memory_of
 from harvester.studies.orbits.following import LONGER, SAMPLES, motion_of, periods_of
 
 if TYPE_CHECKING:
@@ -221,7 +221,7 @@ class Bifurcation:
 
     def figure(self) -> Figure:
         """The section and the mean power over the key."""
-        from harvester.show import figures
+        from harvester.results import figures
 
         return figures.drawn(_draw, self)
 

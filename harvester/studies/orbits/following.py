@@ -7,22 +7,17 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from harvester.errors import HarvesterError
-from harvester.estimates.attractors import (
-    CONVERGED,
-    NEARLY_CONVERGED,
-    QUANTITIES,
-    Divergence,
-    groups_of,
-    means_of,
-    repetition,
-    transients,
+from harvester.base.errors import HarvesterError
+from harvester.base.formatting import with_error
+from harvester.engines.following import (
+    PARTING_PERIODS,
+    calls_of,
+    exponent_of,
+    follow,
+    neighbours,
 )
-from harvester.estimates.estimate import Estimate
-from harvester.estimates.transient import memory_of, transient_time
-from harvester.prepared.prepared import prepared
-from harvester.prepared.steps import step_error
-from harvester.record.stroboscope import COLUMNS, STATE
+from harvester.engines.methods import Engine
+from harvester.engines.task import Task, Wanted
 from harvester.results.orbit import (
     CHARGING,
     ESCAPES,
@@ -32,17 +27,22 @@ from harvester.results.orbit import (
     orbit_name,
     share_error,
 )
-from harvester.running.task import Task, Wanted
 from harvester.scene.model import Scene
-from harvester.show.numbers import with_error
-from harvester.simulation.following import (
-    PARTING_PERIODS,
-    calls_of,
-    exponent_of,
-    follow,
-    neighbours,
+from harvester.scene.prepared import prepared
+from harvester.scene.steps import step_error
+from harvester.statistics.attractors import (
+    CONVERGED,
+    NEARLY_CONVERGED,
+    QUANTITIES,
+    Divergence,
+    groups_of,
+    means_of,
+    repetition,
+    transients,
 )
-from harvester.simulation.methods import Engine
+from harvester.statistics.estimate import Estimate
+from harvester.statistics.stroboscope import COLUMNS, STATE
+from harvester.statistics.transient import memory_of, transient_time
 
 # Samples are taken once the slowest transient has decayed to this share.
 SETTLED_SHARE = 1e-6

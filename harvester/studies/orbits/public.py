@@ -5,11 +5,20 @@ from __future__ import annotations
 import time
 from typing import TYPE_CHECKING, Annotated, Any, Unpack
 
-from harvester.arguments import listed
-from harvester.calling import takes_scene
-from harvester.errors import HarvesterError
-from harvester.signatures import Count, Kind, Line, MethodOrName, RunnerOptions, Share, Step, Values
-from harvester.simulation.methods import engine_of
+from harvester.base.arguments import listed
+from harvester.base.errors import HarvesterError
+from harvester.base.signatures import (
+    Count,
+    Kind,
+    Line,
+    MethodOrName,
+    RunnerOptions,
+    Share,
+    Step,
+    Values,
+)
+from harvester.engines.methods import engine_of
+from harvester.scene.calling import takes_scene
 
 if TYPE_CHECKING:
     from harvester.scene.model import Scene
@@ -53,7 +62,7 @@ def basins(
     step : str or float
         default, fine, finest, or the longest step in seconds.
     **running
-        See `harvester.running.open_runner`.
+        See `harvester.engines.open_runner`.
 
     Raises
     ------
@@ -66,9 +75,9 @@ def basins(
     """
     import numpy as np
 
-    from harvester.prepared.prepared import prepared
-    from harvester.running import open_runner
-    from harvester.simulation.following import forced
+    from harvester.engines.following import forced
+    from harvester.engines.opening import open_runner
+    from harvester.scene.prepared import prepared
     from harvester.studies.orbits import basins as work
     from harvester.studies.orbits.following import SAMPLES, check_periods, orbits_of, periods_of
 
@@ -133,7 +142,7 @@ def bifurcation(
     step : str or float
         default, fine, finest, or the longest step in seconds.
     **running
-        See `harvester.running.open_runner`.
+        See `harvester.engines.open_runner`.
 
     Raises
     ------
@@ -146,7 +155,7 @@ def bifurcation(
     """
     import numpy as np
 
-    from harvester.running import open_runner
+    from harvester.engines.opening import open_runner
     from harvester.studies.orbits import bifurcation as work
     from harvester.studies.orbits.following import check_periods, periods_of
 
@@ -217,14 +226,14 @@ def residence(
     step : str or float
         default, fine, finest, or the longest step in seconds.
     **running
-        See `harvester.running.open_runner`.
+        See `harvester.engines.open_runner`.
 
     Raises
     ------
     HarvesterError
         A mistake in the call. A simulation that fails is the outcome of its place.
     """
-    from harvester.running import open_runner
+    from harvester.engines.opening import open_runner
     from harvester.studies.orbits import residence as work
 
     clock = time.perf_counter()

@@ -9,25 +9,25 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from harvester.base.errors import HarvesterError
+from harvester.base.formatting import quantity, value_and_error
+from harvester.base.plain_text import json_text
+from harvester.base.serialising import plain
+from harvester.base.tables import xarray_or_say
 from harvester.device import timescales
 from harvester.device.system import potential
-from harvester.errors import HarvesterError
-from harvester.estimates.batch_means import RAISED
+from harvester.engines.methods import Engine, engine_of
+from harvester.engines.realization import run
+from harvester.engines.task import Task, Wanted
 from harvester.excitation.base import kernel_loss
-from harvester.files.plain_text import json_text
-from harvester.files.serialising import plain
-from harvester.files.tables import xarray_or_say
-from harvester.prepared.prepared import Prepared, prepared
-from harvester.prepared.steps import knot_spacing
+from harvester.results.palette import CIRCUIT, MONTE_CARLO
+from harvester.results.panels import Panel, Series, draw_panels, is_wide
 from harvester.results.result import unit_of
-from harvester.running.task import Task, Wanted
+from harvester.results.symbols import key_label
 from harvester.scene.model import Scene
-from harvester.show.numbers import quantity, value_and_error
-from harvester.show.palette import CIRCUIT, MONTE_CARLO
-from harvester.show.panels import Panel, Series, draw_panels, is_wide
-from harvester.show.symbols import key_label
-from harvester.simulation.methods import Engine, engine_of
-from harvester.simulation.realization import run
+from harvester.scene.prepared import Prepared, prepared
+from harvester.scene.steps import knot_spacing
+from harvester.statistics.batch_means import RAISED
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -162,7 +162,7 @@ class Residence:
 
     def figure(self) -> Figure | None:
         """Residence time over the key; None without one."""
-        from harvester.show import figures
+        from harvester.results import figures
 
         return figures.drawn(_draw, self) if self.key else None
 

@@ -22,7 +22,7 @@ from typing import Any
 
 import numpy as np
 
-from harvester.files.serialising import plain
+from harvester.base.serialising import plain
 
 RESAMPLES = 2000
 # An interval holds this share of all resamples.

@@ -8,18 +8,19 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from harvester.errors import HarvesterError, OutOfTime
-from harvester.estimates.estimate import Estimate
-from harvester.estimates.units import unit_of
-from harvester.files.serialising import plain
-from harvester.method import Method
-from harvester.running import Request, Runner
-from harvester.running.folder import StudyFolder
+from harvester.base.errors import HarvesterError, OutOfTime
+from harvester.base.formatting import NOT_KNOWN, prefixed, quantity, share_with_error, with_error
+from harvester.base.method import Method
+from harvester.base.serialising import plain
+from harvester.engines.folder import StudyFolder
+from harvester.engines.request import Request
+from harvester.engines.runner import Runner
+from harvester.results.palette import CIRCUIT, MONTE_CARLO
+from harvester.results.panels import entitle, legend_below
+from harvester.results.symbols import definitions, key_words
 from harvester.scene.model import Scene
-from harvester.show.numbers import NOT_KNOWN, prefixed, quantity, share_with_error, with_error
-from harvester.show.palette import CIRCUIT, MONTE_CARLO
-from harvester.show.panels import entitle, legend_below
-from harvester.show.symbols import definitions, key_words
+from harvester.statistics.estimate import Estimate
+from harvester.statistics.units import unit_of
 from harvester.studies import SENSITIVITY_FILES
 from harvester.studies.answers import (
     check_quantity,
@@ -207,14 +208,14 @@ class Sensitivity:
 
     def figure(self) -> Figure:
         """The tornado and the indices."""
-        from harvester.show import figures
+        from harvester.results import figures
 
         return figures.drawn(draw_tornado, self)
 
     def save(self, folder: str | Path | StudyFolder) -> None:
         """Write JSON, the table of devices and both figures."""
-        from harvester.files.writing import in_folder, write_json, write_text
-        from harvester.show import figures
+        from harvester.base.writing import in_folder, write_json, write_text
+        from harvester.results import figures
 
         places = [in_folder(Path(folder), file) for file in SENSITIVITY_FILES]
         content, table, tornado, scatter = places

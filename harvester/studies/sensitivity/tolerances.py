@@ -17,10 +17,10 @@ from typing import Any
 import numpy as np
 from scipy.special import ndtr, ndtri
 
-from harvester.errors import HarvesterError, SceneError
-from harvester.files.numbers import number as written
-from harvester.files.plain_text import named
-from harvester.files.reading import read_input
+from harvester.base.errors import HarvesterError, SceneError
+from harvester.base.numbers import number as written
+from harvester.base.plain_text import named
+from harvester.base.reading import read_input
 from harvester.scene.model import Scene
 from harvester.scene.numbers import number
 from harvester.studies.answers import on_common_knots

@@ -15,11 +15,11 @@ from scipy.optimize import minimize
 from scipy.special import erfc
 
 from circuits.kernel.engine import circuit_of, integrate
-from circuits.loads.part_values import conductance
-from harvester.prepared.paths import noise_path, start_state
-from harvester.prepared.prepared import prepared
-from harvester.prepared.steps import steps_per_knot, stop_time
+from circuits.netlist.part_values import conductance
 from harvester.scene.model import Scene
+from harvester.scene.paths import noise_path, start_state
+from harvester.scene.prepared import prepared
+from harvester.scene.steps import steps_per_knot, stop_time
 
 
 def scene_of(coupling, capacitance, damping, excitation, load, run):

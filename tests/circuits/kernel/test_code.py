@@ -10,8 +10,8 @@ from circuits.kernel import code, emitter, junction, linear
 from circuits.kernel.assembly import build
 from circuits.kernel.emitter import call_once
 from circuits.kernel.stage import fresh_state
-from harvester.prepared.prepared import prepared
 from harvester.scene.model import Scene
+from harvester.scene.prepared import prepared
 
 LOADS = ("bridge", "doubler", "sshi_parallel", "sshi_series", "sece", "bridge_buck")
 # All of a diode's terms; its series resistance gets a node of its own.

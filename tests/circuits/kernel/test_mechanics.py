@@ -7,10 +7,10 @@ import pytest
 from device_scenes import device
 
 from circuits.kernel.mechanics import device_of, evaluate
-from harvester.compilation import compiled
+from harvester.base.compilation import compiled
 from harvester.device import contact, system
 from harvester.device.spring import force
-from harvester.prepared.prepared import prepared
+from harvester.scene.prepared import prepared
 
 
 @compiled

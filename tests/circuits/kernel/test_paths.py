@@ -4,12 +4,12 @@ import numpy as np
 import pytest
 
 from circuits.kernel.engine import circuit_of, integrate
-from circuits.loads.part_values import conductance
-from harvester.prepared.paths import noise_path, start_state
-from harvester.prepared.prepared import prepared
-from harvester.prepared.steps import steps_per_knot, stop_time
+from circuits.netlist.part_values import conductance
+from harvester.engines.simulate import simulate
 from harvester.scene.model import Scene
-from harvester.simulation.simulate import simulate
+from harvester.scene.paths import noise_path, start_state
+from harvester.scene.prepared import prepared
+from harvester.scene.steps import steps_per_knot, stop_time
 
 SHORT = ["run.duration=0.8", "run.settle=0", "run.realizations=1"]
 # With a linear spring no path parts from its neighbour.

@@ -4,11 +4,11 @@ import pytest
 
 from circuits.kernel import engine
 from circuits.kernel.assembly import build
-from harvester.errors import LoadError, NetlistError, SimulatorAborted
-from harvester.prepared.paths import noise_path, start_state
-from harvester.prepared.prepared import prepared
+from harvester.base.errors import LoadError, NetlistError, SimulatorAborted
+from harvester.engines.simulate import simulate
 from harvester.scene.model import Scene
-from harvester.simulation.simulate import simulate
+from harvester.scene.paths import noise_path, start_state
+from harvester.scene.prepared import prepared
 
 AROUND = "* a load\n.subckt load p n out ref\nR1 out ref 100k\n{}\n.ends\n"
 

@@ -7,9 +7,9 @@ import pytest
 
 from circuits.kernel.retiming import DIAGONAL, pace_of
 from harvester import Scene
-from harvester.estimates.of_run import run_estimates
-from harvester.simulation.methods import engine_of
-from harvester.simulation.realization import run
+from harvester.engines.methods import engine_of
+from harvester.engines.realization import run
+from harvester.statistics.of_run import run_estimates
 
 MASS, QUALITY, HERTZ, COUPLING, CAPACITANCE = 0.02, 1000.0, 12.0, 2e-5, 4e-8
 # Not a resistor to the program, which would else take it as one.
@@ -57,7 +57,7 @@ def power_of(scene):
 
 
 def mean_power(scene, engine):
-    from harvester.prepared.prepared import prepared
+    from harvester.scene.prepared import prepared
 
     [found] = run(scene, engine_of(engine), [0], None, lambda moments: None)
     return run_estimates(prepared(scene), [found.moments]).scaled["mean_power"].estimate * prepared(

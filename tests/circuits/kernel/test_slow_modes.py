@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 from circuits.kernel.slow_modes import relaxation, slowest_time
-from harvester.prepared.prepared import prepared
 from harvester.scene.model import Scene
+from harvester.scene.prepared import prepared
 
 BRIDGE = """.model sch d(is=200n n=1.05 rs=10 cjo=5p)
 D1 p out sch

@@ -10,10 +10,10 @@ from scipy.integrate import solve_ivp
 
 from circuits.kernel.engine import circuit_of, integrate
 from circuits.kernel.switching import switched, turn
-from harvester.prepared.paths import noise_path, start_state
-from harvester.prepared.prepared import prepared
-from harvester.prepared.steps import steps_per_knot
 from harvester.scene.model import Scene
+from harvester.scene.paths import noise_path, start_state
+from harvester.scene.prepared import prepared
+from harvester.scene.steps import steps_per_knot
 
 # A diode's breakdown behind a coil clamps the piezo, whose voltage then falls by a tenth of a volt
 # while it rings: a switch sees the slope.

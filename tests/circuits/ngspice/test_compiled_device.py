@@ -10,12 +10,12 @@ import pytest
 import worker_calls
 from device_scenes import MAGNETS
 
-from circuits import verilog
+from circuits.equivalent import verilog
 from circuits.ngspice import compiled_device
-from harvester.errors import CompiledDeviceUnavailable
-from harvester.prepared.prepared import prepared
-from harvester.prepared.steps import knot_spacing
+from harvester.base.errors import CompiledDeviceUnavailable
 from harvester.scene.model import Scene
+from harvester.scene.prepared import prepared
+from harvester.scene.steps import knot_spacing
 
 TEXT = "module device; endmodule\n"
 # A compiler for the tests: counts its calls, copies its input, fails on demand.

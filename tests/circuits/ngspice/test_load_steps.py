@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from circuits.ngspice import load_steps
-from harvester.compilation import compiled
+from harvester.base.compilation import compiled
 
 SHORTEST, LONGEST = 1e-6, 1e-3
 

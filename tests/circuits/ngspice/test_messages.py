@@ -2,15 +2,15 @@
 
 import pytest
 
-from circuits.loads.load_notes import with_places
-from circuits.loads.subcircuits import read_load
+from circuits.netlist.load_notes import with_places
+from circuits.netlist.subcircuits import read_load
 from circuits.ngspice import messages
-from harvester.errors import SimulationError
+from harvester.base.errors import SimulationError
+from harvester.base.process import Worker
+from harvester.engines.methods import Circuit
+from harvester.engines.realization import run as realization_run
 from harvester.scene.model import Scene
 from harvester.scene.source import BUILT_IN
-from harvester.simulation.methods import Circuit
-from harvester.simulation.realization import run as realization_run
-from harvester.workers.process import Worker
 
 BODY = """.subckt load p n out ref
 Rin p out 1k

@@ -5,10 +5,10 @@ import pytest
 import worker_calls
 from truths import reference_path
 
-from harvester.errors import SimulatorAborted, SimulatorTimeout
-from harvester.prepared.steps import STEPS_PER_CONTACT
+from harvester.base.errors import SimulatorAborted, SimulatorTimeout
+from harvester.engines.simulate import simulate
 from harvester.scene.model import Scene
-from harvester.simulation.simulate import simulate
+from harvester.scene.steps import STEPS_PER_CONTACT
 
 
 def knots_of(pool, scene, step, index=0):

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from truths import averaged, flat, well
 
-from harvester.errors import AveragingError
+from harvester.base.errors import AveragingError
 from harvester.scene.model import Scene
 
 CLOSURES = ("paper", "consistent")

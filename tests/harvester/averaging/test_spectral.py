@@ -11,7 +11,7 @@ from scipy.linalg import solve_continuous_lyapunov
 
 import harvester
 from harvester.averaging.of_scene import average
-from harvester.errors import AveragingError, LoadError
+from harvester.base.errors import AveragingError, LoadError
 from harvester.scene.model import Scene
 
 pytestmark = pytest.mark.usefixtures("shared_workers")

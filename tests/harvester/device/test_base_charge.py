@@ -8,16 +8,16 @@ from beam_voltages import sum_of_modes
 from scipy.linalg import expm
 from truths import Keep, records_of
 
-from circuits import verilog
-from circuits.assembly import assemble
+from circuits.equivalent import verilog
+from circuits.equivalent.assembly import assemble
 from harvester.averaging.of_scene import average
-from harvester.beam.table import Beam, lumped
+from harvester.base.errors import AveragingError, SceneError
+from harvester.device.beam.table import Beam, lumped
 from harvester.device.piezo import Piezo
-from harvester.errors import AveragingError, SceneError
-from harvester.prepared.paths import noise_path
-from harvester.prepared.prepared import prepared
-from harvester.prepared.steps import knot_spacing
 from harvester.scene.model import Scene
+from harvester.scene.paths import noise_path
+from harvester.scene.prepared import prepared
+from harvester.scene.steps import knot_spacing
 
 pytestmark = pytest.mark.usefixtures("shared_workers")
 

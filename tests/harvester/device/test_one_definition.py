@@ -10,13 +10,13 @@ from device_scenes import MAGNETS
 from device_truths import Written
 from scipy.integrate import quad
 
-from circuits.assembly import assemble
-from circuits.verilog import module
-from harvester.compilation import compiled
+from circuits.equivalent.assembly import assemble
+from circuits.equivalent.verilog import module
+from harvester.base.compilation import compiled
 from harvester.device import contact as contacts
 from harvester.device import damper, spring, system
-from harvester.prepared.prepared import prepared
 from harvester.scene.model import Scene
+from harvester.scene.prepared import prepared
 
 RANDOM = np.random.default_rng(31)
 RATE = 3.7

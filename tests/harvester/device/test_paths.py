@@ -6,10 +6,10 @@ from device_scenes import DEVICES, FOLLOWED, device
 from device_truths import written_path
 from truths import Keep
 
-from harvester.monte_carlo.engine import run_realizations
-from harvester.prepared.paths import noise_path, start_state
-from harvester.prepared.prepared import prepared
-from harvester.prepared.steps import knot_spacing, stop_time
+from harvester.engines.monte_carlo import run_realizations
+from harvester.scene.paths import noise_path, start_state
+from harvester.scene.prepared import prepared
+from harvester.scene.steps import knot_spacing, stop_time
 
 
 def deviation(scene, states, reference):

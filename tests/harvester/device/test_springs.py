@@ -12,8 +12,8 @@ from harvester.device import timescales
 from harvester.device.force_table import force_table
 from harvester.device.polynomial import polynomial
 from harvester.device.spring import ranged
-from harvester.prepared.prepared import prepared
 from harvester.scene.model import Scene
+from harvester.scene.prepared import prepared
 
 REACH = np.linspace(-2.5, 2.5, 401)
 TABLES = [(MAGNETS, "monotone"), (MAGNETS, "smooth")]

@@ -11,8 +11,8 @@ from harvester.device import system, timescales
 from harvester.device.contact import Contact
 from harvester.device.hertz import hertz_damp
 from harvester.device.polynomial import polynomial as polynomial_spring
-from harvester.prepared.prepared import prepared
 from harvester.scene.model import Scene
+from harvester.scene.prepared import prepared
 
 FREE = (-math.inf, math.inf)
 UNEVEN = [0.3, -1.0, 0.2, 0.7, -0.1, 0.05, 0.01, 0.02]

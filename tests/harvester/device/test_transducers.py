@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from harvester.prepared.prepared import prepared
 from harvester.scene.model import Scene
+from harvester.scene.prepared import prepared
 
 MASS, COUPLING, WINDING, LOAD = 0.0103, 14.9, 391.0, 1400.0
 CAPACITANCE, LEAK = 5e-8, 3e6

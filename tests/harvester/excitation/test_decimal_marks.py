@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from harvester.errors import SceneError
+from harvester.base.errors import SceneError
 from harvester.excitation.decimal_marks import marks_of
 from harvester.excitation.recorded import RecordedMotion
 

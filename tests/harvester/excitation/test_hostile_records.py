@@ -15,10 +15,10 @@ import numpy as np
 import pytest
 from scipy.io import wavfile
 
-from harvester.errors import SceneError
+from harvester.base import reading
+from harvester.base.errors import SceneError
 from harvester.excitation import motion_file
 from harvester.excitation.wav_file import WavTable
-from harvester.files import reading
 from harvester.scene.model import Scene
 
 SAMPLES = np.sin(0.37 * np.arange(200))

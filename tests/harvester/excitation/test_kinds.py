@@ -7,15 +7,15 @@ from toy_excitation import Steps
 from truths import flat
 
 from harvester.averaging.of_scene import average
-from harvester.errors import AveragingError, HarvesterError, SceneError
+from harvester.base.errors import AveragingError, HarvesterError, SceneError
+from harvester.engines.simulate import simulate
 from harvester.excitation import KINDS
 from harvester.excitation.base import kernel_loss, realization_seed
 from harvester.excitation.white import White
-from harvester.prepared.paths import noise_path
-from harvester.prepared.prepared import prepared
-from harvester.prepared.steps import knot_spacing
 from harvester.scene.model import Scene
-from harvester.simulation.simulate import simulate
+from harvester.scene.paths import noise_path
+from harvester.scene.prepared import prepared
+from harvester.scene.steps import knot_spacing
 
 OU = {"kind": "ornstein-uhlenbeck", "intensity": 0.02, "correlation_time": 0.4}
 WHITE = {"kind": "white", "intensity": 0.02}
@@ -134,8 +134,8 @@ def test_white_noise_averages_as_the_limit_of_short_correlation():
 
 
 def test_kinds_that_make_no_sense_are_refused_in_one_line():
-    from harvester.verification.accuracy.work_precision import work_precision
-    from harvester.verification.stability.matrix import stability
+    from harvester.validation.accuracy.work_precision import work_precision
+    from harvester.validation.stability.matrix import stability
 
     scene = with_excitation("paper", SINE)
     for call, word in ((stability, "stability"), (work_precision, "work-precision")):

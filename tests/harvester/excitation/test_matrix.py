@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from scipy.io import savemat, wavfile
 
-from harvester.errors import SceneError
+from harvester.base.errors import SceneError
 from harvester.excitation.recorded import RecordedMotion, one_pass
 
 PAGE = Path(__file__).parents[3] / "docs" / "excitations.md"

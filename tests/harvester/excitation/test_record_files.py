@@ -11,17 +11,17 @@ import numpy as np
 import pytest
 from scipy.io import savemat, wavfile
 
-from harvester.command_line import main
-from harvester.errors import SceneError
-from harvester.estimates.balance import energy_balance_residual
+from harvester.base.errors import SceneError
+from harvester.cli.command_line import main
 from harvester.excitation import mat_file
 from harvester.excitation.quantities import ACCELERATION, QUANTITIES, heading, unit_named
 from harvester.excitation.recorded import RecordedMotion
 from harvester.identification.measurement import read_measurement
-from harvester.prepared.prepared import prepared
-from harvester.record import moments
 from harvester.scene.model import Scene
+from harvester.scene.prepared import prepared
 from harvester.scene.source import BUILT_IN
+from harvester.statistics import moments
+from harvester.statistics.balance import energy_balance_residual
 
 RATE, COUNT, G = 250.0, 500, 9.80665
 TIMES = np.arange(COUNT) / RATE

@@ -4,12 +4,12 @@ from scipy import signal
 from scipy.io import wavfile
 from truths import Keep, flat, records_of
 
-from harvester.errors import SceneError
+from harvester.base.errors import SceneError
+from harvester.engines.simulate import simulate
 from harvester.excitation import conditioning
-from harvester.prepared.paths import noise_path
-from harvester.prepared.prepared import prepared
 from harvester.scene.model import Scene
-from harvester.simulation.simulate import simulate
+from harvester.scene.paths import noise_path
+from harvester.scene.prepared import prepared
 
 pytestmark = pytest.mark.usefixtures("shared_workers")
 

@@ -8,14 +8,14 @@ import pytest
 from scipy.integrate import quad
 from scipy.signal import welch
 
-from harvester.errors import SceneError
+from harvester.base.errors import SceneError
 from harvester.excitation.base import realization_seed
 from harvester.excitation.profiles import PROFILES
 from harvester.excitation.shaped import ShapedPath, density_between, mean_square, path_density
 from harvester.excitation.spectrum import Spectrum
-from harvester.prepared.paths import noise_path
-from harvester.prepared.prepared import prepared
 from harvester.scene.model import Scene
+from harvester.scene.paths import noise_path
+from harvester.scene.prepared import prepared
 
 # Not the page of any standard: a flat part, a slope, a step, an octave's rise of 6 dB.
 POINTS = ((8.0, 0.02), (30.0, 0.02), (60.0, 0.002), (61.0, 0.01), (120.0, 0.04), (200.0, 0.001))

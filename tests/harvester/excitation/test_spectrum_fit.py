@@ -81,7 +81,7 @@ def test_averaging_takes_the_fitted_noise_and_shows_it(tmp_path):
 @pytest.mark.slow
 def test_the_fit_is_in_the_figure(tmp_path):
     from harvester.results.drawing import draw_result
-    from harvester.show.figures import save
+    from harvester.results.figures import save
 
     result = average(recorded(tmp_path, noise(1)), fit=True)
     panels = []

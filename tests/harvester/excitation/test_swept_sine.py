@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from scipy.signal import chirp
 
-from harvester.errors import SceneError
+from harvester.base.errors import SceneError
 from harvester.excitation.swept_sine import SweptSine
 
 SWEEP = SweptSine(amplitude=2.0, frequency=5.0, end_frequency=40.0, octaves_per_minute=18.0)

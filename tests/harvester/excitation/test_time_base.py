@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from harvester.errors import SceneError
+from harvester.base.errors import SceneError
 from harvester.excitation.recorded import RecordedMotion, one_pass
 from harvester.identification.measurement import read_measurement
 

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from measured_records import scene_of
 
-from harvester.command_line import main
+from harvester.cli.command_line import main
 from harvester.identification.scene_file import scene_text
 from harvester.scene.model import Scene
 

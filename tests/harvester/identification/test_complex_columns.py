@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from scipy.io import savemat
 
-from harvester.errors import SceneError
+from harvester.base.errors import SceneError
 from harvester.excitation.quantities import heading
 from harvester.identification.measurement import read_measurement
 

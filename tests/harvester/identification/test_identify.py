@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from measured_records import band_noise, measured, off, scene_of
 
-from harvester.errors import HarvesterError, IdentificationError, SceneError
+from harvester.base.errors import HarvesterError, IdentificationError, SceneError
 from harvester.identification.identify import identify
 from harvester.identification.measurement import Measurement, read_measurement
 from harvester.scene.model import Scene

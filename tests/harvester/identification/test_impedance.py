@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 from measured_records import band_noise, linear_device, linear_record, scene_of, states
 
-from harvester.command_line import main
-from harvester.errors import HarvesterError, IdentificationError, SceneError
+from harvester.base.errors import HarvesterError, IdentificationError, SceneError
+from harvester.cli.command_line import main
 from harvester.identification.butterworth_van_dyke import fitted_circuit
 from harvester.identification.identify import identify
 from harvester.identification.impedance_fit import from_impedance

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from measured_records import RATE, linear_device, linear_record, scene_of, states
 
-from harvester.errors import IdentificationError, SceneError
+from harvester.base.errors import IdentificationError, SceneError
 from harvester.identification.identify import identify
 from harvester.identification.kept_aside import _fitted_runs, _likely, _model_error
 from harvester.identification.measured_response import MeasuredResponse

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from measured_records import off, scene_of
 
-from harvester.errors import HarvesterError, IdentificationError, SceneError
+from harvester.base.errors import HarvesterError, IdentificationError, SceneError
 from harvester.identification import posterior as sampling
 from harvester.identification.identify import identify
 from harvester.identification.measured_response import MeasuredResponse

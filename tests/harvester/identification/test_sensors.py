@@ -9,7 +9,7 @@ from measured_records import band_noise, linear_device, linear_record, measured,
 from measured_sets import a_set
 from scipy import signal
 
-from harvester.errors import IdentificationError, SceneError
+from harvester.base.errors import IdentificationError, SceneError
 from harvester.identification.candidates import turned
 from harvester.identification.identify import identify
 from harvester.identification.measurement import Measurement, read_measurement

@@ -8,14 +8,14 @@ from measured_records import band_noise, measured, scene_of
 from measured_sets import FAULTS, a_set
 from scipy.stats import t
 
-from harvester.errors import HarvesterError
-from harvester.estimates.attractors import repeats_in_noise
+from harvester.base.errors import HarvesterError
 from harvester.identification.identify import identify
 from harvester.identification.intervals import HALF_INTERVAL, moved_by_records
 from harvester.identification.kept_aside import _orbit, _repeats
 from harvester.identification.shooting import Shooting, ShootingFit
 from harvester.identification.unknowns import Unknown
 from harvester.scene.numbers import numbers
+from harvester.statistics.attractors import repeats_in_noise
 
 SETS, FALSE_ALARMS = 4, 4
 RATE = 100.0

@@ -4,12 +4,12 @@ import numpy as np
 import pytest
 from measured_records import scene_of
 
+from harvester.engines.sampled import states_at_samples
 from harvester.identification.measurement import Measurement
 from harvester.identification.response import Responses, experiment
 from harvester.identification.search import lengthened
 from harvester.identification.shooting import ShootingFit
-from harvester.monte_carlo.sampled import states_at_samples
-from harvester.prepared.prepared import prepared
+from harvester.scene.prepared import prepared
 
 WINDOWS, SAMPLES = 9, 20
 

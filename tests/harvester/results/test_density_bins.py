@@ -5,8 +5,8 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from harvester.estimates.estimate import Density, Estimate
 from harvester.results.drawing import FEWEST_BINS, _merged
+from harvester.statistics.estimate import Density, Estimate
 
 
 def result(samples, random=True):

@@ -2,13 +2,13 @@
 
 import pytest
 
-from harvester.estimates.batch_means import standard_error
-from harvester.estimates.means import estimate_all
-from harvester.estimates.output_side import RATIOS, estimate_output
-from harvester.prepared.prepared import prepared
+from harvester.engines.simulate import simulate
 from harvester.results.paired import deviations, has_deviations
 from harvester.scene.model import Scene
-from harvester.simulation.simulate import simulate
+from harvester.scene.prepared import prepared
+from harvester.statistics.batch_means import standard_error
+from harvester.statistics.means import estimate_all
+from harvester.statistics.output_side import RATIOS, estimate_output
 
 
 def test_they_have_the_errors_of_the_estimates(pool):

@@ -4,12 +4,12 @@ from dataclasses import replace
 
 import pytest
 
-from harvester.estimates.balance import energy_balance_residual
-from harvester.prepared.prepared import prepared
-from harvester.record.moments import QUANTITIES
+from harvester.engines.simulate import simulate
 from harvester.results.residual_cause import suspected_cause
 from harvester.scene.model import Scene
-from harvester.simulation.simulate import simulate
+from harvester.scene.prepared import prepared
+from harvester.statistics.balance import energy_balance_residual
+from harvester.statistics.moments import QUANTITIES
 
 SHORT = ["run.realizations=8", "run.duration=400", "run.settle=20"]
 

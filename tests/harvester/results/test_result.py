@@ -9,9 +9,9 @@ import numpy as np
 import pytest
 
 import harvester
-from harvester.estimates.estimate import Estimate
-from harvester.prepared.prepared import prepared
 from harvester.results.result import Result
+from harvester.scene.prepared import prepared
+from harvester.statistics.estimate import Estimate
 
 SHORT = ["run.duration=2000", "run.realizations=8"]
 

@@ -5,9 +5,9 @@ import csv
 import numpy as np
 import pytest
 
-from harvester.errors import HarvesterError, LoadError, NetlistError, UnknownQuantity
+from harvester.base.errors import HarvesterError, LoadError, NetlistError, UnknownQuantity
+from harvester.engines.simulate import simulate
 from harvester.scene.model import Scene
-from harvester.simulation.simulate import simulate
 
 pytestmark = pytest.mark.usefixtures("shared_workers")
 

@@ -4,12 +4,12 @@ import math
 
 import pytest
 
-from harvester.errors import HarvesterError, SceneError
+from harvester.base.errors import HarvesterError, SceneError
+from harvester.base.signatures import grid_of, ranges_of
 from harvester.excitation.sine import Sine
 from harvester.scene.described import device_line
 from harvester.scene.model import Scene
 from harvester.scene.numbers import numbers
-from harvester.signatures import grid_of, ranges_of
 
 
 def test_frequency_and_quality_factor_are_kept_and_the_others_follow():

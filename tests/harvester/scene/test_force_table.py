@@ -6,10 +6,10 @@ import pytest
 from device_scenes import MAGNETS
 
 from harvester.averaging.of_scene import average
-from harvester.errors import AveragingError, SceneError, SpringRangeLeft
+from harvester.base.errors import AveragingError, SceneError, SpringRangeLeft
+from harvester.engines.simulate import simulate
 from harvester.scene.model import Scene
 from harvester.scene.numbers import numbers
-from harvester.simulation.simulate import simulate
 
 TABLE = [*MAGNETS]
 SOFT = {

@@ -8,9 +8,9 @@ import effort
 import numpy as np
 import pytest
 
-from harvester.command_line import MOST_ARGUMENTS, main
-from harvester.errors import SceneError
-from harvester.files.plain_text import named, shown
+from harvester.base.errors import SceneError
+from harvester.base.plain_text import named, shown
+from harvester.cli.command_line import MOST_ARGUMENTS, main
 from harvester.scene.model import Scene
 from harvester.scene.source import BUILT_IN
 from harvester.scene.toml import DEEPEST, MOST_VALUES

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 from truths import flat
 
-from harvester.command_line import main
-from harvester.errors import NetlistError, SceneError
+from harvester.base.errors import NetlistError, SceneError
+from harvester.cli.command_line import main
 from harvester.scene.model import Scene
 from harvester.scene.source import BUILT_IN
 

@@ -5,11 +5,11 @@ import pytest
 from truths import flat, well
 
 from harvester.averaging.of_scene import average
-from harvester.errors import SceneError
-from harvester.prepared.prepared import prepared
-from harvester.prepared.steps import knot_spacing
+from harvester.base.errors import SceneError
+from harvester.engines.simulate import simulate
 from harvester.scene.model import Scene
-from harvester.simulation.simulate import simulate
+from harvester.scene.prepared import prepared
+from harvester.scene.steps import knot_spacing
 
 
 def test_every_built_in_scene_loads_and_has_finite_parameters():

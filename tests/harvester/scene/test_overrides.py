@@ -2,7 +2,7 @@
 
 import pytest
 
-from harvester.errors import SceneError
+from harvester.base.errors import SceneError
 from harvester.scene.model import Scene
 from harvester.scene.numbers import numbers
 from harvester.scene.overrides import parsed

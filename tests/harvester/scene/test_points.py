@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from harvester.errors import SceneError
+from harvester.base.errors import SceneError
 from harvester.scene.model import Scene
 
 G = 9.80665

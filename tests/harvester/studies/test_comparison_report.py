@@ -5,14 +5,14 @@ from html.parser import HTMLParser
 
 import pytest
 
-from circuits.assembly import assemble
+from circuits.equivalent.assembly import assemble
 from harvester.averaging.of_scene import average
-from harvester.command_line import main
-from harvester.prepared.prepared import prepared
+from harvester.cli.command_line import main
+from harvester.engines.simulate import simulate
 from harvester.results.paired import paired_difference
 from harvester.results.result import with_error
 from harvester.scene.model import Scene
-from harvester.simulation.simulate import simulate
+from harvester.scene.prepared import prepared
 from harvester.studies.comparison.comparison import Comparison
 
 EMPTY = {"meta", "img", "br"}

@@ -2,7 +2,7 @@ from types import SimpleNamespace
 
 import pytest
 
-from harvester.estimates.estimate import Estimate
+from harvester.statistics.estimate import Estimate
 from harvester.studies.comparison.comparison import Comparison, verdicts
 
 NAMES = {

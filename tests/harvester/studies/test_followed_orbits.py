@@ -5,9 +5,9 @@ import pytest
 from scipy.integrate import solve_ivp
 
 import harvester
-from harvester.errors import SceneError
-from harvester.estimates.estimate import TOO_SHORT
+from harvester.base.errors import SceneError
 from harvester.scene.model import Scene
+from harvester.statistics.estimate import TOO_SHORT
 
 pytestmark = pytest.mark.usefixtures("shared_workers")
 

@@ -7,11 +7,11 @@ from scipy.integrate import solve_ivp
 from truths import flat
 
 import harvester
-from harvester.command_line import main
-from harvester.errors import HarvesterError
-from harvester.record.record import Record
+from harvester.base.errors import HarvesterError
+from harvester.base.signatures import grid_of
+from harvester.cli.command_line import main
+from harvester.device.record import Record
 from harvester.scene.model import Scene
-from harvester.signatures import grid_of
 from harvester.studies.frequency_response import (
     SETTLED_SHARE,
     _integrals,

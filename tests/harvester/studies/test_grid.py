@@ -1,9 +1,9 @@
 import pytest
 
-from harvester.errors import HarvesterError
-from harvester.prepared.prepared import prepared
-from harvester.prepared.steps import knot_spacing
+from harvester.base.errors import HarvesterError
 from harvester.scene.model import Scene
+from harvester.scene.prepared import prepared
+from harvester.scene.steps import knot_spacing
 from harvester.studies.grid import make_grid
 
 RESISTANCE = "load.parameters.resistance"

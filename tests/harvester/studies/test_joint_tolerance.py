@@ -5,7 +5,7 @@ import json
 import numpy as np
 import pytest
 
-from harvester.errors import HarvesterError
+from harvester.base.errors import HarvesterError
 from harvester.scene.model import Scene
 from harvester.studies.sensitivity.tolerances import directions, parameters
 

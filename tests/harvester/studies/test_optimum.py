@@ -9,15 +9,15 @@ import pytest
 from scipy.optimize import minimize_scalar
 from truths import flat, interpolated_linear_means, oscillator_power
 
-from harvester.command_line import main
-from harvester.errors import HarvesterError, OptimumError
-from harvester.estimates.estimate import Estimate
-from harvester.prepared.prepared import prepared
-from harvester.prepared.steps import knot_spacing
-from harvester.running import open_runner
+from harvester.base.errors import HarvesterError, OptimumError
+from harvester.cli.command_line import main
+from harvester.engines.methods import MonteCarlo
+from harvester.engines.opening import open_runner
+from harvester.engines.simulate import simulate
 from harvester.scene.model import Scene
-from harvester.simulation.methods import MonteCarlo
-from harvester.simulation.simulate import simulate
+from harvester.scene.prepared import prepared
+from harvester.scene.steps import knot_spacing
+from harvester.statistics.estimate import Estimate
 from harvester.studies.answers import missing_from
 from harvester.studies.optimum import line as optimum_search
 from harvester.studies.optimum.axis import Axis

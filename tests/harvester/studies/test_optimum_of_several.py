@@ -10,9 +10,9 @@ import pytest
 from scipy.optimize import minimize
 from toy_runner import ToyRunner
 
-from harvester.command_line import main
-from harvester.errors import HarvesterError, OptimumError, SimulationError
-from harvester.running import open_runner
+from harvester.base.errors import HarvesterError, OptimumError, SimulationError
+from harvester.cli.command_line import main
+from harvester.engines.opening import open_runner
 from harvester.scene.model import Scene
 from harvester.studies.optimum.proposals import BATCH, Proposals
 from harvester.studies.public import optimum

@@ -8,13 +8,13 @@ import pytest
 from toy_runner import ToyRunner
 from truths import flat, interpolated_linear_means, oscillator_power
 
-from harvester.command_line import main
-from harvester.errors import HarvesterError, SimulationError
-from harvester.prepared.prepared import prepared
-from harvester.prepared.steps import knot_spacing
-from harvester.running import open_runner
+from harvester.base.errors import HarvesterError, SimulationError
+from harvester.cli.command_line import main
+from harvester.engines.opening import open_runner
+from harvester.results import figures
 from harvester.scene.model import Scene
-from harvester.show import figures
+from harvester.scene.prepared import prepared
+from harvester.scene.steps import knot_spacing
 from harvester.studies.public import sensitivity
 from harvester.studies.sensitivity.study import draw_distribution, draw_tornado
 

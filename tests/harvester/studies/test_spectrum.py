@@ -7,11 +7,11 @@ import numpy as np
 import pytest
 
 import harvester
-from harvester.command_line import main
-from harvester.errors import HarvesterError
-from harvester.prepared.paths import noise_path
-from harvester.prepared.prepared import prepared
+from harvester.base.errors import HarvesterError
+from harvester.cli.command_line import main
 from harvester.scene.model import Scene
+from harvester.scene.paths import noise_path
+from harvester.scene.prepared import prepared
 from harvester.studies.spectrum import SpectrumAnalysis
 
 RATE, ROWS = 500.0, 60_000

@@ -13,14 +13,14 @@ from scipy.optimize import minimize_scalar
 from truths import flat, interpolated_linear_means
 
 from harvester.averaging.of_scene import average
-from harvester.command_line import main
-from harvester.commands.console import show_table
-from harvester.errors import HarvesterError
-from harvester.prepared.prepared import prepared
-from harvester.prepared.steps import knot_spacing
+from harvester.base.errors import HarvesterError
+from harvester.cli.command_line import main
+from harvester.cli.console import show_table
+from harvester.engines.methods import Circuit, MonteCarlo
+from harvester.engines.simulate import simulate
 from harvester.scene.model import Scene
-from harvester.simulation.methods import Circuit, MonteCarlo
-from harvester.simulation.simulate import simulate
+from harvester.scene.prepared import prepared
+from harvester.scene.steps import knot_spacing
 from harvester.studies.loads import proof as proof_module
 from harvester.studies.loads.proof import Proof, proving
 from harvester.studies.loads.study import save

@@ -8,10 +8,10 @@ import pytest
 from truths import flat, interpolated_linear_means
 
 import harvester
-from harvester.command_line import main
-from harvester.prepared.prepared import prepared
-from harvester.prepared.steps import knot_spacing
+from harvester.cli.command_line import main
 from harvester.scene.model import Scene
+from harvester.scene.prepared import prepared
+from harvester.scene.steps import knot_spacing
 
 pytestmark = pytest.mark.usefixtures("shared_workers")
 

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from scipy.stats import norm, truncnorm
 
-from harvester.errors import HarvesterError
+from harvester.base.errors import HarvesterError
 from harvester.scene.model import Scene
 from harvester.studies.sensitivity.tolerances import tolerance
 

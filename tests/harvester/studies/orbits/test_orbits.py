@@ -8,8 +8,12 @@ import pytest
 from scipy.integrate import solve_ivp
 
 import harvester
-from harvester.errors import HarvesterError
-from harvester.estimates.attractors import (
+from harvester.base.errors import HarvesterError
+from harvester.engines.following import follow, forced
+from harvester.scene.model import Scene
+from harvester.scene.prepared import prepared
+from harvester.scene.starts import drawn_start, energy_range
+from harvester.statistics.attractors import (
     CONVERGED,
     QUANTITIES,
     divergence,
@@ -19,10 +23,6 @@ from harvester.estimates.attractors import (
     repetition,
     transients,
 )
-from harvester.prepared.prepared import prepared
-from harvester.prepared.starts import drawn_start, energy_range
-from harvester.scene.model import Scene
-from harvester.simulation.following import follow, forced
 from harvester.studies import frequency_response
 from harvester.studies.orbits.basins import orbit_sentences
 from harvester.studies.orbits.following import Orbit

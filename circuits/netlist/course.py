@@ -1,0 +1,243 @@
+"""A load's changes in time by itself: its jumps, and the steps that follow them.
+
+Sources and expressions of the time move whether or not the device does. Both engines ask here how
+long a step may be and where one has to end. The answer comes from the expressions' bounds over
+intervals: where one changes by more than a share of its swing the interval is halved, and one that
+still does so in the shortest intervals jumps there.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable
+from typing import TYPE_CHECKING, NamedTuple
+
+import numpy as np
+
+from circuits.netlist.bounds import bounds, of_time_alone
+from circuits.netlist.expression import Tree, parts_of
+from circuits.netlist.potentials import Potentials, wave_tree, with_sources
+from harvester.base.errors import LoadError
+
+if TYPE_CHECKING:
+    from circuits.netlist.elements import Element
+    from circuits.netlist.waveform import Waveform
+
+# In one step a source may change by at most the first share of its peak-to-peak swing, and deviate
+# from a straight line by at most the second. A sine then takes 31 to 62 steps a period, a ramp 10
+# to 20, and the mean square of either is accurate to 0.5 %.
+CHANGE, BEND = 0.1, 0.0025
+# A swing below this share of the largest value is rounding.
+ROUNDING = 1e-9
+# A source that still changes after so many halvings of a step of the grid jumps.
+HALVINGS = 20
+# Accuracy of an engine's clock, as a share of a step of the grid. A jump at the end of an interval
+# counts as inside it.
+CLOCK = 1e-8
+# So many steps of the grid are examined ahead at a time.
+AHEAD = 64
+# A rise of a pulse that is shorter than this share of the constant parts beside it counts as a
+# jump. Its corners are met by steps; the straight line between them misses 0.4 % of the mean
+# square.
+STEEP = 1.0 / 80.0
+# A source is refused if it needs more than so many steps in one of the grid's, on average over
+# those examined ahead.
+MOST_STEPS = 5000
+
+
+class Plan(NamedTuple):
+    """The steps prescribed by a load's own sources over an interval of time.
+
+    Attributes
+    ----------
+    ends : ndarray, shape (n,)
+        Times at which steps have to end, growing (s).
+    longest : ndarray, shape (n,)
+        Longest step up to each (s).
+    jumps : ndarray, shape (n,)
+        1 where the stretch up to it holds a jump, else 0.
+    """
+
+    ends: np.ndarray
+    longest: np.ndarray
+    jumps: np.ndarray
+
+
+NO_PLAN = Plan(np.zeros(0), np.zeros(0), np.zeros(0))
+
+
+class Course:
+    """The sources and expressions of a load that change with time alone."""
+
+    def __init__(self, elements: Iterable[Element]) -> None:
+        elements = tuple(elements)
+        potentials = Potentials(
+            element for element in elements if not (element.wave and steep(element.wave))
+        )
+        element_of_tree: dict[Tree, Element] = {}
+        for source in elements:
+            if source.wave is not None and not steep(source.wave):
+                element_of_tree.setdefault(tree_of(source.wave), source)
+            if source.expression is not None:
+                for tree in _moving(with_sources(source.expression, potentials)):
+                    element_of_tree.setdefault(tree, source)
+        self._found = element_of_tree
+
+    def __bool__(self) -> bool:
+        return bool(self._found)
+
+    def steps(self, step: float) -> Steps:
+        """Plans of a run's steps, for a grid of this step (s)."""
+        return Steps(self._found, step)
+
+
+class Steps:
+    """Plans of a run, one stretch after another; see `Course.steps`."""
+
+    def __init__(self, found: dict[Tree, Element], step: float) -> None:
+        self._found, self._step = found, step
+        self._least = {tree: math.inf for tree in found}
+        self._most = {tree: -math.inf for tree in found}
+
+    def plan(self, first: int, count: int) -> Plan:
+        """The plan of `count` steps of the grid, from number `first` on.
+
+        Raises
+        ------
+        LoadError
+            Something changes so fast that no run would follow it.
+        """
+        edges = np.arange(first, first + count + 1) * self._step
+        smooth, jumps = self._halved(edges[:-1], edges[1:])
+        pieces = [(*smooth, np.zeros(smooth[0].size))]
+        if jumps[0].size:
+            pieces = list(self._between(edges, smooth, jumps))
+        low, high, leaps = (np.concatenate(column) for column in zip(*pieces, strict=True))
+        order = np.argsort(low)
+        return _joined(low[order], high[order], leaps[order], self._step)
+
+    def _between(self, edges, smooth, jumps):
+        """Halve the steps that contain jumps once more, now cut at the jumps so that none lies
+        inside.
+
+        Yields the smooth intervals elsewhere, the jumps, and the new intervals.
+        """
+        holds = np.zeros(edges.size - 1, dtype=bool)
+        holds[_cells(edges, jumps)] = True
+        uncovered = ~holds[_cells(edges, smooth)]
+        yield smooth[0][uncovered], smooth[1][uncovered], np.zeros(np.count_nonzero(uncovered))
+        low, high = _merged(*jumps)
+        low, high = np.maximum(low, edges[0]), np.minimum(high, edges[-1])
+        yield low, high, np.ones(low.size)
+        cuts = np.unique(np.concatenate([edges[:-1][holds], edges[1:][holds], low, high]))
+        middle = 0.5 * (cuts[:-1] + cuts[1:])
+        inside = holds[np.clip(np.searchsorted(edges, middle, "right") - 1, 0, holds.size - 1)]
+        index = np.searchsorted(low, middle, "right") - 1
+        inside &= (index < 0) | (middle > high[index])
+        (low, high), (left, right) = self._halved(cuts[:-1][inside], cuts[1:][inside])
+        yield np.append(low, left), np.append(high, right), np.zeros(low.size + left.size)
+
+    def _halved(self, low, high):
+        """Intervals halved until each is fine, and those that are not after `HALVINGS`."""
+        done, total, count = [], 0, low.size
+        for _ in range(HALVINGS):
+            fine, element = self._fine(low, high)
+            done.append((low[fine], high[fine]))
+            total += int(np.count_nonzero(fine))
+            low, high = low[~fine], high[~fine]
+            if low.size == 0:
+                break
+            if total + low.size > MOST_STEPS * count:
+                raise LoadError(
+                    f"{element.where}: {element.name}: from {low[0]:.4g} s on it changes by itself "
+                    f"within less than a {MOST_STEPS}th of the device's steps of {self._step:.3g} "
+                    "s: no run can follow; slow it down, or put its mean in its place"
+                )
+            middle = 0.5 * (low + high)
+            low, high = np.concatenate([low, middle]), np.concatenate([middle, high])
+        return tuple(np.concatenate(column) for column in zip(*done, strict=True)), (low, high)
+
+    def _fine(self, low, high):
+        """Which intervals are short enough, and the element that needs the most further halving."""
+        fine, worst, element = np.ones(low.size, dtype=bool), -1, None
+        middle, rounding = 0.5 * (low + high), CLOCK * self._step
+        for tree, source in self._found.items():
+            values = [np.mean(bounds(tree, t, t), axis=0) for t in (low, middle, high)]
+            finite = np.concatenate([value[np.isfinite(value)] for value in values])
+            self._least[tree] = min(self._least[tree], finite.min(initial=math.inf))
+            self._most[tree] = max(self._most[tree], finite.max(initial=-math.inf))
+            swing = self._most[tree] - self._least[tree]
+            swing += ROUNDING * max(abs(self._most[tree]), abs(self._least[tree]))
+            least, most = bounds(tree, np.maximum(low - rounding, 0.0), high + rounding)
+            bent = np.abs(values[1] - 0.5 * (values[0] + values[2]))
+            good = (most - least <= CHANGE * swing) & (bent <= BEND * swing)
+            fine &= good
+            if np.count_nonzero(~good) > worst:
+                worst, element = int(np.count_nonzero(~good)), source
+        return fine, element
+
+
+def _cells(edges, intervals):
+    """Indices of the grid's steps in which the intervals lie."""
+    return np.searchsorted(edges, 0.5 * (intervals[0] + intervals[1]), "right") - 1
+
+
+def _merged(low, high):
+    """Jumps with touching ones joined, each a little wider, so that a step's end does not
+    coincide with a jump."""
+    order = np.argsort(low)
+    low, high = low[order], high[order]
+    apart = low[1:] > high[:-1] + 0.5 * (high[:-1] - low[:-1])
+    low, high = low[np.append(True, apart)], high[np.append(apart, True)]
+    wider = 0.25 * (high - low)
+    return low - wider, high + wider
+
+
+def _joined(low, high, jumps, step):
+    """A plan of intervals in order, those alike one after another as one."""
+    widths = high - low
+    last = np.ones(low.size, dtype=bool)
+    alike = np.abs(widths[1:] - widths[:-1]) < 0.25 * widths[1:]
+    last[:-1] = ~alike | (jumps[1:] != jumps[:-1])
+    if not (jumps.any() or (widths < 0.75 * step).any()):
+        return NO_PLAN
+    return Plan(high[last], widths[last] * (1.0 + 1e-6), jumps[last])
+
+
+def _moving(tree: Tree) -> Iterable[Tree]:
+    """The largest parts of a tree that change with time alone."""
+    waiting = [tree]
+    while waiting:
+        tree_now = waiting.pop()
+        if of_time_alone(tree_now):
+            yield tree_now
+        else:
+            waiting += parts_of(tree_now)
+
+
+def tree_of(wave: Waveform) -> Tree:
+    """A source's waveform as an expression of the time."""
+    time: Tree = ("time",)
+    if wave.kind == "pwl":
+        return ("call", "pwl", time, *(("number", value) for value in wave.numbers))
+    if wave.kind != "sffm":
+        return wave_tree(wave)
+    offset, amplitude, carrier, index, signal = (("number", value) for value in wave.numbers)
+    turn: Tree = ("*", ("number", 2.0 * math.pi), time)
+    swing = ("*", index, ("sin", ("*", turn, signal)))
+    return ("+", offset, ("*", amplitude, ("sin", ("+", ("*", turn, carrier), swing))))
+
+
+def steep(wave: Waveform) -> bool:
+    """Whether a source is constant but for steep edges, at whose corners steps end anyway."""
+    numbers = wave.numbers
+    if wave.kind == "pulse":
+        rise, fall, width, every = numbers[3:]
+        return max(rise, fall) <= STEEP * min(width, every - rise - fall - width)
+    if wave.kind != "pwl":
+        return False
+    times, values = np.array(numbers[::2]), np.array(numbers[1::2])
+    lengths, changes = np.diff(times), np.diff(values) != 0.0
+    around = np.concatenate([[math.inf], np.where(changes, 0.0, lengths), [math.inf]])
+    shortest = np.minimum(around[:-2], around[2:])
+    return bool(np.all(~changes | (lengths <= STEEP * shortest)))

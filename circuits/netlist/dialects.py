@@ -1,0 +1,136 @@
+"""Expressions of LTspice and PSpice in ngspice's words, and which files may be theirs."""
+
+from __future__ import annotations
+
+import functools
+import math
+import re
+from collections.abc import Iterable, Mapping
+
+from circuits.netlist.expression import (
+    TIGHTNESS,
+    ZERO,
+    ExpressionError,
+    Parser,
+    Tree,
+    parse,
+    truth,
+    written,
+)
+from circuits.netlist.reader import Card
+
+NGSPICE, LTSPICE, PSPICE = DIALECTS = ("ngspice", "ltspice", "pspice")
+_LOGIC = {"&": "and", "&&": "and", "|": "or", "||": "or"}
+# Words that only one of the programs has.
+_MARKS = {
+    LTSPICE: re.compile(
+        r"\b(if|buf|inv|int|hypot|pwrs|round|limit)\(|\b(rser|rpar|cpar|mfg|iave|vpk)=|\b[vi]h=-"
+    ),
+    PSPICE: re.compile(r"^\.model \S+ [vi]switch|\bstp\(|\bvalue ?\{"),
+}
+# Matches the expressions of a card: in braces, or behind `i=` or `v=` of a B source.
+_EXPRESSION = re.compile(r"\{([^{}]*)\}|^b\S* \S+ \S+ [iv]=([^{}]+)$")
+
+
+class _Foreign(Parser):
+    """LTspice's and PSpice's: what is true lies above 0.5, ^ is exclusive or."""
+
+    tightness: Mapping[str, int] = {**TIGHTNESS, "&&": 0, "&": 0, "|": 0, "^": 0}
+    negations = ("!", "~")
+    powers = ("**",)
+
+    def truth(self, condition: Tree) -> Tree:
+        return truth(condition)
+
+    def check_order(self, sign, level, loosest, before):
+        mixed = {
+            _LOGIC.get(operator, "^")
+            for operator in (sign, before)
+            if self.tightness.get(operator) == 0
+        }
+        if len(mixed) > 1:
+            raise ExpressionError(f"{before} and {sign} beside each other: write parentheses")
+        super().check_order(sign, level, loosest, before)
+
+    def compared(self, sign: str, left: Tree, right: Tree) -> Tree:
+        if sign == "^":
+            return ("not", ("==", truth(left), truth(right)))
+        if sign in _LOGIC:
+            return (_LOGIC[sign], truth(left), truth(right))
+        return super().compared(sign, left, right)
+
+    def raised(self, base: Tree, exponent: Tree) -> Tree:
+        """Build the tree of a power; of a negative base its real part, as LTspice has it."""
+        if exponent[0] == "number" and exponent[1] % 2.0 == 0.0:
+            return super().raised(base, exponent)
+        size = _size(base, exponent)
+        if exponent[0] == "number" and exponent[1].is_integer():
+            return ("*", ("call", "sgn", base), size)
+        turned = ("*", ("*", ("number", math.pi), exponent), ("<", base, ZERO))
+        return ("*", size, ("call", "cos", turned))
+
+    def called(self, name: str, arguments: list[Tree]) -> Tree:
+        if name == "u" and len(arguments) == 1:
+            return ("<", ZERO, arguments[0])
+        if name in ("pow", "pwr", "pwrs") and len(arguments) == 2:
+            if name == "pow":
+                return self.raised(*arguments)
+            size = _size(*arguments)
+            return size if name == "pwr" else ("*", ("call", "sgn", arguments[0]), size)
+        return super().called(name, arguments)
+
+
+def _size(base, exponent):
+    """The power of the size, in a parameter and in a source alike."""
+    return ("call", "pow", ("call", "abs", base), exponent)
+
+
+def in_ngspices_words(text: str, dialect: str) -> str:
+    """An expression of a file of this dialect as ngspice is to read it.
+
+    Raises
+    ------
+    ExpressionError
+    """
+    if dialect in ("", NGSPICE):
+        return text
+    theirs = _theirs(text)
+    return text if theirs == _ours(text) else theirs
+
+
+@functools.lru_cache(maxsize=4096)
+def _theirs(text):
+    return written(_Foreign(text).whole())
+
+
+def _ours(text):
+    """Written out too: trees of a thousand terms are too deep to be compared."""
+    try:
+        return written(parse(text))
+    except ExpressionError:
+        return None
+
+
+def ambiguity(cards: Iterable[Card]) -> str:
+    """A note on a file without a dialect line that may be LTspice's or PSpice's; else empty."""
+    cards = list(cards)
+    expressions = [
+        (card.where, "".join(pair)) for card in cards for pair in _EXPRESSION.findall(card.text)
+    ]
+    for dialect, marks in _MARKS.items():
+        words = [match.group() for card in cards if (match := marks.search(card.text))]
+        unlike = (expression for expression in expressions if _differs(expression[1]))
+        for where, text in unlike if words else ():
+            return (
+                f"{where}: {text[:60]} is read as ngspice has it, and means something else to "
+                f"{dialect}, whose {words[0][:20]!r} the file has: say * dialect: {dialect} or "
+                "* dialect: ngspice in it"
+            )
+    return ""
+
+
+def _differs(text):
+    try:
+        return _theirs(text) != written(parse(text))
+    except ExpressionError:
+        return False

@@ -1,0 +1,105 @@
+"""The frozen tree that a load is read to: its elements with numbers, full names and places."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from typing import Any, NamedTuple
+
+from circuits.netlist.expression import Tree
+from circuits.netlist.waveform import Waveform
+
+
+class Model(NamedTuple):
+    """A .model as one element sees it: its name, kind, parameters and flags."""
+
+    name: str
+    kind: str
+    numbers: tuple[tuple[str, float], ...]
+    flags: tuple[str, ...] = ()
+
+    def get(self, name: str, otherwise: float = 0.0) -> float:
+        """One of its numbers."""
+        return dict(self.numbers).get(name, otherwise)
+
+
+class Element(NamedTuple):
+    """One element of a load, with all calls of sub-circuits expanded.
+
+    Attributes
+    ----------
+    letter : its kind.
+    name : the calls on the way to it and its own, "xbridge.dupper".
+    nodes : names of nodes; those of the load's pins are the pins' own.
+    where : "file:line".
+    value : of R (Ω), C (F), L (H) as temperature, scale and model make it, of K the coupling, of
+        a controlled source its gain, of a constant source V or A.
+    numbers : what else the element says, "m" and "ic" among it.
+    model, wave, expression : of what has one; its expression is in volts, amperes or seconds.
+    controls : full names of the sources or coils that control it.
+    flags : "on" or "off".
+    voltage : whether an expression or a gain sets a voltage, not a current.
+    """
+
+    letter: str
+    name: str
+    nodes: tuple[str, ...]
+    where: str
+    value: float | None = None
+    numbers: tuple[tuple[str, float], ...] = ()
+    model: Model | None = None
+    wave: Waveform | None = None
+    expression: Tree | None = None
+    controls: tuple[str, ...] = ()
+    flags: tuple[str, ...] = ()
+    voltage: bool = False
+
+    def get(self, name: str, otherwise: float = 0.0) -> float:
+        """One of its name=value settings."""
+        return dict(self.numbers).get(name, otherwise)
+
+    @property
+    def place(self) -> str:
+        """Its name and where it stands, for messages: "name (file:line)"."""
+        return f"{self.name} ({self.where})"
+
+    @property
+    def written_letter(self) -> str:
+        """The letter in its file, where what it is made of is another element here."""
+        return self.name.rpartition(".")[2][0]
+
+    @property
+    def is_smooth_switch(self) -> bool:
+        """Whether it is a switch of LTspice or PSpice, a current by an expression here."""
+        return self.letter == "b" and self.written_letter in "sw"
+
+    @property
+    def delivers(self) -> bool:
+        """Whether it is an independent source other than 0."""
+        return self.letter in "vi" and (self.wave is not None or self.value != 0.0)
+
+    @property
+    def first_value(self) -> Any:
+        """The value of an independent source at the beginning."""
+        return self.wave.start if self.wave else self.value
+
+    @property
+    def many(self) -> float:
+        """Number of equal elements in parallel."""
+        return self.get("m", 1.0)
+
+    @property
+    def size(self) -> float | None:
+        """Ω, F or H of all that lie side by side; None where an expression says it."""
+        if self.value is None or not self.many:
+            return None
+        return self.value * self.many if self.letter == "c" else self.value / self.many
+
+
+def ramped(elements: Iterable[Element], time: float) -> list[Element]:
+    """Elements whose constant sources rise from 0 within this time (s)."""
+    return [
+        element._replace(wave=Waveform("pwl", (0.0, 0.0, time, element.value)))
+        if element.letter in "vi" and element.value and element.wave is None
+        else element
+        for element in elements
+    ]

@@ -1,0 +1,205 @@
+"""Counts the elements and characters of a load with its calls and functions expanded, before
+ngspice does so.
+
+ngspice puts a function's text in the place of each of its calls and a sub-circuit's cards in the
+place of each X: a few lines can stand for more than any machine holds.
+"""
+
+from __future__ import annotations
+
+import graphlib
+import re
+from typing import TYPE_CHECKING, NamedTuple
+
+from circuits.netlist.vetting import refuse
+
+if TYPE_CHECKING:
+    from circuits.netlist.tree import Subcircuit
+
+# Most elements, and most calls of sub-circuits, of a load with all that its sub-circuits hold.
+MOST_ELEMENTS = 2000
+# Most characters of all cards together, and of one card, once expanded.
+MOST_CHARACTERS = 1_000_000
+LONGEST_EXPANDED = 20_000
+# Deepest nesting of calls of sub-circuits, or of functions.
+DEEPEST_CALL = 20
+# Most parameters, functions, models and sub-circuits of a file. ngspice compares each with all
+# others.
+MOST_DEFINITIONS = 5000
+
+_PIECE = re.compile(r"[a-z_][\w.]*|[(),]|[^a-z_(),]+")
+
+
+class Length(NamedTuple):
+    """Characters that a text expands to: `own`, and `share` times those of its arguments."""
+
+    own: int = 0
+    share: int = 0
+
+    def plus(self, other: Length) -> Length:
+        """Length of both texts, one after the other."""
+        return Length(self.own + other.own, self.share + other.share)
+
+    def given(self, argument: Length) -> Length:
+        """Length of the text with its arguments inserted."""
+        return Length(self.own + self.share * argument.own, self.share * argument.share)
+
+
+class Content(NamedTuple):
+    """Numbers of elements, calls and characters of a sub-circuit with all that it calls."""
+
+    elements: int
+    calls: int
+    characters: int
+
+
+class Expansion:
+    """Counts what a file's sub-circuits expand to; each is looked at once.
+
+    Parameters
+    ----------
+    root : Subcircuit
+        Vetted.
+
+    Raises
+    ------
+    NetlistError
+        Of every method: what is too large, with file and line.
+    """
+
+    def __init__(self, root: Subcircuit) -> None:
+        self._functions: dict = {}
+        self._contents: dict = {}
+        self._characters: dict = {}
+        self._definitions = 0
+        self._add_definitions(root)
+        # ngspice expands functions even in sub-circuits that nothing calls.
+        self._check(root.card, self._own_characters(root))
+
+    def content(self, circuit: Subcircuit, calling: tuple[Subcircuit, ...] = ()) -> Content:
+        """The content of a sub-circuit with all its calls expanded."""
+        if id(circuit) not in self._contents:
+            self._contents[id(circuit)] = self._counted(circuit, calling)
+        return self._contents[id(circuit)]
+
+    def _counted(self, circuit, calling):
+        if circuit in calling:
+            refuse(circuit.card, f".subckt {circuit.name} holds itself")
+        if len(calling) > DEEPEST_CALL:
+            refuse(circuit.card, f"calls nest deeper than {DEEPEST_CALL} sub-circuits")
+        elements = calls = 0
+        characters = self._own_characters(circuit)
+        for card, words in circuit.elements:
+            target = called(circuit, words)
+            if target:
+                inside = self.content(target, (*calling, circuit))
+                elements, calls = elements + inside.elements, calls + inside.calls + 1
+                characters += inside.characters
+            else:
+                elements += 1
+            if max(elements, calls) > MOST_ELEMENTS:
+                refuse(card, f"more than {MOST_ELEMENTS} elements, or calls, with all it calls")
+            self._check(card, characters)
+        return Content(elements, calls, characters)
+
+    def _check(self, card, characters):
+        if characters > MOST_CHARACTERS:
+            refuse(card, f"more than {MOST_CHARACTERS // 1000} kB of netlist once expanded")
+
+    def _own_characters(self, circuit):
+        """The number of characters of a sub-circuit's own cards and of definitions within it."""
+        if id(circuit) in self._characters:
+            return self._characters[id(circuit)]
+        cards = [(card, " ".join(words)) for card, words in circuit.elements]
+        for card, _, pairs in circuit.models.values():
+            cards.append((card, " ".join(f"{key}={value}" for key, value in pairs)))
+        for values in (circuit.parameters, circuit.local):
+            cards += [(circuit.place(name), f"{name}={value}") for name, value in values.items()]
+        total = 0
+        for card, text in cards:
+            length = self._length(text, circuit).own
+            if length > LONGEST_EXPANDED:
+                refuse(card, f"{text[:40]!r} is longer than {LONGEST_EXPANDED} once expanded")
+            total += length
+        total += sum(self._own_characters(inner) for inner in circuit.inner.values())
+        self._characters[id(circuit)] = total
+        return total
+
+    def _add_definitions(self, circuit):
+        """Count the definitions of a file, and the text that each function stands for."""
+        self._definitions += len(circuit.parameters) + len(circuit.local) + len(circuit.models)
+        self._definitions += len(circuit.functions) + len(circuit.inner)
+        if self._definitions > MOST_DEFINITIONS:
+            refuse(
+                circuit.card,
+                f"more than {MOST_DEFINITIONS} parameters, functions, models and sub-circuits",
+            )
+        _check_parameters(circuit)
+        for name in circuit.functions:
+            self._function(circuit, name, ())
+        for inner in circuit.inner.values():
+            self._add_definitions(inner)
+
+    def _function(self, circuit, name, calling):
+        """Length of a function's text, found from a sub-circuit outwards; None: not the file's."""
+        owner = next((c for c in circuit.around() if name in c.functions), None)
+        if owner is None:
+            return None
+        card, arguments, expression = owner.functions[name]
+        key = (id(owner), name)
+        if key in calling:
+            refuse(card, f".func {name} calls itself")
+        if len(calling) > DEEPEST_CALL:
+            refuse(card, f"calls nest deeper than {DEEPEST_CALL} functions")
+        if key not in self._functions:
+            length = self._length(expression, owner, arguments, (*calling, key))
+            if length.own + length.share > LONGEST_EXPANDED:
+                refuse(card, f".func {name} is longer than {LONGEST_EXPANDED} once expanded")
+            self._functions[key] = length
+        return self._functions[key]
+
+    def _length(self, text, circuit, arguments=(), calling=()):
+        """Length of a text with every call in it expanded."""
+        # For each open parenthesis: its function, the text before it, and what is inside.
+        opened, length = [], Length()
+        pieces = _PIECE.findall(text)
+        for index, piece in enumerate(pieces):
+            if piece == "(":
+                function = self._function(circuit, pieces[index - 1] if index else "", calling)
+                opened.append((function, length))
+                length = Length()
+            elif piece == ")" and opened:
+                function, before = opened.pop()
+                length = before.plus(function.given(length) if function else length).plus(Length(2))
+            elif piece in arguments:
+                length = length.plus(Length(0, 1))
+            else:
+                length = length.plus(Length(len(piece)))
+        for _, before in reversed(opened):
+            length = before.plus(length)
+        return length
+
+
+def _check_parameters(circuit):
+    """Refuse a circle of .param; one that names itself means the one around it."""
+    local_values = circuit.local
+    graph = {
+        name: {word for word in re.findall(r"[a-z_]\w*", value) if word in local_values}
+        for name, value in local_values.items()
+        if value.startswith("{")
+    }
+    for name, needed in graph.items():
+        if name in needed and name in {**circuit.scope().parameters.parents, **circuit.parameters}:
+            needed.discard(name)
+    try:
+        graphlib.TopologicalSorter(graph).prepare()
+    except graphlib.CycleError as error:
+        circle = " → ".join(error.args[1][:5])
+        refuse(circuit.place(error.args[1][0]), f".param {circle}: a value that needs itself")
+
+
+def called(circuit: Subcircuit, words: list[str]) -> Subcircuit | None:
+    """The sub-circuit that an X calls, None for any other element."""
+    if words[0][0] != "x":
+        return None
+    return circuit.find(next(word for word in reversed(words) if "=" not in word))

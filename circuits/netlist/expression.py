@@ -1,0 +1,589 @@
+"""Expressions of netlists: read once into frozen trees, put into numbers, and written out again.
+
+A tree is a tuple: ("number", x), ("time",), ("name", n), ("v", node, node), ("i", source),
+("call", function, *trees), or (operation, *trees) with a name of `functions.OPERATIONS`.
+"""
+
+from __future__ import annotations
+
+import functools
+import math
+import re
+import sys
+from collections.abc import Callable, Iterator, Mapping
+from typing import Any, NamedTuple
+
+from circuits.netlist.functions import CONSTANTS, OPERATIONS, SOLUTION, VARYING, folded
+from circuits.netlist.numbers import AMPERE, INFIX, THOUSANDTH_OF_AN_INCH, number
+from harvester.base.errors import HarvesterError
+from harvester.base.plain_text import nearest
+from harvester.device.terminals import GROUND
+
+Tree = tuple[Any, ...]
+NAMES = {*CONSTANTS, "time", "hertz"}
+# Other names of functions.
+_SAME = {"log": "ln", "pow": "^", "ternary_fcn": "if", "round": "nint"}
+# Functions that only ngspice itself evaluates.
+CIRCUIT_ONLY = {"ddt": (1,), "pwl": range(5, 10_000, 2)}
+ZERO, HALF, ONE = ("number", 0.0), ("number", 0.5), ("number", 1.0)
+
+
+# Functions made of others: LTspice's and PSpice's words, and those of ngspice's .param.
+_MADE: dict[str, tuple[int, Callable]] = {
+    "log10": (1, lambda x: ("/", ("ln", x), ("number", math.log(10.0)))),
+    "u2": (1, lambda x: ("min", ("max", x, ZERO), ONE)),
+    "int": (1, lambda x: ("*", ("sgn", x), ("floor", ("abs", x)))),
+    "sqr": (1, lambda x: ("*", x, x)),
+    "arctan": (1, lambda x: ("atan", x)),
+    "hypot": (2, lambda x, y: ("sqrt", ("+", ("*", x, x), ("*", y, y)))),
+    "limit": (3, lambda x, low, high: ("min", ("max", x, ("min", low, high)), ("max", low, high))),
+    "buf": (1, lambda x: ("<", HALF, x)),
+    "inv": (1, lambda x: ("<=", x, HALF)),
+    "stp": (1, lambda x: ("<", ZERO, x)),
+    "pwrs": (2, lambda x, y: ("pwr", x, y)),
+    "if": (3, lambda c, a, b: ("if", truth(c), a, b)),
+}
+# The names among them that ngspice lacks, or gives another meaning.
+ELSEWHERE_ALONE = {*_MADE, "round"} - {"log10", "u2"}
+# Functions of other SPICEs without an equivalent here, and what to write instead.
+ELSEWHERE = {
+    "sign": "sgn(x)", "fabs": "abs(x)", "table": "pwl(x, x1, y1, x2, y2, …)",
+    "atan2": "atan(y/x), the quadrant by a condition",
+    "idt": "an integral: a current source into a capacitor, and its voltage",
+    "idtmod": "an integral: a current source into a capacitor, and its voltage",
+    "sdt": "an integral: a current source into a capacitor, and its voltage",
+    "square": "x*x, or a pulse(…) source for a square wave",
+    "delay": "a chain of R and C", "absdelay": "a chain of R and C",
+}  # fmt: skip
+# Largest argument of exp() whose value is finite.
+LARGEST_ARGUMENT = math.log(sys.float_info.max)
+# Deepest nesting of parentheses, and of conditions.
+DEEPEST = 100
+_TOKEN = re.compile(
+    r"\s*(?:(?P<number>(?:\d+\.?\d*|\.\d+)(?:e[+-]?\d+)?[a-z_]*)"
+    r"|(?P<solution>[vi]\([^()]*\))|(?P<name>[a-z_][\w.#]*)"
+    r"|(?P<operator>\*\*|&&|\|\||[<>=!]=|<>|[-+*/^<>?:,()!~%&|]))",
+    re.ASCII,
+)
+# Binary operators from the loosest to the tightest.
+_LEVELS = ({"||"}, {"&&"}, {"==", "!=", "<>"}, {"<", ">", "<=", ">="}, {"+", "-"}, {"*", "/", "%"})
+TIGHTNESS = {sign: level for level, signs in enumerate(_LEVELS) for sign in signs}
+_WORDS = {"||": "or", "&&": "and"}
+BOOLEAN = {"<", "<=", "==", "and", "or", "not"}
+
+
+class ExpressionError(HarvesterError):
+    """A fault in an expression, in a few words; the caller adds file and line."""
+
+
+class NotConstant(ExpressionError):
+    """Raised where a constant is needed and an expression depends on the running circuit."""
+
+
+def truth(condition: Tree) -> Tree:
+    """LTspice's if() holds above 0.5; of a comparison that is the same."""
+    return condition if condition[0] in BOOLEAN else ("<", HALF, condition)
+
+
+class Parser:
+    """One expression by precedence; conditions, operands and powers one method each.
+
+    What differs between dialects stands in its tables and last methods: `circuits.netlist.dialects`.
+    """
+
+    tightness: Mapping[str, int] = TIGHTNESS
+    negations: tuple[str, ...] = ("!",)
+    powers: tuple[str, ...] = ("^", "**")
+
+    def __init__(self, text: str) -> None:
+        self.tokens = _tokens(INFIX.sub(r"\1.\3\2", text.lower()))
+        self.place = self.depth = 0
+        operators = {*self.tightness, *self.negations}
+        for _, piece in self.tokens:
+            if piece in ("&", "|", "~") and piece not in operators:
+                write = "!x" if piece == "~" else f"{piece}{piece}"
+                raise ExpressionError(f"{piece!r} is no operator here: write {write}")
+
+    def peek(self) -> str:
+        """The text of the next piece."""
+        return self.tokens[self.place][1]
+
+    def take(self) -> tuple[str, str]:
+        """The next piece, kind and text; the one behind it is next."""
+        self.place += 1
+        return self.tokens[self.place - 1]
+
+    def whole(self) -> Tree:
+        """The tree of the text, all of which must belong to it."""
+        tree = self.choice()
+        if self.peek():
+            raise ExpressionError(f"missing operator before {self.peek()[:60]!r}")
+        return tree
+
+    def choice(self) -> Tree:
+        """A condition with its two values, or a value."""
+        self.depth += 1
+        if self.depth > DEEPEST:
+            raise ExpressionError(f"it nests deeper than {DEEPEST} parentheses or conditions")
+        tree = self.binary(0)
+        if self.peek() == "?":
+            self.take()
+            yes = self.choice()
+            if self.take()[1] != ":":
+                raise ExpressionError("a '?' without its ':'")
+            tree = ("if", self.truth(tree), yes, self.choice())
+        self.depth -= 1
+        return tree
+
+    def binary(self, loosest: int) -> Tree:
+        """Operands joined by operators that bind at least so tightly."""
+        tree, before = self.signed(), None
+        while (level := self.tightness.get(self.peek(), -1)) >= loosest:
+            sign = self.take()[1]
+            self.check_order(sign, level, loosest, before)
+            tree, before = self.compared(sign, tree, self.binary(level + 1)), sign
+        return tree
+
+    def check_order(self, sign: str, level: int, loosest: int, before: str | None) -> None:
+        """Refuse a == b < c without parentheses: sources and parameters read it in different
+        orders.
+        """
+        if level == loosest == TIGHTNESS["<"]:
+            raise ExpressionError(
+                f"== or != before {sign}: of a source's {sign} counts first, of a parameter's "
+                "the left one: write parentheses"
+            )
+
+    def signed(self) -> Tree:
+        """Parse a power with the signs and negations before it."""
+        signs = []
+        while self.peek() in ("-", "+", *self.negations):
+            signs.append(self.take()[1])
+        tree = self.power()
+        for sign in reversed(signs):
+            if sign in self.negations:
+                tree = ("not", self.truth(tree))
+            elif sign == "-":
+                tree = ("negative", tree)
+        return tree
+
+    def power(self) -> Tree:
+        """A base and its exponents, from left to right."""
+        tree = self.atom()
+        while self.peek() in self.powers:
+            self.take()
+            minus = False
+            while self.peek() in ("-", "+"):
+                minus ^= self.take()[1] == "-"
+            exponent = self.atom()
+            tree = self.raised(tree, ("negative", exponent) if minus else exponent)
+        return tree
+
+    def atom(self) -> Tree:
+        """A number, a name, a call, a voltage or current, or what stands in parentheses."""
+        kind, text = self.take()
+        if kind == "number":
+            return ("number", _number(text))
+        if kind == "solution":
+            return _solution(text)
+        if text == "(":
+            tree = self.choice()
+            self.close()
+            return tree
+        if kind != "name":
+            where = f"before {text!r}" if text else "at the end"
+            raise ExpressionError(f"missing operand {where}")
+        if self.peek() != "(":
+            return ("name", text)
+        return self.call(text)
+
+    def call(self, name: str) -> Tree:
+        """A function's call, from its opening parenthesis on."""
+        self.take()
+        if self.peek() == ")":
+            self.take()
+            return self.called(name, [])
+        arguments = [self.choice()]
+        while self.peek() == ",":
+            self.take()
+            arguments.append(self.choice())
+        self.close()
+        return self.called(name, arguments)
+
+    def close(self) -> None:
+        """Take a closing parenthesis."""
+        if self.peek() != ")":
+            raise ExpressionError(f"missing operator before {self.peek()[:60]!r}")
+        self.take()
+
+    def truth(self, condition: Tree) -> Tree:
+        """Build the tree of a condition, which holds above 0."""
+        return condition
+
+    def compared(self, sign: str, left: Tree, right: Tree) -> Tree:
+        """Build the tree of a binary operator."""
+        if sign in (">", ">="):
+            return (sign.replace(">", "<"), right, left)
+        if sign in ("!=", "<>"):
+            return ("not", ("==", left, right))
+        return (_WORDS.get(sign, sign), left, right)
+
+    def raised(self, base: Tree, exponent: Tree) -> Tree:
+        """Parse a power."""
+        return ("^", base, exponent)
+
+    def called(self, name: str, arguments: list[Tree]) -> Tree:
+        """Parse the call of a function."""
+        return ("call", name, *arguments)
+
+
+def _tokens(text):
+    """(kind, text) of each piece, and an end; parentheses and conditions counted."""
+    lowered = text.strip().lower()
+    tokens, position = [], 0
+    while position < len(lowered):
+        match = _TOKEN.match(lowered, position)
+        if not match:
+            raise ExpressionError(f"unexpected character {lowered[position]!r}")
+        kind = str(match.lastgroup)
+        tokens.append((kind, match.group(kind)))
+        position = match.end()
+    depth = questions = 0
+    for _, piece in tokens:
+        depth += (piece == "(") - (piece == ")")
+        questions += (piece == "?") - (piece == ":")
+        if depth < 0:
+            raise ExpressionError("a closing parenthesis too many")
+        if questions < 0:
+            raise ExpressionError("a ':' without its '?'")
+        if depth > DEEPEST:
+            raise ExpressionError(f"parentheses nest deeper than {DEEPEST}")
+    if depth:
+        raise ExpressionError(f"{depth} closing parenthes{'is' if depth == 1 else 'es'} missing")
+    if questions:
+        raise ExpressionError("a '?' without its ':'")
+    return [*tokens, ("end", "")]
+
+
+def _number(text):
+    value = number(text)
+    if AMPERE.fullmatch(text):
+        raise ExpressionError(f"{text}: ngspice 46 reads 1e-18 for A, 39 reads 1: leave the A out")
+    if THOUSANDTH_OF_AN_INCH.fullmatch(text):
+        raise ExpressionError(f"{text}: a thousandth in ngspice's .param: write it times 25.4u")
+    if value is None:
+        raise ExpressionError(f"{text[:60]} is no finite number")
+    return value
+
+
+def _solution(text):
+    """The tree of v(a), v(a,b) or i(source); a node may have any name."""
+    names = [name.strip() for name in text[2:-1].split(",")]
+    most = 2 if text[0] == "v" else 1
+    if len(names) > most:
+        raise ExpressionError(f"{text[0]} takes {most} arguments, not {len(names)}")
+    if not all(re.fullmatch(r"[\w.+\-#/\[\]]+", name) for name in names):
+        raise ExpressionError(f"{text[:60]}: name a node, or of i() a source")
+    return ("v", names[0], names[1] if names[1:] else GROUND) if most == 2 else ("i", names[0])
+
+
+@functools.lru_cache(maxsize=4096)
+def parse(text: str) -> Tree:
+    """The tree of an expression, its names and functions not yet looked up.
+
+    Raises
+    ------
+    ExpressionError
+    """
+    return Parser(text).whole()
+
+
+def parts_of(tree: Tree) -> Tree:
+    """The operands of an expression."""
+    if tree[0] == "call":
+        return tree[2:]
+    return () if tree[0] in ("number", "time", "name", "v", "i") else tree[1:]
+
+
+def rebuilt(tree: Tree, made: Callable) -> Any:
+    """Value of a tree, built from its leaves: `made(tree, values of its parts)` for each node.
+
+    Without recursion: a sum of a thousand terms is a thousand deep.
+    """
+    done: list[Any] = []
+    waiting = [(tree, False)]
+    while waiting:
+        node, complete = waiting.pop()
+        parts = parts_of(node)
+        if parts and not complete:
+            waiting.append((node, True))
+            waiting += [(part, False) for part in reversed(parts)]
+        else:
+            first = len(done) - len(parts)
+            done[first:] = [made(node, done[first:])]
+    return done[0]
+
+
+def replaced(tree: Tree, change: Callable[[Tree], Tree]) -> Tree:
+    """A tree with each of its leaves replaced by what `change` makes of it."""
+
+    def made(node: Tree, parts: list[Tree]) -> Tree:
+        return (*node[: len(node) - len(parts)], *parts) if parts else change(node)
+
+    return rebuilt(tree, made)
+
+
+def leaves(tree: Tree | None) -> Iterator[Tree]:
+    """A tree and all trees within it; none of None."""
+    waiting = [tree] if tree else []
+    while waiting:
+        node = waiting.pop()
+        yield node
+        waiting += parts_of(node)
+
+
+def nodes_in(tree: Tree | None) -> list[str]:
+    """Nodes whose voltages an expression depends on, ground among them."""
+    return [node for leaf in leaves(tree) if leaf[0] == "v" for node in leaf[1:]]
+
+
+def currents_in(tree: Tree | None) -> list[str]:
+    """Sources and coils whose currents an expression depends on."""
+    return [leaf[1] for leaf in leaves(tree) if leaf[0] == "i"]
+
+
+def unknowns_in(tree: Tree | None) -> list[str]:
+    """Nodes but ground, and currents as "i(name)", that an expression depends on, each once."""
+    asked = [leaf for leaf in leaves(tree) if leaf[0] in ("v", "i")]
+    names = [f"i({leaf[1]})" if leaf[0] == "i" else node for leaf in asked for node in leaf[1:]]
+    return [name for name in dict.fromkeys(names) if name != GROUND]
+
+
+def is_constant(tree: Tree) -> bool:
+    """Whether a resolved tree is one number."""
+    return tree[0] == "number"
+
+
+def check(text: str, parameters: Any, functions: Mapping[str, Any]) -> None:
+    """Refuse an expression with names or functions that mean nothing, or calls that do not fit.
+
+    Parameters
+    ----------
+    text : str
+    parameters : collection of str
+    functions : mapping of str to sequence
+        The file's own; the second of each is its arguments.
+
+    Raises
+    ------
+    ExpressionError
+    """
+    for leaf in leaves(parse(text)):
+        if leaf[0] == "name" and leaf[1] not in NAMES and leaf[1] not in parameters:
+            truths = ("true", "false", "yes", "no")
+            hint = "; write 1 or 0" if leaf[1] in truths else nearest(leaf[1], parameters)
+            raise ExpressionError(f"unknown name {leaf[1][:60]}{hint}")
+        if leaf[0] == "call":
+            _check_call(leaf[1], len(leaf) - 2, functions)
+
+
+def _check_call(name, count, functions):
+    expected = _arguments_of(name, functions)
+    if count not in expected:
+        raise ExpressionError(f"{name} takes {expected[0]} arguments, not {count}")
+
+
+def _arguments_of(name, functions):
+    if name in functions:
+        return (len(functions[name][1]),)
+    if name in _MADE:
+        return (_MADE[name][0],)
+    if name in CIRCUIT_ONLY:
+        return CIRCUIT_ONLY[name]
+    if name in SOLUTION:
+        raise ExpressionError(f"{name}() takes names of nodes or a source")
+    if name in FUNCTIONS:
+        return (OPERATIONS[_SAME.get(name, name)].arguments,)
+    known_names = {*FUNCTIONS, *functions}
+    hint = f"; write {ELSEWHERE[name]}" if name in ELSEWHERE else nearest(name, known_names)
+    raise ExpressionError(f"unknown function {name[:60]}{hint}")
+
+
+_HIDDEN = {"negative", "and", "or", "not"}
+# All functions that an expression may call, apart from the file's own.
+FUNCTIONS = {name for name in OPERATIONS if name.isalpha() and name not in _HIDDEN}
+FUNCTIONS |= {*_SAME, *_MADE, *CIRCUIT_ONLY, *SOLUTION}
+
+
+def _unknown(name):
+    raise ExpressionError(f"unknown name {name[:60]}")
+
+
+class Names(NamedTuple):
+    """How the names and functions of an expression are looked up.
+
+    Attributes
+    ----------
+    name : gives the tree of a name.
+    function : gives (arguments, tree, look-up of its own functions) of a file's function, or None.
+    parameters_only : for a parameter's value: pow() keeps the sign and pwr() does not, and nothing
+        varies.
+    """
+
+    name: Callable[[str], Tree] = _unknown
+    function: Callable[[str], Any] = lambda name: None
+    parameters_only: bool = False
+
+
+def resolved(tree: Tree, names: Names) -> Tree:
+    """The tree with its names and functions looked up, constants put into numbers.
+
+    Raises
+    ------
+    ExpressionError
+    """
+
+    def made(here, parts):
+        if here[0] == "name":
+            return names.name(here[1])
+        if here[0] == "call":
+            return _called(here[1], parts, names)
+        if here[0] in ("v", "i") and names.parameters_only:
+            raise NotConstant("a value that changes while the circuit runs")
+        return _folded(here[0], parts, names) if parts else here
+
+    return rebuilt(tree, made)
+
+
+def _called(name, arguments, names):
+    user_function = names.function(name)
+    if user_function is not None:
+        formal, body, functions = user_function
+        if len(formal) != len(arguments):
+            raise ExpressionError(f"{name} takes {len(formal)} arguments, not {len(arguments)}")
+        bindings = dict(zip(formal, arguments, strict=True))
+
+        # ngspice puts a function's text in the place of its call: other names are the caller's.
+        def within(name):
+            return bindings[name] if name in bindings else names.name(name)
+
+        return resolved(body, Names(within, functions, names.parameters_only))
+    _check_call(name, len(arguments), {})
+    if name in CIRCUIT_ONLY:
+        return ("call", name, *arguments)
+    if names.parameters_only and name in ("pow", "pwr"):
+        return _of_parameters(name, arguments)
+    if name in _MADE:
+        composed = _MADE[name][1](*arguments)
+        return rebuilt(
+            composed, lambda here, parts: _folded(here[0], parts, names) if parts else here
+        )
+    return _folded(_SAME.get(name, name), arguments, names)
+
+
+def _of_parameters(name, arguments):
+    """pow() of ngspice's parameters is C's, pwr() the power of the size."""
+    x, y = (number[1] for number in arguments)
+    try:
+        return ("number", math.pow(x if name == "pow" else abs(x), y))
+    except (ValueError, OverflowError):
+        raise ExpressionError(f"{name}() has no value for these numbers") from None
+
+
+def _folded(kind, parts, names):
+    if kind == "if" and is_constant(parts[0]):
+        return parts[1] if parts[0][1] else parts[2]
+    if not all(map(is_constant, parts)):
+        if kind == "%":
+            raise ExpressionError("% of a value that changes: write x-y*floor(x/y)")
+        return (kind, *parts)
+    numbers = [part[1] for part in parts]
+    if kind in ("%", "/") and names.parameters_only and numbers[1] == 0.0:
+        raise ExpressionError(f"{kind} has no value: it divides by 0")
+    if kind == "%":
+        value = math.fmod(*numbers) if numbers[1] else math.nan
+    elif kind == "exp" and names.parameters_only:
+        value = math.exp(numbers[0]) if numbers[0] < LARGEST_ARGUMENT else math.inf
+    else:
+        value = folded(kind, numbers)
+    if not math.isfinite(value):
+        raise ExpressionError(f"{kind} has no value for these numbers")
+    return ("number", value)
+
+
+# LTspice's names of functions that only ngspice evaluates.
+_LTSPICES = {"pwl": "table"}
+# Longest expression written for LTspice, in characters: its form of a == b repeats both sides.
+LONGEST_WRITTEN = 100_000
+_LOOSE = {"+": 1, "-": 1, "*": 2, "/": 2}
+
+
+def written(
+    tree: Tree, node: Callable = str, source: Callable = str, dialect: str = "ngspice"
+) -> str:
+    """A tree as a SPICE reads it back, whatever its release: every order in parentheses.
+
+    Parameters
+    ----------
+    tree : tuple
+    node, source : callable
+        How a node and a source are spelt.
+    dialect : str
+        "ngspice" or "ltspice".
+    """
+
+    def made(here, parts):
+        kind = here[0]
+        if kind == "number":
+            text = repr(float(here[1]))
+            return f"({text})" if text.startswith("-") else text, 9
+        if kind in ("time", "name"):
+            return here[-1], 9
+        if kind == "i":
+            return f"i({source(here[1])})", 9
+        if kind == "v":
+            return _voltage(here[1], here[2], node), 9
+        if kind == "call":
+            name = _LTSPICES.get(here[1], here[1]) if dialect == "ltspice" else here[1]
+            return f"{name}({','.join(text for text, _ in parts)})", 9
+        tightness = _LOOSE.get(kind, 0)
+        texts = [text for text, _ in parts]
+        form = "{0}%{1}" if kind == "%" else getattr(OPERATIONS[kind], dialect)
+        if sum(map(len, texts)) > LONGEST_WRITTEN:
+            raise ExpressionError("it grows too long for LTspice: divide it")
+        if form[0].isalpha():
+            return form.format(*texts), 9
+        texts = [
+            text
+            if tightness_of_part == 9 or (k == 0 and 0 < tightness <= tightness_of_part)
+            else f"({text})"
+            for k, (text, tightness_of_part) in enumerate(parts)
+        ]
+        return form.format(*texts), tightness
+
+    return rebuilt(tree, made)[0]
+
+
+def _voltage(a, z, node):
+    if a == z:
+        return "0.0"
+    if a == GROUND:
+        return f"(-v({node(z)}))"
+    return f"v({node(a)})" if z == GROUND else f"v({node(a)},{node(z)})"
+
+
+def varies(tree: Tree) -> bool:
+    """Whether an unresolved expression depends on a voltage, a current or the time."""
+    return any(
+        leaf[0] in (*SOLUTION, "time") or (leaf[0] == "name" and leaf[1] in VARYING)
+        for leaf in leaves(tree)
+    )
+
+
+def renamed(tree: Tree, nodes: Mapping[str, str]) -> Tree:
+    """A resolved tree with some of its nodes under other names."""
+
+    def other(leaf: Tree) -> Tree:
+        return ("v", *(nodes.get(n, n) for n in leaf[1:])) if leaf[0] == "v" else leaf
+
+    return replaced(tree, other)

@@ -1,0 +1,256 @@
+"""A top-level netlist, as LTspice writes one of a schematic, made into a load's sub-circuit."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterator, Sequence
+from typing import NamedTuple
+
+from circuits.netlist.load_circuit import OUTPUT_PINS, PIEZO_PINS
+from circuits.netlist.numbers import number
+from circuits.netlist.reader import IGNORED, INCLUDES, statements
+from circuits.netlist.topology import CONTROLLED_BY_NODES, GROUND, Part, Topology, read_topology
+from circuits.netlist.vetting import ELEMENTS, listed
+from harvester.base.errors import NetlistError
+from harvester.base.plain_text import nearest
+
+PINS = (*PIEZO_PINS, *OUTPUT_PINS)
+# Statements that are kept, outside of the sub-circuit. The others control a simulator's run.
+KEPT = (".model", ".param", ".func")
+_WAVE = re.compile(r"(?i)\b(sine?|pulse|exp|sffm|pwl|wavefile)\b")
+# LTspice's parasitic parts within a part. Elements take their place.
+_WITHIN = re.compile(r"(?i)\s*\b(rser|rpar|cpar|lser)\s*=\s*(\{[^{}]*\}|\S+)")
+_VOLTAGE = re.compile(r"(?i)\bv\(([^()]*)\)")
+_CURRENT = re.compile(r"(?i)\bi\(([^()]*)\)")
+
+
+class Imported(NamedTuple):
+    """A load's file, and what was rewritten for it, one line each."""
+
+    text: str
+    rewritten: tuple[str, ...]
+
+
+def candidates(text: str) -> list[str]:
+    """Nodes of a netlist, those first that a source with a waveform drives: the harvester's."""
+    parts = _topology(text).parts
+    driven = [node for part in parts if _is_wave(part) for node in part.ends]
+    return list(dict.fromkeys([*driven, *(node for part in parts for node in part.nodes)]))
+
+
+def imported(text: str, name: str, nodes: Sequence[str], remove: Sequence[str] = ()) -> Imported:
+    """The sub-circuit of a top-level netlist.
+
+    Parameters
+    ----------
+    text : str
+        Text of the netlist; its first line is a title.
+    name : str
+        Name of the sub-circuit.
+    nodes : sequence of str
+        The harvester's two, then the output's two where there is one.
+    remove : sequence of str
+        Elements that stand for the harvester, beside the sources between its nodes.
+
+    Raises
+    ------
+    NetlistError
+    """
+    topology = _topology(text)
+    node_names = list(dict.fromkeys(node for part in topology.parts for node in part.nodes))
+    pins = _pins(nodes, node_names)
+    names = [part.name.lower() for part in topology.parts]
+    for part_name in remove:
+        if part_name.lower() not in names:
+            raise NetlistError(f"no element {part_name[:40]}{nearest(part_name.lower(), names)}")
+    notes: list[str] = []
+    gone = {part_name.lower() for part_name in remove}
+    gone |= {
+        p.name.lower() for p in topology.parts if p.letter in "vi" and {*p.ends} == {*nodes[:2]}
+    }
+    notes += [f"{part_name}: removed, the harvester takes its place" for part_name in sorted(gone)]
+    _check_ground(topology, pins)
+    currents = _currents(topology, gone)
+    functions: list[str] = []
+    outside: list[str] = []
+    inside: list[str] = []
+    depth = 0
+    for card in statements(_body(text), name):
+        first = card.text.split()[0].lower()
+        depth += first == ".subckt"
+        if not depth and first == ".func":
+            rewritten = _rewritten(card.text, pins, currents)
+            if rewritten.lower() != card.text.lower():
+                functions.append(re.split(r"[\s(]+", card.text)[1])
+            outside.append(rewritten)
+        elif depth or first in KEPT or (first in INCLUDES and not re.search(r"[\\/:]", card.text)):
+            outside.append(card.text)
+        elif first.startswith("."):
+            notes += [f"{card.text[:60]}: left out"] if first not in IGNORED else []
+        elif first not in gone:
+            across = card.text.split()[1:3]
+            output = first[0] in "rc" and len(nodes) == 4 and {*across} == {*nodes[2:]}
+            own_pins = pins | {nodes[3]: "ref"} if output else pins
+            inside += _element(card.text, own_pins, currents, notes)
+        depth -= first == ".ends"
+    _check_functions(topology, functions)
+    notes += [
+        f".func {function}: its voltages and currents are those of the load"
+        for function in functions
+    ]
+    for part in topology.parts:
+        if part.name.lower() not in gone and _is_wave(part):
+            notes.append(f"{part.name}: stays, a source of its own: --remove it if it drives")
+    if len(nodes) == 4 and nodes[3] in nodes[:2]:
+        # A node cannot have two names: a source of 0 V joins the two pins.
+        inside.append(f"Vcommon ref {pins[nodes[3]]} 0")
+        notes.append(f"Vcommon: joins ref to {pins[nodes[3]]}, as node {nodes[3]} was both")
+    head = f".subckt {name} {' '.join(PINS[: len(nodes)])}"
+    lines = ["* dialect: ltspice", *outside, head, *inside, f".ends {name}"]
+    notes.append("* dialect: ltspice: switches and expressions mean what they mean there")
+    return Imported(
+        "\n".join([f"* {name}, from a schematic's netlist", *lines]) + "\n", tuple(notes)
+    )
+
+
+def _body(text):
+    """The netlist without its title line; § in names becomes _."""
+    return "\n" + text.partition("\n")[2].replace("§", "_")
+
+
+def _topology(text):
+    lines = re.sub(r"(?mi)^\.(inc|include|lib)\b.*$", "", _body(text))
+    topology = read_topology(lines)
+    if not topology.parts:
+        raise NetlistError("no element at the top level: give a schematic's netlist, or a .subckt")
+    return topology
+
+
+def _is_wave(part: Part) -> bool:
+    return part.letter in "vi" and bool(_WAVE.search(part.value))
+
+
+def _pins(nodes, known):
+    """New names of the nodes that are renamed."""
+    for node in nodes:
+        if node not in known:
+            raise NetlistError(f"no node {node[:40]}{nearest(node, known)}; {listed(known)}")
+    if len(nodes) not in (2, 4) or nodes[0] == nodes[1] or len({*nodes[2:]}) == 1:
+        raise NetlistError("give the harvester's two nodes, or these and the output's two")
+    pins = dict(zip(nodes[:2], PIEZO_PINS, strict=True))
+    pins |= {n: pin for n, pin in zip(nodes[2:], OUTPUT_PINS, strict=False) if n not in pins}
+    # In a load, node 0 is the harvester's terminal n: the schematic's ground gets another name.
+    return {GROUND: "ground", **pins} | {n: f"{n}_" for n in known if n in PINS and n not in pins}
+
+
+def _within(topology: Topology) -> Iterator[tuple[str, Part]]:
+    """Elements of all sub-circuits, each with the name of its own."""
+    for inner in topology.inner.values():
+        yield from ((inner.name, part) for part in inner.parts)
+        yield from _within(inner)
+
+
+def _check_ground(topology, pins):
+    """Refuse node 0 within sub-circuits where it is not the harvester's n, as it is in a load."""
+    for name, part in _within(topology) if pins[GROUND] != "n" else ():
+        alone = any("," not in voltage for voltage in _VOLTAGE.findall(part.value))
+        if GROUND in (*part.nodes, *part.control) or alone:
+            raise NetlistError(
+                f"{part.name} in .subckt {name} uses node 0, which in a load is the harvester's "
+                "second node, and you gave another one: give the sub-circuit a pin for node 0, "
+                "and write V(x) as V(x,PIN)"
+            )
+
+
+def _currents(topology, gone):
+    """What replaces i(NAME): (voltage, resistance), or the reason why nothing can."""
+    expressions: dict[str, tuple[str, str] | str] = {}
+    for part in topology.parts:
+        name = part.name.lower()
+        if name in gone:
+            expressions[name] = (
+                f"I({part.name}): {part.name} is removed: the harvester takes its place"
+            )
+        elif part.letter == "r" and len(part.value.split()) == 1 and "=" not in part.value:
+            expressions[name] = (f"v({','.join(part.ends)})", part.value.strip("{}"))
+        elif part.letter not in "vehl":
+            expressions[name] = (
+                f"I({part.name}): put a source of 0 V, V_{part.name}, in series with {part.name} "
+                f"and write I(V_{part.name})"
+            )
+    return expressions
+
+
+def _check_functions(topology, functions):
+    """Refuse a rewritten function that a sub-circuit calls: there its nodes are that one's."""
+    for name, part in _within(topology):
+        for function in functions:
+            if re.search(rf"(?i)\b{re.escape(function)}\s*\(", part.value):
+                raise NetlistError(
+                    f".func {function}: it asks for nodes of the schematic, and .subckt {name} "
+                    "calls it too: give it these voltages as arguments"
+                )
+
+
+def _rewritten(text, pins, currents):
+    """Text in which the voltages and currents have the load's names."""
+
+    def current(found):
+        expression = currents.get(found[1].strip().lower(), found[0])
+        if isinstance(expression, tuple):
+            return f"({expression[0]}/({expression[1]}))"
+        if expression != found[0]:
+            raise NetlistError(expression)
+        return expression
+
+    return _VOLTAGE.sub(lambda found: _voltage(found[1], pins), _CURRENT.sub(current, text))
+
+
+def _element(
+    text: str, pins: dict[str, str], currents: dict[str, tuple[str, str] | str], said: list[str]
+) -> Iterator[str]:
+    """An element with its nodes renamed, and the parts that stood within it."""
+    # LTspice writes 0 where there is no such part.
+    within = [(key.lower(), value) for key, value in _WITHIN.findall(text) if number(value) != 0.0]
+    words = _WITHIN.sub("", text).split()
+    name, letter = words[0], words[0][0].lower()
+    count = _nodes_of(words)
+    nodes = [pins.get(node, node) for node in words[1 : 1 + count]]
+    remainder = " ".join(words[1 + count :])
+    # In the parentheses of V and I sources stands a waveform; in other elements V(…) and I(…) are
+    # measured.
+    if letter not in "vi":
+        asked = _CURRENT.findall(remainder)
+        remainder = _rewritten(remainder, pins, currents)
+        said += [
+            f"{name}: I({current}) is its voltage over its resistance"
+            for current in dict.fromkeys(asked)
+            if isinstance(currents.get(current.strip().lower()), tuple)
+        ]
+    for key, value in within:
+        part = f"{key[0].upper()}{key[1:]}_{name}"
+        if letter not in "rclvi" or (letter == "i" and key == "rser"):
+            raise NetlistError(f"{name}: {key}= of such a part: write it as an element of its own")
+        said.append(f"{name}: {key}={value} is the element {part}")
+        if key.endswith("ser"):
+            yield f"{part} {nodes[1]}_{name} {nodes[1]} {value}"
+            nodes[1] = f"{nodes[1]}_{name}"
+        else:
+            yield f"{part} {nodes[0]} {nodes[1]} {value}"
+    yield " ".join([name, *nodes, remainder])
+
+
+def _nodes_of(words):
+    """How many of an element's words are its nodes, those included that control."""
+    (part,) = read_topology(" ".join(words)).parts
+    if part.letter in CONTROLLED_BY_NODES:
+        return 4 if len(part.control) == 2 and words[3:5] == [*part.control] else 2
+    return len(part.nodes) if part.letter != "k" else ELEMENTS["k"][0]
+
+
+def _voltage(inner, pins):
+    """A voltage in an expression; of one node it is against node 0."""
+    nodes = [pins.get(node.strip(), node.strip()) for node in inner.split(",")]
+    if len(nodes) == 1 and pins[GROUND] != "n":
+        nodes.append(pins[GROUND])
+    return f"v({','.join(nodes)})"

@@ -1,0 +1,197 @@
+"""Whether what a load's file says is a circuit: its needs, couplings, resistances, nodes named."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Iterable, Sequence
+from typing import TYPE_CHECKING, NoReturn
+
+import numpy as np
+
+from circuits.netlist.expression import ExpressionError, currents_in, leaves, nodes_in, parse
+from circuits.netlist.flattening import calls
+from circuits.netlist.part_models import LEAST_RESISTANCE
+from harvester.base.errors import NetlistError
+from harvester.base.plain_text import nearest
+from harvester.device.terminals import GROUND
+
+if TYPE_CHECKING:
+    from circuits.netlist.elements import Element
+    from circuits.netlist.scope import Scope
+
+# Largest value of a part. Powers of larger ones leave the range of numbers.
+LARGEST_VALUE = 1e30
+# Largest energy (J) of a store at 1 V or 1 A, or at its ic. Rounding of a larger one hides what a
+# harvester adds to it.
+LARGEST_ENERGY = 1e9
+# If coils are fully coupled, some of their currents hold no energy, to within this share.
+ROUNDING = 1e-9
+# Letters of elements whose second pair of nodes controls them and carries no current.
+_CONTROLLED = "seg"
+
+
+def check_load(elements: Sequence[Element], pins: Sequence[str]) -> None:
+    """Refuse a load whose elements form no valid circuit.
+
+    Raises
+    ------
+    NetlistError
+        One line with file, line and fault.
+    """
+    _check_sizes(elements)
+    _check_sources(elements)
+    _check_couplings(elements)
+    _check_nodes(elements, pins)
+    _check_currents(elements)
+
+
+def loose_nodes(elements: Sequence[Element], pins: Sequence[str]) -> tuple[str, ...]:
+    """Nodes with a single connection and no use in an expression, as "node of name (file:line)"."""
+    ends = Counter(node for element in elements for node in _connected(element))
+    known_nodes = {GROUND, *pins, *(node for element in elements for node in _controlling(element))}
+    return tuple(
+        f"{node} of {element.place}"
+        for element in elements
+        for node in _connected(element)
+        if ends[node] == 1 and node not in known_nodes
+    )
+
+
+def check_needs(scope: Scope) -> None:
+    """Refuse values that a sub-circuit says it is not made for.
+
+    Raises
+    ------
+    NetlistError
+    """
+    for call in calls(scope):
+        for card in call.circuit.needs:
+            needs = f"{card.where}: {call.circuit.name} needs {card.text}"
+            try:
+                holds = call.value("{" + card.text + "}") > 0.0
+            except ExpressionError as reason:
+                raise NetlistError(f"{needs}: that cannot be checked: {reason}") from None
+            if not holds:
+                raise NetlistError(f"{needs} here, with {_values(call, card.text)}")
+
+
+def _values(scope, condition):
+    """ "name = value" of each parameter of a condition."""
+    leaf_names = (leaf[1] for leaf in leaves(parse(condition)) if leaf[0] == "name")
+    names = sorted({*leaf_names}, key=condition.index)
+    assignments = [f"{name} = {scope.parameter(name):g}" for name in names]
+    return ", ".join(assignments) or "no parameter in it"
+
+
+def _refuse(part: Element, fault: str) -> NoReturn:
+    raise NetlistError(f"{part.where}: {part.name}: {fault}")
+
+
+def _check_sizes(parts):
+    """Refuse values whose currents or powers rounding or overflow would hide."""
+    for part in parts:
+        for key, value in (("", part.value or 0.0), *part.numbers):
+            if abs(value) > LARGEST_VALUE:
+                written = f"{key}={value:g}" if key else f"{value:g}"
+                cure = "leave the part out if it is to have no effect"
+                _refuse(part, f"{written}: no part's value is above {LARGEST_VALUE:g}; {cure}")
+        energy = 0.5 * abs(part.size or 0.0) * max(abs(part.get("ic")), 1.0) ** 2
+        if part.letter in "cl" and energy > LARGEST_ENERGY:
+            _refuse(
+                part,
+                f"{energy:.2g} J: above {LARGEST_ENERGY:g} J rounding hides what the harvester "
+                "adds; write a voltage or a current source",
+            )
+        size = part.size if part.letter == "r" else None
+        if size is not None and abs(size) < LEAST_RESISTANCE:
+            _refuse(
+                part,
+                f"{abs(size):g} Ω: below {LEAST_RESISTANCE:g} Ω currents are lost to rounding; 1m, "
+                "a thousandth of an ohm, does the same",
+            )
+
+
+def _check_sources(parts):
+    """Refuse a loop of voltage sources: they contradict each other, or leave its current open."""
+    joined: dict[str, set[str]] = {}
+    for part in parts:
+        if part.letter != "v" and not part.voltage:
+            continue
+        a, z = (GROUND if node == "n" else node for node in part.nodes[:2])
+        if (part.controls or currents_in(part.expression)) and a != z:
+            # Its voltage may depend on the loop's current.
+            continue
+        one, other = (joined.setdefault(node, {node}) for node in (a, z))
+        if one is other:
+            _refuse(
+                part,
+                "it closes a loop of voltage sources, whose voltages contradict each other or "
+                "leave their current undetermined: leave it out, or put a resistor in series",
+            )
+        one |= other
+        joined.update(dict.fromkeys(other, one))
+
+
+def _check_nodes(parts, pins):
+    """Refuse a voltage that controls something where nothing is connected."""
+    known_nodes = {GROUND, *pins, *(node for part in parts for node in _connected(part))}
+    for part in parts:
+        for node in _controlling(part):
+            if node not in known_nodes:
+                hint = nearest(node, known_nodes)
+                _refuse(part, f"nothing is connected to the node {node[:60]}{hint}")
+
+
+def _check_currents(parts):
+    """Refuse an expression with the current of an element that does not exist."""
+    currents = {part.name for part in parts if part.letter in "vehl" or part.voltage}
+    for part in parts:
+        for name in sorted({*part.controls, *currents_in(part.expression)}):
+            if name not in currents:
+                _refuse(
+                    part,
+                    f"i({name[:60]}) is no current of the load{nearest(name, currents)}: only that "
+                    "of a V, E, H, L or of a B with v= is; a source of 0 V in series is an ammeter",
+                )
+
+
+def _controlling(each: Element) -> list[str]:
+    """Nodes whose voltage controls an element."""
+    inner = sorted({*nodes_in(each.expression)})
+    return [*each.nodes[2:], *inner] if each.letter in _CONTROLLED else inner
+
+
+def _connected(each: Element) -> Iterable[str]:
+    """Nodes that an element's current flows through."""
+    return each.nodes[:2] if each.letter in _CONTROLLED else each.nodes
+
+
+def _check_couplings(parts):
+    """Refuse coils whose couplings contradict: some currents would hold less than 0 J."""
+    couplings = [part for part in parts if part.letter == "k"]
+    many = {part.name: part.many for part in parts if part.letter == "l"}
+    names = list(dict.fromkeys(name for coupling in couplings for name in coupling.controls))
+    energy = np.eye(len(names))
+    for coupling in couplings:
+        size = coupling.value
+        if several := [name for name in coupling.controls if many[name] != 1.0]:
+            _refuse(
+                coupling,
+                f"m= of the coupled coil {several[0]} has no effect on its coupling: write one "
+                "coil with the inductance of all",
+            )
+        if abs(size) > 1.0:
+            _refuse(coupling, f"a coupling of {size:g}; it lies between -1 and 1")
+        ends = [names.index(name) for name in coupling.controls]
+        energy[np.ix_(ends, ends)] += size * (1.0 - np.eye(len(ends)))
+    if names:
+        levels, currents = np.linalg.eigh(energy)
+        if levels[0] < -ROUNDING:
+            flowing = np.abs(currents[:, 0]) > ROUNDING
+            coils = [name for name, flows in zip(names, flowing, strict=True) if flows]
+            last = [part for part in couplings if not {*coils}.isdisjoint(part.controls)][-1]
+            _refuse(
+                last,
+                f"impossible couplings: some currents in {', '.join(coils[:5])} would hold less "
+                "than no energy; lower the couplings, or give one the other sign",
+            )

@@ -1,0 +1,170 @@
+"""A load that was read: its elements, and what follows from them alone."""
+
+from __future__ import annotations
+
+import hashlib
+from dataclasses import dataclass, field
+from functools import cached_property
+from typing import Any
+
+from circuits.netlist.elements import Element
+from circuits.netlist.kinds import LEVEL
+from circuits.netlist.load_checks import loose_nodes
+from circuits.netlist.measures import Measure
+from circuits.netlist.own_motion import OwnMotion, cancelled, own_motion
+from circuits.netlist.stores import Store, levels_of, stores_of
+from circuits.netlist.supplies import coupled, supplies_of
+from circuits.netlist.writer import reads_alike, run_text
+
+# Pins of a load's sub-circuit: the piezo's terminals, and the DC side if it has one.
+PIEZO_PINS, OUTPUT_PINS = ("p", "n"), ("out", "ref")
+
+
+@dataclass(frozen=True)
+class LoadCircuit:
+    """A load that was read and checked, ready to be connected to the transducer.
+
+    Attributes
+    ----------
+    text : str
+        Text of its file for exported decks: includes inserted, parameters by name; ends with a
+        newline.
+    elements : tuple of circuits.netlist.elements.Element
+        All that it holds, as both engines run it.
+    name : str
+        Name of its sub-circuit.
+    pins : tuple of str
+        Pins as declared, from `PIEZO_PINS` and `OUTPUT_PINS`.
+    parameters : tuple of (str, float)
+        Values other than the netlist's own, given where it is called.
+    defaults : tuple of (str, float)
+        The netlist's own values of its sub-circuit's parameters, where they are plain numbers.
+    across_output : tuple of circuits.netlist.elements.Element
+        Resistors and capacitors across the output.
+    linear, switches : bool
+        Resistors and capacitors only; anything beside them and diodes.
+    resistance : float or None
+        Resistance of a load that is one resistor between p and n, in Ω.
+    measures : tuple of circuits.netlist.measures.Measure
+        Measures that its file asks for (`* measure:`).
+    probes : tuple of str
+        Nodes, and currents "i(name)", that a waveform is to hold; see `with_probes`.
+    file : str
+        Name of the file that its sub-circuit stands in.
+    ambiguity : str
+        A note on expressions that another SPICE reads otherwise; empty if there are none.
+    source : (Path, tuple of circuits.netlist.reader.Card)
+        Its file and the cards that were read there, includes in: what `read_load` takes again.
+    """
+
+    text: str
+    name: str
+    pins: tuple
+    parameters: tuple
+    defaults: tuple
+    across_output: tuple[Element, ...]
+    linear: bool
+    switches: bool
+    resistance: float | None
+    measures: tuple = ()
+    probes: tuple[str, ...] = ()
+    file: str = field(default="", compare=False)
+    elements: tuple[Element, ...] = field(default=(), compare=False, repr=False)
+    ambiguity: str = field(default="", compare=False)
+    source: Any = field(default=None, compare=False, repr=False)
+
+    @cached_property
+    def is_plain(self) -> bool:
+        """Whether ngspice can take the file's own text, as it reads every name as this program
+        does.
+        """
+        return reads_alike(self.text, self.elements)
+
+    @cached_property
+    def run_text(self) -> str:
+        """The sub-circuit as ngspice runs it, with every number written out."""
+        return run_text(self.name, self.pins, self.elements)
+
+    @cached_property
+    def own_motion(self) -> OwnMotion:
+        """How it behaves with the device at rest: `circuits.netlist.own_motion`."""
+        return own_motion(self.elements)
+
+    @cached_property
+    def cancelled(self) -> str:
+        """The first source in it whose comparison rounding decides: `circuits.netlist.own_motion`."""
+        return cancelled(self.elements)
+
+    @cached_property
+    def sources(self) -> tuple[str, ...]:
+        """Independent sources in it that are not 0: each may deliver energy."""
+        names = (element.name.rpartition(".")[2] for element in self.elements if element.delivers)
+        return tuple(dict.fromkeys(names))
+
+    @cached_property
+    def periods(self) -> tuple[float, ...]:
+        """The periods (s) of its periodic sources, each once."""
+        periods = (element.wave.period for element in self.elements if element.wave)
+        return tuple(dict.fromkeys(period for period in periods if period is not None))
+
+    @cached_property
+    def negative_parts(self) -> tuple[str, ...]:
+        """Resistors, capacitors and coils in it whose value is below 0."""
+        return tuple(
+            element.place
+            for element in self.elements
+            if element.letter in "rcl" and (element.size or 0.0) < 0.0
+        )
+
+    @cached_property
+    def loose_nodes(self) -> tuple[str, ...]:
+        """Nodes with a single connection, as "node of name (file:line)"."""
+        return loose_nodes(self.elements, self.pins)
+
+    @property
+    def sha256(self) -> str:
+        """Digest of its cards, includes in, and of the values given."""
+        identity = f"{self.text}{self.name}{self.parameters}"
+        return hashlib.sha256(identity.encode()).hexdigest()
+
+    @property
+    def values(self) -> dict[str, float]:
+        """The parameters that are plain numbers, given or by default (SI)."""
+        return dict(self.defaults) | dict(self.parameters)
+
+    @cached_property
+    def stores(self) -> tuple[Store, ...]:
+        """The capacitors and coils of the load."""
+        return stores_of(self.elements)
+
+    @cached_property
+    def levels(self) -> tuple[str, ...]:
+        """Nodes and currents that determine what its stores hold, see `circuits.netlist.stores`."""
+        return levels_of(self.elements, self.stores)
+
+    @property
+    def has_output(self) -> bool:
+        """Whether it has a DC side."""
+        return OUTPUT_PINS[0] in self.pins
+
+    @cached_property
+    def coupled(self) -> frozenset[str]:
+        """Nodes of what can exchange energy with its pins, see `circuits.netlist.supplies`."""
+        return coupled(self.elements)
+
+    @cached_property
+    def supplies(self) -> tuple[Measure, ...]:
+        """The power that its sources take, see `circuits.netlist.supplies`."""
+        if not self.has_output:
+            return ()
+        return supplies_of(self.elements, self.coupled, self.measures)
+
+    @property
+    def measured(self) -> tuple[tuple[str, str], ...]:
+        """Kind and name of each value that its measures ask for, and of its sources' powers."""
+        return tuple(row for measure in (*self.measures, *self.supplies) for row in measure.rows)
+
+    @property
+    def recorded(self) -> tuple[tuple[str, str], ...]:
+        """Kind and name of each value kept of a run: those measured, its levels, its probes."""
+        return self.measured + tuple((LEVEL, name) for name in (*self.levels, *self.probes))

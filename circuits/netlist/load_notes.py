@@ -1,0 +1,165 @@
+"""Notes on a load for results and messages: misread values, the cost of following it, causes."""
+
+from __future__ import annotations
+
+import math
+import re
+
+from circuits.netlist.expression import leaves
+from circuits.netlist.kinds import OUTPUT
+from circuits.netlist.load_circuit import LoadCircuit
+from harvester.base.errors import LoadError
+from harvester.device.terminals import GROUND
+
+# Smallest storage (F) and resistance (Ω) across an output. Smaller values are probably a misread
+# suffix.
+LEAST_STORAGE, LEAST_LOAD = 1e-12, 1.0
+# Shortest time constant of a switch's control that a run can follow, in steps of the grid. It is a
+# hundred times Monte Carlo's shortest step; ngspice's clock is no finer.
+LEAST_TURN = 1e-8
+# Time (s) on one core that a period of a load's own clock takes in each engine: a buck converter of
+# one switch behind a bridge, at 50 kHz, took 14 steps of Monte Carlo a period and 140 of ngspice.
+PERIOD_COST = {"Monte Carlo": 8.6e-6, "the circuit": 2.6e-3}
+# A note states the cost of a realization if it takes either engine more than so many seconds.
+LONG = 60.0
+# Matches ngspice's flat names: letters and calls, as in "d.xload.d.xbridge.dupper". The name of a
+# model follows a colon, as in "xload:ideal".
+_FLAT = re.compile(
+    r"(?<![\w.])(?:[a-z]\.)*(?:xcopy\d+[.:])?xload[.:]([^\s,;()\"]*[^\s,;:.()\"])(\"?)"
+)
+# Matches the nodes at a load's pins and the current into it.
+_PIN = re.compile(r'"(?:load_(out|ref)|load_\w+|vload#branch)"')
+# Letters of elements, those first that Newton's iterations fail at most often.
+_LETTERS = "bmqjdswegfhvilcr"
+# At most so many elements at a node are named.
+NAMED = 2
+
+
+def reading_notes(load: LoadCircuit) -> tuple[str, ...]:
+    """Notes on values that the reader may have understood otherwise than their writer."""
+    notes = [
+        f"{element.place} is read as a smooth switch of LTspice or PSpice: its "
+        "conductance changes over the whole hysteresis"
+        for element in load.elements
+        if element.is_smooth_switch
+    ]
+    notes += [load.ambiguity] if load.ambiguity else []
+    outputs = [part for part in load.across_output if part.letter == "r"]
+    if load.has_output and not outputs and all(measure.kind != OUTPUT for measure in load.measures):
+        notes.append(
+            "no resistor lies across out and ref and no measure is an output: its power is 0"
+        )
+    for element in load.across_output:
+        small = LEAST_STORAGE if element.letter == "c" else LEAST_LOAD
+        if 0.0 < (element.size or 0.0) < small:
+            unit = "F" if element.letter == "c" else "Ω"
+            notes.append(
+                f"{element.place} across the output is {element.size:g} {unit}: "
+                "in SPICE F behind a number is femto and M is milli; a farad has no letter, "
+                "a million is meg"
+            )
+    notes += [
+        f"{source.name} ({source.where}) depends on its own output by way of the node {node}: a "
+        "comparator with such a hysteresis may turn too late or too early at default steps; "
+        "compare with --step finest, or use a switch (S, vt= and vh=)"
+        for source in load.elements
+        for node in _fed_back(load, source)[:1]
+    ]
+    if load.own_motion.unknown:
+        notes.append(
+            "whether the load oscillates by itself is not known "
+            f"({load.own_motion.unknown}): compare with shorter steps"
+        )
+    return tuple(notes)
+
+
+def _fed_back(load, source):
+    """Nodes that a voltage by expression depends on and drives through resistors or coils."""
+    if source.expression is None or not source.voltage:
+        return []
+    reached, size = {*source.nodes[:2]}, 0
+    outside = {*load.pins, GROUND} - {"out"}
+    wires = [{*element.nodes[:2]} for element in load.elements if element.letter in "rl"]
+    while len(reached) != size:
+        size = len(reached)
+        reached = reached.union(*(ends for ends in wires if ends & reached - outside))
+    named = (leaf[1:] for leaf in leaves(source.expression) if leaf[0] == "v")
+    driven = reached - {*source.nodes[:2]} - outside
+    return [node for pair in named for node in pair if node in driven]
+
+
+def following_notes(load: LoadCircuit, duration: float) -> tuple[str, ...]:
+    """A note on the cost of following a load's fastest source through a run (s), if over `LONG`."""
+    period = min(load.periods, default=math.inf)
+    costs = {engine: duration / period * cost for engine, cost in PERIOD_COST.items()}
+    if any(element.letter in "jmq" for element in load.elements):
+        # Monte Carlo does not run transistors.
+        del costs["Monte Carlo"]
+    if max(costs.values()) < LONG:
+        return ()
+    name = next(e.name for e in load.elements if e.wave and e.wave.period == period)
+    estimates = ", ".join(f"{_spoken(cost)} by {engine}" for engine, cost in costs.items())
+    return (
+        f"{name} repeats itself every {1e6 * period:.3g} µs: {duration:.4g} s take about "
+        f"{estimates}, for each realization on one core; put an averaged converter in "
+        "its place, as nano_buck of `.include buck_converters.lib`",
+    )
+
+
+def _spoken(seconds):
+    if seconds < 90.0:
+        return f"{seconds:.2g} s"
+    return f"{seconds / 60.0:.2g} min" if seconds < 5400.0 else f"{seconds / 3600.0:.2g} h"
+
+
+def check_turn(load: LoadCircuit, step: float) -> None:
+    """Refuse comparisons that rounding decides, and switches too fast for a grid of this step (s).
+
+    Raises
+    ------
+    LoadError
+    """
+    if load.cancelled:
+        raise LoadError(
+            f"{load.cancelled} compares two values that are equal but for rounding: compare with "
+            "a threshold of some millivolts"
+        )
+    motion = load.own_motion
+    if motion.turn < LEAST_TURN * step:
+        raise LoadError(
+            f"{motion.switch} turns by itself, and its control follows within {motion.turn:.2g} s: "
+            f"steps of {step:.2g} s cannot follow that; raise ron or the capacitance at its control"
+        )
+
+
+def suspicion(load: LoadCircuit | None) -> str:
+    """The negative parts that may have ended a run early: text to append to the reason."""
+    if load is None or not load.negative_parts:
+        return ""
+    names = ", ".join(load.negative_parts[:3])
+    return f"; a value below 0 feeds energy in, so that voltages may grow without bound: {names}"
+
+
+def with_places(message: str, load: LoadCircuit | None) -> str:
+    """A message of ngspice's with the names of a load's elements as its files give them."""
+    if load is None:
+        return message
+    placed = _PIN.sub(lambda pin: f'"xload.{pin.group(1) or "p"}"', message)
+    placed = _FLAT.sub(lambda match: _named(match.group(1), match.group(2), load), placed)
+    if any(element.where in placed for element in load.elements):
+        return placed
+    return f"{placed} (the load is {load.file})"
+
+
+def _named(flat, quote, load):
+    """ "dupper (bridge.lib:24)", or the bare name of what is no element, as a node."""
+    path = re.split("[.:]", flat.removesuffix("#branch"))
+    # The element's letter is repeated between the calls.
+    full = ".".join(part for k, part in enumerate(path) if len(part) > 1 or k == len(path) - 1)
+    places = {element.name: element.where for element in load.elements}
+    if full in places:
+        return f"{path[-1]}{quote} ({places[full]})"
+    near = [element for element in load.elements if full in element.nodes]
+    near.sort(key=lambda element: _LETTERS.find(element.letter))
+    names = " and ".join(f"{element.name} ({element.where})" for element in near[:NAMED])
+    return f"{path[-1]}{quote} of the load" + (f", at {names}" if names else "")

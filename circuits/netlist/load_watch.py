@@ -1,0 +1,131 @@
+"""The unknowns of a load that limit the steps: controls of switches, capacitors and coils."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from typing import TYPE_CHECKING, NamedTuple
+
+from circuits.netlist.bounds import of_time_alone
+from circuits.netlist.part_models import hysteresis
+from circuits.netlist.potentials import Potentials, with_sources
+from circuits.netlist.turns import passing, turns
+from harvester.device.terminals import GROUND
+
+if TYPE_CHECKING:
+    from circuits.netlist.elements import Element
+    from circuits.netlist.load_circuit import LoadCircuit
+
+# Transistors and behavioural sources change their currents by a law of their own, at any time.
+_JUMPING = frozenset("bqjm")
+
+
+class Watch(NamedTuple):
+    """Unknowns of a load that limit the step: controls of switches, capacitors, coils.
+
+    Attributes
+    ----------
+    unknowns : tuple of str
+        A node's full name, "i(name)" or ground, two for each switch and then two for each
+        capacitor and coil: what counts is the first less the second (V or A).
+    switches : tuple of (float, float, bool)
+        Control above which each closes, that below which it opens, whether it is closed at first.
+    stores : tuple of (float, bool)
+        Capacitance (F) or inductance (H), and whether it is a coil's.
+    pins : tuple of str
+        Nodes at the load's pins.
+    jumps : bool
+        Whether a part may change its current without notice, a source has a waveform of its own,
+        the load oscillates by itself, or a value is no number or not positive: steps then follow
+        the local error, and of the unknowns only the switches' are watched.
+    turn : float
+        Shortest time constant of what controls a switch that turns by itself (s).
+    """
+
+    unknowns: tuple[str, ...] = ()
+    switches: tuple[tuple[float, float, bool], ...] = ()
+    stores: tuple[tuple[float, bool], ...] = ()
+    pins: tuple[str, ...] = ()
+    jumps: bool = False
+    turn: float = math.inf
+
+
+NOTHING = Watch()
+
+
+def watch_of(load: LoadCircuit, pins: Mapping[str, str]) -> Watch:
+    """The unknowns to watch of a load whose pins are at these nodes.
+
+    Parameters
+    ----------
+    load : circuits.netlist.load_circuit.LoadCircuit
+    pins : dict of str to str
+        Full names of the nodes at its pins.
+
+    Returns
+    -------
+    Watch
+        Empty for resistors, capacitors and diodes, which follow the motion.
+    """
+    parts = load.elements
+    jumps = may_jump(load)
+    if not load.switches:
+        return Watch(jumps=jumps)
+    switches = [_switch(part, pins) for part in parts if part.letter in "sw"]
+    switches += _comparisons(parts, pins)
+    stores = [] if jumps else [_store(part, pins) for part in parts if part.letter in "cl"]
+    watched = [*switches, *stores]
+    return Watch(
+        tuple(name for ends, _ in watched for name in ends),
+        tuple(values for _, values in switches),
+        tuple(values for _, values in stores),
+        tuple(pins.values()),
+        jumps,
+        load.own_motion.turn,
+    )
+
+
+def may_jump(load: LoadCircuit) -> bool:
+    """Whether a part of the load may change its current without notice."""
+    if any(part.wave is not None for part in load.elements):
+        return True
+    return load.switches and (load.own_motion.oscillates or any(map(_jumps, load.elements)))
+
+
+def _jumps(each: Element) -> bool:
+    if each.letter in _JUMPING or each.expression is not None:
+        return True
+    return each.letter in "cl" and not (each.size or 0.0) > 0.0
+
+
+def _switch(each, pins):
+    """The control's ends, and (closes above, opens below, closed at first)."""
+    ends = tuple(pins.get(node, node) for node in each.nodes[2:4])
+    if each.letter == "w":
+        ends = f"i({each.controls[0]})", GROUND
+    low, high = hysteresis(each.letter, each.model)
+    return ends, (high, low, "on" in each.flags)
+
+
+def _comparisons(parts, pins):
+    """Pins and thresholds, as `_switch` gives them, of each comparison that makes a jump."""
+    potentials = Potentials(parts)
+    crossings = [
+        passing(passed)
+        for part in parts
+        if part.expression is not None
+        for passed in turns(part.expression)
+        if not of_time_alone(with_sources(passed, potentials))
+    ]
+    return [
+        (tuple(pins.get(end, end) for end in ends), (level, level, False))
+        for ends, level in filter(None, dict.fromkeys(crossings))
+    ]
+
+
+def _store(each, pins):
+    """The unknowns of a store (two nodes, or a coil's current), and (size in F or H, whether
+    it is a coil)."""
+    if each.letter == "l":
+        return (f"i({each.name})", GROUND), (each.size, True)
+    return tuple(pins.get(node, node) for node in each.nodes), (each.size, False)

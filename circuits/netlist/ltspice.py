@@ -1,0 +1,108 @@
+"""ngspice's netlists in LTspice's words."""
+
+from __future__ import annotations
+
+import re
+
+from circuits.netlist.expression import (
+    BOOLEAN,
+    ZERO,
+    ExpressionError,
+    Names,
+    Tree,
+    parse,
+    rebuilt,
+    resolved,
+    written,
+)
+from circuits.netlist.reader import statements
+from harvester.base.errors import NetlistError
+
+# Variables of a B source. ngspice calls the last one `temper`.
+VARIABLES = {"time", "pi", "temp"}
+DIFFERENCES = (
+    "the noise is read from a file beside this one (PWL file=), not written out here",
+    "conditions are if(a,b,c) in place of a ? b : c; a==b is (a>=b)*(a<=b)",
+    "pwr(x,y) = |x|^y stands for ngspice's pow(x,y), pwrs for its pwr",
+    "the noise current is I(Inoise) in place of @inoise[current]",
+    "plotwinsize=0 turns the compression of waveforms off, numdgt=7 keeps them in double precision",
+    "trtol scales each simulator's own error estimate: the steps are not the same",
+)
+
+
+def to_ltspice(text: str) -> str:
+    """Elements, sub-circuits, models and analysis as LTspice reads them.
+
+    Parameters
+    ----------
+    text : str
+        A netlist of `circuits.equivalent.assembly`, the noise source's waveform already LTspice's.
+
+    Raises
+    ------
+    NetlistError
+        An expression that LTspice has no words for.
+    """
+    return "\n".join(filter(None, map(_card, statements(text, "netlist")))) + "\n"
+
+
+def _card(card):
+    first = card.text.split()[0].lower()
+    if first == ".title":
+        return ""
+    if first == ".save":
+        return re.sub(r"@(\w+)\[current\]", r"I(\1)", card.text)
+    if first.startswith(".options"):
+        return f"{card.text} plotwinsize=0 numdgt=7"
+    if first.startswith("b"):
+        head, equals, expression = card.text.partition("=")
+        return f"{head}{equals}{translate(expression, behavioural=True)}"
+    if re.fullmatch(r"\.param pi=3\.14\d*", card.text.lower()):
+        return ""  # LTspice's own
+    return re.sub(r"\{([^{}]*)\}", lambda found: f"{{{translate(found.group(1))}}}", card.text)
+
+
+def translate(expression: str, behavioural: bool = False) -> str:
+    """An expression of ngspice in LTspice's words.
+
+    Parameters
+    ----------
+    expression : str
+    behavioural : bool
+        Whether it stands in a B source, where parameters stand in braces.
+
+    Raises
+    ------
+    NetlistError
+        It cannot be said there.
+
+    Examples
+    --------
+    >>> translate("(v(x) > 1) ? pow(v(x)-1, 1.5) : 0", behavioural=True)
+    'if(1.0<v(x),pwr(v(x)-1.0,1.5),0.0)'
+    """
+    try:
+        names = Names(lambda name: ("name", _kept(name, behavioural)))
+        tree = resolved(parse(expression.replace("{", "(").replace("}", ")")), names)
+        return written(rebuilt(tree, _with_truths), dialect="ltspice")
+    except ExpressionError as fault:
+        raise NetlistError(
+            f"{expression.strip()[:60]!r}: {fault}; not written for LTspice"
+        ) from None
+
+
+def _kept(name, behavioural):
+    """A name as it stays; parameters of a B source stand in braces."""
+    name = "temp" if name == "temper" else name
+    return f"{{{name}}}" if behavioural and name not in VARIABLES else name
+
+
+def _with_truths(tree: Tree, parts: list[Tree]) -> Tree:
+    """Translate conditions: ngspice takes any number but 0 for true, LTspice those above 0.5."""
+    if not parts:
+        return tree
+    count = {"if": 1, "not": 1, "and": 2, "or": 2}.get(tree[0], 0)
+    parts[:count] = [
+        part if part[0] in BOOLEAN else ("not", ("==", part, ZERO)) for part in parts[:count]
+    ]
+    return (*tree[: len(tree) - len(parts)], *parts)

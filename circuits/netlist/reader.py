@@ -1,0 +1,219 @@
+"""Netlist files as cards: comments, continuation lines and includes resolved, nothing judged yet.
+
+Reads what LTspice and ngspice write. A load from elsewhere is data, so an include stays within the
+folder of the file that the user named, or is one of this project's own, named without a folder.
+"""
+
+from __future__ import annotations
+
+import codecs
+import contextlib
+import re
+from importlib import resources
+from pathlib import Path
+from typing import NamedTuple
+
+from harvester.base.errors import NetlistError
+
+# Limits of a load with all that it includes. They are far above real loads and far below what would
+# exhaust a machine.
+MOST_BYTES = 1_000_000
+MOST_FILES = 100
+DEEPEST_INCLUDE = 16
+MOST_CARDS = 20_000
+# Longest statement with its continuation lines, in characters.
+LONGEST_CARD = 20_000
+
+INCLUDES = (".include", ".inc", ".lib")
+IGNORED = (".end", ".backanno")
+_COMMENT = re.compile(r";|//|(?:^|(?<=[\s,]))\$(?=\s|$)")
+# Comments that this program reads: what is to be measured, what the parameters must fulfil, and the
+# dialect.
+_SAID = re.compile(r"\*\s*(measure|needs|dialect)\s*:", re.IGNORECASE)
+MEASURE, NEEDS, DIALECT = "*measure", "*needs", "*dialect"
+
+
+class Card(NamedTuple):
+    """One statement in lower case and where it begins, "file.lib:12"."""
+
+    text: str
+    where: str
+
+
+def read_cards(path: Path, text: str | None = None) -> list[Card]:
+    """Cards of a netlist file and of what it includes, in order.
+
+    Parameters
+    ----------
+    path : Path
+    text : str, optional
+        What the file is to hold; it is then not read.
+
+    Raises
+    ------
+    NetlistError
+        A file that cannot be read or is no regular file, an include that leaves its folder or
+        includes itself, or more than a load holds.
+    """
+    path = Path(path)
+    with _named(path):
+        folder = path.resolve().parent
+    return _Reader(folder).cards(path, path, (), text)
+
+
+@contextlib.contextmanager
+def _named(place):
+    """Whatever the system says about a file becomes a NetlistError that names it."""
+    try:
+        yield
+    except (OSError, RuntimeError, ValueError) as error:
+        reason = getattr(error, "strerror", None) or error
+        raise NetlistError(f"{place}: cannot be read: {reason}") from None
+
+
+def read_text(path: Path) -> str:
+    """Contents of a netlist file in whatever encoding such files come.
+
+    Raises
+    ------
+    NetlistError
+    """
+    return _Reader(path.parent)._text(path, path)
+
+
+class _Reader:
+    """Reads one load's files; their number and size count together."""
+
+    def __init__(self, folder):
+        self._folder = folder
+        self._files = self._bytes = self._cards = 0
+
+    def cards(self, path, place, including, text=None):
+        """Cards of a file, or of its `text`; `place` is where it is included, `including` the files
+        that lead to it."""
+        with _named(place):
+            real = path.resolve()
+        if real in including:
+            raise NetlistError(f"{place}: includes itself; take the .include out")
+        if len(including) >= DEEPEST_INCLUDE:
+            raise NetlistError(f"{place}: includes nest deeper than {DEEPEST_INCLUDE} files")
+        cards = []
+        for card in statements(text or self._text(path, place), path.name):
+            if len(card.text) > LONGEST_CARD:
+                raise NetlistError(
+                    f"{card.where}: a statement of {len(card.text)} characters; at most "
+                    f"{LONGEST_CARD}"
+                )
+            self._cards += 1
+            if self._cards > MOST_CARDS:
+                raise NetlistError(
+                    f"{card.where}: more than {MOST_CARDS} statements, too many for a load: leave "
+                    "some out"
+                )
+            first, _, remainder = card.text.partition(" ")
+            if first.lower() in INCLUDES:
+                where = f"{card.where}: {first}"
+                included = _included(remainder.strip(), path.parent, self._folder, where)
+                cards += self.cards(included, f"{where} {included.name}", (*including, real))
+            elif first.lower() not in IGNORED:
+                cards.append(Card(card.text.lower(), card.where))
+        return cards
+
+    def _text(self, path, place):
+        """Contents of a file in whatever encoding such files come."""
+        self._files += 1
+        if self._files > MOST_FILES:
+            raise NetlistError(f"{place}: more than {MOST_FILES} files are included")
+        with _named(place):
+            if not path.is_file():
+                raise NetlistError(f"{place}: is not a regular file")
+            # Reads no more bytes than the file's size: a file that the system shows as empty may
+            # have no end.
+            size = min(path.stat().st_size, MOST_BYTES - self._bytes + 1)
+            with path.open("rb") as file:
+                content = file.read(size)
+        self._bytes += len(content)
+        if self._bytes > MOST_BYTES:
+            raise NetlistError(
+                f"{place}: more than {MOST_BYTES // 1000} kB with what it includes: no load's "
+                "netlist"
+            )
+        return _decoded(content)
+
+
+def _included(argument, beside, folder, where):
+    """The file of an include, inside `folder` even after symbolic links; else of netlists/."""
+    quoted = re.fullmatch(r"\"([^\"]+)\"|'([^']+)'", argument)
+    name = quoted.group(1) or quoted.group(2) if quoted else argument
+    if not name or (not quoted and len(name.split()) != 1):
+        raise NetlistError(f"{where} {argument[:80]}: takes one file name (no library's section)")
+    outside = re.match(r"[/\\~]|[a-z]:", name, re.IGNORECASE) or ".." in re.split(r"[/\\]", name)
+    # Windows separates folders by a backslash.
+    path, shown_place = beside / name.replace("\\", "/"), f"{where} {name[:80]}"
+    with _named(shown_place):
+        outside = outside or not path.resolve().is_relative_to(folder)
+        missing = not path.exists()
+        # Files that the project's own netlists include stand beside them.
+        packaged = Path(str(resources.files("netlists"))) / name
+        bare = re.fullmatch(r"[\w.]+\.lib", name)
+        if bare and (missing or packaged.parent == beside) and packaged.is_file():
+            return packaged
+    if outside:
+        raise NetlistError(f"{shown_place}: lies outside the load's folder; copy it beside it")
+    if missing:
+        raise NetlistError(f"{shown_place}: no such file beside the load")
+    return path
+
+
+def _decoded(content):
+    if content.startswith((b"\xff\xfe", b"\xfe\xff")):
+        return content.decode("utf-16", errors="replace")
+    if content[1:2] == b"\0":
+        return content.decode("utf-16-le", errors="replace")
+    # A byte-order mark may stand before text of another encoding, if files were joined.
+    content = content.removeprefix(codecs.BOM_UTF8)
+    try:
+        return content.decode("utf-8")
+    except UnicodeDecodeError:
+        return content.decode("cp1252", errors="replace")
+
+
+def statements(text: str, name: str) -> list[Card]:
+    """Lines of a netlist without comments, continuations joined, blanks single.
+
+    A comment "* measure: …" is a statement "*measure …" of one line, "* needs: …" likewise, and
+    "* dialect: …".
+
+    Parameters
+    ----------
+    text : str
+    name : str
+        Name of the file, for messages.
+
+    Raises
+    ------
+    NetlistError
+    """
+    cards, last = [], None
+    for index, line in enumerate(re.split(r"\r\n|\r|\n", text), start=1):
+        where = f"{name}:{index}"
+        stripped = line.strip()
+        directive = _SAID.match(stripped)
+        if directive:
+            stripped = f"*{directive.group(1).lower()} {stripped[directive.end() :]}"
+        elif stripped.startswith("*"):
+            continue
+        comment = _COMMENT.search(stripped)
+        if comment:
+            stripped = stripped[: comment.start()]
+        stripped = " ".join(stripped.replace("µ", "u").replace("μ", "u").split())
+        if not stripped:
+            continue
+        if not stripped.startswith("+"):
+            cards.append(([stripped], where))
+            last = last if directive else cards[-1]
+        elif last is None:
+            raise NetlistError(f"{where}: a line begins with + and continues none")
+        elif stripped != "+":
+            last[0].append(stripped[1:].strip())
+    return [Card(" ".join(lines), where) for lines, where in cards]

@@ -1,0 +1,88 @@
+"""A load's capacitors and coils, and the voltages and currents by which they are followed."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from typing import TYPE_CHECKING, NamedTuple
+
+import numpy as np
+
+from circuits.netlist.expression import nodes_in
+from harvester.device.terminals import GROUND
+
+if TYPE_CHECKING:
+    from circuits.netlist.elements import Element
+
+# Letters of elements with controlling nodes, and of those whose slope depends on the voltage across
+# them.
+_CONTROLLED, _CURVED = "segw", "dqjm"
+
+# A store belongs to a mode if its voltage is at least this share of the mode's greatest. This
+# excludes the voltage of a DC side as a whole against ground, which stray capacitances hold.
+TAKES_PART = 0.1
+
+
+class Store(NamedTuple):
+    """A capacitor or a coil of a load.
+
+    Attributes
+    ----------
+    name, where : as in `circuits.netlist.elements.Element`.
+    first, second : levels, or ground, whose difference is its voltage or current.
+    """
+
+    name: str
+    where: str
+    first: str
+    second: str
+
+
+def stores_of(elements: Sequence[Element]) -> tuple[Store, ...]:
+    """The capacitors and coils of a load that hold something."""
+    return tuple(
+        Store(
+            element.name,
+            element.where,
+            *((f"i({element.name})", GROUND) if element.letter == "l" else element.nodes[:2]),
+        )
+        for element in elements
+        if element.letter in "cl"
+        and (element.expression is not None or (element.size or 0.0) > 0.0)
+    )
+
+
+def levels_of(elements: Sequence[Element], stores: Sequence[Store]) -> tuple[str, ...]:
+    """Nodes, and currents as "i(name)", that determine the stores' energies and their drive.
+
+    Empty for a load without a store.
+    """
+    if not stores:
+        return ()
+    nodes = [end for store in stores for end in (store.first, store.second)]
+    for element in elements:
+        if element.letter in _CURVED:
+            nodes += element.nodes
+        elif element.letter in _CONTROLLED:
+            nodes += element.nodes[2:4]
+        nodes += nodes_in(element.expression)
+    return tuple(name for name in dict.fromkeys(nodes) if name != GROUND)
+
+
+def weights(store: Store, levels: Iterable[str]) -> np.ndarray:
+    """The sign with which each level counts in the voltage of a store: 1, −1 or 0."""
+    return np.array([float(name == store.first) - float(name == store.second) for name in levels])
+
+
+def times_of(matrix: np.ndarray, held: np.ndarray) -> list[np.ndarray]:
+    """Relaxation times (s) of the modes that take part in what each store holds.
+
+    Parameters
+    ----------
+    matrix : ndarray, shape (levels, levels)
+        See `circuits.kernel.slow_modes.relaxation`.
+    held : ndarray, shape (stores, levels)
+        Each store's `weights`.
+    """
+    times, modes = np.linalg.eig(matrix)
+    parts = np.abs(held @ modes) >= TAKES_PART * np.abs(modes).max(axis=0)
+    return [np.abs(times[group]) for group in parts]

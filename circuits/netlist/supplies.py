@@ -1,0 +1,199 @@
+"""Sources within a load that may deliver energy from nothing, and the power that each takes.
+
+A converter is often a pair of sources, of which one takes what the other delivers. Sources that
+depend on each other's ends, or of which one depends on the other's current, count together.
+"""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Collection, Iterable, Sequence
+from typing import TYPE_CHECKING
+
+from circuits.netlist.expression import Tree, currents_in, leaves, nodes_in
+from circuits.netlist.kinds import BATTERY, LOSS, OUTPUT, SUPPLY
+from circuits.netlist.measures import Measure
+from circuits.netlist.potentials import has_tree, wave_tree
+from harvester.device.terminals import GROUND
+
+if TYPE_CHECKING:
+    from circuits.netlist.elements import Element
+
+# Nodes that many elements share. Sources do not depend on each other by way of these.
+COMMON = frozenset({"n", "ref", GROUND})
+_PINS = frozenset({"p", "out"})
+_TRANSISTORS = "qjm"
+
+
+def supplies_of(
+    elements: Sequence[Element], coupled_nodes: Collection[str], measures: Iterable[Measure]
+) -> tuple[Measure, ...]:
+    """The power that each group of sources of a load takes, as measures of its own kinds.
+
+    A constant voltage source stores what it takes, as a battery does, unless a measure of the file
+    counts its current as an output or a loss.
+    """
+    sources = {element.name: element for element in elements if _may_supply(element)}
+    booked = {
+        name: source
+        for name, source in sources.items()
+        if _within(source, coupled_nodes) and _current(source) is not None
+    }
+    counted = {
+        name
+        for measure in measures
+        if measure.kind in (OUTPUT, LOSS)
+        for name in currents_in(measure.trees[0])
+    }
+    groups = ([booked[name] for name in group if name in booked]
+              for group in _groups(sources, elements))  # fmt: skip
+    return tuple(_measure(group, counted) for group in groups if group)
+
+
+def unbooked(elements: Iterable[Element]) -> tuple[str, ...]:
+    """Sources whose power is not known, since only ngspice evaluates their currents."""
+    return tuple(
+        element.name for element in elements if _may_supply(element) and not _current(element)
+    )
+
+
+def _may_supply(each: Element) -> bool:
+    return each.delivers or (each.letter in "efghb" and each.written_letter not in "rsw")
+
+
+def _current(each: Element) -> Tree | None:
+    """The current from its first node to its second, as an expression; None where none is known."""
+    if each.letter == "v" or each.voltage:
+        return ("i", each.name)
+    tree: Tree
+    if each.expression is not None:
+        tree = each.expression
+    elif each.letter == "i":
+        if each.wave and not has_tree(each.wave):
+            return None
+        tree = wave_tree(each.wave) if each.wave else ("number", each.value)
+    else:
+        control = ("i", *each.controls) if each.controls else ("v", *each.nodes[2:4])
+        tree = ("*", ("number", each.value), control)
+    if any(leaf[0] == "call" for leaf in leaves(tree)):
+        return None
+    return ("*", ("number", each.many), tree)
+
+
+def _measure(group: Sequence[Element], counted: Collection[str]) -> Measure:
+    tree: Tree = ("number", 0.0)
+    for source in group:
+        tree = ("+", tree, ("*", ("v", *source.nodes[:2]), _current(source)))
+    first = group[0]
+    stores = len(group) == 1 and first.letter == "v" and first.wave is None
+    kind = BATTERY if stores and first.name not in counted else SUPPLY
+    name = "_and_".join(source.name.replace(".", "_") for source in group)
+    return Measure(kind, name, "", "", first.where, (tree, None))
+
+
+def _ends(each: Element) -> tuple[str, ...]:
+    """The nodes through which its current flows."""
+    return each.nodes if each.letter in _TRANSISTORS else each.nodes[:2]
+
+
+def coupled(parts: Sequence[Element]) -> frozenset[str]:
+    """Nodes of the elements that can exchange energy with a load's pins.
+
+    Elements that meet the others in one node alone, as those of a logic signal do, cannot, unless
+    a converter's sources feed them and others take from them.
+    """
+    islands = _islands(parts)
+    sources = {part.name: part for part in parts if _may_supply(part)}
+    groups = _groups(sources, parts)
+    reached = {*_PINS}
+    waiting = []
+    for island in islands:
+        shared = {"n" if node == GROUND else node for part in parts if island & {*_ends(part)}
+                  for node in {*_ends(part)} & COMMON}  # fmt: skip
+        if island & _PINS or len(shared) > 1:
+            reached |= island
+        elif sum(bool(island & {*source.nodes[:2]}) for source in sources.values()) > 1:
+            waiting.append(island)
+    for _ in islands:
+        fed = {node for group in groups if any(_within(sources[name], reached) for name in group)
+               for name in group for node in sources[name].nodes[:2]}  # fmt: skip
+        reached = reached.union(*(island for island in waiting if island & fed))
+    return frozenset(reached)
+
+
+def _within(source, nodes):
+    return {*source.nodes[:2]} - COMMON <= nodes
+
+
+def _islands(parts):
+    """Sets of nodes joined by elements, apart from the common nodes."""
+    ends = [{*_ends(part)} - COMMON for part in parts]
+    islands: list[set[str]] = []
+    for nodes in filter(None, ends):
+        near = [island for island in islands if island & nodes]
+        islands = [island for island in islands if island not in near]
+        islands.append(nodes.union(*near))
+    return islands
+
+
+def _controls(each: Element) -> tuple[set[str], set[str]]:
+    """Nodes and currents on which an element depends, other than by its own ends."""
+    nodes, names = {*nodes_in(each.expression)}, {*currents_in(each.expression)}
+    if each.expression is None and each.letter in "egs":
+        nodes |= {*each.nodes[2:4]}
+    if each.letter in "fhw":
+        names |= {*each.controls}
+    return nodes - {*each.nodes[:2]}, names
+
+
+def _groups(sources: dict[str, Element], parts: Sequence[Element]) -> list[list[str]]:
+    """Names of sources that count together."""
+    at: dict[str, list[Element]] = {}
+    for part in parts:
+        for node in _ends(part):
+            at.setdefault(node, []).append(part)
+    by_name = {part.name: part for part in parts}
+    by_current: dict[str, set[str]] = {}
+    reached: dict[str, set[str]] = {}
+    for name, part in sources.items():
+        nodes, currents = _controls(part)
+        # The current of an ammeter or a coil is that of the sources around it.
+        around = {node for i in currents - {*sources} if i in by_name for node in by_name[i].nodes}
+        by_current[name] = (currents & {*sources} | _near(around, at, sources)) - {name}
+        reached[name] = by_current[name] | _near(nodes, at, sources) - {name}
+    for _ in sources:
+        reached = {a: near.union(*(reached[b] for b in near)) for a, near in reached.items()}
+    groups: list[list[str]] = []
+    for name in sources:
+        together = [
+            group
+            for group in groups
+            if any(
+                other in by_current[name]
+                or name in by_current[other]
+                or (other in reached[name] and name in reached[other])
+                for other in group
+            )
+        ]
+        groups = [group for group in groups if group not in together]
+        groups.append([*itertools.chain(*together), name])
+    return groups
+
+
+def _near(nodes: Iterable[str], at: dict, sources: Collection[str]) -> set[str]:
+    """Sources that set the voltages of some nodes, directly or through other elements."""
+    near_sources: set[str] = set()
+    seen: set[str] = {*COMMON, "p"}
+    waiting = [*nodes]
+    while waiting:
+        node = waiting.pop()
+        if node in seen:
+            continue
+        seen.add(node)
+        ports = {part.name for part in at.get(node, ()) if part.name in sources}
+        near_sources |= ports
+        for part in at.get(node, ()) if not ports else ():
+            nodes_asked, currents = _controls(part)
+            waiting += [*_ends(part), *nodes_asked]
+            near_sources |= currents & {*sources}
+    return near_sources

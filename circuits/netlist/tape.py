@@ -1,0 +1,148 @@
+"""An expression as a list of operations in compiled code: its values, and its slopes backwards."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from typing import Any
+
+import numpy as np
+
+from circuits.netlist import functions
+from circuits.netlist.expression import ExpressionError, Tree, rebuilt
+from circuits.netlist.functions import CHOICE, CODES, NEGATIVE, SUBTRACT, slope, value
+from harvester.base.compilation import compiled, merged
+from harvester.device.terminals import GROUND
+
+for function in functions.COMPILED:
+    merged(function)
+
+# Entries of the tape that are no operation: an unknown, a constant, the time. Codes of operations
+# follow.
+UNKNOWN, CONSTANT, TIME = range(3)
+FIRST = 3
+
+
+class Tape:
+    """Operations in order, each of earlier ones; rows (code, a, b, c) and their constants."""
+
+    def __init__(self) -> None:
+        self.rows: list[tuple[int, int, int, int]] = []
+        self.values: list[float] = []
+
+    def add(self, tree: Tree, unknown_of: Callable) -> int:
+        """Append a tree; returns the place of its value.
+
+        `unknown_of` gives the place of ("v", node) or ("i", source) among the unknowns; −1: ground.
+
+        Raises
+        ------
+        ExpressionError
+            A function that only ngspice has.
+        """
+
+        def made(here: Tree, parts: list[int]) -> int:
+            kind = here[0]
+            if kind == "number":
+                return self._row(CONSTANT, value=here[1])
+            if kind == "time":
+                return self._row(TIME)
+            if kind == "i":
+                return self._row(UNKNOWN, unknown_of(here))
+            if kind == "v":
+                return self._voltage(here, unknown_of)
+            if kind not in CODES:
+                raise ExpressionError(f"the function {here[1]}()")
+            return self._row(FIRST + CODES[kind], *parts)
+
+        return rebuilt(tree, made)
+
+    def _voltage(self, tree, unknown_of):
+        places = [unknown_of(("v", node)) if node != GROUND else -1 for node in tree[1:]]
+        first, second = (self._row(UNKNOWN, p) if p >= 0 else -1 for p in places)
+        if second < 0:
+            return first if first >= 0 else self._row(CONSTANT, value=0.0)
+        if first < 0:
+            return self._row(FIRST + NEGATIVE, second)
+        return self._row(FIRST + SUBTRACT, first, second)
+
+    def _row(self, code, a=0, b=0, c=0, value=0.0):
+        self.rows.append((code, a, b, c))
+        self.values.append(value)
+        return len(self.rows) - 1
+
+
+class Values:
+    """Expressions of some unknowns at many points.
+
+    Parameters
+    ----------
+    trees : sequence of tuple
+    watched : sequence of str
+        Names of the unknowns, a node's or "i(source)".
+    """
+
+    def __init__(self, trees: Sequence[Tree], watched: Sequence[str]) -> None:
+        tape = Tape()
+        places = {name: index for index, name in enumerate(watched)}
+
+        def unknown_of(tree: Tree) -> int:
+            return places[tree[1] if tree[0] == "v" else f"i({tree[1]})"]
+
+        self._ends = np.array([tape.add(tree, unknown_of) for tree in trees], dtype=np.int64)
+        self._rows = np.array(tape.rows, dtype=np.int64).reshape(-1, 4)
+        self._constants = np.array(tape.values, dtype=float)
+
+    def __call__(self, time: np.ndarray, unknowns: np.ndarray) -> np.ndarray:
+        """Their values; shape (trees, points), of unknowns (watched, points)."""
+        results = np.empty((self._ends.size, time.size))
+        points = np.ascontiguousarray(np.asarray(unknowns, dtype=float).T)
+        _at_points(self._rows, self._constants.copy(), self._ends, time, points, results)
+        return results
+
+
+@compiled
+def _at_points(rows: Any, values: Any, ends: Any, time: Any, points: Any, found: Any) -> None:
+    for k in range(time.size):
+        evaluate(rows, values, points[k], time[k])
+        for index in range(ends.size):
+            found[index, k] = values[ends[index]]
+
+
+@compiled
+def evaluate(rows: np.ndarray, values: np.ndarray, y: np.ndarray, time: float) -> None:
+    """Fill `values` of a tape; `y` are the unknowns."""
+    for k in range(rows.shape[0]):
+        code = rows[k, 0]
+        if code == CONSTANT:
+            continue
+        if code == UNKNOWN:
+            values[k] = y[rows[k, 1]]
+            continue
+        if code == TIME:
+            values[k] = time
+            continue
+        a, b = values[rows[k, 1]], values[rows[k, 2]]
+        if code == FIRST + CHOICE:
+            chosen = b if a != 0.0 else values[rows[k, 3]]
+            values[k] = a if np.isnan(a) else chosen
+        else:
+            values[k] = value(code - FIRST, a, b)
+
+
+@compiled
+def slopes(rows: np.ndarray, values: np.ndarray, share: np.ndarray, first: int, last: int) -> None:
+    """Fill `share` from `first` to `last`: the slope of the last value in each, backwards."""
+    share[first : last + 1] = 0.0
+    share[last] = 1.0
+    for k in range(last, first - 1, -1):
+        code = rows[k, 0]
+        if share[k] == 0.0 or code <= TIME:
+            continue
+        i, j = rows[k, 1], rows[k, 2]
+        if code == FIRST + CHOICE:
+            share[j if values[i] != 0.0 else rows[k, 3]] += share[k]
+            continue
+        left, right = slope(code - FIRST, values[i], values[j], values[k])
+        share[i] += share[k] * left
+        if right != 0.0:
+            share[j] += share[k] * right

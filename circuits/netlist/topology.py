@@ -1,0 +1,169 @@
+"""The elements of a netlist with their nodes, and its sub-circuits, for drawing."""
+
+from __future__ import annotations
+
+import re
+from dataclasses import dataclass, field
+
+from circuits.netlist.reader import statements
+from circuits.netlist.vetting import ELEMENTS
+from harvester.base.errors import NetlistError
+
+GROUND = "0"
+# Letters of elements whose third and fourth nodes control them and carry no current.
+CONTROLLED_BY_NODES = ("e", "g", "s")
+# Letters of transistors. Current flows from the first node to the third: drain or collector, gate
+# or base, source or emitter. A bulk or substrate may follow.
+TRANSISTORS = ("m", "j", "q")
+
+
+@dataclass(frozen=True)
+class Part:
+    """One element.
+
+    Attributes
+    ----------
+    name : str
+        Name as the netlist spells it.
+    nodes : tuple of str
+        Nodes of the element in the netlist's order; of a controlled element those through which
+        current flows.
+    control : tuple of str
+        Nodes, sources or coupled coils that act on it.
+    value : str
+        Text that follows the nodes; of a sub-circuit's call, its parameters.
+    calls : str
+        Name of the sub-circuit of an X element, else empty.
+    """
+
+    name: str
+    nodes: tuple
+    control: tuple = ()
+    value: str = ""
+    calls: str = ""
+
+    @property
+    def letter(self) -> str:
+        """The kind of element, in lower case."""
+        return self.name[0].lower()
+
+    @property
+    def ends(self) -> tuple[str, ...]:
+        """The two nodes between which its current flows; none of coupled coils."""
+        return self.nodes[:3:2] if self.letter in TRANSISTORS else self.nodes[:2]
+
+    @property
+    def beside(self) -> tuple[str, ...]:
+        """Further nodes: a transistor's gate or base, then its bulk or substrate if it has one."""
+        return self.nodes[1:2] + self.nodes[3:] if self.letter in TRANSISTORS else self.nodes[2:]
+
+
+@dataclass
+class Topology:
+    """The elements of a circuit or of one sub-circuit, in the netlist's order.
+
+    Attributes
+    ----------
+    name : str
+        Name of the sub-circuit; empty for the circuit.
+    pins : tuple of str
+    parts : list of Part
+    inner : dict of str to Topology
+        Sub-circuits defined in it.
+    models : dict of str to str
+        Kind and parameters of each `.model` in it.
+    """
+
+    name: str = ""
+    pins: tuple = ()
+    parts: list = field(default_factory=list)
+    inner: dict = field(default_factory=dict)
+    models: dict = field(default_factory=dict)
+    outer: Topology | None = field(default=None, repr=False)
+
+    def find(self, name: str) -> Topology:
+        """A sub-circuit by name, from here outwards.
+
+        Raises
+        ------
+        NetlistError
+            It is defined nowhere.
+        """
+        if name in self.inner:
+            return self.inner[name]
+        if self.outer is None:
+            raise NetlistError(f"{name}: no such sub-circuit in the netlist; define it")
+        return self.outer.find(name)
+
+    def model(self, name: str) -> str:
+        """Kind and parameters of a `.model`, from here outwards; empty where there is none."""
+        if name in self.models or self.outer is None:
+            return self.models.get(name, "")
+        return self.outer.model(name)
+
+
+def read_topology(text: str) -> Topology:
+    """Elements and sub-circuits of a netlist.
+
+    Parameters
+    ----------
+    text : str
+        A netlist without includes.
+
+    Raises
+    ------
+    NetlistError
+        An element of a kind that no scene's netlist has.
+    """
+    topology = Topology()
+    for card in statements(text, "netlist"):
+        words = _joined(card.text).split()
+        first = words[0].lower()
+        if first == ".subckt":
+            pins = tuple(w for w in words[2:] if "=" not in w and w.lower() != "params:")
+            inner = Topology(words[1].lower(), pins, outer=topology)
+            topology.inner[inner.name] = inner
+            topology = inner
+        elif first == ".ends":
+            topology = topology.outer or topology
+        elif first == ".model":
+            topology.models[words[1].lower()] = " ".join(words[2:]).lower()
+        elif not first.startswith((".", "*")):
+            topology.parts.append(_part(words, card))
+    return topology
+
+
+def _joined(text):
+    """Blanks out of braces and around equal signs: one word each."""
+    text = re.sub(r"\{[^{}]*\}", lambda match: match.group().replace(" ", ""), text)
+    return re.sub(r"(?<![=<>!])\s*=\s*(?!=)", "=", text)
+
+
+def _part(words, card):
+    name, letter = words[0], words[0][0].lower()
+    if letter == "x":
+        plain = [w for w in words[1:] if "=" not in w and w.lower() != "params:"]
+        values = " ".join(w for w in words[1:] if "=" in w)
+        return Part(name, tuple(plain[:-1]), (), values, plain[-1].lower())
+    if letter not in ELEMENTS:
+        raise NetlistError(f"{card.where}: {name}: an element that no scene's netlist has")
+    if letter == "k":
+        return Part(name, (), tuple(words[1:-1]), words[-1])
+    count = 2 if letter in CONTROLLED_BY_NODES else ELEMENTS[letter][0]
+    # Behind a fourth node of a transistor stands its model's name, else a number, a pair or "off".
+    following = words[2 + count : 3 + count] if letter in ("m", "q") else []
+    if any("=" not in w and re.match(r"(?!off$)[a-z_]", w.lower()) for w in following):
+        count += 1
+    nodes, remainder = tuple(words[1 : 1 + count]), words[1 + count :]
+    if (
+        letter in CONTROLLED_BY_NODES
+        and len(remainder) > 2
+        and not re.search(r"[=({]", remainder[0])
+    ):
+        return Part(name, nodes, tuple(remainder[:2]), " ".join(remainder[2:]))
+    if letter in "fhw":
+        return Part(name, nodes, tuple(remainder[:1]), " ".join(remainder[1:]))
+    value = " ".join(remainder)
+    voltages = re.findall(r"\bv\(([^()]*)\)", value.lower()) if letter in "beg" else ()
+    control = dict.fromkeys(node.strip() for pair in voltages for node in pair.split(","))
+    return Part(name, nodes, tuple(control), value)

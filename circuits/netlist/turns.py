@@ -1,0 +1,105 @@
+"""Which comparisons of a load make a current or voltage jump when what they compare passes."""
+
+from __future__ import annotations
+
+import functools
+import math
+from collections.abc import Iterator
+
+import numpy as np
+
+from circuits.netlist.bounds import of_time_alone
+from circuits.netlist.expression import ExpressionError, Tree, leaves, unknowns_in
+from harvester.device.terminals import GROUND
+
+# An expression is examined on so many lines through the space of voltages and currents, with values
+# between these powers of ten. A turn on a line is located by so many halvings.
+LINES, SMALLEST, GREATEST, HALVINGS = 64, -2.0, 2.0, 60
+# The values on both sides of a turn differ by a jump if their difference exceeds this share of the
+# values at the line's ends.
+CONTINUOUS = 1e-6
+# A slope of a comparison below this share is rounding.
+ROUNDING = 1e-9
+
+
+@functools.lru_cache(maxsize=4096)
+def turns(tree: Tree) -> tuple[Tree, ...]:
+    """Expressions that cross 0 where this one jumps; those of the time alone are left out."""
+    differences = dict.fromkeys(passed for passed in _passed(tree) if not of_time_alone(passed))
+    return tuple(difference for difference in differences if _jumps(tree, difference))
+
+
+def _passed(tree: Tree) -> Iterator[Tree]:
+    """Expressions that cross 0 where a part of this one switches (comparison, step, rounding)."""
+    half_turn = ("number", math.pi)
+    for leaf in leaves(tree):
+        if leaf[0] in ("<", "<="):
+            yield ("-", leaf[1], leaf[2])
+        elif leaf[0] in ("sgn", "u"):
+            yield leaf[1]
+        elif leaf[0] in ("floor", "ceil"):
+            yield ("sin", ("*", half_turn, leaf[1]))
+        elif leaf[0] == "nint":
+            yield ("cos", ("*", half_turn, leaf[1]))
+
+
+def _jumps(tree, passed):
+    """Whether an expression jumps where another crosses 0; True also if no crossing was found."""
+    names = unknowns_in(tree)
+    try:
+        from circuits.netlist.tape import Values
+
+        values = Values([passed, tree], names)
+    except ExpressionError:
+        return True
+    random = np.random.default_rng(1)
+    shape = (len(names), LINES)
+    ends = [
+        random.choice([-1.0, 1.0], shape) * 10.0 ** random.uniform(SMALLEST, GREATEST, shape)
+        for _ in range(2)
+    ]
+    time = random.uniform(0.0, 1.0, LINES)
+    low, high = np.zeros(LINES), np.ones(LINES)
+
+    def at(share):
+        return values(time, ends[0] + share * (ends[1] - ends[0]))
+
+    begin, end = at(low), at(high)
+    first, size = np.sign(begin[0]), np.maximum(np.abs(begin[1]), np.abs(end[1]))
+    met = first * end[0] < 0.0
+    for _ in range(HALVINGS):
+        middle = 0.5 * (low + high)
+        before = np.sign(at(middle)[0]) == first
+        low, high = np.where(before, middle, low), np.where(before, high, middle)
+    leap = np.abs(at(low)[1] - at(high)[1])
+    return not met.any() or bool(np.any((leap > CONTINUOUS * size)[met]))
+
+
+def passing(passed: Tree) -> tuple[tuple[str, str], float] | None:
+    """Two unknowns whose difference passes a level (V or A) where an expression passes 0.
+
+    Each is a node, "i(source)" or ground. None if the expression is less simple.
+    """
+    names = unknowns_in(passed)
+    try:
+        from circuits.netlist.tape import Values
+
+        values = Values([passed], names)
+    except ExpressionError:
+        return None
+    points = np.eye(len(names), len(names) + 3)
+    points[:, -2] = np.random.default_rng(2).uniform(-10.0, 10.0, len(names))
+    points[:, -1] = 2.0 * points[:, -2]
+    results = values(np.array([*np.zeros(len(names) + 2), 1.0]), points)[0]
+    start, slopes = results[len(names)], results[: len(names)] - results[len(names)]
+    straight = start + slopes @ points
+    if not np.allclose(results, straight, rtol=ROUNDING, atol=ROUNDING * np.abs(slopes).max()):
+        return None
+    counts = [k for k in range(len(names)) if abs(slopes[k]) > ROUNDING * np.abs(slopes).max()]
+    counts.sort(key=lambda k: -slopes[k])
+    if len(counts) == 1:
+        (k,) = counts
+        return (names[k], GROUND), float(-start / slopes[k])
+    if len(counts) == 2 and abs(slopes[counts].sum()) <= ROUNDING * np.abs(slopes).max():
+        return (names[counts[0]], names[counts[1]]), float(-start / slopes[counts[0]])
+    return None

@@ -1,0 +1,396 @@
+"""Checks that a load's netlist holds only what is allowed; all else is refused in one line.
+
+A netlist from elsewhere is data. Nothing in it may run a program, touch a file, reach a node of
+the device, or stop ngspice's process; what LTspice writes and ngspice would silently ignore or
+misread is put right where its meaning is plain, and refused by name where it is not.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterable, Mapping
+from typing import Any, NamedTuple, NoReturn
+
+from circuits.netlist.dialects import in_ngspices_words
+from circuits.netlist.expression import ExpressionError, check
+from circuits.netlist.functions import SOLUTION, VARYING
+from circuits.netlist.numbers import AMPERE, INFIX, NUMBER, THOUSANDTH_OF_AN_INCH, number
+from circuits.netlist.part_models import unknown_word
+from circuits.netlist.reader import Card
+from circuits.netlist.waveform import KINDS
+from harvester.base.errors import NetlistError
+from harvester.base.plain_text import nearest
+
+MODELS = {
+    "d", "npn", "pnp", "njf", "pjf", "nmos", "pmos", "vdmos", "sw", "csw", "r", "c", "l",
+    "vswitch", "iswitch",
+}  # fmt: skip
+# Facts from data sheets that LTspice writes beside a model or a part. They have no effect.
+FACTS = {"mfg", "type", "iave", "vpk", "vceo", "icrating", "tol", "pwr", "irms", "ipk", "pn", "v"}
+VDMOS_FACTS = {"vds", "ron", "qg"}
+# Parameters of LTspice's idealised diode. ngspice would ignore them.
+IDEAL_DIODE = {"ron", "roff", "vfwd", "vrev", "rrev", "ilimit", "revilimit", "epsilon"}
+# For each element's letter the keys that it uses.
+_OF_ALL, _OF_VALUES = {"m", "temp", "dtemp"}, {"tc", "tc1", "tc2", "scale"}
+PART_PARAMETERS = {
+    "r": _OF_ALL | _OF_VALUES | {"r", "tce", "noisy", "w", "l"},
+    "c": _OF_ALL | _OF_VALUES | {"c", "ic", "w", "l"},
+    "l": _OF_ALL | _OF_VALUES | {"l", "ic"},
+    "d": _OF_ALL | {"ic", "area", "pj", "w", "l"},
+    "q": _OF_ALL | {"ic", "area"},
+    "j": _OF_ALL | {"ic", "area"},
+    "m": _OF_ALL | {"ic", "w", "l", "ad", "as", "pd", "ps", "nrd", "nrs"},
+    "s": set(), "w": set(),
+}  # fmt: skip
+# Parasitic parts of LTspice in series. LTspice writes 0 where there is none.
+SERIES = {"rser", "lser"}
+PARASITICS = {"rser", "rpar", "cpar", "lser", "rlshunt"}
+WAVEFORMS = {"dc", "ac", "sine", "am", *KINDS}
+FLAGS = {"on", "off", "nchan", "pchan"}
+# For each element's letter its number of nodes, and what follows them.
+ELEMENTS = {
+    "r": (2, "value"), "c": (2, "value"), "l": (2, "value"), "k": (0, "coupling"),
+    "d": (2, "model"), "q": (3, "model"), "j": (3, "model"), "m": (3, "model"),
+    "s": (4, "model"), "w": (2, "model"), "v": (2, "source"), "i": (2, "source"),
+    "e": (2, "controlled"), "g": (2, "controlled"), "f": (2, "controlled"),
+    "h": (2, "controlled"), "b": (2, "behavioural"),
+}  # fmt: skip
+
+_CHARACTERS = re.compile(r"[\w\s.+\-*/^(){}\[\],=<>?:!&|%#~\"]*", re.ASCII)
+# Longest name or number, in characters.
+LONGEST_WORD = 250
+_LONG_WORD = re.compile(rf"[\w.]{{{LONGEST_WORD + 1}}}")
+# Most names in a message, and the longest shown whole.
+MOST_SHOWN, LONGEST_SHOWN = 20, 60
+LONGEST_FAULT = 300
+# Matches a pair name=value, whose value may be an expression in braces.
+_PAIR = re.compile(r"([a-z_]\w*)=(\{[^{}]*\}|[^\s{}()=]+)")
+_QUOTED_FACT = re.compile(rf'\s*\b({"|".join(sorted(FACTS))}) ?= ?"[^"]*"')
+# Matches both coefficients of temperature behind one key.
+_TWO_COEFFICIENTS = re.compile(
+    r" tc=(\{[^{}]*\}|[^\s,={}]+)(?: ?, ?| )(\{[^{}]*\}|[-+.\d][^\s=]*)(?= |$)"
+)
+_NODE = re.compile(r"[\w.+\-#/\[\]]+")
+_SOURCE_WORD = re.compile(r"\w+=\{[^{}]*\}|\{[^{}]*\}|[(),]|[^\s(),{}]+|\S")
+
+
+class Scope(NamedTuple):
+    """Names that mean something where a card stands."""
+
+    parameters: Mapping
+    functions: Mapping
+    models: Mapping
+    dialect: str = ""
+
+
+def listed(names: Iterable[str]) -> str:
+    """Names in one line, the first of many."""
+    names = [name[:LONGEST_SHOWN] for name in names]
+    remainder = f" … ({len(names)} in all)" if len(names) > MOST_SHOWN else ""
+    return ", ".join(names[:MOST_SHOWN]) + remainder
+
+
+def refuse(card: Card, fault: str) -> NoReturn:
+    """Raise NetlistError with the place and the fault, as much of it as one line takes."""
+    end = " …" if len(fault) > LONGEST_FAULT else ""
+    raise NetlistError(f"{card.where}: {fault[:LONGEST_FAULT]}{end}")
+
+
+def tidy(card: Card) -> Card:
+    """The card with quotes as braces, no blanks within expressions, and only safe characters.
+
+    Facts in double quotes, such as `mfg="KEMET"`, are left out.
+    """
+    card = card._replace(text=_QUOTED_FACT.sub("", card.text))
+    if _LONG_WORD.search(card.text):
+        refuse(card, f"a name or number of more than {LONGEST_WORD} characters")
+    text = re.sub(r"'([^']*)'", r"{\1}", card.text)
+    if not _CHARACTERS.fullmatch(text):
+        odd = next(c for c in text if not _CHARACTERS.fullmatch(c))
+        refuse(card, f"the character {odd!r} has no place in a load")
+    if re.search(r"(?<!\w)(file|pwlfile)\s*=|(?<!\w)wavefile", text):
+        refuse(card, "file= is not accepted: a load reads no files")
+    if '"' in text:
+        refuse(card, "a double quote has no place in a load but around an included file's name")
+    text = re.sub(r"(?<![=<>!])\s*=\s*(?!=)", "=", text)
+    return Card(_joined_braces(card, text), card.where)
+
+
+def _joined_braces(card, text):
+    """Blanks out of braces, so that an expression is one word."""
+    depth = deepest = 0
+    for character in text:
+        depth += (character == "{") - (character == "}")
+        deepest = max(deepest, depth)
+        if depth not in (0, 1):
+            break
+    if depth:
+        refuse(card, f"braces do not match in {text[:50]!r}")
+    return re.sub(r"\{[^{}]*\}", lambda braces: joined(card, braces.group()), text)
+
+
+def joined(card: Card, expression: str) -> str:
+    """An expression without blanks, refused where one parts two words."""
+    for before, after in re.findall(r"([\w.)]+) +(?=([\w.(]+))", expression):
+        words = {before, after} & {"and", "or", "not"}
+        if words:
+            refuse(card, f"{min(words)}: write && for and, || for or, ! for not")
+        # A blank may stand between a function and its arguments.
+        if before[-1] == ")" or after[0] != "(":
+            refuse(card, f"an operator is missing between {before[:40]!r} and {after[:40]!r}")
+    return expression.replace(" ", "")
+
+
+def vet_model(card: Card) -> tuple[str, str, list[tuple[str, str]]]:
+    """A .model card as ngspice reads it: (name, text)."""
+    if re.match(r"\.model \S+ ako:", card.text):
+        refuse(card, "ako: write out the parameters of the model that it is made of")
+    match = re.fullmatch(r"\.model (\S+) (\w+)\s*(.*)", card.text)
+    kind = match.group(2) if match else ""
+    if not match or kind not in MODELS:
+        kinds = ", ".join(sorted(MODELS))
+        refuse(card, f".model takes a name and one of {kinds}{nearest(kind, MODELS)}")
+    remainder = match.group(3).strip()
+    if remainder.startswith("(") and remainder.endswith(")"):
+        remainder = remainder[1:-1]
+    pairs = []
+    for name, value in _pairs(card, remainder.replace(",", " "), FLAGS):
+        if name in FACTS or (kind == "vdmos" and name in VDMOS_FACTS):
+            continue
+        if kind == "d" and name in IDEAL_DIODE:
+            refuse(
+                card,
+                f"{name} belongs to LTspice's idealised diode, which ngspice does not have; "
+                "give is, n and rs",
+            )
+        if fault := unknown_word(kind, name):
+            refuse(card, fault)
+        pairs.append((name, value))
+    return match.group(1), kind, pairs
+
+
+def vet_parameters(card: Card, text: str) -> dict[str, Any]:
+    """Pairs of a list of parameters, {name: value}; the last of a name counts."""
+    pairs = dict(_pairs(card, text, ()))
+    for name, value in pairs.items():
+        if THOUSANDTH_OF_AN_INCH.fullmatch(value):
+            cure = "ngspice takes mil for a thousandth in a parameter: write it times 25.4u"
+            refuse(card, f"{name}={value[:LONGEST_SHOWN]}: {cure}")
+    for name in VARYING & {*pairs}:
+        refuse(card, f"{name} is ngspice's own and no parameter; give it another name")
+    return pairs
+
+
+def vet_function(card: Card) -> tuple[str, list[str], str]:
+    """A .func card: (name, arguments, expression)."""
+    match = re.fullmatch(r"\.func ([a-z_]\w*)\s*\(([\w\s,]*)\)\s*=?\s*\{?([^{}]*)\}?", card.text)
+    if not match:
+        refuse(card, "write it as .func name(x, y) {expression}")
+    if match.group(1) in SOLUTION:
+        refuse(card, f"{match.group(1)} is ngspice's own function; give yours another name")
+    arguments = [argument.strip() for argument in match.group(2).split(",") if argument.strip()]
+    if len({*arguments}) < len(arguments):
+        refuse(card, f"the arguments {listed(arguments)} of {match.group(1)[:40]} must differ")
+    return match.group(1), arguments, match.group(3)
+
+
+def _pairs(card, text, flags):
+    """(name, value) of "a=1 b={2*a} off"; a flag has no value."""
+    pairs = []
+    for word in re.sub(r"=([^={}\s]+)\s*\(", r"=\1(", text).split():
+        match = _PAIR.fullmatch(word)
+        if match:
+            pairs.append((match.group(1), match.group(2)))
+        elif word in flags:
+            pairs.append((word, ""))
+        else:
+            refuse(card, f"{word[:40]!r} is not of the form name=value")
+    return pairs
+
+
+def check_value(card: Card, value: str, scope: Scope, what: str = "value") -> str:
+    """The value, a bare parameter or expression in braces; refused unless it means a number."""
+    if value.startswith("{") and value.endswith("}"):
+        return "{" + check_expression(card, value[1:-1], scope) + "}"
+    size = number(value)
+    if size is not None:
+        return repr(size) if "mil" in value else INFIX.sub(r"\1.\3\2", value)
+    if value in scope.parameters:
+        return "{" + value + "}"
+    excerpt = f"{what} {value[:LONGEST_SHOWN]}"
+    if AMPERE.fullmatch(value):
+        refuse(card, f"{excerpt}: ngspice 46 reads 1e-18 for A, 39 reads 1: leave the A out")
+    if NUMBER.fullmatch(value):
+        refuse(card, f"{excerpt} is not finite")
+    refuse(card, f"{what} {value[:40]!r} is no number{nearest(value, scope.parameters)}")
+
+
+def check_expression(card: Card, expression: str, scope: Scope) -> str:
+    """An expression without blanks in ngspice's spelling; refused unless it means something."""
+    text = rewritten(joined(card, expression))
+    try:
+        text = in_ngspices_words(text, scope.dialect)
+        check(text, scope.parameters, scope.functions)
+    except ExpressionError as fault:
+        refuse(card, f"{fault} in {{{text[:50]}}}")
+    return text
+
+
+def rewritten(expression: str) -> str:
+    """LTspice's 4k7 in ngspice's spelling."""
+    return INFIX.sub(r"\1.\3\2", expression.replace(" ", ""))
+
+
+def vet_element(card: Card, scope: Scope) -> list[str]:
+    """An element's card as ngspice reads it: a list of words, name first."""
+    text = card.text
+    if text[0] in "rcl":
+        text = _TWO_COEFFICIENTS.sub(r" tc1=\1 tc2=\2", text)
+    name, *words = re.split(r"\s+", text)
+    if name[0] not in ELEMENTS:
+        fault = "an element of this letter is not accepted; these are: X"
+        refuse(card, f"{name[:40]}: {fault} {' '.join(sorted(ELEMENTS)).upper()}")
+    count, kind = ELEMENTS[name[0]]
+    nodes, remainder = words[:count], words[count:]
+    if not re.fullmatch(r"[\w.+\-#]+", name) or len(nodes) < count or not remainder:
+        refuse(card, f"{card.text[:50]!r}: too few nodes or no value")
+    check_nodes(card, nodes)
+    return [name, *nodes, *_KINDS[kind](card, remainder, scope)]
+
+
+def check_nodes(card: Card, nodes: list[str]) -> None:
+    """Refuse node names that ngspice could take for something else."""
+    for node in nodes:
+        if not _NODE.fullmatch(node):
+            refuse(card, f"{node[:40]!r} is no name of a node")
+
+
+def _value(card, rest, scope):
+    """Value, model and parameters of R, C and L."""
+    words, named = [], False
+    for word in rest:
+        if "=" in word and not word.startswith("{"):
+            words += _part_parameter(card, word, scope)
+            named = named or word[0:2] in ("r=", "c=", "l=")
+        elif _is_model(word, scope):
+            words.append(word)
+        else:
+            named = True
+            words.append(check_value(card, word, scope))
+    if not named and not any(_is_model(word, scope) for word in words):
+        refuse(card, f"{card.text[:50]!r}: no value")
+    return words
+
+
+def _is_model(word, scope):
+    """Whether a word of R, C or L is a model: a number or a parameter of its name goes before."""
+    return word in scope.models and number(word) is None and word not in scope.parameters
+
+
+def _part_parameter(card, word, scope):
+    match = _PAIR.fullmatch(word)
+    key, value = match.groups() if match else ("", "")
+    if key in FACTS or (key in SERIES and number(value) == 0.0):
+        return []
+    if key in PARASITICS:
+        refuse(card, f"{key}= is LTspice's alone: write it as an element of its own")
+    keys = PART_PARAMETERS[card.text[0]]
+    if key not in keys:
+        refuse(card, f"{card.text[0].upper()} uses no {word[:40]!r}{nearest(key, keys)}")
+    # `tc` and `tc1` are the same parameter; the last one counts.
+    key = "tc1" if key == "tc" else key
+    return [f"{key}={check_value(card, value, scope, key)}"]
+
+
+def _coupling(card, rest, scope):
+    if len(rest) < 3:
+        refuse(card, "write it as Kname L1 L2 coefficient")
+    check_nodes(card, rest[:-1])
+    return [*rest[:-1], check_value(card, rest[-1], scope)]
+
+
+def _model(card, rest, scope):
+    """Further nodes, the model's name, its parameters."""
+    words, model_seen = [], False
+    for word in rest:
+        if "=" in word:
+            words += _part_parameter(card, word, scope)
+        elif word in scope.models and not model_seen:
+            model_seen = True
+            words.append(word)
+        elif model_seen and word not in FLAGS:
+            if card.text[0] in "msw":
+                refuse(card, f"{word[:40]!r} behind the model has no effect: leave it out")
+            area = "area=" if card.text[0] == "d" else ""
+            words.append(area + check_value(card, word, scope))
+        else:
+            check_nodes(card, [word])
+            words.append(word)
+    if not model_seen:
+        bare = [word for word in rest if "=" not in word]
+        unknown = bare[-1] if bare else ""
+        missing = f"{unknown[:LONGEST_SHOWN]}{nearest(unknown, scope.models)}"
+        refuse(card, f"no .model {missing}: copy that part's .model line into the file")
+    return words
+
+
+def _source(card, rest, scope):
+    """A number or one of the plain waveforms with numbers."""
+    words = []
+    for word in _SOURCE_WORD.findall(" ".join(rest)):
+        if word in WAVEFORMS or word in "(),":
+            words.append(word)
+        elif "=" in word and word[0] != "{":
+            match = re.fullmatch(r"(dc|ac|r|td)=(\S+)", word)
+            if not match:
+                refuse(card, f"{word[:40]!r} is not accepted in a source")
+            words.append(f"{match.group(1)}={check_value(card, match.group(2), scope)}")
+        elif word[0].isalpha() and word not in scope.parameters:
+            waveforms = ", ".join(sorted(WAVEFORMS))
+            refuse(card, f"{word[:40]!r} is no waveform of a load's source; these are: {waveforms}")
+        else:
+            words.append(check_value(card, word, scope))
+    return words
+
+
+def _controlled(card, rest, scope):
+    """Nodes or a source's name with a gain, or value={expression}."""
+    if any(re.match(r"(poly|laplace|table|freq)\b", word) for word in rest):
+        refuse(card, "poly, laplace, table and freq are not accepted: write a B source")
+    text, many = _multiplied(card, " ".join(rest), scope)
+    match = re.fullmatch(r"(value|vol|cur)[= ](.*)", text)
+    if match:
+        expression = match.group(2).strip()
+        braced = expression if expression.startswith("{") else "{" + expression + "}"
+        return [f"{match.group(1)}={check_value(card, braced, scope)}", *many]
+    # PSpice writes the controlling nodes as (c,d).
+    *controls, gain = re.sub(r"\(([^(),]+),([^(),]+)\)", r"\1 \2", text).split()
+    check_nodes(card, controls)
+    if len(controls) != (2 if card.text[0] in "eg" else 1):
+        refuse(card, f"{card.text[:50]!r}: takes what controls it, and a gain")
+    return [*controls, check_value(card, gain, scope), *many]
+
+
+def _multiplied(card, text, scope):
+    """A source's text and its ["m=…"], or []; voltages in parallel are one."""
+    match = re.fullmatch(r"(.*\S) m=(\S+)", text)
+    if not match:
+        return text, []
+    if card.text[0] in "eh" or match.group(1).startswith("v="):
+        refuse(card, f"m={match.group(2)[:40]}: sources of voltage side by side are one: leave it")
+    return match.group(1), [f"m={check_value(card, match.group(2), scope)}"]
+
+
+def _behavioural(card, rest, scope):
+    text, many = _multiplied(card, " ".join(rest), scope)
+    match = re.fullmatch(r"([iv])=(.+)", text)
+    if not match:
+        refuse(card, f"{card.text[:50]!r}: write it as Bname n+ n- i=expression")
+    expression = match.group(2).replace("{", "(").replace("}", ")")
+    return [f"{match.group(1)}={check_expression(card, expression, scope)}", *many]
+
+
+_KINDS = {
+    "value": _value, "coupling": _coupling, "model": _model, "source": _source,
+    "controlled": _controlled, "behavioural": _behavioural,
+}  # fmt: skip

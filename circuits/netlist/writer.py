@@ -1,0 +1,141 @@
+"""A load as ngspice runs it: one flat sub-circuit with every number written out.
+
+Nothing is left for ngspice to look up: no parameter, function, default or suffix.
+"""
+
+from __future__ import annotations
+
+import math
+import re
+from collections.abc import Iterable
+
+from circuits.netlist.elements import Element
+from circuits.netlist.expression import ELSEWHERE_ALONE, FUNCTIONS, Tree
+from circuits.netlist.expression import written as expression_written
+from circuits.netlist.functions import CONSTANTS, SOLUTION, VARYING
+from circuits.netlist.numbers import number
+from circuits.netlist.potentials import starts
+
+# Matches characters of a name that could be read as an operator, and an underscore that could be
+# read as the beginning of such a character's code: no two names become one.
+_ODD = re.compile(r"[^\w.#]|_(?=[0-9a-f]{2}(?:_|[^\w.#]))", re.ASCII)
+
+
+def node_name(name: str) -> str:
+    """A node of a load as the run's netlist calls it."""
+    if name in VARYING:
+        # Within v() too ngspice reads the quantity.
+        return f"_{ord(name[0]):x}_{name[1:]}"
+    return _ODD.sub(lambda odd: f"_{ord(odd.group()):x}_", name)
+
+
+def element_name(letter: str, name: str) -> str:
+    """An element of a load as the run's netlist calls it: ngspice knows its kind by its letter."""
+    own_name = name if name.startswith(letter) and "." not in name else f"{letter}.{name}"
+    return _ODD.sub(lambda odd: f"_{ord(odd.group()):x}_", own_name)
+
+
+def current_name(name: str) -> str:
+    """The source with this full name, whose letter stands behind its last dot."""
+    return element_name(name.rpartition(".")[2][0], name)
+
+
+def run_text(name: str, pins: Iterable[str], elements: Iterable[Element]) -> str:
+    """The sub-circuit that ngspice runs, ending with a newline."""
+    elements = tuple(elements)
+    names = _model_names(elements)
+    models = [_model(name, model) for model, name in names.items()]
+    lines = [_line(element, names) for element in elements]
+    lines += [f".ic v({node_name(k)})={_number(v)}" for k, v in starts(elements).items()]
+    return "\n".join([f".subckt {name} {' '.join(pins)}", *models, *lines, f".ends {name}"]) + "\n"
+
+
+def reads_alike(text: str, elements: tuple[Element, ...]) -> bool:
+    """Whether ngspice makes these elements of a file's text.
+
+    Not where a parameter has the name of one of its functions or constants, where a word is
+    another SPICE's, and where a start has to be said.
+    """
+    named = {*re.findall(r"(?<![\w.])([a-z_]\w*)=", text)}
+    asked = {*re.findall(r"(?<![\w.])([a-z_]\w*)(?=[-+*/^<>?:,!&|})])", text)}
+    called = {*re.findall(r"(?<![\w.])([a-z_]\w*)\(", text)}
+    definitions = re.findall(r"(?m)^\.param (\w+)=(\S+)", text)
+    # A parameter with the value of ngspice's constant of its name is that constant.
+    parameters = {
+        name
+        for name, definition in definitions
+        if (value := number(definition)) is None
+        or not math.isclose(value, CONSTANTS.get(name, 0.0), rel_tol=1e-6)
+    }
+    parameters |= {*re.findall(r" (\w+)=", " ".join(re.findall(r"(?m)^\.subckt .*", text)))}
+    return not (
+        any(element.is_smooth_switch for element in elements)
+        or starts(elements)
+        or called & ELSEWHERE_ALONE
+        or parameters & ((FUNCTIONS - SOLUTION) | {"pi", "e"})
+        or (asked & {*CONSTANTS} - {"temper"}) - named
+    )
+
+
+def _model_names(elements):
+    """(kind, numbers, flags) of each model that differs → its name, which stands once."""
+    names: dict[tuple, str] = {}
+    for model in (element.model for element in elements if element.model is not None):
+        if model[1:] not in names:
+            name = node_name(model.name)
+            while name in names.values():
+                name += "_"
+            names[model[1:]] = name
+    return names
+
+
+def _model(name, model):
+    kind, numbers, flags = model
+    inside = " ".join([*(f"{key}={_number(value)}" for key, value in numbers), *flags])
+    return f".model {name} {kind}({inside})"
+
+
+def _number(value):
+    """A number in full; whole ones without a point, as levels are."""
+    is_whole = float(value).is_integer() and abs(value) < 1e6
+    return str(int(value)) if is_whole else repr(float(value))
+
+
+def _line(each, names):
+    words = [element_name(each.letter, each.name), *map(node_name, each.nodes)]
+    words += [current_name(name) for name in each.controls]
+    numbers = [f"{key}={_number(value)}" for key, value in each.numbers]
+    if each.expression is not None:
+        return " ".join([*words, *_by_expression(each)])
+    if each.wave is not None:
+        inside = " ".join(map(_number, each.wave.numbers))
+        return " ".join([*words, f"{each.wave.kind}({inside})"])
+    if each.model is not None:
+        words.append(names[each.model[1:]])
+    elif each.letter in "vi":
+        words.append(f"dc {_number(each.value)}")
+    elif each.letter in "rcl":
+        words.append(f"{each.letter}={_number(each.value)}")
+    elif each.letter == "k":
+        words.append(_number(each.value))
+    else:
+        # ngspice multiplies the gain of a controlled source by `m`.
+        return " ".join([*words, _number(each.value * each.many)])
+    return " ".join([*words, *numbers, *each.flags])
+
+
+def _by_expression(each):
+    text = said(each.expression)
+    if each.letter in "cl":
+        numbers = [f"{key}={_number(value)}" for key, value in each.numbers]
+        return [f"{each.letter}='{text}'", *numbers]
+    if each.many != 1.0:
+        text = f"({text})*{_number(each.many)}"
+    if each.letter == "b":
+        return [f"{'v' if each.voltage else 'i'}={text}"]
+    return [f"{'vol' if each.voltage else 'cur'}='{text}'"]
+
+
+def said(tree: Tree) -> str:
+    """An expression of a load's with its nodes and sources by the run's names."""
+    return expression_written(tree, node_name, current_name)

@@ -1,0 +1,367 @@
+"""Closure `fokker_planck`: the stationary density of (X, X', Z, η), without averaging.
+
+The Fokker–Planck equation of Eq. 4 with Z = X − V, Z' = λ(X − Z), is carried on in time by
+`propagator`; what P, the propagator over about one period, leaves as it is, is the stationary
+density: (1 − P) p = 0 (`solution`). It starts from a Gibbs density on a coarse grid, which shows
+how far the grid must reach and how fine it must be (`region`). What the first grid for the answer
+misses is estimated on grids that are finer in time, in X and X' or in Z, each corrected from the
+one before, until it is less than the tolerance.
+
+Nothing is assumed of the device's symmetry, of the noise's memory, of the contacts' damping or of
+the load's rate. Where hardly any motion leaves its well, the grid holds one alone (`wells`).
+"""
+
+import numpy as np
+from threadpoolctl import threadpool_limits
+
+from harvester.averaging.averages import Averages
+from harvester.averaging.grid_density import GridDensity
+from harvester.averaging.jumps import rates_of_jumps, slowest_decay_rate
+from harvester.averaging.region import HOPELESS_DISPLACEMENT, NODE_REFINEMENT, Level, Region
+from harvester.averaging.solution import Solution, StationaryProblem, period
+from harvester.averaging.wells import HELD_BACK, barrier, driven, lone_well
+from harvester.base.errors import AveragingError
+from harvester.device import timescales
+from harvester.device.hertz import HertzDamp
+from harvester.device.system import System
+
+# The coarse grid on which the region is found, and the first grid of the answer; see `Level`.
+REGION_LEVEL = Level(5.0, 2.2, 1.7, 3, 3, 50.0)
+FIRST_LEVEL = Level(6.0, 3.0, 2.3, 4, 3)
+# The error of the nodes of Z falls exponentially with their number: so many are taken for each
+# decade of the tolerance.
+NODES_PER_DECADE = 3.0
+# No pair of grids shows the errors of the range, of the nodes of Z and of the iteration's end:
+# together they are stated as this share of the tolerance.
+UNSEEN_ERROR = 0.2
+# If λ times the period is below this, and motion leaves its well less often than the charge decays,
+# the error of the nodes of Z is not small: jumps are much more frequent at some nodes than at
+# others. A grid with more of them then shows it.
+SLOW_CHARGE = 0.1
+# If refining the nodes changes every mean by less than SPARSE_GRID_CHANGE of the tolerance, the
+# time-step error is estimated on the coarser grid, which is cheaper. This does not hold if the
+# charge decays slower than a period and the rate of saddle crossings changes by more than
+# SPARSE_GRID_CROSSINGS of itself: on few nodes each further step smears more density over the
+# saddle.
+SPARSE_GRID_CHANGE, SPARSE_GRID_CROSSINGS = 0.2, 0.2
+# Coarse grids tried until one covers the density that it gives.
+REGION_ATTEMPTS = 8
+# Devices with shorter contacts, in periods of small oscillations, are refused.
+SHORTEST_CONTACT = 2e-2
+# λ times the period beyond which a step would have to be too short, and below which so many vectors
+# would be needed for the stationary state that means are continued from faster rates instead.
+FASTEST_DECAY = 60.0
+SLOWEST_DECAY = 2e-3
+# Means at slower rates lie on the line through those at the slowest rate and at FARTHER times it.
+# Such a line enlarges errors: both means are found to LINE_TOLERANCE_SHARE of the tolerance, with
+# CONTINUED_WORK times the work that is usually allowed.
+FARTHER = 2.0
+LINE_TOLERANCE_SHARE = 0.3
+CONTINUED_WORK = 2.0
+# The first coarse grid's E[X'²] may be wrong by up to this factor.
+UNTOLD_FACTOR = 2.0
+# Two grids with different steps give Richardson's correction, which assumes an error of second
+# order. With long steps the error is of higher order, so that only CORRECTION_TAKEN of it is added.
+# STATED_ERROR gives the shares of this correction, and of the last changes by refining nodes and
+# charges, that are stated as error.
+CORRECTION_TAKEN, STATED_ERROR = 0.6, {"steps": 0.7, "nodes": 0.75, "charges": 0.75}
+# Nodes too coarse for a contact have an error of first order: with 4/3 times the nodes a quarter of
+# it goes, so that three times the change is left.
+UNRESOLVED = 1.0 / (NODE_REFINEMENT - 1.0)
+# The means that must meet the tolerance.
+JUDGED = (
+    "mean_square_voltage",
+    "power_conversion_efficiency",
+    "mean_square_velocity",
+    "mean_square_displacement",
+)
+# A negative value of these is rounding in the difference of large numbers. It is refused.
+NEVER_NEGATIVE = ("mean_square_voltage", "power_in")
+# The tolerance of an efficiency is relative up to 0.3. Above it is 0.3 points at a tolerance of 1
+# %, so that a high efficiency does not get more.
+HIGH_EFFICIENCY, FEW_POINTS = 0.3, 3e-3
+
+# Arrays are small: more threads of BLAS double the processor time and shorten no run.
+ONE_THREAD = {"limits": 1, "user_api": "blas"}
+
+
+def fokker_planck(device: System, tolerance: float, memory: bool = False) -> Averages:
+    """Means and densities of the stationary density, on a grid fine enough for the tolerance.
+
+    Parameters
+    ----------
+    tolerance : float
+        Largest numerical error of each mean, as a share of it; of an efficiency above 0.3 at most
+        0.3 points, or 0.3 times this if that is more. Not of the mechanical loss, the difference
+        of two powers, which may be small against both.
+    memory : bool
+        Also find `slowest_decay_rate` and the rates of jumps where motion joins several wells:
+        three to seven times as long in all.
+
+    Raises
+    ------
+    AveragingError
+        An impact velocity held from the moment of contact; a load too fast or too slow; motion
+        that nothing damps or confines; the tolerance is not met on the finest grid.
+    """
+    _check(device)
+    slowest = SLOWEST_DECAY / period(device)
+    rate = device.transducer.decay_rate()
+    with threadpool_limits(**ONE_THREAD):
+        if 0.0 < rate < slowest:
+            return _slow_decay(device, slowest, tolerance)
+        return _answer(_refined(StationaryProblem(device, tolerance)), memory)
+
+
+def outline(device: System) -> GridDensity:
+    """Densities on the coarse grid that finds where they are: in tenths of a second.
+
+    It gives no error: means on that grid are up to a tenth off those of `fokker_planck`, which
+    refuses the same devices.
+    """
+    _check(device)
+    with threadpool_limits(**ONE_THREAD):
+        return _found(StationaryProblem(device, REGION_LEVEL.tolerance))[1].density
+
+
+def _check(device):
+    """Refuse what the state does not hold, and what takes too many steps."""
+    if any(not isinstance(contact.law, HertzDamp) for contact in device.contacts):
+        raise AveragingError(
+            "the contact law is not Hertz's: fokker_planck's grids cannot resolve a force that "
+            "begins with a jump: simulate"
+        )
+    if any(contact.law.holds for contact in device.contacts):
+        raise AveragingError(
+            'impact_velocity = "event": the speed at the beginning of a contact is no part of the '
+            'state that fokker_planck follows; use "energy", or simulate'
+        )
+    if timescales.contact_time(device) < SHORTEST_CONTACT * period(device):
+        stiffest = max(contact.law.stiffness for contact in device.contacts)
+        raise AveragingError(
+            f"stoppers.stiffness={stiffest:g}: contacts last less than {SHORTEST_CONTACT:g} of a "
+            "period, too short for the steps of fokker_planck: simulate"
+        )
+    rate, fastest = device.transducer.decay_rate(), FASTEST_DECAY / period(device)
+    if rate > fastest:
+        raise AveragingError(
+            f"decay_rate={rate:g} is beyond the {fastest:.3g} /s that fokker_planck has steps "
+            "for: simulate"
+        )
+
+
+def _slow_decay(device, slowest, tolerance):
+    """Means on the straight line through those at two slow rates of decay, towards λ = 0.
+
+    There Z is slow against all else, and the means are linear in λ. Where jumps between the wells
+    are slower still, no such line is straight: what it adds counts as numerical error.
+    """
+    part, rate = device.transducer, device.transducer.decay_rate()
+    answers = []
+    for factor in (slowest / rate, FARTHER * slowest / rate):
+        rates = {name: factor * getattr(part, name) for name in ("load_rate", "own_rate")}
+        slowed = device._replace(transducer=part._replace(**rates))
+        task = StationaryProblem(slowed, tolerance, CONTINUED_WORK, read=part)
+        answers.append(_refined(task, LINE_TOLERANCE_SHARE))
+    (grids, near, error), (_, far, _) = answers
+    share = 1.0 - rate / slowest
+    added = {name: share * (near[name] - far[name]) for name in near if name in far}
+    means = {name: near[name] + change for name, change in added.items()}
+    error = {name: error[name] + abs(change) for name, change in added.items()}
+    name, excess = _worst(means, error)
+    if excess > tolerance:
+        raise AveragingError(
+            f"decay_rate={rate:g}: from {slowest:.3g} /s, the slowest that fokker_planck takes by "
+            f"itself, {name.replace('_', ' ')} is continued by {excess:.2g} of itself, more than "
+            f"the tolerance of {tolerance:g}: jumps between the wells are as slow; simulate"
+        )
+    return _answer((grids, means, error))
+
+
+def _refined(task, share=1.0):
+    """Grids refined in time and in space apart until they are good enough; means and errors.
+
+    Good enough is what this share of the tolerance allows.
+    """
+    tolerance = share * task.tolerance
+    nodes = [_first(task, tolerance)]
+    grids = {"nodes": nodes}
+    _refine(grids, "nodes")
+    while (worst := _changed(nodes))[1] > tolerance:
+        _refine(grids, "nodes", worst)
+    # On the coarser grid the error of the nodes would be taken for one of the step.
+    before, after = (solution.means.get("well_crossing_rate", 0.0) for solution in nodes[-2:])
+    rate, time = task.device.transducer.decay_rate(), period(task.device)
+    leaking = rate * time < 1.0 and abs(after - before) > SPARSE_GRID_CROSSINGS * before
+    enough = -1 if leaking or worst[1] >= SPARSE_GRID_CHANGE * tolerance else -2
+    grids |= {"steps": [nodes[enough]], "charges": [nodes[0]]}
+    _refine(grids, "steps")
+    crossings = nodes[0].means.get("well_crossing_rate", np.inf)
+    if crossings < rate < SLOW_CHARGE / time:
+        _refine(grids, "charges")
+    while True:
+        means, errors = _corrected(grids)
+        error = {
+            name: sum(part[name] for part in errors.values()) + UNSEEN_ERROR * tolerance * abs(mean)
+            for name, mean in means.items()
+        }
+        worst = name, excess = _worst(means, error)
+        if excess <= tolerance:
+            return grids, means, error
+        _refine(grids, max(errors, key=lambda respect: errors[respect][name]), worst)
+
+
+def _first(task, tolerance):
+    """The solution on the first grid for the answer, after the region has been found."""
+    region, rough = _found(task)
+    region.check(task.device)
+    asked, solved = (part.decay_rate() for part in (task.transducer, task.device.transducer))
+    if asked < rough.means.get("well_crossing_rate", 0.0) < FARTHER * solved and asked < solved:
+        raise AveragingError(
+            f"decay_rate={asked:g}: jumps between the wells are as slow as the {solved:.3g} /s "
+            "from which fokker_planck continues its means: simulate"
+        )
+    nodes = int(np.ceil(-NODES_PER_DECADE * np.log10(tolerance)))
+    level = FIRST_LEVEL._replace(nodes=max(nodes, FIRST_LEVEL.nodes), tolerance=tolerance)
+    return Solution(task, region, level, rough)
+
+
+def _refine(grids, respect, known=None):
+    """One more solution, on a grid with more "steps", "nodes" or "charges" than the last of these.
+
+    `known` is (name of a mean, its relative error so far), for the message.
+    """
+    last = grids[respect][-1]
+    try:
+        level = last.level.more(respect)
+        finer = Solution(last.task, last.region, level, last)
+    except AveragingError as refusal:
+        if known is None:
+            raise
+        name, share = known
+        raise AveragingError(
+            f"{name.replace('_', ' ')} is known to {share:.2g} of itself, not to the tolerance of "
+            f"{last.level.tolerance:g}, on the finest grid that is tried: raise the tolerance, or "
+            "simulate"
+        ) from refusal
+    for name in NEVER_NEGATIVE:
+        if finer.means[name] < 0.0:
+            raise AveragingError(
+                f"{name.replace('_', ' ')} comes out negative on a grid and a finer one: it is too "
+                "small against what it is the difference of; simulate"
+            )
+    grids[respect].append(finer)
+
+
+def _found(task):
+    """Where the density is, and that density on a coarse grid.
+
+    If hardly any motion leaves the wells, the grid covers one of them, which represents all.
+    """
+    device = task.device
+    lone = lone_well(device)
+    height = 0.0 if lone is None else barrier(device, lone)
+    alone = lone is not None and HELD_BACK * driven(device, lone) < height
+    region, solution, joined = Region.guessed(device, lone if alone else None), None, False
+    for attempt in range(REGION_ATTEMPTS):
+        region.check(device, HOPELESS_DISPLACEMENT)
+        solution = Solution(task, region, REGION_LEVEL, solution)
+        fitted = Region.fitted(device, solution)
+        spread = solution.means["mean_square_velocity"]
+        joined = joined or fitted.leaves_well(device)
+        held_back = not joined and 0.0 < HELD_BACK * spread < height
+        if held_back == (region.well is not None):
+            if fitted.alike(region):
+                return fitted, solution
+        elif spread > 0.0 and (attempt > 0 or UNTOLD_FACTOR * HELD_BACK * spread < height):
+            fitted = Region.guessed(device, lone if held_back else None, np.sqrt(spread))
+            solution = None
+        region = fitted
+    raise AveragingError("no grid covers the range of the motion: simulate")
+
+
+def _changed(solutions):
+    """Among the means `JUDGED`, the one with the largest relative change on the last grid,
+    and that change."""
+    before, last = (solution.means for solution in solutions[-2:])
+    return _worst(last, {name: abs(last[name] - before[name]) for name in JUDGED})
+
+
+def _corrected(grids):
+    """Means corrected by the differences between grids, and the stated errors by kind of
+    refinement.
+
+    The errors of steps and nodes add up, so that each is known from grids that differ in it alone:
+    the step's is of second order or higher and most of it taken off; that of nodes vanishes faster.
+    """
+    sooner, soonest = grids["steps"][-2:]
+    left = 1.0 / ((soonest.steps / sooner.steps) ** 2 - 1.0)
+    doubted = STATED_ERROR | {"steps": left * STATED_ERROR["steps"]}
+    if grids["nodes"][-1].unresolved:
+        doubted["nodes"] = UNRESOLVED
+    values = {respect: [grid.means for grid in solutions] for respect, solutions in grids.items()}
+    means, errors = _summed(values, {"steps": CORRECTION_TAKEN * left}, doubted)
+    means["power_conversion_efficiency"] = means["mean_power"] / means.pop("power_in")
+    return means, errors
+
+
+def _compared(grids, find):
+    """Rates by `find`, with errors: the whole change between the two grids of each kind of
+    refinement.
+
+    Empty where it takes too many steps.
+    """
+    # The order matters: each grid starts from what the one before it found.
+    rates_of = find(dict.fromkeys(solution for pair in grids.values() for solution in pair))
+    if not rates_of:
+        return {}, {}
+    values = {respect: [rates_of[solution] for solution in pair] for respect, pair in grids.items()}
+    rates, errors = _summed(values, {}, dict.fromkeys(grids, 1.0))
+    return rates, {name: sum(changes[name] for changes in errors.values()) for name in rates}
+
+
+def _summed(values, taken, doubted):
+    """The means, summed from the first grid and the changes on finer ones, with their errors.
+
+    `taken` is the share of each refinement's last change that is added; `doubted` is the share
+    stated as error.
+    """
+    means, errors = dict(values["nodes"][0]), {}
+    for respect, grids in values.items():
+        first, before, last = grids[0], grids[max(len(grids) - 2, 0)], grids[-1]
+        change = {name: last[name] - before[name] for name in means}
+        for name in means:
+            means[name] += last[name] - first[name] + taken.get(respect, 0.0) * change[name]
+        errors[respect] = {name: doubted[respect] * abs(shift) for name, shift in change.items()}
+    return means, errors
+
+
+def _worst(means, error):
+    """The judged mean with the largest error as a share of it, and that share."""
+    scale = {name: abs(means[name]) or np.inf for name in JUDGED}
+    if error[efficiency := "power_conversion_efficiency"] > FEW_POINTS:
+        scale[efficiency] = min(scale[efficiency], HIGH_EFFICIENCY)
+    name = max(JUDGED, key=lambda name: error[name] / scale[name])
+    return name, error[name] / scale[name]
+
+
+def _answer(refined, memory=False):
+    """The answer: means and errors, and for several wells the rates between them."""
+    grids, means, error = refined
+    fields = Averages.__dataclass_fields__
+    between_wells = {name: means.pop(name) for name in list(means) if name not in fields}
+    if between_wells.get("well_crossing_rate", 0.0) < 0.0:
+        error["well_crossing_rate"] -= between_wells["well_crossing_rate"]
+        between_wells["well_crossing_rate"] = 0.0
+    if "well_crossing_rate" in between_wells and memory:
+        ends = {respect: (solutions[0], solutions[-1]) for respect, solutions in grids.items()}
+        ends["nodes"] = grids["nodes"][-2:]
+        for find in (slowest_decay_rate, rates_of_jumps):
+            rates, doubts = _compared(ends, find)
+            between_wells, error = between_wells | rates, error | doubts
+    return Averages(
+        **means,
+        numerical_error=error,
+        density=grids["steps"][-1].density,
+        between_wells=between_wells,
+    )

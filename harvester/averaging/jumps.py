@@ -1,0 +1,282 @@
+"""Rates of jumps between wells, and of the decay of the last memory of a well.
+
+Both are found on each grid of an answer, on finer ones with what the coarser one knows of them.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable
+
+import numpy as np
+from scipy.sparse.linalg import ArpackNoConvergence, LinearOperator, eigs
+
+from harvester.averaging.flow import PhaseGrid
+from harvester.averaging.inverse import Inverse, moved
+from harvester.averaging.propagator import Propagator
+from harvester.averaging.solution import Solution
+from harvester.averaging.wells import alike, well_at
+from harvester.base.errors import AveragingError
+from harvester.device.cores import core_energies, jump_rates
+from harvester.device.system import System, potential
+
+# The slowest state is accepted if a period changes it, apart from its decay, by less than the
+# first, or by less than the second times the crossings of the saddles in a period. (These are about
+# the distance of the eigenvalue from 1 if jumps are rare.)
+STATE_TOLERANCE, CROSSINGS_TOLERANCE = 1e-6, 2e-4
+# A corrected state may miss that limit by this factor; otherwise it is corrected again.
+MOST_LEFT = 3.0
+# Relative tolerance of the first eigenvalue, about the rounding error of single precision.
+START_TOLERANCE = 1e-5
+# Vectors of Arnoldi's method between two restarts.
+VECTORS = 20
+# If jumps are rare, the iteration stops when this share of the mass in the cores is unassigned.
+REACHED = 1e-7
+# Most amplitudes moved on one grid, for the slowest state and for the jumps each.
+MOST_WORK = 2e8
+# Each node's cell is divided into 5 by 5 points, which give the share of it that lies in a core.
+PARTS_OF_NODE = 5
+
+
+class _Found:
+    """Results on one grid, with the work that is left for them.
+
+    Attributes
+    ----------
+    inverses : inverses by the parity of the states; a finer grid uses them as preconditioners.
+    """
+
+    def __init__(self, solution: Solution, coarser: _Found | None) -> None:
+        self.solution, self.coarser, self.left = solution, coarser, MOST_WORK
+        self.inverses: dict[float, Inverse] = {}
+
+    def take(self) -> None:
+        """Subtract one period from the work that is left; refuse if none is left."""
+        self.left -= self.solution.cost
+        if self.left < 0.0:
+            raise AveragingError("rates of jumps take too many steps")
+
+    def inverse(self, later: Callable, parity: float, decayed: float = 1.0) -> Inverse:
+        """The inverse of a map of states with this parity."""
+        preconditioner = self.coarser.inverses[parity] if self.coarser else None
+        inverse = Inverse(self.solution.grid, later, preconditioner, decayed=decayed, parity=parity)
+        self.inverses[parity] = inverse
+        return inverse
+
+
+class _SlowestDecay(_Found):
+    """The state that decays the slowest, after the stationary one, and its rate."""
+
+    state: np.ndarray
+
+    def __init__(self, solution: Solution, coarser: _SlowestDecay | None) -> None:
+        super().__init__(solution, coarser)
+        grid, exact = solution.grid, Propagator(solution.task.device, solution.grid)
+        parity = -1.0 if grid.mirrored else 1.0
+        if grid.mirrored:
+            exact = exact.odd()
+        if coarser is None:
+            state, self.decayed = self._by_arnoldi(exact.single())
+        else:
+            state = moved(coarser.state, coarser.solution.grid, grid, parity)
+            self.decayed = coarser.decayed
+        # If jumps are rare, this sum is the mass that has changed wells.
+        self._signs = np.sign(state[:, :, 0])
+        self._exact, self._single = exact, exact.single()
+        self.state, time = self._later(state, exact), solution.steps * grid.step
+        crossings = solution.means["well_crossing_rate"] * time
+        tolerance = min(STATE_TOLERANCE, CROSSINGS_TOLERANCE * crossings)
+        left = np.inf
+        while left > MOST_LEFT * tolerance:
+            before, left = left, self._corrected(tolerance, parity)
+            if not left < before:
+                raise AveragingError("the rate of jumps between the wells was not found: simulate")
+        self.rate = -np.log(abs(self.decayed)) / time
+
+    def _corrected(self, tolerance, parity):
+        """Correct the state; returns the share of it that a period changes, apart from its decay.
+
+        As a change of the eigenvalue acts on the state from which it began, and not on the one that
+        is sought, what is left of a poor state may not be what it was to be.
+        """
+        self.state = self._start = self.state / self._part(self.state)
+        allowed = tolerance * float(np.linalg.norm(self._start))
+        inverse = self.inverse(self._beside, parity, self.decayed)
+        self.state = inverse.settled(self._start, self._left, allowed)
+        return float(np.linalg.norm(self._left(self.state)) / np.linalg.norm(self.state))
+
+    def _left(self, state):
+        change = self._later(state, self._exact)
+        self.decayed = self._part(change) / self._part(state)
+        return change - self.decayed * state
+
+    def _later(self, state, propagator):
+        """A period later, without what is stationary."""
+        self.take()
+        state = propagator.repeated(state, self.solution.steps)
+        if not self.solution.grid.mirrored:
+            state = state - state[:, :, 0].sum() * self.solution.state
+        return state
+
+    def _beside(self, change):
+        """A period later, a change of the state that leaves its sum over the signs as it is."""
+        change = self._later(change, self._single)
+        return change - self._part(change) * self._start
+
+    def _part(self, state):
+        return float(np.sum(self._signs * state[:, :, 0]))
+
+    def _by_arnoldi(self, propagator):
+        """The slowest decay by Arnoldi's method. One that oscillates has no rate and is refused."""
+        shape = self.solution.grid.shape
+        start = self.solution.before_flow * self.solution.grid.x[:, None, None, None]
+        operator = LinearOperator(
+            (start.size, start.size),
+            matvec=lambda flat: self._later(flat.reshape(shape), propagator).ravel(),
+            dtype=float,
+        )
+        try:
+            values, vectors = eigs(operator, 1, v0=start.ravel(), ncv=VECTORS, tol=START_TOLERANCE)
+        except ArpackNoConvergence as failure:
+            raise AveragingError(
+                "the rate of jumps between the wells was not found: simulate"
+            ) from failure
+        if values[0].imag:
+            raise AveragingError(
+                "the slowest decay oscillates, so it is no rate of jumps between wells: simulate"
+            )
+        return np.real(vectors[:, 0]).reshape(shape), values[0].real
+
+
+class _Jumps(_Found):
+    """Mass by the well whose core it was in last, and what of it jumps.
+
+    The stationary mass p is divided: q_w = outside · P q_w + core_w · p for a step P. What P q_w
+    has in another core has jumped.
+    """
+
+    coarser: _Jumps | None
+
+    def __init__(self, solution: Solution, coarser: _Jumps | None) -> None:
+        super().__init__(solution, coarser)
+        grid, device = solution.grid, solution.task.device
+        p = solution.before_flow.astype(float)
+        cores = _shares_in_cores(device, grid)
+        outside = (1.0 - cores.sum(axis=0))[:, None, None, :]
+        sides = well_at(device, grid.x) == np.arange(len(cores))[:, None]
+        combinations, parities = _combinations(len(cores), grid.mirrored)
+        exact = Propagator(device, grid)
+        exacts = {1.0: exact, -1.0: exact.odd()}
+        for parity in dict.fromkeys(parities[1:]):
+            single = self._later(exacts[parity].single(), outside.astype(np.float32))
+            self.inverse(single, parity)
+        self.masses = [p]
+        # A period conserves all mass, and the mass that enters each core.
+        entering = [np.einsum("xzv,uxv->u", p[:, :, 0], cores)]
+        for weights, parity in zip(combinations[1:], parities[1:], strict=True):
+            later = self._later(exacts[parity], outside)
+            source = np.tensordot(weights, cores, 1)[:, None, None, :] * p
+            self.masses.append(self._last_in_cores(later, source, weights @ sides, parity))
+            after = exacts[parity].step(self.masses[-1])
+            entering.append(np.einsum("xzv,uxv->u", after[:, :, 0], cores))
+        wells = np.linalg.inv(combinations)
+        self.times = wells @ [mass[:, :, 0].sum() for mass in self.masses]
+        self.counts = wells @ entering / grid.step
+        if grid.mirrored:
+            self.times = self.times + self.times[::-1]
+            self.counts = self.counts + self.counts[::-1, ::-1]
+
+    def _later(self, propagator, outside):
+        """A period later, what has been in a core left out, and a source added at each step.
+
+        After about a period, what has turned round is where it was.
+        """
+
+        def later(state, source=0.0):
+            self.take()
+            for _ in range(self.solution.steps):
+                state = outside * propagator.step(state) + source
+            return state
+
+        return later
+
+    def _last_in_cores(self, later, source, guess, parity):
+        """The mass by the core it was in last, found from the coarser grid's or the wells'."""
+        coarser, p = self.coarser, self.masses[0]
+        if coarser is None:
+            start = guess[:, None, None, None] * p
+        else:
+            coarse_mass = coarser.masses[len(self.masses)]
+            start = moved(coarse_mass, coarser.solution.grid, self.solution.grid, parity)
+        allowed = REACHED * np.linalg.norm(later(np.zeros(p.shape), source))
+        inverse = self.inverses[parity]
+        return inverse.settled(start, lambda state: later(state, source) - state, allowed)
+
+
+def slowest_decay_rate(solutions: Iterable[Solution]) -> dict[Solution, dict[str, float]]:
+    """Rate at which the last memory of the well, or of the charge it left, decays (1/s), by grid.
+
+    Of two wells that exchange mass at the rates k12 and k21, faster than nothing else decays, it is
+    k12 + k21. On a mirrored grid this is an odd state. Empty where it takes too many steps.
+    """
+    decays = _on_each(solutions, _SlowestDecay)
+    return {solution: {"slowest_decay_rate": float(one.rate)} for solution, one in decays.items()}
+
+
+def rates_of_jumps(solutions: Iterable[Solution]) -> dict[Solution, dict[str, float]]:
+    """Rates of jumps from one well's core to another's (1/s), as Monte Carlo counts them, by grid.
+
+    Empty where it takes too many steps.
+    """
+    jumps_on = _on_each(solutions, _Jumps)
+    return {solution: _named(solution.task.device, one) for solution, one in jumps_on.items()}
+
+
+def _on_each(solutions, find):
+    """Results of `find` on each grid, coarser grids first; nothing where it does not converge."""
+    results = {}
+
+    def on(solution):
+        if solution not in results:
+            results[solution] = find(solution, solution.coarser and on(solution.coarser))
+        return results[solution]
+
+    try:
+        return {grid: on(grid) for grid in solutions}
+    except AveragingError:
+        return {}
+
+
+def _named(device, jumps):
+    wells = len(jumps.times)
+    return {
+        name: float(
+            sum(jumps.counts[pair] for pair in pairs)
+            / sum(jumps.times[well] for well in {well for well, _ in pairs})
+        )
+        for name, pairs in jump_rates(wells, alike(device)).items()
+    }
+
+
+def _shares_in_cores(device: System, grid: PhaseGrid) -> np.ndarray:
+    """How much of the surroundings of each node lies in each core: (wells, X, X')."""
+    limits = core_energies(device)[:, None, None]
+    within = (np.arange(PARTS_OF_NODE) + 0.5) / PARTS_OF_NODE - 0.5
+    x = grid.x[:, None] + within * (grid.x[1] - grid.x[0])
+    v = grid.v[:, None] + within * (grid.v[1] - grid.v[0])
+    in_well = well_at(device, x) == np.arange(limits.size)[:, None, None]
+    left = np.where(in_well, limits - potential(device, x), -np.inf)
+    return (0.5 * v[:, None, :] ** 2 <= left[:, :, None, :, None]).mean(axis=(3, 4))
+
+
+def _combinations(wells, mirrored):
+    """Sums of wells that a grid can hold: an invertible matrix, and the parity of each.
+
+    The first is all mass. On a mirrored grid even and odd sums of wells that mirror each other.
+    """
+    single = np.eye(wells)
+    if not mirrored:
+        return np.array([np.ones(wells), *single[:-1]]), [1.0] * wells
+    pairs = [(single[w], single[wells - 1 - w]) for w in range((wells + 1) // 2)]
+    even = [np.ones(wells), *(np.maximum(a, b) for a, b in pairs[1:])]
+    odd = [a - b for a, b in pairs[: wells // 2]]
+    return np.array([*even, *odd]), [1.0] * len(even) + [-1.0] * len(odd)

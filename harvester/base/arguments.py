@@ -1,0 +1,102 @@
+"""Arguments that many public functions share, checked before anything runs."""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Callable, Collection, Iterable, Mapping
+from typing import TYPE_CHECKING, Any
+
+from harvester.base.errors import HarvesterError
+from harvester.base.plain_text import nearest, shown
+
+if TYPE_CHECKING:
+    import numpy as np
+
+# Longest list taken from an iterator, which may have no end.
+MOST_VALUES = 100_000
+# numpy's defaults for floating-point errors.
+USUAL: dict[str, Any] = {"divide": "warn", "over": "warn", "under": "ignore", "invalid": "warn"}
+
+
+def usual_arithmetic() -> np.errstate:
+    """Within the block, numpy's default floating-point warnings, even if the caller set "raise".
+
+    `np.seterr(all="raise")` is meant for the caller's own arithmetic: here a density that
+    underflows to 0 is right.
+    """
+    import numpy as np
+
+    lenient = {name: kind for name, kind in np.geterr().items() if kind in ("ignore", "warn")}
+    return np.errstate(**(USUAL | lenient))
+
+
+def listed(values: Any, where: str, example: str) -> tuple[Any, ...]:
+    """The values of a list, also of a generator or an array.
+
+    `example`: how it is written. Raises HarvesterError for a text, which is a list of its letters,
+    or no list; or it does not end.
+    """
+    if isinstance(values, (str, bytes, Mapping)) or not isinstance(values, Iterable):
+        raise HarvesterError(f"{where} = {shown(values)}: must be a list; write {example}")
+    items = tuple(itertools.islice(values, MOST_VALUES + 1))
+    if len(items) > MOST_VALUES:
+        raise HarvesterError(f"{where}: has more than {MOST_VALUES} values; give fewer")
+    return items
+
+
+def table(values: Any, where: str, example: str) -> dict[Any, Any]:
+    """A dictionary's copy.
+
+    `values`, `where`, `example`: see `listed`. Raises HarvesterError if it is none.
+    """
+    if not isinstance(values, Mapping):
+        raise HarvesterError(f"{where} = {shown(values)}: must be a dictionary; write {example}")
+    return dict(values)
+
+
+def check_name(what: str, name: str, known: Collection[str]) -> str:
+    """The name, or HarvesterError with the nearest valid one."""
+    if name not in known:
+        raise HarvesterError(
+            f"unknown {what} {name}{nearest(name, known)}; there are {', '.join(known)}"
+        )
+    return name
+
+
+def checked_options(options: dict[str, Any]) -> dict[str, Any]:
+    """Options of a public function with the executor checked, and `progress` guarded.
+
+    Raises HarvesterError.
+    """
+    executor, progress = options.get("executor"), options.get("progress")
+    if executor is not None and not hasattr(executor, "submit"):
+        raise HarvesterError(
+            f"executor = {shown(executor)}: has no method submit; give a "
+            "concurrent.futures.Executor"
+        )
+    runner = options.get("runner")
+    runs = hasattr(runner, "answer") or hasattr(getattr(runner, "pool", runner), "map")
+    if runner is not None and not runs:
+        raise HarvesterError(f"runner = {shown(runner)}: give a WorkerPool or a Runner")
+    if progress is None:
+        return options
+    if not callable(progress):
+        raise HarvesterError(f"progress = {shown(progress)}: must be a function of two arguments")
+    return {**options, "progress": _guarded(progress)}
+
+
+def _guarded(progress: Callable[[float, str], object]) -> Callable[[float, str], None]:
+    """The caller's progress function; an exception in it becomes a HarvesterError that names it."""
+
+    def follow(share: float, words: str) -> None:
+        try:
+            progress(share, words)
+        except HarvesterError:
+            raise
+        except Exception as error:
+            raise HarvesterError(
+                f"progress: the function that was given raised {type(error).__name__}: {error}; "
+                "mend it, or leave progress out"
+            ) from error
+
+    return follow

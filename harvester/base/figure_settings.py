@@ -1,0 +1,82 @@
+"""matplotlib with its own settings and the house's, whatever settings files lie about."""
+
+from __future__ import annotations
+
+import contextlib
+import os
+import sys
+import warnings
+from collections.abc import Iterator
+from pathlib import Path
+
+from harvester.base.arguments import usual_arithmetic
+from harvester.base.surroundings import PACKAGE, away_from_working_folder
+
+
+def load_matplotlib() -> None:
+    """Import matplotlib and its styles without any settings file, whatever MPLBACKEND names.
+
+    It reads a file `matplotlibrc` and the styles of the user's as it is imported: one that is
+    damaged would end every figure, and a pipe in its place would be waited for without end. Who
+    imports matplotlib first has what those files say.
+    """
+    if "matplotlib" not in sys.modules:
+        with _variables(MATPLOTLIBRC=os.devnull, MPLBACKEND=None), away_from_working_folder():
+            import matplotlib
+        _choose_backend(matplotlib)
+    if "matplotlib.style" not in sys.modules:
+        _import_styles()
+
+
+def _choose_backend(matplotlib):
+    """Use the backend that MPLBACKEND names, if matplotlib has it."""
+    backend = os.environ.get("MPLBACKEND")
+    with contextlib.suppress(ValueError):
+        if backend:
+            matplotlib.rcParams["backend"] = backend
+
+
+def _import_styles():
+    """matplotlib's own styles, and none of the folder of the user's settings."""
+    import matplotlib
+
+    folder_of_settings = matplotlib.get_configdir
+    # A folder without styles: the user's own styles are not read.
+    matplotlib.get_configdir = lambda: str(PACKAGE)
+    try:
+        import matplotlib.style
+    finally:
+        matplotlib.get_configdir = folder_of_settings
+
+
+@contextlib.contextmanager
+def _variables(**values: str | None) -> Iterator[None]:
+    """Environment variables that have these values within the block; None: not there."""
+    before = {name: os.environ.get(name) for name in values}
+    _set(values)
+    try:
+        yield
+    finally:
+        _set(before)
+
+
+def _set(values):
+    for name, value in values.items():
+        if value is None:
+            os.environ.pop(name, None)
+        else:
+            os.environ[name] = value
+
+
+@contextlib.contextmanager
+def figure_settings(*styles: str | Path) -> Iterator[None]:
+    """Draw within the block by matplotlib's defaults and these styles, nothing else.
+
+    A `matplotlibrc` could have TeX run; a glyph that no font has is a box, and no warning.
+    """
+    load_matplotlib()
+    from matplotlib import style
+
+    with usual_arithmetic(), style.context(["default", *styles]), warnings.catch_warnings():
+        warnings.filterwarnings("ignore", "Glyph .* missing from")
+        yield

@@ -1,0 +1,76 @@
+"""How a worker process is started: nothing of the working folder, nothing of chance.
+
+It runs in an empty folder of its own, imports nothing from the working folder or by Python's
+environment variables, and sees only those variables that say where this machine keeps its things.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import sys
+from collections.abc import Sequence
+from pathlib import Path
+
+# Packages that the worker needs beside harvester itself.
+REQUIRED = ("numpy", "scipy", "numba", "cffi", "PySpice")
+# Variables that list folders. Relative ones are removed: they would lead into the working folder.
+SEARCHED = ("PATH", "LD_LIBRARY_PATH", "DYLD_LIBRARY_PATH", "DYLD_FALLBACK_LIBRARY_PATH")
+FOLDERS = ("HOME", "TMPDIR", "TEMP", "TMP", "XDG_CACHE_HOME", "NUMBA_CACHE_DIR")
+WINDOWS = ("SYSTEMROOT", "SYSTEMDRIVE", "USERPROFILE", "APPDATA", "LOCALAPPDATA", "PATHEXT")
+WORDS = ("LANG", "LANGUAGE", "TZ", "USER", "LOGNAME")
+PREFIXES = ("LC_", "NUMBA_")
+FIXED = {"OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1"}
+
+# The worker imports harvester's own packages from where the caller has them, before anything else
+# is on its path: what they import of Python's own library at their head is imported before.
+# Packages that its environment lacks are searched where the caller finds them.
+_START = f"""\
+import __future__, importlib.util, json, os, sys, warnings
+own, folders, callers = json.loads(sys.argv[1])
+path, sys.path[:] = sys.path[:], [own]
+import circuits, harvester, netlists
+sys.path[:] = path + folders
+if any(importlib.util.find_spec(name) is None for name in {REQUIRED}):
+    sys.path += callers
+from harvester.base.worker import main
+main()
+"""
+
+
+def command(folders: Sequence[str | Path] = ()) -> list[str]:
+    """The worker's command line; `folders`: to import from, after all others."""
+    packages = str(Path(__file__).parents[2])
+    working_folder = _working_folder()
+    callers = [entry for entry in sys.path if os.path.isabs(entry) and entry != working_folder]
+    settings = json.dumps([packages, [str(folder) for folder in folders], callers])
+    return [sys.executable, "-E", "-P", "-c", _START, settings]
+
+
+def environment() -> dict[str, str]:
+    """The worker's environment variables."""
+    variables = dict(FIXED)
+    for name, value in os.environ.items():
+        if name in SEARCHED:
+            places = [folder for folder in value.split(os.pathsep) if os.path.isabs(folder)]
+            value = os.pathsep.join(places)
+        elif name in FOLDERS:
+            value = value if os.path.isabs(value) else ""
+        elif name not in WINDOWS + WORDS and not name.startswith(PREFIXES):
+            continue
+        if value:
+            variables[name] = value
+    library = os.environ.get("NGSPICE_LIBRARY_PATH")
+    if library:
+        # A bare name is left to the linker; it is no file of the working folder.
+        variables["NGSPICE_LIBRARY_PATH"] = (
+            os.path.abspath(library) if os.path.dirname(library) else library
+        )
+    return variables
+
+
+def _working_folder():
+    try:
+        return os.getcwd()
+    except OSError:  # it was removed
+        return ""

@@ -1,0 +1,31 @@
+"""Libraries that only some commands need, imported when they are."""
+
+import importlib
+import importlib.metadata
+from types import ModuleType
+
+from harvester.base.errors import MissingLibrary
+
+
+def install_command(extra: str) -> str:
+    """Return the command that installs an extra of the distribution that holds this package.
+
+    A distribution of another project may be called `harvester`, so the name is read from the
+    metadata of the one whose command is ours. Without metadata, a clone is meant: ".".
+    """
+    commands = importlib.metadata.entry_points(group="console_scripts", name="harvester")
+    ours = (command.dist for command in commands if command.value == "harvester.__main__:main")
+    name = next((distribution.name for distribution in ours if distribution), ".")
+    return f"pip install '{name}[{extra}]'"
+
+
+def optional_library(name: str, purpose: str, extra: str) -> ModuleType:
+    """Import a library that belongs to an extra of this project, or say how to install it.
+
+    `purpose`: what the library is needed for, for the message. `extra`: name of the extra in
+    pyproject.toml that installs it. Raises MissingLibrary if it is not installed.
+    """
+    try:
+        return importlib.import_module(name)
+    except ImportError:
+        raise MissingLibrary(f"{purpose} needs {name}: {install_command(extra)}") from None

@@ -1,0 +1,88 @@
+"""Base class of all methods (engines and closures): an object whose fields are its settings."""
+
+from __future__ import annotations
+
+import warnings
+from abc import ABC, abstractmethod
+from collections.abc import Mapping
+from dataclasses import dataclass, fields, replace
+from typing import Any, Self
+
+from harvester.base.errors import HarvesterError
+from harvester.base.plain_text import shown
+
+
+@dataclass(frozen=True)
+class Method(ABC):
+    """A way to an answer: an engine that simulates, or a closure.
+
+    Every field is a setting with a default. A name, such as "circuit", stands for the object with
+    its defaults.
+    """
+
+    @property
+    @abstractmethod
+    def name(self) -> str:
+        """The name that it has in calls, results and files."""
+
+    @property
+    def settings(self) -> dict[str, Any]:
+        """The fields that differ from their defaults."""
+        values = {field.name: (getattr(self, field.name), field.default) for field in fields(self)}
+        return {name: value for name, (value, default) in values.items() if value != default}
+
+    @property
+    def label(self) -> str:
+        """The name of the method, with the settings by which it differs from others."""
+        settings = ", ".join(f"{name} {value}" for name, value in self.settings.items())
+        return f"{self.name} ({settings})" if settings else self.name
+
+    def __str__(self) -> str:
+        return self.label
+
+    def as_arguments(self, key: str) -> dict[str, Any]:
+        """An engine as plain arguments of a task, which name the task's answer.
+
+        Parameters
+        ----------
+        key : str
+            Key under which the engine's name stands. `step` has a key of its own; other settings
+            are included if they differ from their defaults.
+        """
+        settings = self.settings
+        step = settings.pop("step", "default")
+        return {key: self.name, "step": step, **({"settings": settings} if settings else {})}
+
+    def with_options(self, options: Mapping[str, Any]) -> Self:
+        """This method with the options of a call; options that the method does not have are
+        ignored.
+
+        Parameters
+        ----------
+        options : mapping of str to object
+            None stands for an option that is left out.
+        """
+        names = {field.name for field in fields(self)}
+        stated = {name: value for name, value in options.items() if value is not None}
+        return replace(self, **{name: value for name, value in stated.items() if name in names})
+
+    def beside_options(self, options: Mapping[str, Any], defaults: Mapping[str, Any]) -> Self:
+        """Check that the options of a call do not contradict this method, which was given as an
+        object.
+
+        Raises
+        ------
+        HarvesterError
+            An option says something else than the object.
+        """
+        for name, value in options.items():
+            if value is None or value == defaults.get(name):
+                continue
+            if not hasattr(self, name) or getattr(self, name) != value:
+                raise HarvesterError(
+                    f"{name} = {shown(value)}: stands beside a method that is given as an object; "
+                    f"write {type(self).__name__}({name}=…), where it has such a setting"
+                )
+            message = f"{name}= is given twice, by itself and in {type(self).__name__}"
+            warnings.warn(message, DeprecationWarning, stacklevel=5)
+        return self

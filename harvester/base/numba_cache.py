@@ -1,0 +1,157 @@
+"""Where numba keeps what it has compiled, and whether to believe it: it is pickled machine code.
+
+Nothing of numba is changed here: `harvester.base.numba_patches` does that.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import functools
+import hashlib
+import os
+import pickle
+import stat
+import sys
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import Any
+
+from harvester.base.surroundings import PACKAGE, other_writers, who_else_writes
+
+# The cache holds code for types of these packages only. Code for a part of another package is
+# compiled anew in each process, since other processes may lack that package.
+OWN = ("harvester", "circuits")
+DIGEST_BYTES = hashlib.sha256().digest_size
+
+
+def keep_environment_usable() -> None:
+    """Remove environment variables whose values would make numba fail.
+
+    That is a number of threads below 1, and where its cache is looked for: nothing here uses its
+    threads, and `is_safe` judges the usual places of the cache.
+    """
+    os.environ.pop("NUMBA_CACHE_LOCATOR_CLASSES", None)
+    with contextlib.suppress(ValueError):
+        # numba itself ignores a value that is no number.
+        if int(os.environ.get("NUMBA_NUM_THREADS", "1")) < 1:
+            del os.environ["NUMBA_NUM_THREADS"]
+
+
+def plain_file(path: str) -> bytes | None:
+    """The bytes of a file that only this user or the program's owner may change; else None."""
+    try:
+        # O_NONBLOCK: a pipe under this name does not block.
+        descriptor = os.open(path, os.O_RDONLY | os.O_NONBLOCK)
+        with open(descriptor, "rb") as file:
+            about = os.fstat(descriptor)
+            if stat.S_ISREG(about.st_mode) and not other_writers(about):
+                return file.read()
+    except FileNotFoundError:
+        return None
+    except OSError:
+        pass
+    on_damage(path)
+    return None
+
+
+def begins_with_text(content: bytes) -> bool:
+    """Whether a pickled text stands in front, as the version does in an index of any release."""
+    try:
+        return isinstance(pickle.loads(content), str)
+    # Damaged bytes may raise anything.
+    except Exception:
+        return False
+
+
+def unpickled(content: bytes, path: str) -> Any:
+    """Unpickle the content behind a digest; None if the digest does not match or a class is
+    missing."""
+    digest, content = content[:DIGEST_BYTES], content[DIGEST_BYTES:]
+    if hashlib.sha256(content).digest() != digest:
+        on_damage(path)
+        return None
+    try:
+        return pickle.loads(content)
+    except (ImportError, AttributeError):
+        return None
+
+
+def _say_damage(path: str) -> None:
+    """Report a damaged file: one line on standard error, once in each process."""
+    if not _said:
+        _said.append(path)
+        print(
+            f"harvester: {path}: compiled code that is damaged, or that others may write; it is "
+            "compiled anew",
+            file=sys.stderr,
+        )
+
+
+_said: list[str] = []
+# Called with the path of a damaged file. A worker process passes it on to its caller.
+on_damage: Callable[[str], None] = _say_damage
+# Called with 1 as a compilation begins and with -1 as it ends; nothing happens here. A worker
+# process passes it on to its caller.
+on_compilation: Callable[[int], object] = abs
+
+
+@contextlib.contextmanager
+def alone(folder: Path, name: str) -> Iterator[None]:
+    """Within the block, hold a lock so that no other process compiles the same function.
+
+    A byte of one file is locked. The system releases it when the process ends. Where no lock can be
+    had, several processes may compile.
+    """
+    offset = int.from_bytes(hashlib.sha256(name.encode()).digest()[:4])
+    handle, fcntl = _lock_file(folder)
+    held = False
+    if handle is not None:
+        with contextlib.suppress(OSError):
+            fcntl.lockf(handle, fcntl.LOCK_EX, 1, offset)
+            held = True
+    try:
+        yield
+    finally:
+        if held:
+            fcntl.lockf(handle, fcntl.LOCK_UN, 1, offset)
+
+
+@functools.cache
+def _lock_file(folder):
+    """Open for as long as the process lives: closing it would give up all its locks."""
+    try:
+        import fcntl
+
+        folder.mkdir(parents=True, exist_ok=True)
+        return os.open(folder / "compiling.lock", os.O_RDWR | os.O_CREAT, 0o600), fcntl
+    except (ImportError, OSError):
+        return None, None
+
+
+def is_foreign(kind: Any) -> bool:
+    """Whether a numba type, or one within it, belongs to a class of another program."""
+    owner = getattr(kind, "instance_class", None)
+    if owner is not None and owner.__module__.partition(".")[0] not in OWN:
+        return True
+    inner = kind if isinstance(kind, tuple) else getattr(kind, "types", ())
+    # The type is an array or a pointer.
+    if hasattr(kind, "dtype"):
+        inner = (*inner, kind.dtype)
+    return any(is_foreign(part) for part in inner)
+
+
+def is_safe() -> bool:
+    """Whether nobody but this user and the program's owner may write to numba's cache.
+
+    It lies in NUMBA_CACHE_DIR, else beside the sources, else in a folder of the user's.
+    """
+    from numba.core import config
+    from numba.misc.appdirs import AppDirs
+
+    folder = config.CACHE_DIR
+    if not folder:
+        caches = [source.parent / "__pycache__" for source in PACKAGE.rglob("*.py")]
+        if all(os.access(path if path.exists() else path.parent, os.W_OK) for path in caches):
+            return True
+        folder = AppDirs("numba", appauthor=False).user_cache_dir
+    return not any(map(who_else_writes, [folder, *Path(folder).rglob("*")]))

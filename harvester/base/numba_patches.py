@@ -1,0 +1,137 @@
+"""All changes to numba itself and all uses of its private parts.
+
+Each was tried with numba 0.68.1 (`TRIED_WITH`) and holds for 0.61 and later as long as what it
+replaces there stays as it was: `tests/harvester/base/test_numba_patches.py` compares that with
+`REPLACED` and fails where numba has changed it. Then read the new source, see that the patch
+still does what its docstring says, and write the new digest here.
+
+==================================  ==============================================================
+what                                why
+==================================  ==============================================================
+`keep_own_index`                    a cache with another program's classes stops numba where they
+                                    are gone, and a damaged file may end the process
+`wait_for_other_processes`          workers that begin together would all compile the same
+`read_no_settings_file`             a file of the working folder may name a folder of code
+`ziggurat`                          numba's copy of numpy's tables: the same normal numbers
+`UNCOUNTED`, `INLINE`, `WITHIN`     options of the compiler without a public name; numba refuses
+                                    an option that it does not have as soon as one is used
+==================================  ==============================================================
+"""
+
+from __future__ import annotations
+
+import contextlib
+import functools
+import hashlib
+import inspect
+import pickle
+from pathlib import Path
+from typing import Any
+
+from harvester.base import numba_cache
+from harvester.base.surroundings import away_from_working_folder
+
+numba_cache.keep_environment_usable()
+with away_from_working_folder():
+    import numba
+    from numba.core import caching, dispatcher
+    from numba.core.compiler_lock import global_compiler_lock
+    from numba.np.random import _constants as ziggurat
+
+__all__ = ["INLINE", "REPLACED", "TRIED_WITH", "UNCOUNTED", "WITHIN", "ziggurat"]
+TRIED_WITH = "0.68.1"
+# For loops that create no array: reference counting would cost more than their work.
+UNCOUNTED = {"_nrt": False}
+INLINE = {"forceinline": True}
+# For functions that only compiled code calls: an entry point for C takes a third longer to compile.
+WITHIN = {"no_cfunc_wrapper": True}
+
+
+def digest_of(part: Any) -> str:
+    """Digest of the source of a class or function, to detect that it has changed."""
+    return hashlib.sha256(inspect.getsource(part).encode()).hexdigest()[:16]
+
+
+# Functions of numba before they are replaced or derived from.
+ORIGINAL = {
+    "numba.core.caching.IndexDataCacheFile": caching.IndexDataCacheFile,
+    "numba.core.dispatcher.Dispatcher.compile": dispatcher.Dispatcher.compile,
+}
+# Digests of their source in the release that the patches were tested with.
+REPLACED = {
+    "numba.core.caching.IndexDataCacheFile": "953c3b4c113b8f4d",
+    "numba.core.dispatcher.Dispatcher.compile": "0ab4aee15e79bb1d",
+}
+
+
+def read_no_settings_file() -> None:
+    """Keep numba from reading `.numba_config.yaml` of the working folder whenever it compiles."""
+    # An empty name: no settings file is read.
+    numba.core.config._config_fname = ""
+
+
+def keep_own_index() -> None:
+    """Make numba's cache hold types of this program only, and take no file that is damaged.
+
+    An index is read whole: with a type whose module is gone numba would stop there. A file whose
+    digest does not match is compiled anew, which is said; one that cannot be written is left out.
+    """
+
+    class OwnIndex(caching.IndexDataCacheFile):
+        def __init__(self, *arguments, **options):
+            super().__init__(*arguments, **options)
+            # Files without digests count as files of another version.
+            self._version += ", with digests"
+
+        def save(self, key, data):
+            if not numba_cache.is_foreign(key[0]):
+                with contextlib.suppress(OSError):
+                    super().save(key, data)
+
+        def _dump(self, obj):
+            content = super()._dump(obj)
+            return hashlib.sha256(content).digest() + content
+
+        def _load_index(self):
+            content = numba_cache.plain_file(self._index_path)
+            if content is None:
+                return {}
+            version = pickle.dumps(self._version, protocol=-1)
+            if not content.startswith(version):
+                if not numba_cache.begins_with_text(content):
+                    numba_cache.on_damage(self._index_path)
+                return {}
+            index = numba_cache.unpickled(content[len(version) :], self._index_path)
+            stamp, overloads = (None, None) if index is None else index
+            return overloads if stamp == self._source_stamp else {}
+
+        def _load_data(self, name):
+            path = self._data_path(name)
+            content = numba_cache.plain_file(path)
+            return None if content is None else numba_cache.unpickled(content, path)
+
+    caching.IndexDataCacheFile = OwnIndex
+
+
+def wait_for_other_processes() -> None:
+    """Let a process that needs code which another is just compiling wait and take that one's.
+
+    Workers that begin together would all compile the same for seconds.
+    """
+    compile_now = dispatcher.Dispatcher.compile
+
+    @functools.wraps(compile_now)
+    def compile_once(self, signature):
+        if isinstance(self._cache, caching.NullCache):
+            return compile_now(self, signature)
+        name = f"{self.py_func.__module__}.{self.py_func.__qualname__}{signature}"
+        # The process's own lock comes first, so that only one of its threads waits for other
+        # processes.
+        numba_cache.on_compilation(1)
+        try:
+            with global_compiler_lock, numba_cache.alone(Path(self._cache.cache_path), name):
+                return compile_now(self, signature)
+        finally:
+            numba_cache.on_compilation(-1)
+
+    dispatcher.Dispatcher.compile = compile_once  # type: ignore[method-assign, assignment]

@@ -1,0 +1,68 @@
+"""Files that a user names are read whole, if they are plain files of a sane size."""
+
+from __future__ import annotations
+
+import os
+import stat
+from pathlib import Path
+
+from harvester.base.errors import SceneError
+from harvester.base.plain_text import named
+
+# One record may take this share of the machine's memory, and never more than so many bytes.
+MEMORY_SHARE = 0.25
+LARGEST_MEMORY = 4 * 2**30
+
+_SORTS = (
+    (stat.S_ISDIR, "a folder"),
+    (stat.S_ISFIFO, "a pipe"),
+    (stat.S_ISSOCK, "a socket"),
+    (stat.S_ISCHR, "a device"),
+    (stat.S_ISBLK, "a device"),
+)
+
+
+def memory_limit() -> int:
+    """Bytes that one record may take while it is read and conditioned, in each process."""
+    physical = os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES")
+    return int(min(MEMORY_SHARE * physical, LARGEST_MEMORY))
+
+
+def read_input(file: Path | str, noun: str, largest: int) -> bytes:
+    """The bytes of a plain file.
+
+    Raises SceneError if it is no plain file (a device or a pipe has no end), is larger, or cannot
+    be read.
+    """
+    where = named(str(file))
+    try:
+        # Checked before it is opened, since opening a device may have an effect.
+        _check(os.stat(file), where, noun, largest)
+        # O_NONBLOCK: a pipe that has taken the file's place since then does not block.
+        descriptor = os.open(file, os.O_RDONLY | os.O_NONBLOCK | os.O_CLOEXEC)
+        with open(descriptor, "rb") as stream:
+            return stream.read(_check(os.fstat(descriptor), where, noun, largest))
+    except OSError as error:
+        reason = error.strerror
+        if isinstance(error, FileNotFoundError) and os.path.islink(file):
+            reason = f"it is a link to {named(os.readlink(file))}, which does not exist"
+        raise SceneError(f"{where}: the {noun} cannot be read: {reason}") from None
+    except ValueError:
+        raise SceneError(f"{where}: the {noun} cannot be read: no file has such a name") from None
+    except MemoryError:
+        raise SceneError(f"{where}: the {noun} does not fit into the free memory") from None
+
+
+def _check(status, where, noun, largest):
+    """Refuse what is no plain file or too large; returns the size in bytes."""
+    for is_sort, sort in _SORTS:
+        if is_sort(status.st_mode):
+            raise SceneError(
+                f"{where}: is {sort}; a {noun} is read from a plain file: save it in one"
+            )
+    if status.st_size > largest:
+        raise SceneError(
+            f"{where}: is too large for a {noun}: {status.st_size / 1e6:.4g} MB, and "
+            f"{largest / 1e6:.4g} MB is the most"
+        )
+    return status.st_size

@@ -1,0 +1,140 @@
+"""Frozen dataclasses as plain values for JSON, and back: their fields say what there is.
+
+>>> from dataclasses import dataclass, field
+>>> @dataclass(frozen=True)
+... class Cell:
+...     word: str = field(metadata=key("verdict"))
+...     share: float
+...     notes: tuple = field(default=(), metadata=LEFT_OUT)
+>>> fields_of(Cell("right", float("nan")))
+{'verdict': 'right', 'share': None}
+>>> read(Cell, {"verdict": "right", "share": None}, "cell")
+Cell(word='right', share=nan, notes=())
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+import numbers
+from collections.abc import Callable, Mapping
+from types import NoneType
+from typing import Any, get_args, get_origin, get_type_hints
+
+import numpy as np
+
+from harvester.base.plain_text import shown
+from harvester.base.writing import finite
+
+_KEY = "key in JSON"
+# Metadata of a field that is left out of JSON.
+LEFT_OUT = {_KEY: None}
+
+
+def key(name: str) -> dict[str, str]:
+    """Metadata of a field that has another name in JSON."""
+    return {_KEY: name}
+
+
+def fields_of(instance: Any, units: Callable[[str], str] | None = None) -> dict[str, Any]:
+    """The fields of a dataclass by their keys, each as a plain value.
+
+    `units`: gives the unit of a dimension; every dataclass with a field `dimension` then tells its
+    `unit` instead.
+    """
+    content = {}
+    for field in dataclasses.fields(instance):
+        name, value = field.metadata.get(_KEY, field.name), getattr(instance, field.name)
+        if units is not None and field.name == "dimension":
+            name, value = "unit", units(value)
+        if name is not None:
+            content[name] = plain(value, units)
+    return content
+
+
+def plain(value: Any, units: Callable[[str], str] | None = None) -> Any:
+    """A value as JSON takes it: NaN and infinity become null, arrays and tuples become lists.
+
+    An object with a `to_dict` is converted by it; of other dataclasses all fields are taken.
+    """
+    if isinstance(value, np.generic | np.ndarray):
+        value = value.tolist()
+    if value is None or isinstance(value, str | bool | int):
+        return value
+    if isinstance(value, float):
+        return finite(value)
+    if isinstance(value, Mapping):
+        return {str(name): plain(item, units) for name, item in value.items()}
+    if isinstance(value, list | tuple | set | frozenset):
+        return [plain(item, units) for item in value]
+    if hasattr(value, "to_dict"):
+        return value.to_dict()
+    if dataclasses.is_dataclass(value):
+        return fields_of(value, units)
+    raise TypeError(f"{type(value).__name__} has no plain value for JSON")
+
+
+class NotAValue(Exception):
+    """A value is of another type than the one that is read; the message says where it stands."""
+
+
+def read(kind: Any, value: Any, where: str) -> Any:
+    """A value of an annotated type, from what `plain` made of it.
+
+    Null is NaN where a number is read. Fields of a dataclass that JSON does not hold have their
+    defaults, and so have those that are missing.
+
+    `kind`: str, bool, int, float, a dataclass, a dict or a tuple of one kind, or one of these or
+    None. Raises NotAValue.
+    """
+    if NoneType in get_args(kind):
+        (inner,) = set(get_args(kind)) - {NoneType}
+        return None if value is None else read(inner, value, where)
+    if dataclasses.is_dataclass(kind):
+        return _read_fields(kind, value, where)
+    if get_origin(kind) is dict:
+        key_kind, value_kind = get_args(kind)
+        _require(isinstance(value, Mapping), value, where, "a table")
+        return {
+            _read_key(key_kind, name, where): read(value_kind, item, f"{where}.{name}")
+            for name, item in value.items()
+        }
+    if get_origin(kind) is tuple:
+        _require(isinstance(value, list | tuple), value, where, "a list")
+        return tuple(read(get_args(kind)[0], item, where) for item in value)
+    if kind is str:
+        _require(isinstance(value, str), value, where, "a text")
+    elif kind is float and value is None:
+        return math.nan
+    elif kind is float:
+        is_number = isinstance(value, numbers.Real) and not isinstance(value, bool)
+        _require(is_number, value, where, "a number")
+    elif kind is int:
+        is_count = isinstance(value, numbers.Integral) and not isinstance(value, bool)
+        _require(is_count and value >= 0, value, where, "a whole number ≥ 0")
+    return value
+
+
+def _read_fields(kind, content, where):
+    _require(isinstance(content, Mapping), content, where, "a table")
+    hints, values = get_type_hints(kind), {}
+    for field in dataclasses.fields(kind):
+        name = field.metadata.get(_KEY, field.name)
+        if name in content:
+            values[field.name] = read(hints[field.name], content[name], f"{where}.{name}")
+        elif field.default is field.default_factory is dataclasses.MISSING:
+            raise NotAValue(f"{where}.{name} is missing")
+    return kind(**values)
+
+
+def _read_key(kind, name, where):
+    """A key of a table: JSON has texts alone."""
+    if kind is int:
+        _require(isinstance(name, str) and name.isdecimal(), name, where, "a whole number")
+        return int(name)
+    return read(kind, name, where)
+
+
+def _require(fits, value, where, what):
+    if not fits:
+        raise NotAValue(f"{where} = {shown(value)}: must be {what}")

@@ -1,0 +1,419 @@
+"""The options of a public function from its signature: unit, spelling and check.
+
+The annotation of a parameter is its option at the command line (`harvester.cli.parsing`) and
+its check in Python (`harvester.scene.calling`). What the Python type leaves open (the unit, the range,
+how a list is written) stands in an `Annotated` alias such as `Seconds`.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import functools
+import inspect
+import math
+import numbers
+import os
+import sys
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Annotated, Any, NamedTuple, TypedDict, get_args, get_origin
+
+from harvester.base.errors import HarvesterError
+from harvester.base.method import Method
+from harvester.base.numbers import NotANumber, number
+from harvester.base.plain_text import named, shown
+
+# Longest list of numbers that a grid such as 1:10:log:50 may give.
+MOST_NUMBERS = 100_000
+
+
+@dataclass(frozen=True)
+class Kind:
+    """Properties of an option that its annotation adds to its Python type.
+
+    Attributes
+    ----------
+    metavar : str
+        Stands for the value in a command's help; FILE and DIR are completed by the shell.
+    required : str
+        Text: what a value must be.
+    holds : callable or None
+        Function that tells whether a value is allowed; None: all are.
+    option : str
+        Name of the option where it is not that of the parameter.
+    read : callable or None
+        The value that a text of the command line means, given the text and the option. With
+        `again` it is given the list of all texts.
+    again : bool
+        The option may be given several times.
+    words : bool
+        Each time it takes several words.
+    """
+
+    metavar: str = ""
+    required: str = ""
+    holds: Callable[[Any], bool] | None = None
+    option: str = ""
+    read: Callable[[Any, str], Any] | None = None
+    again: bool = False
+    words: bool = False
+
+
+def grid_of(text: str, option: str) -> list[float]:
+    """Numbers from their short form: 0.1:2:log:40, 0.1:2:linear:40 or 0.1,0.2,0.5.
+
+    Raises
+    ------
+    HarvesterError
+        Names the option.
+    """
+    import numpy as np
+
+    first, *others = text.split(":")
+    try:
+        if not others:
+            return [number(part) for part in text.split(",")]
+        last, spacing, points = others
+        grid: Any = {"log": np.geomspace, "linear": np.linspace}[spacing]
+        low, high, count = number(first), number(last), int(points)
+        if 0.0 < low < high < math.inf and 1 < count <= MOST_NUMBERS:
+            return [float(value) for value in grid(low, high, count)]
+    except (ValueError, KeyError) as error:
+        reason = f" ({error})" if isinstance(error, NotANumber) else ""
+    else:
+        reason = ""
+    raise HarvesterError(
+        f"{option} {named(text)}: write it as 0.1:2:log:40, 0.1:2:linear:40 or 0.1,0.2,0.5{reason}"
+    )
+
+
+def line_of(text: str, option: str) -> list[float]:
+    """Evenly spaced numbers of either sign, from LOW:HIGH:NUMBER.
+
+    Raises
+    ------
+    HarvesterError
+        Names the option.
+    """
+    import numpy as np
+
+    try:
+        low, high, count = text.split(":")
+        if -math.inf < float(low) < float(high) < math.inf and 1 < int(count) <= MOST_NUMBERS:
+            return [float(number) for number in np.linspace(float(low), float(high), int(count))]
+    except ValueError:
+        pass
+    raise HarvesterError(
+        f"{option} {named(text)}: write it as LOW:HIGH:NUMBER, such as -0.02:0.02:60"
+    )
+
+
+def over_of(texts: list[str], option: str) -> dict[str, list[Any]]:
+    """Keys to lists of numbers or words, from table.key=LIST: load.netlist=bridge,sece."""
+    pairs = by_key(texts, option, "table.key=LIST")
+    return {
+        key: values.split(",") if values[:1].isalpha() else grid_of(values, f"{option} {key}")
+        for key, values in pairs.items()
+    }
+
+
+def ranges_of(texts: list[str], option: str) -> dict[str, tuple[float, float] | None]:
+    """Keys to ranges, from TABLE.KEY or TABLE.KEY=LOW:HIGH for each key."""
+    ranges: dict[str, tuple[float, float] | None] = {}
+    for text in texts:
+        key, separator, ends = (part.strip() for part in text.partition("="))
+        if key in ranges:
+            raise HarvesterError(f"{option} {named(key)}: is there twice")
+        try:
+            low, high = map(number, ends.split(":")) if separator else (math.nan, math.nan)
+        except ValueError as error:
+            reason = f" ({error})" if isinstance(error, NotANumber) else ""
+            raise HarvesterError(
+                f"{option} {named(text)}: write it as TABLE.KEY=LOW:HIGH, such as "
+                f"load.resistance=10k:1meg{reason}"
+            ) from None
+        ranges[key] = (low, high) if separator else None
+    return ranges
+
+
+def window_of(text: str, option: str) -> tuple[float, float]:
+    """Two times in seconds from START:END, or from "all" those of the whole run."""
+    if text == "all":
+        return 0.0, math.inf
+    try:
+        start, stop = map(float, text.split(":"))
+    except ValueError:
+        raise HarvesterError(
+            f"{option} {named(text)}: write it as START:END, in s, or all"
+        ) from None
+    return start, stop
+
+
+def records_of(groups: list[list[str]], option: str) -> list[tuple[str, dict[str, Any]]]:
+    """Files with their settings: words with = belong to the file before them."""
+    files: list[tuple[str, dict[str, Any]]] = []
+    for group in groups:
+        for index, word in enumerate(group):
+            if index == 0 or "=" not in word:
+                files.append((word, {}))
+                continue
+            name, _, value = (part.strip() for part in word.partition("="))
+            if not name or not value:
+                raise HarvesterError(f"{option} {named(word)}: write a setting as NAME=VALUE")
+            # Keys of the scene take numbers, columns any name.
+            settings = files[-1][1]
+            settings[name] = value
+            with contextlib.suppress(ValueError):
+                settings[name] = number(value) if "." in name else value
+    seen: list[tuple[str, dict[str, Any]]] = []
+    for file, settings in files:
+        # One file may have several names, such as shaker.csv, ./shaker.csv and a link.
+        one = (os.path.realpath(file), settings)
+        if one in seen:
+            raise HarvesterError(
+                f"{option} {named(file)}: is given twice with the same settings, and each record "
+                "counts once: leave one out"
+            )
+        seen.append(one)
+    return files
+
+
+def one_record_of(words: list[str], option: str) -> tuple[str, dict[str, Any]]:
+    """One file with its settings."""
+    records = records_of([words], option)
+    if len(records) > 1:
+        raise HarvesterError(f"{option} {named(records[1][0])}: one file is read, with NAME=VALUE")
+    return records[0]
+
+
+def by_key(texts: list[str], option: str, example: str) -> dict[str, str]:
+    """Keys to what stands behind the equals sign.
+
+    Raises
+    ------
+    HarvesterError
+        No equals sign, nothing behind it, or a key that was there.
+    """
+    value_by_key: dict[str, str] = {}
+    for text in texts:
+        key, _, value = (part.strip() for part in text.partition("="))
+        if not value or key in value_by_key:
+            raise HarvesterError(f"{option} {named(text)}: write it as {example}, each key once")
+        value_by_key[key] = value
+    return value_by_key
+
+
+def _positive(value: Any) -> bool:
+    return isinstance(value, numbers.Real) and float(value) > 0.0
+
+
+def _counts(value: Any) -> bool:
+    return isinstance(value, numbers.Integral) and int(value) >= 1
+
+
+def _share(value: Any) -> bool:
+    return isinstance(value, numbers.Real) and 0.0 < float(value) < 1.0
+
+
+# A name at the command line; in Python also an object.
+MethodOrName = Annotated[str | Method, Kind("NAME")]
+Step = Annotated[
+    str | float,
+    Kind(
+        "STEP",
+        "default, fine, finest or a number of seconds > 0",
+        lambda value: isinstance(value, (str, numbers.Real)) or getattr(value, "ndim", None) == 0,
+    ),
+]
+Seed = Annotated[int, Kind("SEED")]
+Seconds = Annotated[float, Kind("SECONDS", "a number of seconds > 0", _positive)]
+Hertz = Annotated[float, Kind("HERTZ", "a number of hertz > 0", _positive)]
+Metres = Annotated[float, Kind("METRES", "a number of metres > 0", _positive)]
+Share = Annotated[float, Kind("SHARE", "a number in (0, 1)", _share)]
+Processes = Annotated[int, Kind("N", "a whole number ≥ 1", _counts)]
+File = Annotated[str, Kind("FILE")]
+Folder = Annotated[str | os.PathLike, Kind("DIR")]
+Grid = Annotated[Sequence[float], Kind("LIST", read=grid_of)]
+Line = Annotated[Sequence[float], Kind("LOW:HIGH:NUMBER", read=line_of)]
+# Of a key: a grid, or evenly spaced numbers LOW:HIGH:NUMBER.
+Values = Annotated[
+    Sequence[float],
+    Kind(
+        "LIST",
+        read=lambda text, option: (line_of if text.count(":") == 2 else grid_of)(text, option),
+    ),
+]
+Count = Annotated[int, Kind("N", "a whole number ≥ 1", _counts)]
+Grids = Annotated[
+    Mapping[str, Sequence[float]],
+    Kind(
+        "TABLE.KEY=LIST",
+        option="sweep",
+        read=lambda texts, option: {
+            key: grid_of(values, f"{option} {key}")
+            for key, values in by_key(texts, option, "table.key=LIST").items()
+        },
+        again=True,
+    ),
+]
+Over = Annotated[
+    Mapping[str, Sequence[float | str]], Kind("TABLE.KEY=LIST", read=over_of, again=True)
+]
+Methods = Annotated[Sequence[str | Method], Kind("NAME", option="method", again=True)]
+Quantities = Annotated[Sequence[str], Kind("NAME", option="quantity", again=True)]
+Distributions = Annotated[
+    Mapping[str, str],
+    Kind(
+        "TABLE.KEY=DISTRIBUTION",
+        read=lambda texts, option: by_key(texts, option, "TABLE.KEY=±10%"),
+        again=True,
+    ),
+]
+Ranges = Annotated[
+    str | Mapping[str, tuple | None], Kind("TABLE.KEY[=LOW:HIGH]", read=ranges_of, again=True)
+]
+Window = Annotated[tuple[float, float] | str, Kind("START:END|all", read=window_of)]
+Nodes = Annotated[Sequence[str], Kind("NAME", option="node", again=True)]
+Faults = Annotated[Sequence[str], Kind("FAULT", again=True)]
+Loads = Annotated[Sequence[str], Kind("NAME|PATH", option="load", again=True)]
+Overrides = Annotated[Sequence[str], Kind("TABLE.KEY=VALUE", option="set", again=True)]
+
+
+class RunnerOptions(TypedDict, total=False):
+    """Keyword arguments of every study: see `harvester.engines.open_runner`.
+
+    Parameters
+    ----------
+    time_budget : float or None
+        Begin nothing new after so many seconds, and end what runs 5 % longer; the same call
+        goes on.
+    workers : int or None
+        Processes (default: one a core).
+    scheduler : str or None
+        Address of a Dask cluster, instead of processes here.
+    output : str or Path or None
+        Folder for results, and for every finished piece: run the same command again to go on
+        after a kill.
+
+    Other Parameters
+    ----------------
+    executor : concurrent.futures.Executor, WorkerPool, ExecutorPool or None
+    time_limit : float
+        Wall-clock limit of one realization (s).
+    progress : callable or None
+    runner : Runner or None
+    """
+
+    time_budget: Seconds | None
+    workers: Processes | None
+    scheduler: Annotated[str, Kind("ADDRESS")] | None
+    output: Folder | None
+    # `open_runner` annotates these two by their types. They stand above this module, so that it has
+    # Any.
+    executor: Any
+    time_limit: Seconds
+    progress: Callable[[float, str], object] | None
+    runner: Any
+
+
+class Option(NamedTuple):
+    """One parameter of a public function.
+
+    Attributes
+    ----------
+    name : str
+    type : object
+        Type of the value, without the None that stands for a value left out; None where only a type
+        checker knows the names in it.
+    kind : Kind or None
+    default : object
+        `inspect.Parameter.empty` where the parameter must be given.
+    passing : object
+        `inspect.Parameter.kind`: positional-only parameters are words at the command line.
+    may_be_none : bool
+    """
+
+    name: str
+    type: Any
+    kind: Kind | None
+    default: Any
+    passing: Any
+    may_be_none: bool
+
+    @property
+    def spelling(self) -> str:
+        """Name at the command line, without dashes in front."""
+        option_name = self.kind.option if self.kind else ""
+        return option_name or self.name.replace("_", "-")
+
+    def check(self, value: Any) -> None:
+        """Refuse a value that is out of range.
+
+        Raises
+        ------
+        HarvesterError
+        """
+        if value is None and self.may_be_none:
+            return
+        if self.kind and self.kind.holds and not self.kind.holds(value):
+            raise HarvesterError(f"--{self.spelling} {shown(value)}: must be {self.kind.required}")
+
+
+@functools.cache
+def options_of(function: Callable) -> dict[str, Option]:
+    """A function's parameters by name, with those of the typed dictionary that collects others."""
+    function = inspect.unwrap(function)
+    options: dict[str, Option] = {}
+    for parameter in inspect.signature(function).parameters.values():
+        if parameter.kind is parameter.VAR_KEYWORD:
+            (collected,) = get_args(_evaluated(parameter.annotation, function.__globals__))
+            module_names = vars(sys.modules[collected.__module__])
+            for name, annotation in collected.__annotations__.items():
+                if name not in options:
+                    text = getattr(annotation, "__forward_arg__", annotation)
+                    options[name] = _option(name, text, module_names, None, parameter.KEYWORD_ONLY)
+        else:
+            options[parameter.name] = _option(
+                parameter.name,
+                parameter.annotation,
+                function.__globals__,
+                parameter.default,
+                parameter.kind,
+            )
+    return options
+
+
+def check_options(function: Callable, values: Mapping[str, Any]) -> None:
+    """Refuse values of a function's options that are out of range.
+
+    Raises
+    ------
+    HarvesterError
+    """
+    options = options_of(function)
+    for name, value in values.items():
+        options[name].check(value)
+
+
+def _option(name, annotation, names, default, passing):
+    """The option that an annotation, which may be text, describes."""
+    kind, may_be_none = None, False
+    value_type = _evaluated(annotation, names)
+    parts = [part for part in get_args(value_type) if part is not type(None)]
+    if type(None) in get_args(value_type):
+        may_be_none = True
+        value_type = parts[0] if len(parts) == 1 else value_type
+    if get_origin(value_type) is Annotated:
+        value_type, kind = get_args(value_type)
+    return Option(name, value_type, kind, default, passing, may_be_none)
+
+
+def _evaluated(annotation, names):
+    """The object that an annotation's text stands for; None if only type checkers import its
+    names."""
+    if not isinstance(annotation, str):
+        return annotation
+    try:
+        return eval(annotation, names)
+    except NameError:
+        return None

@@ -1,0 +1,87 @@
+"""Files of numbers: CSV, and NetCDF through xarray."""
+
+from __future__ import annotations
+
+import csv
+import io
+import math
+from abc import ABC, abstractmethod
+from collections.abc import Iterable, Sequence
+from pathlib import Path
+from types import ModuleType
+from typing import TYPE_CHECKING, Any
+
+from harvester.base.libraries import optional_library
+from harvester.base.plain_text import one_line
+from harvester.base.writing import whole_file, write_text
+
+if TYPE_CHECKING:
+    from pandas import DataFrame
+
+
+class Tabular(ABC):
+    """Base of tabular results: header and rows, which can be a file or a DataFrame."""
+
+    @abstractmethod
+    def data(self) -> tuple[list[str], list[list[Any]]]:
+        """Header and rows."""
+
+    def to_csv(self, path: str | Path) -> None:
+        """Write the rows of `data`. Raises OutputError."""
+        write_csv(path, *self.data())
+
+    def to_pandas(self) -> DataFrame:
+        """The rows of `data` as a DataFrame.
+
+        Raises MissingLibrary without pandas, of the extra `study`.
+        """
+        header, rows = self.data()
+        name = f"{type(self).__name__}.to_pandas"
+        return optional_library("pandas", name, "study").DataFrame(rows, columns=header)
+
+
+def write_csv(path: str | Path, header: Sequence[str], rows: Iterable[Sequence]) -> None:
+    """Write a table, whole or not at all; an empty cell stands for what is not a number.
+
+    Raises OutputError.
+    """
+    text = io.StringIO()
+    writer = csv.writer(text, lineterminator="\n")
+    writer.writerow(header)
+    writer.writerows([_cell(value) for value in row] for row in rows)
+    write_text(path, text.getvalue())
+
+
+def write_netcdf(path: str | Path, dataset: Any) -> None:
+    """Write an xarray Dataset as NetCDF (classic, 64-bit offsets), whole or not at all.
+
+    Raises OutputError.
+    """
+    with whole_file(path) as file:
+        file.write(dataset.to_netcdf(engine="scipy", format="NETCDF3_64BIT"))
+
+
+def xarray_or_say() -> ModuleType:
+    """The module xarray; without it, a MissingLibrary error says how to install it."""
+    return optional_library("xarray", "NetCDF", "study")
+
+
+def markdown_table(rows: Iterable[Sequence[str]]) -> str:
+    """Rows of text as a Markdown table, the first its header.
+
+    >>> print(markdown_table([["quantity"], ["|X|"]]))
+    | quantity |
+    | --- |
+    | \\|X\\| |
+    """
+    header, *others = [[cell.replace("|", r"\|") for cell in cells] for cells in rows]
+    lines = [header, ["---"] * len(header), *others]
+    return "\n".join(f"| {' | '.join(cells)} |" for cells in lines)
+
+
+def _cell(value):
+    if isinstance(value, str):
+        return one_line(value)
+    if value is None or math.isnan(value):
+        return ""
+    return value if isinstance(value, int) else f"{value:.9g}"

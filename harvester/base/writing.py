@@ -1,0 +1,221 @@
+"""The one way to write: files whole or not at all, through their real path; streams as streams."""
+
+from __future__ import annotations
+
+import contextlib
+import io
+import math
+import os
+import secrets
+import stat
+import sys
+import tempfile
+from collections.abc import Iterator
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from harvester.base.errors import OutputError
+from harvester.base.plain_text import json_text
+
+if TYPE_CHECKING:
+    from _io import BytesIO
+
+# The licence text at the head of every file that is written for other programs.
+LICENCE = (
+    "Made by harvester. You may use, change and pass on this file under any terms: its lines of",
+    "harvester are free of the program's own licence, see LICENSE-EXCEPTION there.",
+)
+STANDARD_OUTPUT = 1
+# Folders whose entries are this process's own open files.
+OPEN_FILES = ("/dev/fd", "/proc/self/fd", "/proc/thread-self/fd")
+MOST_LINKS = 40
+# Name of the temporary file that replaces the old one. A kill may leave it behind.
+ASIDE = ".harvester-{}"
+ASIDE_BYTES = 8
+UNWRITABLE = {stat.S_IFDIR: "a folder", stat.S_IFSOCK: "a socket", stat.S_IFBLK: "a disk"}
+
+
+@contextlib.contextmanager
+def whole_file(path: Path | str) -> Iterator[BytesIO]:
+    """Binary file in memory whose content goes to `path` when the block succeeds.
+
+    A regular file is replaced at once, where links lead, and keeps its permissions; a new one
+    follows the umask. Devices that take characters, FIFOs and /dev/stdout are written to. `-` is
+    standard output.
+
+    Raises OutputError if nothing can be written there; what was there stays.
+    """
+    content = io.BytesIO()
+    yield content
+    with _named(path):
+        _write(path, content.getbuffer())
+
+
+def write_text(path: str | Path, text: str) -> None:
+    """Write text as UTF-8, see `whole_file`."""
+    with whole_file(path) as file:
+        # Names of files may hold bytes that have no UTF-8.
+        file.write(text.encode("utf-8", "backslashreplace"))
+
+
+def write_json(path: str | Path, content: Any) -> None:
+    """Write JSON, see `whole_file`."""
+    write_text(path, json_text(content, indent=2) + "\n")
+
+
+def finite(value: float | None) -> float | None:
+    """A number for JSON: None for None and for what is not finite."""
+    return None if value is None or not math.isfinite(value) else float(value)
+
+
+def is_standard_output(path: str | Path | None) -> bool:
+    """Whether what is written there goes to standard output."""
+    return path is not None and _open_file(path) == STANDARD_OUTPUT
+
+
+def is_stream(path: str | Path) -> bool:
+    """Whether no file is there after writing: standard output, a device, a FIFO."""
+    path = Path(path)
+    return _open_file(path) is not None or (
+        path.exists() and not path.is_file() and not path.is_dir()
+    )
+
+
+def check_writable(path: str | Path) -> None:
+    """Refuse early what could not be written after a long run."""
+    if path is None:
+        return
+    with _named(path):
+        number = _open_file(path)
+        if number is not None:
+            if str(path) != "-":
+                os.close(os.dup(number))
+            return
+        status = _status(path)
+        if status is None or stat.S_ISREG(status.st_mode):
+            check_folder(_real_path(path, status).parent)
+
+
+def check_folder(folder: str | Path) -> None:
+    """Refuse early a folder that cannot be made or written; one that is missing stays so."""
+    with _named(folder):
+        missing = [
+            parent for parent in (Path(folder), *Path(folder).parents) if not parent.exists()
+        ]
+        Path(folder).mkdir(parents=True, exist_ok=True)
+        tempfile.TemporaryFile(dir=folder).close()
+        with contextlib.suppress(OSError):
+            for parent in missing:
+                parent.rmdir()
+
+
+def in_folder(folder: str | Path, file: str) -> Path:
+    """Path of a file that the program, not the user, names in a folder.
+
+    Raises OutputError if something else than a regular file of that folder has the name.
+    """
+    path = Path(folder) / file
+    with _named(path):
+        status = _status(path)
+        if status is not None and not stat.S_ISREG(status.st_mode):
+            raise OutputError(f"{path}: is no regular file, and would be written to; take it away")
+        real = Path(os.path.realpath(path))
+        if os.path.islink(path) and real.parent != Path(os.path.realpath(folder)):
+            raise OutputError(f"{path}: is a link to {real}, out of the folder; take it away")
+    return path
+
+
+@contextlib.contextmanager
+def _named(path):
+    """Turn the system's errors within the block into an `OutputError` that names the path."""
+    try:
+        yield
+    except (OSError, ValueError) as error:
+        reason = getattr(error, "strerror", None) or error
+        where = "standard output" if str(path) == "-" else path
+        raise OutputError(f"{where}: cannot be written: {reason}") from None
+
+
+def _open_file(path):
+    """Number of this process's open file that a path stands for, or None."""
+    if str(path) == "-":
+        return STANDARD_OUTPUT
+    folders = {os.path.realpath(folder) for folder in OPEN_FILES}
+    path = os.path.abspath(path)
+    for _ in range(MOST_LINKS):
+        folder, name = os.path.realpath(os.path.dirname(path)), os.path.basename(path)
+        if folder in folders and name.isdecimal():
+            return int(name)
+        if not os.path.islink(path):
+            break
+        path = os.path.join(folder, os.readlink(path))
+    return None
+
+
+def _status(path):
+    """`os.stat` of a path, links followed; None if there is nothing yet."""
+    try:
+        status = os.stat(path)
+    except FileNotFoundError:
+        return None
+    kind = stat.S_IFMT(status.st_mode)
+    if kind in UNWRITABLE:
+        raise OutputError(f"{path}: is {UNWRITABLE[kind]}; name a file")
+    if not os.access(path, os.W_OK):
+        raise OutputError(f"{path}: cannot be written: it is write-protected")
+    return status
+
+
+def _real_path(path, status):
+    """Where the file is or will be; a link to a place whose folder is missing is refused."""
+    real = Path(os.path.realpath(path))
+    if status is None and os.path.islink(path) and not real.parent.is_dir():
+        raise OutputError(f"{path}: is a link into a folder that is not there, {real.parent}")
+    return real
+
+
+def _write(path, content):
+    number = _open_file(path)
+    if number == STANDARD_OUTPUT:
+        _write_standard_output(content)
+        return
+    status = None if number is not None else _status(path)
+    if number is None and (status is None or stat.S_ISREG(status.st_mode)):
+        _replace(_real_path(path, status), status, content)
+        return
+    with open(path if number is None else os.dup(number), "wb") as stream:
+        stream.write(content)
+
+
+def _write_standard_output(content):
+    binary = getattr(sys.stdout, "buffer", None)
+    if binary is None:
+        sys.stdout.write(bytes(content).decode("utf-8"))
+    else:
+        sys.stdout.flush()
+        binary.write(content)
+    sys.stdout.flush()
+
+
+def _replace(real, old, content):
+    """Put a whole file in the place of the old one, or of none; nothing is left of a failure."""
+    real.parent.mkdir(parents=True, exist_ok=True)
+    aside = real.with_name(ASIDE.format(secrets.token_hex(ASIDE_BYTES)))
+    try:
+        # tempfile would make a private file; here the umask decides.
+        with open(aside, "xb") as file:
+            file.write(content)
+        if old is not None:
+            _keep_rights(aside, old)
+        os.replace(aside, real)
+    finally:
+        aside.unlink(missing_ok=True)
+
+
+def _keep_rights(path, old):
+    """Owner and permissions of the file that is replaced, as if it had been written in place."""
+    new = os.stat(path)
+    if (new.st_uid, new.st_gid) != (old.st_uid, old.st_gid):
+        with contextlib.suppress(OSError):
+            os.chown(path, old.st_uid, old.st_gid)
+    os.chmod(path, stat.S_IMODE(old.st_mode) & 0o777)

@@ -1,0 +1,186 @@
+"""Commands about the circuit: its netlist, its drawing, and the ngspice that runs it."""
+
+from __future__ import annotations
+
+import re
+import sys
+from contextlib import closing
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+from harvester.base.errors import HarvesterError
+from harvester.base.signatures import File, Hertz, Kind, Metres, Seconds, Step
+from harvester.cli.shown import say
+from harvester.interop.formats import write
+
+if TYPE_CHECKING:
+    from harvester.scene.model import Scene
+
+# The cost of a new load is stated for a record of this length, in seconds.
+RECORD = 10.0
+
+
+def netlist(
+    scene: Scene,
+    *,
+    output: File = "-",
+    dialect: str = "ngspice",
+    step: Step = "default",
+    realization: int = 0,
+) -> None:
+    """Write a stand-alone .cir that plain `ngspice -b` runs.
+
+    Parameters
+    ----------
+    scene : Scene
+    output : str
+        File, or folder for SCENE.cir (default: standard output).
+    dialect : str
+        ngspice, or ltspice, with the noise in FILE-noise.txt beside FILE.
+    step : str or float
+        default, fine, finest, or the longest step in seconds.
+    realization : int
+        Whose noise path.
+    """
+    write(scene, "deck", output, dialect=dialect, step=step, realization=realization)
+
+
+def export(
+    scene: Scene,
+    *,
+    kind: Annotated[str, Kind("KIND", option="as")] = "deck",
+    output: File = "-",
+    dialect: str | None = None,
+    step: Step | None = None,
+    realization: int | None = None,
+    displacement_unit: Metres | None = None,
+    duration: Seconds | None = None,
+    rate: Hertz | None = None,
+    data: str | None = None,
+) -> None:
+    """Write a scene for other tools.
+
+    Parameters
+    ----------
+    scene : Scene
+    kind : str
+        deck, the whole circuit with its noise (default); subckt and verilog-a, a block in SI for
+        circuits of your own; fmu, for co-simulation; c, the device's code; csv and shepherd, what
+        the load takes over time.
+    output : str
+        Folder; for a deck also a file (default: standard output).
+    dialect : str or None
+        ngspice (default), ltspice; of a subckt also pspice, xyce.
+    step : str or float
+        default, fine, finest, or the longest step in seconds.
+    realization : int or None
+        Whose noise path (default: 0).
+    displacement_unit : float or None
+        Metres for a volt at a block's pin x (default: 1e-3).
+    duration : float or None
+        Duration of the deck that tries a block, and its vibration, in s (default: 25 periods); of a
+        trace (default: the scene's).
+    rate : float or None
+        Samples a second of csv (default: 10000); Shepherd's is 100000.
+    data : str or None
+        For shepherd: ivsample (default), or isc_voc.
+    """
+    options: dict[str, Any] = {
+        "dialect": dialect, "step": step, "realization": realization,
+        "displacement_unit": displacement_unit, "duration": duration, "rate": rate, "data": data,
+    }  # fmt: skip
+    for path in write(scene, kind, output, say, **options):
+        say(f"written: {path}")
+
+
+def load(file: File, /, *, nodes: str | None = None, remove: str = "", output: File = "-") -> None:
+    """Make a load of a schematic's netlist, as LTspice writes it (.net, .cir).
+
+    Parameters
+    ----------
+    file : str
+    nodes : str or None
+        The harvester's two nodes and the output's two, P,N,OUT,REF or P,N (default: asked for).
+    remove : str
+        Elements that stand for the harvester, beside the sources between its nodes: V1,C1.
+    output : str
+        The load's file, NAME.lib (default: standard output).
+    """
+    from circuits.netlist.imported import candidates, imported
+    from circuits.netlist.load_notes import following_notes
+    from circuits.netlist.reader import read_cards, read_text
+    from circuits.netlist.subcircuits import read_load
+    from circuits.netlist.vetting import tidy
+    from harvester.base.writing import check_writable, is_stream, write_text
+
+    check_writable(output)
+    text = read_text(Path(file))
+    node_names = nodes or _asked(candidates(text))
+    stem = Path(file if is_stream(output) else output).stem
+    converted = imported(text, re.sub(r"\W", "_", stem).lower(), _words(node_names), _words(remove))
+    target = Path(file).with_suffix(".lib") if is_stream(output) else Path(output)
+    cards = [tidy(card) for card in read_cards(target, converted.text)]
+    notes = following_notes(read_load(target, cards=cards), RECORD)
+    write_text(output, converted.text)
+    for line in (*converted.rewritten, *notes):
+        say(line)
+    if not is_stream(output):
+        say(f"written: {output}; now try: harvester simulate device --set load.netlist={output}")
+
+
+def _words(text):
+    return [word.strip() for word in text.split(",") if word.strip()]
+
+
+def _asked(node_names):
+    """Ask at the terminal which nodes of the netlist are the harvester's."""
+    listed = f"nodes: {', '.join(node_names)}"
+    if not sys.stdin.isatty():
+        raise HarvesterError(f"--nodes P,N,OUT,REF: say which are the harvester's; {listed}")
+    print(f"{listed}\nharvester's two and the output's two, P,N,OUT,REF: ", end="", file=sys.stderr)
+    return sys.stdin.readline()
+
+
+def schematic(scene: Scene, *, output: File = "-") -> None:
+    """Draw the circuit that the scene really builds, as SVG or PNG.
+
+    Parameters
+    ----------
+    scene : Scene
+    output : str
+        An .svg or .png file, or folder for SCENE-schematic.svg (default: SVG to standard output).
+    """
+    from circuits.equivalent.schematic.drawing import schematic
+    from harvester.base.writing import in_folder, is_stream, write_text
+
+    drawing = schematic(scene)
+    if is_stream(output):
+        write_text(output, drawing.image().decode() + "\n")
+        return
+    target = Path(output)
+    if target.is_dir() or not target.suffix:
+        target = in_folder(target, f"{scene.name}-schematic.svg")
+    drawing.save(target)
+    say(f"written to {target}")
+
+
+def engine(*, json: File | None = None) -> None:
+    """Show the ngspice that was found, its features and the compiled device.
+
+    Parameters
+    ----------
+    json : str or None
+        Write JSON; - for standard output.
+    """
+    from circuits.ngspice.engine import describe
+    from harvester.base.process import Worker
+    from harvester.base.writing import check_writable, is_standard_output, write_json
+    from harvester.cli.console import show_engine
+
+    if json:
+        check_writable(json)
+    with closing(Worker()) as worker:
+        description = worker.call(describe, {}, time_limit=60.0)
+    show_engine(description, to_stderr=is_standard_output(json))
+    if json:
+        write_json(json, description)

@@ -1,0 +1,83 @@
+"""`harvester cite`: the sources of the methods, of all or of those that a result used."""
+
+from __future__ import annotations
+
+import json
+import tomllib
+from importlib import resources
+from pathlib import Path
+from typing import Any
+
+from harvester.base.errors import HarvesterError
+from harvester.base.signatures import File
+
+# Most bytes that are read, since a device such as /dev/zero never ends.
+LARGEST_RESULT = 100_000_000
+
+
+def cite(result: File | None = None, /) -> None:
+    """The sources of the methods that a result used.
+
+    Parameters
+    ----------
+    result : str or None
+        JSON of simulate, average or validate (default: the sources of all methods).
+    """
+    try:
+        sources = sources_of(_read(result)) if result else all_sources()
+    except HarvesterError as error:
+        raise HarvesterError(f"{result}: {error}") from None
+    for source in sources:
+        print(f"{source['method']}:\n    {source['reference']}")
+
+
+def all_sources() -> list[dict[str, Any]]:
+    """All sources: `method`, `reference` and what decides whether a result rests on them."""
+    text = resources.files("harvester.cli").joinpath("sources.toml").read_text("utf-8")
+    return tomllib.loads(text)["source"]
+
+
+def sources_of(content: Any) -> list[dict[str, Any]]:
+    """Sources of the methods behind the JSON of a result or a comparison.
+
+    Raises
+    ------
+    HarvesterError
+        It is no such JSON.
+    """
+    content = content if isinstance(content, dict) else {}
+    scene, results = content.get("scene"), content.get("results")
+    engines = [*results] if isinstance(results, dict) and results else [content.get("engine")]
+    if not isinstance(scene, dict) or not all(isinstance(engine, str) for engine in engines):
+        raise HarvesterError(
+            "holds no scene and engine; give the JSON of simulate, average or validate"
+        )
+    return [source for source in all_sources() if _is_used(source, scene, engines)]
+
+
+def _is_used(source, scene, engines):
+    """Whether a result of these engines on this scene rests on a source of `sources.toml`."""
+    value = scene
+    for name in source["key"].split(".") if "key" in source else ():
+        value = value.get(name) if isinstance(value, dict) else None
+    return (
+        value is not None
+        and value in source.get("values", [value])
+        and scene.get("name") != source.get("not_scene", "")
+        and any(part in engine for part in source.get("engines", [""]) for engine in engines)
+    )
+
+
+def _read(name):
+    try:
+        with Path(name).open("rb") as file:
+            content = file.read(LARGEST_RESULT + 1)
+        if len(content) > LARGEST_RESULT:
+            raise HarvesterError(f"is larger than {LARGEST_RESULT // 10**6} MB: no result")
+        return json.loads(content)
+    except OSError as error:
+        raise HarvesterError(
+            f"cannot be read: {error.strerror}; give a file that --json or --output wrote"
+        ) from None
+    except (ValueError, RecursionError):
+        raise HarvesterError("is no JSON; give a file that --json or --output wrote") from None

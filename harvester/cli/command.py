@@ -1,0 +1,245 @@
+"""Commands: a function whose signature gives the options, with common steps before and after it."""
+
+from __future__ import annotations
+
+import contextlib
+import inspect
+import re
+from argparse import ArgumentParser, Namespace
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+import harvester
+from harvester.base.errors import SimulationError
+from harvester.base.signatures import File, Folder, RunnerOptions, options_of
+from harvester.base.tables import xarray_or_say
+from harvester.cli.parsing import add_extra, add_options, is_scene, overrides_of, values_of
+from harvester.cli.shown import say
+from harvester.cli.steps import check_places, result_files, show, study_runner, write_result
+
+if TYPE_CHECKING:
+    from harvester.engines.runner import Runner
+    from harvester.scene.model import Scene
+
+
+@dataclass(frozen=True)
+class Command:
+    """A command that only calls its function, which prints the result itself.
+
+    Attributes
+    ----------
+    function : callable or str
+        Returns the exit code, or None for 0. A text names a public function of `harvester`, which
+        is imported when the command is called.
+    example : str
+        A call, behind the program's name.
+    bar : str
+        Content of the progress bar; left out: there is none.
+    """
+
+    function: Callable | str
+    example: str
+    bar: str = ""
+
+    @property
+    def name(self) -> str:
+        """The function's name as the command line has it."""
+        function_name = self.function if isinstance(self.function, str) else self.function.__name__
+        return function_name.replace("_", "-")
+
+    @property
+    def target(self) -> Callable:
+        """The function that the command calls, imported if it was given by name."""
+        if isinstance(self.function, str):
+            return getattr(harvester, self.function)
+        return self.function
+
+    def fill(self, parser: ArgumentParser) -> None:
+        add_options(parser, self.target)
+
+    def run(self, options: Namespace) -> int | None:
+        """Carry the command out; returns the exit code, or None for 0."""
+        from harvester.cli.console import progress
+
+        with progress() if self.bar else contextlib.nullcontext() as follow:
+            if follow:
+                follow(self.bar, None)
+            return self._call(self._scene(options), values_of(options, self.target))
+
+    def _scene(self, options: Namespace) -> Scene | None:
+        """The scene that the call names, overrides and seed put in; None where there is none."""
+        if not any(map(is_scene, options_of(self.target).values())):
+            return None
+        from harvester.scene.model import Scene
+
+        changes = {
+            name: getattr(options, name) for name in ("overrides", "seed") if name in options
+        }
+        return Scene.load(options.scene, overrides_of(**changes))
+
+    def _call(self, scene: Scene | None, values: dict[str, Any]) -> Any:
+        """Call the function; the scene and the words of the call are its positional arguments."""
+        words = [
+            values.pop(option.name)
+            for option in options_of(self.target).values()
+            if option.passing is inspect.Parameter.POSITIONAL_ONLY and option.name in values
+        ]
+        return self.target(*([] if scene is None else [scene]), *words, **values)
+
+
+def named_after(scene: str, stem: str) -> str:
+    """Name of a result's files; a scene that is such a result itself is counted on.
+
+    Examples
+    --------
+    >>> named_after("beam", "identified"), named_after("beam-identified", "identified")
+    ('beam-identified', 'beam-identified-2')
+    """
+    again = re.fullmatch(rf"(.+-{re.escape(stem)})(-\d+)?(-proposed)?", scene)
+    if not again:
+        return f"{scene}-{stem}"
+    return f"{again[1]}-{int((again[2] or '-1')[1:]) + 1}"
+
+
+def _say_costs(scene):
+    """Print, before anything runs, how long a load that switches fast will take."""
+    if scene is None or scene.load.circuit is None:
+        return
+    from circuits.netlist.load_notes import following_notes
+
+    for note in following_notes(scene.load.circuit, scene.run.settle + scene.run.duration):
+        say(note)
+
+
+@dataclass(frozen=True)
+class StudyCommand(Command):
+    """A command that computes a result, shows it and writes its files.
+
+    A function with `**running: Unpack[RunnerOptions]` is given an open runner, one with `progress`
+    what draws the progress bar.
+
+    Attributes
+    ----------
+    title : str or callable
+        Over the table; or what gives it, of the result.
+    stem : str
+        Name of the files, behind that of the scene: a word, or an option in braces; left out: the
+        command's name.
+    failed : callable or None
+        Function that tells from the result whether the exit code is 1.
+    json : bool
+        Whether the command has the option --json.
+    waveform : bool
+        Whether there is --waveform, which gets the result's `waveform`.
+    files : tuple of str
+        Names of the files that the result's `save(folder)` writes; left out: it has none, and the
+        folder gets JSON, figure and tables.
+    running : callable or None
+        Function of the options that gives the runner's settings where the user leaves it out.
+    bar : str
+        Content of the progress bar: "" the runner's tasks if there is a runner, "function" the
+        function's own reports, "simulated time" these with seconds of the scene.
+    """
+
+    title: str | Callable[[Any], str] = ""
+    stem: str = ""
+    failed: Callable[[Any], bool] | None = None
+    json: bool = True
+    waveform: bool = False
+    files: Sequence[str] = ()
+    running: Callable[[dict[str, Any]], RunnerOptions] | None = None
+
+    def fill(self, parser: ArgumentParser) -> None:
+        super().fill(parser)
+        if self.json:
+            add_extra(parser, "json", File, "write JSON; - for standard output")
+        if not self._takes_runner():
+            add_extra(parser, "output", Folder, "folder for JSON and figure")
+        if self.waveform:
+            text = "write a realization over time (see --window, --node): a .csv, .nc or .png file"
+            add_extra(parser, "waveform", File, text)
+        text = "write one self-contained HTML page with everything"
+        add_extra(parser, "report", File, text)
+
+    def run(self, options: Namespace) -> int:
+        scene, values = self._scene(options), values_of(options, self.target)
+        _say_costs(scene)
+        defaults = {name: option.default for name, option in options_of(self.target).items()}
+        stem = (self.stem or self.name).format(**defaults | values)
+        name = named_after(scene.name, stem) if scene else stem
+        kinds = ("json", "output", "report", "waveform")
+        places = {kind: getattr(options, kind, None) for kind in kinds}
+        check_places(**places, files=self.files or result_files(name))
+        if places["output"] and any(file.endswith(".nc") for file in self.files):
+            # Raised now rather than after a long run: the library of these files is missing.
+            xarray_or_say()
+        # The progress bar of a single simulation names its method.
+        label = stem if self.bar == "simulated time" else self.name
+        with self._opened(label, scene, values) as runner:
+            result = self._computed(scene, values, places["json"])
+            if runner:
+                # The folder is still locked, so that no other run writes its files among these.
+                self._deliver(result, name, runner.folder, **places)
+        if not runner:
+            self._deliver(result, name, None, **places)
+        return 1 if self.failed and self.failed(result) else 0
+
+    def _computed(self, scene, values, json):
+        """Compute the result; if the run fails, its partial result is written as JSON."""
+        try:
+            return self._call(scene, values)
+        except SimulationError as error:
+            if json and error.partial is not None:
+                write_result(json, None, "", error.partial)
+            raise
+
+    def _deliver(self, result, name, folder, json, output, report, waveform):
+        title = self.title(result) if callable(self.title) else self.title
+        show(result, title, json)
+        try:
+            if not self.files:
+                write_result(json, output, name, result)
+            elif output:
+                result.save(folder)
+                say(f"written to {output}: {', '.join(self.files)}")
+        finally:
+            if waveform and result.waveform is None:
+                say(f"{waveform}: not written, as the first realization failed")
+            elif waveform:
+                result.waveform.save(waveform)
+                say(f"written: {waveform}, {result.waveform.said()}")
+            if report:
+                from harvester.base.writing import write_text
+                from harvester.cli.report import page_of
+
+                write_text(report, page_of(result, title))
+                say(f"written: {report}")
+
+    @contextlib.contextmanager
+    def _opened(
+        self, label: str, scene: Scene | None, values: dict[str, Any]
+    ) -> Iterator[Runner | None]:
+        """Add to the options what runs the study; gives the runner where there is one."""
+        from harvester.cli.console import progress
+
+        parameters, runner = options_of(self.target), None
+        with contextlib.ExitStack() as opened:
+            if "progress" in parameters and (self.bar or not self._takes_runner()):
+                follow = opened.enter_context(progress())
+                values["progress"] = follow(label, scene if self.bar == "simulated time" else None)
+            elif not self._takes_runner():
+                opened.enter_context(progress())(label, None)
+            if self._takes_runner():
+                running: RunnerOptions = self.running(values) if self.running else {}
+                for name in RunnerOptions.__annotations__.keys() & values.keys() - {"progress"}:
+                    running[name] = values.pop(name)  # type: ignore[literal-required]
+                words = None if self.bar else self.name.replace("-", " ")
+                runner = opened.enter_context(study_runner(words, **running))
+                values["runner"] = runner
+            yield runner
+
+    def _takes_runner(self):
+        """Whether the function takes `**running`, the options of a study's runner."""
+        parameters = inspect.signature(self.target).parameters.values()
+        return any(parameter.kind is parameter.VAR_KEYWORD for parameter in parameters)

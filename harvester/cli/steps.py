@@ -1,0 +1,127 @@
+"""Common steps of commands: open a runner, check where files go, show and write a result."""
+
+from __future__ import annotations
+
+import contextlib
+import importlib.util
+import os
+from collections.abc import Iterable, Iterator
+from typing import TYPE_CHECKING, Unpack
+
+from harvester.base.signatures import RunnerOptions
+from harvester.cli.shown import Shown, Tabled, complain, say
+
+if TYPE_CHECKING:
+    from harvester.engines.runner import Runner
+
+# Endings of the files of a result in its folder.
+RESULT_FILES = (".json", "-densities.csv", ".png", "-joint.png", ".csv", ".nc", ".md")
+TEXT_FILES = (".toml", "-proposed.toml", "-measured.md", ".html", "-profile.csv")
+
+
+@contextlib.contextmanager
+def study_runner(label: str | None, **running: Unpack[RunnerOptions]) -> Iterator[Runner]:
+    """A runner for the block, with a progress bar; afterwards says what to do next.
+
+    Without a label the study draws a progress bar of its own. See `harvester.engines.open_runner`.
+    """
+    from harvester.cli.console import progress
+    from harvester.engines.opening import open_runner
+
+    try:
+        with progress() as follow:
+            running["progress"] = follow(label, None) if label else None
+            with open_runner(**running) as runner:
+                yield runner
+                for line in runner.warnings:
+                    complain(line)
+                if runner.out_of_time:
+                    complain("the time budget was spent: the same command goes on where it ended")
+    except KeyboardInterrupt as interrupt:
+        hint = "what is finished is kept: the same command goes on" if running.get("output") else ""
+        raise KeyboardInterrupt(str(interrupt) or hint) from None
+
+
+def check_places(
+    json: str | None,
+    output: str | os.PathLike | None,
+    report: str | None = None,
+    waveform: str | None = None,
+    files: Iterable[str] = (),
+) -> None:
+    """Refuse files, and a folder with its future `files`, that cannot be written to."""
+    from harvester.base.writing import check_folder, check_writable, in_folder
+    from harvester.results.waveform import check_ending
+
+    if waveform:
+        check_ending(waveform)
+    for file in filter(None, (json, report, waveform)):
+        check_writable(file)
+    if output:
+        folder = os.fspath(output)
+        check_folder(folder)
+        for file in files:
+            in_folder(folder, file)
+
+
+def show(content: Tabled, title: str, json: str | None = None) -> None:
+    """Show a result's table: on standard error where standard output gets the JSON."""
+    from harvester.base.writing import is_standard_output
+    from harvester.cli.console import show_table
+
+    alarms = content.alarms() if hasattr(content, "alarms") else ()
+    show_table(content, title, to_stderr=is_standard_output(json), alarms=alarms)
+
+
+def result_files(name: str) -> list[str]:
+    """Names of all files that `write_result` may write."""
+    return [f"{name}{ending}" for ending in (*RESULT_FILES, *TEXT_FILES)]
+
+
+def write_result(
+    json: str | None, output: str | os.PathLike | None, name: str, content: Shown
+) -> None:
+    """Write the files that were asked for.
+
+    The folder gets JSON and the figure, and what else the result has: a CSV table where it has
+    `data()`, NetCDF with `to_xarray()` too, the figure of `joint_figure()`, the page of
+    `markdown()`, and by their endings the files of `texts()`.
+    """
+    from harvester.base.writing import write_json
+
+    # If one place is full, the other still gets the result.
+    try:
+        if json:
+            write_json(json, content.to_dict())
+    finally:
+        if output:
+            _write_folder(os.fspath(output), name, content)
+
+
+def _write_folder(folder: str, name: str, content: Shown) -> None:
+    from harvester.base.tables import write_csv, write_netcdf
+    from harvester.base.writing import in_folder, write_json, write_text
+    from harvester.results import figures
+
+    places = [in_folder(folder, f"{name}{ending}") for ending in RESULT_FILES]
+    json_file, densities, picture, joint_picture, table, grid, page = places
+    write_json(json_file, content.to_dict())
+    if hasattr(content, "density_table"):
+        write_text(densities, content.density_table())
+    if hasattr(content, "data"):
+        write_csv(table, *content.data())
+        # NetCDF is an extra; the other files hold the same.
+        if hasattr(content, "to_xarray") and importlib.util.find_spec("xarray"):
+            write_netcdf(grid, content.to_xarray())
+    if hasattr(content, "markdown"):
+        write_text(page, content.markdown())
+    for ending, text in content.texts().items() if hasattr(content, "texts") else ():
+        write_text(in_folder(folder, f"{name}{ending}"), text)
+    figure = content.figure()
+    if figure is not None:
+        figures.write(figure, picture)
+    joint = content.joint_figure() if hasattr(content, "joint_figure") else None
+    if joint is not None:
+        figures.write(joint, joint_picture)
+    several = figure is not None or hasattr(content, "markdown")
+    say(f"written to {folder}: {name}.{'*' if several else 'json'}")

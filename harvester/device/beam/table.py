@@ -1,0 +1,502 @@
+"""`[beam]`: a cantilever's drawing, and the lumped mass, spring and transducer computed from it.
+
+Equations: A. Erturk and D. J. Inman, Smart Mater. Struct. 18, 025009 (2009), and docs/beams.md.
+"""
+
+from __future__ import annotations
+
+import functools
+import math
+from dataclasses import dataclass
+from typing import Any, ClassVar, NamedTuple
+
+from harvester.base.errors import SceneError
+from harvester.device.beam.materials import ACTIVE, PASSIVE, VACUUM_PERMITTIVITY, clamped
+from harvester.device.beam.modes import Piece, Tip, clamp_compliance, modes, rest
+from harvester.device.keys import SI, Key, names_replace, not_negative, positive
+
+# Thickness over length that is refused, and that gets a note: shear is no longer small. A fifth
+# costs 4 % of the frequency (Timoshenko's first correction), a tenth 1 %.
+THICKEST, THICK = 0.2, 0.1
+# Width over length that gets a note: a plate is stiffer, by up to 1/(1 − ν²) = 10 %.
+WIDE = 0.5
+# Share of the rigidity by the field within a bent layer that gets a note: 1 % of the frequency.
+STIFFENED = 0.02
+# Multiple of a material's own strain limit from which a given one gets a note.
+FAR_BEYOND = 10.0
+# A patch shorter than the first number of its thicknesses is refused, than the second noted: it
+# does not follow the beam at its ends.
+SHORTEST_PATCH, SHORT_PATCH = 2.0, 10.0
+# A layer that is sold in one thickness may differ from it by this share: its tolerances.
+PACKAGE = 0.1
+# Measured values this far from the drawing are slips: a measured frequency may be at
+# least this share of a rigid clamp's, and a measured capacitance at most this multiple of the
+# drawing's, or that share of it.
+SOFTEST_CLAMP, OTHER_PERMITTIVITY = 0.5, 3.0
+GRAVITY = 9.81
+# Share of the beam's length by which its tip may sag under its weight.
+MOST_SAG = 0.5
+# Sizes that parts have, and the unit that is often given in place of the key's.
+LONG, THIN = (1e-7, 3.0, 1e-3, "mm"), (1e-9, 0.1, 1e-3, "mm")
+MODULUS, DENSITY = (1e6, 2e12, 1e9, "GPa"), (10.0, 3e4, 1e3, "g/cm³")
+PERMITTIVITY = (1.0, 1e5, 1.0 / VACUUM_PERMITTIVITY, "F/m")
+STRAIN = (1e-7, 0.3, 1e-6, "ppm")
+# Keys of Basquin's line: N = cycles (strain/ε)^exponent cycles of the amplitude ε end the life.
+FATIGUE = ("fatigue_strain", "fatigue_cycles", "fatigue_exponent")
+
+
+def _size(likely: Any = None, **more: Any) -> Key:
+    return positive(units=(SI,), likely=likely, **more)
+
+
+@names_replace
+@dataclass(frozen=True)
+class Beam:
+    """A cantilever of a substrate with one or two piezoelectric layers and a tip mass, in SI.
+
+    `piezo_start` and `piezo_length` place a patch that is shorter than the beam. The tip's body is
+    `tip_mass` with `tip_inertia` about its own centre, or a block of `tip_material`;
+    `tip_offset` is how far its centre lies beyond the beam's end. `strain_limit` is the greatest
+    strain that the layers bear, else their material's; see `FATIGUE` for their life.
+    """
+
+    length: float
+    width: float
+    thickness: float
+    piezo_thickness: float
+    material: str = "brass"
+    modulus: float | None = None
+    density: float | None = None
+    piezo: str = "PZT-5A"
+    piezo_modulus: float | None = None
+    piezo_density: float | None = None
+    piezo_d31: float | None = None
+    piezo_permittivity: float | None = None
+    piezo_free_permittivity: float | None = None
+    piezo_start: float = 0.0
+    piezo_length: float | None = None
+    electrode_spacing: float | None = None
+    layers: int = 2
+    connection: str = "series"
+    tip_mass: float = 0.0
+    tip_inertia: float = 0.0
+    tip_offset: float = 0.0
+    tip_material: str | None = None
+    tip_length: float | None = None
+    tip_height: float | None = None
+    tip_width: float | None = None
+    damping_ratio: float | None = None
+    quality_factor: float | None = None
+    measured_frequency: float | None = None
+    measured_capacitance: float | None = None
+    strain_limit: float | None = None
+    fatigue_strain: float | None = None
+    fatigue_cycles: float | None = None
+    fatigue_exponent: float | None = None
+
+    KEYS: ClassVar[dict] = {
+        **dict.fromkeys(("length", "width"), _size(LONG, required=True)),
+        **dict.fromkeys(("thickness", "piezo_thickness"), _size(THIN, required=True)),
+        "material": Key(kind=str, words=PASSIVE, units=(SI,)),
+        "piezo": Key(kind=str, words=ACTIVE, units=(SI,)),
+        **dict.fromkeys(("modulus", "piezo_modulus"), _size(MODULUS)),
+        **dict.fromkeys(("density", "piezo_density"), _size(DENSITY)),
+        **dict.fromkeys(("piezo_permittivity", "piezo_free_permittivity"), _size(PERMITTIVITY)),
+        **dict.fromkeys(("piezo_length", "tip_length", "tip_height", "tip_width"), _size(LONG)),
+        "electrode_spacing": _size(THIN),
+        "measured_frequency": _size((1e-2, 1e7, 1e3, "kHz")),
+        "measured_capacitance": _size((1e-15, 1e-3, 1e-9, "nF")),
+        **dict.fromkeys(("strain_limit", "fatigue_strain"), _size(STRAIN)),
+        **dict.fromkeys(("quality_factor", "fatigue_cycles", "fatigue_exponent"), _size()),
+        "piezo_d31": Key(units=(SI,), likely=(1e-14, 1e-8, 1e-12, "pm/V")),
+        "piezo_start": not_negative(units=(SI,), likely=LONG),
+        "tip_mass": not_negative(units=(SI,), likely=(1e-15, 10.0, 1e-3, "g")),
+        "tip_inertia": not_negative(units=(SI,), likely=(1e-30, 1.0, 1e-9, "g mm²")),
+        "tip_offset": Key(units=(SI,), likely=LONG),
+        "layers": Key(kind=int, low=1, high=2, units=(SI,)),
+        "connection": Key(kind=str, words=("series", "parallel"), units=(SI,)),
+        "tip_material": Key(kind=str, words=PASSIVE, units=(SI,)),
+        "damping_ratio": not_negative(units=(SI,)),
+    }
+
+    @property
+    def ratio(self) -> float:
+        """Damping ratio ζ of the first mode."""
+        if self.quality_factor is not None:
+            return 0.5 / self.quality_factor
+        return self.damping_ratio or 0.0
+
+    @property
+    def limit(self) -> tuple[float, str]:
+        """Greatest strain of the layers, and where it stands."""
+        named = ACTIVE[self.piezo]
+        if self.strain_limit is None:
+            return named.strain_limit, f"the limit of {self.piezo} ({named.limit_source})"
+        return self.strain_limit, "beam.strain_limit"
+
+    @property
+    def fatigue_line(self) -> tuple[float, float, float] | None:
+        """Strain, cycles and exponent of Basquin's line, where it is given."""
+        strain, cycles, exponent = (getattr(self, name) for name in FATIGUE)
+        return None if strain is None else (strain, cycles, exponent)
+
+    @property
+    def patch(self) -> tuple[float, float]:
+        """Where the electrodes begin and end (m from the clamp)."""
+        remaining = self.length - self.piezo_start
+        length = remaining if self.piezo_length is None else self.piezo_length
+        return self.piezo_start, self.piezo_start + length
+
+    @property
+    def substrate(self) -> tuple[float, float]:
+        """Modulus and density of the substrate."""
+        named = PASSIVE[self.material]
+        return self.modulus or named.modulus, self.density or named.density
+
+    @property
+    def active(self) -> tuple[float, float, float, float]:
+        """Modulus, density, d31 and relative permittivity at constant strain of the layers."""
+        named = ACTIVE[self.piezo]
+        modulus = self.piezo_modulus or named.modulus
+        d31 = named.d31 if self.piezo_d31 is None else self.piezo_d31
+        permittivity = self.piezo_permittivity or named.permittivity
+        if self.piezo_free_permittivity is not None:
+            permittivity = clamped(self.piezo_free_permittivity, d31, modulus)
+        return modulus, self.piezo_density or named.density, d31, permittivity
+
+    def default_values(self) -> dict[str, float]:
+        """Values of keys that are left out: the materials' values, and a patch that covers the
+        beam.
+        """
+        names = "modulus", "density", "piezo_modulus", "piezo_density", "piezo_d31"
+        values = dict(zip(names, (*self.substrate, *self.active[:3]), strict=True))
+        return {**values, "piezo_length": self.patch[1] - self.patch[0]}
+
+
+class LumpedBeam(NamedTuple):
+    """Lumped values of a drawing at its tip (SI), electrodes short-circuited.
+
+    Attributes
+    ----------
+    mass, stiffness, damping : M = 1/φ(L)², K = ω² M, C = 2 ζ ω M.
+    base_factor : μ = φ(L) γ.
+    coupling : θ = χ/φ(L).
+    material_capacitance : Cp of the layers, free to stretch the beam and kept from bending it.
+    rest_capacitance, rest_charge : what the modes left out add statically, Σ χr²/ωr² and
+        Σ χr γr/ωr² over r > 1: a capacitance, and a charge per acceleration of the base.
+    damping_ratio : ζ
+    tip_slope : φ'(L)/φ(L), the tip's rotation for a displacement (1/m).
+    curvatures : φ''/φ(L) at the beginning and the end of each piece (1/m²).
+    clamp_compliance : rotation of the clamp by a moment (rad/(N m)).
+    permittivity_factor : by which a measured capacitance changes the layer's permittivity.
+    """
+
+    mass: float
+    stiffness: float
+    damping: float
+    base_factor: float
+    coupling: float
+    material_capacitance: float
+    rest_capacitance: float
+    rest_charge: float
+    damping_ratio: float
+    tip_slope: float
+    curvatures: tuple[tuple[float, float], ...]
+    clamp_compliance: float
+    permittivity_factor: float
+
+    @property
+    def capacitance(self) -> float:
+        """The material's, and that of the modes left out."""
+        return self.material_capacitance + self.rest_capacitance
+
+    @property
+    def coupling_squared(self) -> float:
+        """k² = θ²/(K Cp), Cp the material's."""
+        return self.coupling**2 / (self.stiffness * self.material_capacitance)
+
+    @property
+    def short_frequency(self) -> float:
+        """The short-circuit frequency √(K/M)/2π (Hz)."""
+        return math.sqrt(self.stiffness / self.mass) / (2.0 * math.pi)
+
+    @property
+    def open_frequency(self) -> float:
+        """The open-circuit frequency (Hz), √((K + θ²/C)/M)/2π. C includes the modes left out."""
+        stiffness = self.stiffness + self.coupling**2 / self.capacitance
+        return math.sqrt(stiffness / self.mass) / (2.0 * math.pi)
+
+    @property
+    def one_mode_open_frequency(self) -> float:
+        """Open-circuit frequency (Hz) with Cp alone, as published one-mode models have it."""
+        return self.short_frequency * math.sqrt(1.0 + self.coupling_squared)
+
+
+class Section(NamedTuple):
+    """A cross-section about its neutral axis.
+
+    Attributes
+    ----------
+    rigidity, mass : EI (N m²), and mass per length (kg/m).
+    moment_per_volt : N m/V, of all layers.
+    stretch_per_volt : strain of the neutral axis (1/V): a layer on one side also stretches the
+        beam, and the parts of two layers cancel.
+    axial_capacitance : charge of this stretch for each volt and metre (F/m).
+    axis : its height above the substrate's middle (m).
+    """
+
+    rigidity: float
+    mass: float
+    moment_per_volt: float
+    stretch_per_volt: float
+    axial_capacitance: float
+    axis: float
+
+
+def section(beam: Beam, covered: bool) -> Section:
+    """The section of the beam, about its own neutral axis, with its active layers or without."""
+    modulus, density = beam.substrate
+    half, height = beam.thickness / 2.0, beam.piezo_thickness
+    stack = [(-half, half, modulus, density)]
+    force = 0.0
+    if covered:
+        active, active_density, d31, _ = beam.active
+        stack.append((half, half + height, active, active_density))
+        if beam.layers == 2:
+            stack.append((-half - height, -half, active, active_density))
+        # Axial force of a layer, e31 b (N/V); the field is V/h_p, or V/spacing.
+        field = 1.0 if beam.electrode_spacing is None else height / beam.electrode_spacing
+        force = abs(d31) * active * beam.width * field
+    stretch = sum(e * (top - low) for low, top, e, _ in stack)
+    axis = sum(e * (top**2 - low**2) / 2.0 for low, top, e, _ in stack) / stretch
+    rigidity = sum(e * ((top - axis) ** 3 - (low - axis) ** 3) / 3.0 for low, top, e, _ in stack)
+    mass = sum(rho * (top - low) for low, top, _, rho in stack)
+    number = 2.0 if beam.layers == 2 and beam.connection == "parallel" else 1.0
+    moment = force * (half + height / 2.0 - axis) * number
+    strain = force / (beam.width * stretch) if beam.layers == 1 else 0.0
+    sizes = beam.width * rigidity, beam.width * mass
+    return Section(*sizes, moment, strain, force * strain, axis)
+
+
+def spans(beam: Beam) -> list[tuple[float, float, bool]]:
+    """Beginning and end of each uniform piece (m), and whether the layers cover it."""
+    begin, end = beam.patch
+    every = ((0.0, begin, False), (begin, end, True), (end, beam.length, False))
+    return [span for span in every if span[1] - span[0] > 1e-9 * beam.length]
+
+
+def pieces_of(beam: Beam) -> list[Piece]:
+    """The pieces from the clamp to the tip: bare, covered, bare."""
+    return [Piece(top - low, *section(beam, covered)[:3]) for low, top, covered in spans(beam)]
+
+
+def tip_of(beam: Beam) -> Tip:
+    """The body at the tip: by its values, or as a block that stands on the beam's end."""
+    mass, inertia = beam.tip_mass, beam.tip_inertia
+    if beam.tip_material is not None:
+        length, height = beam.tip_length or 0.0, beam.tip_height or 0.0
+        density = PASSIVE[beam.tip_material].density
+        mass = density * length * height * (beam.tip_width or beam.width)
+        rise = (height + beam.thickness) / 2.0
+        inertia = mass * ((length**2 + height**2) / 12.0 + rise**2)
+    return Tip(mass, beam.tip_offset, inertia + mass * beam.tip_offset**2)
+
+
+def layer_capacitance(beam: Beam) -> float:
+    """Capacitance of the layers at constant strain, as they are connected."""
+    _, _, _, permittivity = beam.active
+    begin, end = beam.patch
+    one = permittivity * VACUUM_PERMITTIVITY * beam.width * (end - begin)
+    if beam.electrode_spacing is None:
+        one /= beam.piezo_thickness
+    else:
+        # Each pair of fingers forms a capacitor; all of them are in parallel.
+        one *= beam.piezo_thickness / beam.electrode_spacing**2
+    if beam.layers == 1:
+        return one
+    return one * (2.0 if beam.connection == "parallel" else 0.5)
+
+
+@functools.lru_cache(maxsize=256)
+def lumped(beam: Beam, origin: str = "beam") -> LumpedBeam:
+    """The first mode at the tip, the others static.
+
+    Raises SceneError if the drawing is none of a slender cantilever, or a measured value cannot be
+    met.
+    """
+    _check(beam, origin)
+    pieces, tip = pieces_of(beam), tip_of(beam)
+    compliance = 0.0
+    if beam.measured_frequency is not None:
+        compliance = _calibrated_clamp(beam, pieces, tip, origin)
+    first = modes(pieces, tip, 1, compliance)[0]
+    every = rest(pieces, tip)
+    omega, mass = first.angular_frequency, 1.0 / first.tip**2
+    if GRAVITY / omega**2 > MOST_SAG * beam.length:
+        raise SceneError(
+            f"{origin}: beam: {omega / (2.0 * math.pi):.3g} Hz, at which the tip sags by "
+            f"{GRAVITY / omega**2:.3g} m under its weight, more than {MOST_SAG:g} of the beam's "
+            "length: check the units of sizes (m), masses (kg) and moduli (Pa)"
+        )
+    first_capacitance = (first.coupling / omega) ** 2
+    capacitance, (begin, end) = layer_capacitance(beam), beam.patch
+    stretch = section(beam, True).axial_capacitance * (end - begin)
+    factor = 1.0
+    if beam.measured_capacitance is not None:
+        strained = every.capacitance + stretch
+        factor = (beam.measured_capacitance - strained) / capacitance
+        if factor <= 0.0:
+            raise SceneError(
+                f"{origin}: beam.measured_capacitance = {beam.measured_capacitance:.4g}: must be "
+                f"greater than the {strained:.4g} F that the free beam's strain alone adds at low "
+                "frequency"
+            )
+        if not 1.0 / OTHER_PERMITTIVITY <= factor <= OTHER_PERMITTIVITY:
+            raise SceneError(
+                f"{origin}: beam.measured_capacitance = {beam.measured_capacitance:g}: must be of "
+                f"the order of the drawing's {capacitance + strained:.3g} F: check the unit (F), "
+                "piezo_thickness and connection"
+            )
+    return LumpedBeam(
+        mass=mass,
+        stiffness=omega**2 * mass,
+        damping=2.0 * beam.ratio * omega * mass,
+        base_factor=first.tip * first.forcing,
+        coupling=first.coupling / first.tip,
+        material_capacitance=capacitance * factor + stretch,
+        rest_capacitance=every.capacitance - first_capacitance,
+        rest_charge=every.charge - first.coupling * first.forcing / omega**2,
+        damping_ratio=beam.ratio,
+        tip_slope=first.tip_slope / first.tip,
+        curvatures=tuple((a / first.tip, b / first.tip) for a, b in first.curvatures),
+        clamp_compliance=compliance,
+        permittivity_factor=factor,
+    )  # fmt: skip
+
+
+def frequencies(beam: Beam) -> list[float]:
+    """The first three short-circuit frequencies (Hz)."""
+    compliance = lumped(beam).clamp_compliance
+    lowest = modes(pieces_of(beam), tip_of(beam), 3, compliance)
+    return [mode.angular_frequency / (2.0 * math.pi) for mode in lowest]
+
+
+def _calibrated_clamp(beam, pieces, tip, origin):
+    """Compliance of the clamp for which the first short-circuit frequency is the measured one."""
+    rigid = modes(pieces, tip)[0].angular_frequency
+    measured = 2.0 * math.pi * beam.measured_frequency
+    if measured > rigid:
+        raise SceneError(
+            f"{origin}: beam.measured_frequency = {beam.measured_frequency:g}: must be at most the "
+            f"{rigid / (2.0 * math.pi):.4g} Hz of a rigid clamp, as a clamp only softens: "
+            "check thickness, modulus and tip mass"
+        )
+    if measured < SOFTEST_CLAMP * rigid:
+        raise SceneError(
+            f"{origin}: beam.measured_frequency = {beam.measured_frequency:g}: must be at least "
+            f"{SOFTEST_CLAMP:g} of the {rigid / (2.0 * math.pi):.4g} Hz of a rigid clamp: below, "
+            "the clamp would give way more than the beam: check the unit (Hz) and the drawing"
+        )
+    return clamp_compliance(pieces, tip, measured)
+
+
+def notes(beam: Beam) -> list[str]:
+    """Notes on the dimensions for which the theory of slender beams is only approximate."""
+    remarks = []
+    thickness = beam.thickness + beam.layers * beam.piezo_thickness
+    if thickness > THICK * beam.length:
+        remarks.append(
+            f"thickness/length = {thickness / beam.length:.2g} > {THICK}: shear, left out here, "
+            "lowers the frequency by some per cents"
+        )
+    if beam.width > WIDE * beam.length:
+        remarks.append(
+            f"width/length = {beam.width / beam.length:.2g} > {WIDE}: towards a plate, whose "
+            "stiffness is up to 1/(1 − ν²), some 10 %, greater"
+        )
+    begin, end = beam.patch
+    if end - begin < SHORT_PATCH * beam.piezo_thickness:
+        remarks.append(
+            f"the patch is {(end - begin) / beam.piezo_thickness:.2g} thicknesses long, < "
+            f"{SHORT_PATCH:g}: at its ends it does not follow the beam, and couples less"
+        )
+    modulus, _, d31, permittivity = beam.active
+    field = (modulus * d31) ** 2 / (permittivity * VACUUM_PERMITTIVITY)
+    share = beam.layers * field * beam.width * beam.piezo_thickness**3 / 12.0
+    share /= section(beam, True).rigidity
+    if beam.electrode_spacing is None and share > STIFFENED:
+        remarks.append(
+            f"the field in a layer is taken as uniform: as it varies with the strain, the covered "
+            f"beam is {share:.1%} stiffer; its frequency is up to {share / 2.0:.1%} higher, and k² "
+            "lower by about the former: where this matters, identify the lumped values"
+        )
+    limit, usual = beam.strain_limit or 0.0, ACTIVE[beam.piezo].strain_limit
+    if limit > FAR_BEYOND * usual:
+        remarks.append(
+            f"strain_limit = {limit:g} is over {FAR_BEYOND:g} times the {usual:.3g} of "
+            f"{beam.piezo}: {limit:g} % would be {0.01 * limit:g}"
+        )
+    if beam.ratio == 0.0:
+        remarks.append("no damping_ratio or quality_factor is given: ζ = 0")
+    return remarks
+
+
+def _check(beam, origin):
+    """Refuse a beam that is not slender, and values given twice or incompletely."""
+    begin, end = beam.patch
+    thickness = beam.thickness + beam.layers * beam.piezo_thickness
+    if not begin < end <= beam.length * (1.0 + 1e-9):
+        raise SceneError(
+            f"{origin}: beam.piezo_start and piezo_length place the patch from {begin:g} to "
+            f"{end:g} m: it must lie on the beam's {beam.length:g} m"
+        )
+    if thickness > THICKEST * beam.length:
+        raise SceneError(
+            f"{origin}: beam: thickness/length = {thickness / beam.length:.2g}: a slender beam "
+            f"(Euler–Bernoulli) has at most {THICKEST}; check the units (m)"
+        )
+    if end - begin < SHORTEST_PATCH * beam.piezo_thickness:
+        raise SceneError(
+            f"{origin}: beam.piezo_length = {end - begin:g}: must be at least {SHORTEST_PATCH:g} "
+            "of the patch's thicknesses"
+        )
+    sold = ACTIVE[beam.piezo].thickness
+    if sold is not None and abs(beam.piezo_thickness / sold - 1.0) > PACKAGE:
+        raise SceneError(
+            f"{origin}: beam.piezo_thickness = {beam.piezo_thickness:g}: {beam.piezo} is sold "
+            f"{sold:g} m thick, for which its values hold"
+        )
+    for one, other in (
+        ("damping_ratio", "quality_factor"),
+        ("piezo_permittivity", "piezo_free_permittivity"),
+    ):
+        if getattr(beam, one) is not None and getattr(beam, other) is not None:
+            raise SceneError(f"{origin}: beam.{one} and beam.{other} say the same thing twice")
+    keys = [name for name in FATIGUE if getattr(beam, name) is not None]
+    if 0 < len(keys) < len(FATIGUE):
+        missing = ", ".join(f"beam.{name}" for name in FATIGUE if name not in keys)
+        raise SceneError(
+            f"{origin}: beam.{keys[0]} is part of a line of three values; give {missing} too"
+        )
+    if beam.active[3] <= 0.0:
+        raise SceneError(
+            f"{origin}: beam: d31² c11 is greater than the free permittivity; check piezo_d31"
+        )
+    sizes = ("tip_length", "tip_height", "tip_width")
+    keys = [name for name in sizes if getattr(beam, name) is not None]
+    if keys and beam.tip_material is None:
+        raise SceneError(
+            f"{origin}: beam.{keys[0]} needs beam.tip_material; a block of known mass has "
+            "beam.tip_mass, tip_inertia and tip_offset instead of sizes"
+        )
+    if beam.tip_material is None:
+        return
+    if not {"tip_length", "tip_height"} <= {*keys}:
+        raise SceneError(f"{origin}: beam.tip_material needs beam.tip_length and beam.tip_height")
+    if (beam.tip_length or 0.0) > beam.length:
+        raise SceneError(
+            f"{origin}: beam.tip_length = {beam.tip_length:g}: a block longer than the beam's "
+            f"{beam.length:g} m: check the unit (m), or give tip_mass, tip_inertia and tip_offset"
+        )
+    if beam.tip_mass or beam.tip_inertia:
+        raise SceneError(f"{origin}: beam.tip_mass and beam.tip_material say the same thing twice")

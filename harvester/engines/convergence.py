@@ -1,0 +1,143 @@
+"""Other options of ngspice where Newton's iterations fail, in the order in which users try them.
+
+Gear's rule, steps a quarter as long from the first one on, a source ramp, gmin, and a capacitance
+from each node to ground. The last three change the circuit. They are used if twice the value
+changes no energy by more than `NEGLIGIBLE`, and if the energy balance holds.
+"""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Callable, Iterator
+from dataclasses import replace
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from circuits.netlist.kinds import BATTERY, LOSS, OUTPUT, SUPPLY
+from harvester.base.errors import NotConverged, SimulatorAborted, SolutionDiverged
+from harvester.engines.methods import Circuit, Engine
+from harvester.scene.prepared import prepared
+from harvester.scene.steps import knot_spacing, steps_per_knot
+from harvester.statistics.balance import energy_balance_residual
+from harvester.statistics.moments import QUANTITIES
+from harvester.statistics.output_moments import QUANTITIES as OUTPUT_QUANTITIES
+
+if TYPE_CHECKING:
+    from harvester.scene.model import Scene
+    from harvester.statistics.moments import Moments
+
+# Shares of the energies that an option may change, and that its run may leave unaccounted for.
+NEGLIGIBLE, LARGEST_RESIDUAL = 0.005, 0.01
+FINER = 4
+GMIN = 1e-10
+# Capacitances of each node to ground, as shares of the transducer's.
+SHUNTS = 1e-4, 1e-3
+# At most so many expressions of the load are named.
+MOST_NAMED = 3
+
+
+def run_converged(scene: Scene, engine: Engine, simulate: Callable) -> list[Any]:
+    """Realizations of `simulate(engine)`, with the first option that converges if it fails.
+
+    Parameters
+    ----------
+    scene : Scene
+    engine : Engine
+    simulate : callable
+        Given an engine, it returns a list of `Realization`.
+
+    Raises
+    ------
+    SimulationError
+        All options failed: the message names the element and the options.
+    """
+    try:
+        return simulate(engine)
+    except (NotConverged, SolutionDiverged) as error:
+        if not isinstance(engine, Circuit) or scene.load.is_resistor or engine.source == "pwl":
+            raise
+        failure = error
+    tried = []
+    for words, aided, doubled in _options(scene, engine):
+        try:
+            found = simulate(aided)
+            reason = _too_large(scene, found, simulate(doubled) if doubled else found)
+        except (NotConverged, SolutionDiverged):
+            tried.append(words)
+            continue
+        if not reason:
+            note = f"ngspice converged with {words}, and not without: {_trouble(failure)}"
+            if doubled:
+                note += f" (energies change by less than {NEGLIGIBLE:.1%} with twice the value)"
+            for each in found:
+                each.moments.note = note
+            return found
+        tried.append(f"{words} (refused: {reason})")
+    steep = (f"{e.name} ({e.where})" for e in scene.load.circuit.elements if e.expression)
+    raise SimulatorAborted(
+        f"{failure}; tried {'; '.join(tried)}: in vain; give the node a capacitor, or smoothen "
+        f"{', '.join(itertools.islice(steep, MOST_NAMED)) or 'what is connected to it'}",
+        failure.partial,
+    )
+
+
+def _trouble(failure):
+    """The node or element at which Newton's iterations failed, the same in all realizations."""
+    return str(failure).partition("trouble with ")[2] or str(failure)
+
+
+def _options(scene: Scene, engine: Circuit) -> Iterator[tuple[str, Circuit, Circuit | None]]:
+    """Each option in words, the engine with it, and with twice its value if it has one."""
+    ready = prepared(scene)
+    if engine.scheme != "gear":
+        yield "Gear's rule", replace(engine, scheme="gear"), None
+    steps = FINER * steps_per_knot(ready, engine.step)
+    yield "steps a quarter as long", replace(engine, step=knot_spacing(ready) / steps), None
+    values = {"gmin": GMIN}
+    if scene.load.circuit.sources:
+        values = {"ramp": knot_spacing(ready)} | values
+    capacitance = ready.network.reference_capacitance
+    shunts = [("cshunt", share * capacitance) for share in SHUNTS]
+    for name, value in [*values.items(), *shunts]:
+        words = {
+            "ramp": f"the sources ramped up within {value:.2g} s",
+            "gmin": f"gmin = {value:.1g} S",
+            "cshunt": f"cshunt = {value:.2g} F from each node to ground",
+        }[name]
+        one: dict[str, Any] = {name: value, "scheme": "gear"}
+        two: dict[str, Any] = {name: 2.0 * value, "scheme": "gear"}
+        yield f"Gear's rule and {words}", replace(engine, **one), replace(engine, **two)
+
+
+def _too_large(scene: Scene, found: list[Any], doubled: list[Any]) -> str:
+    """Why an option that changes the circuit is not used; empty if its effect is negligible."""
+    moments, others = ([each.moments for each in some] for some in (found, doubled))
+    residual = abs(energy_balance_residual(moments, prepared(scene).system))
+    if not residual <= LARGEST_RESIDUAL:
+        return f"energy balance residual {residual:.1%}"
+    change = max(map(_change, moments, others))
+    return "" if change <= NEGLIGIBLE else f"changes the energies by {change:.1%}"
+
+
+def _change(moments: Moments, others: Moments) -> float:
+    """Largest difference of two runs' energies, as a share of the energy that passes the load.
+
+    What goes in, what leaves the transducer, what the output takes and what the load stores.
+    """
+    columns = [QUANTITIES.index("input_power"), QUANTITIES.index("load_power")]
+    sums = np.array([each.integrals[:, columns].sum(axis=0) for each in (moments, others)])
+    differences = np.abs(sums[1] - sums[0]) / np.abs(sums[0])
+    if moments.output is not None and others.output is not None:
+        output = np.array([_energies(each) for each in (moments.output, others.output)])
+        differences = np.append(differences, np.abs(output[1] - output[0]) / abs(sums[0, 1]))
+    return float(np.max(differences))
+
+
+def _energies(output):
+    """Energies of a load's output, stores and sources."""
+    kinds = OUTPUT, LOSS, SUPPLY, BATTERY
+    powers = [row for row, (kind, _) in enumerate(output.rows) if kind in kinds]
+    square = output.integrals[:, OUTPUT_QUANTITIES.index("square_voltage")].sum()
+    measured = output.measured[:, powers, 0].sum(axis=0)
+    return np.append(measured, [output.conductance * square, output.stored.sum()])

@@ -1,0 +1,155 @@
+"""A study's folder: one run at a time, and what a killed run left aside taken away."""
+
+import contextlib
+import os
+import re
+import socket
+import stat
+from collections.abc import Iterator
+from pathlib import Path
+
+from harvester.base.errors import FolderInUse, OutputError
+from harvester.base.writing import ASIDE, ASIDE_BYTES, check_writable
+
+LOCK = ".harvester-lock"
+_LEFT_ASIDE = re.compile(re.escape(ASIDE.format("")) + f"[0-9a-f]{{{2 * ASIDE_BYTES}}}")
+_HOLDER = re.compile(r"process \d{1,10} on [\w.-]{1,64}")
+_HANDLES: set[int] = set()
+
+
+class StudyFolder(os.PathLike):
+    """A folder that one run at a time holds; `notes` are for the user.
+
+    The lock is the system's, on an open file: it ends with the process, however that ends.
+    """
+
+    def __init__(self, path: str | os.PathLike):
+        self._path = Path(path)
+        self._handle: int | None = None
+        self._made = False
+        self.notes: list[str] = []
+
+    def __fspath__(self) -> str:
+        return str(self._path)
+
+    def hold(self) -> None:
+        """Hold it until `close`, and take away what a killed run left aside; again is free.
+
+        Raises FolderInUse, or OutputError if the folder cannot be used.
+        """
+        if self._handle is not None:
+            return
+        new = not os.path.lexists(self._path)
+        _check(self._path)
+        handle = _open(self._path / LOCK)
+        try:
+            self.notes = _lock(handle, self._path)
+        except BaseException:
+            os.close(handle)
+            raise
+        self._handle, self._made = handle, new
+        _HANDLES.add(handle)
+        if not self.notes:
+            _clean(self._path)
+
+    def close(self) -> None:
+        """Let the next run in; a folder that was made for this one and kept nothing goes."""
+        handle, self._handle = self._handle, None
+        if handle is not None:
+            if self._made:
+                _take_away(self._path)
+            _HANDLES.discard(handle)
+            os.close(handle)
+
+
+@contextlib.contextmanager
+def held(folder: str | os.PathLike) -> Iterator[StudyFolder]:
+    """A `StudyFolder` held within the block, or for longer where one is handed in."""
+    if isinstance(folder, StudyFolder):
+        folder.hold()
+        yield folder
+        return
+    with contextlib.closing(StudyFolder(folder)) as opened:
+        opened.hold()
+        yield opened
+
+
+def _check(folder):
+    for path in (folder, folder / "points"):
+        if os.path.lexists(path) and not os.path.isdir(path):
+            raise OutputError(f"{path}: is not a folder; choose another --output")
+        try:
+            os.makedirs(path, exist_ok=True)
+        except OSError as error:
+            raise OutputError(f"{path}: cannot be made: {error.strerror}") from None
+        check_writable(path / "file")
+
+
+def _open(path):
+    flags = os.O_RDWR | os.O_CREAT | os.O_NOFOLLOW | os.O_NONBLOCK
+    try:
+        handle = os.open(path, flags, 0o666)
+    except OSError as error:
+        raise OutputError(f"{path}: cannot be opened: {error.strerror}; remove it") from None
+    if not stat.S_ISREG(os.fstat(handle).st_mode):
+        os.close(handle)
+        raise OutputError(f"{path}: is not a file; remove it")
+    return handle
+
+
+def _lock(handle, folder):
+    try:
+        import fcntl
+
+        fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
+    except BlockingIOError:
+        text = os.pread(handle, 100, 0).decode(errors="replace").strip()
+        holder = text if _HOLDER.fullmatch(text) else "another process"
+        raise FolderInUse(
+            f"{folder}: another run is at work in this folder ({holder}); wait for its end, or "
+            "choose another --output"
+        ) from None
+    except (ImportError, OSError):
+        return [f"{folder}: this file system cannot lock: see that no other run writes there"]
+    if os.fstat(handle).st_nlink == 0:
+        raise FolderInUse(f"{folder}: another run has just ended in this folder; start again")
+    # A file with a second name may belong to somebody else.
+    if os.fstat(handle).st_nlink == 1:
+        with contextlib.suppress(OSError):
+            os.ftruncate(handle, 0)
+            os.pwrite(handle, f"process {os.getpid()} on {socket.gethostname()}\n".encode(), 0)
+    return []
+
+
+def _take_away(folder):
+    """Take away a folder that holds no more than `hold` put there."""
+    with contextlib.suppress(OSError):
+        if sorted(os.listdir(folder)) == [LOCK, "points"]:
+            os.rmdir(folder / "points")
+            os.unlink(folder / LOCK)
+            os.rmdir(folder)
+
+
+def _clean(folder):
+    """Take away what killed runs had not renamed yet; files of other names stay."""
+    for path in (folder, folder / "points"):
+        with os.scandir(path) as entries:
+            names = [
+                entry.path
+                for entry in entries
+                if _LEFT_ASIDE.fullmatch(entry.name) and entry.is_file(follow_symlinks=False)
+            ]
+        for name in names:
+            with contextlib.suppress(OSError):
+                os.unlink(name)
+
+
+def _let_go():
+    """Close the lock in a forked process: only the parent holds it."""
+    for handle in _HANDLES:
+        os.close(handle)
+    _HANDLES.clear()
+
+
+if hasattr(os, "register_at_fork"):
+    os.register_at_fork(after_in_child=_let_go)

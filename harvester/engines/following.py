@@ -1,0 +1,205 @@
+"""Starts of one driven device, followed for some periods of its excitation."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import replace
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from harvester.base.errors import HarvesterError, SimulationError
+from harvester.engines.methods import Engine, engine_of
+from harvester.excitation.base import ExcitationPath
+from harvester.scene.paths import noise_path
+from harvester.scene.prepared import prepared
+from harvester.scene.steps import knot_spacing
+from harvester.statistics.attractors import Divergence, divergence, sizes_of
+from harvester.statistics.range_watch import leaves_range, with_range_watch
+from harvester.statistics.stroboscope import STATE, Stroboscope
+
+if TYPE_CHECKING:
+    from harvester.scene.model import Scene
+
+# The excitation's knots are this many times finer than the scene's: between knots the sine is
+# replaced by a straight line, whose error decides which well a start next to a fractal border
+# reaches. Of 225 starts of a Duffing oscillator 88, 94, 95.6 and 96 % came to the well that scipy
+# found, with 1, 2, 4 and 8 times the knots; four take 1.4 times as long as one.
+FINER_KNOTS = 4
+# Number of starts in one task: for a resistive load, for a netlist, and for the engine "circuit".
+TOGETHER, TOGETHER_NETLIST, TOGETHER_CIRCUIT = 512, 64, 8
+# Number of pairs that give a Lyapunov exponent, and their first distance as a share of the motion's
+# size: a netlist's step control leaves larger errors, so its pairs begin farther apart.
+PAIRS, NEIGHBOURS, NEIGHBOURS_NETLIST = 16, 1e-8, 1e-5
+# Forcing periods for which the pairs are followed.
+PARTING_PERIODS = 150
+
+
+class Replayed(ExcitationPath):
+    """A path that was read once, for all starts; `spacing` of its samples in s."""
+
+    def __init__(self, samples: np.ndarray, spacing: float) -> None:
+        self.spacing = spacing
+        self._samples, self._next = samples, 0
+
+    def read(self, count: int) -> np.ndarray:
+        """The next samples; beyond the last one it repeats that."""
+        places = np.arange(self._next, self._next + count)
+        self._next += count
+        return self._samples[np.minimum(places, self._samples.size - 1)]
+
+
+def forced(scene: Scene, command: str) -> Scene:
+    """The scene with knots that divide its period, and no start of its own.
+
+    Raises
+    ------
+    HarvesterError
+        The excitation has no period, or chance in it.
+    """
+    excitation: Any = scene.excitation
+    if excitation.period is None or excitation.random:
+        raise HarvesterError(
+            f'{scene.name}: excitation.kind = "{excitation.kind}": {command} needs a periodic '
+            'excitation without chance: set excitation.kind = "sine" (or a sum of sines whose '
+            "frequencies have a common period)"
+        )
+    if excitation.prescribes_displacement:
+        raise HarvesterError(
+            f'{scene.name}: excitation.kind = "{excitation.kind}": a prescribed motion has no '
+            f'start to forget: {command} needs excitation.kind = "sine"'
+        )
+    prepared_scene = prepared(_lasting(scene, excitation.period))
+    knots = FINER_KNOTS * math.ceil(excitation.period / knot_spacing(prepared_scene) - 1e-9)
+    excitation = replace(excitation, knot_spacing=excitation.period / knots)
+    return replace(scene, excitation=excitation, start=None)
+
+
+def _lasting(scene, seconds):
+    run = replace(scene.run, settle=0.0, duration=seconds, realizations=1, starts=None)
+    return replace(scene, run=run)
+
+
+def follow(
+    scene: Scene,
+    engine: str,
+    step: str | float,
+    starts: list,
+    periods: int,
+    kept: int,
+    report: Callable,
+    settings: dict[str, Any] | None = None,
+) -> np.ndarray:
+    """Follow starts for some forcing periods, in a worker process.
+
+    Parameters
+    ----------
+    scene : Scene
+        A scene as returned by `forced`.
+    engine, step, settings
+        The engine's name, its step, and those of its options that differ from the defaults.
+    starts : list of [float, float, float]
+        X, X' and the transducer's state, scaled.
+    periods, kept : int
+        Forcing periods, and how many of the last ones are sampled.
+
+    Returns
+    -------
+    ndarray, shape (starts, kept + 1, columns)
+        With the columns of `harvester.statistics.stroboscope`; infinite where a start leaves the
+        range of the spring.
+    """
+    period = float(scene.excitation.period)  # type: ignore[arg-type]
+    lasting = _lasting(scene, periods * period)
+    prepared_scene = prepared(lasting)
+    chosen = engine_of(engine, step=step, **settings or {})
+    spacing = knot_spacing(prepared_scene)
+    samples = noise_path(prepared_scene, 0).read(round(periods * period / spacing) + 2)
+    chosen.prepare(prepared_scene)
+
+    def sampled(some):
+        """The samples of some starts; infinite where one leaves the spring's range."""
+        watching = [Stroboscope((periods - kept) * period, period, kept + 1) for _ in some]
+        paths = [Replayed(samples, spacing) for _ in some]
+        observers = with_range_watch(prepared_scene, [[strobe] for strobe in watching])
+        try:
+            chosen.run_realizations(
+                prepared_scene, paths, [tuple(start) for start in some], observers
+            )
+        except SimulationError as error:
+            if not leaves_range(prepared_scene, error):
+                raise
+            if len(some) == 1:
+                return [np.full_like(watching[0].samples, np.inf)]
+            # Starts run side by side end together: the halves show which of them left.
+            half = len(some) // 2
+            return sampled(some[:half]) + sampled(some[half:])
+        report([])
+        return [strobe.samples for strobe in watching]
+
+    # The engine "circuit" runs one start at a time: side by side all starts would share their time
+    # steps.
+    together = 1 if engine == "circuit" else len(starts)
+    some = [starts[first : first + together] for first in range(0, len(starts), together)]
+    return np.array([samples_of_start for part in some for samples_of_start in sampled(part)])
+
+
+def _together(scene: Scene, engine: str) -> int:
+    """Number of starts in one task."""
+    if engine == "circuit":
+        return TOGETHER_CIRCUIT
+    return TOGETHER if scene.load.is_resistor else TOGETHER_NETLIST
+
+
+def calls_of(
+    scene: Scene, engine: Engine, starts: np.ndarray, periods: int, kept: int
+) -> list[dict[str, Any]]:
+    """Arguments of `follow`, as many starts in each as one call takes."""
+    size = _together(scene, engine.name)
+    arguments = {"scene": scene, **engine.as_arguments("engine"), "periods": periods, "kept": kept}
+    return [
+        {**arguments, "starts": starts[first : first + size].tolist()}
+        for first in range(0, len(starts), size)
+    ]
+
+
+def neighbours(
+    scene: Scene, samples: np.ndarray, starts: np.ndarray, members: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """Pairs of close starts on a motion of a scene from `forced`, and its size.
+
+    Parameters
+    ----------
+    samples : ndarray, shape (starts, samples, columns or STATE)
+    starts : ndarray, shape (starts, STATE)
+    members : ndarray of int
+        Indices of the starts that reached the motion.
+
+    Returns
+    -------
+    (ndarray, ndarray), shapes (2 · PAIRS, STATE) and (STATE,)
+        The first of each pair, then the second of each.
+    """
+    scale = sizes_of(samples[members, :, :STATE])
+    # With a resistor the samples hold the whole state, so pairs begin at them; a netlist's
+    # capacitors and inductors have states of their own, so pairs begin at the starts.
+    if scene.load.is_resistor:
+        states = samples[members, :, :STATE].reshape(-1, STATE)
+        begin = states[np.linspace(0, len(states) - 1, PAIRS).astype(int)]
+        apart = NEIGHBOURS
+    else:
+        begin = starts[members[np.linspace(0, members.size - 1, PAIRS).astype(int)]]
+        apart = NEIGHBOURS_NETLIST
+    near = begin.copy()
+    near[:, 0] += apart * scale[0]
+    return np.concatenate([begin, near]), scale
+
+
+def exponent_of(scene: Scene, followed: np.ndarray, scale: np.ndarray) -> Divergence | None:
+    """The largest Lyapunov exponent from samples of `neighbours`, for PARTING_PERIODS periods."""
+    states = followed[:, :, :STATE]
+    pairs = states.reshape(2, PAIRS, *states.shape[1:]).swapaxes(0, 1)
+    if np.isnan(pairs).any():
+        return None
+    return divergence(pairs, scale, float(scene.excitation.period or 1.0))

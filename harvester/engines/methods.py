@@ -1,0 +1,298 @@
+"""The engines that simulate a scene: a class each, whose objects hold the settings of a run."""
+
+from __future__ import annotations
+
+import math
+from abc import abstractmethod
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any, ClassVar
+
+from harvester.averaging.method import Stationary
+from harvester.base.arguments import check_name
+from harvester.base.errors import HarvesterError
+from harvester.base.method import Method
+from harvester.base.registry import Registry
+
+if TYPE_CHECKING:
+    from harvester.scene.model import Scene
+    from harvester.scene.prepared import Prepared
+
+SOURCES = ("external", "pwl")
+DEVICES = ("automatic", "behavioural", "compiled")
+
+
+@dataclass(frozen=True)
+class Engine(Method):
+    """One way to simulate realizations of a scene, in a worker process.
+
+    Each method imports its engine when it is called: what needs no SPICE loads none.
+
+    Attributes
+    ----------
+    step : str or float
+        default, fine, finest, or the longest step in seconds.
+    schemes : tuple of str
+        Integration schemes that `scheme` may name, the default first.
+    """
+
+    step: str | float = "default"
+    scheme: str = ""
+    schemes: ClassVar[tuple[str, ...]]
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "step", check_step(self.step))
+        check_name("scheme", self.scheme, self.schemes)
+
+    @property
+    def name(self) -> str:
+        """The name of its class in `ENGINES`."""
+        return ENGINES.name_of(type(self))
+
+    @property
+    def title(self) -> str:
+        """Name of the method in results."""
+        return self.name
+
+    @property
+    def chooses_steps(self) -> bool:
+        """Whether the simulator chooses every step itself: their error is then not known."""
+        return False
+
+    @abstractmethod
+    def check(self, scene: Scene) -> None:
+        """Refuse a scene that the engine does not take, before anything runs."""
+
+    @abstractmethod
+    def prepare(self, ready: Prepared) -> None:
+        """Load libraries and compiled code, so that they do not count as simulation."""
+
+    @abstractmethod
+    def run_realizations(
+        self,
+        ready: Prepared,
+        paths: list,
+        starts: list,
+        observers: list,
+        outputs: list | None = None,
+    ) -> dict[str, Any]:
+        """Run realizations and hand every record to their observers.
+
+        Parameters
+        ----------
+        paths, starts : list of ExcitationPath, list of (float, float, float)
+            For each realization its excitation, and its X, X' and transducer's state, scaled.
+        observers : list of lists of objects with `add(record)`
+        outputs : list of harvester.statistics.output_moments.OutputMoments or None
+            For a load that has an output side, one for each realization.
+
+        Returns
+        -------
+        dict
+            engine_version, netlist_sha256.
+        """
+
+
+@dataclass(frozen=True)
+class Circuit(Engine):
+    """The engine "circuit": the equivalent circuit, simulated by ngspice.
+
+    Attributes
+    ----------
+    step : str or float
+        default, fine, finest, or the longest step in seconds. It is rounded down to a whole
+        division of the knot spacing, and shorter in contact.
+    scheme : str
+        trapezoidal or gear.
+    source : str
+        external, the path through compiled callbacks, or pwl, a source in the netlist with
+        ngspice's own steps, for comparison.
+    device : str
+        behavioural elements, one compiled device for mechanics and piezo (the extra `fast`), or
+        automatic, compiled where it is found. The same numbers to 1e-9.
+    copies : int or None
+        Realizations side by side in one netlist, which share their steps; None: as many as pay.
+    tolerance : float or None
+        Relative tolerance of ngspice's control by the local error, which shortens steps below
+        `step`; None: fixed steps, or ngspice's own tolerance for "pwl".
+    gmin, cshunt : float
+        ngspice's options of these names (S, F), which change the circuit; 0: ngspice's defaults.
+    ramp : float
+        Time (s) in which the load's constant sources rise from 0.
+    """
+
+    scheme: str = "trapezoidal"
+    source: str = "external"
+    device: str = "automatic"
+    copies: int | None = None
+    tolerance: float | None = None
+    gmin: float = 0.0
+    cshunt: float = 0.0
+    ramp: float = 0.0
+    schemes: ClassVar[tuple[str, ...]] = ("trapezoidal", "gear")
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        check_name("source", self.source, SOURCES)
+        check_name("device", self.device, DEVICES)
+        _check_number_of_copies(self.copies)
+
+    @property
+    def title(self) -> str:
+        """The name, with the source of the noise if it is not the default."""
+        return self.name if self.source == "external" else f"{self.name} ({self.source} source)"
+
+    @property
+    def chooses_steps(self) -> bool:
+        """True if ngspice chooses its steps, which it does with a source in the netlist."""
+        return self.source == "pwl"
+
+    def check(self, scene: Scene) -> None:
+        """Refuse copies that cannot share a netlist; loads are refused where they are read."""
+        if (self.copies or 1) > 1 and not (scene.load.is_resistor and self.source == "external"):
+            raise _no_copies(self.copies)
+
+    def prepare(self, ready: Prepared) -> None:
+        """See `Engine`."""
+        from circuits.ngspice import engine
+
+        engine.prepare(ready)
+
+    def run_realizations(
+        self,
+        ready: Prepared,
+        paths: list,
+        starts: list,
+        observers: list,
+        outputs: list | None = None,
+    ) -> dict[str, Any]:
+        """See `Engine`."""
+        from circuits.ngspice import engine
+
+        return engine.run_realizations(
+            ready, paths, starts, observers, self.step, self.source, self.scheme, self.tolerance,
+            self.device, outputs, {"gmin": self.gmin, "cshunt": self.cshunt}, self.ramp,
+        )  # fmt: skip
+
+
+@dataclass(frozen=True)
+class MonteCarlo(Engine):
+    """The equations themselves, integrated without ngspice.
+
+    Attributes
+    ----------
+    step : str or float
+        default, fine, finest, or the longest step in seconds; shorter in contact.
+    scheme : str
+        runge-kutta, or for a resistor heun, for comparison.
+    """
+
+    scheme: str = "runge-kutta"
+    schemes: ClassVar[tuple[str, ...]] = ("runge-kutta", "heun")
+
+    def check(self, scene: Scene) -> None:
+        """Refuse what Monte Carlo does not take: a motion prescribed, some elements of a load."""
+        from harvester.scene.prepared import prepared
+        from harvester.scene.units import require_mass
+
+        require_mass(scene, "Monte Carlo")
+        if not scene.load.is_resistor:
+            _integrator(scene).circuit_of(prepared(scene))
+
+    def prepare(self, ready: Prepared) -> None:
+        """See `Engine`."""
+        _integrator(ready.scene).prepare(ready)
+
+    def run_realizations(
+        self,
+        ready: Prepared,
+        paths: list,
+        starts: list,
+        observers: list,
+        outputs: list | None = None,
+    ) -> dict[str, Any]:
+        """See `Engine`."""
+        return _integrator(ready.scene).run_realizations(
+            ready, paths, starts, observers, self.step, self.scheme, outputs
+        )
+
+
+def _integrator(scene: Scene) -> Any:
+    """Monte Carlo's loop for a resistor as load, or the one for a netlist."""
+    if scene.load.is_resistor:
+        from harvester.engines import monte_carlo as resistor
+
+        return resistor
+    from circuits.kernel import engine as netlist
+
+    return netlist
+
+
+ENGINES: Registry[type[Engine]] = Registry(
+    "harvester.engines", {"circuit": Circuit, "monte-carlo": MonteCarlo}
+)
+# Defaults of the options of `simulate`. If a method is given as an object, the object holds its
+# options.
+DEFAULTS = {"step": "default", "source": "external", "device": "automatic"}
+
+
+def engine_of(method: str | Method, **options: Any) -> Engine:
+    """The engine that a call asks for, by its name and options or as an object.
+
+    Raises HarvesterError for an unknown name, a closure, or an unknown option.
+    """
+    if isinstance(method, Engine):
+        return method.beside_options(options, DEFAULTS)
+    _check_options(options)
+    engine: Engine = ENGINES[check_name("method", str(method), ENGINES)]()
+    if (options.get("copies") or 1) > 1 and not hasattr(engine, "copies"):
+        raise _no_copies(options["copies"])
+    return engine.with_options(options)
+
+
+def method_of(method: str | Method, **options: Any) -> Method:
+    """The engine or the closure that a call asks for; see `engine_of`."""
+    if isinstance(method, Engine) or method in ENGINES:
+        return engine_of(method, **options)
+    from harvester.averaging import CLOSURES
+
+    if isinstance(method, Stationary):
+        check_name("method", method.closure, CLOSURES)
+        return method.beside_options(options, DEFAULTS)
+    check_name("method", str(method), {**ENGINES, **CLOSURES})
+    _check_options(options)
+    return Stationary(str(method)).with_options(options)
+
+
+def check_step(step: str | float) -> str | float:
+    """A level's name or a positive number of seconds; raises HarvesterError for anything else."""
+    from harvester.scene.steps import STEP_LEVELS
+
+    if isinstance(step, str) and step not in STEP_LEVELS:
+        try:
+            step = float(step)
+        except ValueError:
+            return check_name("step", str(step), STEP_LEVELS)
+    if not isinstance(step, str) and not (math.isfinite(step) and step > 0.0):
+        raise HarvesterError(f"step {step}: must be one of {', '.join(STEP_LEVELS)} or seconds > 0")
+    return step
+
+
+def _check_options(options: Mapping[str, Any]) -> None:
+    """Refuse what is no option of any engine, whichever is named."""
+    check_step(options.get("step", "default"))
+    check_name("source", options.get("source", "external"), SOURCES)
+    check_name("device", options.get("device", "automatic"), DEVICES)
+    _check_number_of_copies(options.get("copies"))
+
+
+def _check_number_of_copies(copies: int | None) -> None:
+    if copies is not None and (not isinstance(copies, int) or copies < 1):
+        raise HarvesterError(f"copies {copies}: must be a whole number ≥ 1")
+
+
+def _no_copies(copies: int | None) -> HarvesterError:
+    return HarvesterError(
+        f"copies {copies}: only the circuit with its external source and a resistor as load "
+        "takes more than one"
+    )

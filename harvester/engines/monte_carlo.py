@@ -1,0 +1,198 @@
+"""Monte Carlo reference: the equations themselves on the given noise path, no ngspice.
+
+For a resistor as load, by Runge–Kutta of fourth order; `circuits.kernel` takes netlists.
+
+Steps land on the noise's knots and on the moments at which a contact begins or ends, so that
+the scheme keeps its order where the force is smooth; in contact the step resolves the contact
+time. One order remains at the first step of a contact, where the force starts as d^1.5.
+Realizations go in step with each other (`harvester.engines.lockstep`).
+
+A damper or a load that decays within a step takes a scheme of third order with that decay exact.
+Heun's scheme of second order takes the same steps; it is there for work-precision diagrams.
+"""
+
+from __future__ import annotations
+
+import itertools
+import math
+from collections.abc import Iterator, Sequence
+from typing import Any
+
+import numpy as np
+
+from harvester.base.compilation import numba
+from harvester.base.errors import SolutionDiverged
+from harvester.device import contact, system
+from harvester.device.record import Observer, Record
+from harvester.device.system import System
+from harvester.engines.lockstep import Room, advance
+from harvester.engines.schemes import Scheme, scheme_of
+from harvester.excitation.base import ExcitationPath
+from harvester.scene.prepared import Prepared
+from harvester.scene.steps import (
+    EVEN_STEPS_PER_CONTACT,
+    steps_per_contact,
+    steps_per_knot,
+    stop_time,
+)
+from harvester.statistics.moments import Moments
+from harvester.statistics.several import TOGETHER, SeveralMoments
+
+# So many realizations are stepped together. More are hardly faster.
+MOST_TOGETHER = 64
+# So many segments between knots are computed at a time, counted over all realizations. Their noise
+# and, if points are kept, these then stay in the processor's cache.
+SEGMENTS, SEGMENTS_KEPT = 262144, 65536
+
+
+def prepare(ready: Prepared) -> None:
+    """Load the compiled code for a scene's parts, so that it does not count as simulation."""
+    s = ready.system
+    tally = SeveralMoments([_unwanted(0.0, 1.0)], 1.0).tally
+    room, position = Room.of(s, [(0.0, 0.0, 0.0)], 0), _beginning()
+    noise = np.zeros((1, 1, TOGETHER))
+    advance(Scheme.RUNGE_KUTTA.argument, s, _edges(s), noise, 0, 1.0, 1, 1, room, tally, position)
+
+
+def run_realizations(
+    ready: Prepared,
+    paths: list[ExcitationPath],
+    starts: list[tuple[float, float, float]],
+    observers: list[list[Observer]],
+    step: str | float = "default",
+    scheme: str = "runge-kutta",
+    outputs: Any = None,
+) -> dict[str, str | None]:
+    """Integrate realizations side by side; see `circuits.ngspice.engine.run_realizations`.
+
+    `scheme` is "runge-kutta" or "heun". `outputs` is not used: a resistor has no output side.
+    """
+    s = ready.system
+    fixed = steps_per_knot(ready, step, "monte-carlo")
+    in_contact = steps_per_contact(ready, step, "monte-carlo")
+    for first in range(0, len(paths), MOST_TOGETHER):
+        some = slice(first, first + MOST_TOGETHER)
+        moments = [
+            observer
+            for observer in itertools.chain(*observers[some])
+            if isinstance(observer, Moments)
+        ]
+        others = [
+            (k, observer)
+            for k, watching in enumerate(observers[some])
+            for observer in watching
+            if not isinstance(observer, Moments)
+        ]
+        chunks = integrate(
+            s, paths[some], starts[some], stop_time(ready), fixed, scheme, in_contact,
+            moments, any(getattr(observer, "reads_points", True) for _, observer in others),
+        )  # fmt: skip
+        for columns, points in chunks:
+            for k, other in others:
+                other.add(record_of(columns, points, k))
+    chosen = scheme_of(s, scheme, paths[0].spacing / fixed)
+    return {
+        "engine_version": f"{chosen.value}, numba {numba.__version__}",
+        "netlist_sha256": None,
+    }
+
+
+def record_of(columns: np.ndarray, points: np.ndarray, k: int) -> Record:
+    """The chunk of one realization, of those that `integrate` yields; empty where none is kept."""
+    return Record(*columns[k, :, : points[k]])
+
+
+def integrate(
+    s: System,
+    paths: Sequence[ExcitationPath],
+    starts: Sequence[tuple[float, float, float]],
+    stop: float,
+    steps_per_knot: int = 1,
+    scheme: str = "runge-kutta",
+    steps_per_contact: int = EVEN_STEPS_PER_CONTACT,
+    moments: Sequence[Moments] = (),
+    keep: bool = True,
+) -> Iterator[tuple[np.ndarray, np.ndarray]]:
+    """Integrate Eq. 4 along several noise paths, side by side.
+
+    Parameters
+    ----------
+    paths : sequence of harvester.excitation.base.ExcitationPath
+        All with the same knot spacing.
+    starts : sequence of (float, float, float)
+        X, X' and the transducer's state, scaled.
+    stop : float
+        End time (s), rounded up to a whole number of knots.
+    steps_per_knot, steps_per_contact : int
+        Steps between two knots where no contact asks for more; fewest in a contact.
+    scheme : str
+        A name in `harvester.engines.schemes.NAMED`.
+    moments : sequence of Moments
+        One for each path, empty at first; points are added to them. Empty: none are recorded.
+    keep : bool
+        Whether the points are kept.
+
+    Yields
+    ------
+    ndarray, shape (len(paths), 9, ·)
+        A chunk of accepted points in order, a `Record`'s columns of each path, without the initial
+        point; overwritten by the next; without room for a point if none is wanted.
+    ndarray of int64, shape (len(paths),)
+        How many points of each are meant.
+
+    Raises
+    ------
+    SolutionDiverged
+    """
+    spacing, edges = paths[0].spacing, _edges(s)
+    chosen = scheme_of(s, scheme, spacing / steps_per_knot)
+    knots = math.ceil(stop / spacing - 1e-9)
+    most = (SEGMENTS_KEPT if keep else SEGMENTS) // len(paths)
+    first_knots = [float(path.read(1)[0]) for path in paths]
+    begun = [
+        (x, v, system.begun_state(s, state, eta))
+        for (x, v, state), eta in zip(starts, first_knots, strict=True)
+    ]
+    room, position = Room.of(s, begun, _points(most) if keep else 0), _beginning()
+    several = SeveralMoments(moments or [_unwanted(stop, spacing) for _ in paths], spacing)
+    noise = np.zeros((most + 1, len(room.states), TOGETHER))
+    samples = noise.reshape(most + 1, -1)
+    samples[0, : len(paths)] = first_knots
+    for first in range(0, knots, most):
+        count = min(most, knots - first)
+        for k, path in enumerate(paths):
+            path.read_into(samples[1 : count + 1, k])
+        position[:3] = 0
+        while position[0] < count:
+            room.points[:] = 0
+            advance(
+                chosen.argument, s, edges, noise[: count + 1], first, spacing,
+                steps_per_knot, steps_per_contact, room, several.tally, position,
+            )  # fmt: skip
+            several.collect(room.points)
+            if several.diverged is not None:
+                raise SolutionDiverged(
+                    "Monte Carlo diverged (values that are not finite) before t = "
+                    f"{several.diverged:g}; choose a shorter --step"
+                )
+            yield room.columns, room.points
+        noise[0] = noise[count]
+
+
+def _beginning():
+    """Initial position of `advance`: first segment and step, before the first batch."""
+    return np.array([0, 0, 0, -1])
+
+
+def _unwanted(stop, spacing):
+    """A placeholder for moments that are not recorded."""
+    return Moments.empty(0.0, stop, (-math.inf, math.inf), (), False, 1, 1, spacing)
+
+
+def _points(segments):
+    """Points kept of each realization: half as many again, in an odd number of cache lines."""
+    return (segments * 3 // 32 * 2 + 1) * 8
+
+
+def _edges(s):
+    return np.array(contact.edges(s.contacts))

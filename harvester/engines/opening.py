@@ -1,0 +1,91 @@
+"""Opens a runner: with its folder, its processes and its limits."""
+
+from __future__ import annotations
+
+import contextlib
+import math
+import os
+import time
+from collections.abc import Callable, Iterator
+from concurrent.futures import Executor
+
+from harvester.base.errors import HarvesterError
+from harvester.base.libraries import optional_library
+from harvester.base.pools import ExecutorPool, WorkerPool, processes
+from harvester.base.signatures import Processes, RunnerOptions, Seconds, check_options
+from harvester.engines.folder import held
+from harvester.engines.runner import Runner
+from harvester.engines.simulate import TIME_LIMIT
+
+__all__ = ["RunnerOptions", "open_runner"]
+
+
+@contextlib.contextmanager
+def open_runner(
+    output: str | os.PathLike | None = None,
+    *,
+    workers: Processes | None = None,
+    executor: Executor | WorkerPool | ExecutorPool | None = None,
+    scheduler: str | None = None,
+    time_budget: Seconds | None = None,
+    time_limit: Seconds = TIME_LIMIT,
+    progress: Callable[[float, str], object] | None = None,
+    runner: Runner | None = None,
+) -> Iterator[Runner]:
+    """Open a runner for the duration of a `with` block.
+
+    Parameters
+    ----------
+    output : str or Path or StudyFolder or None
+        Folder whose `points/` keeps every answer, and is read first; no other run may use it
+        meanwhile. None: answers are kept in memory.
+    workers : int or None
+        Processes of our own; None: one per core.
+    executor : concurrent.futures.Executor, WorkerPool, ExecutorPool or None
+        Executor used in place of own workers; the numbers are the same.
+    scheduler : str or None
+        Address of a Dask scheduler, instead of them.
+    time_budget : float or None
+        Wall-clock seconds after which nothing is begun; what is running is ended once they are
+        exceeded by a twentieth.
+    time_limit : float
+        Wall-clock seconds of one realization.
+    progress : callable or None
+        Given the share done, 0 … 1, and a few words.
+    runner : Runner or None
+        A runner that is open already; all other options must then be left out.
+
+    Raises
+    ------
+    HarvesterError
+        A number out of range, no such scheduler.
+    FolderInUse
+        Another run is at work in the folder.
+    """
+    if runner is not None:
+        yield runner
+        return
+    limits = {"workers": workers, "time_budget": time_budget, "time_limit": time_limit}
+    check_options(open_runner, limits)
+    deadline = time.monotonic() + time_budget if time_budget else math.inf
+    with (
+        held(output) if output else contextlib.nullcontext() as folder,
+        _pool(workers, executor, scheduler) as pool,
+    ):
+        yield Runner(pool, folder, deadline, time_limit, progress)
+
+
+@contextlib.contextmanager
+def _pool(workers, executor, scheduler):
+    """The Dask cluster's, or that of `harvester.base.pools.processes`."""
+    if executor is not None or scheduler is None:
+        with processes(executor, workers) as pool:
+            yield pool
+        return
+    distributed = optional_library("distributed", "--scheduler", "cluster")
+    try:
+        client = distributed.Client(scheduler, timeout="10s")
+    except (OSError, ValueError) as error:
+        raise HarvesterError(f"--scheduler {scheduler}: {error}") from None
+    with client:
+        yield ExecutorPool(client.get_executor(pure=False))

@@ -1,0 +1,294 @@
+"""The steady motions of a deterministic device, from the several starts of one run.
+
+`attractors` reports all of them, for `simulate`. A study prints one number a place: `followed`
+takes the quantities of one orbit from the same groups of starts, and names the others.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+from typing import TYPE_CHECKING, NamedTuple
+
+import numpy as np
+
+from harvester.base.errors import SimulationError
+from harvester.engines.following import (
+    PARTING_PERIODS,
+    calls_of,
+    exponent_of,
+    follow,
+    forced,
+    neighbours,
+)
+from harvester.results.orbit import ESCAPES, NOT_SETTLED, Attractor, orbit_name, share_error
+from harvester.scene.paths import distinct_realizations, start_state
+from harvester.scene.prepared import prepared
+from harvester.scene.steps import step_error
+from harvester.statistics.attractors import (
+    NEARLY_CONVERGED,
+    QUANTITIES,
+    Group,
+    groups_of,
+    groups_that_meet,
+    means_of,
+    transients,
+)
+from harvester.statistics.estimate import Estimate
+from harvester.statistics.of_run import run_estimates
+from harvester.statistics.stroboscope import STATE
+from harvester.statistics.transient import memory_of
+from harvester.statistics.units import unit_of
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from harvester.base.pools import Workers
+    from harvester.engines.methods import Engine
+    from harvester.engines.realization import Realization
+    from harvester.scene.model import Scene
+    from harvester.statistics.moments import Moments
+
+# Motions without a period, those of most starts, whose exponent is looked for: what still settles
+# may make one of each start.
+MOST_EXPONENTS = 4
+# A start is in the means of its motion if its first cycle is off its last by at most this share.
+SETTLED = 1e-5
+# Samples at the end of a run by which motions are distinguished, and the fewest that show a period:
+# of fewer, starts are on one motion if they meet.
+SAMPLES, FEWEST_SAMPLES = 64, 6
+# Orbits whose powers differ by less than this share are told as one, such as mirror images.
+SAME_POWER = 1e-3
+ORBITS = {"rest": "from rest", "best": "with the most power"}
+
+
+def several_starts(scene: Scene) -> bool:
+    """Whether realizations differ by their starts alone."""
+    excitation = scene.excitation
+    if excitation.random or excitation.prescribes_displacement:
+        return False
+    return distinct_realizations(prepared(scene)) > 1
+
+
+def attractors(
+    scene: Scene,
+    engine: Engine,
+    realizations: dict[int, Realization],
+    escaped: int,
+    pool: Workers,
+    time_limit: float,
+) -> tuple[Attractor, ...]:
+    """The motions on which a run's starts settled, the one with the most starts first.
+
+    The last entries are what the other starts do.
+
+    Parameters
+    ----------
+    realizations : dict of int to Realization
+        Realizations by their numbers, with stroboscopic samples.
+    escaped : int
+        Number of further starts: those that left the range of the spring.
+    pool : Workers
+        Follow neighbours on motions without a period.
+    time_limit : float
+        Wall-clock limit of one of these (s).
+    """
+    prepared_scene = prepared(scene)
+    moments = [realization.moments for realization in realizations.values()]
+    samples = np.array([realization.stroboscope for realization in realizations.values()])
+    starts = np.array([start_state(prepared_scene, number) for number in realizations])
+    # Neighbours cost as much as some fifty starts: they are for runs that ask for motions.
+    left = MOST_EXPONENTS if scene.run.starts else 0
+
+    def exponent(states, members):
+        nonlocal left
+        left -= 1
+        if left < 0:
+            return None
+        return _exponent(scene, engine, states, starts, members, pool, time_limit)
+
+    cost, count = step_error(prepared_scene, engine.step, engine.name), len(moments) + escaped
+    motions = [motion for *_, motion in _motions(scene, moments, samples, cost, count, exponent)]
+    unsettled = len(moments) - sum(motion.starts for motion in motions)
+    for name, number in ((NOT_SETTLED, unsettled), (ESCAPES, escaped)):
+        if number:
+            nothing = Group(None, np.zeros(number), np.empty((0, STATE)))
+            motions.append(_attractor(scene, name, nothing, [], cost, count))
+    return tuple(motions)
+
+
+def _motions(scene, moments, samples, cost, count, exponent=None):
+    """Motions of the starts, the most common first: (members, members in the means, Attractor).
+
+    With `exponent`, a function of samples and members, motions that have not settled are left out.
+    """
+    samples = samples[:, ~np.isnan(samples).any(axis=(0, 2))]
+    last, states = samples[:, -SAMPLES:], samples[:, -SAMPLES:, :STATE]
+    periodic = bool(scene.excitation.period) and last.shape[1] >= FEWEST_SAMPLES
+    if not last.shape[1]:
+        groups = [Group(None, np.array([k]), state) for k, state in enumerate(states)]
+    else:
+        groups = groups_of(states) if periodic else groups_that_meet(states)
+    motions: list[tuple] = []
+    for group in groups:
+        cycle, members, divergence = {}, group.members, None
+        if group.period is not None:
+            remains = transients(states[members], memory_of(prepared(scene)))[2]
+            if remains.min() <= NEARLY_CONVERGED:
+                cycle = _on_cycle(scene, last[members[[np.argmin(remains)]]], cost)
+                members = members[_settled(samples[members, :, :STATE], group.period)]
+            elif exponent:
+                continue
+        elif exponent and periodic:
+            divergence = exponent(states, members)
+            if divergence is not None and not divergence.chaotic:
+                continue
+        if not (exponent or members.size):
+            members = group.members
+        name, means = orbit_name(len(motions)), [moments[k] for k in members]
+        motion = _attractor(scene, name, group, means, cost, count, periodic, cycle, divergence)
+        motions.append((group.members, members, motion))
+    return motions
+
+
+class Followed(NamedTuple):
+    """What a study takes from the starts of a run.
+
+    Attributes
+    ----------
+    scene : the scene of the realizations that are left.
+    moments : of the starts on the followed orbit; all under noise.
+    orbits : all orbits that starts reached, the followed one first; empty for a single start.
+    notes : tuple of str
+    """
+
+    scene: Scene
+    moments: list[Moments]
+    orbits: tuple[Attractor, ...]
+    notes: tuple[str, ...]
+
+
+def with_orbit(scene: Scene) -> Scene:
+    """The scene with the orbit that a study follows: from rest, where it names none."""
+    if scene.excitation.random or scene.run.orbit:
+        return scene
+    return replace(scene, run=replace(scene.run, orbit="rest"))
+
+
+def followed(scene: Scene, good: Sequence[dict], cost: float) -> Followed:
+    """The orbit that `run.orbit` names among those that starts reached; see `with_orbit`.
+
+    `good` are answers of `harvester.engines.realizations.realizations`; `cost` is the share of a
+    mean power that the steps may cost.
+    """
+    scene = with_orbit(scene)
+    moments = [realization for part in good for realization in part["moments"]]
+    complete = replace(scene, run=replace(scene.run, realizations=len(moments)))
+    samples = [part["stroboscope"] for part in good]
+    if len(moments) == 1 or any(sample is None for sample in samples):
+        return Followed(complete, moments, (), note_on_one_start(scene))
+    motions = _motions(scene, moments, np.concatenate(samples), cost, len(moments))
+    if scene.run.orbit == "best":
+        motions.sort(key=lambda found: -_power(found[-1]))
+    elif scene.run.orbit == "rest":
+        motions.sort(key=lambda found: found[0][0])
+    orbits = tuple(motion for *_, motion in motions)
+    notes = (on_orbits(scene, orbits),)
+    if scene.run.orbit == "weighted":
+        return Followed(complete, moments, orbits, notes)
+    _, members, _ = motions[0]
+    return Followed(_alone(scene, len(members)), [moments[k] for k in members], orbits, notes)
+
+
+def note_on_one_start(scene: Scene) -> tuple[str, ...]:
+    """A note that other starts may reach other motions; empty under noise or if it is linear."""
+    system = prepared(scene).system
+    linear = system.spring.straight and not system.contacts and scene.load.is_resistor
+    if scene.excitation.random or scene.excitation.prescribes_displacement or linear:
+        return ()
+    return (
+        "one start: a driven device that is not linear may have other motions with other "
+        "powers: set run.starts = 100, or use harvester basins",
+    )
+
+
+def on_orbits(scene: Scene, orbits: Sequence[Attractor]) -> str:
+    """Which orbit the quantities are of, and the power and share of the others."""
+    sentences = [orbit.sentence(unit_of(scene, "power")) for orbit in orbits]
+    if scene.run.orbit == "weighted":
+        return f"means over all starts: {', '.join(sentences)}"
+    from_start = scene.start is not None and scene.run.orbit == "rest"
+    words = "from [start]" if from_start else ORBITS[str(scene.run.orbit)]
+    head, first = f"the orbit {words} is followed", orbits[0]
+    starts = "starts" if scene.run.starts else "starts at rest (run.starts = 100 draws others)"
+    if len(orbits) == 1:
+        return f"{head}: all {starts} reach it"
+    if all(math.isclose(_power(orbit), _power(first), rel_tol=SAME_POWER) for orbit in orbits):
+        return f"{head}: other {starts} reach orbits of the same power"
+    share = f"{first.kind}, {first.share:.1%} of the starts"
+    return f"{head} ({share}): others reach {', '.join(sentences[1:])}"
+
+
+def _power(motion):
+    quantities = motion.quantities
+    return quantities.get("mean_output_power", quantities["mean_power"]).estimate
+
+
+def _on_cycle(scene, samples, cost):
+    """Estimates over whole cycles of a start that has converged, by its stroboscopic samples."""
+    estimates = {}
+    pairs = means_of(samples, scene.excitation.period, cost, memory_of(prepared(scene))).T
+    for (name, dimension), pair in zip(QUANTITIES.items(), pairs, strict=True):
+        value, error = map(float, pair)
+        estimates[name] = Estimate(value, error, None, dimension)
+        if name.startswith("rms_"):
+            square = Estimate(value**2, 2.0 * value * error, None, f"{dimension}^2")
+            estimates[f"mean_square_{dimension}"] = square
+    return estimates
+
+
+def _settled(samples, period):
+    """Whether starts are on their cycle from their first sample on."""
+    back = (samples.shape[1] - period) // period * period
+    moved = np.abs(samples[:, :period] - samples[:, back : back + period])
+    return (moved <= SETTLED * np.abs(samples).max(axis=1, keepdims=True)).all(axis=(1, 2))
+
+
+def _alone(scene, count):
+    """The scene of a run of some starts alone."""
+    return replace(scene, run=replace(scene.run, realizations=count, starts=None))
+
+
+def _exponent(scene, engine, samples, starts, members, pool, time_limit):
+    """The largest Lyapunov exponent of one motion; None where a neighbour could not be followed."""
+    finer = forced(scene, "a Lyapunov exponent")
+    begin, scale = neighbours(finer, samples, starts, members)
+    calls = calls_of(finer, engine, begin, PARTING_PERIODS + 1, PARTING_PERIODS)
+    most = max(len(call["starts"]) for call in calls)
+    samples_of_calls = pool.map(follow, calls, most * time_limit, None, True)
+    if any(isinstance(sample, SimulationError) for sample in samples_of_calls):
+        return None
+    return exponent_of(finer, np.concatenate(samples_of_calls), scale)
+
+
+def _attractor(scene, name, group, moments, cost, count, periodic=False, cycle=None, exponent=None):
+    """One motion with its own means: those of a run of some of its starts, and of its cycle."""
+    scaled = {}
+    if moments:
+        scaled = run_estimates(prepared(_alone(scene, len(moments))), moments, cost).scaled
+    scales, starts = prepared(scene).scales, group.members.size
+    units = np.array([scales.of("displacement"), scales.of("velocity")])
+    return Attractor(
+        name=name,
+        period=group.period,
+        periodic_drive=periodic,
+        starts=starts,
+        share=starts / count,
+        share_error=share_error(starts, count) if scene.run.starts else None,
+        quantities={
+            key: estimate.times(scales.of(estimate.dimension))
+            for key, estimate in (scaled | (cycle or {})).items()
+        },
+        points=group.points[:, :2] * units,
+        lyapunov=exponent,
+    )

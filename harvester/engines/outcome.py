@@ -1,0 +1,207 @@
+"""The result of a run: estimates, densities and notes from what its realizations recorded."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+
+import numpy as np
+
+from harvester.base.errors import EnergyNotBalanced, SimulationError
+from harvester.device import timescales
+from harvester.device.system import System
+from harvester.engines.methods import Engine
+from harvester.engines.orbits import note_on_one_start
+from harvester.engines.realization import Realization
+from harvester.excitation.spectrum import Spectrum
+from harvester.results.orbit import UNTOLD, Attractor
+from harvester.results.residual_cause import suspected_cause
+from harvester.results.result import Result
+from harvester.results.waveform import waveform_of
+from harvester.scene.model import Scene
+from harvester.scene.paths import distinct_realizations
+from harvester.scene.prepared import prepared
+from harvester.scene.steps import knot_spacing, step_error, steps_per_knot
+from harvester.statistics.batch_means import measured_time
+from harvester.statistics.densities import densities
+from harvester.statistics.joint_density import joint_density as joint_density_of
+from harvester.statistics.of_run import run_estimates
+from harvester.statistics.settling import slow_exchange
+from harvester.statistics.units import unit_of
+from harvester.statistics.well_balance import FEWEST_JUMPS
+
+# A result whose energy balance residual exceeds the first is an error; above the second it has a
+# note.
+LARGEST_RESIDUAL = 0.1
+NOTED_RESIDUAL = 0.01
+# A note is given if noise between its samples would raise the power by this share.
+NOTED_MISSING = 0.01
+
+
+# The sums of a run that diverged may overflow. Its residual is then NaN, which is refused.
+@np.errstate(over="ignore", invalid="ignore")
+def result_of(
+    scene: Scene,
+    engine: Engine,
+    realizations: list[Realization],
+    failures: dict[int, SimulationError],
+    outcome: str = "complete",
+    motions: tuple[Attractor, ...] = (),
+) -> Result:
+    """The result of the completed realizations, with the failures and the motions found."""
+    prepared_scene = prepared(scene)
+    moments = [run.moments for run in realizations]
+    first, last = min(run.started for run in realizations), max(run.ended for run in realizations)
+    cost = step_error(prepared_scene, engine.step, engine.name)
+    estimates = run_estimates(prepared_scene, moments, cost)
+    drawn = scene.run.starts is not None
+    symmetric = is_symmetric(scene, prepared_scene.system)
+    shapes = densities(estimates.moments, symmetric, estimates.balance, drawn)
+    joints = [run.joint for run in realizations if run.joint is not None]
+    joint = joint_density_of(joints, symmetric) if joints else None
+    strobed = [run.stroboscope for run in realizations if run.stroboscope is not None]
+    samples = np.array(strobed) if strobed else None
+    if estimates.shortfalls or scene.excitation.transient(scene.run):
+        shapes = {name: replace(shape, standard_error=None) for name, shape in shapes.items()}
+    if estimates.shortfalls or slow_exchange(scene, estimates.balance):
+        # Samples of the joint density have no weights, so that their shares of the wells follow the
+        # starts.
+        joint = joint and replace(joint, standard_error=None)
+    failure_notes: tuple[str, ...] = ()
+    if failures:
+        failed, example = len(failures), next(iter(failures.values()))
+        failure_notes = (f"{failed} of {failed + len(moments)} realizations failed: {example}",)
+    waveform, run = None, realizations[0]
+    if run.waveform is not None:
+        waveform = waveform_of(
+            scene, engine.title, prepared_scene.scales, run.waveform, run.electrical
+        )
+    return Result(
+        scene=scene,
+        engine=engine.title,
+        scaled_quantities=estimates.scaled,
+        scales=prepared_scene.scales,
+        error_kind="statistical",
+        energy_balance_residual=estimates.residual,
+        wall_seconds=last - first,
+        engine_seconds=sum(run.seconds for run in realizations),
+        simulated_time=sum(m.time_reached for m in moments),
+        steps=sum(m.points for m in moments),
+        step=moments[0].step
+        or knot_spacing(prepared_scene) / steps_per_knot(prepared_scene, engine.step, engine.name),
+        step_error=None if engine.chooses_steps else estimates.step_error,
+        realizations=len(moments),
+        engine_version=run.engine_version,
+        netlist_sha256=run.netlist_sha256,
+        notes=(
+            *notes_on_excitation(scene),
+            *_notes_on_starts(scene, motions),
+            *estimates.notes,
+            *_density_notes(estimates, shapes),
+            *failure_notes,
+        ),
+        failures={index: f"{type(e).__name__}: {e}" for index, e in failures.items()},
+        densities=shapes,
+        joint_density=joint,
+        waveform=waveform,
+        moments=moments,
+        stroboscope=samples,
+        attractors=motions,
+        outcome="incomplete" if failures else outcome,
+    )
+
+
+def _density_notes(found, shapes):
+    """A note where error bars are left out that no shortfall explains."""
+    bare = [name for name, shape in shapes.items() if shape.standard_error is None]
+    if found.balance is None or found.shortfalls or not bare:
+        return ()
+    return (
+        f"the density of {', '.join(bare)} has no error bar: parts of it rest on fewer than "
+        f"{FEWEST_JUMPS:.0f} jumps between wells; simulate longer",
+    )
+
+
+def is_symmetric(scene: Scene, parameters: System) -> bool:
+    """Whether a motion and its mirror image are equally likely."""
+    return scene.excitation.symmetric and parameters.symmetric and scene.start is None
+
+
+def partial_result(scene: Scene, engine: Engine, error: SimulationError) -> Result | None:
+    """A result of the failed realizations' moments, or None when they had none."""
+    reached = [Realization(m) for m in error.partial or () if measured_time([m]) > 0.0]
+    return result_of(scene, engine, reached, {}, type(error).__name__) if reached else None
+
+
+def notes_on_excitation(scene: Scene) -> tuple[str, ...]:
+    """Notes for the result on the excitation that a scene was run with."""
+    prepared_scene = prepared(scene)
+    frequency = timescales.angular_frequency(prepared_scene.system)
+    spacing, decay = knot_spacing(prepared_scene), prepared_scene.system.transducer.decay_rate()
+    notes = scene.excitation.notes(spacing, frequency, scene.run)
+    # Noise without a highest frequency moves the base by so much more than its straight lines do.
+    banded = isinstance(scene.excitation, Spectrum)
+    missing = timescales.base_share(prepared_scene.system, spacing) * 0.5 * decay * spacing
+    if scene.excitation.endless and not banded and missing > NOTED_MISSING:
+        notes += (
+            f"the noise is linear over {spacing:.2g} s, and the load's voltage decays in "
+            f"{1.0 / decay:.2g} s: with the noise in between, the base would raise the power by "
+            f"about {missing:.0%}; shorten excitation.knot_spacing, or use method spectral",
+        )
+    return notes
+
+
+def _notes_on_starts(scene, motions):
+    """Notes on how many different motions a deterministic run's starts reach."""
+    if scene.excitation.random:
+        return ()
+    count, asked = distinct_realizations(prepared(scene)), scene.run.realizations
+    repeated = []
+    if count != asked:
+        starts = "there is one" if count == 1 else f"there are {count}, one in each well"
+        repeated.append(
+            f"run.realizations = {asked}: the excitation is deterministic, so that realizations "
+            f"differ by their starts alone, and {starts}: each is run once; run.starts = 100 draws "
+            "others"
+        )
+    if count == 1:
+        return (*repeated, *note_on_one_start(scene))
+    unit = unit_of(scene, "power")
+    lines = (*repeated, *(motion.sentence(unit) for motion in motions))
+    if any(motion.kind == UNTOLD for motion in motions):
+        lines += (
+            "whether what has no period is chaotic: run.starts = 100 or harvester basins give its "
+            "exponent",
+        )
+    if scene.run.starts:
+        lines += (
+            "the quantities above are means over all starts; their error bars include the chance "
+            f"of {asked} drawn starts; a motion that fewer than {3.0 / asked:.1%} of all starts "
+            "reach may be missing",
+        )
+    elif len(motions) > 1:
+        lines += (
+            "the quantities above are means over all starts; their error bars hold for these "
+            "starts alone: others have other shares",
+        )
+    return lines
+
+
+def checked(result: Result) -> Result:
+    """The result, with a note where its energy balance does not quite close.
+
+    Raises EnergyNotBalanced if it is off by more than `LARGEST_RESIDUAL`.
+    """
+    balance = result.energy_balance_residual
+    residual = abs(math.nan if balance is None else balance)
+    if not residual <= LARGEST_RESIDUAL:
+        raise EnergyNotBalanced(
+            f"{result.engine}: the energy balance leaves {100.0 * residual:.4g} % of the energy "
+            f"unaccounted for (limit {LARGEST_RESIDUAL:.0%}); suspected: "
+            f"{suspected_cause(result)}; if that is not the cause, choose --step fine or finest",
+            partial=result,
+        )
+    if residual <= NOTED_RESIDUAL:
+        return result
+    note = f"energy balance residual {residual:.2%}; suspected: {suspected_cause(result)}"
+    return replace(result, notes=(*result.notes, note))

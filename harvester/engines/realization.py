@@ -1,0 +1,462 @@
+"""Realizations by a named engine, inside a worker process."""
+
+from __future__ import annotations
+
+import contextlib
+import math
+import time
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field, replace
+from itertools import zip_longest
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+import numpy as np
+from scipy.special import stdtrit
+
+from harvester.base.errors import LoadError, SimulationError
+from harvester.device import timescales
+from harvester.device.record import Record
+from harvester.engines.convergence import run_converged
+from harvester.engines.methods import Engine, MonteCarlo
+from harvester.excitation.sum import common_period
+from harvester.scene.paths import noise_path, start_state
+from harvester.scene.prepared import Prepared, prepared
+from harvester.scene.steps import knot_spacing, step_error, steps_per_knot, stop_time
+from harvester.statistics.batch_means import KNOTS_PER_SAMPLE, batch_counts
+from harvester.statistics.joint import JointHistogram
+from harvester.statistics.joint import prepare as prepare_joint
+from harvester.statistics.jumps import Jumps
+from harvester.statistics.moments import QUANTITIES, Moments
+from harvester.statistics.moments import prepare as prepare_moments
+from harvester.statistics.output_moments import OutputMoments
+from harvester.statistics.range_watch import with_range_watch
+from harvester.statistics.strain_moments import StrainMoments, StrainWatch
+from harvester.statistics.strain_moments import prepare as prepare_strain
+from harvester.statistics.stroboscope import Stroboscope, strobe_times
+
+if TYPE_CHECKING:
+    from circuits.netlist.measurement import Probe
+    from harvester.scene.model import Scene
+
+REPORT_SECONDS = 0.25
+# A transient is resolved if its energies, in so many parts of the run, change by less than this
+# share when its steps are halved.
+PARTS, RESOLVED = 16, 0.01
+# The path of a nonlinear device under one record may be chaotic. Runs beside it, whose excitation
+# differs by these shares of what the steps may cost, show it: in lanes of the processor that one
+# realization with a resistor leaves idle. Of a netlist there are the first few, each of which costs
+# a run, and only up to so many periods: the parts of a longer run scatter by themselves.
+BESIDE = (1.0, -1.0, 0.5, -0.7, 0.7, -0.4, 0.2)
+BESIDE_NETLIST, MOST_PERIODS = 3, 1000.0
+
+
+@dataclass
+class Realization:
+    """One realization's results, as a worker process returns them.
+
+    Attributes
+    ----------
+    waveform : the stretch asked for.
+    electrical : series beside the waveform: `output_voltage` (scaled) of a load with an output, and
+        the requested nodes and currents (V and A).
+    joint : joint histogram, if it was requested.
+    seconds : processor time of one core (s), for the simulation alone, whatever else the machine
+        does; of realizations run together, its share.
+    started, ended : the system's clock (s).
+    stroboscope : samples at the beginnings of the excitation's periods, as
+        `harvester.statistics.stroboscope.Stroboscope` has them; where they were asked for.
+    """
+
+    moments: Moments
+    waveform: Record | None = None
+    joint: JointHistogram | None = None
+    seconds: float = math.nan
+    started: float = math.nan
+    ended: float = math.nan
+    engine_version: str = ""
+    netlist_sha256: str | None = None
+    electrical: dict[str, np.ndarray] = field(default_factory=dict)
+    stroboscope: np.ndarray | None = None
+
+
+class WaveformWindow(NamedTuple):
+    """The part of the first realization that is kept as a waveform.
+
+    From `start` to `stop` (s from the run's beginning), at most `most` points, with `probes` for
+    voltages and currents of the load's netlist.
+    """
+
+    start: float
+    stop: float
+    most: float = math.inf
+    probes: tuple[Probe, ...] = ()
+
+
+class WaveformObserver:
+    """Keeps the points of a record between two times, and what a load's output has there."""
+
+    def __init__(self, start: float, stop: float, most: float = math.inf) -> None:
+        self.start, self.stop = start, stop
+        self._left = most
+        self._inside = np.empty(0, dtype=int)
+        self._parts: list[np.ndarray] = []
+        self._outputs: list[np.ndarray] = []
+
+    def add(self, record: Record) -> None:
+        """Keep what lies in the window."""
+        if record.time.size == 0 or record.time[0] > self.stop or record.time[-1] < self.start:
+            self._inside = np.empty(0, dtype=int)
+            return
+        places = np.flatnonzero((record.time >= self.start) & (record.time <= self.stop))
+        self._inside = places[: int(min(self._left, places.size))]
+        self._left -= self._inside.size
+        if self._inside.size:
+            self._parts.append(np.array([column[self._inside] for column in record]))
+
+    def add_output(self, *values: np.ndarray) -> None:
+        """The output's voltage and other values, each of shape (n,), at the points added last."""
+        if self._inside.size:
+            self._outputs.append(np.array([series[self._inside] for series in values]))
+
+    def record(self) -> Record:
+        """The stretch as one record."""
+        if not self._parts:
+            return Record(*np.empty((len(Record._fields), 0)))
+        return Record(*np.concatenate(self._parts, axis=1))
+
+    def outputs(self) -> np.ndarray:
+        """The output's voltage and the other values of the same points; without rows if none."""
+        return np.concatenate(self._outputs, axis=1) if self._outputs else np.empty((0, 0))
+
+
+class _WatchedOutput:
+    """Hands a load's output on to its moments and to a waveform."""
+
+    def __init__(self, moments: OutputMoments, waveform: WaveformObserver) -> None:
+        self._moments, self._waveform = moments, waveform
+        self.conductance = self.capacitance = math.nan
+
+    def add(
+        self,
+        time: np.ndarray,
+        voltage: np.ndarray,
+        values: np.ndarray,
+        levels: Sequence[np.ndarray | None],
+        energy: np.ndarray,
+    ) -> None:
+        """Points with the load's measures, its levels, and behind these its probes."""
+        recorded = len(self._moments.rows) - len(values)
+        self._moments.add(time, voltage, values, levels[:recorded], energy)
+        probes = [np.zeros_like(time) if level is None else level for level in levels[recorded:]]
+        self._waveform.add_output(voltage, *probes)
+
+
+class Reporter:
+    """Sends the moments of all realizations so far, several times a second."""
+
+    # A record without points is enough.
+    reads_points = False
+
+    def __init__(self, moments: list[Moments], report: Callable) -> None:
+        self._moments, self._report = moments, report
+        self._next = time.monotonic() + REPORT_SECONDS
+
+    def add(self, record: Record) -> None:
+        """Report the moments if the last report is old enough."""
+        now = time.monotonic()
+        if now >= self._next:
+            self._report(self._moments)
+            self._next = now + REPORT_SECONDS
+
+
+def run(
+    scene: Scene,
+    engine: Engine,
+    indices: Sequence[int],
+    window: tuple[float, float] | None,
+    report: Callable,
+    joint_density: bool = False,
+    stretch: WaveformWindow | None = None,
+    stroboscope: bool = False,
+) -> list[Realization]:
+    """Simulate realizations of a scene; the circuit engine takes them side by side.
+
+    Parameters
+    ----------
+    indices : sequence of int
+        Numbers of the realizations: each picks its seed and its starting well.
+    window : (float, float) or None
+        Stretch of each one's waveform to keep (s).
+    report : callable
+        Given the list of moments so far.
+    joint_density, stroboscope : bool
+        See `harvester.simulate`.
+    """
+    beside = _beside(scene, engine)
+    together = isinstance(engine, MonteCarlo) and scene.load.is_resistor
+    idle = beside if together else ()
+    others = (indices, window, report, joint_density, stretch, stroboscope, idle)
+    if engine.chooses_steps or not scene.excitation.transient(scene.run):
+        realizations = run_converged(scene, engine, lambda aided: _run(scene, aided, *others))
+    else:
+        realizations = _refined(scene, engine, others)
+    if beside and not together:
+        _compare(scene, engine, indices, realizations, beside)
+    return realizations
+
+
+def _beside(scene, engine):
+    """Relative changes of the excitation, for runs that show whether a path is chaotic."""
+    excitation, system = scene.excitation, prepared(scene).system
+    one_path = excitation.drifts and not excitation.random and scene.run.starts is None
+    linear = system.spring.straight and not system.contacts
+    if not one_path or linear or excitation.prescribes_displacement:
+        return ()
+    cost, count = step_error(prepared(scene), engine.step, engine.name), len(BESIDE)
+    if not scene.load.is_resistor:
+        periods = stop_time(prepared(scene)) * timescales.angular_frequency(system) / math.tau
+        count = BESIDE_NETLIST if periods < MOST_PERIODS else 0
+    return tuple(cost * share for share in BESIDE[:count])
+
+
+def _ensemble(ready, indices, beside):
+    """Paths, starts and empty moments of the runs beside each realization."""
+    pairs = [(index, share) for index in indices for share in beside]
+    paths = [noise_path(ready, index, 1.0 + share) for index, share in pairs]
+    starts = [start_state(ready, index) for index, _ in pairs]
+    return paths, starts, [empty_moments(ready) for _ in pairs]
+
+
+def _compare(scene, engine, indices, realizations, beside):
+    """Set the spread of realizations, by Monte Carlo where it takes the scene."""
+    prepared_scene, load = prepared(scene), scene.load.circuit
+    other: Engine = MonteCarlo()
+    try:
+        other.check(scene)
+    except LoadError:
+        other = engine
+    paths, starts, moments = _ensemble(prepared_scene, indices, beside)
+    outputs = None
+    if load and load.has_output:
+        outputs = [OutputMoments.beside(neighbour, load.recorded) for neighbour in moments]
+        for neighbour, output in zip(moments, outputs, strict=True):
+            neighbour.output = output
+    other.prepare(prepared_scene)
+    # A run that fails tells nothing of the others' spread.
+    with contextlib.suppress(SimulationError):
+        observers = [[neighbour] for neighbour in moments]
+        other.run_realizations(prepared_scene, paths, starts, observers, outputs)
+        _set_spread([realization.moments for realization in realizations], moments)
+
+
+def _set_spread(moments, ensemble):
+    """Set each one's spread among the runs beside it."""
+    size = len(ensemble) // len(moments)
+    for k, realization in enumerate(moments):
+        realization.spread = _spread([realization, *ensemble[k * size : (k + 1) * size]])
+
+
+def _spread(ensemble):
+    """Relative standard error of the first one's mean energies among all of an ensemble.
+
+    Student's quantile for 95 %; the first and what is true are both drawn from the ensemble.
+    """
+    rows = slice(1, QUANTITIES.index("loss_power") + 1)
+    sums = np.array([neighbour.integrals[:, rows].sum(axis=0) for neighbour in ensemble])
+    if ensemble[0].has_output:
+        squares = [neighbour.output.integrals[:, 2].sum() for neighbour in ensemble]
+        sums = np.column_stack([sums, squares])
+    energies, deviation = np.abs(sums[0]), np.std(sums, axis=0, ddof=1)
+    quantile = math.sqrt(2.0) * float(stdtrit(len(ensemble) - 1, 0.975)) / 1.96
+    return quantile * float(
+        np.max(deviation[energies > 0.0] / energies[energies > 0.0], initial=0.0)
+    )
+
+
+def _refined(scene, engine, others):
+    """Realizations of a transient, with the change that steps half as long make to their energies.
+
+    The phase at which an event meets the motion rests on all steps before it. Default steps become
+    up to four times as short until they change less than `RESOLVED`.
+    """
+    prepared_scene = prepared(scene)
+    spacing, count = (
+        knot_spacing(prepared_scene),
+        steps_per_knot(prepared_scene, engine.step, engine.name),
+    )
+    halvings = 2 if engine.step == "default" else int(count == 1)
+    started, clock = time.time(), time.process_time()
+    refined: list[Realization] = []
+    for steps in sorted({max(count // 2, 1), *(count * 2**k for k in range(halvings + 1))}):
+        before, step = refined, spacing / steps
+        try:
+            finer = replace(engine, step=step)
+            refined = run_converged(scene, finer, lambda aided: _run(scene, aided, *others))
+        except SimulationError:
+            # Steps longer than those asked for may be too long.
+            if steps >= count:
+                raise
+            continue
+        moments = [realization.moments for realization in refined]
+        for now, earlier in zip_longest(moments, before):
+            now.step, now.step_error = step, _change(now, earlier.moments) if earlier else 1.0
+        if max(realization.step_error for realization in moments) < RESOLVED:
+            break
+    seconds = (time.process_time() - clock) / len(refined)
+    return [replace(realization, started=started, seconds=seconds) for realization in refined]
+
+
+def _change(moments, earlier):
+    """Largest relative change of the energies and squares in the parts of a run."""
+    rows = slice(1, QUANTITIES.index("loss_power") + 1)
+    change = moments.integrals[:, rows] - earlier.integrals[:, rows]
+    total = np.abs(moments.integrals[:, rows].sum(axis=0))
+    changes = sum(np.abs(part.sum(axis=0)) for part in np.array_split(change, PARTS))
+    return float(np.max(changes[total > 0.0] / total[total > 0.0], initial=0.0))
+
+
+def _run(scene, engine, indices, window, report, joint_density, stretch, stroboscope, beside=()):
+    """Simulate realizations once; see `run`. With `beside` their spread is set, too."""
+    prepared_scene = prepared(scene)
+    paths = [noise_path(prepared_scene, index) for index in indices]
+    moments = [empty_moments(prepared_scene) for _ in indices]
+    # Only a netlist has an output side and stores.
+    outputs: list[Any] | None = None
+    load = scene.load.circuit
+    probes = stretch.probes if stretch else ()
+    if load and (load.has_output or load.recorded or probes):
+        outputs = [
+            OutputMoments.beside(realization, load.recorded, load.has_output)
+            for realization in moments
+        ]
+        for realization, its_output in zip(moments, outputs, strict=True):
+            realization.output = its_output
+    observers: list[list] = [[realization] for realization in moments]
+    observers[-1].append(Reporter(moments, report))
+    waveforms = [WaveformObserver(*window) if window else None for _ in indices]
+    if stretch:
+        waveforms[0] = first = WaveformObserver(stretch.start, stretch.stop, stretch.most)
+        if outputs:
+            outputs[0] = _WatchedOutput(outputs[0], first)
+    sampled = (scene.run.settle, knot_spacing(prepared_scene))
+    joints = [JointHistogram.empty(*sampled) if joint_density else None for _ in indices]
+    strobes = [Stroboscope(*strobe_times(prepared_scene)) if stroboscope else None for _ in indices]
+    for watching, *others in zip(observers, waveforms, joints, strobes, strict=True):
+        watching[:0] = [observer for observer in others if observer is not None]
+    strained = [StrainWatch(m, scene.beam.fatigue_line) for m in moments] if scene.beam else []
+    for watching, watch in zip(observers, strained, strict=False):
+        watching[:0] = [watch]
+    engine.prepare(prepared_scene)
+    prepare_moments()
+    if strained:
+        prepare_strain()
+    if joint_density:
+        prepare_joint()
+    started = time.time()
+    clock, processor = time.perf_counter(), time.process_time()
+    starts = [start_state(prepared_scene, index) for index in indices]
+    observers = with_range_watch(prepared_scene, observers)
+    more_paths, more_starts, ensemble = _ensemble(prepared_scene, indices, beside)
+    observers += [[neighbour] for neighbour in ensemble]
+    outcome = engine.run_realizations(
+        _probed(prepared_scene, probes),
+        paths + more_paths,
+        starts + more_starts,
+        observers,
+        outputs,
+    )
+    if ensemble:
+        _set_spread(moments, ensemble)
+    for realization, seen in zip(moments, outputs or (), strict=False):
+        if realization.output:
+            realization.output.conductance = seen.conductance
+            realization.output.capacitance = seen.capacitance
+    for watch in strained:
+        watch.close()
+    elapsed, seconds = time.perf_counter() - clock, time.process_time() - processor
+    # Realizations that finish before their first progress report still report once.
+    report(moments)
+    return [
+        Realization(
+            moments=realization,
+            waveform=waveform.record() if waveform else None,
+            joint=joint,
+            electrical=_electrical(waveform, scene, probes),
+            seconds=seconds / len(moments),
+            started=started,
+            ended=started + elapsed,
+            stroboscope=strobe.samples if strobe else None,
+            **outcome,
+        )
+        for realization, waveform, joint, strobe in zip(
+            moments, waveforms, joints, strobes, strict=True
+        )
+    ]
+
+
+def _probed(ready, probes):
+    """The scene made ready with a load that hands the nodes of these probes out as well."""
+    if not probes:
+        return ready
+    from circuits.netlist.measurement import with_probes
+
+    scene = ready.scene
+    circuit = with_probes(scene.load.circuit, _watched(probes))
+    return prepared(replace(scene, load=replace(scene.load, circuit=circuit)))
+
+
+def _watched(probes):
+    return dict.fromkeys(name for probe in probes for name in probe[1:] if name)
+
+
+def _electrical(waveform, scene, probes):
+    """See `Realization.electrical`."""
+    rows = waveform.outputs() if waveform else np.empty((0, 0))
+    if not rows.size:
+        return {}
+    electrical = {"output_voltage": rows[0]} if scene.load.circuit.has_output else {}
+    values = dict(zip(_watched(probes), rows[1:], strict=True))
+    return electrical | {probe.column: probe.value(values) for probe in probes}
+
+
+def empty_moments(ready: Prepared) -> Moments:
+    """Nothing accumulated yet, in the batches that the scene's run is cut into."""
+    scene, parameters = ready.scene, ready.system
+    spacing = knot_spacing(ready)
+    start, batches, groups = _measured(ready, spacing)
+    saddles = timescales.saddles(parameters)
+    even = len(saddles) == 1 and parameters.symmetric and scene.excitation.symmetric
+    moments = Moments.empty(
+        start, stop_time(ready), timescales.free_zone(parameters), saddles,
+        bool(saddles) and not even, batches, groups, KNOTS_PER_SAMPLE * spacing,
+    )  # fmt: skip
+    if saddles:
+        moments.jumps = Jumps.empty(parameters, moments.start, moments.batch_length, batches)
+    moments.strain = StrainMoments.of(ready, batches)
+    return moments
+
+
+def _period(scene):
+    """Period (s) of which means cover whole numbers, shared with the load's if a run holds two.
+
+    A comparison of a source of 20 Hz under a sine of 12.5 Hz has 1 % less in 0.96 s than in 0.8 s.
+    """
+    period = scene.excitation.period
+    if period is None or not scene.load.circuit:
+        return period
+    common = common_period([period, *scene.load.circuit.periods])
+    return common if common and 2.0 * common <= scene.run.duration * (1.0 + 1e-9) else period
+
+
+def _measured(ready, spacing):
+    """When measuring begins (s), and the numbers of batches and groups: whole periods if it can."""
+    run, period = ready.scene.run, _period(ready.scene)
+    one_path = period is None and not ready.scene.excitation.random
+    batches, groups = batch_counts(run.realizations, run.duration / spacing, one_path)
+    if period is None or period > run.duration:
+        return run.settle, batches, groups
+    periods = math.floor(run.duration / period + 1e-9)
+    batches = min(batches, periods)
+    start = stop_time(ready) - periods // batches * batches * period
+    # The point that begins the first period counts whichever way its time is rounded.
+    return max(start, run.settle) - 1e-9 * spacing, batches, min(groups, batches)

@@ -1,0 +1,298 @@
+"""A scene by a method, cut into tasks of a few realizations each."""
+
+import dataclasses
+import math
+import time
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from functools import cached_property, partial
+from typing import Any
+
+import numpy as np
+
+from harvester.averaging.method import Stationary
+from harvester.base.errors import HarvesterError
+from harvester.device import timescales
+from harvester.device.record import Record
+from harvester.engines import side_by_side
+from harvester.engines.methods import Circuit, Engine, engine_of
+from harvester.engines.orbits import SAMPLES, several_starts, with_orbit
+from harvester.engines.realization import empty_moments, run
+from harvester.engines.task import Task
+from harvester.scene.model import Scene
+from harvester.scene.prepared import prepared
+from harvester.scene.units import Scales
+from harvester.statistics.batch_means import FEWEST_TO_DRIFT, TOTAL_BATCHES
+from harvester.statistics.estimate import Estimate
+from harvester.statistics.moments import QUANTITIES
+from harvester.statistics.output_moments import OutputMoments
+
+# Realizations in one task if they run side by side or fast.
+REALIZATIONS_TOGETHER = 8
+# A waveform has so many periods of small oscillations and so many evenly spaced points.
+PERIODS, WAVEFORM_POINTS = 6.0, 1000
+# From so many realizations on each has the fewest batches. The number of realizations is then no
+# part of the tasks' names, so that a longer run continues a shorter one.
+MANY_REALIZATIONS = TOTAL_BATCHES // FEWEST_TO_DRIFT
+
+
+def realizations(
+    scene: Scene,
+    method: str,
+    indices: list[int],
+    step: str | float,
+    density: bool,
+    waveform: bool,
+    report: Callable,
+    settings: dict[str, Any] | None = None,
+) -> dict[str, Any]:
+    """A few realizations, in a worker process.
+
+    Parameters
+    ----------
+    method, step, settings
+        The engine's name, its step, and those of its options that differ from the defaults.
+
+    Returns
+    -------
+    dict
+        `moments`, a list with one of each, without histograms unless `density`; `waveform` of the
+        first, shape (len(Record._fields), WAVEFORM_POINTS), scaled, or None; `stroboscope`, the
+        last samples of each where starts may reach several motions, or None; `seconds` of one core.
+    """
+    clock = time.process_time()
+    window = _window(scene) if waveform else None
+    solutions = run(
+        scene,
+        engine_of(method, step=step, **settings or {}),
+        indices,
+        window,
+        report,
+        stroboscope=several_starts(scene),
+    )
+    moments = [solution.moments for solution in solutions]
+    samples = [solution.stroboscope for solution in solutions if solution.stroboscope is not None]
+    if not density:
+        # Histograms are by far the largest part of an answer.
+        moments = [dataclasses.replace(m, histograms=np.zeros((1, 0, 0))) for m in moments]
+    return {
+        "moments": moments,
+        "waveform": _even(solutions[0].waveform) if waveform else None,
+        "stroboscope": np.array(samples)[:, -SAMPLES:] if samples else None,
+        "seconds": time.process_time() - clock,
+    }
+
+
+def averages(
+    scene: Scene, closure: str, tolerance: float | None, density: bool, report: Callable
+) -> dict[str, Any]:
+    """A scene by a closure, in a worker process.
+
+    Returns `quantities`, scaled; `density` of the displacement, or None; `seconds` of one core.
+    """
+    # Imported here, not at the head: a process that only simulates starts in half the time.
+    from harvester.averaging.of_scene import average, averages_of, estimates_of
+
+    clock = time.process_time()
+    if density:
+        result = average(scene, method=closure, tolerance=tolerance)
+        quantities, shape = result.scaled_quantities, result.densities.get("displacement")
+    else:
+        # Tabulating the density takes as long as all means.
+        quantities, shape = estimates_of(averages_of(scene, closure, tolerance)), None
+    seconds = time.process_time() - clock
+    return {"quantities": quantities, "density": shape, "seconds": seconds}
+
+
+@dataclass(frozen=True)
+class Realizations:
+    """All realizations of a scene by one engine, to be divided into tasks.
+
+    Attributes
+    ----------
+    scene : its number of realizations only sets the number of batches of each.
+    size : of a task.
+    version : of the program that computes, see `Runner.version`.
+    density, waveform : whether histograms, and the beginning of the first realization, are kept.
+    """
+
+    scene: Scene
+    method: Engine
+    size: int
+    version: str = ""
+    density: bool = False
+    waveform: bool = False
+
+    @classmethod
+    def of(
+        cls,
+        scene: Scene,
+        method: Engine,
+        version: str = "",
+        density: bool = False,
+        waveform: bool = False,
+    ) -> "Realizations":
+        """The realizations of a scene. Several form a task if that costs less."""
+        size = min(_together(scene, method), scene.run.realizations)
+        scene = with_orbit(scene)
+        many = scene.replace({"run.realizations": min(scene.run.realizations, MANY_REALIZATIONS)})
+        return cls(many, method, size, version, density, waveform)
+
+    def tasks(self, start: int, stop: int, most: float = math.inf) -> list[Task]:
+        """The tasks of the realizations from `start` to before `stop`, and none from `most` on.
+
+        `start` is a multiple of `size`; the last task may go beyond `stop`, not beyond `most`.
+        """
+        return [self._task(first, most) for first in range(start, stop, self.size)]
+
+    def whole(self, count: int) -> int:
+        """The smallest number of realizations in whole tasks that holds so many."""
+        return -(-count // self.size) * self.size
+
+    def misfit(self, found: dict, indices: Sequence[int], waveform: bool) -> str:
+        """Why a stored answer does not belong to these realizations; "" if it may."""
+        moments = found["moments"]
+        if len(moments) != len(indices):
+            return "has another number of realizations"
+        shape = (len(Record._fields), WAVEFORM_POINTS)
+        if waveform and found["waveform"].shape != shape:
+            return "its waveform has another shape"
+        if waveform and not np.isfinite(found["waveform"]).all():
+            return "its waveform is none"
+        if several_starts(self.scene) and len(found["stroboscope"]) != len(indices):
+            return "its stroboscopic samples are of another number of realizations"
+        load = self.scene.load.circuit
+        rows = load.recorded if load and (load.has_output or load.recorded) else None
+        fit = all(_fits(m, self._template, rows, self.density) for m in moments)
+        fit &= all(_strain_fits(m.strain, self._template.strain, self.scene.beam) for m in moments)
+        return "" if fit else "its numbers are not those of this scene"
+
+    def _task(self, start, most):
+        indices = range(start, int(min(start + self.size, most)))
+        waveform = self.waveform and start == 0
+        misfit = partial(self.misfit, indices=indices, waveform=waveform)
+        arguments = {
+            "scene": self.scene,
+            "indices": list(indices),
+            "density": self.density,
+            "waveform": waveform,
+            **self.method.as_arguments("method"),
+        }
+        return Task(realizations, arguments, self.version, self.method.name, len(indices), misfit)
+
+    @cached_property
+    def _template(self):
+        return empty_moments(prepared(self.scene))
+
+
+def averaging(scene: Scene, method: Stationary, density: bool = True) -> Task:
+    """The task of a scene by a closure; raises HarvesterError for options of `average` alone."""
+    for name in method.settings.keys() & {"fit", "jump_rates"}:
+        raise HarvesterError(f"{method}: {name} is for harvester.average alone; leave it out")
+    # A closure's answer does not depend on [run]: scenes that differ only there are the same.
+    run = dataclasses.replace(scene.run, seed=1, realizations=1)
+    arguments = {
+        "scene": dataclasses.replace(scene, run=run),
+        "closure": method.closure,
+        "tolerance": method.tolerance,
+        "density": density,
+    }
+    return Task(averages, arguments, label=method.closure, misfit=_misfit_of_averages)
+
+
+def _misfit_of_averages(found):
+    quantities = found["quantities"].values()
+    if not all(isinstance(estimate, Estimate) for estimate in quantities):
+        return "its quantities are none"
+    for estimate in quantities:
+        Scales().of(estimate.dimension)
+    return ""
+
+
+def _together(scene, method):
+    """Realizations in one task: several only where they cost less so."""
+    if not isinstance(method, Circuit):
+        return REALIZATIONS_TOGETHER
+    shared = method.step, method.source, method.tolerance
+    return method.copies or (
+        REALIZATIONS_TOGETHER if side_by_side.share_steps(prepared(scene), *shared) else 1
+    )
+
+
+def _window(scene):
+    return scene.run.settle, scene.run.settle + min(periods_of(scene), scene.run.duration)
+
+
+def periods_of(scene: Scene) -> float:
+    """Time of `PERIODS` periods of the small oscillations, in the scene's units."""
+    return PERIODS * 2.0 * math.pi / timescales.angular_frequency(prepared(scene).system)
+
+
+def _even(waveform):
+    time_points = np.linspace(waveform.time[0], waveform.time[-1], WAVEFORM_POINTS)
+    return np.array([np.interp(time_points, waveform.time, column) for column in waveform])
+
+
+def _fits(moments, template, rows, density):
+    """Whether moments have the shapes and times that the scene gives them, and finite sums.
+
+    `rows` are the measures of a load with an output, None of one without.
+    """
+    same = ("start", "batch_length", "free", "saddles", "sample_interval")
+    shaped = ["integrals", "products", "bin_widths", "first", "last"] + ["histograms"] * density
+    if not all(np.array_equal(getattr(moments, name), getattr(template, name)) for name in same):
+        return False
+    if not (_same_shapes(moments, template, shaped) and _finite(moments, shaped)):
+        return False
+    if not _jumps_fit(moments.jumps, template.jumps):
+        return False
+    output, integrals = moments.output, moments.integrals
+    if (rows is None) != (output is None):
+        return False
+    if output is not None:
+        expected, sums = OutputMoments.beside(moments, rows), ("integrals", "measured", "stored")
+        if output.rows != expected.rows or not _finite(output, sums):
+            return False
+        if not _same_shapes(output, expected, (*sums, "first", "latest", "passages")):
+            return False
+    squares = QUANTITIES.index("square_velocity") + 1
+    return bool((integrals[:, :squares] >= 0.0).all() and integrals[:, 0].sum() > 0.0)
+
+
+def _same_shapes(stored, template, names):
+    return all(np.shape(getattr(stored, n)) == np.shape(getattr(template, n)) for n in names)
+
+
+def _finite(stored, names):
+    return all(np.isfinite(getattr(stored, name)).all() for name in names)
+
+
+def _jumps_fit(jumps, template):
+    """Whether stored jumps between wells have the shapes and finite values of the template."""
+    if jumps is None or template is None:
+        return jumps is template
+    counted = ("times", "counts")
+    for name in (attribute.name for attribute in dataclasses.fields(template)):
+        stored, expected = getattr(jumps, name), getattr(template, name)
+        if name in counted:
+            if (
+                np.shape(stored) != expected.shape
+                or not (np.isfinite(stored) & (stored >= 0.0)).all()
+            ):
+                return False
+        elif name not in ("well", "time") and not np.array_equal(stored, expected):
+            return False
+    return True
+
+
+def _strain_fits(strain, template, beam):
+    """Whether stored strain of a beam's layers fits the template, with finite values ≥ 0."""
+    if strain is None or template is None:
+        return strain is template
+    arrays = [(strain.squares, template.squares), (strain.peaks, template.peaks)]
+    if (strain.damage is None) != (beam.fatigue_line is None):
+        return False
+    if strain.damage is not None:
+        arrays.append((strain.damage, template.squares[:, 0]))
+    shaped = all(np.shape(a) == b.shape and (np.isfinite(a) & (a >= 0.0)).all() for a, b in arrays)
+    return shaped and np.array_equal(strain.rows, template.rows)

@@ -1,0 +1,397 @@
+"""A scene by a method, with realizations added until its error bars are small enough."""
+
+import math
+from collections.abc import Callable, Generator, Sequence
+from dataclasses import KW_ONLY, InitVar, dataclass, field, replace
+from typing import Any, TypeVar
+
+from harvester.averaging.method import Stationary
+from harvester.base.errors import EnergyNotBalanced, HarvesterError
+from harvester.base.plain_text import nearest
+from harvester.base.serialising import plain
+from harvester.engines.methods import method_of
+from harvester.engines.orbits import followed
+from harvester.engines.outcome import (
+    LARGEST_RESIDUAL,
+    NOTED_RESIDUAL,
+    is_symmetric,
+    notes_on_excitation,
+)
+from harvester.engines.realizations import MANY_REALIZATIONS, Realizations, averaging
+from harvester.engines.simulate import require_paths
+from harvester.engines.task import Wanted
+from harvester.results.orbit import Attractor
+from harvester.scene.model import Scene
+from harvester.scene.paths import distinct_realizations
+from harvester.scene.prepared import prepared
+from harvester.scene.steps import knot_spacing, step_error
+from harvester.scene.units import Scales
+from harvester.statistics.densities import densities
+from harvester.statistics.estimate import Density, Estimate
+from harvester.statistics.of_run import run_estimates
+from harvester.statistics.settling import unseen_jump
+
+Found = TypeVar("Found")
+
+# A precision applies to these quantities if a request names none.
+JUDGED = ("mean_square_voltage", "power_conversion_efficiency")
+COMPLETE = "complete"
+OUT_OF_TIME = "the time budget was spent"
+# With a precision, the first round has so many realizations, and all rounds together at most so
+# many.
+FIRST_REALIZATIONS, MOST_REALIZATIONS = 8, 80
+# The next round brings the number of realizations to MARGIN times what the latest error bar asks
+# for, and at most to GROWTH times the present number, since the first error bars are rough.
+MARGIN, GROWTH = 1.1, 2.0
+
+
+@dataclass(frozen=True)
+class Request:
+    """One scene by one method.
+
+    Attributes
+    ----------
+    scene : length and seed of the realizations and, if no other is given, their number.
+    method : an engine or a closure; its name is taken too.
+    precision : relative error of each of the quantities that realizations are added for, or None:
+        the standard error, and what the steps may cost.
+    quantities : the precision applies to these; those that the scene does not have are ignored.
+    step, tolerance : options of the method, if it is given by its name.
+    realizations : number of the first round with a precision, else in all. None:
+        `FIRST_REALIZATIONS` with a precision, else the scene's own.
+    most : most realizations that a precision is worth.
+    density, moments : whether the answer is to hold them.
+    """
+
+    scene: Scene
+    method: Any
+    _: KW_ONLY
+    precision: float | None = None
+    quantities: tuple[str, ...] = JUDGED
+    step: InitVar[str | float] = "default"
+    realizations: int | None = None
+    most: int = MOST_REALIZATIONS
+    tolerance: InitVar[float | None] = None
+    density: bool = False
+    moments: bool = False
+
+    def __post_init__(self, step, tolerance):
+        method = method_of(self.method, step=step, tolerance=tolerance)
+        object.__setattr__(self, "method", method)
+        if self.precision is not None and not 0.0 < self.precision < 1.0:
+            raise HarvesterError(f"precision {self.precision}: must be a number in (0, 1)")
+        if self.precision and not self.is_averaged:
+            require_paths(self.scene, "a precision")
+
+    @property
+    def is_averaged(self) -> bool:
+        """Whether a closure answers it, and no engine."""
+        return isinstance(self.method, Stationary)
+
+    @property
+    def cut_from(self) -> Scene:
+        """The scene of its tasks: the same for all requests that share realizations.
+
+        Each realization is cut into as many batches as in a run of many realizations. If a request
+        runs the scene's own number of realizations and that is small, each is cut into more.
+        """
+        unrefined = self.realizations is None and self.precision is None
+        count = (
+            min(self.scene.run.realizations, MANY_REALIZATIONS) if unrefined else MANY_REALIZATIONS
+        )
+        return replace(self.scene, run=replace(self.scene.run, realizations=count))
+
+    @property
+    def first(self) -> int:
+        """Number of realizations in the first round."""
+        if self.precision:
+            return self.realizations or FIRST_REALIZATIONS
+        requested = self.realizations or self.scene.run.realizations
+        return distinct_realizations(prepared(self.scene), requested)
+
+
+@dataclass(frozen=True)
+class Answer:
+    """The answer of a method to a request.
+
+    Attributes
+    ----------
+    scene : with the number of realizations that were run.
+    quantities : scaled; `standard_error` is the numerical error for a closure.
+    seconds : processor time of one core (s).
+    outcome : "complete", or what ended it early.
+    simulated_time : of all realizations (s); 0 for a closure.
+    misses_jumps : whether a single further jump between the wells would change E[V²] by more than
+        the precision; the error bar does not include jumps that no realization made.
+    on_orbits : those of the notes that say which orbit was followed.
+    orbits : the orbits that starts reached without noise, the followed one first.
+    density : of the displacement.
+    moments : one per realization, for paired differences.
+    """
+
+    scene: Scene
+    method: str
+    quantities: dict[str, Estimate]
+    seconds: float
+    outcome: str = COMPLETE
+    realizations: int = 0
+    simulated_time: float = 0.0
+    energy_balance_residual: float | None = None
+    misses_jumps: bool = False
+    notes: tuple[str, ...] = ()
+    on_orbits: tuple[str, ...] = ()
+    orbits: tuple[Attractor, ...] = field(default=(), repr=False)
+    density: Density | None = field(default=None, repr=False)
+    moments: tuple = field(default=(), repr=False)
+
+    def in_units(self) -> dict[str, Estimate]:
+        """The quantities in the scene's units."""
+        return in_units(self.quantities, prepared(self.scene).scales)
+
+    def to_dict(self) -> dict:
+        """Plain values for JSON."""
+        content = {
+            "quantities": self.quantities,
+            "seconds": self.seconds,
+            "outcome": self.outcome,
+            "notes": self.notes,
+        }
+        if self.simulated_time > 0.0:
+            content |= {
+                "simulated_time": self.simulated_time,
+                "seed": self.scene.run.seed,
+                "realizations": self.realizations,
+                "knot_spacing": knot_spacing(prepared(self.scene)),
+                "energy_balance_residual": self.energy_balance_residual,
+                "misses_jumps": self.misses_jumps,
+            }
+        if self.density is not None:
+            content["density"] = {
+                "displacement": self.density.centre,
+                "density": self.density.density,
+                "standard_error": self.density.standard_error,
+            }
+        return plain(content)
+
+
+def answering(
+    request: Request, version: str, density: bool = False
+) -> Generator[Wanted, list, Answer | HarvesterError | None]:
+    """A plan for `Runner.follow` that returns the answer to a request.
+
+    Parameters
+    ----------
+    version : str
+        Version of the program that computes, see `Runner.version`.
+    density : bool
+        Whether histograms are kept even where this request does not ask for them.
+
+    Returns
+    -------
+    generator
+        Of the Answer; the HarvesterError that its first task ended with; None where the time was
+        spent before that.
+    """
+    density = density or request.density
+    if request.is_averaged:
+        return (yield from _averaged(request, density))
+    try:
+        request.method.check(request.scene)
+    except HarvesterError as error:
+        return error
+    cut = Realizations.of(request.cut_from, request.method, version, density)
+    most = cut.whole(request.most) if request.precision else request.first
+    first = min(cut.whole(request.first), most)
+    cost = step_error(prepared(request.scene), request.method.step, request.method.name)
+    aim = aim_beside_steps(request.precision, cost) if request.precision else None
+
+    def judge(good, ended):
+        if not good:
+            return None if ended == OUT_OF_TIME else ended, 0.0
+        return _answer(request, good, ended, cost)
+
+    return (yield from in_rounds(cut, first, most, aim, judge))
+
+
+def aim_beside_steps(precision: float, step_error: float) -> float:
+    """Relative standard error that with the steps' error makes up a precision.
+
+    Where the steps alone cost more, the precision itself: `note_on_steps` then says so.
+    """
+    left = precision**2 - step_error**2
+    return math.sqrt(left) if left > 0.0 else precision
+
+
+def note_on_steps(precision: float, step_error: float) -> str:
+    """A note if the steps' error exceeds the precision asked for; empty otherwise."""
+    if step_error < precision:
+        return ""
+    return (
+        f"the steps may cost {step_error:.2g} of a power, more than the precision {precision:g} "
+        "asked for: choose --step fine or finest"
+    )
+
+
+def in_rounds(
+    cut: Realizations,
+    first: int,
+    most: int,
+    precision: float | None,
+    judge: Callable[[list, HarvesterError | str], tuple[Found, float]],
+) -> Generator[Wanted, list, Found]:
+    """A plan for `Runner.follow` that adds realizations until they are precise enough.
+
+    Parameters
+    ----------
+    first, most : int
+        Realizations of the first round, and of all.
+    precision : float or None
+        Relative error that ends it; None: the first round is all.
+    judge : callable
+        Given the answers of all tasks so far and what ended them ("" while they go on), returns
+        the estimates and their relative error; 0 where more realizations would not help.
+
+    Returns
+    -------
+    generator
+        Of what `judge` made of the last round.
+    """
+    had, count, answers, ahead = 0, first, [], 0.0
+    while True:
+        answers += yield Wanted(cut.tasks(had, count, most), ahead)
+        good, ended = good_ones(answers)
+        content, reached = judge(good, ended)
+        if ended or count >= most or precision is None or reached <= precision:
+            return content
+        had = count
+        # The ratio is limited before it is squared, since the square may overflow.
+        needed = had * min(MARGIN * min(reached / precision, GROWTH) ** 2, GROWTH)
+        count = min(max(cut.whole(math.ceil(needed)), had + cut.size), most)
+        needed = min(had * min(reached / precision, most) ** 2, most)
+        ahead = max(needed - count, 0.0) / cut.size
+
+
+def relative_error(estimate: Estimate | None) -> float:
+    """Standard error as a share of the estimate; infinite without one."""
+    if estimate is None or estimate.standard_error is None or not estimate.estimate:
+        return math.inf
+    share = abs(estimate.standard_error / estimate.estimate)
+    return math.inf if math.isnan(share) else share
+
+
+def not_balanced(residual: float) -> EnergyNotBalanced:
+    """The error of a run whose energy balance leaves this share."""
+    return EnergyNotBalanced(f"the energy balance leaves {abs(residual):.0%}; --step")
+
+
+def residual_notes(residual: float) -> list[str]:
+    """Notes on a residual of the energy balance."""
+    if abs(residual) <= NOTED_RESIDUAL:
+        return []
+    return [f"energy balance residual {residual:.1%}: choose a shorter --step"]
+
+
+def in_units(quantities: dict[str, Estimate], scales: Scales) -> dict[str, Estimate]:
+    """Scaled estimates in the units of a scene."""
+    return {
+        name: estimate.times(scales.of(estimate.dimension)) for name, estimate in quantities.items()
+    }
+
+
+def told(error: HarvesterError) -> str:
+    """The name of an error's class and its message, in one line of printable characters."""
+    text = f"{type(error).__name__}: {error}"
+    return "".join(character if character.isprintable() else " " for character in text)
+
+
+def good_ones(found: Sequence) -> tuple[list, HarvesterError | str]:
+    """The answers before the first missing one, and its reason: an error, or that time ran out."""
+    good: list = []
+    for answer in found:
+        if answer is None:
+            return good, OUT_OF_TIME
+        if isinstance(answer, HarvesterError):
+            return good, answer
+        good.append(answer)
+    return good, ""
+
+
+def _averaged(request, density):
+    task = averaging(request.scene, request.method, density)
+    (answer,) = yield Wanted([task])
+    if answer is None or isinstance(answer, HarvesterError):
+        return answer
+    return Answer(
+        scene=request.scene,
+        method=request.method.name,
+        quantities=answer["quantities"],
+        seconds=answer["seconds"],
+        density=answer["density"] if request.density else None,
+    )
+
+
+def _answer(request, good, ended, cost):
+    """The answer from some tasks' answers, and the relative error that decides.
+
+    `cost` is the share of a power that the steps may cost.
+    """
+    scene, moments, orbits, on_orbits = followed(request.scene, good, cost)
+    system = prepared(scene).system
+    estimates = run_estimates(prepared(scene), moments, cost)
+    if not abs(estimates.residual) <= LARGEST_RESIDUAL:
+        return not_balanced(estimates.residual), 0.0
+    reached, unseen = _reached(request, scene, system, estimates.whole)
+    shape = None
+    if request.density:
+        even = is_symmetric(scene, system)
+        shape = densities(estimates.moments, even, estimates.balance).get("displacement")
+    if estimates.shortfalls and shape:
+        shape = replace(shape, standard_error=None)
+    notes = [*notes_on_excitation(scene), *on_orbits, *estimates.notes]
+    notes += residual_notes(estimates.residual)
+    precision = request.precision
+    if precision and note_on_steps(precision, cost):
+        notes.append(note_on_steps(precision, cost))
+    if precision and reached > aim_beside_steps(precision, cost):
+        error = f"{reached:.1%}" if math.isfinite(reached) else "unknown"
+        notes.append(f"relative standard error {error}, not the {precision:.1%} asked for")
+    if isinstance(ended, HarvesterError):
+        ended = told(ended)
+    answer = Answer(
+        scene=scene,
+        method=request.method.name,
+        quantities=estimates.scaled,
+        seconds=sum(part["seconds"] for part in good),
+        outcome=f"ended after {len(moments)} realizations: {ended}" if ended else COMPLETE,
+        realizations=len(moments),
+        simulated_time=sum(realization.time_reached for realization in moments),
+        energy_balance_residual=estimates.residual,
+        misses_jumps=bool(precision and unseen > precision),
+        notes=tuple(notes),
+        on_orbits=on_orbits,
+        orbits=orbits,
+        density=shape,
+        moments=tuple(moments) if request.moments else (),
+    )
+    return answer, reached
+
+
+def _reached(request, scene, system, scaled):
+    """The largest relative error of the quantities that decide, and the share of an unseen jump.
+
+    The latter is by which share of itself a single further jump between the wells would raise
+    E[V²]; where it exceeds the precision, it counts as an error.
+    """
+    unknown = [name for name in request.quantities if name not in scaled]
+    if len(unknown) == len(request.quantities):
+        raise HarvesterError(
+            f"unknown quantity {unknown[0]}{nearest(unknown[0], scaled)}; there are "
+            f"{', '.join(scaled)}"
+        )
+    reached = max(relative_error(scaled.get(n)) for n in request.quantities if n not in unknown)
+    square = scaled["mean_square_voltage"].estimate
+    unseen = unseen_jump(system, square, scene.run.duration * scene.run.realizations)
+    # The effect of one jump falls as 1/time, an error as 1/√time.
+    if request.precision and unseen > request.precision:
+        reached = max(reached, math.sqrt(unseen * request.precision))
+    return reached, unseen

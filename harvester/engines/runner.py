@@ -1,0 +1,311 @@
+"""The one loop over tasks: reused from a store, else computed by processes and kept at once."""
+
+import contextlib
+import heapq
+import itertools
+import math
+import queue
+import time
+from collections.abc import Callable, Generator, Iterable, Iterator, Sequence
+from concurrent.futures import CancelledError
+
+from harvester.base.errors import HarvesterError
+from harvester.base.pools import LOOK_AROUND, ExecutorPool, WorkerPool, lost
+from harvester.engines.folder import StudyFolder
+from harvester.engines.progress import Progress
+from harvester.engines.request import Answer, Request, answering
+from harvester.engines.simulate import TIME_LIMIT
+from harvester.engines.store import MISSING, AnswerStore
+from harvester.engines.task import Task, Wanted, compute
+
+# At most so many damaged answers are named.
+MOST_NAMED = 10
+# Share of the time budget by which tasks that are running may exceed it; then they are ended.
+OVERRUN = 0.05
+
+Plan = Generator[Wanted, list, object]
+
+
+class Runner:
+    """Answers tasks; get one from `open_runner`.
+
+    What a plan asks for next follows from earlier answers alone, and a task's answer from its
+    arguments: so a study that was interrupted ends in the numbers of one that was not, and any
+    processes give the same.
+
+    Attributes
+    ----------
+    folder : where answers are kept on disk; None: in memory only.
+    out_of_time : whether something was left out because the time budget was spent.
+    computed, reused : tasks of this runner that were computed, and that were there before.
+    """
+
+    def __init__(
+        self,
+        pool: WorkerPool | ExecutorPool,
+        folder: StudyFolder | None = None,
+        deadline: float = math.inf,
+        time_limit: float = TIME_LIMIT,
+        progress: Callable[[float, str], object] | None = None,
+    ):
+        self.pool, self.folder, self.time_limit = pool, folder, time_limit
+        self.out_of_time = False
+        self._store, self._deadline = AnswerStore(folder), deadline
+        self._overrun = OVERRUN * (deadline - time.monotonic())
+        self._progress = Progress(progress or (lambda share, words: None))
+        self._computed: set[str] = set()
+        self._reused: set[str] = set()
+        self._circuit = ""
+
+    @property
+    def computed(self) -> int:
+        return len(self._computed)
+
+    @property
+    def reused(self) -> int:
+        return len(self._reused)
+
+    @property
+    def warnings(self) -> list[str]:
+        """Warnings: stored answers that are not valid, outcomes not kept, a folder that
+        cannot be locked."""
+        lines = list(self._store.refused.values())
+        if len(lines) > MOST_NAMED:
+            lines[MOST_NAMED:] = [f"and {len(lines) - MOST_NAMED} more of this kind"]
+        if self._store.passing and self._store.on_disk:
+            lines.append(
+                f"{self._store.passing} tasks ended by a limit or by the machine and are not kept: "
+                "the same command computes them again"
+            )
+        return [*(self.folder.notes if self.folder else ()), *lines]
+
+    @contextlib.contextmanager
+    def reserving(self, share: float) -> Iterator[None]:
+        """Within the block, reserve this share of the remaining time for what follows it."""
+        deadline, now = self._deadline, time.monotonic()
+        self._deadline = now + (1.0 - share) * (deadline - now)
+        try:
+            yield
+        finally:
+            self._deadline = deadline
+
+    def run(self, tasks: Sequence[Task]) -> list:
+        """Answers of some tasks, in their order; tasks begin in that order, equal ones once.
+
+        An answer is the HarvesterError that a task ended with; None where the time was spent.
+        """
+        return self.follow([_alone(task) for task in tasks])
+
+    def answer(
+        self,
+        requests: Sequence[Request],
+        on_answer: Callable[[int, object], None] | None = None,
+        in_turn: bool = False,
+    ) -> list[Answer | HarvesterError | None]:
+        """Answers to requests, in their order; see `harvester.engines.request.answering`.
+
+        Requests begin in that order, equal ones once. `on_answer` is given (index, answer) as soon
+        as there is one; `in_turn` as for `follow`.
+        """
+        # Requests with the same tasks share them: a density that one asks for is computed for all.
+        shapes = {_cut(request) for request in requests if request.density}
+        plans = [
+            answering(request, self.version(request.method.name), _cut(request) in shapes)
+            for request in requests
+        ]
+        return self.follow(plans, on_answer, in_turn)
+
+    def version(self, method: str) -> str:
+        """The version of the program that an engine or closure uses beside this package."""
+        if method != "circuit":
+            return ""
+        if not self._circuit:
+            from circuits.ngspice.engine import describe
+
+            program = self.pool.map(describe, [{}])[0]
+            device = "behavioural" if program["compiled_device_off"] else "compiled"
+            self._circuit = f"{program['version']}, {device} device"
+        return self._circuit
+
+    def follow(
+        self,
+        plans: Iterable[Plan],
+        on_end: Callable[[int, object], None] | None = None,
+        in_turn: bool = False,
+    ) -> list:
+        """Carry out several plans at the same time; returns what each of them returns.
+
+        Parameters
+        ----------
+        plans : iterable of generator
+            Each yields `Wanted` and is sent the results of its tasks, as `run` gives them, once all
+            are there. If a result is None the time is spent: it should return what it has.
+        on_end : callable or None
+            Given (index, returned value).
+        in_turn : bool
+            Whether an earlier plan's later tasks go before a later plan's first ones: results then
+            come one after another, else all plans get further a step at a time.
+        """
+        return _Following(self, list(plans), on_end, in_turn).to_the_end()
+
+    def _is_time_spent(self, overrun=0.0):
+        return time.monotonic() > self._deadline + overrun
+
+
+class _Following:
+    """State of one call of `Runner.follow`."""
+
+    def __init__(self, runner, plans, on_end, in_turn):
+        self._runner, self._plans, self._on_end = runner, plans, on_end
+        self._in_turn = in_turn
+        self._store, self._progress = runner._store, runner._progress
+        self._returned = [None] * len(plans)
+        # For each plan its tasks and their results; for each task's key the plans that wait for it.
+        self._wanted, self._results, self._waiting = {}, {}, {}
+        # Tasks that have not been handed over yet, with their priorities.
+        self._ready, self._number = [], itertools.count()
+        self._futures: dict = {}
+        self._done: queue.SimpleQueue = queue.SimpleQueue()
+
+    def to_the_end(self):
+        self._progress.begin(len(self._plans))
+        try:
+            for plan in range(len(self._plans)):
+                self._advance(plan, None)
+            while self._waiting:
+                if self._runner._is_time_spent():
+                    self._leave_out()
+                if self._runner._is_time_spent(self._runner._overrun):
+                    self._end_running()
+                self._hand_over()
+                self._collect()
+        except BaseException:
+            for future in self._futures:
+                future.cancel()
+            raise
+        return self._returned
+
+    def _advance(self, plan, results):
+        """Go on with a plan for as long as everything that it asks for is there."""
+        while True:
+            try:
+                request = self._plans[plan].send(results)
+            except StopIteration as end:
+                self._returned[plan] = end.value
+                self._progress.end(plan)
+                if self._on_end:
+                    self._on_end(plan, end.value)
+                return
+            label = request.tasks[0].label if request.tasks else ""
+            self._progress.ask(plan, label, request.ahead)
+            self._wanted[plan] = [task.key for task in request.tasks]
+            self._results[plan] = {}
+            for task in request.tasks:
+                self._ask(plan, task)
+            if len(self._results[plan]) < len(set(self._wanted[plan])):
+                return
+            results = self._of(plan)
+
+    def _of(self, plan):
+        results = self._results.pop(plan)
+        return [results[key] for key in self._wanted.pop(plan)]
+
+    def _ask(self, plan, task):
+        """Note what is known of a task, or wait for it."""
+        runner, key = self._runner, task.key
+        if key in self._waiting:
+            self._waiting[key].add(plan)
+            return
+        answer = self._store.get(task)
+        if answer is not MISSING:
+            runner._reused |= {key} - runner._computed
+        elif runner._is_time_spent():
+            runner.out_of_time = True
+            answer = None
+        else:
+            self._waiting[key] = {plan}
+            self._progress.wait(task.label)
+            priority = plan if self._in_turn else 0
+            heapq.heappush(self._ready, (priority, next(self._number), task))
+            return
+        self._results[plan][key] = answer
+
+    def _hand_over(self):
+        """Keep the processes busy: two tasks each, so that none waits for this one."""
+        pool = self._runner.pool
+        while self._ready and len(self._futures) < 2 * pool.size:
+            *_, task = heapq.heappop(self._ready)
+            limit = self._runner.time_limit * task.time_limits
+            arguments = {"function": task.function, "arguments": task.arguments}
+            future = pool.submit(compute, arguments, limit)
+            self._futures[future] = task
+            future.add_done_callback(self._done.put)
+
+    def _leave_out(self):
+        """Start no further tasks: tasks that have not begun get the answer None."""
+        for future in self._futures:
+            future.cancel()
+        left_out, self._ready = self._ready, []
+        for *_, task in left_out:
+            self._runner.out_of_time = True
+            self._settle(task, None, 0.0)
+
+    def _end_running(self):
+        """End the tasks that are running: they get the answer None."""
+        running, self._futures = self._futures, {}
+        if running:
+            self._runner.out_of_time = True
+            self._runner.pool.interrupt()
+        for task in running.values():
+            self._settle(task, None, 0.0)
+
+    def _collect(self):
+        """Wait for one task and keep its answer, unless it was ended."""
+        try:
+            future = self._done.get(timeout=LOOK_AROUND if self._futures else 0.0)
+        except queue.Empty:
+            self._progress.say()
+            return
+        task = self._futures.pop(future, None)
+        if task is None:
+            return
+        outcome, seconds = _outcome(future)
+        if future.cancelled():
+            self._runner.out_of_time = True
+        else:
+            self._store.put(task, outcome)
+            self._runner._computed.add(task.key)
+        self._settle(task, outcome, seconds)
+
+    def _settle(self, task, outcome, seconds):
+        """Go on with the plans that waited for a task."""
+        self._progress.done(task.label, seconds)
+        for plan in sorted(self._waiting.pop(task.key)):
+            self._results[plan][task.key] = outcome
+            if len(self._results[plan]) == len(set(self._wanted[plan])):
+                self._advance(plan, self._of(plan))
+
+
+def _outcome(future):
+    """(answer or error, seconds) of a task that has ended; (None, 0) of one that never began."""
+    if future.cancelled():
+        return None, 0.0
+    try:
+        outcome = future.result()
+    except HarvesterError:
+        raise
+    except (Exception, CancelledError) as error:
+        raise lost(error) from error
+    # If the process itself ended, the failure stands there without a time.
+    return outcome if isinstance(outcome, tuple) else (outcome, 0.0)
+
+
+def _cut(request):
+    """The key by which requests share realizations."""
+    return request.cut_from, request.method
+
+
+def _alone(task):
+    """A plan that asks for a single task and returns its answer."""
+    (result,) = yield Wanted([task])
+    return result

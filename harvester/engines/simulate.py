@@ -1,0 +1,188 @@
+"""`simulate`: a scene through one engine, realizations spread over worker processes."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+from typing import TYPE_CHECKING
+
+from harvester.base.arguments import check_name as check_name
+from harvester.base.errors import HarvesterError, SimulationError
+from harvester.base.signatures import MethodOrName, Nodes, Processes, Seconds, Step, Window
+from harvester.engines.methods import DEFAULTS, Stationary, engine_of
+from harvester.engines.methods import check_step as check_step
+from harvester.scene.calling import takes_scene
+
+if TYPE_CHECKING:
+    from concurrent.futures import Executor
+
+    from harvester.base.pools import Workers
+    from harvester.results.orbit import Attractor
+    from harvester.results.result import Result
+    from harvester.scene.model import Scene
+
+# Default wall-clock limit of one realization, in seconds.
+TIME_LIMIT = 3600.0
+
+
+@takes_scene
+def simulate(
+    scene: Scene,
+    *,
+    method: MethodOrName = "circuit",
+    source: str = "external",
+    device: str = "automatic",
+    copies: int | None = None,
+    step: Step = "default",
+    workers: Processes | None = None,
+    time_limit: Seconds = TIME_LIMIT,
+    keep_going: bool = False,
+    stroboscope: bool = False,
+    scheme: str | None = None,
+    tolerance: float | None = None,
+    window: Window | None = None,
+    nodes: Nodes = (),
+    joint_density: bool = False,
+    executor: Executor | None = None,
+    runner: Workers | None = None,
+    progress: Callable[[float, str], object] | None = None,
+) -> Result:
+    """Run one scene through one engine: its quantities with error bars.
+
+    Parameters
+    ----------
+    scene : Scene, str or Path
+        A scene, its file or the name of a built-in one.
+    method : str or Method
+        circuit (ngspice) or monte-carlo (the equations themselves, no ngspice).
+        In Python also `Circuit(…)`, `MonteCarlo(…)` or `Stationary(…)`, which hold the settings
+        below themselves; a name stands for the object with its defaults.
+    source : str
+        Circuit only: external, the path through compiled callbacks, or pwl, a source in the
+        netlist with ngspice's own steps, for comparison.
+    device : str
+        Circuit only: behavioural elements, one compiled device for mechanics and piezo (the extra
+        `fast`), or automatic, compiled where it is found. The same numbers to 1e-9.
+    copies : int or None
+        Circuit only: realizations side by side in one netlist, which share their steps (default:
+        as many as pay).
+    step : str or float
+        default, fine, finest, or the longest step in seconds. It is rounded down to a whole
+        division of the knot spacing, and shorter in contact.
+    workers : int or None
+        Processes (default: one a core).
+    time_limit : float
+        Wall-clock limit of one realization, without compilation.
+    keep_going : bool
+        Try a realization that crashes or runs out of time once more, and go on without it; the
+        result's `failures` name it. Else the first failure ends the run.
+    stroboscope : bool
+        Keep the state at the beginning of every period of the excitation, of its lowest line or,
+        under noise, of the device's own, as `Result.stroboscope` and a figure.
+    window : (float, float), "all" or None
+        Stretch of the first realization that `Result.waveform` and --waveform hold: START:END in s
+        from the run's beginning, or all (default: 50 periods of the device's motion after
+        settling).
+    nodes : sequence of str
+        Voltages and currents of the load's netlist that they hold too: a node NAME or v(NAME), on
+        the DC side against ref, else against n; v(A,B) of two nodes; a current i(NAME). Several may
+        be given.
+
+    Other Parameters
+    ----------------
+    scheme : str or None
+        One of the engine's `schemes` (harvester.engines.methods), for comparison; None: the
+        first.
+    tolerance : float or None
+        Circuit only: relative tolerance of ngspice's control by the local error, which shortens
+        steps below `step`; None: fixed steps, or ngspice's own tolerance for "pwl".
+    joint_density : bool
+        Keep p(X, X') as `Result.joint_density`.
+    executor : concurrent.futures.Executor or None
+        Spreads the realizations instead of worker processes of our own: a process pool, Dask's
+        `client.get_executor()`, mpi4py's.
+    runner : WorkerPool or what has one as its `pool`, or None
+        Running processes to use again (`harvester.base.pools`).
+    progress : callable or None
+        Given the share done, 0 … 1, and the method at work.
+
+    Returns
+    -------
+    Result
+
+    Raises
+    ------
+    HarvesterError
+        An unknown name, or no ngspice.
+    SimulationError
+        A realization failed, or with `keep_going` all did; `partial` is a Result of what it had.
+
+    Notes
+    -----
+    The same seed gives the same noise to every engine and the same numbers whatever the
+    number of workers.
+    """
+    options = {
+        "step": step, "source": source, "device": device, "copies": copies, "scheme": scheme,
+        "tolerance": tolerance,
+    }  # fmt: skip
+    if isinstance(method, Stationary):
+        from harvester.averaging.of_scene import average
+
+        return average(scene, method=method.beside_options(options, DEFAULTS))
+    from harvester.engines import outcome, spread
+    from harvester.engines.orbits import attractors, several_starts
+    from harvester.scene.prepared import prepared
+    from harvester.statistics.range_watch import leaves_range
+
+    engine = engine_of(method, **options)
+    engine.check(scene)
+    stretch = spread.stretch_of(scene, window, nodes)
+    follow = spread.Follower(scene, engine.name, progress) if progress else None
+    try:
+        with spread.running(runner, executor, scene.run.realizations, workers) as pool:
+            # A run without noise may have several motions, distinguished by the samples of their
+            # starts.
+            several, prepared_scene = several_starts(scene), prepared(scene)
+            strobe = stroboscope or several
+            together = spread.copies_that_pay(scene, engine, pool)
+            calls = spread.calls_of(scene, engine, together, stretch, joint_density, strobe)
+            outcomes = spread.outcomes(pool, calls, time_limit, follow, keep_going or several)
+            failures = {k: o for k, o in enumerate(outcomes) if isinstance(o, SimulationError)}
+            # To leave the range of the spring is an outcome of a start, not a failure.
+            lost = {
+                k: o for k, o in failures.items() if several and leaves_range(prepared_scene, o)
+            }
+            failures = {k: o for k, o in failures.items() if k not in lost}
+            if failures and not keep_going:
+                raise next(iter(failures.values()))
+            good = {k: o for k, o in enumerate(outcomes) if not isinstance(o, SimulationError)}
+            motions: tuple[Attractor, ...] = ()
+            if several:
+                motions = attractors(scene, engine, good, len(lost), pool, time_limit)
+    except SimulationError as error:
+        error.partial = outcome.partial_result(scene, engine, error)
+        raise
+    result = outcome.result_of(scene, engine, [*good.values()], failures, motions=motions)
+    return outcome.checked(result if stroboscope else replace(result, stroboscope=None))
+
+
+def require_paths(scene: Scene, command: str) -> None:
+    """Refuse excitations without as many independent paths as a command may ask for."""
+    if not scene.excitation.endless:
+        raise HarvesterError(
+            f'{scene.name}: excitation.kind = "{scene.excitation.kind}": {command} needs an '
+            'unlimited number of independent paths: set excitation.kind = "spectrum" (harvester '
+            'spectrum makes one of a record) or "ornstein-uhlenbeck"'
+        )
+
+
+def require_noise(scene: Scene, command: str) -> None:
+    """Refuse kinds of excitation that a command cannot vary or repeat."""
+    from harvester.excitation.ornstein_uhlenbeck import OrnsteinUhlenbeck
+
+    if not isinstance(scene.excitation, OrnsteinUhlenbeck):
+        raise HarvesterError(
+            f'{scene.name}: excitation.kind = "{scene.excitation.kind}": {command} needs an '
+            'unlimited number of independent paths: set excitation.kind = "ornstein-uhlenbeck"'
+        )

@@ -1,0 +1,172 @@
+"""The realizations of one scene spread over processes, and how far they are."""
+
+from __future__ import annotations
+
+import contextlib
+import math
+from collections.abc import Callable, Iterator, Sequence
+from concurrent.futures import Executor
+from typing import TYPE_CHECKING, Any
+
+from harvester.base.arguments import listed
+from harvester.base.errors import HarvesterError, LoadError, SimulationError
+from harvester.base.plain_text import named, shown
+from harvester.base.pools import Workers, processes
+from harvester.device import timescales
+from harvester.engines import side_by_side
+from harvester.engines.methods import Circuit, Engine, MonteCarlo
+from harvester.engines.realization import Realization, WaveformWindow, run
+from harvester.scene.model import Scene
+from harvester.scene.paths import distinct_realizations
+from harvester.scene.prepared import prepared
+from harvester.scene.steps import stop_time
+
+if TYPE_CHECKING:
+    from circuits.netlist.measurement import Probe
+
+# If no window is asked for, the waveform has so many periods of small oscillations and at most so
+# many points. A load that switches fast may reach the number of points first.
+SHOWN_PERIODS, MOST_POINTS = 50, 100_000
+
+
+@contextlib.contextmanager
+def running(
+    runner: Workers | None, executor: Executor | None, calls: int, workers: int | None
+) -> Iterator[Workers]:
+    """The processes of the given runner, else workers that end with the `with` block."""
+    if executor is None and runner is not None:
+        yield getattr(runner, "pool", runner)
+    else:
+        with processes(executor, workers, calls) as pool:
+            yield pool
+
+
+def copies_that_pay(scene: Scene, engine: Engine, pool: Workers) -> int:
+    """Realizations in one call of an engine: its option `copies`, else the fastest number."""
+    count = distinct_realizations(prepared(scene))
+    if isinstance(engine, MonteCarlo):
+        workers = getattr(pool, "size", math.inf)
+        return side_by_side.together(count, workers) if scene.load.is_resistor else 1
+    if not isinstance(engine, Circuit):
+        return 1
+    if engine.copies:
+        return engine.copies
+    shared = engine.step, engine.source, engine.tolerance
+    if count == 1 or not side_by_side.share_steps(prepared(scene), *shared):
+        return 1
+    (device,) = pool.map(_device_used, [{"ready": prepared(scene), "device": engine.device}])
+    return side_by_side.copies(count, device)
+
+
+def _device_used(ready, device, report):
+    """See `circuits.ngspice.engine.device_used`; called in a worker, as it needs PySpice."""
+    from circuits.ngspice.engine import device_used
+
+    return device_used(ready, device, report)
+
+
+def calls_of(
+    scene: Scene,
+    engine: Engine,
+    copies: int,
+    stretch: WaveformWindow | None,
+    joint_density: bool,
+    stroboscope: bool = False,
+) -> list[dict[str, Any]]:
+    """Arguments of `harvester.engines.realization.run`, `copies` realizations in each."""
+    indices = range(distinct_realizations(prepared(scene)))
+    return [
+        {
+            "scene": scene,
+            "engine": engine,
+            "indices": list(indices[start : start + copies]),
+            "window": None,
+            "stretch": stretch if start == 0 else None,
+            "joint_density": joint_density,
+            "stroboscope": stroboscope,
+        }
+        for start in range(0, len(indices), copies)
+    ]
+
+
+def stretch_of(
+    scene: Scene, window: Sequence[float] | str | None, nodes: Sequence[str]
+) -> WaveformWindow:
+    """The part of the first realization that is kept as the result's waveform.
+
+    Raises HarvesterError for a window without a length or a node that the load does not have.
+    """
+    nodes = listed(nodes, "nodes", 'nodes=["vc", "v(a,b)", "i(l1)"]')
+    if nodes and scene.load.is_resistor:
+        raise LoadError(f"{scene.name}: --node {named(nodes[0])}: the load is a resistor alone")
+    probes: tuple[Probe, ...] = ()
+    if nodes:
+        from circuits.netlist.measurement import probes_of
+
+        probes = probes_of(scene.load.circuit, nodes)
+    if window == "all":
+        window = (0.0, math.inf)
+    if window is not None:
+        try:
+            start, stop = map(float, listed(window, "window", "(5.0, 6.0)"))
+        except (TypeError, ValueError):
+            raise HarvesterError(f"window = {shown(window)}: must be two times in s") from None
+        if not 0.0 <= start < stop:
+            raise HarvesterError(f"--window {start:g}:{stop:g}: must be 0 ≤ START < END, in s")
+        return WaveformWindow(start, stop, probes=probes)
+    prepared_scene = prepared(scene)
+    start, stop = scene.run.settle, stop_time(prepared_scene)
+    rate = timescales.angular_frequency(prepared_scene.system)
+    if rate > 0.0:
+        stop = min(stop, start + SHOWN_PERIODS * 2.0 * math.pi / rate)
+    return WaveformWindow(start, stop, MOST_POINTS, probes)
+
+
+def outcomes(
+    pool: Workers,
+    calls: list[dict[str, Any]],
+    time_limit: float,
+    follow: Callable | None,
+    keep_going: bool,
+) -> list[Realization | SimulationError]:
+    """A Realization or the SimulationError in its place, for every realization in order.
+
+    Realizations that failed together are tried again one by one. Raises SimulationError if one
+    failed and nothing keeps going, or if all failed.
+    """
+    most = max(len(call["indices"]) for call in calls)
+    by_number: dict[int, Realization | SimulationError] = {}
+    together = pool.map(run, calls, most * time_limit, follow, keep_going)
+    for call, outcome in zip(calls, together, strict=True):
+        if isinstance(outcome, SimulationError):
+            outcome = [outcome] * len(call["indices"])
+        by_number.update(zip(call["indices"], outcome, strict=True))
+    if most > 1:
+        again = [k for k, outcome in by_number.items() if isinstance(outcome, SimulationError)]
+        # The first realization has the waveform, whether it ran with others or alone.
+        single = [{**calls[0], "indices": [k]} | ({"stretch": None} if k else {}) for k in again]
+        alone = pool.map(run, single, time_limit, None, keep_going)
+        for index, outcome in zip(again, alone, strict=True):
+            by_number[index] = outcome if isinstance(outcome, SimulationError) else outcome[0]
+    in_order = [by_number[index] for index in sorted(by_number)]
+    failed = [outcome for outcome in in_order if isinstance(outcome, SimulationError)]
+    if len(failed) == len(in_order):
+        raise failed[0]
+    return in_order
+
+
+class Follower:
+    """Computes the progress of all realizations from their reports."""
+
+    def __init__(self, scene: Scene, method: str, progress: Callable[[float, str], object]):
+        self._method = method
+        count = distinct_realizations(prepared(scene))
+        self._total = (scene.run.settle + scene.run.duration) * count
+        self._reached: dict[int, float] = {}
+        self._progress = progress
+
+    def __call__(self, index: int, moments: list) -> None:
+        """Update the progress from one call's latest moments."""
+        self._reached[index] = sum(realization.time_reached for realization in moments)
+        share = sum(self._reached.values()) / self._total
+        self._progress(min(max(share, 0.0), 1.0), self._method)

@@ -1,0 +1,103 @@
+"""Answers by their tasks, in memory or in a folder's `points/`, where they outlast a kill."""
+
+import os
+import stat
+from pathlib import Path
+
+from harvester.base.writing import whole_file
+from harvester.engines.codec import NotAnAnswer, is_lasting, packed, read
+from harvester.engines.task import Task
+
+# Stands for a missing answer, since None may be an answer.
+MISSING = object()
+
+
+class AnswerStore:
+    """Answers by the keys of their tasks.
+
+    An answer is written aside and renamed: it is on disk whole or not at all.
+
+    Attributes
+    ----------
+    refused : dict of str to str
+        Keys to one line each: what lay under a task's name and was no answer to it.
+    passing : int
+        Outcomes that a repeated run may not reproduce, and that are therefore not on disk.
+    """
+
+    def __init__(self, folder: os.PathLike | None = None):
+        self._folder = Path(folder) / "points" if folder else None
+        self._held: dict[str, object] = {}
+        self._unbelieved: set[str] = set()
+        self.refused: dict[str, str] = {}
+        self.passing = 0
+
+    @property
+    def on_disk(self) -> bool:
+        """Whether anything outlasts this object."""
+        return self._folder is not None
+
+    def get(self, task: Task) -> object:
+        """The answer, or `MISSING` where there is no valid one."""
+        if task.key in self._held:
+            return self._held[task.key]
+        if self._folder is None or task.key in self._unbelieved:
+            return MISSING
+        path = self._path(task)
+        try:
+            answer = read(path, task.key)
+            _check(task, answer)
+        except FileNotFoundError:
+            return MISSING
+        except NotAnAnswer as reason:
+            self._unbelieved.add(task.key)
+            self.refused[task.key] = f"{path}: {reason}: computed again"
+            return MISSING
+        return answer
+
+    def put(self, task: Task, answer: object) -> None:
+        """Keep an answer; on return it is on disk, if a repeated run would give the same."""
+        is_error = isinstance(answer, BaseException)
+        final = not is_error or is_lasting(type(answer).__name__, str(answer))
+        self.passing += not final
+        if not (self.on_disk and final and self._is_free(task)):
+            self._held[task.key] = answer
+            return
+        try:
+            content = packed(task.key, answer)
+        except NotAnAnswer as reason:
+            self._held[task.key] = answer
+            self.refused[task.key] = f"{self._path(task)}: {reason}: not kept"
+            return
+        with whole_file(self._path(task)) as file:
+            file.write(content)
+        self._unbelieved.discard(task.key)
+
+    def _path(self, task):
+        assert self._folder is not None
+        return self._folder / f"{task.key}.npz"
+
+    def _is_free(self, task):
+        """Whether an answer may be written: what is no plain file is not ours to replace."""
+        try:
+            if stat.S_ISREG(os.lstat(self._path(task)).st_mode):
+                return True
+        except OSError:
+            return True
+        self.refused[task.key] = (
+            f"{self._path(task)}: is not a file: left there, and the answer not kept"
+        )
+        return False
+
+
+def _check(task, answer):
+    """Raise NotAnAnswer where what was read cannot be an answer to this task."""
+    if task.misfit is None or isinstance(answer, BaseException):
+        return
+    try:
+        wrong = task.misfit(answer)
+    # Foreign data may raise anything.
+    except Exception as error:
+        raise NotAnAnswer("has another form than an answer to this") from error
+    if wrong:
+        raise NotAnAnswer(wrong)

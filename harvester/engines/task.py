@@ -1,0 +1,104 @@
+"""Tasks: calls of functions whose answers are worth keeping, named by all that decides them."""
+
+import dataclasses
+import hashlib
+import json
+import time
+import traceback
+from collections.abc import Callable, Sequence
+from functools import cached_property
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from harvester.base.errors import (
+    CompiledDeviceUnavailable,
+    EngineNotFound,
+    HarvesterError,
+    MissingLibrary,
+    SimulationError,
+)
+from harvester.scene.model import Scene
+from harvester.version import __version__
+
+# Version of the stored answers. Raising it makes all older ones invalid.
+FORMAT = 5
+# A failure of these kinds would repeat in every task, so that it ends the study.
+OF_THE_MACHINE = (EngineNotFound, CompiledDeviceUnavailable, MissingLibrary)
+
+
+@dataclasses.dataclass(frozen=True)
+class Task:
+    """A call whose answer follows from its arguments alone.
+
+    Attributes
+    ----------
+    function : of a module; called in a worker process as function(report=…, **arguments); returns
+        what `harvester.engines.codec` knows, and raises a HarvesterError where it fails.
+    arguments : scenes, numbers, strings, None, and lists, tuples and dictionaries of these.
+    version : of the program that computes, besides this package.
+    label : tasks of one label take about as long as each other: for the time left.
+    time_limits : how many of the runner's limits on wall-clock time it may take.
+    misfit : given an answer that was read, says what cannot be an answer to this; "" where all may.
+    """
+
+    function: Callable
+    arguments: dict[str, Any]
+    version: str = ""
+    label: str = ""
+    time_limits: int = 1
+    misfit: Callable[[Any], str] | None = None
+
+    @cached_property
+    def key(self) -> str:
+        """SHA-256 of all that decides the answer: equal tasks are computed once."""
+        content = [
+            FORMAT,
+            f"{self.function.__module__}.{self.function.__qualname__}",
+            _plain(self.arguments),
+            f"harvester {__version__}, {self.version}",
+        ]
+        return hashlib.sha256(json.dumps(content).encode()).hexdigest()
+
+
+class Wanted(NamedTuple):
+    """Tasks whose answers a plan needs: the plan yields this and is sent the answers.
+
+    `ahead` is about how many more it will ask for after these: for the time left.
+    """
+
+    tasks: Sequence[Task]
+    ahead: float = 0.0
+
+
+def compute(function: Callable, arguments: dict[str, Any], report: Callable) -> tuple[Any, float]:
+    """One task, in a worker process: (its answer or the error that it ended with, seconds)."""
+    clock = time.perf_counter()
+    try:
+        answer = function(report=report, **arguments)
+    except OF_THE_MACHINE:
+        raise
+    except HarvesterError as error:
+        answer = error
+        if isinstance(error, SimulationError):
+            error.partial = None
+    except Exception as error:
+        if not isinstance(error, (MemoryError, OSError)):
+            traceback.print_exception(error)
+        answer = SimulationError(f"{type(error).__name__}: {error}")
+    return answer, time.perf_counter() - clock
+
+
+def _plain(value):
+    """A task's argument as JSON; different ones differ."""
+    if isinstance(value, Scene):
+        return {"scene": value.digest()}
+    if isinstance(value, dict):
+        return {"dict": sorted([str(key), _plain(item)] for key, item in value.items())}
+    if isinstance(value, (list, tuple)):
+        return [_plain(item) for item in value]
+    if isinstance(value, np.generic):
+        return value.item()
+    if value is None or isinstance(value, (bool, int, float, str)):
+        return value
+    raise TypeError(f"{type(value).__name__} is no argument of a task")

@@ -1,1 +1,0 @@
-"""Means with error bars, densities, balances and notes from the moments of a run."""

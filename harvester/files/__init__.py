@@ -1,1 +1,0 @@
-"""Reading and writing files, and which folders and settings around the program are trusted."""

@@ -1,0 +1,321 @@
+"""A device as a `.subckt` or a Verilog-A module, with a deck that tries it and its vibration."""
+
+from __future__ import annotations
+
+import math
+import re
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from circuits.equivalent.assembly import RECTIFIER_NEWTON
+from circuits.equivalent.block.dialects import DIALECTS, in_dialect
+from circuits.equivalent.block.head import head, longest_step
+from circuits.equivalent.block.parameters import Parameters, check_block
+from circuits.equivalent.block.spice import PINS, subcircuit
+from circuits.equivalent.block.verilog_a import module
+from circuits.equivalent.elements import STRAY_SHARE
+from circuits.equivalent.export import MOST_KNOTS
+from harvester.base.errors import HarvesterError, NetlistError
+from harvester.base.writing import check_folder, in_folder, is_stream, write_text
+from harvester.device import timescales
+from harvester.engines.simulate import check_step
+from harvester.interop.deck import check_dialect, check_realization
+from harvester.interop.symbols import kicad_symbol, ltspice_symbol
+from harvester.scene.paths import noise_path, start_state
+from harvester.scene.prepared import prepared
+from harvester.scene.steps import STEP_LEVELS, knot_spacing
+
+if TYPE_CHECKING:
+    from harvester.scene.model import Scene
+    from harvester.scene.prepared import Prepared
+
+# Periods of the device that the deck runs by default.
+TEST_PERIODS = 25
+# Tolerance of the deck: with ngspice's own of 1e-3 Newton's iterations end early; from 1e-6 to 1e-9
+# the error of the path of the scene `tristable` fell by half. A rectifier does not converge at
+# 1e-9.
+TOLERANCES = "reltol=1e-9"
+POINTS_PER_LINE = 4
+# Names that end like this are files, not folders.
+DATA_SUFFIXES = (".csv", ".h5", ".hdf5")
+
+
+@dataclass(frozen=True)
+class Block:
+    """A device's block with the data that its deck needs.
+
+    Attributes
+    ----------
+    name : str
+        Name of sub-circuit or module, and of the files.
+    vibration : ndarray of shape (knots, 2)
+        Time (s) and acceleration of the base (m/s²), straight lines between them.
+    step, stop : float
+        Longest step and end of the deck (s).
+    """
+
+    ready: Prepared
+    name: str
+    parameters: Parameters
+    vibration: np.ndarray
+    step: float
+    stop: float
+
+    @property
+    def comment(self) -> list[str]:
+        """The head of the block's file, see `circuits.equivalent.block.head.head`."""
+        return head(self.ready, self.parameters)
+
+    @property
+    def load_resistance(self) -> float:
+        """Resistance (Ω) of the scene's resistor, else one that takes power well."""
+        table, resistance = self.ready.scene.transducer, self.ready.setting.resistance
+        return resistance or table.matched_resistance(self.parameters.rate)
+
+
+def block_of(
+    scene: Scene,
+    step: str | float = "default",
+    realization: int = 0,
+    displacement_unit: float = 1e-3,
+    duration: float | None = None,
+) -> Block:
+    """The block of a scene.
+
+    Parameters
+    ----------
+    step : str or float
+        Longest step of the deck: a name in `STEP_LEVELS`, or seconds.
+    realization : int
+        Whose vibration and start.
+    displacement_unit : float
+        Metres for a volt at the pin `x`.
+    duration : float or None
+        Duration of the deck (s); None: `TEST_PERIODS`.
+
+    Raises
+    ------
+    HarvesterError
+    """
+    setup = prepared(scene)
+    check_block(setup)
+    check_realization(scene, realization)
+    longest = check_step(step)
+    if isinstance(longest, str):
+        longest = longest_step(setup) / STEP_LEVELS[longest]
+    stop = duration or TEST_PERIODS * 2.0 * math.pi / timescales.angular_frequency(setup.system)
+    name = "harvester_" + re.sub(r"\W", "_", scene.name)
+    parameters = Parameters(setup, start_state(setup, realization), displacement_unit)
+    return Block(setup, name, parameters, _vibration(setup, realization, stop), longest, stop)
+
+
+def _vibration(ready, realization, stop):
+    spacing = knot_spacing(ready)
+    knots = math.ceil(stop / spacing - 1e-9) + 1
+    if knots > MOST_KNOTS:
+        raise NetlistError(
+            f"{stop:.4g} s with a knot of the vibration every {spacing:.3g} s are {knots:.3g} "
+            f"points, and at most {MOST_KNOTS} are written: choose --duration "
+            f"{MOST_KNOTS * spacing:.3g} or less"
+        )
+    noise = noise_path(ready, realization).read(knots)
+    return np.column_stack([spacing * np.arange(knots), -ready.excitation_unit * noise])
+
+
+def folder_of(output: str | Path, kind: str) -> Path:
+    """Return the folder for several files; raise HarvesterError if it cannot be written."""
+    if is_stream(output):
+        raise HarvesterError(f"--as {kind} writes several files: say where, --output DIR")
+    if Path(output).suffix.lower() in DATA_SUFFIXES and not Path(output).is_dir():
+        folder = Path(output).with_suffix("")
+        raise HarvesterError(
+            f"--as {kind} names its files itself: --output {output} is to be a folder, such as "
+            f"--output {folder}"
+        )
+    check_folder(output)
+    return Path(output)
+
+
+def write_files(folder: Path, files: dict[str, str]) -> list[Path]:
+    """Write texts under their names into a folder; returns the paths."""
+    paths = [in_folder(folder, name) for name in files]
+    for path, text in zip(paths, files.values(), strict=True):
+        write_text(path, text)
+    return paths
+
+
+def write_subcircuit(
+    scene: Scene,
+    output: str | Path,
+    dialect: str = "ngspice",
+    step: str | float = "default",
+    realization: int = 0,
+    displacement_unit: float = 1e-3,
+    duration: float | None = None,
+) -> list[Path]:
+    """Write the sub-circuit, a symbol, a deck that tries it and the vibration.
+
+    Parameters
+    ----------
+    output : str or Path
+        Folder.
+    dialect : str
+        One of `circuits.equivalent.block.dialects.DIALECTS`.
+    step, realization, displacement_unit, duration
+        See `block_of`.
+    """
+    check_dialect(dialect, DIALECTS)
+    folder = folder_of(output, "subckt")
+    block = block_of(scene, step, realization, displacement_unit, duration)
+    comment = "".join(f"* {line}".rstrip() + "\n" for line in block.comment)
+    if dialect != "ngspice":
+        # These simulators may read a file as one-byte characters.
+        comment = comment.encode("ascii", "replace").decode()
+    name, library = block.name, f"{block.name}.lib"
+    files = {library: comment + in_dialect(subcircuit(name, block.parameters), dialect)}
+    files |= _vibration_file(block, dialect)
+    files[f"{name}_test.cir"] = _deck(block, dialect)
+    if dialect == "ngspice":
+        files[f"{name}.kicad_sym"] = kicad_symbol(name, library, PINS)
+    if dialect == "ltspice":
+        files[f"{name}.asy"] = ltspice_symbol(name, library, PINS)
+    return write_files(folder, files)
+
+
+def write_verilog_a(
+    scene: Scene,
+    output: str | Path,
+    step: str | float = "default",
+    realization: int = 0,
+    displacement_unit: float = 1e-3,
+    duration: float | None = None,
+) -> list[Path]:
+    """Write the Verilog-A module, a deck for VACASK and one for an ngspice with OSDI.
+
+    Parameters
+    ----------
+    scene, output, step, realization, displacement_unit, duration
+        See `write_subcircuit`.
+    """
+    folder = folder_of(output, "verilog-a")
+    block = block_of(scene, step, realization, displacement_unit, duration)
+    name = block.name
+    files = {f"{name}.va": module(name, block.parameters), f"{name}_test.sim": _vacask_deck(block)}
+    files |= _vibration_file(block, "ngspice")
+    files[f"{name}_test.cir"] = _osdi_deck(block)
+    return write_files(folder, files)
+
+
+def _vacask_deck(block):
+    """VACASK compiles a module that it is to load.
+
+    It takes a step of first order behind every knot of the vibration, which only its tolerance
+    shortens: 25 periods of the scene `tristable` came out 1.3e-4 off at 1e-9, 1.4e-5 at 1e-10.
+    """
+    points = ", ".join(f"{float(time)!r}, {float(value)!r}" for time, value in block.vibration)
+    name, step, stop = block.name, float(block.step), float(block.stop)
+    return f"""{name} behind its scene's vibration and a resistor
+// vacask {name}_test.sim
+ground 0
+load "resistor.osdi"
+load "{name}.va"
+model resistor resistor
+model vsource vsource
+model {name} {name}
+vbase (base 0) vsource type="pwl" wave=[{points}]
+harvester (p 0 base x) {name}
+rload (p 0) resistor r={block.load_resistance!r}
+control
+  abort always
+  options reltol=1e-10 vntol=1e-12 abstol=1e-15
+  analysis {name} tran stop={stop!r} step={step!r} maxstep={step!r} icmode="uic"
+endc
+"""
+
+
+def _osdi_deck(block):
+    name = block.name
+    return f"""* {name} behind its scene's vibration and load
+* openvaf-r {name}.va -o {name}.osdi; ngspice -b -r {name}.raw {name}_test.cir
+* Several threads wait for each other on a busy machine: the same run then took 0.3 to 60 s.
+.control
+pre_osdi {name}.osdi
+set num_threads=1
+.endc
+.include "{name}_vibration.inc"
+Nharvester p 0 base x {name}
+.model {name} {name}
+{load_of(block).rstrip()}
+.options method=trap {_tolerances(block)}
+.tran {block.step:.6g} {block.stop:.6g} 0 {block.step:.6g} uic
+.end
+"""
+
+
+def _vibration_file(block, dialect):
+    """ngspice reads no points of a PWL source from a file of their own, so it gets the source."""
+    points = [f"{float(time)!r} {float(value)!r}" for time, value in block.vibration]
+    if dialect != "ngspice":
+        return {f"{block.name}_vibration.txt": "\n".join(points) + "\n"}
+    lines = [
+        "+ " + " ".join(points[first : first + POINTS_PER_LINE])
+        for first in range(0, len(points), POINTS_PER_LINE)
+    ]
+    text = "* acceleration of the base, 1 V for 1 m/s2\nVbase base 0 PWL(\n"
+    return {f"{block.name}_vibration.inc": text + "\n".join(lines) + "\n+ )\n"}
+
+
+def _deck(block, dialect):
+    """A deck that runs unchanged: vibration, block, load, and an analysis with a step limit."""
+    name, vibration = block.name, f"{block.name}_vibration"
+    source = {
+        "ngspice": f'.include "{vibration}.inc"',
+        "ltspice": f'Vbase base 0 PWL file="{vibration}.txt"',
+    }.get(dialect, f'Vbase base 0 PWL FILE "{vibration}.txt"')
+    uic = "SKIPBP" if dialect == "pspice" else "uic"
+    times = f".tran {block.step:.6g} {block.stop:.6g} 0 {block.step:.6g} {uic}"
+    options = {
+        "ngspice": f".options method=trap {_tolerances(block)}",
+        "ltspice": f".options method=trap {_tolerances(block)} plotwinsize=0 numdgt=7",
+        "pspice": f".options {TOLERANCES}",
+        "xyce": ".options timeint method=trap reltol=1e-6 abstol=1e-9",
+    }[dialect]
+    load = load_of(block, dialect)
+    lines = [
+        f"* {name} behind its scene's vibration and {'a resistor' if load[0] == 'R' else 'load'}",
+        f'.include "{name}.lib"',
+        source,
+        f"Xharvester p 0 base x {name}",
+        in_dialect(load, dialect).rstrip(),
+        options,
+        *([".print tran v(x) v(p) v(base)"] if dialect == "xyce" else []),
+        *([".probe"] if dialect == "pspice" else []),
+        times,
+        ".end",
+    ]
+    return "\n".join(lines) + "\n"
+
+
+def _tolerances(block):
+    load, parameters = block.ready.scene.load.circuit, block.parameters
+    if load is None or load.linear:
+        return TOLERANCES
+    charge = STRAY_SHARE * block.ready.network.reference_capacitance * block.ready.scales.voltage
+    charges = f"chgtol={3.0 * charge:.3g} abstol={charge * parameters.rate:.3g}"
+    return f"reltol={RECTIFIER_NEWTON!r} itl4=100 {charges}"
+
+
+def load_of(block: Block, dialect: str = "ngspice") -> str:
+    """The scene's load on the node p in ngspice's words, else a resistor."""
+    load = block.ready.scene.load.circuit
+    if load is None or load.resistance or dialect not in ("ngspice", "ltspice"):
+        return f"Rload p 0 {block.load_resistance!r}\n"
+    nodes = {"p": "p", "n": "0", "out": "out", "ref": "ref"}
+    values = " ".join(f"{name}={value!r}" for name, value in load.parameters * load.is_plain)
+    stray = STRAY_SHARE * block.ready.network.reference_capacitance
+    strays = [f"Cstray_{pin} {pin} 0 {stray!r}\n" for pin in ("out", "ref") if load.has_output]
+    call = f"Xload {' '.join(nodes[pin] for pin in load.pins)} {load.name} {values}".rstrip()
+    return "".join(strays) + f"{call}\n{load.text if load.is_plain else load.run_text}"

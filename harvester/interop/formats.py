@@ -1,0 +1,78 @@
+"""Formats of `harvester export` by name: each has a function that writes files and returns paths.
+
+A further format is such a function and its entry in `FORMATS`. The function's optional arguments
+are those options of `harvester export` that the format has.
+"""
+
+from __future__ import annotations
+
+import importlib
+import inspect
+from collections.abc import Callable
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from harvester.base.errors import HarvesterError
+from harvester.base.plain_text import nearest
+
+if TYPE_CHECKING:
+    from harvester.scene.model import Scene
+
+# Module and function of each format; a module is imported at its first use.
+FORMATS = {
+    "deck": ("deck", "write_deck"),
+    "subckt": ("block", "write_subcircuit"),
+    "verilog-a": ("block", "write_verilog_a"),
+    "fmu": ("fmu", "write_fmu"),
+    "c": ("device_code", "write_c"),
+    "csv": ("traces", "write_csv"),
+    "shepherd": ("traces", "write_shepherd"),
+}
+
+
+def write(
+    scene: Scene,
+    kind: str,
+    output: str | Path,
+    report: Callable[[str], None] = lambda text: None,
+    **options: Any,
+) -> list[Path]:
+    """Write a scene in one of the formats.
+
+    Parameters
+    ----------
+    kind : str
+        A name in `FORMATS`.
+    output : str or Path
+        Folder; for a deck also a file, or - for standard output.
+    report : callable
+        Called with notes on what is written, in a line each.
+    **options
+        Options of the format; None stands for the format's default.
+
+    Returns
+    -------
+    list of Path
+        The files that were written; none for standard output.
+
+    Raises
+    ------
+    HarvesterError
+        No such format, or an option that it does not have.
+    """
+    if kind not in FORMATS:
+        raise HarvesterError(
+            f"--as {kind}: no such kind{nearest(kind, FORMATS)}; there are {', '.join(FORMATS)}"
+        )
+    module, name = FORMATS[kind]
+    writer = getattr(importlib.import_module(f"harvester.interop.{module}"), name)
+    arguments = {name: value for name, value in options.items() if value is not None}
+    parameters = inspect.signature(writer).parameters
+    for name in arguments:
+        if name not in parameters:
+            raise HarvesterError(
+                f"--{name.replace('_', '-')}: `export --as {kind}` has no such option; leave it out"
+            )
+    if "report" in parameters:
+        arguments["report"] = report
+    return writer(scene, output, **arguments)

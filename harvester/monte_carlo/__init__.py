@@ -1,1 +1,0 @@
-"""Monte Carlo reference: the equations themselves on the given noise path."""

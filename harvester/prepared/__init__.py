@@ -1,1 +1,0 @@
-"""Preparation of a scene, done once: steps, knots, lines near a resonance, starts."""

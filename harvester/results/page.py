@@ -1,0 +1,122 @@
+"""Pages of HTML that hold all of a result and load nothing from elsewhere."""
+
+from __future__ import annotations
+
+import base64
+import html
+import re
+from collections.abc import Iterable, Sequence
+from datetime import datetime
+from importlib import resources
+from string import Template
+from typing import NamedTuple
+
+from harvester.base.plain_text import one_line
+from harvester.version import __version__
+
+# A picture narrower than this scrolls in its frame instead of becoming unreadable. A schematic does
+# so below this share of its own size, at which its values are 7 points high.
+NARROWEST_FIGURE, LEAST_SCALE = "36rem", 0.7
+# A longer table comes in pages of so many rows. Sentences after the first few are folded.
+ROWS, SENTENCES = 25, 8
+# A picture is drawn at most at this multiple of its own size.
+LARGEST_SCALE = 1.3
+
+
+class Verdict(NamedTuple):
+    """A sentence, and whether it is good news; None where it is neither."""
+
+    text: str
+    good: bool | None = None
+
+
+def page(title: str, about: str, sections: dict[str, str]) -> str:
+    """A self-contained page of HTML: title, date, version and `about`, and HTML by its heading."""
+    template = (
+        resources.files("harvester.results").joinpath("page.html").read_text(encoding="utf-8")
+    )
+    date = datetime.now().astimezone().strftime("%Y-%m-%d %H:%M %Z")
+    return Template(template).substitute(
+        title=_escaped(title),
+        facts=_escaped(f"{date}; harvester {__version__}; {about}"),
+        sections="\n".join(f"<h2>{_escaped(name)}</h2>\n{s}" for name, s in sections.items()),
+    )
+
+
+def verdict_list(verdicts: Iterable[Verdict]) -> str:
+    kinds = {True: "agrees", False: "differs", None: "neutral"}
+    items = "\n".join(f'<li class="{kinds[v.good]}">{_escaped(v.text)}</li>' for v in verdicts)
+    return f'<ul class="verdict">\n{items}\n</ul>'
+
+
+def wide(content: str) -> str:
+    """Content in a frame that scrolls sideways if the page is narrow."""
+    return f'<div class="wide" tabindex="0">{content}</div>'
+
+
+def facts(text: str) -> str:
+    """A paragraph in small print."""
+    return f'\n<p class="facts">{_escaped(text)}</p>'
+
+
+def all_facts(lines: Sequence[str]) -> str:
+    """Paragraphs in small print; of many the first, and the others behind a line to open."""
+    first, others = lines[:SENTENCES], lines[SENTENCES:]
+    return "".join(map(facts, first)) + (
+        _folded(f"{len(others)} more", "".join(map(facts, others))) if others else ""
+    )
+
+
+def _folded(summary, content, is_open=False):
+    return (
+        f"<details{' open' * is_open}><summary>{_escaped(summary)}</summary>\n{content}</details>"
+    )
+
+
+def _escaped(text):
+    return html.escape(one_line(text))
+
+
+def table_of(header: Sequence[str], rows: Iterable[Sequence[str]], kind: str = "numbers") -> str:
+    """A table; of the kind "text" its cells wrap."""
+    head = "".join(f'<th scope="col">{_escaped(cell)}</th>' for cell in header)
+    body = "\n".join(
+        "<tr>" + "".join(f"<td>{_escaped(cell)}</td>" for cell in row) + "</tr>" for row in rows
+    )
+    return (
+        f'<table class="{kind}"><thead><tr>{head}</tr></thead>\n<tbody>\n{body}\n</tbody></table>'
+    )
+
+
+def table_in_pages(header: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
+    """A table that scrolls in its frame; a long one in pages to open, the first of them open."""
+    parts = [rows[first : first + ROWS] for first in range(0, len(rows), ROWS)]
+    if len(parts) < 2:
+        return wide(table_of(header, rows))
+    return "\n".join(
+        _folded(
+            f"{part[0][0]} … {part[-1][0]} ({len(part)} of {len(rows)})",
+            wide(table_of(header, part)),
+            is_open=part is parts[0],
+        )
+        for part in parts
+    )
+
+
+def figure_of(svg: bytes, alternative: str, caption: str, least_scale: float = 0.0) -> str:
+    """A picture within the page; a small one is not made as wide as the page.
+
+    With `least_scale` it is shown with at least this share of its own size.
+    """
+    data = base64.b64encode(svg).decode()
+    size = f"min-width: {NARROWEST_FIGURE}"
+    svg_width = re.search(rb'<svg[^>]* width="([\d.]+)pt"', svg)
+    if svg_width:
+        widest = f"{LARGEST_SCALE * float(svg_width[1]):.0f}pt"
+        least = f"{least_scale * float(svg_width[1]):.0f}pt" if least_scale else NARROWEST_FIGURE
+        size = f"min-width: min({least}, {widest}); max-width: {widest}"
+    return (
+        f'<figure><div class="wide" tabindex="0"><img style="{size}" '
+        f'alt="{_escaped(alternative)}" src="data:image/svg+xml;base64,{data}"></div>'
+        f"<figcaption>{_escaped(caption)}</figcaption></figure>"
+    )

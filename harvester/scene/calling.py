@@ -1,0 +1,79 @@
+"""How public functions are called: the scene first, however it is named, options by keyword."""
+
+from __future__ import annotations
+
+import functools
+import inspect
+from collections.abc import Callable
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Concatenate, ParamSpec, TypeAlias, TypeVar, Union
+
+from harvester.base.arguments import checked_options, usual_arithmetic
+from harvester.base.errors import UnknownOption
+from harvester.base.plain_text import nearest, shown
+from harvester.base.signatures import check_options, options_of
+
+if TYPE_CHECKING:
+    from harvester.scene.model import Scene
+
+# Written as text, so that importing a module with public functions imports no scene and no numba.
+SceneOrName: TypeAlias = Union["Scene", str, Path]
+KEYWORD_ONLY = inspect.Parameter.KEYWORD_ONLY
+# Former names of options, with the present ones.
+FORMER_NAMES = {"engine": "method", "closure": "method", "pool": "runner"}
+
+Options = ParamSpec("Options")
+Answer = TypeVar("Answer")
+
+
+def scene_of(scene: SceneOrName) -> Scene:
+    """A scene as it is, or read from its file or by its built-in name.
+
+    Raises
+    ------
+    SceneError
+    """
+    from harvester.scene.model import Scene
+
+    return scene if isinstance(scene, Scene) else Scene.load(scene)
+
+
+def takes_scene(
+    function: Callable[Concatenate[Scene, Options], Answer],
+) -> Callable[Concatenate[SceneOrName, Options], Answer]:
+    """Let a function of a scene take a file's path or a built-in name too.
+
+    An option that it does not have is refused with the nearest one, by `UnknownOption`. Values are
+    checked by what the annotations say (`harvester.base.signatures`).
+    """
+    name = function.__name__
+
+    @functools.wraps(function)
+    def called(scene: SceneOrName, *arguments: Any, **options: Any) -> Answer:
+        accepted = options_of(function)
+        by_keyword = [
+            n for n, item in accepted.items() if item.passing is inspect.Parameter.KEYWORD_ONLY
+        ]
+        by_place = len(accepted) - len(by_keyword)
+        surplus = arguments[by_place - 1 :]
+        if surplus:
+            raise UnknownOption(
+                f"{name}: {shown(surplus[0])} stands without its name: options are given as "
+                f"{[*by_keyword, 'none'][0]}=…; there are {', '.join(by_keyword)}"
+            )
+        for option in options:
+            if option not in accepted:
+                former = FORMER_NAMES.get(option)
+                hint = (
+                    f" (did you mean {former}?)"
+                    if former in accepted
+                    else nearest(option, accepted)
+                )
+                hint = hint or f"; there are {', '.join([*accepted][1:])}"
+                raise UnknownOption(f"{name}: no option {option}{hint}")
+        with usual_arithmetic():
+            scene = scene_of(scene)
+            check_options(function, options)
+            return function(scene, *arguments, **checked_options(options))
+
+    return called

@@ -1,1 +1,0 @@
-"""Tables, figures, pages and sentences made from results."""

@@ -1,0 +1,385 @@
+"""The steady motions of a driven device, distinguished by stroboscopic samples of many starts.
+
+A motion is periodic where its samples repeat after a whole number of forcing periods. Starts whose
+samples are the same cycle are on one attractor, whatever their place in it. Motions that do not
+repeat are distinguished by where they go: two starts are on one attractor where their samples fill
+the same cells of the section.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from harvester.statistics.batch_means import standard_error
+from harvester.statistics.stroboscope import STATE
+
+# Longest period that is tested, in forcing periods, and how many repetitions of it the samples must
+# cover.
+LONGEST_PERIOD, SEEN = 24, 2.0
+# A motion repeats if its samples differ by at most the first share of their greatest, and two
+# cycles are the same if they differ by at most the second: starts that still settle lie apart by
+# several times what they change in a period.
+REPEATS, SAME_CYCLE = 1e-4, 1e-2
+# A shorter period is taken instead of its multiple if it repeats to within this share: a decaying
+# spiral that turns by a third of a circle a period nearly repeats after three.
+STILL_SETTLING = 3e-3
+# A start joins a cycle if it stays within `SAME_CYCLE` of it for two periods and this many further
+# samples: of 1681 starts of the scene `device` under a sine one reached its orbit too late for
+# `REPEATS`.
+STAYS = 6
+# A start has converged if the rest of its transient is below the first share of its greatest
+# samples, or if these change by less than the second, the round-off of a period. The change is
+# taken over this stretch of the samples and over the stretch before.
+CONVERGED, ROUNDING, STRETCH = 1e-6, 1e-9, 0.375
+# A cycle counts if less than this share of its size is left of the transient, a tenth of the
+# distance at which cycles differ. Its error bars hold the rest.
+NEARLY_CONVERGED = 1e-3
+# What `means_of` gives, by dimension. A divisor that is 0 is replaced by the smallest number.
+QUANTITIES = {"mean_power": "power", "rms_voltage": "voltage", "rms_displacement": "displacement"}
+SMALLEST = 1e-150
+# For a path with noise: the longest period that is tested, in forcing periods, and the correlation
+# above which it repeats.
+LONGEST_IN_NOISE, CORRELATED = 6, 0.95
+# Motions without a period are compared on a grid of cells over the section, with CELLS √samples
+# cells along a side (24 for 64 samples; with 24 cells for 19 samples one chaotic motion of eight
+# starts was taken for two). Two starts are on one attractor if SAME_CELLS of one's samples lie in
+# or beside cells that the other fills.
+CELLS, SAME_CELLS = 3.0, 0.7
+
+
+@dataclass(frozen=True)
+class Group:
+    """Starts that settled on the same steady motion.
+
+    Attributes
+    ----------
+    period : in forcing periods; None of a motion that does not repeat itself.
+    members : numbers of the starts, ascending.
+    points : its stroboscopic section, X, X' and the transducer's state, scaled; shape (period or
+        samples, 3); of a motion without a period the samples of all members, at most some thousand.
+    """
+
+    period: int | None
+    members: np.ndarray
+    points: np.ndarray
+
+
+# Most points that are kept of a motion without a period.
+MOST_POINTS = 5000
+
+
+def repetition(samples: np.ndarray, scale: np.ndarray | None = None) -> np.ndarray:
+    """The period of each start's last samples, in forcing periods; 0 where they do not repeat.
+
+    `samples` has the shape (starts, samples, 3); `scale` holds the sizes of the three against
+    which differences count, by default the greatest of all samples.
+    """
+    scale = sizes_of(samples) if scale is None else scale
+    periods = np.zeros(len(samples), dtype=int)
+    longest = min(LONGEST_PERIOD, int(samples.shape[1] / SEEN))
+    for period in range(1, longest + 1):
+        open_ = np.flatnonzero(periods == 0)
+        if not open_.size:
+            break
+        # Only the last two periods are compared, so that a start may settle late.
+        back = min(samples.shape[1], max(math.ceil(SEEN * period), period + 4))
+        last = samples[open_, -back:]
+        repeats = _change(last, period, scale) <= REPEATS
+        periods[open_[repeats]] = period
+        for shorter in range(1, period // 2 + 1):
+            if period % shorter == 0:
+                nearly = repeats & (_change(last, shorter, scale) <= STILL_SETTLING)
+                periods[open_[nearly]] = shorter
+                repeats &= ~nearly
+    return periods
+
+
+def transients(samples: np.ndarray, memory: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Each start's period, and how far it still is from the cycle that it comes to.
+
+    Changes over equal stretches of whole cycles shrink by a factor r: Σ rᵏ of the last one remain.
+    A slow store may hide behind a fast decay, so that its whole memory counts.
+
+    Parameters
+    ----------
+    samples : ndarray, shape (starts, samples, 3)
+    memory : float
+        The slowest relaxation time, in forcing periods.
+
+    Returns
+    -------
+    (ndarray of int, ndarray, ndarray), shapes (starts,)
+        Periods as in `repetition`; the change over the last stretch, and what remains, as shares
+        of the start's greatest samples: infinite where nothing repeats or changes do not decay.
+    """
+    inside = np.isfinite(samples).all(axis=(1, 2))
+    samples = np.where(inside[:, None, None], samples, 0.0)
+    greatest = np.abs(samples).max(axis=1, keepdims=True)
+    scaled = samples / np.where(
+        greatest > 1e-12 * greatest.max(axis=2, keepdims=True), greatest, 1.0
+    )
+    periods = np.where(inside, repetition(scaled, np.ones(samples.shape[2])), 0)
+    changes, remains = np.full((2, len(samples)), np.inf)
+    for period in np.unique(periods[periods > 0]):
+        selected, stretch = periods == period, stretch_of(period, samples.shape[1])
+        if stretch:
+            moved = np.abs(scaled[selected, stretch:] - scaled[selected, :-stretch]).max(axis=2)
+            now, before = moved[:, stretch:].max(axis=1), moved[:, :-stretch].max(axis=1)
+            left = np.where(now < before, now * now / np.maximum(before - now, SMALLEST), np.inf)
+            left = np.maximum(left, now * memory / stretch)
+            changes[selected], remains[selected] = now, np.where(now <= ROUNDING, now, left)
+    return periods, changes, remains
+
+
+def stretch_of(period: int, count: int) -> int:
+    """Samples in the stretches of whole cycles that `transients` compares; 0: too few samples."""
+    return int(STRETCH * (count - 1)) // period * period
+
+
+def means_of(samples: np.ndarray, seconds: float, steps: float, memory: float) -> np.ndarray:
+    """`QUANTITIES` of one motion, and their errors; shape (2, 3), in the units of the samples.
+
+    Of a periodic motion the means are over its last whole cycles, and the errors hold what remains
+    of the transient. Else both are those of all samples; NaN where these are too few for an error.
+
+    Parameters
+    ----------
+    samples : ndarray, shape (starts, samples, columns)
+        One start of a periodic motion, or all starts of one without a period.
+    seconds : float
+        Period of the excitation.
+    steps : float
+        Share of a mean that the steps may cost.
+    memory : float
+        As in `transients`.
+    """
+    rates = np.diff(samples[:, :, STATE:], axis=1) / seconds
+    (period, *_), (change, *_), (remains, *_) = transients(samples[:, :, :STATE], memory)
+    if len(samples) == 1 and np.isfinite(remains):
+        stretch = stretch_of(period, samples.shape[1])
+        last, before = rates[0, -stretch:], rates[0, -2 * stretch : -stretch]
+        means = last.mean(axis=0)
+        errors = np.abs(means - before.mean(axis=0)) * remains / max(change, SMALLEST)
+    else:
+        means = rates.mean(axis=(0, 1))
+        scatters = [standard_error(rates[:, :, k]) for k in range(means.size)]
+        errors = np.array([math.nan if scatter is None else scatter for scatter in scatters])
+    errors = np.hypot(errors, steps * means)
+    roots = np.sqrt(means[1:])
+    errors[1:] /= 2.0 * np.maximum(roots, SMALLEST)
+    return np.array([[means[0], *roots], errors])
+
+
+def repeats_in_noise(path: np.ndarray, period: float) -> bool:
+    """Whether a measured path repeats itself after some periods of the forcing.
+
+    The samples of one path with a sensor's noise never agree as `repetition` requires: here the
+    path and the same path some periods later are correlated. `path` is evenly spaced; its first
+    third, in which a start is forgotten, does not count. `period` is in samples.
+    """
+    late = path[path.size // 3 :] - np.mean(path[path.size // 3 :])
+    places = np.arange(late.size)
+    for count in range(1, LONGEST_IN_NOISE + 1):
+        moved = places[: int(late.size - count * period) - 1] + count * period
+        if moved.size < 2:
+            return True
+        later = np.interp(moved, places, late)
+        if np.corrcoef(late[: moved.size], later)[0, 1] > CORRELATED:
+            return True
+    return False
+
+
+def _change(samples, period, scale):
+    """Greatest change of each start's samples over a period, in units of the sizes."""
+    change = np.abs(samples[:, period:] - samples[:, :-period]) / scale
+    return change.max(axis=(1, 2))
+
+
+def sizes_of(samples: np.ndarray) -> np.ndarray:
+    """Greatest |X|, |X'| and |state| of all samples, 1 where all are 0; shape (3,)."""
+    greatest = np.nanmax(np.abs(samples), axis=(0, 1), initial=0.0)
+    # A variable that is zero but for rounding has no size of its own.
+    return np.where(greatest > 1e-12 * greatest.max(initial=0.0), greatest, 1.0)
+
+
+def groups_of(samples: np.ndarray) -> list[Group]:
+    """Starts grouped by the steady motion that they reached, the largest group first.
+
+    `samples` are stroboscopic, taken after the starts are forgotten; shape (starts, samples, 3).
+    """
+    scale = sizes_of(samples)
+    periods = repetition(samples, scale)
+    groups = [
+        group
+        for period in np.unique(periods[periods > 0])
+        for group in _cycles(samples, scale, int(period), np.flatnonzero(periods == period))
+    ]
+    groups, wandering = _joined(groups, samples, scale, np.flatnonzero(periods == 0))
+    groups += _wanderers(samples, wandering)
+    return sorted(groups, key=lambda group: (-group.members.size, group.members[0]))
+
+
+def groups_that_meet(samples: np.ndarray) -> list[Group]:
+    """Starts grouped by the path that they reached under one record.
+
+    `samples` of all starts are from the same times at the end; shape (starts, samples, 3).
+    """
+    scale, left, groups = sizes_of(samples), np.arange(len(samples)), []
+    while left.size:
+        apart = np.abs(samples[left] - samples[left[0]]) / scale
+        joining = apart.max(axis=(1, 2)) <= SAME_CYCLE
+        groups.append(Group(None, left[joining], samples[left[0]]))
+        left = left[~joining]
+    return sorted(groups, key=lambda group: (-group.members.size, group.members[0]))
+
+
+def _cycles(samples, scale, period, members):
+    """Starts whose motions have the same period, grouped by the cycle that they reach."""
+    last = samples[members, -period:]
+    left, groups = np.arange(members.size), []
+    while left.size:
+        cycle = last[left[0]]
+        apart = np.full(left.size, np.inf)
+        for shift in range(period):
+            turned = np.roll(cycle, shift, axis=0)
+            distance = (np.abs(last[left] - turned) / scale).max(axis=(1, 2))
+            apart = np.minimum(apart, distance)
+        same = apart <= SAME_CYCLE
+        groups.append(Group(period, members[left[same]], cycle))
+        left = left[~same]
+    return groups
+
+
+def _joined(cycles, samples, scale, members):
+    """Cycles with late starts added (those close to a cycle at the end), and the remaining
+    starts."""
+    extended = []
+    for cycle in cycles:
+        back = min(samples.shape[1], 2 * cycle.period + STAYS)
+        last = samples[members, -back:]
+        # Each row shifts the cycle by one sample: a start may end anywhere on the cycle.
+        turns = (np.arange(-back, 0)[None, :] + np.arange(cycle.period)[:, None]) % cycle.period
+        apart = np.abs(last[:, None] - cycle.points[turns]) / scale
+        late = apart.max(axis=(2, 3)).min(axis=1) <= SAME_CYCLE
+        extended.append(replace(cycle, members=np.union1d(cycle.members, members[late])))
+        members = members[~late]
+    return extended, members
+
+
+def _wanderers(samples, members):
+    """Starts without a period, by the cells of the section that they fill."""
+    if not members.size:
+        return []
+    section = samples[members][:, :, :2]
+    low, high = section.min(axis=(0, 1)), section.max(axis=(0, 1))
+    span = np.where(high > low, high - low, 1.0)
+    count = round(CELLS * math.sqrt(section.shape[1]))
+    cells = np.minimum(((section - low) / span * count).astype(int), count - 1)
+    # For each group: its filled cells, and these together with the neighbouring ones.
+    filled: list[tuple[np.ndarray, np.ndarray]] = []
+    groups: list[list[int]] = []
+    for index in range(members.size):
+        x, v = cells[index].T
+        shares = [float(near[x, v].mean()) for _, near in filled]
+        best = int(np.argmax(shares)) if shares else -1
+        if best < 0 or shares[best] < SAME_CELLS:
+            nothing = np.zeros((count, count), dtype=bool)
+            filled.append((nothing, nothing))
+            groups.append([])
+            best = len(filled) - 1
+        visited = filled[best][0]
+        visited[x, v] = True
+        filled[best] = (visited, _beside(visited))
+        groups[best].append(index)
+    return [_wandering(samples, members, united) for united in _united(filled, groups)]
+
+
+def _united(filled, groups):
+    """Groups, after those whose cells mostly belong to another group are joined to it."""
+    order = sorted(range(len(groups)), key=lambda k: -int(filled[k][0].sum()))
+    separate: list[int] = []
+    for k in order:
+        for other in separate:
+            visited, near = filled[k][0], filled[other][1]
+            if (visited & near).sum() >= SAME_CELLS * visited.sum():
+                groups[other] += groups[k]
+                break
+        else:
+            separate.append(k)
+    return [sorted(groups[k]) for k in separate]
+
+
+def _beside(filled):
+    """Cells that are filled or touch one that is."""
+    near = filled.copy()
+    for axis in (0, 1):
+        before = near.copy()
+        for shift in (1, -1):
+            moved = np.roll(before, shift, axis=axis)
+            edge = [slice(None), slice(None)]
+            edge[axis] = slice(0, 1) if shift == 1 else slice(-1, None)
+            moved[tuple(edge)] = False
+            near |= moved
+    return near
+
+
+def _wandering(samples, members, places):
+    some = members[np.array(places)]
+    points = samples[some].reshape(-1, samples.shape[2])
+    every = max(1, math.ceil(len(points) / MOST_POINTS))
+    return Group(None, some, points[::every])
+
+
+@dataclass(frozen=True)
+class Divergence:
+    """The largest Lyapunov exponent (1/s) and its error, from how fast neighbours part."""
+
+    exponent: float
+    standard_error: float
+
+    @property
+    def chaotic(self) -> bool:
+        """Whether neighbouring paths diverge significantly (exponent > 0)."""
+        return self.exponent > 3.0 * self.standard_error
+
+    def __str__(self) -> str:
+        return f"{self.exponent:.3g} ± {self.standard_error:.2g}"
+
+
+# The exponent is taken while the distance of two neighbours is below the first number, in units of
+# the motion's size (beyond, growth saturates), and after it has grown by the second factor, when it
+# points in the direction of fastest growth.
+LARGEST_DISTANCE, TURNED = 1e-2, 10.0
+# The distance points in that direction after this many periods, even where it has not grown.
+TURNED_PERIODS = 8
+
+
+def divergence(pairs: np.ndarray, scale: np.ndarray, period: float) -> Divergence | None:
+    """The exponent from pairs of neighbouring starts; None where none could be followed.
+
+    `pairs` holds samples of both of each pair, one every forcing period (s); shape
+    (pairs, 2, samples, 3). `scale` has the sizes of the three columns.
+    """
+    apart = np.sqrt((((pairs[:, 1] - pairs[:, 0]) / scale) ** 2).sum(axis=2))
+    growth, lasting = [], []
+    for distance in apart:
+        far = np.flatnonzero(distance > LARGEST_DISTANCE)
+        stop = int(far[0]) if far.size else distance.size - 1
+        grown = np.flatnonzero(distance > TURNED * distance[0])
+        begin = min(int(grown[0]) if grown.size else TURNED_PERIODS, TURNED_PERIODS)
+        inside = distance[begin : stop + 1]
+        if inside.size < 3 or not (inside > 0.0).all():
+            continue
+        growth.append(math.log(inside[-1] / inside[0]))
+        lasting.append((inside.size - 1) * period)
+    if len(growth) < 2:
+        return None
+    # The growth over the time of all pairs, and its error from how they differ.
+    up, time = np.array(growth), np.array(lasting)
+    exponent = up.sum() / time.sum()
+    off = up - exponent * time
+    error = math.sqrt(off.size / (off.size - 1) * (off**2).sum()) / time.sum()
+    return Divergence(float(exponent), float(error))

@@ -1,0 +1,85 @@
+"""Estimates and densities with their standard errors."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+
+from harvester.base.serialising import plain
+
+NONE_SEEN = "none seen: no error bar tells how rare they are"
+NOTHING_PUT_IN = "nothing was put in"
+TOO_SHORT = "too short for an error bar: raise run.duration or run.realizations"
+NO_VALUE = "no number: what is averaged has no finite value at some time of the run"
+# A difference of two engines whose standard error is a larger share does not check either of them.
+SHARP_SHARE = 0.1
+NOT_SHARP = f"known no better than ± {SHARP_SHARE:.0%}"
+_IN_JSON = ("estimate", "standard_error", "effective_sample_size")
+
+
+@dataclass(frozen=True)
+class Estimate:
+    """A mean with its evidence, in scaled units or in those of `dimension`'s scale.
+
+    Attributes
+    ----------
+    standard_error : None when the run is too short for one.
+    effective_sample_size : independent samples, of a rate independent events, that would give this
+        error; None where the variance of what is averaged is not kept: ratios of a load's powers,
+        what changes.
+    dimension : "voltage^2", "power", "1", "rate", …
+    note : why there is no error bar; empty otherwise.
+    """
+
+    estimate: float
+    standard_error: float | None
+    effective_sample_size: float | None
+    dimension: str
+    note: str = ""
+
+    def times(self, factor: float) -> Estimate:
+        """The estimate in a unit that is smaller by this factor."""
+        error = self.standard_error
+        return replace(
+            self,
+            estimate=self.estimate * factor,
+            standard_error=None if error is None else error * factor,
+        )
+
+    def to_dict(self, unit: str | None = None) -> dict[str, Any]:
+        """Plain values for JSON, with the unit if one is given; nan and missing errors
+        become null."""
+        content = {name: getattr(self, name) for name in _IN_JSON}
+        if unit is not None:
+            content["unit"] = unit
+        return plain({**content, "note": self.note} if self.note else content)
+
+
+@dataclass(frozen=True)
+class Density:
+    """Histogram density: bin centres, density and its standard error, each of shape (n,)."""
+
+    centre: np.ndarray
+    density: np.ndarray
+    standard_error: np.ndarray | None
+    dimension: str
+
+
+def why_no_error(estimate: float, error: float | None) -> str:
+    """Why an estimate has no error bar; empty where it has one."""
+    if error is not None:
+        return ""
+    return TOO_SHORT if math.isfinite(estimate) else NO_VALUE
+
+
+def root(square: Estimate) -> Estimate:
+    """RMS value from the mean-square one, with its error."""
+    root = math.sqrt(square.estimate)
+    error = square.standard_error
+    if error is not None:
+        error = 0.5 * error / root if root > 0.0 else 0.0
+    dimension = square.dimension.removesuffix("^2")
+    return Estimate(root, error, square.effective_sample_size, dimension, square.note)

@@ -1,0 +1,158 @@
+"""Quantities from a load file's `* measure:` lines: losses of stages, states, events.
+
+Shares are of the mechanical input, so that those of all losses, outputs and stores, with what the
+device itself loses, add up to 1.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from circuits.netlist.kinds import LOSS, OUTPUT, STATE, STORE, TAKEN
+from harvester.statistics.batch_means import (
+    FEWEST_BATCHES,
+    complete_batches,
+    independent_events,
+    ratio_estimate,
+    standard_error,
+)
+from harvester.statistics.estimate import NO_VALUE, TOO_SHORT, Estimate
+from harvester.statistics.moments import QUANTITIES, Moments
+from harvester.statistics.output_moments import MEASURED
+
+SECONDS_PER_HOUR = 3600.0
+# Up to so many events, the error of their number is that of independent events.
+FEW_EVENTS = 10
+UNCHANGED = "it never changed: no error bar tells how rare that is"
+INTEGRAL, CHANGE, RISES, FALLS, SQUARE = range(len(MEASURED))
+
+
+def estimate_measures(
+    moments: Sequence[Moments], error_of: Callable = standard_error
+) -> dict[str, Estimate]:
+    """Quantities of the measures of a load with an output, scaled.
+
+    Of a loss `NAME_loss` and `NAME_loss_share`, of an output `NAME_power` and `NAME_power_share`,
+    of a store `NAME_storage_power`; of a state `NAME_time_share`, `NAME_first_time` (from the
+    run's beginning), `NAME_starts_per_hour` and `NAME_stops_per_hour`, and where it takes a power
+    `NAME_energy`, each time that it holds.
+    """
+    batches, output = complete_batches(moments), moments[0].output
+    if batches is None or output is None:
+        return {}
+    estimates: dict[str, Estimate] = {}
+    for row, (kind, name) in enumerate(output.rows):
+        if kind not in _QUANTITIES:
+            continue
+        series = measured_series(moments, row)
+        estimates.update(_QUANTITIES[kind](name, series, batches, moments, row, error_of))
+    return estimates
+
+
+def measured_series(moments: Sequence[Moments], row: int) -> np.ndarray:
+    """Sums of one measure over complete batches, shape (realizations, batches, len(MEASURED))."""
+    batches = complete_batches(moments)
+    count = 0 if batches is None else batches.shape[1]
+    outputs = [realization.output for realization in moments if realization.output is not None]
+    return np.stack([output.measured[:count, row] for output in outputs])
+
+
+def without_value(moments: Sequence[Moments]) -> list[tuple[str, str]]:
+    """Kind and name of the measures that have no finite value at some time of the run."""
+    output = moments[0].output if moments else None
+    if output is None or complete_batches(moments) is None:
+        return []
+    return [
+        rows
+        for row, rows in enumerate(output.rows)
+        if not np.isfinite(measured_series(moments, row)[:, :, INTEGRAL]).all()
+    ]
+
+
+def _power(suffix):
+    def quantities(name, series, batches, moments, row, error_of):
+        energy, squares = series[:, :, INTEGRAL], series[:, :, SQUARE]
+        power = ratio_estimate(energy, _time(batches), "power", squares=squares, error_of=error_of)
+        yield f"{name}_{suffix}", power
+        put_in = batches[:, :, QUANTITIES.index("input_power")]
+        yield f"{name}_{suffix}_share", ratio_estimate(energy, put_in, "1", error_of=error_of)
+
+    return quantities
+
+
+def _store(name, series, batches, moments, row, error_of):
+    change = series[:, :, CHANGE]
+    power = ratio_estimate(change, _time(batches), "power", error_of=error_of)
+    yield f"{name}_storage_power", power
+
+
+def _state(name, series, batches, moments, row, error_of):
+    squares = series[:, :, SQUARE]
+    share = ratio_estimate(
+        series[:, :, INTEGRAL], _time(batches), "1", squares=squares, error_of=error_of
+    )
+    if share.note != NO_VALUE and not series[:, :, [RISES, FALLS]].any():
+        share = Estimate(share.estimate, None, None, "1", UNCHANGED)
+    yield f"{name}_time_share", share
+    if share.note == NO_VALUE:
+        yield f"{name}_first_time", replace(share, dimension="time")
+        for event in ("starts", "stops"):
+            yield f"{name}_{event}_per_hour", replace(share, dimension="hourly_rate")
+        return
+    yield f"{name}_first_time", _first([realization.output.first[row] for realization in moments])
+    yield f"{name}_starts_per_hour", _hourly(series[:, :, RISES], _time(batches))
+    yield f"{name}_stops_per_hour", _hourly(series[:, :, FALLS], _time(batches))
+
+
+def _taken(name, series, batches, moments, row, error_of):
+    """Energy per event: the power taken during a state, whose own row is the one before this."""
+    state = measured_series(moments, row - 1)
+    if not np.isfinite(state[:, :, INTEGRAL]).all():
+        yield f"{name}_energy", Estimate(math.nan, None, None, "energy", NO_VALUE)
+        return
+    times, energy = state[:, :, FALLS], series[:, :, INTEGRAL]
+    yield f"{name}_energy", ratio_estimate(energy, times, "energy", error_of=error_of)
+
+
+_QUANTITIES = {
+    OUTPUT: _power("power"),
+    LOSS: _power("loss"),
+    STORE: _store,
+    STATE: _state,
+    TAKEN: _taken,
+}
+
+
+def _time(batches):
+    return batches[:, :, QUANTITIES.index("time")]
+
+
+def _hourly(events, time):
+    """Events per hour; of few ones, the error is that of a number of independent ones."""
+    estimate = ratio_estimate(events, time / SECONDS_PER_HOUR, "hourly_rate")
+    count, error = float(events.sum()), estimate.standard_error
+    if count < FEW_EVENTS:
+        independent = math.sqrt(max(count, 1.0)) * SECONDS_PER_HOUR / float(time.sum())
+        error = max(error or 0.0, independent)
+    size = independent_events(estimate.estimate, error)
+    return Estimate(estimate.estimate, error, size, "hourly_rate", "" if error else TOO_SHORT)
+
+
+def _first(times):
+    """Mean over the realizations that reached the state; an error bar only if all did."""
+    reached = [time for time in times if math.isfinite(time)]
+    if not reached:
+        return Estimate(math.nan, None, None, "time", "never")
+    mean = float(np.mean(reached))
+    if len(reached) < len(times):
+        note = f"of the {len(reached)} realizations of {len(times)} that got there"
+        return Estimate(mean, None, None, "time", note)
+    if len(reached) < FEWEST_BATCHES:
+        note = f"of {len(reached)} realizations: too few for an error bar"
+        return Estimate(mean, None, None, "time", note)
+    error = float(np.std(reached, ddof=1)) / math.sqrt(len(reached))
+    return Estimate(mean, error, len(reached), "time")

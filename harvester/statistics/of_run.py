@@ -1,0 +1,282 @@
+"""From the moments of a run to its estimates, with notes on what the run is too short for."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field, replace
+from functools import partial
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from circuits.netlist.load_notes import reading_notes
+from harvester.base.errors import SceneError
+from harvester.device import timescales
+from harvester.device.beam.magnets import magnet_notes
+from harvester.statistics.balance import energy_balance_residual
+from harvester.statistics.batch_means import (
+    complete_batches,
+    duration_for_error,
+    error_of_starts,
+    error_without_chance,
+    measured_time,
+    standard_error,
+    standard_error_of_drift,
+)
+from harvester.statistics.estimate import TOO_SHORT
+from harvester.statistics.means import estimate_all
+from harvester.statistics.measures import without_value
+from harvester.statistics.moments import QUANTITIES
+from harvester.statistics.output_side import estimate_output
+from harvester.statistics.passivity import (
+    efficiency_notes,
+    faint_output_notes,
+    source_notes,
+    supply_notes,
+)
+from harvester.statistics.settling import Shortfall, shortfalls, slow_exchange, withheld
+from harvester.statistics.store_settling import store_states
+from harvester.statistics.strain import estimate_strain, strain_notes
+from harvester.statistics.units import unit_of
+from harvester.statistics.well_balance import weighted, well_balance
+
+if TYPE_CHECKING:
+    from harvester.scene.model import Scene
+    from harvester.scene.prepared import Prepared
+    from harvester.statistics.estimate import Estimate
+    from harvester.statistics.moments import Moments
+    from harvester.statistics.well_balance import WellBalance
+
+# Where the device's energy goes, and the points of the integrals over frequency.
+LOSSES = ("load_power", "loss_power", "transducer_loss")
+POINTS = 2001
+
+
+# A change of a transient's energies by longer steps is noted from this share on: three times what
+# a resolved one may have.
+NOTED_CHANGE = 0.03
+SENSITIVE = (
+    "the motion is sensitive to the steps: the phase at which an event meets it rests on all steps "
+    "before; choose --step finest or a shorter one, best with --method monte-carlo"
+)
+CHAOTIC = (
+    "the path is chaotic: runs whose excitation differs by what the steps may cost end with powers "
+    "that scatter by {:.0%}, so that no step resolves it and one path is one of many; error bars "
+    "hold that scatter; set run.starts = 100, which averages over starts, or take a longer record"
+)
+# Fewest periods of a deterministic excitation whose means show how they differ.
+FEWEST_PERIODS = 2
+# Most notes on options of ngspice, which may differ from realization to realization.
+MOST_NOTES = 3
+
+
+@dataclass(frozen=True)
+class RunEstimates:
+    """Scaled estimates of a run, and what to know before citing one.
+
+    Attributes
+    ----------
+    whole : all estimates, each with its error bar.
+    shortfalls : the relaxations for which the run was too short.
+    step_error : share of a power that the steps may cost.
+    path_error : share by which the steps may change the means of one deterministic path.
+    residual : of the energy balance, as a share of the energy put in.
+    notes : on sources in the load, efficiencies above 1 and the shortfalls.
+    moments : weighted by `harvester.statistics.well_balance` where wells differ.
+    error : the error of a mean from batches of these.
+    balance : of the jumps between wells, where these differ; else None.
+    """
+
+    whole: dict[str, Estimate]
+    shortfalls: list[Shortfall]
+    step_error: float
+    path_error: float
+    residual: float
+    notes: tuple[str, ...]
+    moments: list[Moments] = field(repr=False)
+    error: Callable = field(repr=False)
+    balance: WellBalance | None = field(repr=False)
+
+    @property
+    def scaled(self) -> dict[str, Estimate]:
+        """The estimates, without the error bars that would be too small."""
+        return withheld(self.whole, self.shortfalls)
+
+
+def run_estimates(
+    ready: Prepared, moments: Sequence[Moments], step_error: float = 0.0
+) -> RunEstimates:
+    """Estimates from the moments of a scene's realizations.
+
+    `step_error` is the share that the steps may cost, see `harvester.scene.steps.step_error`:
+    where nothing is by chance it is part of the error.
+
+    Raises
+    ------
+    SceneError
+        No step of the run lies in its measured time.
+    """
+    scene, system, scales = ready.scene, ready.system, ready.scales
+    moments = list(moments)
+    if not measured_time(moments) > 0.0:
+        raise SceneError(
+            f"{scene.name}: run.duration = {scene.run.duration:g}: no whole step lies in it; "
+            "raise it to some periods of the motion"
+        )
+    step_error = max(step_error, *(realization.step_error for realization in moments))
+    spread = max(realization.spread for realization in moments)
+    path_error = math.hypot(step_error, spread)
+    balance = well_balance(scene, system, moments)
+    balanced = weighted(moments, balance)
+    memory = correlation_time(ready, moments)
+    batch = moments[0].batch_length
+    error = balance.error if balance else error_of(scene, memory / batch)
+    # A source that matches the load discharges a store twice as fast as the load alone.
+    stores = store_states(ready, moments)
+    slow = memory + 0.5 * max((store.memory for store in stores), default=0.0)
+    error_of_output = balance.error if balance else error_of(scene, slow / batch)
+    estimates = estimate_all(balanced, system, error) | estimate_output(balanced, error_of_output)
+    estimates |= estimate_strain(balanced, scene.excitation, error)
+    estimates = {
+        name: with_steps(scene, estimate, path_error) for name, estimate in estimates.items()
+    }
+    reasons = shortfalls(ready, moments, estimates, balance, stores)
+    sensitive = scene.excitation.transient(scene.run) and step_error >= NOTED_CHANGE
+    notes = (
+        *[*dict.fromkeys(each.note for each in moments if each.note)][:MOST_NOTES],
+        *source_notes(scene.load.circuit),
+        *_loose_nodes(scene.load.circuit),
+        *_without_value(scene.load.circuit, moments),
+        *(reading_notes(scene.load.circuit) if scene.load.circuit else ()),
+        *efficiency_notes(estimates, scales.of("power"), unit_of(scene, "power")),
+        *supply_notes(estimates, scales.of("power"), unit_of(scene, "power")),
+        *faint_output_notes(estimates),
+        *strain_notes(scene, moments),
+        *magnet_notes(scene.magnets),
+        *(reason.note for reason in reasons),
+        *slow_exchange(scene, balance),
+        *(SENSITIVE,) * sensitive,
+        *(CHAOTIC.format(spread),) * (spread >= NOTED_CHANGE),
+    )
+    residual = energy_balance_residual(moments, system)
+    estimates = _with_lengths(scene, balanced, estimates, memory)
+    return RunEstimates(
+        estimates, reasons, step_error, path_error, residual, notes, balanced, error, balance
+    )
+
+
+def _with_lengths(scene, moments, whole, memory):
+    """The estimates; where one has no error bar, its note names the duration that would give it."""
+    batches, period = complete_batches(moments), scene.excitation.period
+    if batches is None or all(estimate.note != TOO_SHORT for estimate in whole.values()):
+        return whole
+    series = batches[:, :, QUANTITIES.index("square_voltage")]
+    if not scene.excitation.random:
+        series = series.mean(axis=0, keepdims=True)
+    duration = duration_for_error(series, scene.run.duration, memory)
+    if period and not scene.excitation.random:
+        duration = FEWEST_PERIODS * period
+    if duration <= scene.run.duration:  # too few jumps, say, and not too few periods
+        return whole
+    note = f"too short for an error bar: set run.duration = {duration:.2g} or more"
+    if scene.excitation.kind == "record" and not period:
+        note = f"too short for an error bar: a record of {duration:.2g} s or more has one"
+    return {
+        name: replace(estimate, note=note) if estimate.note == TOO_SHORT else estimate
+        for name, estimate in whole.items()
+    }
+
+
+def _without_value(load, moments):
+    """A note on each measure of a load whose expression has no value at some time."""
+    names = without_value(moments)
+    return tuple(
+        f"{measure.where}: measure: {measure.kind} {measure.name} = {measure.expression} has no "
+        "finite value at some time of the run, such as the root of a negative number or a quotient "
+        "by 0; correct the expression"
+        for measure in (load.measures if load else ())
+        if any(row in names for row in measure.rows)
+    )
+
+
+def correlation_time(ready: Prepared, moments: Sequence[Moments]) -> float:
+    """Least correlation time of a run's mean squares (s), by damping and the excitation's band.
+
+    A mean square of Gaussian motion with the density S(f) has the variance ∫S² df/T of its mean,
+    relative to (∫S df)²: that of an exponential autocorrelation with the time
+    ∫S² df/(2 (∫S df)²). S is the excitation's density through a resonance with the rate at which
+    the run lost its energy; 0 where that rate is not positive.
+    """
+    sums = sum(realization.integrals.sum(axis=0) for realization in moments)
+    lost = sum(sums[QUANTITIES.index(name)] for name in LOSSES)
+    square = sums[QUANTITIES.index("square_velocity")]
+    if not lost > 0.0 or not square > 0.0:
+        return 0.0
+    excitation, rate = ready.scene.excitation, lost / square
+    centre = timescales.angular_frequency(ready.system) / (2.0 * math.pi)
+    width = rate / (2.0 * math.pi)
+    # Even steps of the resonance's phase, and even ones between the breakpoints of the density.
+    f = centre + 0.5 * width * np.tan(np.linspace(-0.5, 0.5, POINTS)[1:-1] * math.pi)
+    corners = sorted(excitation.corners) or [centre]
+    places = np.linspace(0.0, len(corners) - 1.0, POINTS)
+    f = np.unique(np.append(f[f > 0.0], np.interp(places, np.arange(len(corners)), corners)))
+    density = excitation.density(f)
+    if density is None or not density.any():
+        return 1.0 / rate
+    response = f**2 / ((centre**2 - f**2) ** 2 + (width * f) ** 2) * density
+    time = 0.5 * float(np.trapezoid(response**2, f) / np.trapezoid(response, f) ** 2)
+    # The product of a sine and noise forgets with the amplitude, half as fast as the energy.
+    return 2.0 * time if excitation.lines else time
+
+
+def error_of(scene: Scene, memory: float = 0.0) -> Callable:
+    """The function that gives a mean's error from batches, chosen by excitation and starts.
+
+    `memory` is the least correlation time in batches, see `correlation_time`.
+    """
+    excitation = scene.excitation
+    drawn = excitation.random or scene.run.starts is not None
+    if excitation.period is not None:
+        return partial(error_without_chance, drawn=drawn)
+    in_time = (
+        standard_error_of_drift if excitation.drifts else partial(standard_error, memory=memory)
+    )
+    if excitation.random:
+        return in_time
+    transient = excitation.transient(scene.run)
+
+    def error(series: np.ndarray) -> float | None:
+        # All starts meet the same stretch of the excitation.
+        common = 0.0 if transient else in_time(series.mean(axis=0, keepdims=True))
+        chance = error_of_starts(series) if drawn else 0.0
+        return None if common is None else math.hypot(common, chance)
+
+    return error
+
+
+def with_steps(scene: Scene, estimate: Estimate, path_error: float) -> Estimate:
+    """The estimate with the error of its steps, if the excitation is deterministic.
+
+    A periodic motion or a transient has no sample size.
+    """
+    excitation = scene.excitation
+    if excitation.random:
+        return estimate
+    error, size = estimate.standard_error, estimate.effective_sample_size
+    if excitation.period is not None or excitation.transient(scene.run):
+        size = None
+    if error is not None:
+        whole = math.hypot(error, path_error * abs(estimate.estimate))
+        if size is not None and whole > 0.0:
+            size *= (error / whole) ** 2
+        error = whole
+    return replace(estimate, standard_error=error, effective_sample_size=size)
+
+
+def _loose_nodes(load):
+    """A note on nodes of a load that lead nowhere: a misspelt name makes such."""
+    if load is None or not load.loose_nodes:
+        return ()
+    ellipsis = " …" if load.loose_nodes[3:] else ""
+    return (f"nothing else is connected to the node {', '.join(load.loose_nodes[:3])}{ellipsis}",)

@@ -1,0 +1,197 @@
+"""Quantities of a load's output side, with the error bars of `harvester.statistics.means`."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Sequence
+from typing import Any
+
+import numpy as np
+
+from circuits.netlist.kinds import BATTERY, OUTPUT, SUPPLY
+from harvester.statistics.batch_means import (
+    FEWEST_BATCHES,
+    complete_batches,
+    ratio_estimate,
+    ratio_of_sums,
+    standard_error,
+)
+from harvester.statistics.estimate import NOTHING_PUT_IN, Estimate, why_no_error
+from harvester.statistics.measures import (
+    INTEGRAL,
+    SECONDS_PER_HOUR,
+    SQUARE,
+    estimate_measures,
+    measured_series,
+)
+from harvester.statistics.moments import QUANTITIES as PIEZO_QUANTITIES
+from harvester.statistics.output_moments import QUANTITIES
+from harvester.statistics.passivity import SUPPLIED
+
+# The output counts as started once its voltage has reached this share of the final mean voltage.
+STARTED_SHARE = 0.9
+ONE_VALUE_NOTE = "one value a realization: no error bar"
+# A source of the load that delivers a smaller share of what is harvested is left in it: the steps
+# may cost as much.
+LEAST_SUPPLY = 1e-3
+# Quantities that are a ratio of two sums over batches, with their dimensions.
+RATIOS = {
+    "mean_output_power": "power",
+    "mean_storage_power": "power",
+    "mean_converter_loss": "power",
+    "converter_efficiency": "1",
+    "end_to_end_efficiency": "1",
+    "output_voltage": "voltage",
+}
+
+
+def estimate_output(
+    moments: Sequence[Any], error_of: Callable = standard_error
+) -> dict[str, Estimate]:
+    """Quantities of the load's output side, scaled; empty without an output.
+
+    What is harvested is what goes into the output's resistors, what the load's file measures as an
+    output, and what its capacitors, coils and batteries store, less what its sources deliver,
+    `supplied_by_NAME` each: `converter_efficiency` is its share of the power leaving the piezo,
+    `end_to_end_efficiency` that of the mechanical input. The quantities of `estimate_measures` are
+    included.
+    """
+    batches = complete_batches(moments)
+    if batches is None or not all(m.has_output for m in moments):
+        return {}
+    output = _output_series(moments, batches)
+    time = batches[:, :, PIEZO_QUANTITIES.index("time")]
+    half = 0.5 * moments[0].output.capacitance
+    squares = _squares(moments, output) if not supplied(moments) else {}
+    # The final mean is that of the last half of the measured time. The load starts discharged, so
+    # that its start-up counts from the realization's beginning, settling included.
+    late = slice(time.shape[1] // 2, None)
+    final = abs(float(output["voltage"][:, late].sum() / time[:, late].sum()))
+    started = [m.output.passage(STARTED_SHARE * final) for m in moments]
+    estimates = {
+        name: ratio_estimate(
+            *output_ratio(moments, name), dimension, NOTHING_PUT_IN, squares.get(name), error_of
+        )
+        for name, dimension in RATIOS.items()
+    }
+    estimates |= {
+        "output_ripple": _ripple(output, time, error_of),
+        "output_peak_to_peak": _single([m.output.highest - m.output.lowest for m in moments]),
+        "start_up_time": _single(started, "time"),
+    }
+    if half > 0.0:
+        energies = half**2 * output["fourth_power_of_voltage"]
+        estimates["stored_energy"] = ratio_estimate(
+            half * output["square_voltage"], time, "energy", squares=energies, error_of=error_of
+        )
+        stored = [half * m.output.voltage**2 for m in moments]
+        estimates["final_stored_energy"] = _single(stored, "energy")
+    hourly = SECONDS_PER_HOUR * np.ones_like(time)
+    estimates["stored_energy_per_hour"] = ratio_estimate(
+        hourly * output_ratio(moments, "mean_storage_power")[0], time, "hourly_energy",
+        error_of=error_of,
+    )  # fmt: skip
+    for name, energy in supplied(moments).items():
+        estimates[f"{SUPPLIED}{name}"] = ratio_estimate(energy, time, "power", error_of=error_of)
+    return estimates | estimate_measures(moments, error_of)
+
+
+def output_ratio(moments: Sequence[Any], name: str) -> tuple[np.ndarray, np.ndarray]:
+    """Numerator and denominator of a quantity of `RATIOS`, of shape (realizations, batches)."""
+    batches = complete_batches(moments)
+    if batches is None:
+        raise ValueError("moments without a whole batch have no ratio")
+    series = {quantity: batches[:, :, row] for row, quantity in enumerate(PIEZO_QUANTITIES)}
+    load, put_in, time = series["load_power"], series["input_power"], series["time"]
+    output = _output_series(moments, batches)
+    consumed, stored = _used_and_stored(moments, output)
+    delivered = sum(supplied(moments).values(), np.zeros_like(time))
+    lost = load + delivered - consumed - stored
+    consumed, harvested = _without(consumed, delivered), _without(consumed + stored, delivered)
+    return {
+        "mean_output_power": (consumed, time),
+        "mean_storage_power": (stored, time),
+        "mean_converter_loss": (lost, time),
+        "converter_efficiency": (harvested, load),
+        "end_to_end_efficiency": (harvested, put_in),
+        "output_voltage": (output["voltage"], time),
+    }[name]
+
+
+def supplied(moments: Sequence[Any]) -> dict[str, np.ndarray]:
+    """Energy that sources of the load deliver, batch by batch: (realizations, batches) by name."""
+    batches = complete_batches(moments)
+    if batches is None:
+        return {}
+    consumed, stored = _used_and_stored(moments, _output_series(moments, batches))
+    least = LEAST_SUPPLY * abs(consumed.sum() + stored.sum())
+    return {
+        name: -series
+        for kind, name, series in _sources(moments)
+        if kind in (SUPPLY, BATTERY) and -series.sum() > least
+    }
+
+
+def _without(energy, given):
+    """An energy less what sources deliver; 0 where they deliver more, as the rest is lost."""
+    if given.any() and energy.sum() < (1.0 + LEAST_SUPPLY) * given.sum():
+        return np.zeros_like(energy)
+    return energy - given
+
+
+def _sources(moments):
+    for row, (kind, name) in enumerate(moments[0].output.rows):
+        if kind in (OUTPUT, SUPPLY, BATTERY):
+            yield kind, name, measured_series(moments, row)[:, :, INTEGRAL]
+
+
+def _used_and_stored(moments, output):
+    """Energy given to what the load is for, sources' energy included, and energy stored."""
+    consumed = moments[0].output.conductance * output["square_voltage"]
+    stored = np.stack([m.output.stored[: consumed.shape[1]] for m in moments])
+    for kind, _, series in _sources(moments):
+        if kind == OUTPUT:
+            consumed = consumed + series
+        elif kind == BATTERY and series.sum() > 0.0:
+            stored = stored + series
+    return consumed, stored
+
+
+def _squares(moments, output):
+    """Time integrals of squares for output voltage and output power, for their sample sizes.
+
+    The output's power is a sum where a load has several, of which only the parts' squares are kept.
+    """
+    conductance = moments[0].output.conductance
+    measured = [row for row, (kind, _) in enumerate(moments[0].output.rows) if kind == OUTPUT]
+    powers = [measured_series(moments, row)[:, :, SQUARE] for row in measured]
+    if conductance > 0.0:
+        powers.append(conductance**2 * output["fourth_power_of_voltage"])
+    squares = {"output_voltage": output["square_voltage"]}
+    return squares | ({"mean_output_power": powers[0]} if len(powers) == 1 else {})
+
+
+def _output_series(moments, batches):
+    integrals = np.stack([m.output.integrals[: batches.shape[1]] for m in moments])
+    return {name: integrals[:, :, row] for row, name in enumerate(QUANTITIES)}
+
+
+def _ripple(output, time, error_of):
+    """RMS of the voltage about its mean over the measured time (delta method)."""
+    mean = float(output["voltage"].sum() / time.sum())
+    # ⟨(v − mean)²⟩ in each batch. To first order the error of the mean has no effect on it.
+    spread = output["square_voltage"] - 2.0 * mean * output["voltage"] + mean**2 * time
+    variance, error = ratio_of_sums(spread, time, error_of)
+    ripple = math.sqrt(max(variance, 0.0))
+    if error is not None:
+        error = 0.5 * error / ripple if ripple > 0.0 else 0.0
+    return Estimate(ripple, error, None, "voltage", why_no_error(ripple, error))
+
+
+def _single(values, dimension="voltage"):
+    """Mean over realizations of what each gives once."""
+    mean = float(np.mean(values))
+    if len(values) < FEWEST_BATCHES:
+        return Estimate(mean, None, None, dimension, ONE_VALUE_NOTE)
+    error = float(np.std(values, ddof=1)) / math.sqrt(len(values))
+    return Estimate(mean, error, len(values), dimension)

@@ -1,0 +1,60 @@
+"""Ends a run whose mass leaves the range in which its spring is known."""
+
+from __future__ import annotations
+
+import math
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from harvester.base.errors import SolutionDiverged, SpringRangeLeft
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from harvester.device.record import Observer, Record
+    from harvester.scene.prepared import Prepared
+
+
+class RangeWatch:
+    """Looks at every accepted point of one realization.
+
+    `low` and `high` are the ends of the range, scaled; `length` is the length unit in the scene's
+    units, and `unit` its name in the message.
+    """
+
+    def __init__(self, low: float, high: float, length: float, unit: str) -> None:
+        self._low, self._high = low, high
+        self._length, self._unit = length, unit
+
+    def add(self, record: Record) -> None:
+        """Check the points of one chunk; raises SpringRangeLeft if the mass is outside at one."""
+        outside = (record.displacement < self._low) | (record.displacement > self._high)
+        if outside.any():
+            first = int(np.argmax(outside))
+            low, high = self._length * self._low, self._length * self._high
+            x = self._length * float(record.displacement[first])
+            raise SpringRangeLeft(
+                f"the mass left oscillator.restoring_force_range = [{low:.6g}, {high:.6g}] at "
+                f"t = {record.time[first]:.6g} s, x = {x:.6g}{self._unit}: the spring is not known "
+                "there; widen the range by a force that holds farther out, or drive it less"
+            )
+
+
+def leaves_range(ready: Prepared, error: Exception) -> bool:
+    """Whether a run ended because its mass left the range; beyond it a spring may diverge."""
+    if isinstance(error, SolutionDiverged):
+        return math.isfinite(np.ptp(ready.system.spring.range))
+    return isinstance(error, SpringRangeLeft)
+
+
+def with_range_watch(
+    ready: Prepared, observers: Sequence[Sequence[Observer]]
+) -> list[list[Observer]]:
+    """Observers of some realizations, with one more each where the spring has a range."""
+    low, high = ready.system.spring.range
+    if math.isinf(high - low):
+        return [list(watching) for watching in observers]
+    unit = " m" if ready.scene.units == "SI" else ""
+    length = ready.scales.displacement
+    return [[RangeWatch(low, high, length, unit), *watching] for watching in observers]

@@ -1,0 +1,481 @@
+"""Whether a run is longer than the memory of its device and load, and whether its means drift.
+
+Realizations start at rest. What is left of that start in a mean over the measured time, once
+`run.settle` has passed, is not seen by batch means: where it exceeds the error bar, that bar is
+withheld, and a note names the time that was too long.
+
+    0       settle                     settle + duration
+    |-------|------------ measured ------------|
+     exp(−t/τ) of the start is left at t; its mean over the measured time is `left_of_start`
+
+Example: a store with τ = 400 s, a run with settle = 50 s and duration = 500 s. In the mean
+400/500 · exp(−50/400) · (1 − exp(−500/400)) = 50 % of the way from the start is missing. An error
+bar of 2 % would be wrong: it is withheld, and the advice is run.settle = 8 τ = 3200 s.
+"""
+
+from __future__ import annotations
+
+import math
+import warnings
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from harvester.device import timescales
+from harvester.statistics.batch_means import FEWEST_BATCHES, complete_batches, standard_error
+from harvester.statistics.estimate import NO_VALUE, TOO_SHORT
+from harvester.statistics.moments import QUANTITIES
+from harvester.statistics.well_balance import FEWEST_JUMPS
+
+if TYPE_CHECKING:
+    from harvester.device.system import System
+    from harvester.scene.model import Scene
+    from harvester.scene.prepared import Prepared
+    from harvester.statistics.estimate import Estimate
+    from harvester.statistics.moments import Moments
+    from harvester.statistics.store_settling import StoreState
+    from harvester.statistics.well_balance import WellBalance
+
+# After so many relaxation times the start of a run counts as forgotten: exp(−8) = 3e-4 of it are
+# left.
+FORGETTING_TIMES = 8.0
+# A drift is reported when it exceeds this share of the mean and so many of its standard errors.
+SMALLEST_DRIFT, DRIFT_IN_STANDARD_ERRORS = 2e-3, 4.5
+# Above this share of what a store holds, the bound of its missing charge is not printed.
+MOST_MISSING = 10.0
+# Of stores that lack this share of the worst's and more, the greatest capacitance is named.
+FOLLOWING = 0.25
+# After three exchange times of the wells exp(−3) = 5 % of the starts are left. A note names shares
+# of time that the starts move by more than 0.005.
+SETTLED, NOTED_START = 3.0, 0.005
+# With fewer than 16 jumps between the wells, a single jump more changes the means visibly. A run
+# without a jump is no surprise where fewer than 0.05 are expected.
+FEW_JUMPS, UNLIKELY_JUMPS = 16, 0.05
+QUANTITIES_OF_THE_CHARGE = (
+    "mean_square_voltage",
+    "rms_voltage",
+    "mean_power",
+    "power_conversion_efficiency",
+    "power_conversion_efficiency_of_input",
+    # This quantity occurs in studies.
+    "output_power",
+)
+DRIFTING_QUANTITIES = {
+    "E[V²]": "square_voltage",
+    "E[X²]": "square_displacement",
+    "E[X'²]": "square_velocity",
+}
+
+
+@dataclass(frozen=True)
+class Shortfall:
+    """A reason for which a run was too short, with the quantities affected.
+
+    Attributes
+    ----------
+    reason : in a few words, shown beside each estimate.
+    advice : the consequence, and the setting to change.
+    names : estimates that lose their error bar; None: all.
+    """
+
+    reason: str
+    advice: str
+    names: tuple | None = None
+
+    @property
+    def note(self) -> str:
+        """The note as a whole sentence."""
+        return f"{self.reason}: {self.advice}"
+
+
+def shortfalls(
+    ready: Prepared,
+    moments: list[Moments],
+    estimates: dict[str, Estimate],
+    balance: WellBalance | None = None,
+    stores: Sequence[StoreState] = (),
+) -> list[Shortfall]:
+    """All reasons for which a run was too short; none for one pass of a record.
+
+    The means of one pass are those of that event. `balance` is that of the jumps between wells
+    where these differ; `stores` are the load's at the end of the run.
+    """
+    scene, p = ready.scene, ready.system
+    if scene.excitation.drifts or "mean_square_voltage" not in estimates:
+        return []
+    reasons = [
+        _motion(p, scene.run, estimates),
+        _charge(scene, p, moments, estimates),
+        _storage(scene, stores, estimates),
+        _jumps(scene, p, moments, estimates),
+        # Without chance the well is decided by the start, and a longer run has no more jumps.
+        _residence(scene, p, moments, estimates, balance) if scene.excitation.random else None,
+    ]
+    reasons = [reason for reason in reasons if reason]
+    return reasons or _drift(moments, balance)
+
+
+def withheld(estimates: dict[str, Estimate], found: list[Shortfall]) -> dict[str, Estimate]:
+    """The estimates, without the error bars that would be too small."""
+    result = dict(estimates)
+    for shortfall in reversed(found):
+        for name in result if shortfall.names is None else shortfall.names:
+            if name in result and result[name].note != NO_VALUE:
+                result[name] = replace(
+                    result[name],
+                    standard_error=None,
+                    effective_sample_size=None,
+                    note=f"no error bar: {shortfall.reason}",
+                )
+    return result
+
+
+def left_of_start(time: float, settle: float, duration: float) -> float:
+    """Mean of exp(−t/time) over the measured time: what is left of a start."""
+    share = time / duration
+    return share * math.exp(-settle / time) * -math.expm1(-1.0 / share)
+
+
+def unseen_jump(p: System, square_voltage: Any, measured: float) -> float:
+    """The share by which a single further jump between the wells would raise E[V²].
+
+    The charge is then off by the wells' distance, and follows within 1/λ.
+    """
+    wells, decay = timescales.wells(p), p.transducer.decay_rate()
+    if len(wells) == 1 or not square_voltage:
+        return 0.0
+    distance = wells[0] - wells[-1]
+    lasting = min(1.0 / (2.0 * decay), measured) if decay else measured
+    share = distance**2 * lasting / (square_voltage * measured)
+    return share if math.isfinite(share) else 0.0
+
+
+def _relative_error(estimate):
+    """Standard error as a share of the estimate; 0 where there is no bar to be wrong."""
+    if estimate is None or estimate.standard_error is None or not estimate.estimate:
+        return 0.0
+    return abs(estimate.standard_error / estimate.estimate)
+
+
+def _lengths(run):
+    return f"run.settle = {run.settle:g} s and run.duration = {run.duration:g} s"
+
+
+def _too_short(run, time, what, share, names=None):
+    return Shortfall(
+        f"{_lengths(run)} are short against {what} of {time:.3g} s",
+        f"about {100.0 * share:.2g} % of the way from rest to the stationary means is missing "
+        f"in them; set run.settle = {FORGETTING_TIMES * time:.2g} or more",
+        names,
+    )
+
+
+def _slow(scene, time, what, error, names=None):
+    """The shortfall of a run against one relaxation time, or None if the run is long enough."""
+    run = scene.run
+    left = left_of_start(time, run.settle, run.duration)
+    if left > max(error, SMALLEST_DRIFT):
+        return _too_short(run, time, what, left, names)
+    if scene.excitation.period is not None and not scene.excitation.random:
+        return None
+    return _few_values(scene, time, what, names)
+
+
+def _few_values(scene, time, what, names=None):
+    """The shortfall of a run that sees too few independent values of what is slow, or None."""
+    run = scene.run
+    # The number of independent values that the slow part of the motion takes.
+    values = run.realizations * (1.0 + run.duration / (2.0 * time))
+    if values >= FEWEST_BATCHES:
+        return None
+    return Shortfall(
+        f"{_lengths(run)} are short against {what} of {time:.3g} s",
+        f"{run.realizations} realizations see about {values:.0f} independent values of what is so "
+        f"slow; set run.duration = {2.0 * FEWEST_BATCHES * time / run.realizations:.2g} or more",
+        names,
+    )
+
+
+def _motion(p, run, estimates):
+    """Small oscillations, with the load's decay, as the linear equations have them."""
+    if p.noise.intensity <= 0.0:
+        return None
+    matrix, places = _linear(p, estimates["mean_square_displacement"].estimate)
+    if not np.all(np.isfinite(matrix)):
+        return None
+    rates = -np.linalg.eigvals(matrix).real
+    if np.any(rates <= 0.0):
+        return None
+    error = max(
+        _relative_error(estimates[name]) for name in ("mean_square_velocity", "mean_square_voltage")
+    )
+    bound = max(error, SMALLEST_DRIFT)
+
+    def left(settle):
+        missing = _left_in_squares(p, matrix, replace(run, settle=settle))
+        return max(missing[state] for state in places)
+
+    try:
+        with warnings.catch_warnings():
+            warnings.simplefilter("error", RuntimeWarning)
+            share = left(run.settle)
+            if share <= bound:
+                return None
+            # The slowest decays may hardly change what is measured: take the first that suffices.
+            times = sorted(1.0 / rates)
+            slow = next(
+                (time for time in times if left(FORGETTING_TIMES * time) <= bound), times[-1]
+            )
+    except (RuntimeWarning, ValueError):
+        # Rates too far apart for their equations to be solved.
+        return None
+    return _too_short(run, slow, "a relaxation of device and load", share)
+
+
+def _linear(p, square):
+    """Matrix of (X − rest, X', V, η), or without V for a load that is no resistor.
+
+    Also the indices of the states whose mean squares are tested. The stiffness of a monostable
+    spring is that at the measured E[X²].
+    """
+    equilibrium = timescales.rest(p)
+    stiffness = timescales.stiffness(p, equilibrium)
+    if not timescales.bistable(p):
+        spread = math.sqrt(max(square - equilibrium**2, 0.0))
+        stiffness = sum(float(p.spring.slope(equilibrium + s * spread)) for s in (1, -1)) / 2.0
+    memory = 1.0 / p.noise.correlation_time
+    decay, damping = p.transducer.decay_rate(), p.damper.damping + p.transducer.damping()
+    if decay == 0.0:
+        total = stiffness + p.transducer.stiffness(stiffness)
+        rows = [[0.0, 1.0, 0.0], [-total, -damping, 1.0], [0.0, 0.0, -memory]]
+        return np.array(rows), (1,)
+    return np.array(
+        [
+            [0.0, 1.0, 0.0, 0.0],
+            [-stiffness, -damping, -p.transducer.coupling, 1.0],
+            [0.0, 1.0, -decay, 0.0],
+            [0.0, 0.0, 0.0, -memory],
+        ]
+    ), (1, 2)
+
+
+def _left_in_squares(p, matrix, run):
+    """Relative distance of the mean squares over the measured time from their stationary values."""
+    from scipy.linalg import expm, solve_continuous_lyapunov
+
+    noise = np.zeros_like(matrix)
+    noise[-1, -1] = -2.0 * p.noise.intensity / p.noise.correlation_time**2
+    stationary = solve_continuous_lyapunov(matrix, noise)
+    missing = -stationary
+    missing[-1, -1] = 0.0
+
+    def later(time):
+        flow = expm(matrix * time)
+        return flow @ missing @ flow.T
+
+    # The integral I of what is missing obeys A I + I Aᵀ = its change.
+    change = later(run.settle + run.duration) - later(run.settle)
+    integral = solve_continuous_lyapunov(matrix, change)
+    return np.abs(np.diag(integral)) / run.duration / np.diag(stationary)
+
+
+def _charge(scene, p, moments, estimates):
+    """The shortfall against 1/λ, the time in which the charge follows a jump between wells."""
+    decay = p.transducer.decay_rate()
+    if not timescales.bistable(p) or not decay:
+        return None
+    jumps = _total(moments, "well_crossings") or _expected_jumps(p, moments, estimates)
+    if jumps < UNLIKELY_JUMPS:
+        return None
+    error = _relative_error(estimates["mean_square_voltage"])
+    return _slow(scene, 1.0 / decay, "the load's 1/λ", error, QUANTITIES_OF_THE_CHARGE)
+
+
+def _storage(scene, stores, estimates):
+    """A store of the load that still charges, or that is slow against the run."""
+    run = scene.run
+    measured = "output_voltage" if "output_voltage" in estimates else "mean_power"
+    bound = max(_relative_error(estimates.get(measured)), SMALLEST_DRIFT)
+    if not stores:
+        return None
+    worst = max(stores, key=lambda each: abs(each.missing) - DRIFT_IN_STANDARD_ERRORS * each.error)
+    if abs(worst.missing) > bound + DRIFT_IN_STANDARD_ERRORS * worst.error:
+        # Stray capacitances follow the storage.
+        alike = [store for store in stores if abs(store.missing) > FOLLOWING * abs(worst.missing)]
+        elements = scene.load.circuit.elements
+        sizes = {part.name: part.size or 0.0 for part in elements if part.letter == "c"}
+        worst = max(alike, key=lambda store: sizes.get(store.name, 0.0))
+        away = f"it is up to {100.0 * abs(worst.missing):.2g} % of what it holds away from its "
+        longest = (
+            f" (to {run.settle + FORGETTING_TIMES * worst.time:.2g} s at most, less where a diode "
+            "charges it)"
+        )
+        if abs(worst.missing) > MOST_MISSING:
+            # While diodes block, the bound says nothing.
+            away, longest = "it has not come near its ", ""
+        return Shortfall(
+            f"the store {worst.name} ({worst.where}) still "
+            f"{'charges' if worst.missing > 0.0 else 'discharges'}",
+            f"{away}steady state, which affects all means; raise run.settle{longest}, or start it "
+            "nearer to that by ic=",
+        )
+    if not scene.excitation.random:
+        return None
+    slowest = max(stores, key=lambda each: each.memory)
+    if not slowest.memory > 0.0:
+        return None
+    return _few_values(scene, slowest.memory, f"the memory of the store {slowest.name}")
+
+
+def _jumps(scene, p, moments, estimates):
+    """The shortfall of a run with too few jumps to estimate their contribution to E[V²]."""
+    crossings = _total(moments, "well_crossings")
+    # Without chance a motion that stays in its well goes on staying, and a periodic one between
+    # the wells passes as often in each period.
+    if not scene.excitation.random and (scene.excitation.period or not crossings):
+        return None
+    decay = p.transducer.decay_rate()
+    if not timescales.bistable(p) or not decay or crossings >= FEW_JUMPS:
+        return None
+    square = estimates["mean_square_voltage"]
+    measured = _total(moments, "time")
+    one = unseen_jump(p, square.estimate, measured)
+    if one <= max(_relative_error(square), SMALLEST_DRIFT):
+        return None
+    if not crossings and _expected_jumps(p, moments, estimates) < UNLIKELY_JUMPS:
+        return None
+    seen = f"{crossings:.0f} passes" if crossings else "no pass"
+    return Shortfall(
+        f"{seen} between the wells in {measured:.3g} s",
+        f"a single further jump would raise E[V²] by {100.0 * one:.2g} %; raise run.duration or "
+        "run.realizations",
+        QUANTITIES_OF_THE_CHARGE,
+    )
+
+
+def _residence(scene, p, moments, estimates, balance):
+    """The shortfall of a run with few jumps between wells, in what depends on the well."""
+    shares = [name for name in estimates if name.startswith("share_of_time_in_well_")]
+    if not shares:
+        return None
+    counts = sum(realization.jumps.counts[:-1].sum(axis=0) for realization in moments)
+    times = sum(realization.jumps.times[:-1].sum(axis=0) for realization in moments)
+    if balance is None:
+        # If the wells are alike, or all runs stay in the well of a given start, only the shares are
+        # affected.
+        names = tuple(shares)
+        if counts.sum() >= FEWEST_JUMPS:
+            return None
+    else:
+        names = tuple(name for name, estimate in estimates.items() if _unknown(name, estimate))
+        if not names:
+            return None
+    fewest = float(min(counts.sum(axis=0).min(), counts.sum(axis=1).min()))
+    needed = FEWEST_JUMPS / (fewest + 1.0) * times.sum()
+    # Wells of a symmetric spring differ by their stoppers alone.
+    untouched = p.spring.symmetric and p.contacts and not _total(moments, "impacts")
+    averaged = scene.load.is_resistor and not scene.excitation.averaging_refusal()
+    return Shortfall(
+        f"{counts.sum():.0f} jumps between {'wells' if balance is None else 'uneven wells'} in "
+        f"{times.sum():.3g} s"
+        + f", only {fewest:.0f} into or out of one of them"
+        * bool(counts.sum()),
+        f"shares of time and what depends on them are not known; simulate {needed:.1g} s in all or "
+        "longer (run.duration times run.realizations)"
+        + ", or average by fokker_planck" * averaged
+        + "; the mass touched no stopper: without [stoppers] the wells are alike" * bool(untouched),
+        names,
+    )
+
+
+def _unknown(name, estimate):
+    """Whether an estimate lacks an error bar because jumps are few, or is a rate of few jumps."""
+    few = (estimate.effective_sample_size or FEWEST_JUMPS) < FEWEST_JUMPS
+    return estimate.note == TOO_SHORT or (few and name.startswith("jump_rate"))
+
+
+def slow_exchange(scene: Scene, balance: WellBalance | None) -> tuple[str, ...]:
+    """A note where settling and run are short against the time in which wells exchange."""
+    if balance is None or balance.shares is None:
+        return ()
+    run = scene.run
+    # Realizations begin in the wells in turn, or all in the same.
+    missing = 1.0 if scene.start else np.max(np.abs(balance.shares - 1.0 / len(balance.shares)))
+    if missing * left_of_start(balance.exchange_time, run.settle, run.duration) < NOTED_START:
+        return ()
+    return (
+        f"the wells exchange within {balance.exchange_time:.3g} s, run.settle is {run.settle:g} s: "
+        "shares of time are those that the rates of jumps keep in balance, not those of the run; "
+        f"with run.settle = {SETTLED * balance.exchange_time:.2g} they are the same",
+    )
+
+
+def _total(moments, quantity):
+    return sum(float(m.integrals[:, QUANTITIES.index(quantity)].sum()) for m in moments)
+
+
+def _expected_jumps(p, moments, estimates):
+    """Rough number of jumps out of the wells, by the rate of a weakly damped mass.
+
+    The charge stays behind: it lifts the barrier by as much as the load is slower than the motion.
+    """
+    square, decay = timescales.angular_frequency(p) ** 2, p.transducer.decay_rate()
+    lagging, lifting = square / (decay**2 + square), p.transducer.stiffness(square)
+    barrier = min(
+        timescales.barrier(p, well) + 0.5 * lagging * lifting * (well - saddle) ** 2
+        for well in timescales.wells(p)
+        for saddle in timescales.beside(p, well)
+    )
+    energy = estimates["mean_square_velocity"].estimate
+    if not energy > 0.0 or not math.isfinite(barrier):
+        return 0.0
+    height = barrier / energy
+    return height * math.exp(-height) / timescales.relaxation_time(p) * _total(moments, "time")
+
+
+def _drift(moments, balance):
+    """Means that change from the first half of the measured time to the second."""
+    batches = complete_batches(moments)
+    if batches is None or batches.shape[1] < 2:
+        return []
+    series = {
+        name: batches[:, :, QUANTITIES.index(row)] for name, row in DRIFTING_QUANTITIES.items()
+    }
+    time = batches[:, :, QUANTITIES.index("time")]
+    if all(m.has_output for m in moments):
+        integrals = np.stack([m.output.integrals[: batches.shape[1]] for m in moments])
+        series["the output voltage"] = integrals[:, :, 1]
+    for name, values in series.items():
+        values = values / time
+        change = _change(balance.without_wells(values) if balance else values)
+        if change:
+            return [
+                Shortfall(
+                    f"{name} still drifts",
+                    f"it changes by {change:+.2g} of its mean from the first half of the measured "
+                    "time to the second; raise run.settle and run.duration",
+                )
+            ]
+    return []
+
+
+def _change(values):
+    """Change from the first half to the second as a share of the mean; 0 where chance does it."""
+    half = values.shape[1] // 2
+    early, late = values[:, :half], values[:, -half:]
+    change, mean = float(late.mean() - early.mean()), float(values.mean())
+    if not abs(change) > SMALLEST_DRIFT * abs(mean):
+        return 0.0
+    errors = [standard_error(part) for part in (early, late)]
+    if len(values) >= FEWEST_BATCHES:
+        differences = late.mean(axis=1) - early.mean(axis=1)
+        spread = float(differences.std(ddof=1)) / math.sqrt(len(values))
+        error = max(spread, math.hypot(*(one or 0.0 for one in errors)))
+    else:
+        bars = [bar for bar in errors if bar is not None]
+        if len(bars) < len(errors):
+            return 0.0
+        error = math.hypot(*bars)
+    return change / abs(mean) if abs(change) > DRIFT_IN_STANDARD_ERRORS * error else 0.0

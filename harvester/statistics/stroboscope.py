@@ -1,0 +1,95 @@
+"""Stroboscopic samples of a record: its state at equally spaced times, and what lies between."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from harvester.device import timescales
+from harvester.device.record import Record
+from harvester.scene.prepared import Prepared
+from harvester.scene.steps import stop_time
+
+# Columns of `Stroboscope.samples`. The last three are time integrals, so that their differences
+# over a period are its means.
+COLUMNS = (
+    "displacement", "velocity", "state", "load_energy", "square_voltage", "square_displacement",
+)  # fmt: skip
+# The first so many columns are the state of the motion.
+STATE = 3
+
+
+class Stroboscope:
+    """Takes samples of one realization's record at `first`, `first + period`, … (s).
+
+    Between the record's points a sample is linear; engines have points at the excitation's knots,
+    and a period is a whole number of these. `samples` has the shape (count, len(COLUMNS)), scaled;
+    NaN at times that the record has not reached yet.
+    """
+
+    def __init__(self, first: float, period: float, count: int) -> None:
+        # All earlier by the same, since rounding may put a record's last time before its end: a
+        # shift that grew with time would look like a transient.
+        times = first + period * np.arange(count)
+        self.times = times - 5e-10 * times[-1:]
+        self.samples = np.full((count, len(COLUMNS)), np.nan)
+        self._next = 0
+        self._last: np.ndarray | None = None
+
+    def add(self, record: Record) -> None:
+        """Sample one chunk that follows the ones before."""
+        if record.time.size == 0 or self._next == self.times.size:
+            return
+        if record.time[-1] < self.times[0]:
+            last = (column[-1] for column in (record.time, *_motion(record)))
+            self._last = np.array([*last, 0.0, 0.0, 0.0, *(rate[-1] for rate in _rates(record))])
+            return
+        points = np.empty((record.time.size + 1, 1 + len(COLUMNS)))
+        points[1:, 0] = record.time
+        points[1:, 1:4] = np.array(_motion(record)).T
+        rates = np.array(_rates(record))
+        start = self._last
+        if start is None:
+            # A record lacks the initial point: times before its first point take that point's
+            # values.
+            start = np.array([*points[1, :4], 0.0, 0.0, 0.0, *rates[:, 0]])
+        points[0] = start[: 1 + len(COLUMNS)]
+        rates = np.concatenate([start[-3:, None], rates], axis=1)
+        steps = 0.5 * np.diff(points[:, 0]) * (rates[:, 1:] + rates[:, :-1])
+        points[1:, 4:] = points[0, 4:] + np.cumsum(steps, axis=1).T
+        until = int(np.searchsorted(self.times, points[-1, 0], side="right"))
+        times = self.times[self._next : until]
+        for column in range(len(COLUMNS)):
+            self.samples[self._next : until, column] = np.interp(
+                times, points[:, 0], points[:, 1 + column]
+            )
+        self._next = until
+        self._last = np.concatenate([points[-1], rates[:, -1]])
+
+
+def _motion(record):
+    return record.displacement, record.velocity, record.transducer_state
+
+
+def _rates(record):
+    """The integrands: load power, squared voltage, squared displacement."""
+    return record.load_power, record.voltage**2, record.displacement**2
+
+
+def strobe_period(ready: Prepared) -> float:
+    """Time between samples (s): the excitation's period, of its lowest line, else the device's."""
+    excitation = ready.scene.excitation
+    if excitation.period is not None and not excitation.random:
+        return excitation.period
+    if excitation.lines and not excitation.drifts:
+        return 1.0 / min(frequency for frequency, _ in excitation.lines)
+    return 2.0 * math.pi / timescales.angular_frequency(ready.system)
+
+
+def strobe_times(ready: Prepared) -> tuple[float, float, int]:
+    """First time (s), time between samples (s) and number of samples of a run, after settling."""
+    period = strobe_period(ready)
+    first = max(math.ceil(ready.scene.run.settle / period - 1e-9), 1) * period
+    count = math.floor((stop_time(ready) - first) / period + 1e-6) + 1
+    return first, period, max(count, 0)

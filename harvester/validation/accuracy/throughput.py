@@ -1,0 +1,129 @@
+"""Simulated time per second of each way to run the circuit, as ratios measured in one run."""
+
+import datetime
+import math
+import os
+import platform
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any
+
+from harvester.base.pools import WorkerPool, Workers
+from harvester.engines.codec import register
+from harvester.engines.methods import Circuit
+from harvester.engines.realization import run
+from harvester.engines.side_by_side import MOST_COPIES
+from harvester.engines.task import Task
+from harvester.scene.model import Scene
+from harvester.scene.prepared import prepared
+from harvester.scene.steps import knot_spacing
+from harvester.validation.paths import from_rest
+
+# Knots of a realization. The cost of a PWL source depends on their number, since ngspice scans it
+# point by point.
+KNOTS = 20_000
+# The best of so many measurements counts: other work on the machine only slows one down.
+REPEATS = 5
+
+
+@register
+@dataclass(frozen=True)
+class Throughput:
+    """One way to run the circuit.
+
+    Attributes
+    ----------
+    copies : int
+        Realizations side by side in each netlist.
+    rate : float
+        Simulated seconds per second, all realizations together.
+    """
+
+    name: str
+    copies: int
+    processes: int
+    rate: float
+
+
+def task(scene: Scene, version: str) -> Task:
+    """The task of every way to run a scene's circuit; `version` is that of the circuit."""
+    arguments = {
+        "scene": scene,
+        "compiled": "compiled" in version,
+        "knots": KNOTS,
+        "repeats": REPEATS,
+    }
+    return Task(measured_alone, arguments, version, "throughput")
+
+
+def measured_alone(
+    scene: Scene, compiled: bool, knots: int, repeats: int, report: Callable
+) -> dict[str, Any]:
+    """The `rows` of `measure` and the `machine`, measured from a worker with processes of
+    its own."""
+    with WorkerPool(workers=2) as pool:
+        return {"rows": measure(scene, pool, compiled, knots, repeats), "machine": machine()}
+
+
+def machine() -> dict[str, Any]:
+    return {
+        "date": datetime.date.today().isoformat(),
+        "cores": os.cpu_count(),
+        "processor": platform.processor() or platform.machine(),
+        "system": platform.platform(),
+        "python": platform.python_version(),
+    }
+
+
+def measure(
+    scene: Scene, pool: Workers, compiled: bool, knots: int, repeats: int
+) -> list[Throughput]:
+    """Measure every way to run a scene's circuit; of `repeats` measurements the best counts.
+
+    The first is a source in the netlist, the second one realization by the external source, both
+    with one knot as the longest step; the others take the default step. The ratio of two processes
+    to one needs two workers.
+    """
+    most, many = MOST_COPIES["behavioural"], MOST_COPIES["compiled"]
+    spacing = knot_spacing(prepared(scene))
+    knot = {"step": spacing}
+    ways: list[tuple[str, int, int, dict[str, Any]]] = [
+        ("external source, a step a knot", 1, 1, knot),
+        ("one realization", 1, 1, {}),
+        ("side by side in one netlist", most, 1, {}),
+        ("two processes", 1, 2, {}),
+    ]
+    if compiled:
+        option = {"device": "compiled"}
+        ways += [("compiled device", copies, 1, option) for copies in (1, most, many)]
+
+    def rate(name, copies, processes, options):
+        """So many netlists at a time, each with so many copies; fewer knots if there are more."""
+        count = math.ceil(knots / math.sqrt(copies))
+        call = {
+            "scene": from_rest(scene, count, copies * processes),
+            "engine": Circuit(**{"device": "behavioural", **options}),
+            "window": None,
+        }
+        firsts = range(0, copies * processes, copies)
+        calls = [{**call, "indices": list(range(first, first + copies))} for first in firsts]
+        done = [realization for netlist in pool.map(run, calls) for realization in netlist]
+        seconds = max(r.ended for r in done) - min(r.started for r in done)
+        return Throughput(name, copies, processes, len(done) * count * spacing / seconds)
+
+    pwl = rate("PWL in the netlist", 1, 1, {**knot, "source": "pwl"})
+    # The ways are measured in turn, so that other work on the machine affects all of them alike.
+    rounds = [[rate(*way) for way in ways] for _ in range(repeats)]
+    return [pwl, *(max(rows, key=lambda row: row.rate) for rows in zip(*rounds, strict=True))]
+
+
+def ratios(rows: list[Throughput]) -> dict[str, float]:
+    """External source over PWL, and every way over one realization, {name: ratio}."""
+    if not rows:
+        return {}
+    pwl, external, single = rows[:3]
+    speed_ratios = {f"{external.name} / {pwl.name}": external.rate / pwl.rate}
+    for row in rows[3:]:
+        name = f"{row.copies} × {row.name}" if row.copies > 1 else row.name
+        speed_ratios[f"{name} / {single.name}"] = row.rate / single.rate
+    return speed_ratios

@@ -1,0 +1,71 @@
+"""Single paths of a scene at the knots of its noise, as engines run them in a worker process."""
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+
+from harvester.engines.methods import engine_of
+from harvester.engines.realization import Realization, noise_path, run
+from harvester.scene.model import Scene
+from harvester.scene.prepared import prepared
+from harvester.scene.steps import knot_spacing
+from harvester.validation import STATES
+
+
+def knot_times(scene: Scene) -> np.ndarray:
+    """Times of the knots 1, 2, … of a run that measures from its beginning (s)."""
+    spacing = knot_spacing(prepared(scene))
+    return spacing * np.arange(1, round(scene.run.duration / spacing) + 1)
+
+
+def noise_at_knots(scene: Scene, index: int) -> np.ndarray:
+    """The noise of one realization at the knots 0, 1, 2, …, scaled."""
+    return noise_path(prepared(scene), index).read(knot_times(scene).size + 1)
+
+
+def from_rest(scene: Scene, knots: int, realizations: int) -> Scene:
+    """The scene for so many knots of its noise, measured from its beginning."""
+    spacing = knot_spacing(prepared(scene))
+    changes = {
+        "run.duration": knots * spacing,
+        "run.settle": 0.0,
+        "run.realizations": realizations,
+        "excitation.knot_spacing": spacing,
+    }
+    return scene.replace(changes)
+
+
+def recorded(
+    scene: Scene, engine: str, indices: Sequence[int], step: str | float, **options: Any
+) -> list[Realization]:
+    """Some realizations with their whole waveforms.
+
+    Parameters
+    ----------
+    **options
+        Of `harvester.simulate` that make up the engine.
+    """
+    window = (0.0, 2.0 * scene.run.duration)
+    return run(scene, engine_of(engine, step=step, **options), indices, window, ignore)
+
+
+def states_at_knots(scene: Scene, realizations: Sequence[Realization]) -> np.ndarray:
+    """States at the knots, which every engine has among its points, scaled.
+
+    Returns
+    -------
+    ndarray, shape (realizations, knots, 3)
+        In the order of `STATES`.
+    """
+    times = knot_times(scene)
+    waveforms: Any = [realization.waveform for realization in realizations]
+    states = [
+        [np.interp(times, waveform.time, getattr(waveform, name)) for name in STATES]
+        for waveform in waveforms
+    ]
+    return np.array(states).transpose(0, 2, 1)
+
+
+def ignore(moments: object) -> None:
+    """A progress callback that ignores its arguments."""

@@ -1,0 +1,238 @@
+"""The stiff and extreme cases of `harvester stability`: what each changes in a scene.
+
+Values are those of the scaled equations (Eqs. 4–6) and are turned to the scene's units, so that
+one matrix serves scaled and SI scenes.
+"""
+
+import math
+from dataclasses import dataclass, field
+
+from harvester.base.errors import SceneError
+from harvester.base.serialising import key
+from harvester.device import timescales
+from harvester.device.hertz import HERTZ_EXPONENT
+from harvester.device.piezo import PiezoTable
+from harvester.scene.model import Scene
+from harvester.scene.prepared import prepared
+from harvester.scene.steps import knot_spacing, steps_per_knot
+from harvester.scene.units import length_scale
+
+# Realizations of Monte Carlo's run. Few realizations are long enough for the slowest time scale.
+REALIZATIONS = 4
+# All realizations of a run together take about this many steps.
+STEP_BUDGET = 12_000_000
+# A realization settles for this many times the slowest time scale, but at most for this share of
+# the time that the steps allow.
+SETTLED_TIMES = 5.0
+LARGEST_SETTLED_SHARE = 0.2
+# Stoppers for a scene without: gap in units of the wells' distance, stiffness K, restitution e.
+GAP, STIFFNESS, RESTITUTION = 1.1, 10.0, 0.7
+
+
+@dataclass(frozen=True)
+class Case:
+    """One variation of a scene.
+
+    Attributes
+    ----------
+    family : str
+        Name of what is varied.
+    name : str
+        Value or values, as text.
+    values : dict of str to float, bool, str or None
+        Scaled values by the names in `_scene_value` and, of all stoppers alike, `_OF_STOPPERS`;
+        {"stoppers": None} takes the stoppers away.
+    """
+
+    family: str
+    name: str = field(metadata=key("case"))
+    values: dict = field(metadata=key("changes"))
+
+    @property
+    def title(self) -> str:
+        return f"{self.family}: {self.name}" if self.family != "corner" else self.name
+
+
+def default_cases() -> list[Case]:
+    """The whole matrix, a list of `Case`."""
+    cases = [Case("scene", "as it is", {})]
+    cases += _decades("stiffness", "K", 2, 8)
+    cases += [Case("restitution", f"e = {e:g}", {"restitution": e}) for e in (0.0, 0.05, 1.0)]
+    cases += [
+        Case("gap", f"δ = {gap:g} wells", {"gap_in_wells": gap})
+        for gap in (0.5, 0.8, 0.95, 1.0, 1.05, 1.3, 2.0, 10.0)
+    ]
+    cases += _decades("intensity", "D", -6, 2)
+    cases += _decades("correlation_time", "τ1", -3, 3)
+    cases += _decades("decay_rate", "λ", -4, 4)
+    cases += [Case("coupling", f"β = {b:g}", {"coupling": b}) for b in (0.0, 0.1, 1, 3, 10, 100)]
+    cases += [
+        Case("structure", "no stoppers", {"stoppers": None}),
+        Case("structure", "monostable", {"monostable": True}),
+        Case("structure", "monostable, no stoppers", {"monostable": True, "stoppers": None}),
+        Case("structure", "v0 held", {"impact_velocity": "event"}),
+    ]
+    return cases + [Case("corner", name, values) for name, values in _CORNERS.items()]
+
+
+_CORNERS: dict[str, dict] = {
+    "K = 1e8, D = 1, e = 0.05": {"stiffness": 1e8, "intensity": 1.0, "restitution": 0.05},
+    "K = 1e8, D = 100": {"stiffness": 1e8, "intensity": 100.0},
+    "K = 1e6, δ = 0.5 wells": {"stiffness": 1e6, "gap_in_wells": 0.5},
+    "K = 1e8, δ = 1 well, e = 0": {"stiffness": 1e8, "gap_in_wells": 1.0, "restitution": 0.0},
+    "K = 1e6, τ1 = 1e-3": {"stiffness": 1e6, "correlation_time": 1e-3},
+    "K = 1e6, v0 held, e = 0.3": {"stiffness": 1e6, "impact_velocity": "event", "restitution": 0.3},
+    "λ = 1e4, β = 100": {"decay_rate": 1e4, "coupling": 100.0},
+    "λ = 1e-4, β = 100": {"decay_rate": 1e-4, "coupling": 100.0},
+    "D = 1e-6, β = 100": {"intensity": 1e-6, "coupling": 100.0},
+    "D = 100, no stoppers": {"intensity": 100.0, "stoppers": None},
+    "D = 100, τ1 = 1e-3": {"intensity": 100.0, "correlation_time": 1e-3},
+    "D = 100, λ = 1e4, e = 1": {"intensity": 100.0, "decay_rate": 1e4, "restitution": 1.0},
+    "β = 0, e = 1, c = 1, τ1 = 0.01": {
+        "coupling": 0.0,
+        "restitution": 1.0,
+        "damping": 1.0,
+        "correlation_time": 0.01,
+        "intensity": 0.1,
+    },
+}
+
+
+def changed(scene: Scene, case: Case) -> Scene:
+    """The scene of one case, with its run length chosen.
+
+    Raises
+    ------
+    SceneError
+        The case is none for this scene.
+    """
+    changes = {
+        "excitation.knot_spacing": None,
+        "run.realizations": REALIZATIONS,
+        **_changes(scene, case),
+    }
+    if scene.units == "SI":
+        # The unit of length stays that of the unchanged scene, and so do the scaled values.
+        changes["length_scale"] = length_scale(scene)
+    new = scene.replace(changes)
+    settle, duration = run_length(new)
+    return new.replace({"run.settle": settle, "run.duration": duration})
+
+
+def _changes(scene, case):
+    """The case's overrides by dotted keys or tables, in the scene's units."""
+    stopped = {name: value for name, value in case.values.items() if name in _OF_STOPPERS}
+    changes = {}
+    if "stoppers" in case.values:
+        changes["stoppers"] = case.values["stoppers"]
+    elif stopped:
+        changes["stoppers"] = _stoppers(scene, stopped)
+    for name, value in case.values.items():
+        if name not in ("stoppers", *_OF_STOPPERS):
+            dotted, changes_to = _scene_value(scene, name, value)
+            changes[dotted] = changes_to
+    return changes
+
+
+_OF_STOPPERS = ("stiffness", "gap_in_wells", "restitution", "impact_velocity")
+
+
+def _stoppers(scene, values):
+    """Tables of all stoppers with these scaled values; a scene without any gets a pair."""
+    if not scene.stoppers:
+        if values.keys() == {"impact_velocity"}:
+            raise SceneError(
+                f"{scene.name}: it has no stoppers whose impact_velocity could be held"
+            )
+        values = {"stiffness": STIFFNESS, "gap_in_wells": GAP, "restitution": RESTITUTION, **values}
+    length, mass = _units(scene)
+    tables = scene.to_tables().get("stoppers", {})
+    changed_tables = []
+    for table in tables if isinstance(tables, list) else [tables]:
+        values_there = dict(values)
+        if "gap_in_wells" in values:
+            gap = values_there.pop("gap_in_wells") * _reference_length(scene)
+            values_there["gap"] = gap * length
+        if "stiffness" in values:
+            exponent = table.get("exponent", HERTZ_EXPONENT)
+            values_there["stiffness"] = values["stiffness"] * mass / length ** (exponent - 1.0)
+        changed_tables.append({**table, **values_there})
+    return changed_tables
+
+
+def _units(scene):
+    """One scaled unit of length and of mass, in the scene's."""
+    return (length_scale(scene), scene.oscillator.mass) if scene.units == "SI" else (1.0, 1.0)
+
+
+def _reference_length(scene):
+    """The farthest well's distance in scaled units; without wells the gap, or one unit."""
+    system = prepared(scene).system
+    bare = system.spring
+    wells = [abs(x) for x in bare.roots() if bare.slope(x) > 0.0]
+    if any(wells):
+        return float(max(wells))
+    return min((contact.gap for contact in system.contacts), default=1.0)
+
+
+def _scene_value(scene, name, value):
+    """Key of the scene, and its value in the scene's units, of a scaled value (Eq. 3)."""
+    length, mass = _units(scene)
+    in_si = scene.units == "SI"
+    match name:
+        case "monostable":
+            return _monostable(scene.oscillator)
+        case "damping":
+            return "oscillator.damping", value * mass
+        case "intensity":
+            return "excitation.intensity", value * length**2
+        case "correlation_time":
+            return "excitation.correlation_time", value
+        case "decay_rate" if in_si:
+            resistance = 1.0 / (value * _capacitance(scene, "λ"))
+            return "load", {"kind": "resistor", "resistance": resistance}
+        case "decay_rate":
+            return "load", {"kind": "resistor", "decay_rate": value}
+        case "coupling" if in_si:
+            return "piezo.coupling", math.sqrt(value * mass * _capacitance(scene, "β"))
+        case "coupling":
+            return "piezo.coupling", value
+    raise KeyError(name)
+
+
+def _monostable(oscillator):
+    """The spring with its odd powers alone, all of them stiffening."""
+    if oscillator.restoring_force is None:
+        return "oscillator.linear_stiffness", abs(oscillator.linear_stiffness)
+    powers = enumerate(oscillator.restoring_force)
+    return "oscillator.restoring_force", [abs(k) if n % 2 else 0.0 for n, k in powers]
+
+
+def _capacitance(scene, symbol):
+    if not isinstance(scene.transducer, PiezoTable):
+        raise SceneError(f"{scene.name}: cases of {symbol} want a [piezo]; this device has none")
+    return scene.transducer.capacitance
+
+
+def run_length(scene: Scene) -> tuple[float, float]:
+    """Settling and measured time (s) of Monte Carlo's realizations within the budget of steps."""
+    model = prepared(scene)
+    step = knot_spacing(model) / steps_per_knot(model, engine="monte-carlo")
+    affordable = STEP_BUDGET * step / scene.run.realizations
+    settle = min(SETTLED_TIMES * slowest_time(scene), LARGEST_SETTLED_SHARE * affordable)
+    return settle, affordable - settle
+
+
+def slowest_time(scene: Scene) -> float:
+    """The longest of relaxation time, period, correlation time of the noise and 1/λ (s)."""
+    system = prepared(scene).system
+    period = 2.0 * math.pi / timescales.angular_frequency(system)
+    relaxation, decay = timescales.relaxation_time(system), system.transducer.decay_rate()
+    return max(relaxation, period, system.noise.correlation_time, 1.0 / decay if decay else 0.0)
+
+
+def _decades(name, symbol, first, last):
+    return [
+        Case(name.replace("_", " "), f"{symbol} = 1e{n}", {name: 10.0**n})
+        for n in range(first, last + 1)
+    ]

@@ -1,0 +1,137 @@
+"""What is given from Python: taken in every form that is meant, else refused in one line."""
+
+from concurrent.futures import ThreadPoolExecutor
+
+import numpy as np
+import pytest
+
+import harvester
+from harvester.base.arguments import checked_options, listed
+from harvester.base.pools import ExecutorPool, WorkerPool
+from harvester.scene.calling import takes_scene
+from harvester.studies.grid import make_grid
+
+SCENE = harvester.Scene.load("paper")
+KEY = "load.decay_rate"
+
+
+@pytest.mark.parametrize(
+    "values",
+    [(value for value in (0.1, 0.2)), np.array([0.1, 0.2]), {0.1: None, 0.2: None}.keys()],
+    ids=["generator", "array", "keys"],
+)
+def test_swept_values_come_in_any_form(values):
+    assert make_grid(SCENE, (), {KEY: values}).sweeps == {KEY: (0.1, 0.2)}
+
+
+@pytest.mark.parametrize(
+    ("options", "words"),
+    [
+        ({"sweeps": f"{KEY}=0.1"}, "sweeps = .*must be a dictionary; write sweeps="),
+        ({"sweeps": (each for each in [KEY])}, "sweeps = .*must be a dictionary"),
+        ({"sweeps": {KEY: "0.1"}}, r"sweeps\['load.decay_rate'\] = '0.1': must be a list"),
+        ({"sweeps": {KEY: ["0.1"]}}, "--sweep load.decay_rate: '0.1': must be a number"),
+        ({"sweeps": {KEY: [float("nan")]}}, "nan: must be a number"),
+        ({"sweeps": {"load.resistance": [0.0]}}, "--sweep load.resistance: 0: must be"),
+        ({"loads": "bridge"}, "loads = 'bridge': must be a list"),
+        ({"workers": 1.5}, r"--workers 1\.5: must be a whole number"),
+        ({"workers": -1}, "--workers -1"),
+        ({"time_limit": float("nan")}, "--time-limit nan"),
+        ({"time_budget": "soon"}, "--time-budget 'soon'"),
+        ({"executor": 4}, "executor = 4: has no method submit"),
+        ({"progress": "bar"}, "progress = 'bar': must be a function"),
+    ],
+)
+def test_a_call_that_cannot_be_meant_is_refused_in_one_line(options, words):
+    with pytest.raises(harvester.HarvesterError, match=words) as raised:
+        harvester.load_study(SCENE, **options)
+    assert "\n" not in str(raised.value)
+
+
+@pytest.mark.parametrize(
+    ("call", "words"),
+    [
+        (lambda: harvester.frequency_response("linear", "12", amplitude=1.0), "frequencies = '12'"),
+        (lambda: harvester.frequency_response("linear", ["x"], amplitude=1.0), "frequencies: must"),
+        (lambda: harvester.sensitivity("linear", "load"), "vary = 'load': must be a dictionary"),
+        (lambda: harvester.sensitivity("linear", {KEY: 0.1}), "0.1: is no text; write"),
+        (lambda: harvester.optimum("paper", [KEY]), "over = .* must be a dictionary"),
+        (lambda: harvester.optimum("paper", {KEY: (1, 2, 3)}), "has 3 numbers"),
+        (lambda: harvester.identify("device", [3]), "records: 3: must be a file"),
+        (lambda: harvester.reproduce("paper", "fig4"), "names = 'fig4': must be a list"),
+        (lambda: harvester.reproduce("paper", ["fig99"]), "unknown figure fig99"),
+    ],
+)
+def test_other_lists_and_tables_are_refused_alike(call, words):
+    with pytest.raises(harvester.HarvesterError, match=words):
+        call()
+
+
+def test_a_list_without_end_is_refused():
+    with pytest.raises(harvester.HarvesterError, match="more than 100000 values"):
+        listed(iter(int, 1), "frequencies", "[1.0]")
+
+
+def test_what_the_progress_function_raises_is_named():
+    def broken(share, words):
+        raise ZeroDivisionError("by my own fault")
+
+    progress = checked_options({"progress": broken})["progress"]
+    with pytest.raises(harvester.HarvesterError, match=r"progress: .*ZeroDivisionError: by my own"):
+        progress(0.5, "half")
+
+
+def test_closed_processes_are_named():
+    executor, pool = ThreadPoolExecutor(1), WorkerPool(workers=1)
+    executor.shutdown()
+    pool.close()
+    for closed, words in ((ExecutorPool(executor), "executor: takes no calls"), (pool, "runner:")):
+        with pytest.raises(harvester.HarvesterError, match=words):
+            closed.map(print, [{}])
+        with pytest.raises(harvester.HarvesterError, match=words):
+            closed.submit(print, {})
+
+
+def test_an_executor_that_loses_a_call_is_named():
+    class Losing(ThreadPoolExecutor):
+        def submit(self, function, *arguments):
+            return super().submit(int, "no number")
+
+    with (
+        Losing(1) as executor,
+        pytest.raises(harvester.HarvesterError, match="lost a task: ValueError"),
+    ):
+        ExecutorPool(executor).map(print, [{}])
+
+
+def test_the_arithmetic_of_a_caller_is_not_ours():
+    def underflows(scene):
+        return float(np.exp(np.array(-1000.0)))
+
+    with np.errstate(all="ignore"):
+        assert takes_scene(lambda scene: np.geterr()["over"])(SCENE) == "ignore"
+    with np.errstate(all="raise"):
+        assert takes_scene(underflows)(SCENE) == 0.0
+        assert harvester.average(SCENE, method="consistent")["mean_power"].estimate > 0.0
+
+
+@pytest.mark.parametrize(
+    ("options", "words"),
+    [
+        ({"window": (0.0, 1.0, 2.0)}, "window = .*must be two times"),
+        ({"window": ("a", "b")}, "window = .*must be two times"),
+        ({"step": np.array([0.1, 0.2])}, "--step .*must be default, fine, finest or"),
+        ({"step": [0.1]}, "--step"),
+        ({"runner": object()}, "runner = .*give a WorkerPool or a Runner"),
+        ({"runner": 5}, "runner = 5"),
+    ],
+)
+def test_values_of_another_form_are_refused_by_name(options, words):
+    with pytest.raises(harvester.HarvesterError, match=words):
+        harvester.simulate(SCENE, method="monte-carlo", workers=1, **options)
+
+
+@pytest.mark.parametrize("content", [None, 5, []])
+def test_what_is_no_scene_is_refused(content):
+    with pytest.raises(harvester.SceneError, match=r"no scene: give what Scene\.to_dict returned"):
+        harvester.Scene.from_dict(content)

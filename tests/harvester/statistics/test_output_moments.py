@@ -1,0 +1,98 @@
+import numpy as np
+import pytest
+
+from circuits.netlist.kinds import LEVEL, LOSS, OUTPUT, STATE
+from harvester.device.record import Record
+from harvester.statistics.moments import Moments
+from harvester.statistics.output_moments import OutputMoments
+from harvester.statistics.output_side import estimate_output
+
+# A piecewise linear passage over levels 2.2 % apart, of t = −ln(1 − v) at v = 0.9: h²/8 · 1/(1−v)².
+PASSAGE = 5e-3
+
+
+def charging(chunk, settle=0.0):
+    """v = 1 − exp(−t) to t = 16, in chunks, with a piezo giving power 1 and an input of 2."""
+    moments = Moments.empty(settle, 16.0, (-np.inf, np.inf), (), False, 32, 1, 0.1)
+    moments.output = OutputMoments.beside(moments, ((LEVEL, "out"),))
+    moments.output.conductance, moments.output.capacitance = 0.5, 3.0
+    energy = np.array([[1.5]])
+    time = np.linspace(1e-3, 16.0, 16_000)
+    voltage = 1.0 - np.exp(-time)
+    one = np.ones_like(time)
+    record = np.array([time, one, one, one, one, 2.0 * one, one, 0.0 * one, voltage])
+    for start in range(0, time.size, chunk):
+        moments.add(Record(*record[:, start : start + chunk]))
+        part = slice(start, start + chunk)
+        moments.output.add(time[part], voltage[part], None, [voltage[part]], energy)
+    return moments
+
+
+@pytest.mark.parametrize("chunk", [1, 77, 4096])
+def test_an_exponential_start_up_has_the_closed_forms(chunk):
+    estimates = estimate_output([charging(chunk)])
+    assert estimates["start_up_time"].estimate == pytest.approx(np.log(10.0), abs=PASSAGE)
+    mean = 1.0 - (1.0 - np.exp(-16.0)) / 16.0
+    square = 1.0 - 2.0 * (1.0 - np.exp(-16.0)) / 16.0 + (1.0 - np.exp(-32.0)) / 32.0
+    assert estimates["output_voltage"].estimate == pytest.approx(mean, rel=1e-4)
+    assert estimates["mean_output_power"].estimate == pytest.approx(0.5 * square, rel=1e-4)
+    assert estimates["mean_storage_power"].estimate == pytest.approx(1.5 / 16.0, rel=1e-3)
+    assert estimates["stored_energy"].estimate == pytest.approx(1.5 * square, rel=1e-4)
+    assert estimates["final_stored_energy"].estimate == pytest.approx(1.5, rel=1e-6)
+    ripple = np.sqrt(square - mean**2)
+    assert estimates["output_ripple"].estimate == pytest.approx(ripple, rel=1e-3)
+    assert estimates["output_peak_to_peak"].estimate == pytest.approx(1.0, abs=2e-3)
+    efficiency = 0.5 * square + 1.5 / 16.0
+    assert estimates["converter_efficiency"].estimate == pytest.approx(efficiency, rel=1e-3)
+    assert estimates["end_to_end_efficiency"].estimate == pytest.approx(efficiency / 2, rel=1e-3)
+    assert estimates["mean_converter_loss"].estimate == pytest.approx(1 - efficiency, rel=1e-3)
+
+
+def test_start_up_counts_from_the_beginning_and_means_from_the_settled_time():
+    estimates = estimate_output([charging(500, settle=8.0)])
+    assert estimates["start_up_time"].estimate == pytest.approx(np.log(10.0), abs=PASSAGE)
+    assert estimates["output_voltage"].estimate == pytest.approx(1.0, abs=1e-3)
+
+
+def test_error_bars_follow_the_batches():
+    """Batch means that are independent: the error bar is theirs (32 batches, ±13 %)."""
+    generator = np.random.default_rng(3)
+    moments = charging(4096)
+    time = moments.output.integrals[:, 0]
+    moments.output.integrals[:, 1] = (1.0 + 0.1 * generator.standard_normal(32)) * time
+    estimate = estimate_output([moments])["output_voltage"]
+    # Six deviations of its own error: one false alarm in 1e8.
+    assert estimate.standard_error == pytest.approx(0.1 / np.sqrt(32), rel=0.8)
+
+
+def test_a_load_without_output_has_none_of_these():
+    moments = charging(4096)
+    moments.output = None
+    assert estimate_output([moments]) == {}
+
+
+def test_independent_samples_are_the_effective_ones():
+    """Each point its own: as many as points, within six deviations of the error bar's own."""
+    generator = np.random.default_rng(5)
+    points, rows = 32_000, ((OUTPUT, "node"), (LOSS, "line"), (STATE, "up"))
+    moments = Moments.empty(0.0, 32.0, (-np.inf, np.inf), (), False, 32, 1, 0.1)
+    moments.output = OutputMoments.beside(moments, rows)
+    moments.output.conductance, moments.output.capacitance = 0.0, 3.0
+    time = np.linspace(1e-3, 32.0, points)
+    voltage = 1.0 + generator.standard_normal(points)
+    up = (voltage > 1.5).astype(float)
+    one = np.ones_like(time)
+    moments.add(Record(time, one, one, one, one, one, one, 0.0 * one, voltage))
+    moments.output.add(time, voltage, np.array([np.exp(voltage), voltage**2, up]))
+    found = estimate_output([moments])
+    for name in (
+        "output_voltage", "stored_energy", "mean_output_power", "node_power", "line_loss",
+        "up_time_share",
+    ):  # fmt: skip
+        assert found[name].effective_sample_size == pytest.approx(points, rel=0.8), name
+    starts = found["up_starts_per_hour"]
+    error = starts.standard_error
+    assert starts.effective_sample_size == pytest.approx((starts.estimate / error) ** 2)
+    # A sum of powers whose product is not kept has none.
+    moments.output.conductance = 0.5
+    assert estimate_output([moments])["mean_output_power"].effective_sample_size is None

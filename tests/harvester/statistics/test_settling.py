@@ -1,0 +1,157 @@
+"""Runs shorter than what their device and load remember say so, and show no error bar."""
+
+import math
+import warnings
+
+import numpy as np
+import pytest
+
+from harvester.averaging import average
+from harvester.engines.methods import ENGINES
+from harvester.engines.simulate import simulate
+from harvester.scene.model import Scene
+from harvester.scene.prepared import prepared
+from harvester.statistics.moments import QUANTITIES, Moments
+from harvester.statistics.settling import left_of_start, shortfalls, withheld
+
+SLOW_LOAD = ["load.decay_rate=1e-3", "excitation.intensity=0.1", "run.realizations=32"]
+LONG = {"run.settle": 8000.0, "run.duration": 2000.0}
+
+# Others of the same kinds are exhaustive.
+BRIEF = ("asymmetric", "cantilever", "device", "duffing", "linear", "paper")
+EACH = [
+    pytest.param(name, marks=() if name in BRIEF else pytest.mark.exhaustive)
+    for name in Scene.names()
+]
+
+
+def notes_of(result):
+    return [note for note in result.notes if "run." in note or "drifts" in note]
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", EACH)
+def test_built_in_scenes_are_long_enough(pool, name):
+    result = simulate(Scene.load(name), method="monte-carlo", runner=pool)
+    assert notes_of(result) == []
+    assert result.scaled_quantities["mean_square_voltage"].standard_error > 0.0
+
+
+@pytest.mark.parametrize("engine", ENGINES)
+def test_a_run_short_against_the_load_has_no_error_bar_and_names_the_time(pool, engine):
+    scene = Scene.load("paper", [*SLOW_LOAD, "run.realizations=16", "run.duration=300"])
+    result = simulate(scene, method=engine, runner=pool)
+    found = result.scaled_quantities["mean_square_voltage"]
+    assert found.standard_error is None
+    assert found.estimate > 0.0
+    assert "1/λ" in found.note
+    assert any("1/λ of 1e+03 s" in note and "run.settle" in note for note in result.notes)
+    assert "no error bar" in result.to_dict()["quantities"]["mean_power"]["note"]
+
+
+@pytest.mark.slow
+def test_long_enough_after_the_advice_it_has_one_that_holds(pool):
+    """Within four standard errors of averaging, whose own error is 1 % here."""
+    scene = Scene.load("paper", SLOW_LOAD).replace(LONG)
+    result = simulate(scene, method="monte-carlo", runner=pool)
+    assert notes_of(result) == []
+    found = result.scaled_quantities["mean_square_voltage"]
+    truth = average(prepared(scene).system).mean_square_voltage
+    assert abs(found.estimate - truth) < 4.0 * found.standard_error + 0.01 * truth
+
+
+def test_a_run_from_rest_shorter_than_the_relaxation_is_noted(pool):
+    scene = Scene.load(
+        "linear",
+        ["oscillator.damping=0.01", "run.settle=0", "run.duration=20", "load.decay_rate=9"],
+    )
+    result = simulate(scene, method="monte-carlo", runner=pool)
+    assert result.scaled_quantities["mean_square_velocity"].standard_error is None
+    assert any("relaxation of device and load" in note for note in result.notes)
+    assert result.densities["velocity"].standard_error is None
+
+
+def test_a_slow_load_of_a_linear_device_is_no_shortfall(pool):
+    """Without wells the charge begins at its mean: a long 1/λ alone is no reason for a note."""
+    result = simulate(
+        Scene.load("linear", ["load.decay_rate=1e-4"]), method="monte-carlo", runner=pool
+    )
+    assert notes_of(result) == []
+
+
+@pytest.mark.parametrize(
+    ("intensity", "words"), [(0.015, "no pass between the wells"), (0.001, None)]
+)
+def test_jumps_that_may_be_missed_are_named_and_impossible_ones_are_not(pool, intensity, words):
+    scene = Scene.load(
+        "paper", [f"excitation.intensity={intensity}", "run.realizations=8", "run.duration=1000"]
+    )
+    result = simulate(scene, method="monte-carlo", runner=pool)
+    assert result.scaled_quantities["well_crossing_rate"].estimate == 0.0
+    assert result.scaled_quantities["well_crossing_rate"].standard_error is None
+    assert [words in note for note in notes_of(result)] == ([True] if words else [])
+
+
+def series(scene, values):
+    """Moments whose mean squares are these, shape (realizations, batches)."""
+    found = []
+    for row in values:
+        moments = Moments.empty(
+            0.0, float(len(row)), (-math.inf, math.inf), (), False, len(row), 1, 1.0
+        )
+        moments.integrals[:, QUANTITIES.index("time")] = 1.0
+        for name in ("square_voltage", "square_displacement", "square_velocity"):
+            moments.integrals[:, QUANTITIES.index(name)] = row
+        moments.first[0], moments.last[0] = 0.0, float(len(row))
+        found.append(moments)
+    return found
+
+
+def judged(values):
+    from harvester.statistics.means import estimate_all
+
+    scene = Scene.load("linear", ["run.settle=1000", f"run.realizations={len(values)}"])
+    ready = prepared(scene)
+    moments = series(scene, values)
+    estimates = estimate_all(moments, ready.system)
+    found = shortfalls(ready, moments, estimates)
+    return found, withheld(estimates, found)["mean_square_voltage"]
+
+
+@pytest.mark.parametrize("shape", [(1, 256), (64, 4)])
+def test_a_drift_is_told_from_chance(shape):
+    """Chance at 4.5 standard errors: below one false alarm in 300 series, 600 tried here."""
+    random = np.random.default_rng(8)
+    alarms = sum(bool(judged(1.0 + 0.3 * random.random(shape))[0]) for _ in range(300))
+    assert alarms == 0
+    drifting = 1.0 + 0.3 * random.random(shape) + np.linspace(0.0, 0.3, shape[1])
+    found, estimate = judged(drifting)
+    assert "drifts" in found[0].note
+    assert estimate.standard_error is None
+
+
+def test_what_is_left_of_a_start():
+    time = np.linspace(3.0, 10.0, 100_001)
+    expected = np.trapezoid(np.exp(-time / 2.0), time) / 7.0
+    assert left_of_start(2.0, 3.0, 7.0) == pytest.approx(expected, rel=1e-8)
+    assert left_of_start(1e300, 1.0, 1.0) == pytest.approx(1.0)
+    assert left_of_start(1e-300, 1.0, 1.0) == 0.0
+
+
+def test_a_storage_that_is_still_charging_is_named(pool):
+    load = "load={netlist='bridge', parameters={storage=1e-4}}"
+    run = ["run.realizations=2", "run.duration=2", "run.settle=0.5"]
+    result = simulate(Scene.load("device", [load, *run]), method="circuit", runner=pool)
+    assert any("cstorage (bridge.lib:28) still charges" in note for note in result.notes)
+    for name in ("output_voltage", "mean_output_power", "mean_square_voltage"):
+        assert result.scaled_quantities[name].standard_error is None
+        assert math.isfinite(result.scaled_quantities[name].estimate)
+
+
+def test_rates_too_far_apart_to_be_compared_are_no_trouble(pool):
+    scene = Scene.load(
+        "linear", ["excitation.correlation_time=1e29", "run.duration=1", "run.realizations=1"]
+    )
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        assert simulate(scene, method="monte-carlo", runner=pool).steps > 0
