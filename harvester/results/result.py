@@ -14,9 +14,9 @@ from harvester.base.formatting import count, is_share, prefixed, quantity, with_
 from harvester.base.libraries import optional_library
 from harvester.base.plain_text import nearest, one_line, shown
 from harvester.base.serialising import NotAValue, plain, read
+from harvester.base.symbols import definitions
 from harvester.excitation.spectrum_fit import SpectrumFit
 from harvester.results.orbit import Attractor
-from harvester.results.symbols import definitions
 from harvester.results.waveform import Waveform
 from harvester.scene.described import device_line
 from harvester.scene.model import Scene

@@ -71,7 +71,7 @@ def _wells(oscillator):
 
 def scene_rows(scene: Scene) -> list[tuple[str, str]]:
     """Every key with its value, as text, for a table; with its unit where that is known."""
-    from harvester.results.symbols import key_words
+    from harvester.base.symbols import key_words
 
     rows = []
     for table, values in scene.to_tables().items():

@@ -9,10 +9,10 @@ from typing import TYPE_CHECKING, Any
 
 from harvester.base.formatting import NOT_KNOWN, share_with_error, with_error
 from harvester.base.serialising import plain
+from harvester.base.symbols import definitions
 from harvester.results.headline import headline
 from harvester.results.page import Verdict
 from harvester.results.result import Result, with_roots
-from harvester.results.symbols import definitions
 from harvester.scene.described import device_line
 from harvester.scene.model import Scene
 from harvester.statistics.estimate import NOT_SHARP, SHARP_SHARE, Estimate

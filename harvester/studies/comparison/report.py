@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from harvester.base.errors import MissingLibrary
+from harvester.base.symbols import definitions
 from harvester.results import figures, joint_drawing
 from harvester.results.drawing import axis_label, density_label, draw_density, draw_result, frame
 from harvester.results.excitation_drawing import draw_spectrum
@@ -26,7 +27,6 @@ from harvester.results.page import (
 )
 from harvester.results.palette import CIRCUIT, LINES, MONTE_CARLO
 from harvester.results.panels import entitle, legend_below
-from harvester.results.symbols import definitions
 from harvester.scene.described import scene_rows
 from harvester.scene.prepared import prepared
 

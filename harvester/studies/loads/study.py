@@ -18,6 +18,7 @@ from harvester.base.formatting import NOT_KNOWN, number, quantity, share_with_er
 from harvester.base.method import Method
 from harvester.base.plain_text import json_text
 from harvester.base.serialising import fields_of, plain
+from harvester.base.symbols import EFFICIENCIES, definitions, key_words
 from harvester.base.tables import Tabular, write_netcdf, xarray_or_say
 from harvester.base.writing import in_folder
 from harvester.device.record import Record
@@ -26,7 +27,6 @@ from harvester.engines.methods import ENGINES, Circuit, Engine, engine_of, metho
 from harvester.engines.realizations import PERIODS
 from harvester.engines.request import COMPLETE
 from harvester.engines.runner import Runner
-from harvester.results.symbols import EFFICIENCIES, definitions, key_words
 from harvester.scene.model import Scene
 from harvester.scene.units import require_resistor
 from harvester.statistics.estimate import NOT_SHARP, Estimate

@@ -18,6 +18,7 @@ from harvester.base.errors import HarvesterError, SimulationError
 from harvester.base.formatting import prefixed, quantity, value_and_error, with_error
 from harvester.base.plain_text import json_text
 from harvester.base.serialising import plain
+from harvester.base.symbols import key_label
 from harvester.base.tables import xarray_or_say
 from harvester.engines.following import follow, forced
 from harvester.engines.methods import Engine
@@ -26,7 +27,6 @@ from harvester.results.orbit import NO_PERIOD, REASONS, UNSTEADY
 from harvester.results.palette import CIRCUIT, MONTE_CARLO
 from harvester.results.panels import Panel, Series, draw_panels
 from harvester.results.result import unit_of
-from harvester.results.symbols import key_label
 from harvester.scene.model import Scene
 from harvester.scene.paths import start_state
 from harvester.scene.prepared import prepared

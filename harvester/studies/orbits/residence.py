@@ -13,6 +13,7 @@ from harvester.base.errors import HarvesterError
 from harvester.base.formatting import quantity, value_and_error
 from harvester.base.plain_text import json_text
 from harvester.base.serialising import plain
+from harvester.base.symbols import key_label
 from harvester.base.tables import xarray_or_say
 from harvester.device import timescales
 from harvester.device.system import potential
@@ -23,7 +24,6 @@ from harvester.excitation.base import kernel_loss
 from harvester.results.palette import CIRCUIT, MONTE_CARLO
 from harvester.results.panels import Panel, Series, draw_panels, is_wide
 from harvester.results.result import unit_of
-from harvester.results.symbols import key_label
 from harvester.scene.model import Scene
 from harvester.scene.prepared import Prepared, prepared
 from harvester.scene.steps import knot_spacing

@@ -12,12 +12,12 @@ from harvester.base.errors import HarvesterError, OutOfTime
 from harvester.base.formatting import NOT_KNOWN, prefixed, quantity, share_with_error, with_error
 from harvester.base.method import Method
 from harvester.base.serialising import plain
+from harvester.base.symbols import definitions, key_words
 from harvester.engines.folder import StudyFolder
 from harvester.engines.request import Request
 from harvester.engines.runner import Runner
 from harvester.results.palette import CIRCUIT, MONTE_CARLO
 from harvester.results.panels import entitle, legend_below
-from harvester.results.symbols import definitions, key_words
 from harvester.scene.model import Scene
 from harvester.statistics.estimate import Estimate
 from harvester.statistics.units import unit_of

@@ -8,9 +8,9 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from harvester.base.symbols import SYMBOLS
 from harvester.results.palette import CLOSURE_MARKERS, LINES, styles
 from harvester.results.panels import thin_ticks
-from harvester.results.symbols import SYMBOLS
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure

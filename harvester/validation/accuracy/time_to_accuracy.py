@@ -8,9 +8,9 @@ from typing import TYPE_CHECKING, Any, ClassVar, Unpack
 
 from harvester.base.errors import SceneError
 from harvester.base.serialising import fields_of, key
+from harvester.base.symbols import SYMBOLS
 from harvester.engines.opening import RunnerOptions, open_runner
 from harvester.engines.simulate import require_noise
-from harvester.results.symbols import SYMBOLS
 from harvester.scene.calling import takes_scene
 from harvester.scene.model import Scene
 from harvester.statistics.estimate import Estimate

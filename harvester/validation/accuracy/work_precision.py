@@ -11,10 +11,10 @@ import numpy as np
 
 from harvester.base.formatting import share_with_error
 from harvester.base.serialising import fields_of, plain
+from harvester.base.symbols import SYMBOLS
 from harvester.engines.opening import RunnerOptions, open_runner
 from harvester.engines.request import Answer
 from harvester.engines.simulate import require_noise
-from harvester.results.symbols import SYMBOLS
 from harvester.scene.calling import takes_scene
 from harvester.scene.model import Scene
 from harvester.statistics.estimate import Estimate
