@@ -1,7 +1,7 @@
 """Circuit-accurate simulation of vibration energy harvesters under coloured noise.
 
 >>> import harvester
->>> scene = harvester.Scene.load("paper").replace({"excitation.intensity": 0.05})
+>>> scene = harvester.Scene.read("paper").replace({"excitation.intensity": 0.05})
 >>> scene.excitation.intensity
 0.05
 

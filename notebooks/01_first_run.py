@@ -34,11 +34,11 @@ plt.style.use(figures.STYLE)
 # %% [markdown]
 # ## The scene
 #
-# `paper` is built in; `Scene.load` reads a TOML file of your own as well. `replace` gives a scene
+# `paper` is built in; `Scene.read` reads a TOML file of your own as well. `replace` gives a scene
 # with other values, checked: shorter runs, so that this page takes seconds.
 
 # %%
-scene = harvester.Scene.load("paper").replace(
+scene = harvester.Scene.read("paper").replace(
     {"run.duration": 2000.0, "run.settle": 200.0, "run.realizations": 16}
 )
 scene.to_tables()

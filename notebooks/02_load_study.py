@@ -64,7 +64,7 @@ Rload out ref {resistance}
 # `output="folder"` every finished piece is kept: the same call goes on after a break.
 
 # %%
-scene = harvester.Scene.load("device").replace({"run.settle": 2.0})
+scene = harvester.Scene.read("device").replace({"run.settle": 2.0})
 study = harvester.load_study(
     scene,
     loads=["resistor", str(path)],

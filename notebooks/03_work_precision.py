@@ -40,7 +40,7 @@ plt.style.use(figures.STYLE)
 # jumps between the wells take a longer `run.duration`, or `--thorough`.
 
 # %%
-scene = harvester.Scene.load("paper").replace(
+scene = harvester.Scene.read("paper").replace(
     {
         "excitation.intensity": 0.005,
         "run.duration": 600.0,

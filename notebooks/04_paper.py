@@ -33,7 +33,7 @@ from harvester.validation.paper.drawing import draw
 from harvester.validation.paper.reproduce import reproduce
 
 plt.style.use(figures.STYLE)
-scene = harvester.Scene.load("paper")
+scene = harvester.Scene.read("paper")
 
 # %% [markdown]
 # ## One figure, quickly

@@ -63,7 +63,7 @@ np.savetxt(path, table, "%.6f", ",", header="time,vertical", comments="")
 # or mended where `mend` asks for it.
 
 # %%
-tables = harvester.Scene.load("device").to_tables()
+tables = harvester.Scene.read("device").to_tables()
 tables["excitation"] = {
     "kind": "record",
     "file": str(path),

@@ -40,7 +40,7 @@ plt.style.use(figures.STYLE)
 # the path of your own file in place of `path` and go on from there.
 
 # %%
-true = harvester.Scene.load("device").replace(
+true = harvester.Scene.read("device").replace(
     {"oscillator.damping": 0.042, "oscillator.linear_stiffness": -58.0, "piezo.coupling": 4.1e-4}
 )
 rate, length = 500.0, 30.0

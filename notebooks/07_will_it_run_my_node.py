@@ -70,7 +70,7 @@ np.savetxt(path, table, "%.6f", ",", header="time,vertical", comments="")
 def chain(buffer, **run):
     """The device on the record, with this buffer (F) and the node behind it."""
     load = ["load.netlist=node_buck", f"load.parameters.buffer={buffer}"]
-    tables = harvester.Scene.load("device", load).to_tables()
+    tables = harvester.Scene.read("device", load).to_tables()
     tables["excitation"] = {
         "kind": "record",
         "file": str(path),

@@ -44,7 +44,7 @@ folder = Path(tempfile.mkdtemp())
 
 # %%
 SECONDS = 3.0
-scene = harvester.Scene.load("one_sided").replace(
+scene = harvester.Scene.read("one_sided").replace(
     {"run.duration": SECONDS, "run.settle": 0.0, "run.realizations": 1}
 )
 for kind in ("subckt", "verilog-a"):

@@ -181,7 +181,7 @@ def _values(device, folder):
 
 def _scene(device):
     name, overrides = DEVICES[device]
-    return Scene.load(name, overrides)
+    return Scene.read(name, overrides)
 
 
 def _period(system):

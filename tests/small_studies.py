@@ -17,8 +17,8 @@ from harvester.validation.paper.claims_list import Claim
 from harvester.validation.paper.figures_list import FIGURES
 from harvester.validation.stability import cases, matrix
 
-PAPER = Scene.load("paper", ["run.settle=5"])
-BRIEF = Scene.load("linear", ["run.realizations=4", "run.duration=600", "run.settle=50"])
+PAPER = Scene.read("paper", ["run.settle=5"])
+BRIEF = Scene.read("linear", ["run.realizations=4", "run.duration=600", "run.settle=50"])
 CLAIM = Claim(
     "4", "“q”", "rises", Trend("mean_square_voltage", "excitation.intensity", (0.02, 0.1))
 )
@@ -26,7 +26,7 @@ CLAIM = Claim(
 
 def loads(**options):
     """Two resistances of the linear device, by Monte Carlo with its judge and by the circuit."""
-    scene = Scene.load("linear").replace({"run.duration": 100.0, "run.settle": 25.0})
+    scene = Scene.read("linear").replace({"run.duration": 100.0, "run.settle": 25.0})
     sweeps = {"load.parameters.resistance": [0.3, 1.0]}
     found = []
     for engine, precision in (("judged", 0.05), ("circuit", 0.2)):
@@ -57,7 +57,7 @@ def figure(**options):
 
 def response(**options):
     """A linear device, both ways."""
-    scene = Scene.load("linear")
+    scene = Scene.read("linear")
     return frequency_response(scene, [0.3, 0.5], amplitude=0.3, down=True, **options).to_dict()
 
 

@@ -114,7 +114,7 @@ def well(p):
 def drop_scene(restitution, stiffness, *overrides):
     """A scene in which a mass drops on one stopper."""
     stoppers = [f"stoppers.restitution={restitution}", f"stoppers.stiffness={stiffness}"]
-    return Scene.load("paper", [*NOTHING_BUT_STOPPERS, *stoppers, *overrides])
+    return Scene.read("paper", [*NOTHING_BUT_STOPPERS, *stoppers, *overrides])
 
 
 def interpolated_linear_means(p, spacing):

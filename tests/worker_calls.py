@@ -71,7 +71,7 @@ def speeds(report, scene):
 
 def run_text(report, text, stop):
     """Run a netlist with the noise of `paper` on its external source."""
-    scene = Scene.load("paper")
+    scene = Scene.read("paper")
     ready = prepared(scene)
     parameters = ready.system
     from truths import Keep
@@ -83,7 +83,7 @@ def run_text(report, text, stop):
 
 
 def load_compiled_device(report):
-    compiled_device.load(session(), verilog.module_of(prepared(Scene.load("paper")).system)[1])
+    compiled_device.load(session(), verilog.module_of(prepared(Scene.read("paper")).system)[1])
 
 
 def run_device(report, scene, compiled, copies=1):

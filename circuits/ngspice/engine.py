@@ -147,5 +147,5 @@ def describe(report: Callable) -> dict[str, Any]:
         "cider": "cider" in text.lower(),
         "osdi": compiled_device.has_osdi(engine),
         "klu": "klu" in text.lower(),
-        "compiled_device_off": engine.compiled_device_is_off(prepared(Scene.load("paper")).system),
+        "compiled_device_off": engine.compiled_device_is_off(prepared(Scene.read("paper")).system),
     }

@@ -76,7 +76,7 @@ class Command:
         changes = {
             name: getattr(options, name) for name in ("overrides", "seed") if name in options
         }
-        return Scene.load(options.scene, overrides_of(**changes))
+        return Scene.read(options.scene, overrides_of(**changes))
 
     def _call(self, scene: Scene | None, values: dict[str, Any]) -> Any:
         """Call the function; the scene and the words of the call are its positional arguments."""

@@ -125,7 +125,7 @@ def new(
         from harvester.scene.described import device_line
         from harvester.scene.model import Scene
 
-        for line in device_line(Scene.load(file)):
+        for line in device_line(Scene.read(file)):
             say(line)
         say(f"written: {file}; now try: harvester average {file}")
 
@@ -168,7 +168,7 @@ def _changed(text, name):
     """The text with the values that were given for those asked for."""
     from harvester.scene.model import Scene
 
-    scene, answered = Scene.load(name), False
+    scene, answered = Scene.read(name), False
     for question in QUESTIONS:
         # A scaled scene has damping and intensity alone of the alternatives to them.
         scaled = {"oscillator.damping", "excitation.intensity"} & {*question.keys}

@@ -213,7 +213,7 @@ def _paper(seed):
     """The source paper's scene with another seed."""
     from harvester.scene.model import Scene
 
-    return Scene.load("paper", overrides_of(seed=seed))
+    return Scene.read("paper", overrides_of(seed=seed))
 
 
 def _chosen(figures, names):
@@ -262,7 +262,7 @@ def time_to_accuracy(
     named = [(scene, ()) for scene in scenes] or SCENES
     output = os.fspath(running.get("output") or "")
     changes = overrides_of(overrides, seed)
-    loaded = [Scene.load(scene, [*values, *changes]) for scene, values in named]
+    loaded = [Scene.read(scene, [*values, *changes]) for scene, values in named]
     check_places(json, output, files=[f"{ACCURACY}.json", f"{ACCURACY}.png"])
     with study_runner(ACCURACY.replace("-", " "), **running) as runner:
         results = [

@@ -35,7 +35,7 @@ def scene_of(scene: SceneOrName) -> Scene:
     """
     from harvester.scene.model import Scene
 
-    return scene if isinstance(scene, Scene) else Scene.load(scene)
+    return scene if isinstance(scene, Scene) else Scene.read(scene)
 
 
 def takes_scene(

@@ -9,7 +9,6 @@ import math
 from collections.abc import Iterable
 from dataclasses import dataclass, field
 from pathlib import Path
-from types import MethodType
 from typing import Any, Protocol, overload
 
 from harvester.base import plain_text
@@ -184,61 +183,16 @@ def _tables() -> dict[str, tuple[str, Any]]:
     }
 
 
-class Reader(Protocol):
-    """Type of `Scene.load` as a function, see `read_scene`."""
-
-    def __call__(self, source: str | Path, overrides: Iterable[str] = ()) -> Scene:
-        """Read a scene."""
-
-
-def read_scene(cls: type[Scene], source: str | Path, overrides: Iterable[str] = ()) -> Scene:
-    """Read a scene from a TOML file or by the name of a built-in one.
-
-    Parameters
-    ----------
-    source : str or Path
-        Built-in name, or path of a TOML file.
-    overrides : iterable of str
-        `table.key=value` as on the command line; `table=none` removes a table.
-
-    Raises
-    ------
-    SceneError
-        The file, a key or a value is not usable.
-    """
-    tables, path = tables_of(source, overrides)
-    folder = None if path.parent == BUILT_IN else str(path.parent.absolute())
-    return cls.from_tables(tables, name=path.stem, origin=named(str(source)), folder=folder)
-
-
-class ReaderOrTable:
-    """Descriptor for `load`: `Scene.load(…)` reads a scene, `scene.load` is the table [load]."""
-
-    @overload
-    def __get__(self, scene: None, owner: type[Scene]) -> Reader: ...
-
-    @overload
-    def __get__(self, scene: Scene, owner: type[Scene]) -> Load: ...
-
-    def __get__(self, scene: Scene | None, owner: type[Scene]) -> Reader | Load:
-        return MethodType(read_scene, owner) if scene is None else vars(scene)["load"]
-
-    def __set__(self, scene: Scene, load: Load) -> None:
-        if not isinstance(load, Load):
-            raise TypeError(f"a scene needs its table load, which is a Load, and this is {load!r}")
-        vars(scene)["load"] = load
-
-
 @names_replace
 @dataclass(frozen=True)
 class Scene:
     """One device, its load, its excitation and its run: the input of every engine.
 
-    `Scene.load(source)` reads one, `replace` gives a changed copy; both raise `SceneError`.
+    `Scene.read(source)` reads one, `replace` gives a changed copy; both raise `SceneError`.
     Each table is an attribute: `scene.oscillator`, `scene.load`, `scene.run`, …; [piezo], [coil] or
     another transducer is `scene.transducer`.
 
-    >>> Scene.load("paper").replace({"excitation.intensity": 0.1}).excitation.intensity
+    >>> Scene.read("paper").replace({"excitation.intensity": 0.1}).excitation.intensity
     0.1
     """
 
@@ -248,7 +202,7 @@ class Scene:
     transducer: TransducerTable
     excitation: Excitation
     run: Run
-    load: ReaderOrTable = ReaderOrTable()
+    load: Load
     stoppers: tuple[Stopper, ...] = ()
     start: Start | None = None
     length_scale: float | None = None
@@ -258,6 +212,26 @@ class Scene:
     # Folder of the scene's file. With a netlist as load: all folders in which it is searched, in
     # order.
     folder: str | tuple | None = field(default=None, compare=False, repr=False)
+
+    @classmethod
+    def read(cls, source: str | Path, overrides: Iterable[str] = ()) -> Scene:
+        """Read a scene from a TOML file or by the name of a built-in one.
+
+        Parameters
+        ----------
+        source : str or Path
+            Built-in name, or path of a TOML file.
+        overrides : iterable of str
+            `table.key=value` as on the command line; `table=none` removes a table.
+
+        Raises
+        ------
+        SceneError
+            The file, a key or a value is not usable.
+        """
+        tables, path = tables_of(source, overrides)
+        folder = None if path.parent == BUILT_IN else str(path.parent.absolute())
+        return cls.from_tables(tables, name=path.stem, origin=named(str(source)), folder=folder)
 
     @staticmethod
     def names() -> list[str]:

@@ -24,7 +24,7 @@ def built_in_names() -> list[str]:
 def tables_of(source: str | Path, overrides: Iterable[str]) -> tuple[dict[str, Any], Path]:
     """Tables of a scene with its overrides put in, and the path that they were read from.
 
-    `source`, `overrides`: see `harvester.scene.model.read_scene`. Raises SceneError.
+    `source`, `overrides`: see `harvester.scene.model.Scene.read`. Raises SceneError.
     """
     path = _find(source)
     where = named(str(path))

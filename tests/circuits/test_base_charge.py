@@ -34,7 +34,7 @@ def bare(**changes):
     sine = {"kind": "sine", "amplitude": 1.0, "frequency": 2.5 * FREQUENCY}
     run = {"run.settle": 2.0, "run.duration": 1.0, "run.realizations": 1}
     changes = {"beam.tip_mass": 0.0, "beam.damping_ratio": 0.00874, "excitation": sine, **changes}
-    return Scene.load("bimorph").replace(run | changes)
+    return Scene.read("bimorph").replace(run | changes)
 
 
 def exact(scene, admittance):
@@ -103,7 +103,7 @@ def test_a_load_that_decays_within_a_step_under_noise(method):
     """
     piezo = {"piezo.base_charge": 1e-10, "piezo.coupling": 1e-5, "piezo.capacitance": 3e-10}
     run = {"run.realizations": 1, "run.duration": 0.5, "run.settle": 0.1}
-    scene = Scene.load("cantilever").replace({**piezo, **run, "load.resistance": 33e3})
+    scene = Scene.read("cantilever").replace({**piezo, **run, "load.resistance": 33e3})
     result = harvester.simulate(scene, method=method, workers=1)
     ready = prepared(scene)
     system, decay = ready.system, 1.0 / (33e3 * 3e-10)

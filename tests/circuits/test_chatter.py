@@ -28,7 +28,7 @@ SMOOTH = "B1 out ref I = 150u*0.5*(1+tanh((V(out,ref)-8)/5m))"
 def scene(tmp_path, card):
     path = tmp_path / "load.lib"
     path.write_text(f"* a load\n.subckt load p n out ref\n{BRIDGE}{card}\n.ends\n")
-    return Scene.load("device", [*SETS, f"load={{netlist='{path}'}}"])
+    return Scene.read("device", [*SETS, f"load={{netlist='{path}'}}"])
 
 
 @pytest.mark.exhaustive

@@ -100,7 +100,7 @@ def test_the_efficiency_of_a_coil_without_inductance_is_the_devices_own(pool):
 
 @pytest.mark.slow
 def test_a_load_that_cuts_off_the_inductances_current_is_told_so(pool):
-    scene = Scene.load(
+    scene = Scene.read(
         "electromagnetic",
         [
             "coil.inductance=0.3",

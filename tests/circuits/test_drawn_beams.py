@@ -19,7 +19,7 @@ MAGNETS = {"distance": 8e-3, "reach": 6e-3, "tip_moment": 0.2, "frame_moment": 0
 
 def drawn():
     changes = {"excitation.intensity": 0.3, "run.duration": 0.2, "run.settle": 0.0}
-    return Scene.load("bimorph").replace(changes | {"run.realizations": 1}, magnets=MAGNETS)
+    return Scene.read("bimorph").replace(changes | {"run.realizations": 1}, magnets=MAGNETS)
 
 
 def scipys_path(scene, knots):

@@ -31,7 +31,7 @@ def quake(tmp_path):
         header="time,north,up",
         comments="",
     )
-    tables = Scene.load("device").to_tables()
+    tables = Scene.read("device").to_tables()
     tables["excitation"] = {
         "kind": "record",
         "file": str(tmp_path / "quake.csv"),

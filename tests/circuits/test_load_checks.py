@@ -104,7 +104,7 @@ def test_a_node_that_leads_nowhere_is_noted(tmp_path, pool):
     load = read(tmp_path, text)
     assert load.loose_nodes == ("outt of r2 (load.lib:3)",)
     run = ("run.duration=0.1", "run.settle=0", "run.realizations=1")
-    scene = Scene.load("device", [f"load.netlist={tmp_path}/load.lib", *run])
+    scene = Scene.read("device", [f"load.netlist={tmp_path}/load.lib", *run])
     result = simulate(scene, method="monte-carlo", workers=1, runner=pool)
     assert "nothing else is connected to the node outt of r2 (load.lib:3)" in result.notes
 

@@ -43,7 +43,7 @@ BOTH = ("monte-carlo", "circuit")
 def output_power(folder, body, method, pool, scene=SCENE):
     (folder / "scene.toml").write_text(scene)
     (folder / "load.lib").write_text(LOAD.format(body))
-    scene = Scene.load(str(folder / "scene.toml"))
+    scene = Scene.read(str(folder / "scene.toml"))
     return simulate(scene, method=method, runner=pool)["output_loss"].estimate
 
 

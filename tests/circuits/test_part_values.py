@@ -52,7 +52,7 @@ def scene_with(tmp_path, body):
     path = tmp_path / "load.lib"
     path.write_text(f".subckt load p n\n{body}\n.ends\n")
     short = ("run.duration=6", "run.settle=0.1", "run.realizations=1")
-    return Scene.load("device", [f"load.netlist={path}", *short])
+    return Scene.read("device", [f"load.netlist={path}", *short])
 
 
 @pytest.mark.parametrize(("values", "seconds"), [({}, 8.0), ({"farads": "4u"}, 16.0)])

@@ -56,7 +56,7 @@ def sampled(scene, points, reach):
 @pytest.mark.parametrize("method", ["monte-carlo", "circuit"])
 def test_a_cubic_sampled_finely_gives_the_cubics_path(pool, method):
     """Within a well; 33 points a fortieth of the well's distance apart."""
-    scene = Scene.load("duffing").replace(
+    scene = Scene.read("duffing").replace(
         {"run.duration": 40.0, "run.settle": 0.0, "run.realizations": 1}
     )
     # The well alone: a straight line leads back from beyond, and no motion gets there.
@@ -78,7 +78,7 @@ def test_a_cubic_sampled_finely_gives_the_cubics_path(pool, method):
 @pytest.mark.parametrize("load", [None, "bridge"])
 def test_the_energy_balance_closes_and_engines_agree_on_a_table(pool, load):
     if load:
-        scene = Scene.load("device").replace(
+        scene = Scene.read("device").replace(
             {
                 "oscillator.force_table": [[0.01 * x, 0.1 * force] for x, force in MAGNETS],
                 "oscillator.damping": 0.2,

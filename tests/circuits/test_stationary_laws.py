@@ -102,7 +102,7 @@ SSHI = {"netlist": "sshi_parallel", "parameters": {"storage": 1e-7}}
 )
 def test_the_mass_law_holds_with_every_load(pool, load, method, realizations):
     """E[ηx'] = D per unit mass whatever spring and load; the finite knots take little of it."""
-    tables = Scene.load("device").to_tables()
+    tables = Scene.read("device").to_tables()
     tables["load"] = load
     # Ten times the damping, so that the motion forgets sooner.
     tables["oscillator"]["damping"] = 0.3

@@ -49,7 +49,7 @@ KEYS = sorted(
     {
         f"{table}.{key}"
         for name in Scene.names()
-        for table, values in Scene.load(name).to_tables().items()
+        for table, values in Scene.read(name).to_tables().items()
         for key in (values if isinstance(values, dict) else ())
     }
     | {"units", "length_scale", "load", "stoppers", "excitation", "run", "load.netlist"}
@@ -69,7 +69,7 @@ KEYS = sorted(
 )
 def test_fuzz_values_of_a_scene(name, changes):
     with ends_well():
-        Scene.load(name).replace(changes)
+        Scene.read(name).replace(changes)
 
 
 @budget(100)
@@ -105,14 +105,14 @@ def test_fuzz_scene_file(tmp_path_factory, content):
     path = tmp_path_factory.getbasetemp() / "fuzz.toml"
     path.write_bytes(content)
     with ends_well():
-        Scene.load(path)
+        Scene.read(path)
 
 
 @budget(100)
 @given(text=st.one_of(st.tuples(st.sampled_from(KEYS), st.text(max_size=30)).map("=".join), WORDS))
 def test_fuzz_overrides(text):
     with ends_well():
-        Scene.load("paper", [text])
+        Scene.read("paper", [text])
 
 
 def written(suffix):
@@ -156,7 +156,7 @@ def test_fuzz_records(tmp_path, suffix):
         path.write_bytes(content)
         table = {"kind": "record", "file": str(path), "unit": "scaled", **keys}
         with ends_well():
-            scene = Scene.load("linear").replace({"excitation": table, "run": {"duration": 0.3}})
+            scene = Scene.read("linear").replace({"excitation": table, "run": {"duration": 0.3}})
             assert np.isfinite(scene.excitation.samples).all()
             scene.excitation.notes(scene.excitation.interval, 1.0, scene.run)
 

@@ -22,7 +22,7 @@ VARIED = [
 
 @pytest.mark.parametrize(("name", "overrides"), VARIED)
 def test_a_scene_survives_its_tables_and_is_one_key(name, overrides):
-    scene = Scene.load(name, overrides)
+    scene = Scene.read(name, overrides)
     again = Scene.from_tables(scene.to_tables(), name=scene.name, folder=scene.folder)
     for same in (again, pickle.loads(pickle.dumps(scene)), copy.deepcopy(scene)):
         assert same == scene
@@ -37,13 +37,13 @@ def test_a_scene_with_a_record_is_one_key(tmp_path):
     np.savetxt(tmp_path / "motion.csv", np.random.default_rng(1).normal(size=(100, 1)))
     record = f'excitation={{kind="record", file="{tmp_path}/motion.csv", unit="m/s^2", '
     overrides = [record + 'sampling_rate=100.0, repetition="periodic", band=[1.0, 20.0]}']
-    scene, same = (Scene.load("device", overrides) for _ in range(2))
+    scene, same = (Scene.read("device", overrides) for _ in range(2))
     assert scene == same
     assert hash(scene) == hash(same)
 
 
 def test_a_loads_values_cannot_be_changed():
-    values = Scene.load("device", ["load.netlist=bridge", "load.parameters.resistance=1e5"])
+    values = Scene.read("device", ["load.netlist=bridge", "load.parameters.resistance=1e5"])
     values = values.load.parameters
     assert values == {"resistance": 1e5} == NamedValues(resistance=1e5)
     for change in (values.clear, lambda: values.update(a=1.0), lambda: values.pop("resistance")):
@@ -52,11 +52,11 @@ def test_a_loads_values_cannot_be_changed():
 
 
 def test_a_part_that_a_scene_lacks_has_no_key():
-    assert set(Scene.load("linear").to_dict()) == {
+    assert set(Scene.read("linear").to_dict()) == {
         *("name", "sha256", "units", "oscillator", "piezo", "load", "excitation", "run")
     }
-    assert set(Scene.load("linear").to_dict()["oscillator"]) == {
+    assert set(Scene.read("linear").to_dict()["oscillator"]) == {
         *("damping", "linear_stiffness", "cubic_stiffness")
     }
-    assert "piezo" not in Scene.load("electromagnetic").to_dict()
-    assert "leakage_resistance" not in Scene.load("device").to_dict()["piezo"]
+    assert "piezo" not in Scene.read("electromagnetic").to_dict()
+    assert "leakage_resistance" not in Scene.read("device").to_dict()["piezo"]

@@ -31,7 +31,7 @@ def answers(monkeypatch, tmp_path):
 def test_each_built_in_scene_is_copied_with_its_comments(name, tmp_path, capsys):
     path = tmp_path / "mine.toml"
     assert main(["new", str(path), "--from", name]) == 0
-    assert Scene.load(path).digest() == Scene.load(name).digest()
+    assert Scene.read(path).digest() == Scene.read(name).digest()
     assert path.read_text("utf-8").count("#") > (BUILT_IN / f"{name}.toml").read_text(
         "utf-8"
     ).count("#")
@@ -83,8 +83,8 @@ def test_answers_take_the_place_of_values_and_the_others_stay(answers, capsys):
     answers("asymetric\nasymmetric\n30 g\n\n\nmuch\n-1\ncoupling=-1\n4e-4\n")
     assert main(["new", "beam.toml"]) == 0
     changes = {"oscillator.mass": 0.03, "piezo.coupling": 4e-4}
-    expected = Scene.load("asymmetric").replace(changes)
-    assert Scene.load("beam.toml").digest() == expected.digest()
+    expected = Scene.read("asymmetric").replace(changes)
+    assert Scene.read("beam.toml").digest() == expected.digest()
     asked = capsys.readouterr().err
     assert "asymetric: no built-in scene (did you mean asymmetric?)" in asked
     assert "'much': write a number" in asked
@@ -101,7 +101,7 @@ def test_answers_take_the_place_of_values_and_the_others_stay(answers, capsys):
 def test_what_is_asked_for_is_found_in_the_scene_it_belongs_to(name, answers, capsys):
     answers(f"{name}\n")
     assert main(["new", "mine.toml"]) == 0
-    assert Scene.load("mine.toml").digest() == Scene.load(name).digest()
+    assert Scene.read("mine.toml").digest() == Scene.read(name).digest()
     asked = capsys.readouterr().err.split("]: ")[1:]
     questions = [each.words for each in new.QUESTIONS]
     assert all(any(words in each for words in questions) for each in asked if "[" in each)
@@ -116,7 +116,7 @@ def test_no_answer_is_taken_for_another_question(answers, capsys):
     assert "'42': such devices have" in said
     assert "'46 Hz': no suffix Hz" in said
     stiffness = 0.014 * (2 * math.pi * 120) ** 2
-    scene = Scene.load("mine.toml")
+    scene = Scene.read("mine.toml")
     assert scene.oscillator.linear_stiffness == pytest.approx(stiffness)
     assert scene.oscillator.damping == pytest.approx(math.sqrt(stiffness * 0.014) / 25)
     assert scene.transducer.coupling == pytest.approx(math.sqrt(0.2 * stiffness * 60e-9))
@@ -133,7 +133,7 @@ def test_a_drawing_is_asked_for(answers, capsys):
     answers(f"bimorph\n{said}")
     assert main(["new", "mine.toml"]) == 0
     assert "steal" in capsys.readouterr().err
-    beam = Scene.load("mine.toml").beam
+    beam = Scene.read("mine.toml").beam
     assert (beam.length, beam.width, beam.thickness) == pytest.approx((0.04, 0.008, 0.3e-3))
     assert (beam.material, beam.piezo, beam.connection) == (
         "stainless steel",

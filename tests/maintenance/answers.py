@@ -47,7 +47,7 @@ def all_answers(cases: dict[str, dict], checkout: Path) -> dict[str, Any]:
 def _of_function(case, executor):
     """What a function of `harvester` returns for a scene, or the error that it raises."""
     try:
-        scene = harvester.Scene.load(case["scene"], case["overrides"])
+        scene = read_scene(case["scene"], case["overrides"])
         more = {"executor": executor} if case["function"] in ("simulate", "validate") else {}
         found = getattr(harvester, case["function"])(scene, **case["options"], **more)
     except harvester.HarvesterError as error:

@@ -43,7 +43,7 @@ def test_only_chooses_by_numbers_or_words(tmp_path):
 
 
 def test_power_under_coloured_noise_is_that_of_the_closed_form():
-    scene = Scene.load("linear")
+    scene = Scene.read("linear")
     p = flat(scene)
     device = DEVICE._replace(
         mass=1.0, damping=p.damping, spring=np.array([0.0, p.linear_stiffness]),

@@ -18,7 +18,7 @@ LOADS = {
 
 def scene_of(load, *more):
     parameters = [f"load.parameters.{each}" for each in LOADS[load]]
-    return Scene.load("device", [f"load.netlist={load}", *parameters, *more])
+    return Scene.read("device", [f"load.netlist={load}", *parameters, *more])
 
 
 def stages(scene, result):

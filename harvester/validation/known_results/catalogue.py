@@ -100,7 +100,7 @@ def _linear_piezo():
             "excitation.knot_spacing": memory / 40.0,
             "run.duration": 1000.0,
         }
-        scene = Scene.load("linear").replace(changes)
+        scene = Scene.read("linear").replace(changes)
         system = prepared(scene).system
         # The stationary solver refuses loads that decay within a step.
         methods = (*ENGINES, SOLVER) if decay_rate < 10.0 else ENGINES
@@ -122,7 +122,7 @@ def _linear_coil():
             "load.resistance": resistance,
             "excitation": {"kind": "white", "intensity": 0.3, "knot_spacing": 5e-4},
         }
-        scene = Scene.load("electromagnetic").replace(changes)
+        scene = Scene.read("electromagnetic").replace(changes)
         exact = formulas.linear_coil_power(0.0103, 0.047, 14.9, 391.0, resistance, 0.3)
         title = f"power of a linear coil harvester in white noise, R = {resistance:g} ohm"
         source = "mass law: E[eta x'] = D whatever the spring"
@@ -134,7 +134,7 @@ def _spectrum():
     points = ((0.1, 0.02), (0.25, 0.02), (0.3, 0.1), (1.0, 0.004))
     excitation = {"kind": "spectrum", "unit": "scaled", "breakpoints": points}
     changes = {"load.decay_rate": 2.0, "excitation": excitation, "run.duration": 1000.0}
-    scene = Scene.load("linear").replace(changes)
+    scene = Scene.read("linear").replace(changes)
     system = prepared(scene).system
     exact = formulas.power_of_spectrum(
         system.damper.damping, 4.0, system.transducer.coupling, 2.0, points
@@ -162,7 +162,7 @@ def _double_well(damping, temperature, duration):
         **UNCOUPLED,
         "run.duration": duration,
     }
-    return Scene.load("duffing").replace(changes)
+    return Scene.read("duffing").replace(changes)
 
 
 def _gibbs():
@@ -189,9 +189,9 @@ def _kramers():
 
 def _mass_law():
     source = "mass law: E[eta x'] = D in white noise, any spring, contacts and load"
-    stopped = Scene.load("paper").replace({"excitation": {**WHITE, "intensity": 0.1}})
+    stopped = Scene.read("paper").replace({"excitation": {**WHITE, "intensity": 0.1}})
     white = {"kind": "white", "intensity": 0.3}
-    loaded = Scene.load("device").replace({"excitation": white, "load.netlist": "bridge"})
+    loaded = Scene.read("device").replace({"excitation": white, "load.netlist": "bridge"})
     for scene, what, exact, unit, methods in (
         (stopped, "with stoppers", 0.1, "scaled", ENGINES),
         (loaded, "behind a bridge", 0.022 * 0.3, "W", [MONTE_CARLO]),
@@ -202,7 +202,7 @@ def _mass_law():
 
 
 def _loads():
-    base = Scene.load("device").replace({"length_scale": None})
+    base = Scene.read("device").replace({"length_scale": None})
     piezo = base.transducer
     assert isinstance(piezo, PiezoTable)
     theta, capacitance = piezo.coupling, piezo.capacitance
@@ -365,7 +365,7 @@ def _rebounds():
     }
     source = "rebound law of the contact's equation of motion"
     for restitution in (0.3, 0.7, 1.0):
-        scene = Scene.load("paper").replace({**lonely, "stoppers.restitution": restitution})
+        scene = Scene.read("paper").replace({**lonely, "stoppers.restitution": restitution})
         title = f"speed after a drop on a Hertz-damp stopper, e = {restitution:g}"
         exact = formulas.rebound_speed(restitution)
         yield Truth(title, source, exact, 1e-3, _tasks(tasks.rebound, scene))
@@ -374,7 +374,7 @@ def _rebounds():
 def _paths():
     load = {"netlist": "bridge", "parameters": {"resistance": 2e5, "storage": 2e-7}}
     paper, asymmetric, bridge = (
-        Scene.load(name).replace({**SINGLE_PATH, **changes})
+        Scene.read(name).replace({**SINGLE_PATH, **changes})
         for name, changes in (
             ("paper", {"run.duration": 50.0}),
             ("asymmetric", {"run.duration": 1.0}),
@@ -415,7 +415,7 @@ def _orbits():
             "run.settle": 1000.0,
             "run.realizations": 1,
         }
-        scene = Scene.load("duffing").replace(changes)
+        scene = Scene.read("duffing").replace(changes)
         asked = _highest_power([scene.replace(start) for start in ORBIT_STARTS])
         title = f"high orbit of a bistable harvester, f = {amplitude:g}, Omega = {frequency:g}"
         yield _within(TWO_DIGITS, title, ORBIT_SOURCE, power / 10.0, asked)

@@ -69,13 +69,13 @@ def elements(netlist):
     ],
 )
 def test_a_scene_holds_only_what_it_needs(name, overrides, expected):
-    assert elements(assemble(prepared(Scene.load(name, overrides)))) == expected
+    assert elements(assemble(prepared(Scene.read(name, overrides)))) == expected
 
 
 def test_elastic_stoppers_have_no_damping_term_and_preloaded_ones_a_bounded_one():
-    elastic = assemble(prepared(Scene.load("paper", ["stoppers.restitution=1"]))).text
-    damped = assemble(prepared(Scene.load("paper"))).text
-    preloaded = assemble(prepared(Scene.load("paper", ["stoppers.gap=0.95"]))).text
+    elastic = assemble(prepared(Scene.read("paper", ["stoppers.restitution=1"]))).text
+    damped = assemble(prepared(Scene.read("paper"))).text
+    preloaded = assemble(prepared(Scene.read("paper", ["stoppers.gap=0.95"]))).text
     assert "v(velocity)" not in re.search(r"Bstoppers.*", elastic).group()
     assert re.search(r"Bstoppers.*", damped).group().count("?") == 1
     assert re.search(r"Bstoppers.*", preloaded).group().count("?") == 2
@@ -83,7 +83,7 @@ def test_elastic_stoppers_have_no_damping_term_and_preloaded_ones_a_bounded_one(
 
 @pytest.mark.parametrize("name", Scene.names())
 def test_mechanical_values_are_of_order_one_whatever_the_units(name):
-    text = assemble(prepared(Scene.load(name))).text
+    text = assemble(prepared(Scene.read(name))).text
     for element in ("Gspring", "Gvelocity"):
         value = float(re.search(rf"^{element} .* (\S+)$", text, re.MULTILINE).group(1))
         assert 0.1 < abs(value) < 10.0
@@ -95,7 +95,7 @@ def test_mechanical_values_are_of_order_one_whatever_the_units(name):
 
 def test_the_same_device_in_both_units_has_the_same_mechanical_elements():
     def mechanical(name):
-        lines = assemble(prepared(Scene.load(name))).text.splitlines()
+        lines = assemble(prepared(Scene.read(name))).text.splitlines()
         return [
             [float(number) for number in re.findall(r"(?<![\w.])\d+\.\d+(?:e-?\d+)?", line)]
             for line in lines
@@ -107,17 +107,17 @@ def test_the_same_device_in_both_units_has_the_same_mechanical_elements():
 
 
 def test_nothing_is_kept_in_memory_that_streams_out():
-    assert ".save none" in assemble(prepared(Scene.load("paper"))).text
+    assert ".save none" in assemble(prepared(Scene.read("paper"))).text
 
 
 def test_the_digest_tells_netlists_apart():
-    one, other = assemble(prepared(Scene.load("paper"))), assemble(prepared(Scene.load("paper")))
+    one, other = assemble(prepared(Scene.read("paper"))), assemble(prepared(Scene.read("paper")))
     assert one.sha256 == other.sha256
-    assert assemble(prepared(Scene.load("paper")), starts=((-1.0, 0.0, 0.0),)).sha256 != one.sha256
+    assert assemble(prepared(Scene.read("paper")), starts=((-1.0, 0.0, 0.0),)).sha256 != one.sha256
 
 
 def test_the_end_time_is_a_whole_number_of_knots():
-    scene = Scene.load("paper", ["run.realizations=2", "run.duration=10.01", "run.settle=0"])
+    scene = Scene.read("paper", ["run.realizations=2", "run.duration=10.01", "run.settle=0"])
     ready = prepared(scene)
     assert stop_time(ready) == pytest.approx(10.05)
     assert stop_time(ready) / knot_spacing(ready) == pytest.approx(201)

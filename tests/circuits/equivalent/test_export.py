@@ -42,8 +42,8 @@ def loads(name):
     "name", ["paper", "device", "asymmetric", "one_sided", "tristable", "electromagnetic"]
 )
 def test_plain_ngspice_runs_the_export_and_agrees_with_the_process(tmp_path, plain_pool, name):
-    spacing = knot_spacing(prepared(Scene.load(name)))
-    scene = Scene.load(
+    spacing = knot_spacing(prepared(Scene.read(name)))
+    scene = Scene.read(
         name, [f"run.duration={400 * spacing}", "run.settle=0", "run.realizations=1"]
     )
     ready = prepared(scene)
@@ -74,7 +74,7 @@ def test_plain_ngspice_runs_the_export_and_agrees_with_the_process(tmp_path, pla
 
 
 def test_a_step_that_passes_over_the_contact_is_refused():
-    scene = Scene.load(
+    scene = Scene.read(
         "paper", ["stoppers.stiffness=1e6", "run.realizations=2", "run.duration=1", "run.settle=0"]
     )
     ready = prepared(scene)
@@ -85,8 +85,8 @@ def test_a_step_that_passes_over_the_contact_is_refused():
 
 def test_the_export_tells_how_to_run_and_read_it():
     text = stand_alone(
-        prepared(Scene.load("paper_si", ["run.realizations=2", "run.duration=1", "run.settle=0"])),
-        noise_path(prepared(Scene.load("paper_si")), 0),
+        prepared(Scene.read("paper_si", ["run.realizations=2", "run.duration=1", "run.settle=0"])),
+        noise_path(prepared(Scene.read("paper_si")), 0),
     ).text
     assert "ngspice -b -r paper_si.raw paper_si.cir" in text
     assert "units of 0.001 m" in text
@@ -108,7 +108,7 @@ def test_the_netlist_for_reading_runs_by_hand_and_solves_the_papers_equations(tm
         capture_output=True,
     )
     raw = read_raw(raw_file)
-    p = flat(Scene.load("paper"))
+    p = flat(Scene.read("paper"))
 
     def derivative(time, state):
         x, v, voltage = state
@@ -128,6 +128,6 @@ def test_the_netlist_for_reading_runs_by_hand_and_solves_the_papers_equations(tm
 
 
 def test_a_netlist_of_too_many_points_is_refused_before_any_work():
-    scene = Scene.load("paper", ["run.duration=1e9"])
+    scene = Scene.read("paper", ["run.duration=1e9"])
     with pytest.raises(NetlistError, match=r"2e\+10 points .* at most 1000000"):
         stand_alone(prepared(scene), noise_path(prepared(scene), 0))

@@ -117,7 +117,7 @@ def test_an_iteration_is_numpys(tmp_path, load, voltage):
     path = tmp_path / "own.lib"
     path.write_text(FILES.get(load, ""))
     name = str(path) if load in FILES else load
-    circuit = build(prepared(Scene.load("device", [f"load.netlist={name}"])))
+    circuit = build(prepared(Scene.read("device", [f"load.netlist={name}"])))
     tables, code = circuit.tables, circuit.code
     n = tables.steady.size
     random = np.random.default_rng(3)
@@ -175,7 +175,7 @@ def assert_solves(matrix, found, right):
 def test_newton_ends_on_the_junctions_law(tmp_path):
     """From either side, and what is stored is its charge."""
     (tmp_path / "one.lib").write_text(DIODE)
-    circuit = build(prepared(Scene.load("device", [f"load.netlist={tmp_path / 'one.lib'}"])))
+    circuit = build(prepared(Scene.read("device", [f"load.netlist={tmp_path / 'one.lib'}"])))
     tables, code = circuit.tables, circuit.code
     row, (a, z) = tables.junction_values[0], tables.junctions[0]
     for begin in (-20.0, -6.2, 0.0, 0.4, 2.0, 40.0):
@@ -225,7 +225,7 @@ def test_the_order_of_a_ladder_costs_a_few_columns_for_each_unknown(tmp_path, mo
     )
     monkeypatch.setattr(code, "compile_module", lambda module: (None, dict.fromkeys(CODE, 0)))
     monkeypatch.setattr(code, "_compiled", code._compiled.__wrapped__)
-    circuit = build(prepared(Scene.load("device", [f"load.netlist={path}"])))
+    circuit = build(prepared(Scene.read("device", [f"load.netlist={path}"])))
     unknowns = len(circuit.order.rows)
     assert unknowns > count
     # Each number and its fill-in: three for each section.

@@ -48,7 +48,7 @@ def test_switching_loads_follow_ngspice(pool, load):
 
 def against_ngspice(pool, load):
     # A storage that has something to give, and is not charged from a rounding's worth.
-    scene = Scene.load(
+    scene = Scene.read(
         "device",
         [*SHORT, f"load.netlist={load}", "load.parameters.initial=2", "load.parameters.storage=1u"],
     )
@@ -88,7 +88,7 @@ R2 out ref 1meg
 def test_a_users_own_file_follows_ngspice(pool, tmp_path):
     path = tmp_path / "node.lib"
     path.write_text(OWN)
-    scene = Scene.load("device", [*SHORT, f"load.netlist={path}", "excitation.intensity=1"])
+    scene = Scene.read("device", [*SHORT, f"load.netlist={path}", "excitation.intensity=1"])
     theirs = simulate(scene, method="circuit", step="finest", runner=pool)
     square, _, energy = ours(scene)
     assert square == pytest.approx(theirs.quantity("rms_voltage").estimate ** 2, rel=3e-3)
@@ -121,7 +121,7 @@ def test_a_breakdown_follows_ngspice(pool, tmp_path, model):
     path = tmp_path / "clamped.lib"
     model, of_part, area = model.partition("area")
     path.write_text(ZENER.format(part=of_part + area, model=model))
-    scene = Scene.load("device", [*SHORT, *LINEAR, f"load.netlist={path}"])
+    scene = Scene.read("device", [*SHORT, *LINEAR, f"load.netlist={path}"])
     theirs = simulate(scene, method="circuit", step="finest", runner=pool)
     square, _, energy = ours(scene)
     assert square == pytest.approx(theirs.quantity("rms_voltage").estimate ** 2, rel=3e-3)
@@ -149,7 +149,7 @@ def test_a_switch_that_turned_conducts_as_it_should(pool, tmp_path, step):
     path = tmp_path / "clocked.lib"
     path.write_text(CLOCKED)
     run = ("run.duration=1.5", "run.settle=0", "run.realizations=2")
-    scene = Scene.load("device", [f"load.netlist={path}", *LINEAR, *run])
+    scene = Scene.read("device", [f"load.netlist={path}", *LINEAR, *run])
     theirs = simulate(scene, method="circuit", step="finest", runner=pool)
     own = simulate(scene, method="monte-carlo", step=step, runner=pool)
     for name in ("mean_square_voltage", "mean_output_power"):
@@ -181,7 +181,7 @@ def test_the_circuits_steps_follow_a_switch_whose_turn_throws_its_control_back(p
     path = tmp_path / "buck.lib"
     path.write_text(BUCK)
     run = ("run.duration=1.5", "run.settle=0", "run.realizations=2")
-    scene = Scene.load("device", [f"load.netlist={path}", *LINEAR, *run])
+    scene = Scene.read("device", [f"load.netlist={path}", *LINEAR, *run])
     theirs = simulate(scene, method="circuit", runner=pool)
     own = simulate(scene, method="monte-carlo", step="fine", runner=pool)
     for name in ("mean_output_power", "mean_storage_power", "mean_converter_loss"):
@@ -219,7 +219,7 @@ def test_coils_that_hand_over_their_current_lose_no_more_than_they_should(pool, 
     path = tmp_path / "forward.lib"
     path.write_text(FORWARD)
     run = ("run.duration=2", "run.settle=0", "run.realizations=4")
-    scene = Scene.load("device", [f"load.netlist={path}", *LINEAR, *run])
+    scene = Scene.read("device", [f"load.netlist={path}", *LINEAR, *run])
     rough, known = (
         simulate(scene, method="monte-carlo", step=step, runner=pool).quantity("mean_output_power")
         for step in ("default", "finest")
@@ -245,7 +245,7 @@ D1 ref z zener
 def test_what_a_diode_lets_out_at_once_is_no_more_than_its_law_allows(tmp_path):
     path = tmp_path / "dumped.lib"
     path.write_text(DUMPED)
-    scene = Scene.load("device", [*SHORT, f"load.netlist={path}"])
+    scene = Scene.read("device", [*SHORT, f"load.netlist={path}"])
     ready = prepared(scene)
     s, scales = ready.system, ready.scales
     path, stop, start = (
@@ -266,7 +266,7 @@ LOADS = ("bridge", "doubler", "sshi_parallel", "sshi_series", "sece", "bridge_bu
 @pytest.mark.slow
 @pytest.mark.parametrize("load", LOADS)
 def test_energy_is_balanced_by_default(pool, load):
-    scene = Scene.load(
+    scene = Scene.read(
         "device", [f"load.netlist={load}", "run.duration=8", "run.settle=1", "run.realizations=2"]
     )
     result = simulate(scene, method="monte-carlo", runner=pool)
@@ -279,7 +279,7 @@ def test_energy_is_balanced_by_default(pool, load):
 @pytest.mark.exhaustive
 def test_no_extreme_is_missed_by_default(pool):
     """Series SSHI, whose voltage grows by every inversion; by chance one failure in 16 000."""
-    scene = Scene.load("device", ["load.netlist=sshi_series", "run.realizations=64"])
+    scene = Scene.read("device", ["load.netlist=sshi_series", "run.realizations=64"])
     usual, fine = (
         simulate(scene, method="monte-carlo", runner=pool, step=step)["mean_square_voltage"]
         for step in ("default", "fine")
@@ -293,7 +293,7 @@ def test_pulses_into_a_full_store_are_counted(pool):
     """SECE at tens of volts empties the piezo within microseconds, between two knots."""
     parameters = ["load.parameters.resistance=1e7", "load.parameters.storage=1e-7"]
     run = ["run.duration=0.5", "run.settle=0", "run.realizations=16"]
-    scene = Scene.load("device", ["load.netlist=sece", *parameters, *run])
+    scene = Scene.read("device", ["load.netlist=sece", *parameters, *run])
     usual, finest = (
         simulate(scene, method="monte-carlo", runner=pool, step=step)
         for step in ("default", "finest")
@@ -307,7 +307,7 @@ def test_a_control_known_no_better_than_newton_leaves_it_stops_nothing():
     """SECE into an open circuit, its store full: the one of twenty paths that found no step."""
     parameters = ["load.parameters.resistance=1e8", "load.parameters.storage=1e-8"]
     run = ["run.duration=4.2", "run.settle=5", "run.realizations=128"]
-    scene = Scene.load("device", ["load.netlist=sece", *parameters, *run])
+    scene = Scene.read("device", ["load.netlist=sece", *parameters, *run])
     ready = prepared(scene)
     s = ready.system
     times = [

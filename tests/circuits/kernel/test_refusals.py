@@ -16,7 +16,7 @@ AROUND = "* a load\n.subckt load p n out ref\nR1 out ref 100k\n{}\n.ends\n"
 def with_load(tmp_path, text, *overrides):
     path = tmp_path / "mine.lib"
     path.write_text(AROUND.format(text))
-    return Scene.load("device", [f"load.netlist={path}", "run.realizations=1", *overrides])
+    return Scene.read("device", [f"load.netlist={path}", "run.realizations=1", *overrides])
 
 
 @pytest.mark.parametrize(
@@ -82,7 +82,7 @@ def test_parameters_have_ngspices_precedence(tmp_path):
         ".ends\n"
         ".subckt mine p n c=5\nX1 p n inner\nX2 p n inner a={c*2} b=6\n.ends\n"
     )
-    scene = Scene.load("device", [f"load.netlist={path}", "load.parameters.c=7"])
+    scene = Scene.read("device", [f"load.netlist={path}", "load.parameters.c=7"])
     circuit = build(prepared(scene))
     siemens = dict(zip(map(tuple, circuit.tables.entries), circuit.tables.conductance, strict=True))
     node = circuit.names.index(":load_piezo")

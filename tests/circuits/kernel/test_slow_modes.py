@@ -18,7 +18,7 @@ D4 ref n sch
 def scene(tmp_path, cards, bridge=BRIDGE):
     path = tmp_path / "load.lib"
     path.write_text(f"* a load\n.subckt load p n out ref\n{bridge}{cards}\n.ends\n")
-    return Scene.load("device", [f"load.netlist={path}"])
+    return Scene.read("device", [f"load.netlist={path}"])
 
 
 @pytest.mark.parametrize(

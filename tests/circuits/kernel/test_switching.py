@@ -74,7 +74,7 @@ def test_a_ringing_turns_a_switch_where_it_passes_its_threshold(step, known, tmp
     netlist.write_text(CLAMPED)
     for share in (1.0 - known, 1.0 + known):
         gain = float(-30.0 * share / deepest_slope())
-        scene = Scene.load("device").replace(
+        scene = Scene.read("device").replace(
             {
                 "load": {"netlist": str(netlist), "parameters": {"gain": gain}},
                 "start": START,

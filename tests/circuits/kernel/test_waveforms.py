@@ -52,7 +52,7 @@ def test_a_gate_shorter_than_a_step(tmp_path, method):
     """
     path = tmp_path / "gated.lib"
     path.write_text(GATE)
-    scene = Scene.load("device").replace(
+    scene = Scene.read("device").replace(
         {
             "load": {"netlist": str(path)},
             "oscillator.linear_stiffness": 120.0,

@@ -63,4 +63,4 @@ def test_long_expressions_are_read_without_recursion(text):
 @pytest.mark.parametrize("mode", ["energy", "event"])
 def test_our_own_expressions_pass(gap, mode):
     overrides = [f"stoppers.gap={gap}", f"stoppers.impact_velocity={mode}"]
-    assert "\nB" in assemble(prepared(Scene.load("paper", overrides))).text
+    assert "\nB" in assemble(prepared(Scene.read("paper", overrides))).text

@@ -111,7 +111,7 @@ BRIEF = ["run.realizations=1", "run.settle=0"]
 @pytest.mark.parametrize("case", SCENES)
 def test_every_word_is_ltspices(case):
     name, overrides = SCENES[case]
-    scene = Scene.load(name, [*overrides, *BRIEF, "run.duration=1"])
+    scene = Scene.read(name, [*overrides, *BRIEF, "run.duration=1"])
     text = to_ltspice(
         stand_alone(
             prepared(scene), noise_path(prepared(scene), 0), step=STEPS.get(case, "default")
@@ -168,7 +168,7 @@ def test_the_header_says_what_differs_and_the_noise_lies_beside(tmp_path, capsys
     assert text.startswith("* harvester scene paper, for LTspice")
     assert "Other than in ngspice" in text
     assert 'Inoise 0 velocity PWL file="scene-noise.txt"' in text
-    scene = Scene.load("paper")
+    scene = Scene.read("paper")
     written = np.loadtxt(target.parent / "scene-noise.txt")
     rate = float(re.search(r"minus the base acceleration, over ([\d.]+)", text).group(1))
     np.testing.assert_allclose(

@@ -86,7 +86,7 @@ def test_it_belongs_to_a_load_with_an_output(tmp_path):
 
 def test_another_measure_is_another_scene(tmp_path):
     scenes = [
-        Scene.load("device", [f"load.netlist={written(tmp_path, text)}"])
+        Scene.read("device", [f"load.netlist={written(tmp_path, text)}"])
         for text in (OWN, OWN.replace("v(far)>0", "v(far)>1"))
     ]
     assert scenes[0].digest() != scenes[1].digest()
@@ -100,7 +100,7 @@ def test_both_engines_find_what_the_circuit_equations_say(pool, tmp_path, method
     Of the engines' own error bar four times (one false alarm in 16 000), of the rest 0.2 %.
     """
     sets = ["run.duration=20", "run.settle=1", "run.realizations=4"]
-    scene = Scene.load("device", [*sets, f"load.netlist={written(tmp_path)}"])
+    scene = Scene.read("device", [*sets, f"load.netlist={written(tmp_path)}"])
     result = simulate(scene, method=method, runner=pool)
     found = {name: result[name].estimate for name in result.quantities}
     parts = found["line_loss"] + found["rest_power"] + found["far_storage_power"]

@@ -88,7 +88,7 @@ def drawn(rng, place):
 
 def tables(path):
     """The compiled engine's tables of the load behind a device."""
-    scene = Scene.load("device", [f"load.netlist={path}"])
+    scene = Scene.read("device", [f"load.netlist={path}"])
     return build(prepared(scene)).tables
 
 

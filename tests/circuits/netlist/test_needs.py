@@ -100,10 +100,10 @@ def test_loads_of_the_library_say_what_they_are_made_for(load, values, where):
 def test_values_for_scaled_scenes_are_refused_in_si():
     """Its leakage is 100 kΩ a diode where the conductance is left at 1e4 S."""
     with pytest.raises(SceneError, match="give conductance, resistance, storage"):
-        Scene.load("cantilever").replace({"load.netlist": "bridge_ideal"})
+        Scene.read("cantilever").replace({"load.netlist": "bridge_ideal"})
     values = {"resistance": "100k", "storage": "10u", "conductance": 10}
-    scene = Scene.load("cantilever").replace(
+    scene = Scene.read("cantilever").replace(
         load={"netlist": "bridge_ideal", "kind": None, "resistance": None, "parameters": values}
     )
     assert scene.load.circuit.name == "bridge_ideal"
-    assert Scene.load("paper").replace({"load.netlist": "bridge_ideal"}).load.circuit
+    assert Scene.read("paper").replace({"load.netlist": "bridge_ideal"}).load.circuit

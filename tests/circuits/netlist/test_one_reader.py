@@ -233,7 +233,7 @@ def test_a_text_is_read_once_for_all_that_asks(monkeypatch):
     texts = []
     real = subcircuits.parse
     monkeypatch.setattr(subcircuits, "parse", lambda *given: texts.append(1) or real(*given))
-    scene = Scene.load("device", ["load.netlist=node_buck"])
+    scene = Scene.read("device", ["load.netlist=node_buck"])
     build(prepared(scene))
     assemble(prepared(scene))
     circuit = scene.load.circuit

@@ -19,7 +19,7 @@ NOT_PASSIVE = "the load is not passive: it gives"
 def run(tmp_path, pool, text):
     path = tmp_path / "load.lib"
     path.write_text(text)
-    scene = Scene.load("device", [*SHORT, f"load.netlist={path}"])
+    scene = Scene.read("device", [*SHORT, f"load.netlist={path}"])
     return simulate(scene, method="circuit", workers=1, runner=pool)
 
 
@@ -164,7 +164,7 @@ def test_a_resistor_that_takes_nothing_is_none_that_monte_carlo_knows(tmp_path):
 def test_every_copy_of_the_device_has_its_own_output(pool, tmp_path):
     path = tmp_path / "load.lib"
     path.write_text(DIRECT.format(before="", body="R1 out ref 300k\nC1 out ref 10n"))
-    scene = Scene.load("device", [*SHORT[:2], "run.realizations=2", f"load.netlist={path}"])
+    scene = Scene.read("device", [*SHORT[:2], "run.realizations=2", f"load.netlist={path}"])
     call = {"scene": scene, "engine": Circuit(), "indices": [0, 1], "window": None}
     both = pool.map(realization_run, [call])[0]
     assert np.isfinite([each.moments.output.conductance for each in both]).all()

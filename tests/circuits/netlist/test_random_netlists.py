@@ -189,7 +189,7 @@ def loads(folder, seed):
 
 
 def run(path, method, **options):
-    scene = Scene.load("device", [*DEVICE, f"load.netlist={path}"])
+    scene = Scene.read("device", [*DEVICE, f"load.netlist={path}"])
     return simulate(scene, method=method, **options)
 
 

@@ -50,7 +50,7 @@ C1 out ref 1u
 def with_load(tmp_path, text, *overrides, scene="device"):
     path = tmp_path / "load.lib"
     path.write_text(text)
-    return Scene.load(scene, [*SHORT, f"load.netlist={path}", *overrides])
+    return Scene.read(scene, [*SHORT, f"load.netlist={path}", *overrides])
 
 
 @pytest.mark.parametrize(
@@ -59,7 +59,7 @@ def with_load(tmp_path, text, *overrides, scene="device"):
 )
 def test_the_resistors_netlist_is_the_built_in_resistor(pool, name, key, value, resistance):
     """Also where the motion is chaotic and any other rounding would end in another path."""
-    built_in = Scene.load(name, [*SHORT, f"load.{key}={value}", "run.duration=20"])
+    built_in = Scene.read(name, [*SHORT, f"load.{key}={value}", "run.duration=20"])
     netlist = built_in.replace(
         {"load.netlist": "resistor", "load.parameters.resistance": resistance}
     )
@@ -178,7 +178,7 @@ AMPLITUDE, FREQUENCY = 0.005, 12.0
 
 def prescribed(*changes):
     """(scene, θ²u²ω/C): the displacement a sine, which every load's closed form starts from."""
-    scene = Scene.load("device", ["length_scale=none"])
+    scene = Scene.read("device", ["length_scale=none"])
     excitation = {
         "kind": "prescribed_displacement",
         "amplitude": AMPLITUDE,
@@ -263,7 +263,7 @@ def test_a_switched_load_takes_few_steps_beside_the_local_errors_control(pool, l
 def test_a_switched_load_takes_any_storage(pool, load, storage):
     """At steps of 0.1 us the rounding of a farad's current is far above any other current."""
     changes = {"load.parameters.storage": storage, "run.duration": 1.0, "run.settle": 0.0}
-    scene = Scene.load("device", [f"load.netlist={load}"]).replace(changes)
+    scene = Scene.read("device", [f"load.netlist={load}"]).replace(changes)
     scene = scene.replace({"run.realizations": 1})
     result = simulate(scene, method="circuit", time_limit=60.0, runner=pool)
     assert abs(result.energy_balance_residual) < 5e-3
@@ -320,4 +320,4 @@ def test_the_netlist_holds_the_load_and_its_digest_tells_loads_apart(tmp_path):
     text = assemble(prepared(one)).text
     assert "Vload piezo load_piezo 0.0" in text
     assert text.count(".subckt") == 1
-    assert "Vload" not in assemble(prepared(Scene.load("device"))).text
+    assert "Vload" not in assemble(prepared(Scene.read("device"))).text

@@ -180,7 +180,7 @@ def test_what_runs_is_right_in_both_engines(pool, tmp_path, point, elements, bef
     path, text = write(tmp_path, elements, before)
     expected = plain_square(tmp_path, text) if truth is PLAIN else truth
     assert plain_square(tmp_path, read_load(path).run_text) == pytest.approx(expected, rel=1e-2)
-    scene = Scene.load("device", [*BENCH, f"load.netlist={path}"])
+    scene = Scene.read("device", [*BENCH, f"load.netlist={path}"])
     for method in ("circuit", "monte-carlo"):
         result = simulate(scene, method=method, step="fine", runner=pool)
         siemens = sum(1.0 / each.size for each in scene.load.circuit.across_output

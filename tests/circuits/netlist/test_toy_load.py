@@ -34,8 +34,8 @@ def folder(tmp_path):
 def test_one_file_beside_the_scene_is_a_load(folder):
     (folder / "toy.lib").write_text(TOY)
     short = {"run.duration": 2.0, "run.settle": 0.5, "run.realizations": 2}
-    toy = harvester.simulate(harvester.Scene.load(folder / "mine.toml").replace(short), workers=1)
-    resistor = harvester.Scene.load("device").replace({**short, "load.resistance": 100e3})
+    toy = harvester.simulate(harvester.Scene.read(folder / "mine.toml").replace(short), workers=1)
+    resistor = harvester.Scene.read("device").replace({**short, "load.resistance": 100e3})
     built_in = harvester.simulate(resistor, workers=1)
     for name in ("mean_square_voltage", "mean_power"):
         # The same resistance on the same noise, in another netlist.
@@ -48,7 +48,7 @@ def test_one_file_in_netlists_is_a_load_by_its_name(tmp_path, monkeypatch):
     shutil.copytree(resources.files("netlists"), tmp_path, dirs_exist_ok=True)
     (tmp_path / "toy.lib").write_text(TOY)
     monkeypatch.setattr("circuits.netlist.subcircuits.resources.files", lambda package: tmp_path)
-    scene = harvester.Scene.load("device", ["load.netlist=toy", "load.parameters.resistance=50k"])
+    scene = harvester.Scene.read("device", ["load.netlist=toy", "load.parameters.resistance=50k"])
     assert scene.load.parameters == {"resistance": "50k"}
     with pytest.raises(NetlistError, match="did you mean toy"):
-        harvester.Scene.load("device", ["load.netlist=toyy"])
+        harvester.Scene.read("device", ["load.netlist=toyy"])

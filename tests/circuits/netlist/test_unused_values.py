@@ -94,7 +94,7 @@ def test_a_source_with_a_large_exponent_is_ngspices(tmp_path):
         "plain": "v(p,n)/80k",
     }.items():
         path = load(tmp_path, f"B1 p n i={current}")
-        scene = Scene.load("device", [f"load.netlist={path}", "run.duration=0.2", "run.settle=0",
+        scene = Scene.read("device", [f"load.netlist={path}", "run.duration=0.2", "run.settle=0",
                                       "run.realizations=1"])  # fmt: skip
         powers[name] = simulate(scene).quantity("mean_power").estimate
     expected = np.exp(80.0) * 1e-30 / 4.43e9 * 8e4

@@ -215,7 +215,7 @@ OTHERS = [
     ],
 )
 def test_it_follows_the_behavioural_netlist(loaded, name, overrides):
-    scene = Scene.load(name, ["run.settle=0", "run.realizations=1", *overrides])
+    scene = Scene.read(name, ["run.settle=0", "run.realizations=1", *overrides])
     scene = scene.replace({"run.duration": 400 * knot_spacing(prepared(scene))})
     behavioural, compiled = (
         loaded.call(worker_calls.run_device, {"scene": scene, "compiled": which}, 60.0)
@@ -229,7 +229,7 @@ def test_it_follows_the_behavioural_netlist(loaded, name, overrides):
 @pytest.mark.slow
 def test_copies_in_one_netlist_and_two_shapes_in_one_process(loaded):
     for name in ("one_sided", "asymmetric"):
-        scene = Scene.load(name, ["run.settle=0", "run.realizations=1"])
+        scene = Scene.read(name, ["run.settle=0", "run.realizations=1"])
         scene = scene.replace({"run.duration": 100 * knot_spacing(prepared(scene))})
         arguments = {"scene": scene, "compiled": True, "copies": 3}
         compiled = loaded.call(worker_calls.run_device, arguments, 60.0)
@@ -240,7 +240,7 @@ def test_copies_in_one_netlist_and_two_shapes_in_one_process(loaded):
 
 
 def shape(name, *overrides):
-    return verilog.module_of(prepared(Scene.load(name, overrides)).system)
+    return verilog.module_of(prepared(Scene.read(name, overrides)).system)
 
 
 @pytest.mark.parametrize(
@@ -275,6 +275,6 @@ def test_what_has_no_compiled_form_is_refused_by_name(name, overrides, said):
 
 
 def test_the_file_to_be_read_is_the_module_of_the_scene_paper():
-    system = prepared(Scene.load("paper")).system
+    system = prepared(Scene.read("paper")).system
     path = Path(verilog.__file__).parents[1] / "netlists" / "harvester.va"
     assert path.read_text() == verilog.module(system, name="harvester")[1]

@@ -34,14 +34,14 @@ def run():
 def loaded(tmp_path, body, name="load", inner=""):
     (tmp_path / f"{name}.lib").write_text(inner + BODY.format(body=body))
     settings = ["load.resistance=none", f"load.netlist={tmp_path / name}.lib"]
-    return Scene.load("device", [*settings, "load.subcircuit=load", *SHORT])
+    return Scene.read("device", [*settings, "load.subcircuit=load", *SHORT])
 
 
 @pytest.mark.parametrize("name", ["error_bars", "fatal", "no such, cannot be aborted", "error: x"])
 def test_a_scenes_name_is_no_trouble(run, tmp_path, name):
     file = tmp_path / f"{name}.toml"
     file.write_text((BUILT_IN / "paper.toml").read_text())
-    scene = Scene.load(str(file), ["run.duration=50", "run.realizations=1"])
+    scene = Scene.read(str(file), ["run.duration=50", "run.realizations=1"])
     assert run(scene)[0].seconds > 0.0
 
 

@@ -22,7 +22,7 @@ def knots_of(pool, scene, step, index=0):
 
 def short(name, *overrides):
     run = ["run.duration=50", "run.settle=0", "run.realizations=1", "excitation.knot_spacing=0.05"]
-    return Scene.load(name, [*run, *overrides])
+    return Scene.read(name, [*run, *overrides])
 
 
 @pytest.mark.slow
@@ -191,7 +191,7 @@ def test_steps_do_not_shrink_towards_where_a_source_bends(pool, tmp_path):
         ".subckt clocked p n\nR1 p a 1k\nL1 a n 22\nV1 x n pulse(0 1 0.61m 1.9u 1.9u 0.25m 2m)\n"
         "R2 x n 1k\n.ends\n"
     )
-    scene = Scene.load(
+    scene = Scene.read(
         "device", [f"load.netlist={path}", "run.duration=0.1", "run.settle=0", "run.realizations=1"]
     )
     result = simulate(scene, method="circuit", window=(0.0, 1e9), runner=pool)

@@ -10,8 +10,8 @@ from harvester.base.errors import AveragingError
 from harvester.scene.model import Scene
 
 CLOSURES = ("paper", "consistent")
-PAPER = flat(Scene.load("paper"))
-LINEAR = flat(Scene.load("linear"))
+PAPER = flat(Scene.read("paper"))
+LINEAR = flat(Scene.read("linear"))
 MEANS = (
     "mean_square_voltage",
     "mean_power",
@@ -163,7 +163,7 @@ def test_unknown_closure():
 
 @pytest.mark.parametrize("closure", CLOSURES)
 def test_other_units_of_time_and_length_change_nothing(closure):
-    p = flat(Scene.load("paper"))
+    p = flat(Scene.read("paper"))
     rate, length = 30.0, 1e-3
     q = p._replace(
         damping=p.damping * rate,

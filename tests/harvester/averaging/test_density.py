@@ -7,8 +7,8 @@ from truths import averaged, flat, well
 from harvester.device.system import potential
 from harvester.scene.model import Scene
 
-PAPER = flat(Scene.load("paper"))
-LINEAR = flat(Scene.load("linear"))
+PAPER = flat(Scene.read("paper"))
+LINEAR = flat(Scene.read("linear"))
 WHITE = {"correlation_time": 1e-6, "coupling": 0.0, "restitution": 1.0, "damping": 0.1}
 
 

@@ -19,7 +19,7 @@ from harvester.scene.model import Scene
     ],
 )
 def test_refused_with_a_fifth_of_the_work_at_most(overrides, words, monkeypatch):
-    scene = Scene.load("paper", overrides).replace({"excitation.knot_spacing": None})
+    scene = Scene.read("paper", overrides).replace({"excitation.knot_spacing": None})
     work = []
 
     def counted(task, more, ahead=0.0):
@@ -46,6 +46,6 @@ def test_paths_are_sampled_before_all_are_followed(monkeypatch):
     monkeypatch.setattr(flow, "_ends", noted)
     monkeypatch.setattr(flow, "MOST_OF_ALL_PATHS", 100.0)
     with pytest.raises(AveragingError, match="so stiff"):
-        average(averaged_device(Scene.load("paper")))
+        average(averaged_device(Scene.read("paper")))
     assert len(followed) == 1
     assert followed[0] < 200

@@ -9,7 +9,7 @@ from harvester.base.errors import AveragingError
 from harvester.scene.model import Scene
 
 NODES = 32
-PAPER = flat(Scene.load("paper"))
+PAPER = flat(Scene.read("paper"))
 
 
 @pytest.mark.parametrize("decay_rate", [1e-3, 0.05, 1.0, 10.0])

@@ -18,9 +18,9 @@ from harvester.device import timescales
 from harvester.scene.model import Scene
 from harvester.scene.prepared import prepared
 
-PAPER = flat(Scene.load("paper"))
-LINEAR = flat(Scene.load("linear"))
-DUFFING = flat(Scene.load("duffing"))
+PAPER = flat(Scene.read("paper"))
+LINEAR = flat(Scene.read("linear"))
+DUFFING = flat(Scene.read("duffing"))
 WHITE = {"correlation_time": 1e-6, "coupling": 0.0, "restitution": 1.0, "damping": 0.2}
 NAMES = ("mean_square_voltage", "mean_square_velocity", "mean_square_displacement")
 
@@ -95,7 +95,7 @@ def test_linear_device(changes):
 @pytest.mark.parametrize("rate", [1e-3, 1e-6])
 def test_a_slow_load_leaves_the_charge_at_its_mean(rate):
     """λ → 0: Z = 0, V = X, in a spring stiffer by the coupling: a device that has no charge."""
-    p = flat(Scene.load("duffing", ["excitation.intensity=0.5"]))
+    p = flat(Scene.read("duffing", ["excitation.intensity=0.5"]))
     slow = averaged(p._replace(decay_rate=rate), "fokker_planck")
     stiff = p._replace(coupling=1e-9, linear_stiffness=p.linear_stiffness + p.coupling)
     limit = averaged(stiff, "fokker_planck")
@@ -277,7 +277,7 @@ def test_many_nodes_of_charge_and_a_fast_load():
         "excitation.correlation_time": 0.70118,
         "excitation.knot_spacing": None,
     }
-    device = prepared(Scene.load("paper").replace(changes)).system
+    device = prepared(Scene.read("paper").replace(changes)).system
     few, many = (average(device, tolerance=tolerance) for tolerance in (0.01, 0.002))
     for name in ("mean_square_voltage", "power_conversion_efficiency"):
         assert within(few, name, getattr(many, name))
@@ -312,7 +312,7 @@ def test_more_nodes_of_the_charge_change_nothing(monkeypatch):
         "excitation.intensity": 0.0145,
         "excitation.correlation_time": 0.205,
     }
-    scene = Scene.load("paper").replace(changes)
+    scene = Scene.read("paper").replace(changes)
     usual = average_scene(scene)["mean_square_voltage"]
     monkeypatch.setattr(fokker_planck, "NODES_PER_DECADE", 5.0)
     more = average_scene(scene)["mean_square_voltage"]
@@ -323,7 +323,7 @@ def test_more_nodes_of_the_charge_change_nothing(monkeypatch):
 @pytest.mark.exhaustive
 def test_a_coil_without_inductance():
     """Linear spring, white noise: E[P] = Φ²R/(R_coil + R)² · D/c."""
-    scene = Scene.load("electromagnetic", ["oscillator.restoring_force=[0, 15.393]"])
+    scene = Scene.read("electromagnetic", ["oscillator.restoring_force=[0, 15.393]"])
     s = prepared(scene).system
     s = s._replace(noise=s.noise._replace(correlation_time=0.0))
     result = average(s)

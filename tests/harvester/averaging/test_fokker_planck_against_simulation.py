@@ -41,7 +41,7 @@ def test_simulation(overrides):
     By chance one of the six comparisons fails in 2600 choices of the seed.
     """
     run = ["run.duration=4000", "run.realizations=64", "run.seed=11"]
-    scene = Scene.load("paper", overrides + run)
+    scene = Scene.read("paper", overrides + run)
     assert_as_simulated(scene, ("mean_square_voltage", "power_conversion_efficiency"))
 
 
@@ -70,7 +70,7 @@ def test_a_stopper_on_one_side_and_a_strong_coupling(resistance, coupling):
     Within four standard errors and the numerical error: one failure in 4000 choices of seed.
     """
     changes = {"run.duration": 1000.0, "run.settle": 20.0, "run.realizations": 16}
-    scene = Scene.load("one_sided").replace(
+    scene = Scene.read("one_sided").replace(
         {"load.resistance": resistance, "piezo.coupling": coupling, **changes}
     )
     names = ("mean_square_voltage", "mean_square_velocity", "mean_power")
@@ -103,7 +103,7 @@ def test_the_well_that_holds_all_where_jumps_are_rare(name, changes):
     ones never in 5e5 s. Within four standard errors and the numerical error: one failure in 8000
     choices of seed.
     """
-    scene = Scene.load(name).replace(changes)
+    scene = Scene.read(name).replace(changes)
     ready = prepared(scene)
     run = {"run.duration": 5000.0, "run.settle": 50.0, "run.realizations": 1}
     # A start of its own: without jumps, means are claimed for its well alone.
@@ -133,7 +133,7 @@ def test_rare_jumps_between_wells_that_are_not_alike():
         "excitation.intensity": 0.15336,
         "excitation.correlation_time": 0.00444,
     }
-    answer = average_scene(Scene.load("tristable").replace(changes))["mean_square_voltage"]
+    answer = average_scene(Scene.read("tristable").replace(changes))["mean_square_voltage"]
     error = 4.0 * 0.015 * 19.46 + answer.standard_error
     assert answer.estimate == pytest.approx(19.46, abs=error)
 
@@ -155,7 +155,7 @@ def test_a_charge_that_outlasts_the_stay_in_a_well():
         "run.duration": 6000.0,
         "run.settle": 1200.0,
     }
-    scene = Scene.load("paper").replace(changes)
+    scene = Scene.read("paper").replace(changes)
     assert_as_simulated(scene, ("mean_square_voltage", "mean_square_displacement"))
 
 
@@ -173,7 +173,7 @@ def test_few_nodes_let_nothing_over_a_saddle_that_is_hardly_crossed():
         "excitation.correlation_time": 0.4126,
         "run.duration": 1.5e5,
     }
-    scene = Scene.load("paper").replace(changes)
+    scene = Scene.read("paper").replace(changes)
     assert_as_simulated(scene, ("mean_square_voltage",))
     rate = average_scene(scene).quantity("well_crossing_rate")
     assert 0.0 <= rate.estimate < 2e-5
@@ -191,7 +191,7 @@ def test_noise_with_a_memory_brings_the_mass_over_the_saddle():
         "excitation.correlation_time": 0.68,
         "run.duration": 4e4,
     }
-    scene = Scene.load("paper").replace(changes)
+    scene = Scene.read("paper").replace(changes)
     truth = simulate(scene, method="monte-carlo")["mean_square_voltage"]
     answer = average_scene(scene)["mean_square_voltage"]
     error = 4.0 * truth.standard_error + answer.standard_error

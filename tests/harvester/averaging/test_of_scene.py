@@ -17,7 +17,7 @@ from harvester.scene.model import Scene
     ],
 )
 def test_densities_are_tabulated_where_they_are_however_narrow(closure, overrides):
-    result = average(Scene.load("paper", overrides), method=closure)
+    result = average(Scene.read("paper", overrides), method=closure)
     for name, density in result.densities.items():
         assert np.all(np.diff(density.centre) > 0.0)
         mass = np.trapezoid(density.density, density.centre)

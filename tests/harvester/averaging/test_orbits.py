@@ -14,9 +14,9 @@ from harvester.device.contact import loss_rate
 from harvester.scene.model import Scene
 
 NODES = 32
-PAPER = flat(Scene.load("paper"))
-LINEAR = flat(Scene.load("linear"))
-DUFFING = flat(Scene.load("duffing"))
+PAPER = flat(Scene.read("paper"))
+LINEAR = flat(Scene.read("linear"))
+DUFFING = flat(Scene.read("duffing"))
 
 
 def outer_orbits(parameters, excess, added=0.0):

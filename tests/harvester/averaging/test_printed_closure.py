@@ -196,7 +196,7 @@ def printed(edges, intensity, memory):
     [(0.005, 0.4), (0.02, 0.4), (0.1, 0.4), (0.05, 0.1), (0.02, 1.0), (0.1, 1.0)],
 )
 def test_the_printed_closure_is_that_of_a_separate_quadrature(edges, intensity, memory):
-    parameters = flat(Scene.load("paper"))
+    parameters = flat(Scene.read("paper"))
     found = averaged(parameters._replace(intensity=intensity, correlation_time=memory), "paper")
     for name, expected in printed(edges, intensity, memory).items():
         assert getattr(found, name) == pytest.approx(expected, rel=5e-4), name

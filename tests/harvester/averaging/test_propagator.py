@@ -10,8 +10,8 @@ from harvester.averaging.flow import PhaseGrid, lagrange
 from harvester.averaging.propagator import Propagator, mirrored
 from harvester.scene.model import Scene
 
-PAPER = flat(Scene.load("paper"))
-LINEAR = flat(Scene.load("linear"))
+PAPER = flat(Scene.read("paper"))
+LINEAR = flat(Scene.read("linear"))
 
 
 def test_shares_keep_moments():

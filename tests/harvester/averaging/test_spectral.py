@@ -111,7 +111,7 @@ def test_sines_of_one_frequency_add_as_phasors(amplitude, phase, nested):
 
 @pytest.mark.parametrize("time", [0.0, 0.4])
 def test_coloured_and_white_noise_are_those_of_lyapunov(time):
-    scene = Scene.load("linear")
+    scene = Scene.read("linear")
     noise = {"kind": "ornstein-uhlenbeck", "correlation_time": time} if time else {"kind": "white"}
     tables = scene.to_tables()
     tables["excitation"] = {**noise, "intensity": 0.02}
@@ -138,7 +138,7 @@ def test_coloured_and_white_noise_are_those_of_lyapunov(time):
 def test_what_is_not_linear_is_refused_by_name():
     with pytest.raises(AveragingError, match="the spring is not linear"):
         average("paper", method="spectral")
-    bridge = Scene.load("device").replace({"load.netlist": "bridge"})
+    bridge = Scene.read("device").replace({"load.netlist": "bridge"})
     with pytest.raises(LoadError, match="takes only a resistor as load"):
         average(bridge, method="spectral")
 

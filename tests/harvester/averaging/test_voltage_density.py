@@ -35,7 +35,7 @@ pytestmark = pytest.mark.usefixtures("shared_workers")
     ],
 )
 def test_mass_and_mean_square(name, overrides):
-    answer = average(averaged_device(Scene.load(name, overrides)))
+    answer = average(averaged_device(Scene.read(name, overrides)))
     voltage, density = answer.density.tabulated("voltage")
     assert density.min() >= 0.0
     assert np.trapezoid(density, voltage) == pytest.approx(1.0, abs=1e-3)
@@ -47,7 +47,7 @@ def test_mass_and_mean_square(name, overrides):
 @pytest.mark.parametrize("rate", [1e-3, 0.05, 2.0])
 def test_normal_voltage_of_a_linear_device(rate):
     """All is linear and driven by normal noise: so is V, whatever way its density is found."""
-    answer = average(averaged_device(Scene.load("linear", [f"load.decay_rate={rate}"])))
+    answer = average(averaged_device(Scene.read("linear", [f"load.decay_rate={rate}"])))
     voltage, density = answer.density.tabulated("voltage")
     variance = answer.mean_square_voltage
     normal = np.exp(-0.5 * voltage**2 / variance) / np.sqrt(2.0 * np.pi * variance)
@@ -93,7 +93,7 @@ def test_charge_left_behind_in_another_well(share_left_behind):
 )
 def test_distance_from_monte_carlo(name, overrides):
     """∫|Δp(V)| dV, to 0.006 beside what the run's noise adds in the mean."""
-    scene = Scene.load(name, overrides)
+    scene = Scene.read(name, overrides)
     scene = scene.replace({"run.duration": 10.0 * scene.run.duration})
     seen = simulate(scene, method="monte-carlo").densities["voltage"]
     answer = average_scene(scene).densities["voltage"]

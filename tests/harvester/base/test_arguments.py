@@ -11,7 +11,7 @@ from harvester.base.pools import ExecutorPool, WorkerPool
 from harvester.scene.calling import takes_scene
 from harvester.studies.grid import make_grid
 
-SCENE = harvester.Scene.load("paper")
+SCENE = harvester.Scene.read("paper")
 KEY = "load.decay_rate"
 
 

@@ -75,7 +75,7 @@ from harvester.engines.realization import run
 from harvester.scene.model import Scene
 brief = {"run.duration": 1.0, "run.settle": 0.0, "run.realizations": 1}
 for name, load in (("linear", {}), ("device", {"load.netlist": "bridge"})):
-    scene = Scene.load(name).replace(brief | load)
+    scene = Scene.read(name).replace(brief | load)
     for engine in ("circuit", "monte-carlo"):
         run(scene, engine_of(engine), [0], None, lambda *_: None)
 average("linear")

@@ -116,7 +116,7 @@ def test_a_worker_finds_what_a_relative_name_meant(tmp_path, monkeypatch):
     """A scene is read in the working folder, and changed in a worker that is elsewhere."""
     monkeypatch.chdir(tmp_path)
     (tmp_path / "my.lib").write_text(LOAD)
-    scene = Scene.load("device", ["load.resistance=none", "load.netlist=my.lib"])
+    scene = Scene.read("device", ["load.resistance=none", "load.netlist=my.lib"])
     monkeypatch.chdir("/")
     assert scene.replace({"run.seed": 7}).load == scene.load
 

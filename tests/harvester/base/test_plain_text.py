@@ -55,7 +55,7 @@ def test_ordinary_names_stay():
 
 @pytest.mark.parametrize("hostile", HOSTILE[:3])
 def test_a_scene_name_adds_nothing_to_netlists(tmp_path, hostile):
-    scene = Scene.load("linear", ["run.duration=0.1", "run.settle=0"])
+    scene = Scene.read("linear", ["run.duration=0.1", "run.settle=0"])
     other = Scene.from_tables(scene.to_tables(), name=hostile)
     path = [noise_path(prepared(scene), 0) for _ in range(4)]
     plain, evil = (
@@ -73,7 +73,7 @@ def test_a_scene_name_adds_nothing_to_netlists(tmp_path, hostile):
 
 
 def test_the_call_that_a_netlist_names_is_quoted():
-    scene = Scene.load("linear", ["run.duration=0.1", "run.settle=0"])
+    scene = Scene.read("linear", ["run.duration=0.1", "run.settle=0"])
     scene = Scene.from_tables(scene.to_tables(), name="two words & more")
     text = stand_alone(prepared(scene), noise_path(prepared(scene), 0)).text
     assert "-r 'two words & more.raw' 'two words & more.cir'\n" in text
@@ -104,7 +104,7 @@ def test_what_is_wrong_with_a_hostile_name_is_printable(capsys):
 
 
 def test_schematics_and_studies_take_names(tmp_path):
-    scene = Scene.load("linear")
+    scene = Scene.read("linear")
     scene = Scene.from_tables(scene.to_tables(), name="$\\frac{a$<b>")
     assert b"\\frac" not in schematic(scene).image()
     load = tmp_path / "$\\frac{a$\n.lib"
@@ -114,7 +114,7 @@ def test_schematics_and_studies_take_names(tmp_path):
 
 
 def test_figures_believe_no_matplotlibrc(tmp_path, monkeypatch):
-    result = average(Scene.load("linear"), method="paper")
+    result = average(Scene.read("linear"), method="paper")
     plain = figures.picture(draw_result, result, "png")
     import matplotlib
 

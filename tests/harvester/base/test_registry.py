@@ -24,7 +24,7 @@ def installed(tmp_path, monkeypatch):
 
 
 def test_parts_of_another_package_are_found_by_their_names(installed):
-    scene = Scene.load(installed)
+    scene = Scene.read(installed)
     assert scene.excitation.kind == "steps"
     assert TRANSDUCERS.name_of(type(scene.transducer)) == "electrode_piezo"
     assert Scene.from_dict(scene.to_dict()) == scene
@@ -32,18 +32,18 @@ def test_parts_of_another_package_are_found_by_their_names(installed):
 
 
 def test_a_scene_says_its_transducers_table_in_a_process_that_has_not_met_it(installed):
-    scene = Scene.load(installed)
+    scene = Scene.read(installed)
     del TRANSDUCERS["electrode_piezo"]
     assert scene.to_tables()["electrode_piezo"]["capacitance"] == 1e-7
 
 
 def test_entry_points_are_looked_up_for_unknown_names_alone(installed, monkeypatch):
     monkeypatch.setattr(metadata, "entry_points", lambda **_: pytest.fail("looked up"))
-    assert Scene.load("paper").excitation.kind == "ornstein-uhlenbeck"
+    assert Scene.read("paper").excitation.kind == "ornstein-uhlenbeck"
     assert "hertz-damp" in LAWS
 
 
 def test_what_no_package_adds_is_refused_with_what_there_is(installed):
     installed.write_text(entry_points.SCENE.replace('"dashpot"', '"dashpott"'))
     with pytest.raises(SceneError, match=r"stoppers\[0\]\.law = .dashpott.*hertz-damp"):
-        Scene.load(installed)
+        Scene.read(installed)

@@ -13,7 +13,7 @@ import hashlib
 from harvester import Scene, average
 from harvester.results.drawing import draw_result
 from harvester.results import figures
-result = average(Scene.load("linear"), method="consistent")
+result = average(Scene.read("linear"), method="consistent")
 print(hashlib.sha256(figures.picture(draw_result, result, format="png")).hexdigest())
 """
 
@@ -54,7 +54,7 @@ def test_a_figure_is_not_the_users_settings(monkeypatch):
     from harvester.results.drawing import draw_result
     from harvester.scene.model import Scene
 
-    result = average(Scene.load("linear"), method="consistent")
+    result = average(Scene.read("linear"), method="consistent")
 
     def picture():
         drawn = figures.picture(draw_result, result, format="png")

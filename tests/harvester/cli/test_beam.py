@@ -38,7 +38,7 @@ def test_a_scene_without_a_drawing_is_refused(capsys):
 
 
 def test_studies_vary_the_drawing():
-    scene = Scene.load("bimorph")
+    scene = Scene.read("bimorph")
     keys = numbers(scene)
     assert {"beam.thickness", "beam.modulus", "beam.piezo_d31"} <= {*keys}
     assert not any(key.startswith(("oscillator.mass", "piezo.coupling")) for key in keys)

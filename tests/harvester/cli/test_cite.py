@@ -16,12 +16,12 @@ def content(scene, *engines):
 
 
 def test_a_result_cites_what_it_used_and_nothing_else():
-    monte_carlo = cited(Scene.load("linear"), "monte-carlo")
+    monte_carlo = cited(Scene.read("linear"), "monte-carlo")
     assert "Flyvbjerg" in monte_carlo
     for absent in ("ngspice", "Lankarani", "Saad", "Stratonovich", "PySpice"):
         assert absent not in monte_carlo
     everything = cited(
-        Scene.load("paper"),
+        Scene.read("paper"),
         "circuit",
         "monte-carlo",
         "averaging consistent",
@@ -29,7 +29,7 @@ def test_a_result_cites_what_it_used_and_nothing_else():
     )
     for present in ("vibro-impact", "ngspice", "Lankarani", "Saad", "Stratonovich", "PySpice"):
         assert present in everything
-    averaged = cited(Scene.load("paper"), "averaging consistent")
+    averaged = cited(Scene.read("paper"), "averaging consistent")
     assert "Saad" not in averaged
     assert "Flyvbjerg" not in averaged
 
@@ -40,8 +40,8 @@ def test_a_result_cites_what_it_used_and_nothing_else():
      ("sece", "synchronous electric charge extraction")],
 )  # fmt: skip
 def test_a_load_cites_its_paper(load, author):
-    assert author in cited(Scene.load("device", [f"load.netlist={load}"]), "circuit")
-    assert author not in cited(Scene.load("device"), "circuit")
+    assert author in cited(Scene.read("device", [f"load.netlist={load}"]), "circuit")
+    assert author not in cited(Scene.read("device"), "circuit")
 
 
 @pytest.mark.parametrize(
@@ -50,19 +50,19 @@ def test_a_load_cites_its_paper(load, author):
      ("electromagnetic", "Kapanen")],
 )  # fmt: skip
 def test_a_device_cites_where_its_values_are_from(name, author):
-    assert author in cited(Scene.load(name), "monte-carlo")
-    assert author not in cited(Scene.load("device"), "monte-carlo")
-    assert ("Lankarani" in cited(Scene.load(name), "circuit")) == (name == "one_sided")
+    assert author in cited(Scene.read(name), "monte-carlo")
+    assert author not in cited(Scene.read("device"), "monte-carlo")
+    assert ("Lankarani" in cited(Scene.read(name), "circuit")) == (name == "one_sided")
 
 
 def test_every_source_can_be_reached():
-    scenes = [Scene.load(name) for name in Scene.names()]
+    scenes = [Scene.read(name) for name in Scene.names()]
     scenes += [
-        Scene.load("device", [f"load.netlist={load}"])
+        Scene.read("device", [f"load.netlist={load}"])
         for load in ("bridge_buck", "sshi_parallel", "sece")
     ]
     scenes += [
-        Scene.load("bimorph").replace(
+        Scene.read("bimorph").replace(
             {"beam.fatigue_strain": 1e-4, "beam.fatigue_cycles": 1e6, "beam.fatigue_exponent": 9.0},
             magnets={"distance": 0.01, "reach": 0.005, "tip_moment": 0.1, "frame_moment": 0.1},
         )

@@ -253,7 +253,7 @@ def test_si_and_scaled_scenes_average_to_the_same_scaled_results():
     from harvester.averaging.of_scene import average
 
     for closure in ("paper", "consistent"):
-        scaled = average(Scene.load("paper"), method=closure).scaled_quantities
-        si = average(Scene.load("paper_si"), method=closure).scaled_quantities
+        scaled = average(Scene.read("paper"), method=closure).scaled_quantities
+        si = average(Scene.read("paper_si"), method=closure).scaled_quantities
         for name, estimate in scaled.items():
             assert si[name].estimate == pytest.approx(estimate.estimate, rel=1e-9), name

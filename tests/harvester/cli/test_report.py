@@ -15,8 +15,8 @@ GRID = {"load.decay_rate": [0.5, 1.0, 2.0]}
 
 @pytest.mark.exhaustive
 def test_a_page_begins_with_the_result(pool):
-    scene = harvester.Scene.load("linear", BRIEF)
-    sine = harvester.Scene.load("cantilever")
+    scene = harvester.Scene.read("linear", BRIEF)
+    sine = harvester.Scene.read("cantilever")
     found = {
         "scaled power into a resistor": harvester.simulate(
             scene, method="monte-carlo", runner=pool
@@ -29,7 +29,7 @@ def test_a_page_begins_with_the_result(pool):
             sine, [46.0, 47.0, 48.0], amplitude=9.80665, executor=pool
         ),
         "most mean power: .* at load.decay_rate": harvester.optimum(
-            harvester.Scene.load("linear", ["run.realizations=8", "run.duration=500"]),
+            harvester.Scene.read("linear", ["run.realizations=8", "run.duration=500"]),
             "load.decay_rate",
             executor=pool,
         ),

@@ -96,18 +96,18 @@ def test_both_engines_have_the_voltage_of_25_modes(name, method):
 
 
 def test_a_scene_without_it_is_as_it_was():
-    scene = Scene.load("device")
+    scene = Scene.read("device")
     assert "base_charge" not in scene.to_tables()["piezo"]
     assert scene.replace({"piezo.base_charge": 0.0}).digest() == scene.digest()
     ready = prepared(scene)
     assert type(ready.system.transducer) is Piezo
     assert "base" not in assemble(ready).text
     assert "base" not in verilog.module_of(ready.system)[1].split("`include")[1]
-    assert Scene.load("bimorph").transducer.base_charge != 0.0
+    assert Scene.read("bimorph").transducer.base_charge != 0.0
 
 
 def test_scaled_and_si_scenes_mean_the_same():
-    scene = Scene.load("bimorph").without_drawing()
+    scene = Scene.read("bimorph").without_drawing()
     system, unit = prepared(scene).system, prepared(scene).excitation_unit
     share = scene.transducer.base_charge / (
         scene.oscillator.base_factor * scene.transducer.coupling
@@ -116,31 +116,31 @@ def test_scaled_and_si_scenes_mean_the_same():
     # The charge of 1 m/s² on the capacitance alone, in volts.
     volts = share / unit * prepared(scene).scales.voltage
     assert volts == pytest.approx(scene.transducer.base_charge / scene.transducer.capacitance)
-    scaled = Scene.load("paper").replace({"piezo.base_charge": 0.02, "oscillator.base_factor": 2.0})
+    scaled = Scene.read("paper").replace({"piezo.base_charge": 0.02, "oscillator.base_factor": 2.0})
     assert prepared(scaled).system.transducer.base_share == pytest.approx(0.01)
 
 
 def test_a_base_that_rests_moves_no_charge():
     moved = {"kind": "prescribed_displacement", "amplitude": 1e-3, "frequency": 40.0}
-    scene = Scene.load("bimorph").replace({"excitation": moved})
+    scene = Scene.read("bimorph").replace({"excitation": moved})
     assert type(prepared(scene).system.transducer) is Piezo
 
 
 @pytest.mark.slow
 def test_closures_say_that_they_leave_it_out():
-    scene = Scene.load("bimorph").replace({"excitation.intensity": 1e-4})
+    scene = Scene.read("bimorph").replace({"excitation.intensity": 1e-4})
     (note,) = average(scene, method="consistent").notes
     assert "consistent leaves out the charge that the base moves (piezo.base_charge)" in note
     assert not average(scene, method="spectral").notes
 
 
 def test_refusals():
-    scene = Scene.load("bimorph").without_drawing()
+    scene = Scene.read("bimorph").without_drawing()
     white = scene.replace({"excitation": {"kind": "white", "intensity": 1e-3}})
     with pytest.raises(AveragingError, match="white at all frequencies"):
         average(white, method="spectral")
     with pytest.raises(SceneError, match=r"piezo.base_charge is what \[beam\] gives"):
-        Scene.load("bimorph").replace({"piezo.base_charge": 1e-9})
+        Scene.read("bimorph").replace({"piezo.base_charge": 1e-9})
 
 
 @pytest.mark.exhaustive
@@ -152,7 +152,7 @@ def test_monte_carlos_schemes_against_the_matrix_exponential(scheme, decay_rate,
     """The third is the scheme with the decay exact: z = (X, X', W, η, η') between two knots."""
     changes = {"piezo.base_charge": 0.3, "piezo.leakage_rate": 0.1, "load.decay_rate": decay_rate}
     run = {"run.duration": 10.0, "run.settle": 0.0, "start": {"displacement": 0.2, "voltage": 0.1}}
-    scene = Scene.load("linear").replace(changes | run)
+    scene = Scene.read("linear").replace(changes | run)
     ready = prepared(scene)
     spacing, part = knot_spacing(ready), ready.system.transducer
     stiffness, damping = scene.oscillator.linear_stiffness, scene.oscillator.damping

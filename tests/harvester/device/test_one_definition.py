@@ -112,7 +112,7 @@ STOPPERS = {
 
 
 def scene_of(force, stoppers, **oscillator):
-    base = Scene.load("linear").to_tables()
+    base = Scene.read("linear").to_tables()
     force = force if isinstance(force, dict) else {"restoring_force": force}
     base["oscillator"] = {"damping": 0.1, **force, **oscillator}
     return Scene.from_tables({**base, **({"stoppers": stoppers} if stoppers else {})})

@@ -60,7 +60,7 @@ def test_roots_and_turning_points_are_where_force_and_energy_say():
 
 
 def test_a_sampled_cubic_has_the_cubics_wells_barrier_and_frequency():
-    scene = Scene.load("duffing")
+    scene = Scene.read("duffing")
     linear, cubic = scene.oscillator.linear_stiffness, scene.oscillator.cubic_stiffness
     x = np.linspace(-1.6, 1.6, 33)
     points = [[float(each), float(linear * each + cubic * each**3)] for each in x]

@@ -19,7 +19,7 @@ UNEVEN = [0.3, -1.0, 0.2, 0.7, -0.1, 0.05, 0.01, 0.02]
 
 
 def device(*overrides):
-    return prepared(Scene.load("paper", overrides)).system
+    return prepared(Scene.read("paper", overrides)).system
 
 
 def zone(s, x):
@@ -75,7 +75,7 @@ def test_both_stoppers_push_inwards():
 @pytest.mark.parametrize("gap", ["1.1", "0.95", "0.5"])
 @pytest.mark.parametrize("mode", ["energy", "event"])
 def test_the_contact_force_is_that_of_eq_5_on_either_side(gap, mode):
-    scene = Scene.load("paper", [f"stoppers.gap={gap}", f"stoppers.impact_velocity={mode}"])
+    scene = Scene.read("paper", [f"stoppers.gap={gap}", f"stoppers.impact_velocity={mode}"])
     p, s = flat(scene), prepared(scene).system
     random = np.random.default_rng(2)
     for side in (-1.0, 1.0):
@@ -199,7 +199,7 @@ def test_what_flows_in_is_stored_or_lost():
 
 def test_wells_and_saddles_alternate_and_lie_where_no_force_is():
     for name in ("paper", "asymmetric", "one_sided", "tristable", "electromagnetic"):
-        s = prepared(Scene.load(name)).system
+        s = prepared(Scene.read(name)).system
         wells, saddles = timescales.wells(s), timescales.saddles(s)
         assert len(wells) == len(saddles) + 1
         found = sorted((*wells, *saddles))

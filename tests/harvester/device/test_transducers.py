@@ -26,7 +26,7 @@ def made(scene):
 def test_a_coil_drives_its_current_through_winding_and_load(inductance):
     changes = [f"oscillator.mass={MASS}", f"coil.coupling={COUPLING}", f"coil.resistance={WINDING}"]
     changes += [f"coil.inductance={inductance}", f"load.resistance={LOAD}"]
-    coil, scales, push = made(Scene.load("electromagnetic", changes))
+    coil, scales, push = made(Scene.read("electromagnetic", changes))
     length = scales.displacement
     for velocity, current in states():
         if inductance == 0.0:
@@ -52,7 +52,7 @@ def test_a_piezo_charges_its_capacitance_beside_load_and_leak(leak):
     theta, load = 4e-4, 2e5
     piezo = {"coupling": theta, "capacitance": CAPACITANCE}
     piezo |= {"leakage_resistance": leak} if leak else {}
-    tables = Scene.load("paper_si").to_tables() | {"piezo": piezo}
+    tables = Scene.read("paper_si").to_tables() | {"piezo": piezo}
     scene = Scene.from_tables(tables).replace(
         {"oscillator.mass": MASS, "load.resistance": load, "oscillator.linear_stiffness": 4.0}
     )

@@ -82,7 +82,7 @@ def test_means_across_a_stopper(tmp_path, stiffness, amplitude):
     (tmp_path / "scene.toml").write_text(SCENE)
     overrides = [f"stoppers[0].stiffness={stiffness}", f"excitation.amplitude={amplitude}"]
     result = simulate(
-        Scene.load(tmp_path / "scene.toml", overrides), method="monte-carlo", workers=1
+        Scene.read(tmp_path / "scene.toml", overrides), method="monte-carlo", workers=1
     )
     names = ["mean_square_voltage", "mean_square_displacement", "mean_square_velocity"]
     found = [result.quantity(name).estimate for name in names]

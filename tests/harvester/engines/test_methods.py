@@ -18,7 +18,7 @@ BRIEF = ["run.duration=20", "run.settle=2", "run.realizations=2", "stoppers=none
 
 @pytest.fixture(scope="module")
 def scene():
-    return Scene.load("paper", BRIEF)
+    return Scene.read("paper", BRIEF)
 
 
 def power(result):
@@ -79,7 +79,7 @@ def test_settings_are_checked_where_the_object_is_made():
         with pytest.raises(HarvesterError, match=said):
             wrong()
     with pytest.raises(HarvesterError, match="copies 2: only the circuit"):
-        Circuit(copies=2).check(Scene.load("device", ["load.netlist=bridge"]))
+        Circuit(copies=2).check(Scene.read("device", ["load.netlist=bridge"]))
 
 
 def test_an_option_beside_an_object_warns_where_it_says_the_same_and_is_refused_else(pool, scene):

@@ -26,7 +26,7 @@ def simulated(scene, knots, steps_per_knot=1, index=0):
 
 @pytest.mark.parametrize("name", ["paper", "duffing"])
 def test_the_order_is_four_against_scipy_on_the_same_path(name):
-    scene = Scene.load(name, ["run.realizations=3", "excitation.intensity=0.05"])
+    scene = Scene.read(name, ["run.realizations=3", "excitation.intensity=0.05"])
     knots = 600
     errors = []
     for steps in (1, 2):
@@ -57,7 +57,7 @@ def test_white_noise_without_coupling_follows_gibbs_and_rice():
     """
     from harvester.engines.simulate import simulate
 
-    scene = Scene.load(
+    scene = Scene.read(
         "linear",
         [
             "piezo.coupling=0",
@@ -87,7 +87,7 @@ def test_white_noise_without_coupling_follows_gibbs_and_rice():
 
 
 def test_chunks_do_not_change_the_numbers_and_a_stiff_contact_is_resolved():
-    scene = Scene.load("paper", ["stoppers.stiffness=1e6", "excitation.intensity=0.1"])
+    scene = Scene.read("paper", ["stoppers.stiffness=1e6", "excitation.intensity=0.1"])
     record = simulated(scene, 8000).record()
     depth = np.abs(record[1]).max() - 1.1
     assert 0.0 < depth < 1e-2
@@ -113,7 +113,7 @@ def test_chunks_do_not_change_the_numbers_and_a_stiff_contact_is_resolved():
 )
 def test_a_realization_is_the_same_beside_any_others(change):
     """Bit for bit, alone and in step with others, which cut the record into other chunks."""
-    scene = Scene.load("paper", ["excitation.intensity=0.1", change])
+    scene = Scene.read("paper", ["excitation.intensity=0.1", change])
     ready = prepared(scene)
     system = ready.system
     indices, knots = range(21), 5000
@@ -144,7 +144,7 @@ def test_more_points_than_there_is_room_for_are_handed_over_in_chunks():
 
 
 def test_a_path_of_no_noise_leaves_the_mass_at_rest():
-    scene = Scene.load("paper", ["stoppers.gap=0.95"])
+    scene = Scene.read("paper", ["stoppers.gap=0.95"])
     path = NoisePath(1e-300, 1.0, 0.05, np.random.SeedSequence(1))
     for record in records_of(scene, 50.0, 1, path):
         np.testing.assert_allclose(record.displacement, -flat(scene).rest, atol=1e-9)
@@ -173,7 +173,7 @@ def exact_linear_path(scene, knots):
 )
 def test_a_damper_or_a_load_faster_than_the_step_follows_the_exact_path(damping, decay_rate):
     """The decay itself costs no accuracy and no time, however fast it is."""
-    scene = Scene.load("linear", [f"oscillator.damping={damping}", f"load.decay_rate={decay_rate}"])
+    scene = Scene.read("linear", [f"oscillator.damping={damping}", f"load.decay_rate={decay_rate}"])
     exact = exact_linear_path(scene, 2000)
     scatter = np.sqrt(np.mean(exact**2, axis=0))
     found = simulated(scene, 2000).at_knots(noise_path(prepared(scene), 0).spacing)
@@ -184,7 +184,7 @@ def test_a_damper_or_a_load_faster_than_the_step_follows_the_exact_path(damping,
 
 
 def test_exact_decay_is_of_third_order():
-    scene = Scene.load("linear", ["load.decay_rate=1e6"])
+    scene = Scene.read("linear", ["load.decay_rate=1e6"])
     exact = exact_linear_path(scene, 1000)
     errors = [
         np.sqrt(np.mean((simulated(scene, 1000, steps).at_knots(0.025) - exact) ** 2))
@@ -198,8 +198,8 @@ def test_exact_decay_is_of_third_order():
 def test_a_load_that_shorts_the_piezo_leaves_the_open_mechanics_and_v_follows(stiffness):
     """λ → ∞: V = X'/λ, and X moves as without the piezo; stoppers included."""
     changes = [f"stoppers.stiffness={stiffness}", "excitation.intensity=0.05"]
-    short = Scene.load("paper", [*changes, "load.decay_rate=1e9"])
-    bare = Scene.load("paper", [*changes, "piezo.coupling=1e-9", "load.decay_rate=1e-9"])
+    short = Scene.read("paper", [*changes, "load.decay_rate=1e9"])
+    bare = Scene.read("paper", [*changes, "piezo.coupling=1e-9", "load.decay_rate=1e-9"])
     found, expected = (simulated(scene, 400, 2).at_knots(0.05) for scene in (short, bare))
     np.testing.assert_allclose(found[:, :2], expected[:, :2], atol=2e-2)
     np.testing.assert_allclose(1e9 * found[:, 2], found[:, 1], rtol=1e-5, atol=1e-6)
@@ -208,7 +208,7 @@ def test_a_load_that_shorts_the_piezo_leaves_the_open_mechanics_and_v_follows(st
 def test_a_motion_that_leaves_the_finite_numbers_is_named():
     """A spring far too stiff for the step: some leave them in flight, some in contact."""
     for change in ({"oscillator.cubic_stiffness": 1e9}, {"stoppers.stiffness": 1e30}):
-        scene = Scene.load("paper").replace({"run.realizations": 9, **change})
+        scene = Scene.read("paper").replace({"run.realizations": 9, **change})
         system = prepared(scene).system
         paths = [noise_path(prepared(scene), k) for k in range(9)]
         starts = [(1.2, 1e150, 0.0)] * 9

@@ -76,7 +76,7 @@ def scene_of(tmp_path):
 
     def make(cubic):
         (tmp_path / "scene.toml").write_text(SCENE.replace("CUBIC", str(cubic)))
-        return Scene.load(tmp_path / "scene.toml")
+        return Scene.read(tmp_path / "scene.toml")
 
     return make
 

@@ -25,8 +25,8 @@ from harvester.scene.model import Scene
 from harvester.scene.prepared import prepared
 from harvester.scene.steps import knot_spacing
 
-LINEAR = Scene.load("linear", ["run.realizations=2", "run.duration=500", "run.settle=50"])
-PAPER = Scene.load("paper", ["run.realizations=2", "run.duration=500", "run.settle=50"])
+LINEAR = Scene.read("linear", ["run.realizations=2", "run.duration=500", "run.settle=50"])
+PAPER = Scene.read("paper", ["run.realizations=2", "run.duration=500", "run.settle=50"])
 
 
 @pytest.fixture
@@ -39,7 +39,7 @@ def test_answers_are_in_order_and_a_refusal_stands_in_its_place(runner, pool):
     refused = Request(PAPER.replace({"piezo.coupling": 5.0}), "consistent")
     closure = Request(PAPER, "consistent", density=True)
     engine = Request(PAPER, "monte-carlo", moments=True)
-    bridge = Scene.load("device").replace({"load.netlist": "bridge"})
+    bridge = Scene.read("device").replace({"load.netlist": "bridge"})
     loaded = Request(bridge, "consistent")
     found = runner.answer([refused, closure, engine, closure, loaded])
     assert isinstance(found[0], AveragingError)

@@ -141,7 +141,7 @@ def test_numbers_out_of_range_are_refused(options, said):
 
 
 def test_arguments_name_their_task():
-    scene = Scene.load("linear")
+    scene = Scene.read("linear")
     keys = {
         Task(worker_calls.say, {"text": value}).key
         for value in ("a", 1, 1.0, None, (1, 2), (1, (2,)), {"a": 1}, scene, scene.digest())

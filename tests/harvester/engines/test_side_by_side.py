@@ -27,7 +27,7 @@ def test_the_number_of_copies_follows_from_the_scene():
 
 def test_what_leaves_each_realization_its_own_netlist():
     def share(*overrides, **options):
-        return share_steps(prepared(Scene.load("paper", overrides)), **options)
+        return share_steps(prepared(Scene.read("paper", overrides)), **options)
 
     assert share()
     assert not share(tolerance=1e-4)
@@ -43,7 +43,7 @@ def test_copies_with_equal_steps_are_the_single_runs(pool):
     """Without contacts every copy takes the steps that it takes alone."""
     options = ["run.realizations=5", "run.duration=20", "run.settle=5"]
     for name in ("duffing", "paper_si"):
-        scene = Scene.load(name, ["stoppers=none", *options])
+        scene = Scene.read(name, ["stoppers=none", *options])
         single = simulate(scene, method="circuit", copies=1, device="behavioural", runner=pool)
         batched = simulate(scene, method="circuit", copies=3, device="behavioural", runner=pool)
         for one, other in zip(single.moments, batched.moments, strict=True):
@@ -53,7 +53,7 @@ def test_copies_with_equal_steps_are_the_single_runs(pool):
 
 def test_copies_with_contacts_follow_the_same_paths_to_the_step_error(pool):
     options = ["run.realizations=6", "run.duration=30", "run.settle=0"]
-    scene = Scene.load("paper", ["excitation.intensity=0.05", *options])
+    scene = Scene.read("paper", ["excitation.intensity=0.05", *options])
     single = simulate(scene, method="circuit", step="fine", copies=1, runner=pool)
     batched = simulate(scene, method="circuit", step="fine", copies=6, runner=pool)
     assert abs(batched.energy_balance_residual) < 1e-3
@@ -65,7 +65,7 @@ def test_copies_with_contacts_follow_the_same_paths_to_the_step_error(pool):
 def test_the_batch_is_not_biased(pool):
     """Paired with Monte Carlo; false-alarm rate 0.3 % for each of two means."""
     options = ["excitation.intensity=0.005", "run.realizations=32", "run.duration=100"]
-    scene = Scene.load("paper", options)
+    scene = Scene.read("paper", options)
     circuit = simulate(scene, method="circuit", copies=16, runner=pool)
     reference = simulate(scene, method="monte-carlo", step="fine", runner=pool)
     difference = paired_difference(circuit, reference)
@@ -76,13 +76,13 @@ def test_the_batch_is_not_biased(pool):
 
 
 def test_whatever_the_number_of_workers(pool):
-    scene = Scene.load("paper", ["run.realizations=16", "run.duration=20", "run.settle=0"])
+    scene = Scene.read("paper", ["run.realizations=16", "run.duration=20", "run.settle=0"])
     two = simulate(scene, method="circuit", runner=pool).to_dict()["quantities"]
     assert simulate(scene, method="circuit", workers=1).to_dict()["quantities"] == two
 
 
 def test_what_failed_together_is_tried_one_by_one(pool):
-    scene = Scene.load("paper", ["run.realizations=4", "run.duration=20", "run.settle=0"])
+    scene = Scene.read("paper", ["run.realizations=4", "run.duration=20", "run.settle=0"])
 
     class Failing:
         """Batches crash, and so does realization 2 alone."""
@@ -105,7 +105,7 @@ def test_what_failed_together_is_tried_one_by_one(pool):
 @pytest.mark.parametrize("crashes", ["together", "alone too"])
 def test_the_first_realization_has_the_waveform_alone_too(pool, tmp_path, crashes, capsys):
     scene = ["run.realizations=4", "run.duration=20", "run.settle=0"]
-    whole = simulate(Scene.load("paper", scene), method="circuit", copies=1, runner=pool).waveform
+    whole = simulate(Scene.read("paper", scene), method="circuit", copies=1, runner=pool).waveform
     several = WorkerPool.map
 
     def failed(pool, function, calls, *arguments):
@@ -133,9 +133,9 @@ def test_the_first_realization_has_the_waveform_alone_too(pool, tmp_path, crashe
 @pytest.mark.parametrize("bad", [0, -1, 1.5])
 def test_a_number_of_copies_that_is_none_is_refused(bad):
     with pytest.raises(HarvesterError, match="whole number"):
-        simulate(Scene.load("paper"), method="circuit", copies=bad)
+        simulate(Scene.read("paper"), method="circuit", copies=bad)
     with pytest.raises(HarvesterError, match="only the circuit"):
-        simulate(Scene.load("paper"), method="monte-carlo", copies=2)
+        simulate(Scene.read("paper"), method="monte-carlo", copies=2)
 
 
 @pytest.mark.parametrize(

@@ -43,7 +43,7 @@ MEANS = (
 )
 def test_a_linear_scene_meets_the_lyapunov_equation(pool, engine, overrides):
     """False-alarm rate 1.3 % per case: five means at three of their own standard errors."""
-    scene = Scene.load("linear", ["run.realizations=2", "run.duration=10000", *overrides])
+    scene = Scene.read("linear", ["run.realizations=2", "run.duration=10000", *overrides])
     result = simulate(scene, method=engine, runner=pool)
     exact = interpolated_linear_means(flat(scene), knot_spacing(prepared(scene)))
     for name in MEANS:
@@ -55,7 +55,7 @@ def test_a_linear_scene_meets_the_lyapunov_equation(pool, engine, overrides):
 
 @pytest.mark.slow
 def test_one_and_two_workers_give_the_same_numbers(pool):
-    scene = Scene.load("paper", ["run.duration=200", "run.realizations=4"])
+    scene = Scene.read("paper", ["run.duration=200", "run.realizations=4"])
     for engine in ("circuit", "monte-carlo"):
         two = simulate(scene, method=engine, runner=pool).to_dict()
         one = simulate(scene, method=engine, workers=1).to_dict()
@@ -72,7 +72,7 @@ def process_executor():
 @pytest.mark.exhaustive
 @pytest.mark.parametrize("kind", ["process_executor", "dask_executor"])
 def test_any_executor_gives_the_same_numbers(pool, kind, request):
-    scene = Scene.load("paper", ["run.duration=100", "run.realizations=3"])
+    scene = Scene.read("paper", ["run.duration=100", "run.realizations=3"])
     expected = simulate(scene, method="circuit", runner=pool).to_dict()["quantities"]
     executor = request.getfixturevalue(kind)
     result = simulate(scene, method="circuit", executor=executor)
@@ -80,7 +80,7 @@ def test_any_executor_gives_the_same_numbers(pool, kind, request):
 
 
 def test_a_realization_that_fails_for_good_is_named_in_the_result(pool):
-    scene = Scene.load("paper", ["run.duration=100", "run.realizations=3"])
+    scene = Scene.read("paper", ["run.duration=100", "run.realizations=3"])
     whole = simulate(scene, method="monte-carlo", runner=pool)
 
     class Failing:
@@ -97,7 +97,7 @@ def test_a_realization_that_fails_for_good_is_named_in_the_result(pool):
 
 
 def test_the_seed_decides_the_noise(pool):
-    scene = Scene.load("paper", ["run.realizations=2", "run.duration=100"])
+    scene = Scene.read("paper", ["run.realizations=2", "run.duration=100"])
     one = simulate(scene, method="monte-carlo", runner=pool)
     other = simulate(scene.replace({"run.seed": 2}), method="monte-carlo", runner=pool)
     assert one.scaled_quantities != other.scaled_quantities
@@ -111,7 +111,7 @@ def test_circuit_and_monte_carlo_follow_the_same_path(pool):
     """
     runs = {0.002: (2, 3000, 200), 0.1: (32, 25, 0)}
     for intensity, (realizations, duration, settle) in runs.items():
-        scene = Scene.load("paper", [f"excitation.intensity={intensity}"]).replace(
+        scene = Scene.read("paper", [f"excitation.intensity={intensity}"]).replace(
             run={"realizations": realizations, "duration": float(duration), "settle": float(settle)}
         )
         circuit = simulate(scene, method="circuit", runner=pool)
@@ -125,7 +125,7 @@ def test_circuit_and_monte_carlo_follow_the_same_path(pool):
 @pytest.mark.slow
 @pytest.mark.parametrize("name", Scene.names())
 def test_the_energy_balance_closes_for_every_built_in_scene(pool, name):
-    scene = Scene.load(name)
+    scene = Scene.read(name)
     ready = prepared(scene)
     short = scene.replace(
         {
@@ -147,7 +147,7 @@ def test_the_energy_balance_closes_for_every_built_in_scene(pool, name):
 
 
 def test_a_result_carries_its_evidence_and_shows_itself(pool):
-    scene = Scene.load("paper_si", ["run.realizations=2", "run.duration=400"])
+    scene = Scene.read("paper_si", ["run.realizations=2", "run.duration=400"])
     result = simulate(scene, method="circuit", runner=pool)
     content = result.to_dict()
     assert content["quantities"]["mean_square_voltage"]["unit"] == "V^2"
@@ -165,8 +165,8 @@ def test_a_result_carries_its_evidence_and_shows_itself(pool):
 
 def test_si_and_scaled_scenes_give_the_same_circuit_results(pool):
     options = ["run.realizations=2", "run.duration=200", "run.settle=0"]
-    si = simulate(Scene.load("paper_si", options), method="circuit", runner=pool)
-    scaled = simulate(Scene.load("paper", options), method="circuit", runner=pool)
+    si = simulate(Scene.read("paper_si", options), method="circuit", runner=pool)
+    scaled = simulate(Scene.read("paper", options), method="circuit", runner=pool)
     for name, estimate in scaled.scaled_quantities.items():
         if np.isfinite(estimate.estimate):
             other = si.scaled_quantities[name].estimate
@@ -175,7 +175,7 @@ def test_si_and_scaled_scenes_give_the_same_circuit_results(pool):
 
 @pytest.mark.slow
 def test_the_time_limit_keeps_what_the_run_had(pool):
-    scene = Scene.load("paper", ["run.duration=1e6", "run.realizations=1", "run.settle=10"])
+    scene = Scene.read("paper", ["run.duration=1e6", "run.realizations=1", "run.settle=10"])
     # The processes start before the clock does.
     simulate(scene.replace({"run.duration": 10.0, "run.realizations": 2}), runner=pool)
     with pytest.raises(SimulatorTimeout) as caught:
@@ -187,7 +187,7 @@ def test_the_time_limit_keeps_what_the_run_had(pool):
 
 
 def test_an_energy_balance_that_does_not_close_is_an_error(pool):
-    scene = Scene.load(
+    scene = Scene.read(
         "linear", ["oscillator.linear_stiffness=1e5", "run.realizations=2", "run.duration=400"]
     )
     with pytest.raises(EnergyNotBalanced, match="--step"):
@@ -206,7 +206,7 @@ def test_an_energy_balance_that_does_not_close_is_an_error(pool):
 )
 def test_unknown_names_are_refused(arguments, words):
     with pytest.raises(HarvesterError, match=words):
-        simulate(Scene.load("paper"), **arguments)
+        simulate(Scene.read("paper"), **arguments)
 
 
 @pytest.mark.slow

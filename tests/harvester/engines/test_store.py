@@ -40,7 +40,7 @@ from harvester.statistics.output_side import estimate_output
 
 @pytest.fixture(scope="module")
 def bridge():
-    return Scene.load("device").replace(
+    return Scene.read("device").replace(
         {"load.netlist": "bridge", "run.duration": 2.0, "run.settle": 0.5, "run.realizations": 2}
     )
 
@@ -302,7 +302,7 @@ def test_an_answer_too_large_is_not_kept_and_that_is_said(tmp_path):
 
 
 def test_a_closure_that_refuses_says_so():
-    scene = Scene.load("device").replace({"excitation.correlation_time": 100.0})
+    scene = Scene.read("device").replace({"excitation.correlation_time": 100.0})
     task = averaging(scene, Stationary("consistent"))
     found, _ = compute(task.function, task.arguments, None)
     assert isinstance(found, AveragingError)

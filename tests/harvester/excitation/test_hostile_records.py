@@ -31,7 +31,7 @@ def read(path, **keys):
     table = {"kind": "record", "file": str(path), "unit": "scaled", "sampling_rate": 100.0}
     table |= {"detrend": "none", **keys}
     table = {key: value for key, value in table.items() if value is not None}
-    scene = Scene.load("linear").replace({"excitation": table, "run": {"duration": 0.5}})
+    scene = Scene.read("linear").replace({"excitation": table, "run": {"duration": 0.5}})
     return scene.excitation.samples
 
 
@@ -206,7 +206,7 @@ def test_a_record_never_takes_more_than_its_share_of_the_memory(tmp_path, monkey
     np.save(path, SAMPLES)
     part = {"kind": "record", "file": str(path), "unit": "scaled", "sampling_rate": 100.0}
     with pytest.raises(SceneError, match="400 samples in all"):
-        Scene.load("linear").replace(
+        Scene.read("linear").replace(
             {"excitation": {"kind": "sum", "parts": [part, part]}, "run": {"duration": 0.5}}
         )
 
@@ -290,7 +290,7 @@ def test_a_record_that_is_quiet_at_first_has_notes(tmp_path):
     np.save(path, np.where(np.arange(400) < 150, 0.0, np.sin(np.arange(400))))
     table = {"kind": "record", "file": str(path), "unit": "scaled", "sampling_rate": 100.0}
     table["detrend"] = "none"
-    scene = Scene.load("linear").replace({"excitation": table, "run": {"duration": 0.5}})
+    scene = Scene.read("linear").replace({"excitation": table, "run": {"duration": 0.5}})
     assert "factor of inf" in scene.excitation.notes(0.01, 100.0, scene.run)[1]
 
 

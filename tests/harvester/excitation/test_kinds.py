@@ -25,7 +25,7 @@ SUM = {"kind": "sum", "parts": [SINE, WHITE, OU, WHITE]}
 
 def with_excitation(name, table, **run):
     """A built-in scene with another excitation."""
-    tables = Scene.load(name).to_tables()
+    tables = Scene.read(name).to_tables()
     tables["excitation"] = table
     tables["run"].update({"realizations": 2, **run})
     return Scene.from_tables(tables, name=name)
@@ -145,7 +145,7 @@ def test_kinds_that_make_no_sense_are_refused_in_one_line():
         with pytest.raises(AveragingError, match='"sine"'):
             average(scene, fit=fit)
     with pytest.raises(AveragingError, match="record is fitted"):
-        average(Scene.load("paper"), fit=True)
+        average(Scene.read("paper"), fit=True)
 
 
 @pytest.mark.parametrize(

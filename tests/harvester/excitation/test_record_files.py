@@ -49,7 +49,7 @@ def assert_read(path, tolerance=1e-6, **keys):
 
 def scene_of(path, **keys):
     """A linear device of 9 Hz in SI on a record."""
-    tables = Scene.load("device").to_tables()
+    tables = Scene.read("device").to_tables()
     stiffness = tables["oscillator"]["mass"] * (2.0 * np.pi * 9.0) ** 2
     tables["oscillator"] |= {"linear_stiffness": stiffness, "cubic_stiffness": 0.0}
     tables.pop("stoppers", None)
@@ -524,11 +524,11 @@ def test_a_record_given_twice_is_refused(tmp_path, capsys):
 def test_a_scene_may_begin_with_a_byte_order_mark(tmp_path):
     text = (BUILT_IN / "linear.toml").read_text(encoding="utf-8")
     (tmp_path / "a.toml").write_text(text, encoding="utf-8-sig")
-    assert Scene.load(tmp_path / "a.toml").digest() == Scene.load("linear").digest()
+    assert Scene.read(tmp_path / "a.toml").digest() == Scene.read("linear").digest()
 
 
 def test_a_device_at_rest_that_nothing_drives_is_balanced():
-    system = prepared(Scene.load("linear")).system
+    system = prepared(Scene.read("linear")).system
     rest = np.zeros(9)
     still = SimpleNamespace(integrals=np.zeros((2, len(moments.QUANTITIES))), first=rest, last=rest)
     assert energy_balance_residual([still], system) == 0.0

@@ -29,7 +29,7 @@ def recorded(path, name="linear", run=(), **keys):
     table["detrend"] = "none"
     if name != "linear":
         table["unit"] = "m/s^2"
-    tables = Scene.load(name).to_tables()
+    tables = Scene.read(name).to_tables()
     tables["excitation"] = {k: v for k, v in {**table, **keys}.items() if v is not None}
     run = {"duration": 30.0, **dict(run)}
     tables["run"] = {key: value for key, value in run.items() if value is not None}
@@ -294,10 +294,10 @@ def test_the_file_is_looked_for_beside_its_scene(tmp_path, monkeypatch):
     elsewhere = tmp_path / "elsewhere"
     elsewhere.mkdir()
     monkeypatch.chdir(elsewhere)
-    scene = Scene.load(tmp_path / "scene.toml")
+    scene = Scene.read(tmp_path / "scene.toml")
     assert scene.excitation.file == str(tmp_path / "motion.csv")
     np.savetxt(elsewhere / "other.csv", motion())
-    other = Scene.load(tmp_path / "scene.toml", ["excitation.file=other.csv"])
+    other = Scene.read(tmp_path / "scene.toml", ["excitation.file=other.csv"])
     assert other.excitation.file == str(elsewhere / "other.csv")
 
 
@@ -338,7 +338,7 @@ def test_a_run_without_a_duration_lasts_as_long_as_its_record(tmp_path):
     # Its ends are faded into each other over a twentieth.
     assert again.run.duration == pytest.approx(0.95 * 40.0, rel=1e-3)
     with pytest.raises(SceneError, match=r"run.duration is missing"):
-        Scene.load("device", ["run.duration=none"])
+        Scene.read("device", ["run.duration=none"])
 
 
 def test_the_cross_fade_goes_all_the_way_and_keeps_the_power():

@@ -125,10 +125,10 @@ def test_breakpoints_may_stand_in_a_file(tmp_path):
         run = {duration = 20.0, settle = 1.0, seed = 3, realizations = 2}
     """
     (tmp_path / "beam.toml").write_text(text)
-    assert Scene.load(tmp_path / "beam.toml").digest() == scene_with().digest()
+    assert Scene.read(tmp_path / "beam.toml").digest() == scene_with().digest()
     (tmp_path / "truck.csv").write_text("frequency, density\n5, 1\n")
     with pytest.raises(SceneError, match=r"truck\.csv: 1 lines with a frequency"):
-        Scene.load(tmp_path / "beam.toml")
+        Scene.read(tmp_path / "beam.toml")
 
 
 @pytest.mark.parametrize(

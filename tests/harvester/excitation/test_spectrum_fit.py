@@ -15,7 +15,7 @@ INTENSITY, TIME = 0.02, 0.4
 def recorded(folder, samples, rate=40.0, **keys):
     """The device of `paper` under a record."""
     np.save(folder / "motion.npy", samples)
-    tables = Scene.load("paper").to_tables()
+    tables = Scene.read("paper").to_tables()
     tables["excitation"] = {
         "kind": "record",
         "file": str(folder / "motion.npy"),
@@ -68,7 +68,7 @@ def test_averaging_takes_the_fitted_noise_and_shows_it(tmp_path):
     fit = result.spectrum_fit
     assert not fit.reasons
     changes = {"intensity": fit.intensity, "correlation_time": fit.correlation_time}
-    expected = average(Scene.load("paper").replace(excitation=changes)).scaled_quantities
+    expected = average(Scene.read("paper").replace(excitation=changes)).scaled_quantities
     for name, estimate in result.scaled_quantities.items():
         assert estimate.estimate == pytest.approx(expected[name].estimate, rel=1e-9)
     assert "D = 0.0" in result.notes[0]

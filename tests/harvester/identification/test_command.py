@@ -48,7 +48,7 @@ def test_what_a_record_leaves_open_scatters_the_power_as_its_covariance_says(tmp
     covariance = json.loads(identified.with_suffix(".json").read_text())
     keys = [covariance["keys"].index(key) for key in ("oscillator.damping", "coil.coupling")]
     table = np.array(covariance["covariance"])[np.ix_(keys, keys)]
-    scene = Scene.load(identified)
+    scene = Scene.read(identified)
     values = np.array([scene.oscillator.damping, scene.transducer.coupling])
     slopes = np.array(
         [

@@ -204,7 +204,7 @@ def test_the_scene_file_reads_back_with_intervals_in_comments(found, tmp_path):
     assert text.count("identified, ±") == len(found.keys)
     path = tmp_path / "found.toml"
     path.write_text(text)
-    assert Scene.load(path).to_tables() == found.scene.to_tables()
+    assert Scene.read(path).to_tables() == found.scene.to_tables()
     assert tomllib.loads(text)["piezo"]["coupling"] == found.values["piezo.coupling"]
 
 

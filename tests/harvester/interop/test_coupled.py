@@ -68,7 +68,7 @@ def test_coils(tables):
 @pytest.mark.exhaustive
 def test_a_resistor_outside_is_of_first_order_in_the_exchange():
     """A current held over an exchange lags; the truth has the resistor at the terminals."""
-    scene = harvester.Scene.load("one_sided")
+    scene = harvester.Scene.read("one_sided")
     inside = harvester.coupled(scene, load_resistance=1e6)
     inside.advance(0.5)
     errors = []
@@ -82,7 +82,7 @@ def test_a_resistor_outside_is_of_first_order_in_the_exchange():
 
 @pytest.mark.exhaustive
 def test_the_end_of_the_springs_range_ends_it():
-    scene = harvester.Scene.load("one_sided").replace(
+    scene = harvester.Scene.read("one_sided").replace(
         {"oscillator.restoring_force_range": [-1e-4, 1e-4]}, stoppers=None
     )
     device = harvester.coupled(scene)
@@ -95,7 +95,7 @@ def test_the_end_of_the_springs_range_ends_it():
 @pytest.mark.exhaustive
 def test_charge_that_the_base_moves():
     """A drawn beam, whose other modes charge the piezo with the base's acceleration."""
-    scene, knots = harvester.Scene.load("bimorph"), 200
+    scene, knots = harvester.Scene.read("bimorph"), 200
     table, oscillator, load = scene.transducer, scene.oscillator, scene.load.resistance
     assert table.base_charge
     device = harvester.coupled(scene, load_resistance=load)

@@ -38,7 +38,7 @@ def test_numbers_and_densities_are_those_of_the_place(linear):
         assert mass == pytest.approx(1.0, abs=0.02)
         square = np.trapezoid(density * centre**2, centre)
         assert square == pytest.approx(means[f"mean_square_{name}"], rel=0.1)
-    assert linear.scene == harvester.Scene.load("linear").replace({"excitation.intensity": 0.03})
+    assert linear.scene == harvester.Scene.read("linear").replace({"excitation.intensity": 0.03})
     with_error = harvester.results.result.with_error(view.result["mean_power"])
     assert f"mean power {with_error} scaled power" in view.sentence()
 
@@ -81,7 +81,7 @@ def test_without_widgets_there_is_a_picture(monkeypatch):
     monkeypatch.setattr(
         importlib.util, "find_spec", lambda name: None if name == "ipywidgets" else find(name)
     )
-    scene = harvester.Scene.load("device").replace({"load.netlist": "bridge"})
+    scene = harvester.Scene.read("device").replace({"load.netlist": "bridge"})
     explorer = harvester.explore(scene.replace({"run.duration": 5.0, "run.settle": 1.0}), ())
     bundle = explorer._repr_mimebundle_()
     assert set(bundle) == {"text/plain", "image/png"}
@@ -95,7 +95,7 @@ def test_without_widgets_there_is_a_picture(monkeypatch):
 def test_ranges_are_about_the_scenes_own_values():
     from harvester.interop.explorer import _range, _usual
 
-    scene = harvester.Scene.load("paper")
+    scene = harvester.Scene.read("paper")
     assert "stoppers.gap" in _usual(scene)
     assert "run.duration" not in _usual(scene)
     assert _range(scene, "stoppers.gap", None) == pytest.approx((1.1 / 3.0, 3.3))
@@ -112,7 +112,7 @@ def test_ranges_are_about_the_scenes_own_values():
 
 @pytest.mark.parametrize("duration", [10.0, 2e3, 1e7])
 def test_a_run_is_cut_to_what_a_picture_has_time_for(duration):
-    scene = harvester.Scene.load("paper").replace({"run.duration": duration})
+    scene = harvester.Scene.read("paper").replace({"run.duration": duration})
     short = cut_short(scene)
     run = short.run
     # Two of its steps to a knot of 0.05 s or fewer.

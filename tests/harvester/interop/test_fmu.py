@@ -13,11 +13,11 @@ from harvester.interop.formats import write
 pytest.importorskip("fmpy")
 from fmpy.validation import validate_fmu
 
-SI = [name for name in harvester.Scene.names() if harvester.Scene.load(name).units == "SI"]
+SI = [name for name in harvester.Scene.names() if harvester.Scene.read(name).units == "SI"]
 
 
 def noisy(name, spacing):
-    return harvester.Scene.load(name).replace({"excitation.knot_spacing": spacing})
+    return harvester.Scene.read(name).replace({"excitation.knot_spacing": spacing})
 
 
 def noise(scene, stop):
@@ -42,7 +42,7 @@ def test_path_and_energy_under_noise(tmp_path):
 @pytest.mark.exhaustive
 @pytest.mark.parametrize("name", SI)
 def test_valid(name, tmp_path):
-    for path in write(harvester.Scene.load(name), "fmu", tmp_path):
+    for path in write(harvester.Scene.read(name), "fmu", tmp_path):
         assert validate_fmu(str(path)) == []
 
 
@@ -84,7 +84,7 @@ def order(run, truth, lengths):
 @pytest.mark.exhaustive
 def test_order_in_the_exchange(tmp_path):
     """Second with inputs that go on in a straight line, first with inputs that are held."""
-    scene, stop = harvester.Scene.load("device"), 0.96
+    scene, stop = harvester.Scene.read("device"), 0.96
     path = write(scene, "fmu", tmp_path)[0]
     device = Written(scene)
     start = harvester.coupled(scene).displacement
@@ -105,12 +105,12 @@ def test_order_in_the_exchange(tmp_path):
 
 def test_scaled_scenes_are_refused(tmp_path):
     with pytest.raises(ExportError, match="paper_si"):
-        write(harvester.Scene.load("paper"), "fmu", tmp_path)
+        write(harvester.Scene.read("paper"), "fmu", tmp_path)
 
 
 def test_prescribed_motion_is_refused(tmp_path):
     shaken = {"kind": "prescribed_displacement", "amplitude": 1e-3, "frequency": 5.0}
-    tables = {**harvester.Scene.load("one_sided").to_tables(), "excitation": shaken}
+    tables = {**harvester.Scene.read("one_sided").to_tables(), "excitation": shaken}
     with pytest.raises(ExportError, match="no mass moves"):
         write(harvester.Scene.from_tables(tables), "c", tmp_path)
 
@@ -122,7 +122,7 @@ def test_an_importers_mistakes_are_errors(tmp_path):
     from fmpy.fmi1 import FMICallException
     from fmpy.fmi2 import FMU2Slave
 
-    path = write(harvester.Scene.load("one_sided"), "fmu", tmp_path)[0]
+    path = write(harvester.Scene.read("one_sided"), "fmu", tmp_path)[0]
     description = read_model_description(str(path))
     places = {each.name: each.valueReference for each in description.modelVariables}
     unit = FMU2Slave(

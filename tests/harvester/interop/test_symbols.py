@@ -12,7 +12,7 @@ from harvester.scene.model import Scene
 
 
 def written(folder, dialect):
-    scene = Scene.load("device")
+    scene = Scene.read("device")
     return {
         path.suffix: path
         for path in write_subcircuit(scene, folder, dialect, "default", 0, 1e-3, 1.0)
@@ -51,7 +51,7 @@ def test_kiutils_reads_kicads_symbol(tmp_path):
 
 
 def test_a_kind_or_an_option_that_is_not_there_is_refused_by_name(tmp_path):
-    scene = Scene.load("device")
+    scene = Scene.read("device")
     with pytest.raises(HarvesterError, match=r"--as subcircuit: no such kind.*there are deck"):
         write(scene, "subcircuit", tmp_path)
     with pytest.raises(

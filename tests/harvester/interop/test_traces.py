@@ -16,12 +16,12 @@ pytestmark = pytest.mark.usefixtures("shared_workers")
 def test_a_trace_too_long_is_refused_with_its_size(tmp_path):
     pytest.importorskip("shepherd_core")
     with pytest.raises(HarvesterError, match=r"2e\+08 samples, 3.2 GB.*up to 200 s"):
-        write(harvester.Scene.load("paper_si"), "shepherd", tmp_path)
+        write(harvester.Scene.read("paper_si"), "shepherd", tmp_path)
 
 
 def test_a_trace_without_a_sample_is_refused(tmp_path):
     with pytest.raises(HarvesterError, match=r"no sample: give --duration 0\.333333 or more"):
-        write(harvester.Scene.load("device"), "csv", tmp_path, rate=3.0, duration=0.1)
+        write(harvester.Scene.read("device"), "csv", tmp_path, rate=3.0, duration=0.1)
     assert list(tmp_path.iterdir()) == []
 
 
@@ -29,7 +29,7 @@ def test_a_folder_named_like_a_file_is_refused(tmp_path):
     with pytest.raises(
         HarvesterError, match=r"trace\.csv is to be a folder, such as --output .*e$"
     ):
-        write(harvester.Scene.load("device"), "csv", tmp_path / "trace.csv", duration=0.1)
+        write(harvester.Scene.read("device"), "csv", tmp_path / "trace.csv", duration=0.1)
     assert list(tmp_path.iterdir()) == []
 
 
@@ -37,7 +37,7 @@ def test_a_folder_named_like_a_file_is_refused(tmp_path):
 def test_shepherd_reads_the_energy_of_the_load(tmp_path, caplog):
     """V²/R of the load's own voltage, from the resistor's moments of the same run."""
     reader = pytest.importorskip("shepherd_core").Reader
-    scene = harvester.Scene.load("cantilever").replace({"run.settle": 0.0, "run.realizations": 1})
+    scene = harvester.Scene.read("cantilever").replace({"run.settle": 0.0, "run.realizations": 1})
     said = []
     path = write(scene, "shepherd", tmp_path, said.append, duration=2.0)[0]
     assert said[0] == "2 s at 100000 samples a second: up to 3.2 MB"
@@ -56,7 +56,7 @@ def test_shepherd_reads_the_energy_of_the_load(tmp_path, caplog):
 def test_open_and_shorted_terminals(tmp_path, caplog):
     reader = pytest.importorskip("shepherd_core").Reader
     said = []
-    scene = harvester.Scene.load("cantilever")
+    scene = harvester.Scene.read("cantilever")
     path = write(scene, "shepherd", tmp_path, said.append, data="isc_voc", duration=1.0)[0]
     caplog.set_level(logging.WARNING)
     with reader(path) as file:
@@ -70,7 +70,7 @@ def test_open_and_shorted_terminals(tmp_path, caplog):
 @pytest.mark.exhaustive
 def test_what_a_load_behind_a_bridge_takes(tmp_path):
     """CSV of the bridge's output, and the energy of its resistor."""
-    scene = harvester.Scene.load("device").replace(
+    scene = harvester.Scene.read("device").replace(
         load={"kind": None, "resistance": None, "netlist": "bridge"}
     )
     trace = record_trace(scene, 1e4, 0.5, 0)

@@ -25,9 +25,9 @@ UNIT = re.compile(r"([kMmµnp]?)(?:[VWAsmΩ]|Hz)(²?)|1|%|\D+/.*")
 CAPS = ("|", "_")
 SHORT = {"run.duration": 4.0, "run.settle": 1.0, "run.realizations": 4}
 # Linear and in SI units, so that powers, voltages and displacements have prefixes.
-CANTILEVER = Scene.load("cantilever").replace(SHORT)
+CANTILEVER = Scene.read("cantilever").replace(SHORT)
 SINE = CANTILEVER.replace({"excitation": {"kind": "sine", "amplitude": 1.0, "frequency": 46.0}})
-DEVICE = Scene.load("device").replace(
+DEVICE = Scene.read("device").replace(
     {**SHORT, "excitation": {"kind": "sine", "amplitude": 3.5, "frequency": 8.0}}
 )
 

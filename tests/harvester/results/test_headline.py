@@ -12,11 +12,11 @@ def test_a_record_is_named_by_its_file_and_column(tmp_path):
     header = "t [s];az [m/s^2]\n"
     path.write_text(header + "\n".join(f"{t:.3f};{a:.6f}".replace(".", ",") for t, a in rows))
     changes = {"kind": "record", "file": str(path), "column": "az"}
-    scene = Scene.load("cantilever").replace(
+    scene = Scene.read("cantilever").replace(
         {"excitation": changes, "run.duration": 3.0, "run.settle": 0.5}
     )
     assert conditions(scene) == "record road.csv, column az"
 
 
 def test_noise_is_named_with_its_values():
-    assert conditions(Scene.load("linear")).startswith("ornstein-uhlenbeck excitation, noise")
+    assert conditions(Scene.read("linear")).startswith("ornstein-uhlenbeck excitation, noise")

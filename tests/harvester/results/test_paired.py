@@ -14,7 +14,7 @@ from harvester.statistics.output_side import RATIOS, estimate_output
 def test_they_have_the_errors_of_the_estimates(pool):
     """Of a bridge with its output, every ratio of sums: each by its own formula there."""
     changes = ["load.netlist=bridge", "run.realizations=4", "run.duration=6", "run.settle=1"]
-    scene = Scene.load("device", changes)
+    scene = Scene.read("device", changes)
     moments = simulate(scene, method="circuit", runner=pool).moments
     estimates = estimate_all(moments, prepared(scene).system) | estimate_output(moments)
     compared = 0

@@ -24,7 +24,7 @@ def disturbed(result, quantity, factor):
 
 
 def test_a_load_that_is_not_the_one_reckoned_with(pool):
-    result = simulate(Scene.load("linear", SHORT), method="monte-carlo", runner=pool)
+    result = simulate(Scene.read("linear", SHORT), method="monte-carlo", runner=pool)
     cause = suspected_cause(disturbed(result, "load_power", 1.05))
     assert "the load: the missing energy is proportional to what it takes, -0.04" in cause
 
@@ -32,7 +32,7 @@ def test_a_load_that_is_not_the_one_reckoned_with(pool):
 def test_a_transducer_whose_loss_is_not_the_one_reckoned_with(pool):
     """A leak's loss goes with a resistor's power, and not with what the damper takes."""
     leaky = [*SHORT, "piezo.leakage_rate=0.3"]
-    result = simulate(Scene.load("linear", leaky), method="monte-carlo", runner=pool)
+    result = simulate(Scene.read("linear", leaky), method="monte-carlo", runner=pool)
     for moments in result.moments:
         loss = moments.integrals[:, QUANTITIES.index("transducer_loss")]
         moments.integrals[:, QUANTITIES.index("loss_power")] += 0.2 * loss
@@ -43,32 +43,32 @@ def test_a_transducer_whose_loss_is_not_the_one_reckoned_with(pool):
 
 
 def test_a_load_that_delivers(pool):
-    result = simulate(Scene.load("linear", SHORT), method="monte-carlo", runner=pool)
+    result = simulate(Scene.read("linear", SHORT), method="monte-carlo", runner=pool)
     assert "active" in suspected_cause(disturbed(result, "load_power", -0.2))
 
 
 def test_contacts_shorter_than_the_steps_between_them(pool):
-    scene = Scene.load("paper", [*SHORT, "stoppers.stiffness=1e5", "excitation.intensity=0.1"])
+    scene = Scene.read("paper", [*SHORT, "stoppers.stiffness=1e5", "excitation.intensity=0.1"])
     result = simulate(scene, method="monte-carlo", runner=pool)
     assert suspected_cause(disturbed(result, "loss_power", 1.05)).startswith("contacts: ")
 
 
 def test_a_run_whose_ends_count(pool):
-    scene = Scene.load("linear", ["run.realizations=8", "run.duration=1", "run.settle=0"])
+    scene = Scene.read("linear", ["run.realizations=8", "run.duration=1", "run.settle=0"])
     result = simulate(scene, method="monte-carlo", runner=pool)
     assert "too short" in suspected_cause(disturbed(result, "input_power", 1.05))
 
 
 @pytest.mark.parametrize("step", [0.02])
 def test_a_step_too_long(pool, step):
-    scene = Scene.load("linear", [*SHORT, "oscillator.linear_stiffness=1e3", "run.duration=100"])
+    scene = Scene.read("linear", [*SHORT, "oscillator.linear_stiffness=1e3", "run.duration=100"])
     result = simulate(scene, method="monte-carlo", step=step, runner=pool)
     note = next(note for note in result.notes if "residual" in note)
     assert "suspected: the step" in note
 
 
 def test_a_run_that_diverged(pool):
-    result = simulate(Scene.load("linear", SHORT), method="monte-carlo", runner=pool)
+    result = simulate(Scene.read("linear", SHORT), method="monte-carlo", runner=pool)
     for moments in result.moments:
         moments.integrals[:, QUANTITIES.index("load_power")] = float("nan")
     assert "diverged" in suspected_cause(replace(result, energy_balance_residual=float("nan")))

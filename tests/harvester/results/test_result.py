@@ -18,7 +18,7 @@ SHORT = ["run.duration=2000", "run.realizations=8"]
 
 @pytest.fixture(scope="module")
 def result(pool):
-    scene = harvester.Scene.load("paper_si", SHORT)
+    scene = harvester.Scene.read("paper_si", SHORT)
     return harvester.simulate(scene, method="monte-carlo", runner=pool)
 
 
@@ -48,7 +48,7 @@ def test_plain_values_lead_back_to_the_result(result):
 
 
 def test_what_is_not_finite_comes_back_as_missing():
-    scene = harvester.Scene.load("paper")
+    scene = harvester.Scene.read("paper")
     bare = Estimate(math.nan, None, None, "power", "too short")
     plain = {"error_kind": "numerical", "energy_balance_residual": None, "wall_seconds": math.nan}
     plain |= {"engine_seconds": 0.0, "simulated_time": 0.0, "steps": 0, "step": None}
@@ -72,7 +72,7 @@ def test_a_record_that_has_changed_since_is_named(tmp_path):
     write(1.0)
     record = {"kind": "record", "file": str(tmp_path / "record.csv"), "unit": "scaled"}
     record |= {"column": 1, "time_column": 0}
-    tables = harvester.Scene.load("paper").to_tables()
+    tables = harvester.Scene.read("paper").to_tables()
     run = {"duration": 150.0, "settle": 10.0, "seed": 1, "realizations": 1}
     scene = harvester.Scene.from_tables(tables | {"excitation": record, "run": run})
     result = harvester.average(scene, method="consistent", fit=True)

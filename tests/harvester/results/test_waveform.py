@@ -26,7 +26,7 @@ Rwire ref n 1m
 def divided(tmp_path_factory):
     file = tmp_path_factory.mktemp("loads") / "divider.lib"
     file.write_text(DIVIDER)
-    return Scene.load("device", [f'load.netlist="{file}"', "run.realizations=2", "run.duration=6"])
+    return Scene.read("device", [f'load.netlist="{file}"', "run.realizations=2", "run.duration=6"])
 
 
 @pytest.mark.slow
@@ -66,7 +66,7 @@ def test_ohms_law_in_volts_and_amperes(divided, method):
 
 
 def test_files_and_tables(tmp_path):
-    scene = Scene.load("device", ["run.realizations=1", "run.duration=2", "run.settle=1"])
+    scene = Scene.read("device", ["run.realizations=1", "run.duration=2", "run.settle=1"])
     wave = simulate(scene, method="monte-carlo", window=(1.0, 1.5)).waveform
     wave.save(tmp_path / "w.csv")
     with open(tmp_path / "w.csv", newline="") as file:
@@ -107,7 +107,7 @@ def test_voltages_of_the_dc_side_are_against_its_reference(tmp_path):
     file = tmp_path / "filtered.lib"
     file.write_text(FILTERED)
     settings = ["run.realizations=1", "run.duration=2", "run.settle=1"]
-    scene = Scene.load("device", [f'load.netlist="{file}"', *settings])
+    scene = Scene.read("device", [f'load.netlist="{file}"', *settings])
     nodes = ["dc", "v(out)", "V(dc, out)", "p", "v(ref)", "v(dc,n)"]
     wave = simulate(scene, method="monte-carlo", nodes=nodes, window="all").waveform
     assert wave.time[0] == pytest.approx(0.0, abs=1e-3)
@@ -123,7 +123,7 @@ def test_voltages_of_the_dc_side_are_against_its_reference(tmp_path):
 
 
 def test_a_long_window_is_drawn_as_its_envelope():
-    scene = Scene.load("linear", ["run.realizations=1"])
+    scene = Scene.read("linear", ["run.realizations=1"])
     wave = simulate(scene, method="monte-carlo", window="all").waveform
     assert wave.time.size > 10_000
     axes = wave.figure().axes[0]

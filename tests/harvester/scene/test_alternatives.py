@@ -14,7 +14,7 @@ from harvester.scene.numbers import numbers
 
 def test_frequency_and_quality_factor_are_kept_and_the_others_follow():
     """Closed forms: K = M (2πf)², C = M 2πf/Q; at a well of ±x the stiffness is −2 K1."""
-    scene = Scene.load("cantilever", ["oscillator.quality_factor=20"])
+    scene = Scene.read("cantilever", ["oscillator.quality_factor=20"])
     for mass in (14.04e-3, 0.03):
         scene = scene.replace({"oscillator.mass": mass})
         rate = 2.0 * math.pi * 45.7
@@ -28,7 +28,7 @@ def test_frequency_and_quality_factor_are_kept_and_the_others_follow():
     assert Scene.from_dict(scene.to_dict()) == scene
     plain = scene.replace({"oscillator.damping": 0.3, "oscillator.linear_stiffness": 900.0})
     assert plain.oscillator.frequency is plain.oscillator.quality_factor is None
-    bistable = Scene.load("device", ["oscillator.damping_ratio=0.01"])
+    bistable = Scene.read("device", ["oscillator.damping_ratio=0.01"])
     rest = math.sqrt(2.0 * 63.451 * 0.022)
     assert bistable.oscillator.damping == pytest.approx(2.0 * 0.01 * rest, rel=1e-9)
 
@@ -47,12 +47,12 @@ def test_frequency_and_quality_factor_are_kept_and_the_others_follow():
 )
 def test_refusals(overrides, words):
     with pytest.raises(SceneError, match=words):
-        Scene.load("device", overrides)
+        Scene.read("device", overrides)
 
 
 def test_scaled_scenes_have_no_hertz():
     with pytest.raises(SceneError, match='units = "SI"'):
-        Scene.load("paper", ["oscillator.frequency=1"])
+        Scene.read("paper", ["oscillator.frequency=1"])
 
 
 def test_suffixes_are_exact():
@@ -60,7 +60,7 @@ def test_suffixes_are_exact():
         ("200k", 200e3), ("4.7meg", 4.7e6), ("41.26n", 41.26e-9), ("3p", 3e-12), ("5u", 5e-6),
         ("1e2m", 0.1),
     ):  # fmt: skip
-        assert Scene.load("device", [f"load.resistance={text}"]).load.resistance == value
+        assert Scene.read("device", [f"load.resistance={text}"]).load.resistance == value
     assert grid_of("10k:1meg:log:3", "--over") == pytest.approx([1e4, 1e5, 1e6])
     assert ranges_of(["load.resistance=10k:1meg"], "--over") == {"load.resistance": (1e4, 1e6)}
     with pytest.raises(HarvesterError, match="write 1meg or 1m"):
@@ -68,7 +68,7 @@ def test_suffixes_are_exact():
 
 
 def test_another_kind_leaves_the_keys_of_the_former_behind():
-    scene = Scene.load("device")
+    scene = Scene.read("device")
     changes = {"excitation.amplitude": 4.0, "excitation.kind": "sine", "excitation.frequency": 12.0}
     assert scene.replace(changes).excitation == Sine(4.0, 12.0)
     with pytest.raises(SceneError, match="amplitude is missing"):
@@ -79,18 +79,18 @@ def test_another_kind_leaves_the_keys_of_the_former_behind():
 
 def test_the_line_on_the_device():
     """Published: 45.7 Hz, Q = 1/(2·0.027), 48.2 Hz open, matched 1/(ω Cp)."""
-    (line,) = device_line(Scene.load("cantilever"))
+    (line,) = device_line(Scene.read("cantilever"))
     assert "45.7 Hz at rest, stiffness 1158 N/m" in line
     assert "Q = 18.5, damping ratio 0.027, k² = 0.113, matched load about 84.4 kΩ" in line
     assert math.sqrt(1.0 + 0.1133) * 45.7 == pytest.approx(48.22, abs=0.01)
-    assert device_line(Scene.load("paper")) == ()
+    assert device_line(Scene.read("paper")) == ()
 
 
 def test_the_line_on_the_device_has_wells_and_barriers():
     """Closed form: wells at ±√(−k1/k3), barrier k1²/(4 k3); `asymmetric` as docs/scenes.md says."""
-    (line,) = device_line(Scene.load("device"))
+    (line,) = device_line(Scene.read("device"))
     assert "spring's wells at -10 mm, 10 mm, barriers out of them 1.59 mJ, 1.59 mJ" in line
-    (line,) = device_line(Scene.load("asymmetric"))
+    (line,) = device_line(Scene.read("asymmetric"))
     assert "spring's wells at -10.6 mm, 9.62 mm, barriers out of them 1.07 mJ, 2.39 mJ" in line
-    (line,) = device_line(Scene.load("tristable"))
+    (line,) = device_line(Scene.read("tristable"))
     assert "spring's wells at -12.8 mm, 0 m, 12.8 mm" in line

@@ -18,7 +18,7 @@ BRIEF = {"run.duration": 20.0, "run.settle": 1.0, "run.realizations": 2}
 
 
 def test_it_is_written_only_where_it_is_not_one():
-    scene = Scene.load("paper")
+    scene = Scene.read("paper")
     assert "base_factor" not in scene.to_tables()["oscillator"]
     assert scene.replace({"oscillator.base_factor": 1.0}).digest() == scene.digest()
     assert scene.replace({"oscillator.base_factor": FACTOR}).digest() != scene.digest()
@@ -28,7 +28,7 @@ def test_it_is_written_only_where_it_is_not_one():
 
 @pytest.mark.parametrize("name", ["paper", "device", "linear"])
 def test_it_counts_as_a_base_that_moves_as_much_more(name):
-    scene = Scene.load(name)
+    scene = Scene.read(name)
     moved = scene.replace({"excitation.intensity": FACTOR**2 * scene.excitation.intensity})
     mode = scene.replace({"oscillator.base_factor": FACTOR})
     one, other = prepared(mode), prepared(moved)
@@ -44,7 +44,7 @@ def test_it_counts_as_a_base_that_moves_as_much_more(name):
 )
 def test_the_power_of_a_linear_device_goes_with_its_square(method, device):
     omega, amplitude = 1.7, 0.1
-    scene = Scene.load("linear").replace(
+    scene = Scene.read("linear").replace(
         {
             "oscillator.base_factor": FACTOR,
             "excitation": {"kind": "sine", "amplitude": amplitude, "frequency": omega / 2 / np.pi},
@@ -71,7 +71,7 @@ def test_the_power_of_a_linear_device_goes_with_its_square(method, device):
 @pytest.mark.exhaustive
 @pytest.mark.parametrize("method", ["monte-carlo", "circuit"])
 def test_every_engine_takes_it(method):
-    scene = Scene.load("paper_si").replace(BRIEF)
+    scene = Scene.read("paper_si").replace(BRIEF)
     moved = scene.replace({"excitation.intensity": FACTOR**2 * scene.excitation.intensity})
     mode = scene.replace({"oscillator.base_factor": FACTOR})
     powers = [
@@ -83,7 +83,7 @@ def test_every_engine_takes_it(method):
 
 @pytest.mark.parametrize("closure", ["paper", "consistent"])
 def test_closures_take_it(closure):
-    scene = Scene.load("paper")
+    scene = Scene.read("paper")
     moved = scene.replace({"excitation.intensity": FACTOR**2 * scene.excitation.intensity})
     mode = scene.replace({"oscillator.base_factor": FACTOR})
     found = [
@@ -94,7 +94,7 @@ def test_closures_take_it(closure):
 
 
 def test_an_exported_netlist_holds_what_drives_the_mass():
-    scene = Scene.load("device").replace({"run.duration": 0.2, "run.settle": 0.0})
+    scene = Scene.read("device").replace({"run.duration": 0.2, "run.settle": 0.0})
     mode = scene.replace({"oscillator.base_factor": 2.0})
     plain, doubled = (
         stand_alone(prepared(each), noise_path(prepared(each), 0)).text for each in (scene, mode)
@@ -109,7 +109,7 @@ def test_an_exported_netlist_holds_what_drives_the_mass():
 
 
 def test_records_do_not_tell_it_from_the_scale_of_the_bases_sensor():
-    scene = Scene.load("device")
+    scene = Scene.read("device")
     rng = np.random.default_rng(1)
     record = Measurement(rng.standard_normal(4000), 1000.0, voltage=rng.standard_normal(4000))
     with pytest.raises(HarvesterError, match="records tell only the ratio of the two"):

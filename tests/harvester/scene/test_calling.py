@@ -14,7 +14,7 @@ def power(scene, *, method="circuit", step="default"):
 
 
 def test_a_scene_a_name_and_a_file_are_the_same(tmp_path):
-    paper = harvester.Scene.load("paper")
+    paper = harvester.Scene.read("paper")
     file = tmp_path / "paper.toml"
     file.write_bytes((harvester.scene.model.BUILT_IN / "paper.toml").read_bytes())
     assert scene_of(paper) is paper
@@ -74,7 +74,7 @@ def test_every_study_takes_what_runs_it(name):
 
 
 def test_the_load_of_a_scene_is_its_table_and_the_class_reads_scenes():
-    scene = harvester.Scene.load("paper")
+    scene = harvester.Scene.read("paper")
     assert scene.load.decay_rate == scene.to_tables()["load"]["decay_rate"]
     with pytest.raises(AttributeError):
         scene.load = None

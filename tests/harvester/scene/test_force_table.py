@@ -21,7 +21,7 @@ SOFT = {
 def scene_of(table, **more):
     changes = {"oscillator.force_table": table}
     changes |= {f"oscillator.{key}": value for key, value in more.items()}
-    return Scene.load("duffing").replace(changes)
+    return Scene.read("duffing").replace(changes)
 
 
 def test_a_scene_holds_its_points_and_comes_back_from_its_tables():
@@ -56,7 +56,7 @@ def test_a_file_of_points_is_read_beside_the_scene(tmp_path, text):
         '[excitation]\nkind = "white"\nintensity = 0.1\n[run]\nduration = 1.0\n'
     )
     (tmp_path / "mine.toml").write_text(tables)
-    scene = Scene.load(tmp_path / "mine.toml")
+    scene = Scene.read(tmp_path / "mine.toml")
     assert [list(each) for each in scene.oscillator.force_table] == TABLE
     (tmp_path / "magnets.csv").unlink()
     assert scene.replace({"oscillator.damping": 0.2}).oscillator.damping == 0.2
@@ -103,14 +103,14 @@ def test_a_file_that_is_not_there_is_named():
     ],
 )
 def test_tables_that_no_device_has_are_refused(table, more, words):
-    tables = Scene.load("duffing").to_tables()
+    tables = Scene.read("duffing").to_tables()
     oscillator = {"damping": 0.1, "force_table": table, **more}
     with pytest.raises(SceneError, match=words):
         Scene.from_tables({**tables, "oscillator": oscillator})
 
 
 def test_a_softening_spring_needs_its_range():
-    scene = Scene.load("duffing")
+    scene = Scene.read("duffing")
     with pytest.raises(SceneError, match=r"unbounded on the right.*restoring_force_range"):
         scene.replace({"oscillator.restoring_force": SOFT["oscillator.restoring_force"]})
     soft = scene.replace(SOFT)
@@ -122,7 +122,7 @@ def test_a_softening_spring_needs_its_range():
 @pytest.mark.parametrize("method", ["fokker_planck", "paper", "consistent"])
 def test_a_stationary_density_refuses_a_range_by_its_name(method):
     with pytest.raises(AveragingError, match="restoring_force_range: a stationary density"):
-        average(Scene.load("duffing").replace(SOFT), method=method)
+        average(Scene.read("duffing").replace(SOFT), method=method)
 
 
 def test_averaging_over_orbits_refuses_a_table_by_its_name():
@@ -140,7 +140,7 @@ def test_averaging_over_orbits_refuses_a_table_by_its_name():
     ],
 )
 def test_leaving_the_range_ends_the_run_with_time_and_place(pool, method, load):
-    scene = Scene.load("device").replace(
+    scene = Scene.read("device").replace(
         {
             "oscillator.restoring_force": [0.0, 60.0, 0.0, -1.5e5],
             "oscillator.restoring_force_range": [-0.011, 0.011],

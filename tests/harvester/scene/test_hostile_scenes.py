@@ -61,7 +61,7 @@ def test_a_line_that_no_scene_holds(tmp_path, line, words):
     lines = [each for each in PAPER.splitlines() if line.split(" ")[0] != each.split(" ")[0]]
     path = tmp_path / "scene.toml"
     path.write_text("\n".join([*lines, line]), encoding="utf-8")
-    message = message_of(Scene.load, path)
+    message = message_of(Scene.read, path)
     assert "scene.toml" in message
     for word in words:
         assert word in message
@@ -71,37 +71,37 @@ def test_a_line_that_no_scene_holds(tmp_path, line, words):
 def test_bytes_that_are_no_toml(tmp_path, content):
     path = tmp_path / "scene.toml"
     path.write_bytes(content)
-    assert "not a TOML file" in message_of(Scene.load, path)
+    assert "not a TOML file" in message_of(Scene.read, path)
 
 
 def test_only_plain_files_of_a_scenes_size_are_read(tmp_path):
     path = tmp_path / "scene.toml"
     os.mkfifo(path)
-    assert "a pipe" in message_of(Scene.load, path)
+    assert "a pipe" in message_of(Scene.read, path)
     path.unlink()
     path.mkdir()
-    assert "a folder" in message_of(Scene.load, path)
+    assert "a folder" in message_of(Scene.read, path)
     path.rmdir()
     path.symlink_to(path)
-    assert "no such scene" in message_of(Scene.load, path)
+    assert "no such scene" in message_of(Scene.read, path)
     path.unlink()
     path.symlink_to("/dev/zero")
-    assert "a device" in message_of(Scene.load, path)
+    assert "a device" in message_of(Scene.read, path)
     path.unlink()
     with path.open("wb") as stream:
         stream.truncate(500 * 10**6)
-    assert "too large" in message_of(Scene.load, path)
+    assert "too large" in message_of(Scene.read, path)
     for name in ("a" * 5000, "a\0b.toml", "a\ud800.toml", "\x1b[31m\n.toml"):
-        assert "no such scene" in message_of(Scene.load, name)
+        assert "no such scene" in message_of(Scene.read, name)
 
 
 def test_a_file_of_a_built_in_scenes_name_does_not_hide_it(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     (tmp_path / "paper").mkdir()
     (tmp_path / "linear").write_text(PAPER, encoding="utf-8")
-    assert Scene.load("paper").stoppers
-    assert Scene.load("linear").stoppers == ()
-    assert Scene.load(tmp_path / "linear").stoppers
+    assert Scene.read("paper").stoppers
+    assert Scene.read("linear").stoppers == ()
+    assert Scene.read(tmp_path / "linear").stoppers
 
 
 LOOP = []
@@ -138,7 +138,7 @@ NO_NUMBERS += [
 
 @pytest.mark.parametrize("value", NO_NUMBERS, ids=lambda value: type(value).__name__)
 def test_what_is_no_number_is_refused_by_its_key(value):
-    scene = Scene.load("paper")
+    scene = Scene.read("paper")
     keys = ("run.seed", "run.settle", "stoppers.gap", "excitation.intensity", "length_scale")
     for key in keys if value is not None else ():
         assert key.split(".")[0] in message_of(scene.replace, {key: value})
@@ -152,8 +152,8 @@ def test_what_is_no_number_is_refused_by_its_key(value):
 
 def test_numbers_of_numpy_are_numbers():
     changes = {"run.seed": np.int64(7), "run.settle": np.float32(0.5), "stoppers.gap": np.uint8(2)}
-    scene = Scene.load("paper").replace({**changes, "run.duration": fractions.Fraction(5, 2)})
-    assert scene == Scene.load("paper").replace(
+    scene = Scene.read("paper").replace({**changes, "run.duration": fractions.Fraction(5, 2)})
+    assert scene == Scene.read("paper").replace(
         {"run.seed": 7, "run.settle": 0.5, "stoppers.gap": 2.0, "run.duration": 2.5}
     )
     for value in (scene.run.seed, scene.run.settle, scene.run.duration, scene.stoppers[0].gap):
@@ -163,16 +163,16 @@ def test_numbers_of_numpy_are_numbers():
 
 @pytest.mark.parametrize("thing", [None, 1, b"paper", ["paper"], {"run": 1}, object(), LOOP])
 def test_what_is_no_scene_is_refused(thing):
-    message_of(Scene.load, thing)
-    message_of(Scene.load, "paper", [thing])
+    message_of(Scene.read, thing)
+    message_of(Scene.read, "paper", [thing])
     if not isinstance(thing, dict):
         message_of(Scene.from_tables, thing)
     if thing is not None:
-        message_of(Scene.load("paper").replace, thing if thing != {"run": 1} else {1: thing})
+        message_of(Scene.read("paper").replace, thing if thing != {"run": 1} else {1: thing})
 
 
 def test_keys_that_are_no_names_are_refused():
-    scene = Scene.load("paper")
+    scene = Scene.read("paper")
     for key in (None, 1, b"run", 10**5000, (), "", "a\nb", "x" * 999, "\x1b[31m"):
         assert "no name" in message_of(Scene.from_tables, {**scene.to_tables(), key: 1})
         message_of(scene.replace, {key: 1})
@@ -181,18 +181,18 @@ def test_keys_that_are_no_names_are_refused():
 
 
 def test_a_sum_that_repeats_itself_ends():
-    message = message_of(Scene.load("paper").replace, excitation=BRANCHES)
+    message = message_of(Scene.read("paper").replace, excitation=BRANCHES)
     assert f"more than {MOST_VALUES}" in message
     deep = {"kind": "white", "intensity": 1.0}
     for _ in range(DEEPEST):
         deep = {"kind": "sum", "parts": [deep]}
-    assert "nested too deeply" in message_of(Scene.load("paper").replace, excitation=deep)
+    assert "nested too deeply" in message_of(Scene.read("paper").replace, excitation=deep)
 
 
 def test_a_sum_takes_no_prescribed_displacement():
     moved = {"kind": "prescribed_displacement", "amplitude": 0.5, "frequency": 1.0}
     noise = {"kind": "white", "intensity": 0.1}
-    scene = Scene.load("linear")
+    scene = Scene.read("linear")
     assert scene.replace({"excitation": moved}).excitation.prescribes_displacement
     for parts in ([moved, noise], [noise, moved], [moved], [{"kind": "sum", "parts": [moved]}]):
         message = message_of(scene.replace, {"excitation": {"kind": "sum", "parts": parts}})

@@ -17,11 +17,11 @@ OMEGA = 2.0
 def driven(*frequencies, **changes):
     sines = [{"kind": "sine", "amplitude": 0.1, "frequency": f} for f in frequencies]
     excitation = sines[0] if len(sines) == 1 else {"kind": "sum", "parts": sines}
-    return Scene.load("linear").replace({"excitation": excitation, **changes})
+    return Scene.read("linear").replace({"excitation": excitation, **changes})
 
 
 def test_noise_on_a_broad_resonance_has_no_line():
-    scene = Scene.load("linear")
+    scene = Scene.read("linear")
     ready = prepared(scene)
     assert line_frequency(ready) == spread(ready) == 0.0
 
@@ -63,13 +63,13 @@ def test_switches_and_contacts_add_to_what_steps_cost():
     bridge, sshi = (
         step_error(
             prepared(
-                Scene.load("device").replace({"load": {"netlist": name, "parameters": values}})
+                Scene.read("device").replace({"load": {"netlist": name, "parameters": values}})
             )
         )
         for name in ("bridge", "sshi_parallel")
     )
     assert sshi > bridge
-    assert 3e-4 < step_error(prepared(Scene.load("one_sided")), engine="monte-carlo") < 3e-3
+    assert 3e-4 < step_error(prepared(Scene.read("one_sided")), engine="monte-carlo") < 3e-3
 
 
 def test_half_width_is_that_of_the_damping():
@@ -121,7 +121,7 @@ def test_records_of_a_few_sines_at_a_time_are_lines(shape, lines, tmp_path):
         "unit": "m/s^2",
     }
     run = {"run.settle": 1.0, "run.duration": 20.0, "run.realizations": 1}
-    found = Scene.load("device").replace({"excitation": record, **run}).excitation.lines
+    found = Scene.read("device").replace({"excitation": record, **run}).excitation.lines
     assert bool(found) is lines
     if shape == "two":
         assert {round(frequency, -1) for frequency, _ in found} == {10.0, 30.0}
@@ -142,14 +142,14 @@ def test_a_burst_in_a_silent_record_is_no_line_at_frequency_0(tmp_path):
         "unit": "m/s^2",
     }
     run = {"run.settle": 1.0, "run.duration": 20.0, "run.realizations": 1}
-    scene = Scene.load("device").replace({"excitation": record, **run})
+    scene = Scene.read("device").replace({"excitation": record, **run})
     assert scene.excitation.lines == ()
     assert steps_per_knot(prepared(scene)) >= 1
 
 
 def test_runge_kutta_in_a_well_stiffer_than_the_line_is_within_its_error():
     values = {"restoring_force": [0.0, 1.0, 0.0, -3.778, 0.0, 2.778], "damping": 0.04}
-    scene = Scene.load("linear").replace(
+    scene = Scene.read("linear").replace(
         {
             **{f"oscillator.{name}": value for name, value in values.items()},
             "excitation": {"kind": "sine", "amplitude": 0.2, "frequency": 0.11},

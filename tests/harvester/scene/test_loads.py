@@ -15,7 +15,7 @@ RESISTOR = ".subckt mine p n resistance=1k\nR1 p n {resistance}\n.ends\n"
 
 
 def test_overrides_reach_the_loads_parameters():
-    scene = Scene.load(
+    scene = Scene.read(
         "device", ["load.netlist=resistor", "load.parameters.resistance=1e5", "run.seed=3"]
     )
     assert scene.load.parameters == {"resistance": 1e5}
@@ -32,7 +32,7 @@ def test_overrides_reach_the_loads_parameters():
 
 
 def test_the_netlist_and_the_built_in_resistor_take_each_others_place():
-    built_in = Scene.load("device")
+    built_in = Scene.read("device")
     netlist = built_in.replace({"load.netlist": "resistor"})
     assert netlist.load.resistance is None
     assert netlist.load.kind is None
@@ -42,7 +42,7 @@ def test_the_netlist_and_the_built_in_resistor_take_each_others_place():
 
 
 def test_a_scene_with_a_netlist_survives_tables_and_processes():
-    scene = Scene.load("paper", ["load.netlist=resistor", "load.parameters.resistance=20"])
+    scene = Scene.read("paper", ["load.netlist=resistor", "load.parameters.resistance=20"])
     assert "circuit" not in scene.to_tables()["load"]
     again = Scene.from_tables(scene.to_tables(), name="paper")
     assert again == scene
@@ -59,11 +59,11 @@ def test_a_file_is_found_beside_the_scene_and_then_here(tmp_path, monkeypatch):
     (folder / "scene.toml").write_text(tables)
     monkeypatch.chdir(tmp_path)
     with pytest.raises(NetlistError, match=r"mine\.lib.*study and "):
-        Scene.load("study/scene.toml")
+        Scene.read("study/scene.toml")
     (tmp_path / "mine.lib").write_text(RESISTOR)
-    assert Scene.load("study/scene.toml").load.circuit.resistance == 5e4
+    assert Scene.read("study/scene.toml").load.circuit.resistance == 5e4
     (folder / "mine.lib").write_text(RESISTOR.replace("R1 p n", "R1 n x 1k\nR2 p x"))
-    scene = Scene.load("study/scene.toml")
+    scene = Scene.read("study/scene.toml")
     assert scene.load.circuit.resistance is None
     monkeypatch.chdir(folder.parent.parent)
     assert scene.replace({"run.seed": 5}).load == scene.load
@@ -94,7 +94,7 @@ def test_a_file_is_found_beside_the_scene_and_then_here(tmp_path, monkeypatch):
 )
 def test_a_mistake_about_the_load_is_refused_in_one_line(overrides, words):
     with pytest.raises((SceneError, NetlistError)) as caught:
-        Scene.load("device", overrides)
+        Scene.read("device", overrides)
     assert "\n" not in str(caught.value)
     for word in words:
         assert word in str(caught.value)
@@ -115,7 +115,7 @@ def test_a_scene_keeps_the_text_of_its_netlist(tmp_path):
     (tmp_path / "mine.lib").write_text(text)
     (tmp_path / "part.inc").write_text("R1 p n {r}\n")
     load = {"netlist": str(tmp_path / "mine.lib"), "parameters": {"r": "2k"}}
-    scene = Scene.load("device").replace(load=load)
+    scene = Scene.read("device").replace(load=load)
     (tmp_path / "part.inc").write_text("R1 p n {2*r}\n")
     (tmp_path / "mine.lib").unlink()
     assert scene.replace({"run.seed": 7}).load.circuit.resistance == 2e3
@@ -130,7 +130,7 @@ def test_a_record_that_has_changed_is_refused_by_replace(tmp_path):
     np.save(tmp_path / "a.npy", np.sin(9.0 * times))
     record = {"kind": "record", "file": str(tmp_path / "a.npy"), "unit": "m/s^2"}
     table = {**record, "sampling_rate": 100.0}
-    scene = Scene.load("device").replace({"excitation": table, "run": {"duration": 1.0}})
+    scene = Scene.read("device").replace({"excitation": table, "run": {"duration": 1.0}})
     np.save(tmp_path / "a.npy", np.sin(8.0 * times))
     with pytest.raises(SceneError, match="record has changed since the scene was read"):
         scene.replace({"run.seed": 7})

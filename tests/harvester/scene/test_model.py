@@ -18,7 +18,7 @@ def test_every_built_in_scene_loads_and_has_finite_parameters():
     added |= {"bimorph_bare", "geophone"}
     assert set(Scene.names()) == old | added
     for name in Scene.names():
-        ready = prepared(Scene.load(name))
+        ready = prepared(Scene.read(name))
         system, scales = ready.system, ready.scales
         assert all(math.isfinite(value) for value in numbers(system))
         assert scales.voltage > 0
@@ -30,8 +30,8 @@ def numbers(part):
 
 
 def test_si_and_scaled_forms_of_the_paper_give_the_same_parameters():
-    scaled = prepared(Scene.load("paper")).system
-    ready = prepared(Scene.load("paper_si"))
+    scaled = prepared(Scene.read("paper")).system
+    ready = prepared(Scene.read("paper_si"))
     si, scales = ready.system, ready.scales
     assert numbers(si) == pytest.approx(numbers(scaled), rel=1e-12)
     # "One scaled volt is 6.05 mV".
@@ -41,7 +41,7 @@ def test_si_and_scaled_forms_of_the_paper_give_the_same_parameters():
 
 
 def test_the_length_scale_is_the_wells_distance_where_none_is_given():
-    scene = Scene.load("device", ["length_scale=none"])
+    scene = Scene.read("device", ["length_scale=none"])
     scales = prepared(scene).scales
     assert scales.displacement == pytest.approx(math.sqrt(63.451 / 634509.0))
     assert flat(scene).rest == pytest.approx(1.0)
@@ -81,7 +81,7 @@ def test_the_length_scale_is_the_wells_distance_where_none_is_given():
 )
 def test_a_mistake_is_refused_in_one_line_that_names_it(override, words):
     with pytest.raises(SceneError) as caught:
-        Scene.load("paper", [override])
+        Scene.read("paper", [override])
     message = str(caught.value)
     assert "\n" not in message
     for word in words:
@@ -90,13 +90,13 @@ def test_a_mistake_is_refused_in_one_line_that_names_it(override, words):
 
 def test_motions_without_bound_or_stationary_state_are_refused():
     with pytest.raises(SceneError, match="unbounded"):
-        Scene.load("duffing", ["oscillator.cubic_stiffness=0"])
+        Scene.read("duffing", ["oscillator.cubic_stiffness=0"])
     with pytest.raises(SceneError, match="stationary"):
-        Scene.load("linear", ["oscillator.damping=0", "piezo.coupling=0"])
+        Scene.read("linear", ["oscillator.damping=0", "piezo.coupling=0"])
 
 
 def test_the_refusal_of_an_assignment_names_replace():
-    scene = Scene.load("paper", ["stoppers.side=left"])
+    scene = Scene.read("paper", ["stoppers.side=left"])
     for table in (scene.oscillator, scene.excitation, scene.stoppers[0], scene.run, scene):
         with pytest.raises(FrozenInstanceError, match=r'scene\.replace\(\{"TABLE\.mass": 3'):
             table.mass = 3
@@ -104,17 +104,17 @@ def test_the_refusal_of_an_assignment_names_replace():
 
 def test_unknown_scene_and_broken_file_are_refused(tmp_path):
     with pytest.raises(SceneError, match="did you mean paper"):
-        Scene.load("papr")
+        Scene.read("papr")
     broken = tmp_path / "broken.toml"
     broken.write_text("units = \n")
     with pytest.raises(SceneError, match=r"broken\.toml: not a TOML file"):
-        Scene.load(broken)
+        Scene.read(broken)
     with pytest.raises(SceneError, match="no such scene file"):
-        Scene.load(tmp_path / "missing.toml")
+        Scene.read(tmp_path / "missing.toml")
 
 
 def test_replace_checks_and_leaves_the_original_alone():
-    scene = Scene.load("paper")
+    scene = Scene.read("paper")
     changed = scene.replace({"stoppers.gap": 1.2}, excitation={"intensity": 0.1}, run={"seed": 9})
     assert (changed.stoppers[0].gap, changed.excitation.intensity, changed.run.seed) == (
         1.2,
@@ -128,7 +128,7 @@ def test_replace_checks_and_leaves_the_original_alone():
 
 
 def test_a_scene_survives_its_tables_and_its_digest_tells_scenes_apart():
-    scene = Scene.load("paper_si")
+    scene = Scene.read("paper_si")
     again = Scene.from_tables(scene.to_tables(), name=scene.name)
     assert again == scene
     assert again.digest() == scene.digest()
@@ -137,10 +137,10 @@ def test_a_scene_survives_its_tables_and_its_digest_tells_scenes_apart():
 
 @pytest.mark.parametrize("name", ["paper", "paper_si", "duffing"])
 def test_the_knot_spacing_left_out_follows_the_fastest_time(name):
-    scene = Scene.load(name)
+    scene = Scene.read(name)
     assert scene.excitation.knot_spacing is None
     assert knot_spacing(prepared(scene)) == 0.05
-    fast = Scene.load(name, ["excitation.correlation_time=0.02"])
+    fast = Scene.read(name, ["excitation.correlation_time=0.02"])
     assert knot_spacing(prepared(fast)) == 0.0025
     stiff = scene.replace({"oscillator.linear_stiffness": 400 * scene.oscillator.linear_stiffness})
     assert knot_spacing(prepared(stiff)) < 0.006
@@ -158,7 +158,7 @@ def test_the_knot_spacing_left_out_follows_the_fastest_time(name):
 def test_knots_that_do_not_fit_are_refused_by_what_needs_them_and_not_by_averaging(
     overrides, words
 ):
-    scene = Scene.load("paper", overrides)
+    scene = Scene.read("paper", overrides)
     with pytest.raises(SceneError) as caught:
         simulate(scene, method="monte-carlo")
     assert "\n" not in str(caught.value)
@@ -183,18 +183,18 @@ def test_knots_that_do_not_fit_are_refused_by_what_needs_them_and_not_by_averagi
     ],
 )
 def test_a_number_on_the_command_line_may_be_written_as_in_python(text, value):
-    scene = Scene.load("paper", [f"oscillator.linear_stiffness={text}"])
+    scene = Scene.read("paper", [f"oscillator.linear_stiffness={text}"])
     assert scene.oscillator.linear_stiffness == value
 
 
 @pytest.mark.parametrize("word", ["nan", "inf", "-inf", "NaN", "Infinity", "1.e999"])
 def test_a_word_that_python_takes_for_a_number_is_none(word):
     with pytest.raises(SceneError, match=r"oscillator\.linear_stiffness = .*: must be a number"):
-        Scene.load("paper", [f"oscillator.linear_stiffness={word}"])
+        Scene.read("paper", [f"oscillator.linear_stiffness={word}"])
 
 
 def test_a_preloaded_mass_rests_between_gap_and_well():
-    parameters = flat(Scene.load("paper", ["stoppers.gap=0.95"]))
+    parameters = flat(Scene.read("paper", ["stoppers.gap=0.95"]))
     x = parameters.rest
     assert 0.95 < x < well(parameters)
     force = -4.0 * x + parameters.cubic_stiffness * x**3 + 10.0 * (x - 0.95) ** 1.5
@@ -203,7 +203,7 @@ def test_a_preloaded_mass_rests_between_gap_and_well():
 
 def test_an_impact_speed_is_held_for_one_stopper_on_a_side():
     stopper = {"gap": 1.1, "stiffness": 10.0, "restitution": 0.7, "impact_velocity": "event"}
-    tables = Scene.load("paper").to_tables()
+    tables = Scene.read("paper").to_tables()
     left = {**stopper, "side": "left"}
     Scene.from_tables({**tables, "stoppers": [{**stopper, "side": "right"}, left]})
     with pytest.raises(SceneError, match='"event" with 2 stoppers on the left'):

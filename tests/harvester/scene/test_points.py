@@ -20,7 +20,7 @@ def written(folder, header, points, factors, separator=","):
 
 
 def spectrum(file, **keys):
-    tables = Scene.load("device").to_tables()
+    tables = Scene.read("device").to_tables()
     tables["excitation"] = {"kind": "spectrum", "breakpoints": file, **keys}
     return Scene.from_tables(tables, name="a").excitation
 
@@ -72,9 +72,9 @@ def test_a_heading_that_contradicts_the_scene_is_refused(tmp_path, header, unit,
 )
 def test_a_force_table_is_read_in_the_units_of_its_heading(tmp_path, header, factors):
     file = written(tmp_path, header, SPRING, factors, ";" if ";" in header else ",")
-    scene = Scene.load("device").replace({"oscillator.force_table": file})
+    scene = Scene.read("device").replace({"oscillator.force_table": file})
     np.testing.assert_allclose(scene.oscillator.force_table, SPRING, rtol=1e-12)
-    scaled = Scene.load("duffing")
+    scaled = Scene.read("duffing")
     with pytest.raises(SceneError, match='units = "scaled"'):
         scaled.replace({"oscillator.force_table": file})
 
@@ -83,7 +83,7 @@ def test_a_force_table_is_read_in_the_units_of_its_heading(tmp_path, header, fac
 def test_a_force_table_with_a_wrong_heading_is_refused(tmp_path, header):
     file = written(tmp_path, header, SPRING, (1.0, 1.0))
     with pytest.raises(SceneError, match=r"unknown unit|wrong order"):
-        Scene.load("device").replace({"oscillator.force_table": file})
+        Scene.read("device").replace({"oscillator.force_table": file})
 
 
 def test_a_heading_in_latin_1_is_read(tmp_path):
@@ -95,6 +95,6 @@ def test_a_heading_in_latin_1_is_read(tmp_path):
 def test_a_refusal_quotes_nothing_of_the_file(tmp_path):
     (tmp_path / "secret").write_text("root:x:0:0:secret\n1,2\nsecret 5 6 7\n")
     with pytest.raises(SceneError) as caught:
-        Scene.load("device").replace({"oscillator.force_table": str(tmp_path / "secret")})
+        Scene.read("device").replace({"oscillator.force_table": str(tmp_path / "secret")})
     assert "0:secret" not in str(caught.value)
     assert "5 6 7" not in str(caught.value)

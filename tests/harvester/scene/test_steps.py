@@ -11,14 +11,14 @@ from harvester.statistics.of_run import run_estimates
 
 
 def test_knots_follow_a_shorter_correlation_time_only():
-    scene = Scene.load("paper")
+    scene = Scene.read("paper")
     assert knot_spacing(prepared(resolving(scene))) == 0.05
     short = scene.replace({"excitation.correlation_time": 0.1})
     assert knot_spacing(prepared(resolving(short))) == pytest.approx(0.0125)
 
 
 def test_a_step_that_no_run_would_end_with_is_refused():
-    scene = Scene.load("paper")
+    scene = Scene.read("paper")
     ready = prepared(scene)
     assert steps_per_knot(ready, 1e-8) == 5_000_000
     with pytest.raises(HarvesterError, match=r"step 1e-30: is less than 1e-09 of the 0.05 s"):
@@ -27,7 +27,7 @@ def test_a_step_that_no_run_would_end_with_is_refused():
 
 @pytest.mark.parametrize("engine", ["circuit", "monte-carlo"])
 def test_a_finer_step_is_as_much_finer_in_a_contact(engine):
-    scene = Scene.load("paper")
+    scene = Scene.read("paper")
     ready = prepared(scene)
     fewest = steps_per_contact(ready, engine=engine)
     assert 20 < fewest < 40
@@ -48,10 +48,10 @@ def test_a_finer_step_is_as_much_finer_in_a_contact(engine):
 )
 def test_a_run_shorter_than_its_knots_is_refused(scene, words):
     with pytest.raises(SceneError, match=words):
-        knot_spacing(prepared(Scene.load(scene, ["run.duration=1e-4"])))
+        knot_spacing(prepared(Scene.read(scene, ["run.duration=1e-4"])))
 
 
 def test_a_run_without_a_measured_step_is_refused():
     nothing = Moments.empty(0.0, 0.05, (-1.0, 1.0), (), False, 1, 1, 0.1)
     with pytest.raises(SceneError, match=r"run.duration = .*no whole step lies in it; raise it"):
-        run_estimates(prepared(Scene.load("paper")), [nothing])
+        run_estimates(prepared(Scene.read("paper")), [nothing])

@@ -18,7 +18,7 @@ def test_the_error_of_a_density_is_that_of_its_number_of_samples():
     """A fifth of it is the chance of the scatter of forty groups."""
     draws, moments = np.random.default_rng(1), []
     for _ in range(RUNS):
-        one = empty_moments(prepared(Scene.load("linear", [f"run.realizations={RUNS}"])))
+        one = empty_moments(prepared(Scene.read("linear", [f"run.realizations={RUNS}"])))
         middle = one.histograms.shape[2] // 2
         for group in one.histograms[:, 0]:
             group[middle - 2 : middle + 2] = draws.multinomial(SAMPLES, SHARES)

@@ -209,14 +209,14 @@ SHORT = ["run.duration=400", "run.settle=20", "run.realizations=2"]
 
 @pytest.mark.parametrize("chunk", [1, 2, 3, 37])
 def test_moments_do_not_depend_on_the_chunks(chunk):
-    scene = Scene.load("paper", SHORT)
+    scene = Scene.read("paper", SHORT)
     for one, other in zip(moments_of(scene), moments_of(scene, chunk), strict=True):
         np.testing.assert_allclose(one.integrals, other.integrals, rtol=1e-11, atol=1e-15)
         np.testing.assert_array_equal(one.histograms, other.histograms)
 
 
 def test_moments_are_the_integrals_of_the_record():
-    scene = Scene.load("paper", [*SHORT, "run.settle=0", "run.realizations=1"])
+    scene = Scene.read("paper", [*SHORT, "run.settle=0", "run.realizations=1"])
     p = flat(scene)
     chunks = [np.array(record) for record in records_of(scene, 400.0)]
     time, x, v, voltage = np.concatenate(chunks, axis=1)[:4]
@@ -229,7 +229,7 @@ def test_moments_are_the_integrals_of_the_record():
 
 
 def test_densities_integrate_to_one_and_have_the_records_spread():
-    scene = Scene.load("paper", ["run.realizations=2", "run.duration=2000", "run.settle=20"])
+    scene = Scene.read("paper", ["run.realizations=2", "run.duration=2000", "run.settle=20"])
     moments = moments_of(scene)
     p = flat(scene)
     estimates = estimate_all(moments, prepared(scene).system)
@@ -246,7 +246,7 @@ def test_densities_integrate_to_one_and_have_the_records_spread():
 
 
 def test_both_efficiencies_agree_and_rms_is_the_root():
-    scene = Scene.load("linear", ["run.realizations=2", "run.duration=4000"])
+    scene = Scene.read("linear", ["run.realizations=2", "run.duration=4000"])
     estimates = estimate_all(moments_of(scene), prepared(scene).system)
     one = estimates["power_conversion_efficiency"]
     other = estimates["power_conversion_efficiency_of_input"]
@@ -273,7 +273,7 @@ def powers(seed, points=12_800, batches=128):
 def test_effective_samples_are_the_points_where_each_is_drawn_anew():
     """An error bar from 128 batches is known to 6 %, its square to 13 %: three times that."""
     moments = powers(1)
-    found = estimate_all([moments], prepared(Scene.load("linear")).system)
+    found = estimate_all([moments], prepared(Scene.read("linear")).system)
     for name in (
         "mean_power",
         "mean_loss_power",
@@ -285,7 +285,7 @@ def test_effective_samples_are_the_points_where_each_is_drawn_anew():
 
 def test_what_two_results_have_in_common_cancels_from_their_difference():
     one, same, other = ([powers(seed)] for seed in (1, 1, 2))
-    scene = Scene.load("linear")
+    scene = Scene.read("linear")
     system = prepared(scene).system
 
     def difference(name, left, right):
@@ -315,7 +315,7 @@ def test_an_error_bar_has_the_unit_of_its_estimate():
 
 
 def test_short_runs_say_so_in_the_estimate():
-    scene = Scene.load("paper", ["run.realizations=2", "run.duration=10", "run.settle=0"])
+    scene = Scene.read("paper", ["run.realizations=2", "run.duration=10", "run.settle=0"])
     estimate = estimate_all(moments_of(scene), prepared(scene).system)["mean_square_voltage"]
     assert estimate.standard_error is None
     assert estimate.note == TOO_SHORT
@@ -323,7 +323,7 @@ def test_short_runs_say_so_in_the_estimate():
 
 
 def test_the_residual_sees_a_wrong_coefficient():
-    scene = Scene.load("paper", SHORT)
+    scene = Scene.read("paper", SHORT)
     system = prepared(scene).system
     moments = moments_of(scene)
     assert abs(energy_balance_residual(moments, system)) < 0.01
@@ -355,7 +355,7 @@ def test_the_error_of_a_drifting_record_is_the_scatter_among_records_that_drift_
     "name", ["mean_square_voltage", "mean_power", "power_conversion_efficiency"]
 )
 def test_deviations_have_the_estimate_s_own_error_and_no_mean(pool, name):
-    scene = Scene.load("linear", ["run.realizations=2", "run.duration=2000", "run.settle=20"])
+    scene = Scene.read("linear", ["run.realizations=2", "run.duration=2000", "run.settle=20"])
     result = simulate(scene, method="monte-carlo", runner=pool)
     series = deviations(result.moments, name)
     estimate = result.scaled_quantities[name]

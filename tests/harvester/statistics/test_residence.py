@@ -22,7 +22,7 @@ SHARE = "share_of_time_in_well_1"
 
 
 def estimates_at(intensity, **changes):
-    scene = Scene.load("asymmetric").replace({"excitation.intensity": intensity, **changes})
+    scene = Scene.read("asymmetric").replace({"excitation.intensity": intensity, **changes})
     indices = list(range(scene.run.realizations))
     found = run(scene, MonteCarlo(), indices, None, lambda _: None)
     return run_estimates(prepared(scene), [each.moments for each in found])
@@ -85,7 +85,7 @@ def two_wells(seed):
     Of a telegraph s = b/(a + b) varies by s² (1 − s)² (1/n + 1/m), n and m the jumps of each kind.
     Wells are left once in a run or less: the shares of realizations scatter by their starts.
     """
-    scene, leaving = Scene.load("asymmetric").replace({"run.realizations": 256}), (0.02, 0.02)
+    scene, leaving = Scene.read("asymmetric").replace({"run.realizations": 256}), (0.02, 0.02)
     generator = np.random.default_rng(seed)
     moments = telegraph(scene, leaving, np.array([3.0, 1.0]), generator)
     time = sum(each.jumps.times.sum() for each in moments)
@@ -105,7 +105,7 @@ def test_a_density_has_the_error_of_the_rates_of_jumps():
 
 
 def test_a_density_of_wells_that_are_seldom_left_has_no_error_bar():
-    scene = Scene.load("asymmetric")
+    scene = Scene.read("asymmetric")
     moments = telegraph(scene, (1e-3, 1e-3), np.array([3.0, 1.0]), np.random.default_rng(4))
     found = run_estimates(prepared(scene), moments)
     assert densities(found.moments, False, found.balance)["displacement"].standard_error is None
@@ -127,7 +127,7 @@ def test_a_paired_difference_has_the_error_of_the_rates_of_jumps():
 @pytest.mark.parametrize("leaving", [(0.25, 0.02), (1.5, 1.0)])
 def test_intervals_of_two_wells_hold_in_nineteen_of_twenty_draws(leaving):
     """Of 200 draws below 0.92 or above 0.985 by chance in 2 % each; the seed is fixed."""
-    scene = Scene.load("asymmetric")
+    scene = Scene.read("asymmetric")
     system = prepared(scene).system
     share = leaving[1] / sum(leaving)
     powers = np.array([3.0, 1.0])
@@ -183,7 +183,7 @@ def test_a_symmetric_device_keeps_its_error_bars_without_jumps_under_a_record(tm
         "repetition": "periodic",
     }
     length = {"run.settle": 2.0, "run.duration": 8.0, "run.realizations": 4}
-    scene = Scene.load("device").replace({"excitation": record, **length})
+    scene = Scene.read("device").replace({"excitation": record, **length})
     found = run(scene, MonteCarlo(), [0, 1, 2, 3], None, lambda _: None)
     assert not any(each.moments.jumps.counts.any() for each in found)
     estimates = run_estimates(prepared(scene), [each.moments for each in found]).scaled

@@ -32,14 +32,14 @@ def notes_of(result):
 @pytest.mark.slow
 @pytest.mark.parametrize("name", EACH)
 def test_built_in_scenes_are_long_enough(pool, name):
-    result = simulate(Scene.load(name), method="monte-carlo", runner=pool)
+    result = simulate(Scene.read(name), method="monte-carlo", runner=pool)
     assert notes_of(result) == []
     assert result.scaled_quantities["mean_square_voltage"].standard_error > 0.0
 
 
 @pytest.mark.parametrize("engine", ENGINES)
 def test_a_run_short_against_the_load_has_no_error_bar_and_names_the_time(pool, engine):
-    scene = Scene.load("paper", [*SLOW_LOAD, "run.realizations=16", "run.duration=300"])
+    scene = Scene.read("paper", [*SLOW_LOAD, "run.realizations=16", "run.duration=300"])
     result = simulate(scene, method=engine, runner=pool)
     found = result.scaled_quantities["mean_square_voltage"]
     assert found.standard_error is None
@@ -52,7 +52,7 @@ def test_a_run_short_against_the_load_has_no_error_bar_and_names_the_time(pool, 
 @pytest.mark.slow
 def test_long_enough_after_the_advice_it_has_one_that_holds(pool):
     """Within four standard errors of averaging, whose own error is 1 % here."""
-    scene = Scene.load("paper", SLOW_LOAD).replace(LONG)
+    scene = Scene.read("paper", SLOW_LOAD).replace(LONG)
     result = simulate(scene, method="monte-carlo", runner=pool)
     assert notes_of(result) == []
     found = result.scaled_quantities["mean_square_voltage"]
@@ -61,7 +61,7 @@ def test_long_enough_after_the_advice_it_has_one_that_holds(pool):
 
 
 def test_a_run_from_rest_shorter_than_the_relaxation_is_noted(pool):
-    scene = Scene.load(
+    scene = Scene.read(
         "linear",
         ["oscillator.damping=0.01", "run.settle=0", "run.duration=20", "load.decay_rate=9"],
     )
@@ -74,7 +74,7 @@ def test_a_run_from_rest_shorter_than_the_relaxation_is_noted(pool):
 def test_a_slow_load_of_a_linear_device_is_no_shortfall(pool):
     """Without wells the charge begins at its mean: a long 1/λ alone is no reason for a note."""
     result = simulate(
-        Scene.load("linear", ["load.decay_rate=1e-4"]), method="monte-carlo", runner=pool
+        Scene.read("linear", ["load.decay_rate=1e-4"]), method="monte-carlo", runner=pool
     )
     assert notes_of(result) == []
 
@@ -83,7 +83,7 @@ def test_a_slow_load_of_a_linear_device_is_no_shortfall(pool):
     ("intensity", "words"), [(0.015, "no pass between the wells"), (0.001, None)]
 )
 def test_jumps_that_may_be_missed_are_named_and_impossible_ones_are_not(pool, intensity, words):
-    scene = Scene.load(
+    scene = Scene.read(
         "paper", [f"excitation.intensity={intensity}", "run.realizations=8", "run.duration=1000"]
     )
     result = simulate(scene, method="monte-carlo", runner=pool)
@@ -110,7 +110,7 @@ def series(scene, values):
 def judged(values):
     from harvester.statistics.means import estimate_all
 
-    scene = Scene.load("linear", ["run.settle=1000", f"run.realizations={len(values)}"])
+    scene = Scene.read("linear", ["run.settle=1000", f"run.realizations={len(values)}"])
     ready = prepared(scene)
     moments = series(scene, values)
     estimates = estimate_all(moments, ready.system)
@@ -141,7 +141,7 @@ def test_what_is_left_of_a_start():
 def test_a_storage_that_is_still_charging_is_named(pool):
     load = "load={netlist='bridge', parameters={storage=1e-4}}"
     run = ["run.realizations=2", "run.duration=2", "run.settle=0.5"]
-    result = simulate(Scene.load("device", [load, *run]), method="circuit", runner=pool)
+    result = simulate(Scene.read("device", [load, *run]), method="circuit", runner=pool)
     assert any("cstorage (bridge.lib:28) still charges" in note for note in result.notes)
     for name in ("output_voltage", "mean_output_power", "mean_square_voltage"):
         assert result.scaled_quantities[name].standard_error is None
@@ -149,7 +149,7 @@ def test_a_storage_that_is_still_charging_is_named(pool):
 
 
 def test_rates_too_far_apart_to_be_compared_are_no_trouble(pool):
-    scene = Scene.load(
+    scene = Scene.read(
         "linear", ["excitation.correlation_time=1e29", "run.duration=1", "run.realizations=1"]
     )
     with warnings.catch_warnings():

@@ -58,7 +58,7 @@ def test_moments_are_the_same_where_no_point_is_kept():
 
 def scene_of(name, settle):
     """A run of whole batches in knots, with enough noise for contacts and jumps."""
-    scene = Scene.load(name)
+    scene = Scene.read(name)
     spacing = knot_spacing(prepared(scene))
     times = {"run.duration": KNOTS * spacing, "run.settle": settle * spacing}
     noise = {"excitation.intensity": 4.0 * scene.excitation.intensity}

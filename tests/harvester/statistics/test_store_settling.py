@@ -24,7 +24,7 @@ def run(tmp_path, pool, cards, settle, method="monte-carlo"):
     path = tmp_path / "load.lib"
     path.write_text(f"* a load\n.subckt load p n out ref\n{BRIDGE}{cards}\n.ends\n")
     length = f"run={{duration=2.0, settle={settle}, seed=1, realizations=1}}"
-    scene = Scene.load("device", [*DEVICE, f"load={{netlist='{path}'}}", length])
+    scene = Scene.read("device", [*DEVICE, f"load={{netlist='{path}'}}", length])
     result = simulate(scene, method=method, runner=pool)
     notes = [note for note in result.notes if "the store" in note]
     return result.quantities["output_voltage"], notes
@@ -62,7 +62,7 @@ def test_an_uncharged_store_behind_something_is_named(tmp_path, pool, method, ca
 def test_a_stray_capacitance_at_a_negative_voltage_is_not_the_store_that_charges():
     """The bridge's stray capacitor follows its storage, with the opposite sign."""
     excitation = 'excitation={kind="sine", amplitude=4.0, frequency=46.0}'
-    scene = Scene.load(
+    scene = Scene.read(
         "cantilever",
         ["load.netlist=bridge", "load.parameters.storage=1m", "run.realizations=1", excitation],
     )

@@ -36,7 +36,7 @@ SINE = {"kind": "sine", "amplitude": 1.0, "frequency": 6.3}
 def test_drawn_starts_hold_the_chance_of_their_motions():
     """Two motions of 1 and 22, of which 30 % of all starts come to the second: 7.3 on average."""
     random = np.random.default_rng(1)
-    error = error_of(Scene.load("device").replace({"excitation": SINE, "run.starts": 60}))
+    error = error_of(Scene.read("device").replace({"excitation": SINE, "run.starts": 60}))
     inside = []
     for _ in range(1000):
         values = np.where(random.uniform(size=60) < 0.3, 22.0, 1.0)
@@ -44,7 +44,7 @@ def test_drawn_starts_hold_the_chance_of_their_motions():
         inside.append(abs(values.mean() - 7.3) < 1.96 * error(series))
     # Of a binomial of 60 draws the normal interval holds 94 to 95 %.
     assert np.mean(inside) == pytest.approx(0.945, abs=0.02)
-    fixed = error_of(Scene.load("device").replace({"excitation": SINE}))
+    fixed = error_of(Scene.read("device").replace({"excitation": SINE}))
     assert fixed(series) == 0.0
 
 
@@ -53,13 +53,13 @@ def test_starts_on_one_path_do_not_count_as_independent():
     noise = np.random.default_rng(2).standard_normal((1, 64))
     sweep = {"kind": "swept-sine", "amplitude": 1.0, "frequency": 2.0, "end_frequency": 9.0}
     for excitation in (SINE, sweep):
-        error = error_of(Scene.load("device").replace({"excitation": excitation}))
+        error = error_of(Scene.read("device").replace({"excitation": excitation}))
         assert error(np.repeat(noise, 16, axis=0)) == pytest.approx(error(noise), rel=1e-12)
 
 
 @pytest.mark.slow
 def test_realizations_without_chance_are_as_many_as_their_starts():
-    scene = Scene.load("device").replace({"excitation": SINE, "run.duration": 2.0})
+    scene = Scene.read("device").replace({"excitation": SINE, "run.duration": 2.0})
     pair, four = (
         simulate(scene.replace({"run.realizations": count}), method="monte-carlo", workers=1)
         for count in (2, 4)
@@ -74,7 +74,7 @@ def test_a_resistor_after_two_seconds_is_known_to_its_steps():
     """Without whole periods the same run said ± 1.5 %."""
     excitation = {"kind": "sine", "amplitude": 1.0, "frequency": 6.3}
     length = {"run.settle": 4.0, "run.duration": 2.0, "run.realizations": 1}
-    scene = Scene.load("device").replace(
+    scene = Scene.read("device").replace(
         {
             "oscillator.linear_stiffness": 60.0,
             "oscillator.cubic_stiffness": 0.0,
@@ -109,7 +109,7 @@ def linear_power(scene):
 
 @pytest.mark.parametrize("duration", [2.0, 2.07])
 def test_the_mean_does_not_depend_on_where_a_period_is_cut(duration):
-    scene = Scene.load("linear").replace(
+    scene = Scene.read("linear").replace(
         {
             "excitation": {"kind": "sine", "amplitude": 0.1, "frequency": 2.0},
             "oscillator.damping": 2.0,
@@ -124,7 +124,7 @@ def test_the_mean_does_not_depend_on_where_a_period_is_cut(duration):
 
 
 def test_what_a_bridge_gets_from_a_sine_has_an_error_without_samples():
-    scene = Scene.load("device").replace(
+    scene = Scene.read("device").replace(
         {
             "oscillator.linear_stiffness": 60.0,
             "oscillator.cubic_stiffness": 0.0,
@@ -167,7 +167,7 @@ def test_means_are_over_whole_periods_of_the_loads_sources_too(tmp_path, name):
     source, measured = OWN_SOURCES[name]
     load = f".subckt load p n out ref\n{source}\nRo out ref 10k\nRg ref n 1k\nRp p n 306k\n.ends\n"
     (tmp_path / "load.lib").write_text(load)
-    scene = Scene.load("device").replace(
+    scene = Scene.read("device").replace(
         {
             "excitation": {"kind": "sine", "amplitude": 0.5, "frequency": 12.5},
             "load": {"netlist": str(tmp_path / "load.lib")},
@@ -215,7 +215,7 @@ def test_a_default_run_without_an_error_bar_names_the_duration_for_one():
     """Two sines whose common period of 25 s fits once into the run."""
     lines = [{"kind": "sine", "amplitude": 5.0, "frequency": each} for each in (14.04, 17.08)]
     changes = {"excitation": {"kind": "sum", "parts": lines}, "run.realizations": 1}
-    scene = Scene.load("device").replace({**changes, "run.duration": 30.0})
+    scene = Scene.read("device").replace({**changes, "run.duration": 30.0})
     found = simulate(scene, method="monte-carlo")
     power = found["mean_power"]
     assert power.standard_error is None
@@ -235,7 +235,7 @@ def test_the_bar_of_a_record_holds_its_steps_and_a_steady_one_does_not_drift(tmp
         delimiter=",", header="time [s],acceleration [m/s^2]", comments="",
     )  # fmt: skip
     record = {"kind": "record", "file": str(tmp_path / "sine.csv")}
-    scene = Scene.load("cantilever").replace(
+    scene = Scene.read("cantilever").replace(
         {
             "oscillator.mass": 5e-3, "oscillator.frequency": 31.3, "oscillator.base_factor": 1.0,
             "oscillator.damping_ratio": 0.02, "piezo.coupling": 1e-3, "piezo.capacitance": 20e-9,
@@ -254,7 +254,7 @@ def test_few_jumps_under_noise_and_a_sine_name_no_solver_that_refuses_them():
         {"kind": "sine", "amplitude": 5.0, "frequency": 8.0},
         {"kind": "ornstein-uhlenbeck", "intensity": 0.01, "correlation_time": 0.01},
     ]
-    scene = Scene.load("device", ["run.realizations=4"]).replace(
+    scene = Scene.read("device", ["run.realizations=4"]).replace(
         {"excitation": {"kind": "sum", "parts": parts}}
     )
     (note,) = (

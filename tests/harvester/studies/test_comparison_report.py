@@ -40,7 +40,7 @@ class Page(HTMLParser):
 
 @pytest.fixture(scope="module")
 def comparison(pool):
-    scene = Scene.load("duffing", ["run.realizations=2", "run.duration=300", "run.settle=10"])
+    scene = Scene.read("duffing", ["run.realizations=2", "run.duration=300", "run.settle=10"])
     results = [
         simulate(scene, method=engine, runner=pool, window=(0.0, 20.0))
         for engine in ("circuit", "monte-carlo")

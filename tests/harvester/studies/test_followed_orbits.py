@@ -13,7 +13,7 @@ pytestmark = pytest.mark.usefixtures("shared_workers")
 
 AMPLITUDE = "excitation.amplitude"
 # A bistable device of which the two wells lead to different orbits at an amplitude of 2.1.
-BISTABLE = Scene.load("duffing").replace(
+BISTABLE = Scene.read("duffing").replace(
     {
         "oscillator.damping": 0.3,
         "oscillator.linear_stiffness": -9.0,
@@ -127,7 +127,7 @@ def test_starts_at_rest_alone_are_not_all_starts(starts, told):
 
 
 def test_a_linear_device_has_no_other_orbit():
-    scene = Scene.load("linear").replace(
+    scene = Scene.read("linear").replace(
         {"excitation": {"kind": "sine", "amplitude": 1.0, "frequency": 0.16}, "run.duration": 100.0}
     )
     found = harvester.sweep(scene, {AMPLITUDE: [1.0]})

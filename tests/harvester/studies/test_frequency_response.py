@@ -25,7 +25,7 @@ pytestmark = pytest.mark.usefixtures("shared_workers")
 
 
 def sine(name, amplitude, **changes):
-    tables = Scene.load(name).to_tables()
+    tables = Scene.read(name).to_tables()
     tables["excitation"] = {"kind": "sine", "amplitude": amplitude, "frequency": 1.0}
     for table, values in changes.items():
         tables[table] = {**tables.get(table, {}), **values}
@@ -65,7 +65,7 @@ def test_a_linear_device_has_its_transfer_function(pool, method, step, frequenci
 
 def test_si_units_are_those_of_the_scene(pool):
     oscillator = {"linear_stiffness": 126.9, "cubic_stiffness": 0.0}
-    scene = Scene.load("device").replace(oscillator=oscillator)
+    scene = Scene.read("device").replace(oscillator=oscillator)
     response = harvester.frequency_response(scene, [12.0], amplitude=2.0, executor=pool)
     mass, theta, cp, load = 0.022, 3.69e-4, 4.3e-8, 306e3
     s = 2j * np.pi * 12.0
@@ -167,7 +167,7 @@ def test_it_dwells_until_a_storage_is_charged():
     storing = {"load.netlist": "bridge", "load.parameters.resistance": 1e6}
     dwells = [
         stepped(
-            with_sine(Scene.load("device").replace(storing | {name: size}), 1.0), np.array([12.0])
+            with_sine(Scene.read("device").replace(storing | {name: size}), 1.0), np.array([12.0])
         )
         for name, size in (("load.parameters.storage", 1e-8), ("load.parameters.storage", 1e-5))
     ]
@@ -200,7 +200,7 @@ def test_output_power_excludes_what_a_source_supplies(tmp_path, pool):
         ".subckt follower p n out ref\nRp p n 60k\nE1 out ref p n 1\nRl out ref 60k\n"
         "Rw ref n 1k\n.ends\n"
     )
-    scene = Scene.load("cantilever", [f'load.netlist="{file}"'])
+    scene = Scene.read("cantilever", [f'load.netlist="{file}"'])
     found = harvester.frequency_response(scene, [47.0], amplitude=9.80665, executor=pool)
     (sweep,) = found.sweeps
     assert found.values("mean_power", sweep) > 0.0
@@ -215,7 +215,7 @@ def test_tip_voltage_and_output_behind_a_netlist_per_g(tmp_path, pool):
     file.write_text(
         f".subckt divider p n out ref\nRu p out {upper}\nRl out ref {lower}\nRw ref n 1u\n.ends\n"
     )
-    scene = Scene.load("cantilever", [f'load.netlist="{file}"'])
+    scene = Scene.read("cantilever", [f'load.netlist="{file}"'])
     found = harvester.frequency_response(
         scene, [44.0, 47.0], amplitude=level * 9.80665, per_g=True, executor=pool
     )

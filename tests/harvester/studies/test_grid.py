@@ -11,7 +11,7 @@ RESISTANCE = "load.parameters.resistance"
 
 @pytest.fixture
 def device():
-    return Scene.load("device")
+    return Scene.read("device")
 
 
 def test_several_sweeps_make_a_grid(device):

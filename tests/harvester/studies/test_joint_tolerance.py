@@ -16,7 +16,7 @@ IDENTIFIED = {"keys": KEYS, "covariance": (CORRELATION * np.outer(ERRORS, ERRORS
 
 
 def test_devices_scatter_with_the_covariance_about_the_scene(tmp_path):
-    scene = Scene.load("device")
+    scene = Scene.read("device")
     file = tmp_path / "identified.json"
     file.write_text(json.dumps(IDENTIFIED))
     axes = directions(scene, file)
@@ -40,4 +40,4 @@ def test_devices_scatter_with_the_covariance_about_the_scene(tmp_path):
 )
 def test_what_is_no_covariance_is_refused(content, words):
     with pytest.raises(HarvesterError, match=words):
-        directions(Scene.load("device"), content)
+        directions(Scene.read("device"), content)

@@ -26,7 +26,7 @@ from harvester.studies.public import optimum
 
 pytestmark = pytest.mark.usefixtures("shared_workers")
 
-LINEAR = Scene.load("linear", ["run.realizations=2", "run.duration=3000"])
+LINEAR = Scene.read("linear", ["run.realizations=2", "run.duration=3000"])
 
 
 @pytest.fixture
@@ -94,7 +94,7 @@ def test_the_closed_form_has_its_white_noise_optimum():
 
 @pytest.mark.parametrize("start", [None, 0.5])
 def test_an_edge_is_no_optimum(runner, start):
-    scene = Scene.load("linear", ["run.realizations=2", "run.duration=1000"])
+    scene = Scene.read("linear", ["run.realizations=2", "run.duration=1000"])
     axis = Axis("excitation.intensity", 0.01, 0.04)
     with pytest.raises(OptimumError, match=r"largest at the end of the range, 0\.04"):
         Search(scene, axis, "mean_power", MonteCarlo(), runner).find(start)
@@ -102,7 +102,7 @@ def test_an_edge_is_no_optimum(runner, start):
 
 def test_averaging_gives_a_reason_instead_of_an_edge(runner, monkeypatch):
     monkeypatch.setattr(optimum_search, "SCANNED", 3)
-    scene = Scene.load("linear")
+    scene = Scene.read("linear")
     axis = Axis("excitation.intensity", 0.01, 0.04)
     place, _, reason = averaged(scene, axis, "mean_power", "consistent", runner)
     assert place is None
@@ -135,7 +135,7 @@ def test_mistakes_are_named(options, message):
 def test_what_runs_were_too_short_for_is_told_of_what_is_found_from_them(pool):
     """A storage of R·C = 30 s in runs that settle for 5 s."""
     changes = {"load.netlist": "bridge", "load.parameters.resistance": 3e6}
-    scene = Scene.load("device", ["run.realizations=4", "run.duration=8"]).replace(changes)
+    scene = Scene.read("device", ["run.realizations=4", "run.duration=8"]).replace(changes)
     found = simulate(scene, method="monte-carlo", runner=pool)["output_voltage"]
     (sentence,) = missing_from("output_voltage", found)
     assert re.match(r"output voltage: no error bar: the store cstorage .* still charges", sentence)
@@ -289,7 +289,7 @@ def test_the_command_prints_the_interval(capsys, tmp_path):
 @pytest.mark.slow
 def test_the_output_of_a_netlist_has_its_optimum(runner):
     """A bridge on a linear spring: most power where its resistance fits, by every place's own."""
-    scene = Scene.load(
+    scene = Scene.read(
         "device",
         [
             "oscillator.linear_stiffness=126.9",
@@ -323,7 +323,7 @@ def test_the_output_of_a_netlist_has_its_optimum(runner):
 def test_the_place_without_noise_is_known_as_well_as_its_steps(pool):
     sine = {"kind": "sine", "amplitude": 0.1, "frequency": 0.27}
     run = {"seed": 1, "settle": 600.0, "duration": 200.0, "realizations": 1}
-    scene = Scene.load("linear").replace({"excitation": sine, "run": run})
+    scene = Scene.read("linear").replace({"excitation": sine, "run": run})
     p, s = flat(scene), 2j * math.pi * sine["frequency"]
 
     def power(log):

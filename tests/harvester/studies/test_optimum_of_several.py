@@ -21,7 +21,7 @@ pytestmark = pytest.mark.usefixtures("shared_workers")
 
 optuna = pytest.importorskip("optuna", reason="Optuna is in the extra `optimum`")
 
-PAPER = Scene.load("paper", ["run.realizations=2"])
+PAPER = Scene.read("paper", ["run.realizations=2"])
 # Coordinates of its maximum within `OVER`, and the value there.
 TOP, HEIGHT = (0.3, 0.6), 5.0
 OVER = {"stoppers.gap": (1.0, 2.0), "oscillator.damping": (0.01, 1.0)}

@@ -20,8 +20,8 @@ from harvester.studies.sensitivity.study import draw_distribution, draw_tornado
 
 pytestmark = pytest.mark.usefixtures("shared_workers")
 
-PAPER = Scene.load("paper")
-LINEAR = Scene.load("linear", ["run.realizations=2", "run.duration=400", "run.settle=50"])
+PAPER = Scene.read("paper")
+LINEAR = Scene.read("linear", ["run.realizations=2", "run.duration=400", "run.settle=50"])
 VARY = {"load.decay_rate": "uniform:0.5:6", "piezo.coupling": "±60%"}
 
 

@@ -160,7 +160,7 @@ def test_too_few_breakpoints_are_told_with_the_device_that_loses_most():
 
 
 def test_a_specification_of_known_noise_has_its_density_however_short_the_path():
-    scene = Scene.load("linear")
+    scene = Scene.read("linear")
     found = harvester.spectrum(scene, duration=200.0 * scene.excitation.correlation_time)
     low = found.profile[0, 0], 1.0 / found.profile[-1, 0]
     assert low[0] == pytest.approx(1.0 / found.duration, rel=0.01)
@@ -207,7 +207,7 @@ def test_a_record_s_specification_keeps_the_power_that_the_record_gives(tmp_path
 
 
 def test_of_a_scene_and_what_is_refused(folder):
-    scene = Scene.load("linear")
+    scene = Scene.read("linear")
     found = harvester.spectrum(scene, duration=2000.0)
     noise = scene.excitation
     assert found.rms**2 == pytest.approx(noise.intensity / noise.correlation_time, rel=0.1)
@@ -239,7 +239,7 @@ def test_an_hour_has_the_density_of_a_drawn_profile(seed):
         "unit": "(m/s^2)^2/Hz",
         "breakpoints": [[float(f), float(g)] for f, g in zip(frequencies, densities, strict=True)],
     }
-    scene = Scene.load("bimorph").replace({"run.seed": seed}).to_tables()
+    scene = Scene.read("bimorph").replace({"run.seed": seed}).to_tables()
     found = harvester.spectrum(Scene.from_tables(scene | {"excitation": excitation}), duration=3600)
     fine = np.geomspace(*ends, 1_000_001)
     wanted = np.exp(np.interp(np.log(fine), np.log(frequencies), np.log(densities)))
@@ -280,4 +280,4 @@ def test_a_spectrum_takes_the_mends_of_a_scene(tmp_path):
 def test_nothing_has_no_spectrum():
     sine = {"kind": "sine", "amplitude": 0.0, "frequency": 8.0}
     with pytest.raises(HarvesterError, match="the density is 0"):
-        harvester.spectrum(Scene.load("device").replace({"excitation": sine}))
+        harvester.spectrum(Scene.read("device").replace({"excitation": sine}))

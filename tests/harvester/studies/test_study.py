@@ -37,13 +37,13 @@ TOLD = "HarvesterError: it stopped"
 
 @pytest.fixture
 def linear():
-    return Scene.load("linear").replace(BRIEF)
+    return Scene.read("linear").replace(BRIEF)
 
 
 @pytest.fixture(scope="module")
 def study(pool):
     """Monte Carlo of the linear device, long enough for 3 %."""
-    scene = Scene.load("linear").replace({"run.settle": 50.0})
+    scene = Scene.read("linear").replace({"run.settle": 50.0})
     places = np.geomspace(0.05, 5.0, 9)
     return load_study(
         scene,
@@ -61,7 +61,7 @@ def power_of(scene, resistance):
 
 
 def test_the_optimum_is_that_of_the_closed_form(study):
-    scene = Scene.load("linear")
+    scene = Scene.read("linear")
     best = minimize_scalar(
         lambda x: -power_of(scene, math.exp(x)), bounds=(-3.0, 1.0), method="bounded"
     )
@@ -75,7 +75,7 @@ def test_every_point_has_the_power_of_the_closed_form(study):
         assert evaluation.relative_error <= 0.03
         error = evaluation.relative_error * evaluation.power
         # 9 points within 4 standard errors: false alarm in 1 of 1800 seeds.
-        assert abs(evaluation.power - power_of(Scene.load("linear"), point.place[0])) < 4.0 * error
+        assert abs(evaluation.power - power_of(Scene.read("linear"), point.place[0])) < 4.0 * error
 
 
 def test_what_several_points_share_is_said_once(study):
@@ -167,7 +167,7 @@ def test_a_difference_is_named_and_red(study, capsys):
 @pytest.mark.slow
 def test_a_device_between_its_wells_is_judged_to_a_tenth_of_a_percent(pool):
     """Its paths part: eight settled ones know the same difference twenty times worse."""
-    scene = Scene.load("device", ["run.duration=4", "run.settle=1"])
+    scene = Scene.read("device", ["run.duration=4", "run.settle=1"])
     study = load_study(scene, loads=["bridge"], executor=pool)
     (proof,) = study.proofs
     assert 0.0 < proof.early_standard_error < 0.002
@@ -200,7 +200,7 @@ def test_a_part_that_fails_is_told_and_the_other_judges(linear, monkeypatch, fai
 @pytest.mark.slow
 def test_leakage_of_a_closed_converter_is_no_early_power(pool):
     """Its lockout opens after the first periods; until then a resistor's picowatts pass."""
-    scene = Scene.load("device", ["run.duration=4", "run.settle=2", "run.realizations=4"])
+    scene = Scene.read("device", ["run.duration=4", "run.settle=2", "run.realizations=4"])
     study = load_study(scene, loads=["bridge_buck"], executor=pool)
     (proof,) = study.proofs
     assert math.isnan(proof.early_standard_error)
@@ -237,7 +237,7 @@ def test_a_load_that_fails_is_the_outcome_of_its_point(linear, tmp_path, pool):
 
 @pytest.mark.slow
 def test_closures_make_a_study_too(pool):
-    scene = Scene.load("device")
+    scene = Scene.read("device")
     sweeps = {"load.resistance": [1e6]}
     study = load_study(scene, loads=["resistor"], sweeps=sweeps, method="consistent", executor=pool)
     expected = scene.replace({"load.resistance": 1e6})
@@ -326,7 +326,7 @@ def test_a_dask_cluster_gives_identical_numbers(linear, pool, dask_executor):
     expected = load_study(linear, **options).to_xarray()
     found = load_study(linear, executor=dask_executor, **options)
     assert found.to_xarray().identical(expected)
-    scene = Scene.load("paper", ["run.duration=100", "run.realizations=3"])
+    scene = Scene.read("paper", ["run.duration=100", "run.realizations=3"])
     one, other = (
         simulate(scene, method="circuit", **place)
         for place in ({"runner": pool}, {"executor": dask_executor})
@@ -352,7 +352,7 @@ def test_mistakes_in_the_call_are_one_line(capsys, arguments, said):
 
 
 def test_a_storage_that_charges_for_longer_than_the_settling_is_told(pool):
-    scene = Scene.load("device").replace({"run.duration": 4.0, "run.settle": 11.0})
+    scene = Scene.read("device").replace({"run.duration": 4.0, "run.settle": 11.0})
     scene = scene.replace({"run.realizations": 1, "load.netlist": "bridge"})
     sweeps = {RESISTANCE: [1e6], "load.parameters.storage": [1e-7, 1e-5]}
     quick, slow = load_study(scene, sweeps=sweeps, executor=pool).evaluations
@@ -394,7 +394,7 @@ def test_a_point_that_its_store_feeds_is_not_ranked(tmp_path, pool):
     """A charged capacitor behind a resistance delivers most of the power of the second point."""
     path = tmp_path / "fed.lib"
     path.write_text(FED)
-    scene = Scene.load("device").replace(
+    scene = Scene.read("device").replace(
         {"run.duration": 2.0, "run.settle": 0.0, "run.realizations": 2}
     )
     found = load_study(

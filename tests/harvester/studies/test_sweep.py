@@ -22,7 +22,7 @@ METHODS = ("monte-carlo", "consistent")
 
 @pytest.fixture(scope="module")
 def swept(pool):
-    scene = Scene.load("linear", ["run.realizations=2", "run.duration=500", "run.settle=50"])
+    scene = Scene.read("linear", ["run.realizations=2", "run.duration=500", "run.settle=50"])
     quantities = ["mean_power", "mean_square_voltage"]
     over = {"excitation.intensity": [0.05, 0.1], KEY: list(RATES)}
     return harvester.sweep(scene, over, methods=METHODS, quantities=quantities, executor=pool)
@@ -74,7 +74,7 @@ def test_views_have_the_same_numbers(swept):
 
 
 def test_a_precision_adds_realizations_and_closures_have_none(pool):
-    scene = Scene.load("linear", ["run.duration=100", "run.settle=50"])
+    scene = Scene.read("linear", ["run.duration=100", "run.settle=50"])
     found = harvester.sweep(scene, {KEY: [1.0]}, methods=METHODS, precision=0.2, executor=pool)
     simulated, averaged = found.cells[0]
     each = simulated.estimates["mean_power"]
@@ -84,7 +84,7 @@ def test_a_precision_adds_realizations_and_closures_have_none(pool):
 
 
 def test_what_fails_is_the_outcome_of_its_place(pool):
-    scene = Scene.load("device").replace({"load.netlist": "bridge"})
+    scene = Scene.read("device").replace({"load.netlist": "bridge"})
     found = harvester.sweep(scene, {}, methods=["consistent"], executor=pool)
     assert found.cells[0].outcome.startswith("LoadError")
     header, (row,) = found.data()

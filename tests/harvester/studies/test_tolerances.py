@@ -8,7 +8,7 @@ from harvester.base.errors import HarvesterError
 from harvester.scene.model import Scene
 from harvester.studies.sensitivity.tolerances import tolerance
 
-PAPER = Scene.load("paper")
+PAPER = Scene.read("paper")
 SHARES = np.array([0.01, 0.3, 0.5, 0.9])
 
 
@@ -74,7 +74,7 @@ def test_mistakes_are_named(key, text, message):
 
 
 def test_a_load_s_own_parameters_vary():
-    device = Scene.load("device", ["load.netlist=bridge", "load.parameters.resistance=2e5"])
+    device = Scene.read("device", ["load.netlist=bridge", "load.parameters.resistance=2e5"])
     assert tolerance(device, "load.parameters.resistance", "±50%").second == pytest.approx(3e5)
     made = tolerance(device, "load.parameters.storage", "±20%")
     changed = device.replace({made.key: made.second})

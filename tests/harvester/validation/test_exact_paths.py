@@ -27,7 +27,7 @@ EACH = [
 @pytest.mark.parametrize("device", EACH)
 def test_monte_carlo_follows_the_independent_path(device):
     name, overrides = every_command.DEVICES[device]
-    scene = Scene.load(name, overrides)
+    scene = Scene.read(name, overrides)
     spacing = knot_spacing(prepared(scene))
     scene = scene.replace(
         {

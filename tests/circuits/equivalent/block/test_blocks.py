@@ -29,7 +29,7 @@ EXHAUSTIVE = pytest.mark.exhaustive
 
 def scene_of(name):
     """A built-in scene, or one of the parts that these lack; no chaos within the time asked for."""
-    device, cantilever = Scene.load("device"), Scene.load("cantilever")
+    device, cantilever = Scene.read("device"), Scene.read("cantilever")
     spelt_out = {
         "mass": 14.04e-3, "damping": 0.2177, "linear_stiffness": 1157.6, "base_factor": 1.0854
     }  # fmt: skip
@@ -41,7 +41,7 @@ def scene_of(name):
         "cantilever": lambda: cantilever.replace({"oscillator": spelt_out}),
         "drag": lambda: cantilever.replace({"oscillator": {**spelt_out, "quadratic_damping": 0.4}}),
         "table": lambda: device.replace({"length_scale": 1e-3, **TABLE}),
-    }.get(name, lambda: Scene.load(name))()
+    }.get(name, lambda: Scene.read(name))()
 
 
 def hand_written(folder, block, values="", options="reltol=1e-9"):
@@ -154,7 +154,7 @@ def energy_left(scene, block, raw):
 @pytest.mark.slow
 def test_a_varied_parameter_is_that_of_another_scene(tmp_path):
     """Stiffnesses, mass, gap, restitution and transducer given where the block is called."""
-    scene = Scene.load("paper_si")
+    scene = Scene.read("paper_si")
     changed = scene.replace(
         {
             "oscillator.mass": 0.011,
@@ -213,7 +213,7 @@ def test_vacask_compiles_the_module_and_follows_scipys_path(tmp_path, name, peri
 def test_decks_of_both_kinds_behind_a_bridge_agree(tmp_path, name):
     """ngspice's sub-circuit and, where OSDI is there, the compiled module."""
     program = program_46()
-    scene = Scene.load(name).replace({"load": {"netlist": "bridge"}})
+    scene = Scene.read(name).replace({"load": {"netlist": "bridge"}})
     block = block_of(scene)
     write_subcircuit(scene, tmp_path, "ngspice", "default", 0, 1e-3, None)
     plain = run_raw(tmp_path, f"{block.name}_test.cir", program)
@@ -247,12 +247,12 @@ def test_decks_of_both_kinds_behind_a_bridge_agree(tmp_path, name):
 )
 def test_what_no_block_holds_is_refused_with_what_to_do(name, changes, said):
     with pytest.raises(NetlistError, match=said):
-        block_of(Scene.load(name, changes))
+        block_of(Scene.read(name, changes))
 
 
 def test_a_stiff_contact_is_warned_of_in_the_file():
-    soft = block_of(Scene.load("one_sided"))
-    stiff = block_of(Scene.load("one_sided", ["stoppers.stiffness=1e9"]))
+    soft = block_of(Scene.read("one_sided"))
+    stiff = block_of(Scene.read("one_sided", ["stoppers.stiffness=1e9"]))
     assert not any("WARNING" in line for line in soft.comment)
     assert any("WARNING: stiff contact" in line for line in stiff.comment)
     assert stiff.step < 0.1 * soft.step
@@ -260,7 +260,7 @@ def test_a_stiff_contact_is_warned_of_in_the_file():
 
 def test_the_vibration_has_the_scenes_intensity():
     """Its rms is √(D/τ1), within 5 of its own errors; the first sample is −η l/μ."""
-    scene = Scene.load("cantilever")
+    scene = Scene.read("cantilever")
     vibration = block_of(scene, duration=20.0).vibration
     rms = np.sqrt(np.mean(vibration[:, 1] ** 2))
     assert rms == pytest.approx(1.0, rel=5 * np.sqrt(2e-3 / 20.0))
@@ -270,7 +270,7 @@ def test_the_vibration_has_the_scenes_intensity():
 
 
 def test_every_dialect_has_the_same_parameters_and_no_long_line(tmp_path):
-    scene = Scene.load("one_sided")
+    scene = Scene.read("one_sided")
     given = block_of(scene).parameters.given
     for dialect in ("ngspice", "ltspice", "pspice", "xyce"):
         written = write_subcircuit(scene, tmp_path / dialect, dialect, "default", 0, 1e-3, 1.0)
@@ -287,7 +287,7 @@ def test_every_listed_parameter_exists_in_every_format(tmp_path):
     for name, written in (("subckt", write_subcircuit), ("verilog-a", write_verilog_a)):
         dialect = ["ngspice"] * (name == "subckt")
         options = (*dialect, "default", 0, 1e-3, None)
-        files = written(Scene.load("tristable"), tmp_path / name, *options)
+        files = written(Scene.read("tristable"), tmp_path / name, *options)
         text = next(file for file in files if file.suffix in (".lib", ".va")).read_text()
         comments, _, rest = text.partition("Parameters:")
         listed = re.findall(r"(?m)^(?://|\*)   (\w+) \(", rest)

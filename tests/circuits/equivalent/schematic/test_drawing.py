@@ -50,7 +50,7 @@ def drawn_names(drawing):
 
 @pytest.mark.parametrize("case", SCENES)
 def test_the_drawing_holds_the_netlists_elements_and_no_others(case):
-    scene = Scene.load(*SCENES[case])
+    scene = Scene.read(*SCENES[case])
     expected = element_names(assemble(prepared(scene), named=True).text)
     drawing = schematic(scene)
     assert sorted(drawing.names) == expected
@@ -58,10 +58,10 @@ def test_the_drawing_holds_the_netlists_elements_and_no_others(case):
 
 
 def test_what_the_scene_leaves_out_is_not_drawn():
-    linear = set(schematic(Scene.load("linear")).names)
-    paper = set(schematic(Scene.load("paper")).names)
+    linear = set(schematic(Scene.read("linear")).names)
+    paper = set(schematic(Scene.read("paper")).names)
     assert paper - linear == {"Bcubic", "Bstoppers"}
-    assert "Gback_action" not in schematic(Scene.load("paper", ["piezo.coupling=0"])).names
+    assert "Gback_action" not in schematic(Scene.read("paper", ["piezo.coupling=0"])).names
 
 
 def test_coupled_coils_and_transistors_of_a_users_load_are_drawn(tmp_path):
@@ -69,7 +69,7 @@ def test_coupled_coils_and_transistors_of_a_users_load_are_drawn(tmp_path):
         ".subckt pump p n out ref\nL1 p a 1m\nL2 b n 1m\nK1 L1 L2 0.9\nQ1 a b out tr\n"
         "R1 out ref 1k\nR2 ref n 1k\n.model tr npn()\n.ends\n"
     )
-    scene = Scene.load("device", [f"load.netlist={tmp_path}/pump.lib"])
+    scene = Scene.read("device", [f"load.netlist={tmp_path}/pump.lib"])
     assert sorted(schematic(scene).names) == element_names(
         assemble(prepared(scene), named=True).text
     )
@@ -85,7 +85,7 @@ def test_files(tmp_path, capsys):
     assert main(["schematic", "linear"]) == 0
     assert ElementTree.fromstring(capsys.readouterr().out).tag.endswith("svg")
     with pytest.raises(OutputError, match=r"\.svg or a \.png"):
-        schematic(Scene.load("linear")).save(tmp_path / "a.jpg")
+        schematic(Scene.read("linear")).save(tmp_path / "a.jpg")
 
 
 def test_without_schemdraw_it_says_what_to_install():

@@ -142,7 +142,7 @@ STEEL_BLOCK = {
 
 
 def test_a_report_says_where_a_block_stands():
-    beam = Scene.load("bimorph").replace(STEEL_BLOCK).beam
+    beam = Scene.read("bimorph").replace(STEEL_BLOCK).beam
     (line,) = (each for each in remarks(beam) if "tip_offset" in each)
     flush = replace(beam, tip_offset=-4e-3)
     assert f"tip_offset = -0.004, the beam has {lumped(flush).short_frequency:.4g} Hz" in line
@@ -187,11 +187,11 @@ def test_notes_name_a_layer_that_its_field_stiffens_and_a_strain_in_per_cent():
 )
 def test_refusals(changes, message):
     with pytest.raises(SceneError, match=message):
-        Scene.load("bimorph").replace(changes)
+        Scene.read("bimorph").replace(changes)
 
 
 def test_a_drawn_scene_is_its_lumped_one():
-    scene = Scene.load("bimorph")
+    scene = Scene.read("bimorph")
     lumped_scene = scene.without_drawing()
     assert lumped_scene.oscillator == scene.oscillator
     again = Scene.from_tables(lumped_scene.to_tables(), name=scene.name)

@@ -88,7 +88,7 @@ def test_a_volume_is_a_moment():
 
 
 def test_wells_barrier_and_frequency_of_a_bistable_beam():
-    scene = Scene.load("bimorph").replace(magnets=BISTABLE)
+    scene = Scene.read("bimorph").replace(magnets=BISTABLE)
     made = lumped(scene.beam)
     magnets = Magnets(**BISTABLE)
 
@@ -169,7 +169,7 @@ def test_blocks_far_away_are_dipoles(keys):
 def test_close_discs_leave_the_beam_monostable():
     """11 mm between discs of 10 × 3 mm: −178 N/m of 197 N/m, where dipoles have −539 N/m."""
     sizes = {**SIZES, "distance": 11e-3, "reach": 8e-3}
-    scene = Scene.load("bimorph").replace({"beam": VAN}, magnets=sizes)
+    scene = Scene.read("bimorph").replace({"beam": VAN}, magnets=sizes)
     spring = restoring_spring(scene.oscillator)
     made = lumped(scene.beam)
     assert made.stiffness == pytest.approx(196.86, rel=1e-3)
@@ -204,10 +204,10 @@ def test_a_magnet_lies_in_the_tips_body(place):
 
 
 def test_a_polynomial_has_its_error():
-    coefficients, error = polynomial_fit(Magnets(**BISTABLE), Scene.load("bimorph").beam)
+    coefficients, error = polynomial_fit(Magnets(**BISTABLE), Scene.read("bimorph").beam)
     assert len(coefficients) == 8
     x = np.linspace(-6e-3, 6e-3, 101)
-    made = lumped(Scene.load("bimorph").beam)
+    made = lumped(Scene.read("bimorph").beam)
     exact = made.stiffness * x + magnetic_force(Magnets(**BISTABLE), made.tip_slope, x)
     assert np.abs(np.polynomial.Polynomial(coefficients)(x) - exact).max() <= error * 1.001
 
@@ -237,6 +237,6 @@ CLOSE = {**SIZES, "tip_moment": None, "frame_moment": None}
 )
 def test_refusals(changes, message):
     with pytest.raises(SceneError, match=message):
-        Scene.load("bimorph").replace(
+        Scene.read("bimorph").replace(
             magnets={key: each for key, each in {**BISTABLE, **changes}.items() if each is not None}
         )

@@ -114,7 +114,7 @@ def test_outer_fibre_is_the_layers():
 
 def _driven(frequency, resistance, base):
     """The bimorph under a sine."""
-    return Scene.load("bimorph").replace(
+    return Scene.read("bimorph").replace(
         {"load.resistance": resistance},
         excitation={
             "kind": "sine", "amplitude": base, "frequency": frequency, "intensity": None,
@@ -157,7 +157,7 @@ def test_peak_and_rms_of_a_sine():
 def test_life_under_narrow_band_noise():
     """Rayleigh amplitudes: damage rate f/N (√2 σ/ε)^m Γ(1 + m/2)."""
     noise, ratio = 1e-3, 0.005
-    scene = Scene.load("bimorph").replace(
+    scene = Scene.read("bimorph").replace(
         {
             **LINE, "beam.damping_ratio": ratio, "beam.strain_limit": 1e-6,
             "load.resistance": 1.0, "run.duration": 30.0, "run.settle": 3.0,
@@ -194,7 +194,7 @@ def test_cycles_of_e1049():
     rainflow = pytest.importorskip("rainflow")
     assert dict(rainflow.count_cycles(HISTORY)) == CYCLES
     # The same through a record whose strain goes from one reversal to the next.
-    scene = Scene.load("bimorph").replace({**LINE, "run.settle": 0.0})
+    scene = Scene.read("bimorph").replace({**LINE, "run.settle": 0.0})
     watch, moments = _watched(scene, HISTORY)
     watch.close()
     damage = sum(share * (0.5 * span / 1e-4) ** 4.0 for span, share in CYCLES.items()) / 1e6
@@ -229,7 +229,7 @@ def test_peaks_have_the_errors_of_their_realizations():
     from harvester.engines.realization import empty_moments
     from harvester.scene.prepared import prepared
 
-    one = empty_moments(prepared(Scene.load("bimorph")))
+    one = empty_moments(prepared(Scene.read("bimorph")))
     one.integrals[:, 0] = one.batch_length
     one.last[0] = one.start + one.batch_length * len(one.integrals)
     heights = (3.0, 4.0, 5.0, 6.0)
@@ -238,7 +238,7 @@ def test_peaks_have_the_errors_of_their_realizations():
         strain = replace(one.strain, peaks=one.strain.peaks.copy())
         strain.peaks[1], strain.squares[:, 0] = (height, 2.0 * height), one.batch_length
         several.append(replace(one, strain=strain))
-    noise = Scene.load("bimorph").excitation
+    noise = Scene.read("bimorph").excitation
     found = estimate_strain(several, noise)["peak_strain"]
     assert found.estimate == 4.5
     # Student's t of three degrees of freedom over the normal's 1.96.
@@ -248,7 +248,7 @@ def test_peaks_have_the_errors_of_their_realizations():
 
 
 def test_refusals(monkeypatch):
-    scene = Scene.load("bimorph")
+    scene = Scene.read("bimorph")
     monkeypatch.setitem(sys.modules, "rainflow", None)
     with pytest.raises(MissingLibrary, match=r"pip install 'vibration-harvester\[fatigue\]'"):
         _watched(scene.replace({**LINE, "run.settle": 0.0}), HISTORY)
@@ -257,7 +257,7 @@ def test_refusals(monkeypatch):
     lumped_scene = scene.without_drawing()
     assert lumped_scene.beam is None
     with pytest.raises(HarvesterError):
-        Scene.load("cantilever").replace({"beam.strain_limit": 1e-4})
+        Scene.read("cantilever").replace({"beam.strain_limit": 1e-4})
 
 
 @pytest.mark.exhaustive
@@ -279,7 +279,7 @@ def test_a_stored_answer_holds_the_strain():
     from harvester.engines.realization import empty_moments
     from harvester.scene.prepared import prepared
 
-    moments = empty_moments(prepared(Scene.load("bimorph")))
+    moments = empty_moments(prepared(Scene.read("bimorph")))
     moments.strain.peaks[:] = 3.0
     moments.strain.damage = np.full(len(moments.strain.peaks), 0.25)
     again = unpacked(packed("key", [moments]), "key")[0].strain

@@ -26,7 +26,7 @@ def test_the_error_of_a_residence_time_is_how_far_it_lies_off():
 
     The mean square of deviations over errors is 1; it is known to 7 %.
     """
-    scene, draws, mean = Scene.load("duffing"), np.random.default_rng(1), 5.0
+    scene, draws, mean = Scene.read("duffing"), np.random.default_rng(1), 5.0
     off = []
     for _ in range(400):
         times = draws.uniform(4.0, 6.0, (8, 5, 2))

@@ -215,7 +215,7 @@ def test_refusals():
     with pytest.raises(HarvesterError, match="under noise"):
         harvester.residence(duffing(0.25, 0.2, 1.0))
     with pytest.raises(HarvesterError, match=r"run\.starts"):
-        Scene.load("duffing", ["run.starts=10"])
+        Scene.read("duffing", ["run.starts=10"])
     for wrong in ({"points": 1001}, {"periods": 1}, {"periods": 10**12}):
         with pytest.raises(HarvesterError, match=next(iter(wrong))):
             harvester.basins(duffing(0.25, 0.2, 1.0), **wrong)
@@ -489,7 +489,7 @@ def test_the_error_of_an_exponent_is_how_far_it_lies_off():
 
 
 def test_kramers_at_strong_damping():
-    scene = Scene.load(
+    scene = Scene.read(
         "duffing",
         [
             "oscillator.damping=3.0", "oscillator.linear_stiffness=-1", "piezo.coupling=0",
@@ -565,7 +565,7 @@ def test_a_missing_kramers_time_is_told_with_its_value():
 def test_residence_against_plain_euler(intensity, method, precision):
     """Langevin's equation by a scheme of our own, counted by the wells' cores."""
     duration = 4000 if precision else 400
-    scene = Scene.load(
+    scene = Scene.read(
         "duffing",
         [
             "oscillator.damping=0.25", "oscillator.linear_stiffness=-1", "piezo.coupling=0",
@@ -619,7 +619,7 @@ def test_a_measured_path_repeats_as_its_section_does(amplitude, expected):
 
 def test_a_chaotic_transient_is_followed_to_its_orbit():
     """The device at 10 Hz and 8 m/s² wanders for some 200 periods; scipy ends on one orbit."""
-    scene = Scene.load(
+    scene = Scene.read(
         "device", ['excitation={kind="sine",amplitude=7.0,frequency=10.0}', "run.seed=1"]
     )
     found = harvester.bifurcation(

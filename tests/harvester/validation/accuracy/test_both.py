@@ -28,7 +28,7 @@ def briefly(monkeypatch):
 @pytest.mark.slow
 @pytest.mark.usefixtures("briefly")
 def test_both_pictures_tell_of_the_same_runs(pool):
-    found = accuracy(Scene.load("linear", SHORT), methods=FEW, executor=pool)
+    found = accuracy(Scene.read("linear", SHORT), methods=FEW, executor=pool)
     rows, lines = found.work_precision.rows, found.time_to_accuracy.lines
     assert [line.name for line in lines] == [row.method.family for row in rows]
     for row, line in zip(rows, lines, strict=True):
@@ -50,7 +50,7 @@ def test_both_pictures_tell_of_the_same_runs(pool):
 @pytest.mark.exhaustive
 @pytest.mark.usefixtures("briefly")
 def test_the_command_writes_both_pictures(tmp_path, capsys, monkeypatch):
-    few = Scene.load("linear", SHORT)
+    few = Scene.read("linear", SHORT)
     made = work_precision.by_own_length
     monkeypatch.setattr(
         "harvester.validation.accuracy.both.by_own_length",

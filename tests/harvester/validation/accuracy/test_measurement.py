@@ -62,7 +62,7 @@ def every_closure(monkeypatch):
 
 @pytest.fixture(scope="module")
 def diagram(pool):
-    return work_precision(Scene.load("paper", SHORT), methods=FEW, executor=pool)
+    return work_precision(Scene.read("paper", SHORT), methods=FEW, executor=pool)
 
 
 @pytest.mark.slow
@@ -107,7 +107,7 @@ def test_table_sentences_and_json_tell_the_same(diagram):
 
 @pytest.mark.slow
 def test_the_sentences_judge_the_default_step(pool):
-    scene = Scene.load("linear", ["run.realizations=2", "run.duration=200", "run.settle=20"])
+    scene = Scene.read("linear", ["run.realizations=2", "run.duration=200", "run.settle=20"])
     diagram = work_precision(scene, methods=METHODS[5:6], executor=pool)
     (judged,) = [line for line in diagram.sentences() if "the circuit's default step" in line]
     assert "E[V²]" in judged
@@ -115,7 +115,7 @@ def test_the_sentences_judge_the_default_step(pool):
 
 
 def test_the_reference_is_that_of_an_independent_integration():
-    scene = Scene.load(
+    scene = Scene.read(
         "paper",
         ["run.realizations=2", "run.duration=10", "run.settle=0", "excitation.intensity=0.1"],
     )
@@ -125,7 +125,7 @@ def test_the_reference_is_that_of_an_independent_integration():
 
 
 def test_local_error_control_lands_on_knots_and_follows_its_tolerance(pool):
-    scene = Scene.load("paper", ["run.duration=20", "run.settle=0", "run.realizations=1"])
+    scene = Scene.read("paper", ["run.duration=20", "run.settle=0", "run.realizations=1"])
     steps = []
     for tolerance in (1e-4, 1e-6):
         result = simulate(
@@ -141,7 +141,7 @@ def test_local_error_control_lands_on_knots_and_follows_its_tolerance(pool):
 
 def test_the_paired_difference_of_efficiency_is_that_of_the_two_estimates(pool):
     """Its error lies far below that of either efficiency, whose noise is common."""
-    scene = Scene.load("linear", ["run.realizations=2", "run.duration=2000", "run.settle=20"])
+    scene = Scene.read("linear", ["run.realizations=2", "run.duration=2000", "run.settle=20"])
     fine, coarse = (
         simulate(scene, method="monte-carlo", step=step, scheme=scheme, runner=pool)
         for step, scheme in (("fine", None), ("default", "heun"))
@@ -164,7 +164,7 @@ def test_a_method_that_fails_leaves_the_others_and_says_why(monkeypatch, pool):
         return whole(scene, method, indices, runner, *function)
 
     monkeypatch.setattr(measurement, "realizations_task", failing)
-    diagram = work_precision(Scene.load("paper", SHORT), methods=[FEW[0], FEW[-1]], executor=pool)
+    diagram = work_precision(Scene.read("paper", SHORT), methods=[FEW[0], FEW[-1]], executor=pool)
     assert diagram.rows[0].note == "SimulatorAborted: timestep too small at 0"
     assert math.isnan(diagram.rows[0].seconds_per_unit)
     assert diagram.rows[1].bias
@@ -176,7 +176,7 @@ def test_a_method_that_fails_leaves_the_others_and_says_why(monkeypatch, pool):
 def test_what_was_measured_is_kept_with_its_times_and_goes_on_after_an_early_end(
     tmp_path, pool, monkeypatch
 ):
-    scene, told = Scene.load("linear", SHORT), []
+    scene, told = Scene.read("linear", SHORT), []
     monkeypatch.setattr(measurement, "METHODS", (FEW[9], FEW[-1]))
     with open_runner(tmp_path, executor=pool) as runner:
         runner.answer = lambda *_: [None]
@@ -198,7 +198,7 @@ def test_what_was_measured_is_kept_with_its_times_and_goes_on_after_an_early_end
 def test_a_netlist_is_measured_against_the_compiled_engines_finest_paths(pool, tmp_path):
     """Circuit and Monte Carlo come nearer to them with shorter steps, with second order."""
     sets = ["run.realizations=2", "run.duration=1", "run.settle=0.2", "load.netlist=bridge"]
-    scene = Scene.load("device", [*sets, "load.parameters.storage=100n"])
+    scene = Scene.read("device", [*sets, "load.parameters.storage=100n"])
     families = ("external source, trapezoidal", "Monte Carlo, TR-BDF2")
     methods = [each for each in LOAD_METHODS if each.family in families]
     with open_runner(tmp_path, executor=pool) as runner:
@@ -220,7 +220,7 @@ def test_a_netlist_that_the_compiled_engine_does_not_take_is_refused(tmp_path):
         "Rout out ref 1k\nRref ref n 1\n.ends\n"
     )
     with pytest.raises(LoadError, match=r"own\.lib:4: q1"):
-        work_precision(Scene.load("device", [f"load.netlist={path}"]))
+        work_precision(Scene.read("device", [f"load.netlist={path}"]))
 
 
 def test_the_thorough_methods_hold_all_others():

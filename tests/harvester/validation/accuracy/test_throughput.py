@@ -26,7 +26,7 @@ def test_ratios_are_of_the_rates_they_name():
 
 
 def test_every_way_is_measured_at_its_own_step(pool):
-    scene = Scene.load("paper")
+    scene = Scene.read("paper")
     asked = []
 
     class Watching:

@@ -63,7 +63,7 @@ def test_durations_have_a_unit_that_fits():
 def runs():
     """The same realizations twice, as many as a bias needs for an error bar."""
     overrides = ["run.realizations=16", "run.duration=400", "run.settle=40"]
-    scene = Scene.load("linear", overrides)
+    scene = Scene.read("linear", overrides)
     moments = simulate(scene, method="monte-carlo", workers=1).moments
     return moments, lambda some: Timed(scene, [{"moments": some, "seconds": 1.0}])
 
@@ -121,7 +121,7 @@ def test_what_was_measured_is_kept_with_its_times(tmp_path, pool):
     told = []
     for computed in (True, False):
         with open_runner(tmp_path, executor=pool) as runner:
-            found = time_to_accuracy(Scene.load("linear", SHORT), seconds=0.05, runner=runner)
+            found = time_to_accuracy(Scene.read("linear", SHORT), seconds=0.05, runner=runner)
             assert bool(runner.computed) == computed
         told.append(json.dumps(found.to_dict(), allow_nan=False))
     assert told[0] == told[1]
@@ -152,7 +152,7 @@ def test_the_command_draws_and_writes(tmp_path, capsys):
 @pytest.mark.usefixtures("briefly")
 def test_a_rectifier_is_timed_by_its_output_power(pool):
     overrides = ["load.netlist=bridge", "run.duration=2", "run.settle=0.5"]
-    found = time_to_accuracy(Scene.load("device", overrides), seconds=0.5, executor=pool)
+    found = time_to_accuracy(Scene.read("device", overrides), seconds=0.5, executor=pool)
     assert found.quantities == ("mean_output_power", "power_conversion_efficiency")
     assert [line.name for line in found.lines] == ["circuit", "Monte Carlo, TR-BDF2"]
     assert set(found.refused) == {"consistent"}

@@ -49,7 +49,7 @@ from harvester.validation.paper.figures_list import FIGURES
 from harvester.validation.paper.reproduce import Effort
 
 D, E = "excitation.intensity", "stoppers.restitution"
-SCENE = Scene.load("paper")
+SCENE = Scene.read("paper")
 
 
 def answers(function, error=0.01, noise=None):
@@ -201,7 +201,7 @@ def test_the_reach_of_a_density_is_its_quantile():
 
 def test_differences_on_common_noise_are_right_and_surer(pool):
     """The linear device's power at two loads; four standard errors: one false alarm in 16 000."""
-    scene = Scene.load("linear", ["run.realizations=2", "run.duration=20000"])
+    scene = Scene.read("linear", ["run.realizations=2", "run.duration=20000"])
     loads = [scene.replace({"load.decay_rate": rate}) for rate in (1.5, 2.0)]
     requests = [Request(load, "monte-carlo", moments=True) for load in loads]
     with open_runner(executor=pool) as runner:

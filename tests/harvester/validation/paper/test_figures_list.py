@@ -69,7 +69,7 @@ def test_axes_have_the_caption_s_range(figure, panel, symbol, caption, quick):
 
 
 def test_every_value_is_one_that_the_device_takes():
-    scene = Scene.load("paper")
+    scene = Scene.read("paper")
     for figure in FIGURES.values():
         for panel in figure.panels:
             for curve in panel.curves:

@@ -13,7 +13,7 @@ from harvester.results import figures
 from harvester.scene.model import Scene
 from harvester.validation.paper import orbit_maps
 
-SCENE = Scene.load("paper")
+SCENE = Scene.read("paper")
 P = flat(SCENE)
 
 

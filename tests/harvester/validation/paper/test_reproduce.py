@@ -24,7 +24,7 @@ from harvester.validation.paper.reproduce import Effort, Reproduction, reproduce
 pytestmark = pytest.mark.usefixtures("shared_workers")
 
 TINY = {"monte-carlo": Effort(8, 0.5, 16), "circuit": Effort(8, 0.5, 8)}
-SCENE = Scene.load("paper", ["run.settle=5"])
+SCENE = Scene.read("paper", ["run.settle=5"])
 
 
 @pytest.fixture

@@ -21,7 +21,7 @@ def linear_system(correlation_time):
         "excitation.intensity=1",
         f"excitation.correlation_time={correlation_time}",
     ]
-    return prepared(Scene.load("linear", overrides)).system
+    return prepared(Scene.read("linear", overrides)).system
 
 
 @pytest.mark.parametrize(("time", "power"), [(0.1, 0.694558), (1.0, 0.342642), (10.0, 0.007002)])
@@ -35,15 +35,15 @@ def test_a_linear_device_has_the_power_of_the_closed_form(time, power):
 
 def test_it_holds_for_small_motion_only():
     for intensity, holds in ((1e-6, True), (1e-4, True), (1e-2, False)):
-        scene = Scene.load("paper", [f"excitation.intensity={intensity}"])
+        scene = Scene.read("paper", [f"excitation.intensity={intensity}"])
         assert bool(closed_forms(scene, 4).get("small motion")) == holds
     # Stoppers that the motion reaches; an open piezo, whose charge settles nowhere.
-    near = Scene.load("paper", ["excitation.intensity=1e-4", "stoppers.gap=1.013"])
+    near = Scene.read("paper", ["excitation.intensity=1e-4", "stoppers.gap=1.013"])
     assert closed_forms(near, 4) == {}
 
 
 def test_gibbs_is_the_quadrature_over_the_potential():
-    scene = Scene.load(
+    scene = Scene.read(
         "duffing",
         [
             "oscillator.damping=1",
@@ -62,4 +62,4 @@ def test_gibbs_is_the_quadrature_over_the_potential():
     square = quad(lambda x: x * x * weight(x), -4, 4)[0] / quad(weight, -4, 4)[0]
     assert means["mean_square_velocity"][0] == pytest.approx(temperature)
     assert means["mean_square_displacement"][0] == pytest.approx(square, rel=1e-6)
-    assert gibbs(prepared(Scene.load("paper")).system) == {}
+    assert gibbs(prepared(Scene.read("paper")).system) == {}

@@ -45,7 +45,7 @@ def briefly(monkeypatch):
 
 @pytest.mark.slow
 def test_cases_hold_the_same_scaled_values_in_both_units():
-    scaled, si = Scene.load("paper"), Scene.load("paper_si")
+    scaled, si = Scene.read("paper"), Scene.read("paper_si")
     for case in default_cases():
         if case.values.get("coupling") == 0.0:
             with pytest.raises(SceneError, match="coupling"):
@@ -60,7 +60,7 @@ def test_cases_fit_scenes_without_stoppers_or_wells():
     for name in ("device", "linear", "duffing"):
         for case in default_cases():
             try:
-                scene = changed(Scene.load(name), case)
+                scene = changed(Scene.read(name), case)
             except SceneError:
                 continue
             steps = (scene.run.duration + scene.run.settle) / knot_spacing(prepared(scene))
@@ -86,7 +86,7 @@ STOPPERS = "stoppers=[{side='left', gap=0.9, stiffness=9, restitution=0.4, expon
     ],
 )
 def test_cases_are_made_of_any_parts(name, overrides, refused):
-    scene = Scene.load(name, overrides)
+    scene = Scene.read(name, overrides)
     found = set()
     for case in default_cases():
         try:
@@ -109,7 +109,7 @@ def test_cases_are_made_of_any_parts(name, overrides, refused):
 
 
 def test_cases_of_a_piezo_are_refused_by_name_on_a_coil():
-    scene = Scene.load("electromagnetic")
+    scene = Scene.read("electromagnetic")
     for values in ({"decay_rate": 1.0}, {"coupling": 1.0}):
         with pytest.raises(SceneError, match=r"want a \[piezo\]"):
             changed(scene, Case("", "", values))
@@ -119,7 +119,7 @@ def test_cases_of_a_piezo_are_refused_by_name_on_a_coil():
 
 def test_the_default_step_follows_the_amplitude_that_the_noise_drives():
     weak, strong = (
-        Scene.load("paper", [f"excitation.intensity={d}", "stoppers=none"]) for d in (0.02, 100)
+        Scene.read("paper", [f"excitation.intensity={d}", "stoppers=none"]) for d in (0.02, 100)
     )
     ready = prepared(strong)
     assert steps_per_knot(prepared(weak), engine="monte-carlo") == 1
@@ -141,7 +141,7 @@ def test_the_default_step_follows_the_amplitude_that_the_noise_drives():
 
 @pytest.mark.parametrize("rate", ["100", "1e4"])
 def test_monte_carlo_holds_when_the_load_is_faster_than_the_step(pool, rate):
-    scene = Scene.load(
+    scene = Scene.read(
         "linear", [f"load.decay_rate={rate}", "run.realizations=2", "run.duration=400"]
     )
     circuit, reference = (
@@ -173,7 +173,7 @@ def test_statistics_converge_in_the_rigid_limit(pool):
     """Contact time and depth go with K^−0.4: from 1e7 on they are below 1 % of the motion's."""
     means = {}
     for stiffness in (1e2, 1e7, 1e8):
-        scene = Scene.load("paper", ["run.realizations=2", "run.duration=20000"])
+        scene = Scene.read("paper", ["run.realizations=2", "run.duration=20000"])
         scene = scene.replace({"stoppers.stiffness": stiffness})
         result = simulate(scene, method="monte-carlo", runner=pool)
         assert abs(result.energy_balance_residual) < 0.01
@@ -210,7 +210,7 @@ def test_the_same_folder_again_computes_nothing_and_tells_the_same(tmp_path):
     told = []
     for computed in (3, 0):
         with open_runner(tmp_path, workers=2) as runner:
-            found = stability(Scene.load("linear"), cases=[CASE], runner=runner).to_dict()
+            found = stability(Scene.read("linear"), cases=[CASE], runner=runner).to_dict()
             assert runner.computed == computed
         told.append({name: value for name, value in found.items() if name != "wall_seconds"})
     assert told[0] == told[1]
@@ -218,7 +218,7 @@ def test_the_same_folder_again_computes_nothing_and_tells_the_same(tmp_path):
 
 def test_a_wrong_cell_is_exit_code_one(monkeypatch, capsys):
     row = CaseRow(CASE, {"circuit": None}, {"circuit": CaseVerdict("wrong", "far off")})
-    wrong = StabilityMatrix(Scene.load("paper"), [row], 1.0)
+    wrong = StabilityMatrix(Scene.read("paper"), [row], 1.0)
     monkeypatch.setattr(module, "stability", lambda scene, **_: wrong)
     assert main(["stability"]) == 1
     assert "WRONG scene: as it is, circuit: far off" in capsys.readouterr().out
@@ -233,7 +233,7 @@ def test_a_long_table_comes_in_pages_and_its_refusals_are_folded():
         )
         for k in range(67)
     ]
-    matrix = StabilityMatrix(Scene.load("paper"), rows, 1.0)
+    matrix = StabilityMatrix(Scene.read("paper"), rows, 1.0)
     shown = [
         {cell.get_text().get_text() for cell in figure.axes[0].tables[0].get_celld().values()}
         for figure in matrix.figures()
@@ -274,7 +274,7 @@ REFUSING = {
 def test_a_case_is_right_by_all_that_take_it(name, monkeypatch):
     monkeypatch.setattr("harvester.validation.stability.cases.STEP_BUDGET", 400_000)
     chosen = [case for case in default_cases() if case.name == name]
-    (row,) = stability(Scene.load("paper"), cases=chosen, workers=1).rows
+    (row,) = stability(Scene.read("paper"), cases=chosen, workers=1).rows
     words = {method: verdict.word for method, verdict in row.cells.items()}
     refusing = REFUSING[name]
     assert words == {method: REFUSED if method in refusing else RIGHT for method in words}
@@ -283,7 +283,7 @@ def test_a_case_is_right_by_all_that_take_it(name, monkeypatch):
 @pytest.mark.slow
 def test_means_are_judged_by_closed_forms_and_the_stationary_solution(monkeypatch):
     monkeypatch.setattr("harvester.validation.stability.cases.STEP_BUDGET", 3_000_000)
-    (row,) = stability(Scene.load("linear"), cases=[CASE], workers=1).rows
+    (row,) = stability(Scene.read("linear"), cases=[CASE], workers=1).rows
     verdict = row.cells["monte-carlo"]
     assert verdict.word == RIGHT
     assert {each.judge for each in verdict.judges} >= {"small motion", "fokker_planck"}
@@ -293,7 +293,7 @@ def test_means_are_judged_by_closed_forms_and_the_stationary_solution(monkeypatc
 def test_no_cell_of_the_default_matrix_is_wrong(monkeypatch):
     """With a quarter of Monte Carlo's steps, by which it judges half as sharply."""
     monkeypatch.setattr("harvester.validation.stability.cases.STEP_BUDGET", 3_000_000)
-    matrix = stability(Scene.load("paper"))
+    matrix = stability(Scene.read("paper"))
     assert matrix.wrong == []
     assert len(matrix.rows) > 50
     judged = sum(len(matrix.cells(word)) for word in ("right", "wrong"))

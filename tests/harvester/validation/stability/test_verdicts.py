@@ -38,7 +38,7 @@ def closure(value=1.0, error=1e-5):
 
 def verdicts(**answers):
     answers = {name.replace("_carlo", "-carlo"): answer for name, answer in answers.items()}
-    return judged(CASE, Scene.load("paper"), answers).cells
+    return judged(CASE, Scene.read("paper"), answers).cells
 
 
 def with_path(**changes):
@@ -153,7 +153,7 @@ def word_of(scene, monkeypatch, change, longer=1):
 def scene_of(*overrides):
     """Paths of this seed stay comparable for nine periods, of others for two to thirteen."""
     changes = ["excitation.intensity=0.1", "excitation.knot_spacing=0.2", "run.seed=3"]
-    return Scene.load("paper", changes).replace(dict(overrides))
+    return Scene.read("paper", changes).replace(dict(overrides))
 
 
 @pytest.mark.parametrize("change", BROKEN.values(), ids=BROKEN)
@@ -172,7 +172,7 @@ def test_a_step_four_times_too_long_is_called_wrong(monkeypatch):
 @pytest.mark.slow
 @pytest.mark.parametrize(("share", "word"), [(1.0, "right"), (0.95, "wrong")])
 def test_the_mass_is_judged_whatever_the_load(monkeypatch, share, word):
-    scene = Scene.load("device", ["load.netlist=bridge", "excitation.intensity=0.01"])
+    scene = Scene.read("device", ["load.netlist=bridge", "excitation.intensity=0.01"])
     damping = share * scene.oscillator.damping
     broken = broken_engine(Circuit, lambda s: {"oscillator.damping": damping})
     monkeypatch.setitem(ENGINES, "circuit", broken)
