@@ -13,7 +13,7 @@ from harvester.engines.methods import engine_of
 from harvester.scene.model import Scene
 from harvester.scene.paths import noise_path, start_state
 from harvester.scene.prepared import prepared
-from harvester.scene.steps import steps_per_knot
+from harvester.scene.steps import steps_per_sample
 from harvester.validation.accuracy import throughput
 
 
@@ -100,7 +100,7 @@ def run_device(report, scene, compiled, copies=1):
     netlist = assemble(prepared(scene), starts=starts, compiled=compiled)
     keep = [Keep() for _ in starts]
     paths = [noise_path(ready, index) for index in range(copies)]
-    session().run(netlist, parameters, paths, [[each] for each in keep], steps_per_knot(ready))
+    session().run(netlist, parameters, paths, [[each] for each in keep], steps_per_sample(ready))
     return keep[-1].record()
 
 
@@ -151,7 +151,7 @@ def drop(report, scene, speed, step):
     from truths import Keep
 
     from circuits.equivalent.assembly import assemble
-    from harvester.scene.steps import steps_per_knot
+    from harvester.scene.steps import steps_per_sample
 
     ready = prepared(scene)
     parameters = ready.system
@@ -161,7 +161,7 @@ def drop(report, scene, speed, step):
     assert found == 1
     keep = Keep()
     netlist = dataclasses.replace(netlist, text=text)
-    steps = steps_per_knot(ready, step)
+    steps = steps_per_sample(ready, step)
     session().run(netlist, parameters, [noise_path(ready, 0)], [[keep]], steps)
     return keep.record()
 
@@ -178,7 +178,7 @@ def stick(report, scene):
     assert found == 1
     netlist = dataclasses.replace(netlist, text=text)
     paths = [noise_path(ready, 0)]
-    session().run(netlist, parameters, paths, [[]], steps_per_knot(ready))
+    session().run(netlist, parameters, paths, [[]], steps_per_sample(ready))
 
 
 def run_with_law(report, tables, engine, step):

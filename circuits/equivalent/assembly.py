@@ -9,20 +9,20 @@ from typing import TYPE_CHECKING, Any
 
 from circuits.equivalent import elements, verilog
 from circuits.netlist import part_values
-from circuits.netlist.course import Course
 from circuits.netlist.elements import ramped
 from circuits.netlist.expression import ExpressionError, check
 from circuits.netlist.load_notes import check_turn
 from circuits.netlist.load_watch import NOTHING as UNWATCHED
 from circuits.netlist.load_watch import Watch, may_jump, watch_of
 from circuits.netlist.measurement import NOTHING, Measurement, measurement_of
+from circuits.netlist.source_schedule import SourceSchedule
 from circuits.netlist.writer import run_text
 from harvester.base.errors import NetlistError
 from harvester.device import timescales
-from harvester.device.system import speed_held
+from harvester.device.system import held_impact_speed
 from harvester.excitation.prescribed import PrescribedDisplacement
 from harvester.scene.paths import start_state
-from harvester.scene.steps import knot_spacing, steps_per_knot, stop_time
+from harvester.scene.steps import knot_spacing, steps_per_sample, stop_time
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Sequence
@@ -77,7 +77,7 @@ def step_options(
     ----------
     ready : Prepared
     step : str or float
-        See `harvester.scene.steps.steps_per_knot`.
+        See `harvester.scene.steps.steps_per_sample`.
     tolerance : float or None
         Relative tolerance of the local error; None: none, or for a load that may jump one that
         goes with the step, because ngspice's trapezoidal steps grow as its square root.
@@ -89,7 +89,7 @@ def step_options(
         return RECTIFIER_STEP, False
     if not may_jump(load) and not tolerance:
         return f"reltol={_switched_newton(ready)!r} trtol=1e9 itl4=100", False
-    refinement = steps_per_knot(ready, step) / steps_per_knot(ready)
+    refinement = steps_per_sample(ready, step) / steps_per_sample(ready)
     tolerance = tolerance or LOAD_TOLERANCE / refinement**2
     trust = 7.0 * tolerance / GREATEST_NEWTON
     return f"reltol={GREATEST_NEWTON!r} trtol={trust!r} itl4=100", True
@@ -149,7 +149,7 @@ class Netlist:
         Factor of the motion's clock; the excitation is to be less by it.
     line : float
         Angular frequency at which shortened steps are to be exact too (rad/s); 0: none.
-    course : circuits.netlist.course.Course or None
+    course : circuits.netlist.source_schedule.Course or None
         Sources and expressions of the load that change with time alone.
     """
 
@@ -172,7 +172,7 @@ class Netlist:
     watched_energy: tuple[float, float] = (0.0, 0.0)
     pace: float = 1.0
     line: float = 0.0
-    course: Course | None = None
+    course: SourceSchedule | None = None
 
     @property
     def sha256(self) -> str:
@@ -199,7 +199,7 @@ def assemble(
     ----------
     ready : Prepared
     step : str or float
-        See `harvester.scene.steps.steps_per_knot`.
+        See `harvester.scene.steps.steps_per_sample`.
     starts : sequence of (float, float, float) or None
         For each copy of the device in the netlist its X, X' and transducer's state, scaled; None:
         one copy, as the first realization starts.
@@ -226,8 +226,8 @@ def assemble(
 
     scene, system, scales = ready.scene, ready.system, ready.scales
     rate = timescales.angular_frequency(system)
-    length = knot_spacing(ready) / steps_per_knot(ready, step)
-    pace = elements.pace_of(line * length)
+    length = knot_spacing(ready) / steps_per_sample(ready, step)
+    pace = elements.prewarp_factor(line * length)
     electrical = ready.network
     circuit = Circuit(f"harvester scene {scene.name}")
     starts = [
@@ -284,7 +284,7 @@ def assemble(
         # idle coils.
         stray = elements.STRAY_SHARE * capacitance
         charge = stray * scales.voltage
-        if load.own_motion.oscillates:
+        if load.self_oscillation.oscillates:
             # A load that oscillates by itself may hold charges as small as OWN_CHARGE.
             charge = min(charge, OWN_CHARGE)
         options += (
@@ -322,7 +322,7 @@ def assemble(
         watched_energy=(capacitance, capacitance * (SMALL_VOLTAGE * scales.voltage) ** 2),
         pace=pace,
         line=line if slowed else 0.0,
-        course=Course(load.elements) if load else None,
+        course=SourceSchedule(load.elements) if load else None,
     )
 
 
@@ -340,7 +340,7 @@ def _check_expressions(text):
 def _start(system, start, rate, electrical):
     """Initial displacement, velocity over rate, state (V or A), held speed over rate, as text."""
     x, v, state = start
-    values = (x, v / rate, state * electrical.state_unit, speed_held(system, x, v) / rate)
+    values = (x, v / rate, state * electrical.state_unit, held_impact_speed(system, x, v) / rate)
     return tuple(elements.number(value) for value in values)
 
 

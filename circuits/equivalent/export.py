@@ -21,7 +21,7 @@ from harvester.base.errors import NetlistError
 from harvester.base.writing import LICENCE
 from harvester.device import timescales
 from harvester.device.piezo import BASE
-from harvester.scene.steps import REJECTING_STEPS, knot_spacing, steps_per_knot
+from harvester.scene.steps import REJECTING_STEPS, knot_spacing, steps_per_sample
 
 if TYPE_CHECKING:
     from circuits.equivalent.assembly import Netlist
@@ -60,7 +60,7 @@ def stand_alone(
     start : (float, float, float) or None
         X, X' and transducer's state at the beginning, scaled; None: as the first realization.
     step : str or float
-        Longest step, see `harvester.scene.steps.steps_per_knot`.
+        Longest step, see `harvester.scene.steps.steps_per_sample`.
     tolerance : float or None
         Relative tolerance of ngspice's step control; None: its own default, or what a load
         with diodes needs.
@@ -144,7 +144,7 @@ def _assembled(ready, path, start, step, tolerance=None, integrator="trapezoidal
     else:
         options, _ = step_options(ready, step, tolerance or LOAD_TOLERANCE)
         if load.switches and not may_jump(load):
-            step = knot_spacing(ready) / steps_per_knot(ready, step) / REJECTING_STEPS
+            step = knot_spacing(ready) / steps_per_sample(ready, step) / REJECTING_STEPS
     save = saved(ready) if save is None else save
     if save and load and load.has_output:
         save = (*save, f"v({elements.OUTPUT})", f"v({elements.REFERENCE})")

@@ -16,7 +16,7 @@ from harvester.base.errors import CompiledDeviceUnavailable
 from harvester.base.writing import LICENCE
 from harvester.device import contact as contacts
 from harvester.device.damper import drag_formula
-from harvester.device.piezo import BASE, TERMINAL, PiezoLaw, ShakenPiezo
+from harvester.device.piezo import BASE, TERMINAL, BaseForcedPiezo, PiezoLaw
 from harvester.device.system import System
 
 if TYPE_CHECKING:
@@ -124,7 +124,7 @@ def module(
     )
     body = "".join(f"        {line}\n" for line in lines)
     note, nodes, plates = "", "", "V(piezo)"
-    if isinstance(system.transducer, ShakenPiezo):
+    if isinstance(system.transducer, BaseForcedPiezo):
         note, nodes, plates = _BASE_NOTE, f", {BASE}", f"V(piezo) - V({BASE})"
     digest = hashlib.sha256((declared + body + nodes).encode()).hexdigest()
     name = name or f"{NAME}_{digest[:12]}"
@@ -245,7 +245,7 @@ def add_model(
     network : harvester.device.terminals.Network
     scales : harvester.scene.units.Scales
     pace : float
-        Factor for the charge that the mass moves, see `circuits.equivalent.elements.pace_of`.
+        Factor for the charge that the mass moves, see `circuits.equivalent.elements.prewarp_factor`.
     """
     charge, capacitance = (network.value(name) for name in ("charge", "piezo"))
     side = Side(scales.voltage, charge * pace, capacitance)

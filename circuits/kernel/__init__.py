@@ -35,14 +35,14 @@ and names the function that does each thing. Read the modules in this order.
    `stage.solve_stage` is Newton's iteration on the core: `mechanics.evaluate` gives the spring's
    and the contacts' force, `code.iterate` puts the diodes' slopes and currents in, eliminates the
    core and moves the junctions' voltages. `stage._linearise` does the same for behavioural sources,
-   from the tape of `circuits.netlist.tape`. `code.finish` gives the change of all unknowns.
+   from the tape of `circuits.netlist.expression_graph`. `code.finish` gives the change of all unknowns.
 4. `code.conclude` and `code.error` estimate the step's error by an embedded formula of third order.
    Too great an error, a contact entered (`harvester.device.zones`) or a switch that turns
    (`switching.switched`) shortens the step, and it is tried again.
 5. `stepping._accept` makes the step's end the state (`code.accept`) and proposes the next length.
    `points.add_points` writes the point: displacement, voltages, and powers whose mean over the step
    is exact, so that the energy balance closes.
-6. Near a resonance under a sine, `retiming.retime` runs the motion's clock a little faster, which
+6. Near a resonance under a sine, `prewarping.retime` runs the motion's clock a little faster, which
    takes the method's error of frequency away.
 
 A realization's state is `stage.State`. `engine.integrate` hands its points to the estimators, and

@@ -13,8 +13,8 @@ from circuits.kernel.linear import order_of
 from circuits.kernel.memory import layout_of
 from circuits.kernel.parts import add_load
 from circuits.kernel.tables import Circuit, Probes
-from circuits.netlist.course import Course
 from circuits.netlist.measurement import measurement_of
+from circuits.netlist.source_schedule import SourceSchedule
 from harvester.device.terminals import GROUND, LOAD_AMMETER
 
 if TYPE_CHECKING:
@@ -76,7 +76,7 @@ def build(ready: Prepared) -> Circuit:
     load = ready.scene.load.circuit
     b, measurement, probes, velocity = collect(ready)
     tables = tables_of(b, velocity)
-    if load.own_motion.oscillates:
+    if load.self_oscillation.oscillates:
         stray = circuit_elements.STRAY_SHARE * probes.energy[0]
         tables = tables._replace(own=_own(b, tables, 1.5 * stray))
     order = order_of(tables)
@@ -91,7 +91,7 @@ def build(ready: Prepared) -> Circuit:
         tuple((element.name, element.where) for element, *_ in b.waiting),
         load,
         measurement,
-        Course(load.elements),
+        SourceSchedule(load.elements),
     )
 
 

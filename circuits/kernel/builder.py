@@ -8,7 +8,7 @@ import numpy as np
 
 from circuits.kernel import junction, waveform
 from circuits.kernel.tables import Tables
-from circuits.netlist.tape import Tape
+from circuits.netlist.expression_graph import ExpressionGraph
 from harvester.device.terminals import GROUND
 
 
@@ -25,16 +25,16 @@ class Builder:
         self.junctions: list[tuple] = []
         self.switches: list[tuple] = []
         self.switch_names: list[tuple[str, str]] = []
-        self.tape = Tape()
+        self.graph = ExpressionGraph()
         self.behavioural: list[tuple[int, int, int, int]] = []
         self.inputs: list[tuple[int, int, int]] = []
         # Places on the tape whose value passes 0 where a source jumps.
-        self.turns: list[int] = []
+        self.zero_crossings: list[int] = []
         self.waiting: list[tuple] = []
         self.nonlinear: set[tuple[str, int]] = set()
         self.initial: list[tuple[int, int, float, float]] = []
         self.inductances: dict[str, float] = {}
-        # (row, column) of the matrix entries that `circuits.kernel.retiming` rescales: the mass,
+        # (row, column) of the matrix entries that `circuits.kernel.prewarping` rescales: the mass,
         # then the currents that its velocity drives.
         self.retimed: list[tuple[int, int]] = []
 
@@ -151,11 +151,11 @@ def tables_of(b: Builder, velocity: int) -> Tables:
         junction_values=numbers([row[2] for row in junctions], junction.COLUMNS),
         switches=places([row[0] for row in b.switches], 6),
         switch_values=numbers([row[1] for row in b.switches], 4),
-        tape=np.array(b.tape.rows, dtype=np.int64).reshape(-1, 4),
-        tape_values=np.array(b.tape.values, dtype=float),
+        graph=np.array(b.graph.rows, dtype=np.int64).reshape(-1, 4),
+        graph_values=np.array(b.graph.values, dtype=float),
         behavioural=places(b.behavioural, 4),
         inputs=places(b.inputs, 3),
-        turns=np.array(b.turns, dtype=np.int64),
+        zero_crossings=np.array(b.zero_crossings, dtype=np.int64),
         retimed=np.array([rows.index(entry) for entry in b.retimed], dtype=np.int64),
         nonlinear_rows=flags[0],
         nonlinear_columns=flags[1],

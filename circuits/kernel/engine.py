@@ -16,11 +16,11 @@ from circuits.kernel.mechanics import device_of
 from circuits.kernel.stage import fresh_state
 from circuits.kernel.stepping import CHATTER, FINE, SOURCE_CHATTER, advance
 from circuits.kernel.tables import Circuit
-from circuits.netlist.course import AHEAD, NO_PLAN
 from circuits.netlist.expression import leaves
 from circuits.netlist.functions import LIMITED
 from circuits.netlist.load_notes import check_turn, suspicion
 from circuits.netlist.part_values import SOURCE_CURE, capacitance, conductance, jumping_sources
+from circuits.netlist.source_schedule import AHEAD, NO_BREAKPOINTS
 from harvester.base.compilation import numba
 from harvester.base.errors import LoadChatters, LoadError, SimulatorAborted, SolutionDiverged
 from harvester.device import contact, system, timescales
@@ -28,14 +28,14 @@ from harvester.device.record import Record, empty_record, part
 from harvester.scene.lines import line_frequency
 from harvester.scene.steps import (
     CRAWL,
-    GETS_NOWHERE,
     PATIENCE,
+    STALLED,
     STEP_LEVELS,
     STEPS_PER_CONTACT,
     knot_blocks,
     knot_spacing,
     steps_per_contact,
-    steps_per_knot,
+    steps_per_sample,
     stop_time,
 )
 
@@ -60,7 +60,7 @@ def prepare(ready: Prepared) -> None:
     edges = np.array(contact.edges(s.contacts))
     advance(
         device_of(s), circuit.tables, circuit.probes, state, edges, np.zeros(2), 0, 0, 0, 1.0, 1, 1,
-        NO_PLAN, empty_record(2), np.zeros((1, 2)),
+        NO_BREAKPOINTS, empty_record(2), np.zeros((1, 2)),
     )  # fmt: skip
 
 
@@ -98,10 +98,10 @@ def run_realizations(
     if scheme != "runge-kutta":
         raise LoadError(f"{scene.name}: --scheme {scheme} is for a resistor as load; leave it out")
     circuit = circuit_of(ready)
-    fixed = steps_per_knot(ready, step, "monte-carlo")
+    fixed = steps_per_sample(ready, step, "monte-carlo")
     check_turn(scene.load.circuit, knot_spacing(ready) / fixed)
     in_contact = steps_per_contact(ready, step, "monte-carlo")
-    refinement = fixed / steps_per_knot(ready, engine="monte-carlo")
+    refinement = fixed / steps_per_sample(ready, engine="monte-carlo")
     stop, line = stop_time(ready), line_frequency(ready)
     for k, (path, start, watching) in enumerate(zip(paths, starts, observers, strict=True)):
         for record, output in integrate(
@@ -136,7 +136,7 @@ def integrate(
     path: ExcitationPath,
     start: tuple[float, float, float],
     stop: float,
-    steps_per_knot: int = 1,
+    steps_per_sample: int = 1,
     steps_per_contact: int = STEPS_PER_CONTACT,
     refinement: float = 1.0,
     line: float = 0.0,
@@ -152,7 +152,7 @@ def integrate(
         X, X' and the transducer's state, scaled.
     stop : float
         End time (s), rounded up to a whole number of knots.
-    steps_per_knot : int
+    steps_per_sample : int
         Steps between two knots where nothing asks for more.
     steps_per_contact : int
         Fewest steps from the beginning of a contact to its end.
@@ -179,25 +179,25 @@ def integrate(
     edges = np.array(contact.edges(s.contacts))
     device, state = device_of(s), _beginning(s, circuit, start)
     state.scalars[0].strictness = min(max(refinement, 1.0), FINEST) ** 4
-    state.scalars[0].proposed = stepping.RESTART * path.spacing / steps_per_knot
+    state.scalars[0].proposed = stepping.RESTART * path.spacing / steps_per_sample
     state.scalars[0].line = line
     record = empty_record(CHUNK)
     output = np.zeros((1 + len(circuit.measurement.watched), CHUNK + 72))
-    spent, reached, plan = time.thread_time(), 0.0, NO_PLAN
-    moves = circuit.course.steps(path.spacing / steps_per_knot) if circuit.course else None
-    most = max(AHEAD // steps_per_knot, 1) if moves else CHUNK
+    spent, reached, plan = time.thread_time(), 0.0, NO_BREAKPOINTS
+    moves = circuit.course.steps(path.spacing / steps_per_sample) if circuit.course else None
+    most = max(AHEAD // steps_per_sample, 1) if moves else CHUNK
     for done, block in knot_blocks(path, stop, most):
         segment, count = 0, block.size - 1
         if moves:
-            plan = moves.plan(done * steps_per_knot, count * steps_per_knot)
+            plan = moves.plan(done * steps_per_sample, count * steps_per_sample)
             spent = time.thread_time()
         while segment < count:
             segment, points, outcome, which = advance(
                 device, circuit.tables, circuit.probes, state, edges, block, segment, count, done,
-                path.spacing, steps_per_knot, steps_per_contact, plan, record, output,
+                path.spacing, steps_per_sample, steps_per_contact, plan, record, output,
             )  # fmt: skip
             now = state.scalars[0].time
-            if now - reached > CRAWL * path.spacing / steps_per_knot:
+            if now - reached > CRAWL * path.spacing / steps_per_sample:
                 spent, reached = time.thread_time(), now
             elif time.thread_time() - spent > PATIENCE and outcome == FINE:
                 outcome = CRAWLING
@@ -228,7 +228,7 @@ def _trouble(circuit, state, outcome, which):
     if outcome == SOURCE_CHATTER:
         name, where = circuit.sources[which]
         return LoadChatters(f"{stopped}the source {name} ({where}) chatters: {SOURCE_CURE}")
-    trouble = f"{GETS_NOWHERE}; a current that grows without an end or jumps has this effect"
+    trouble = f"{STALLED}; a current that grows without an end or jumps has this effect"
     if outcome != CRAWLING:
         moved = np.abs(state.change)
         name = circuit.names[int(np.argmax(np.where(np.isfinite(moved), moved, np.inf)))]
@@ -250,7 +250,7 @@ def _beginning(s, circuit, start):
     n = y.size
     x, v, electrical = start
     scalars.displacement = x
-    scalars.held_speed = system.speed_held(s, x, v)
+    scalars.held_speed = system.held_impact_speed(s, x, v)
     inner = contact.edges(s.contacts)[1:-1]
     scalars.zone = sum(x > edge if edge > 0.0 else x >= edge for edge in inner)
     scalars.proposed = 1.0

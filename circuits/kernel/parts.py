@@ -11,7 +11,7 @@ from circuits.kernel.builder import Builder
 from circuits.netlist.expression import ExpressionError, renamed
 from circuits.netlist.part_models import TEMPERATURE
 from circuits.netlist.potentials import Potentials, levels, with_sources
-from circuits.netlist.turns import turns
+from circuits.netlist.switching_events import zero_crossings
 from harvester.base.errors import LoadError
 
 if TYPE_CHECKING:
@@ -63,7 +63,7 @@ def add_load(b: Builder, load: LoadCircuit, network: Any, whole: bool = True) ->
             if add is None:
                 _refuse(part, f"an element of the letter {part.letter.upper()}")
             add(b, part)
-    _finish_tape(b, whole)
+    _finish_graph(b, whole)
 
 
 def _refuse(each: Element, reason: str) -> NoReturn:
@@ -193,27 +193,27 @@ def _behavioural(b, each):
     b.waiting.append((each, tree, a, z))
 
 
-def _finish_tape(b, whole):
+def _finish_graph(b, whole):
     """Expressions onto the tape, once all branches have their places."""
 
     def unknown_of(tree):
         return b.node(tree[1]) if tree[0] == "v" else b.unknowns[f"i({tree[1]})"]
 
     for number, (element, tree, a, z) in enumerate(b.waiting):
-        first = len(b.tape.rows)
+        first = len(b.graph.rows)
         try:
-            last = b.tape.add(tree, unknown_of)
+            last = b.graph.add(tree, unknown_of)
         except ExpressionError as reason:
             if not whole:
                 continue
             _refuse(element, str(reason))
         b.behavioural.append((a, z, first, last))
         for k in range(first, last + 1):
-            if b.tape.rows[k][0] == 0:
-                b.inputs.append((number, k, b.tape.rows[k][1]))
-                b.mark([], [b.tape.rows[k][1]])
+            if b.graph.rows[k][0] == 0:
+                b.inputs.append((number, k, b.graph.rows[k][1]))
+                b.mark([], [b.graph.rows[k][1]])
     for _, tree, _, _ in b.waiting:
-        b.turns += [b.tape.add(passed, unknown_of) for passed in turns(tree)]
+        b.zero_crossings += [b.graph.add(passed, unknown_of) for passed in zero_crossings(tree)]
 
 
 _ADD = {

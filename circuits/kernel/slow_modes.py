@@ -10,9 +10,9 @@ import numpy as np
 from circuits.kernel import junction
 from circuits.kernel.assembly import collect
 from circuits.kernel.builder import tables_of
+from circuits.netlist.expression_graph import evaluate, slopes
 from circuits.netlist.part_values import capacitance, conductance
 from circuits.netlist.stores import times_of, weights
-from circuits.netlist.tape import evaluate, slopes
 from harvester.device.terminals import GROUND
 
 if TYPE_CHECKING:
@@ -139,10 +139,10 @@ def _stamp(conductance, ends, value):
 
 def _add_behavioural(tables, y, conductance):
     """Add the behavioural sources' slopes to the conductances."""
-    values, shares = tables.tape_values.copy(), np.zeros(len(tables.tape))
-    evaluate(tables.tape, values, y, 0.0)
+    values, shares = tables.graph_values.copy(), np.zeros(len(tables.graph))
+    evaluate(tables.graph, values, y, 0.0)
     for number, (to, source, first, last) in enumerate(tables.behavioural):
-        slopes(tables.tape, values, shares, first, last)
+        slopes(tables.graph, values, shares, first, last)
         for which, operation, unknown in tables.inputs:
             if which == number and np.isfinite(shares[operation]):
                 conductance[to, unknown] += shares[operation]

@@ -21,8 +21,8 @@ from circuits.kernel.emitter import call
 from circuits.kernel.mechanics import Device, evaluate
 from circuits.kernel.memory import SLOTS, fresh_memory
 from circuits.kernel.tables import Circuit, Tables
-from circuits.netlist.tape import evaluate as evaluate_tape
-from circuits.netlist.tape import slopes as tape_slopes
+from circuits.netlist.expression_graph import evaluate as evaluate_graph
+from circuits.netlist.expression_graph import slopes as graph_slopes
 from harvester.base.compilation import compiled, merged
 
 MOST_ITERATIONS = 40
@@ -59,9 +59,9 @@ SCALARS = np.dtype(
         ("strictness", np.float64),  # by how much less error is asked for than by default
         ("line", np.float64),  # frequency at which the motion is to be exact (rad/s), or 0
         ("timed_for", np.float64),  # length of step (s) for which the next two hold
-        ("pace", np.float64),  # see `circuits.kernel.retiming`
+        ("pace", np.float64),  # see `circuits.kernel.prewarping`
         ("cancelled", np.float64),  # damping that the method adds by itself (1/s)
-        ("turn_time", np.float64),  # time constant of switches that turn by themselves (s)
+        ("crossing_time", np.float64),  # time constant of switches that turn by themselves (s)
         ("steps_taken", np.int64),  # since chatter was last looked for
         ("counted_from", np.float64),  # when that was (s)
     ],
@@ -100,7 +100,7 @@ def fresh_state(circuit: Circuit) -> State:
     they keep alive."""
     tables, order, at = circuit.tables, circuit.order, circuit.layout
     memory = fresh_memory(tables, at)
-    n, m, k = tables.steady.size, len(tables.junctions), len(tables.tape)
+    n, m, k = tables.steady.size, len(tables.junctions), len(tables.graph)
     core = order.columns[order.linear :].copy()
     lengths = {
         **dict.fromkeys(("y", "rates", "largest", "change", "stored", "right"), n),
@@ -124,13 +124,13 @@ def fresh_state(circuit: Circuit) -> State:
         **dict(zip(lengths, views, strict=True)),
         latest=np.zeros(n + 1),
         closed=tables.switches[:, 4].copy(),
-        values=tables.tape_values.copy(),
+        values=tables.graph_values.copy(),
         shares=np.zeros(k),
         jumps=np.zeros((len(tables.behavioural), 3)),
-        passing=np.zeros(len(tables.turns)),
+        passing=np.zeros(len(tables.zero_crossings)),
         scalars=np.zeros(1, SCALARS).view(np.recarray),
     )
-    state.scalars[0].pace, state.scalars[0].turn_time = 1.0, circuit.load.own_motion.turn
+    state.scalars[0].pace, state.scalars[0].crossing_time = 1.0, circuit.load.self_oscillation.turn
     return state
 
 
@@ -185,11 +185,11 @@ def add_waves(
 @compiled
 def _linearise(rows, behavioural, inputs, values, shares, latest, y, slopes, sizes, time):
     """Behavioural sources at the latest iterate, in terms of the change u."""
-    evaluate_tape(rows, values, latest, time)
+    evaluate_graph(rows, values, latest, time)
     position = 0
     for k in range(behavioural.shape[0]):
         first, last = behavioural[k, 2], behavioural[k, 3]
-        tape_slopes(rows, values, shares, first, last)
+        graph_slopes(rows, values, shares, first, last)
         sizes[k] = values[last]
         while position < inputs.shape[0] and inputs[position, 0] == k:
             unknown = inputs[position, 2]
@@ -262,7 +262,7 @@ def solve_stage(
     for _ in range(MOST_ITERATIONS):
         if behavioural:
             _linearise(
-                tables.tape, tables.behavioural, tables.inputs, state.values, state.shares,
+                tables.graph, tables.behavioural, tables.inputs, state.values, state.shares,
                 state.latest, state.y, state.slopes, state.sizes, time,
             )  # fmt: skip
         push = slope * (v - state.y[last]) - delta * row_unit * pull

@@ -26,12 +26,12 @@ from circuits.kernel import waveform
 from circuits.kernel.emitter import call
 from circuits.kernel.mechanics import Device, evaluate
 from circuits.kernel.points import add_points, given_power, load_power, stored_energy
-from circuits.kernel.retiming import DIAGONAL, retime
+from circuits.kernel.prewarping import DIAGONAL, retime
 from circuits.kernel.stage import Rates, State, add_waves, slot_of, solve_stage
 from circuits.kernel.switching import (
     accept_passed,
     missed_controls,
-    missed_own,
+    missed_self_oscillation,
     passed,
     switched,
     turn,
@@ -102,7 +102,7 @@ def advance(
     count: int,
     first_knot: int,
     spacing: float,
-    steps_per_knot: int,
+    steps_per_sample: int,
     steps_per_contact: int,
     plan: Any,
     record: Any,
@@ -128,9 +128,9 @@ def advance(
         Number of the block's first knot in the run.
     spacing : float
         Between two knots (s).
-    steps_per_knot, steps_per_contact : int
+    steps_per_sample, steps_per_contact : int
         Steps of the grid between two knots, and fewest in a contact.
-    plan : circuits.netlist.course.Plan
+    plan : circuits.netlist.source_schedule.Plan
         Steps that follow the load's own sources.
     record : Record
         Filled with the accepted points.
@@ -144,7 +144,7 @@ def advance(
         SOURCE_CHATTER), and which switch or behavioural source chatters.
     """
     scalars = state.scalars[0]
-    step = spacing / steps_per_knot
+    step = spacing / steps_per_sample
     capacity = record.time.size
     points = planned = 0
     middle = np.searchsorted(edges, 0.0)
@@ -252,7 +252,7 @@ def _find_step(device, tables, probes, state, time, longest, remaining, step, no
     scalars, last = state.scalars[0], state.y.size - 1
     x, v = scalars.displacement, state.y[last]
     h, least = _length(longest, remaining, step), SHORTEST * step
-    located = min(LOCATED * step, TURN_LOCATED * scalars.turn_time)
+    located = min(LOCATED * step, TURN_LOCATED * scalars.crossing_time)
     width, switch, entered, leaps = -1.0, -1, 0, False
     x1, ratio, scale = x, 0.0, 0.0
     while True:
@@ -349,7 +349,7 @@ def _restart(scalars, step):
     """Restart after a switch has turned: with a short step, and with unknown rates of change."""
     scalars.switchings += 1
     scalars.rates = Rates.TURNED
-    scalars.proposed = min(RESTART * step, TURN_RESTART * scalars.turn_time)
+    scalars.proposed = min(RESTART * step, TURN_RESTART * scalars.crossing_time)
 
 
 @merged
@@ -454,7 +454,7 @@ def _try_step(device, tables, probes, state, time, h, noise, slope, x, zone, loc
             if h >= located:
                 missed = missed_controls(tables, state)
                 if tables.own.shape[0] > 0:
-                    missed = max(missed, missed_own(tables, state))
+                    missed = max(missed, missed_self_oscillation(tables, state))
         elif euler:
             for i in range(n - 1):
                 carried += abs(state.stored[i] * state.change[i])

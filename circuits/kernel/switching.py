@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import Any
 
 from circuits.kernel.tables import Tables
-from circuits.netlist.tape import evaluate
+from circuits.netlist.expression_graph import evaluate
 from harvester.base.compilation import merged
 
 # A switch's control is known to this share of its distance from the threshold and its hysteresis.
@@ -49,10 +49,10 @@ def switched(tables: Tables, state: Any) -> tuple[int, float]:
 def passed(tables: Tables, state: Any, time: float) -> tuple[bool, float]:
     """Whether a source jumps within a step that ends at a time, and at which share of it first."""
     least = 2.0
-    if tables.turns.size > 0:
-        evaluate(tables.tape, state.values, state.latest, time)
-    for k in range(tables.turns.size):
-        before, after = state.passing[k], state.values[tables.turns[k]]
+    if tables.zero_crossings.size > 0:
+        evaluate(tables.graph, state.values, state.latest, time)
+    for k in range(tables.zero_crossings.size):
+        before, after = state.passing[k], state.values[tables.zero_crossings[k]]
         if before * after < 0.0:
             least = min(least, before / (before - after))
     return least <= 1.0, least
@@ -61,8 +61,8 @@ def passed(tables: Tables, state: Any, time: float) -> tuple[bool, float]:
 @merged
 def accept_passed(tables: Tables, state: Any) -> None:
     """Keep the values whose zeros make sources jump, at the end of the last step."""
-    for k in range(tables.turns.size):
-        state.passing[k] = state.values[tables.turns[k]]
+    for k in range(tables.zero_crossings.size):
+        state.passing[k] = state.values[tables.zero_crossings[k]]
 
 
 @merged
@@ -80,7 +80,7 @@ def turn(tables: Tables, state: Any) -> None:
 
 
 @merged
-def missed_own(tables: Tables, state: Any) -> float:
+def missed_self_oscillation(tables: Tables, state: Any) -> float:
     """Largest error of a self-oscillating load's charges and fluxes, over its tolerance.
 
     It has a tolerance of its own, since its energy may be a millionth of the device's.

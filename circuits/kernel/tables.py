@@ -14,16 +14,16 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 
 if TYPE_CHECKING:
-    from circuits.netlist.course import Course
     from circuits.netlist.load_circuit import LoadCircuit
     from circuits.netlist.measurement import Measurement
+    from circuits.netlist.source_schedule import SourceSchedule
 
 
 class Tables(
     namedtuple(
         "Tables",
         "entries capacity conductance steady sources waves corners driven drives junctions "
-        "junction_values switches switch_values tape tape_values behavioural inputs turns "
+        "junction_values switches switch_values graph graph_values behavioural inputs zero_crossings "
         "retimed nonlinear_rows nonlinear_columns own start",
     )
 ):
@@ -40,11 +40,11 @@ class Tables(
     switches : (k, 6) nodes, nodes that control it (or a current and ground), initial state, sort;
         `switch_values` (k, 4) conductance off and on, control voltage below which it opens and
         above which it closes.
-    tape : (k, 4) operations, `tape_values` (k,) their constants.
+    tape : (k, 4) operations, `graph_values` (k,) their constants.
     behavioural : (k, 4) row it adds to, row it takes from, first operation, place of its value;
-        `inputs` (k, 3) which of them, place on the tape, unknown; `turns` (k,) places of what
+        `inputs` (k, 3) which of them, place on the tape, unknown; `zero_crossings` (k,) places of what
         passes 0 where one jumps.
-    retimed : (k,) entries that `circuits.kernel.retiming` changes: the mass, and the currents that
+    retimed : (k,) entries that `circuits.kernel.prewarping` changes: the mass, and the currents that
         its velocity drives.
     nonlinear_rows, nonlinear_columns : (n,) whether what is not linear stands there.
     own : (k, 2) unknowns of a load that oscillates by itself which are known to a share of their
@@ -96,4 +96,4 @@ class Circuit(NamedTuple):
     sources: tuple[tuple[str, str], ...]
     load: LoadCircuit
     measurement: Measurement
-    course: Course
+    course: SourceSchedule

@@ -11,7 +11,7 @@ from circuits.netlist.elements import Element
 from circuits.netlist.kinds import LEVEL
 from circuits.netlist.load_checks import loose_nodes
 from circuits.netlist.measures import Measure
-from circuits.netlist.own_motion import OwnMotion, cancelled, own_motion
+from circuits.netlist.self_oscillation import SelfOscillation, cancelled, self_oscillation
 from circuits.netlist.stores import Store, levels_of, stores_of
 from circuits.netlist.supplies import coupled, supplies_of
 from circuits.netlist.writer import reads_alike, run_text
@@ -86,13 +86,13 @@ class LoadCircuit:
         return run_text(self.name, self.pins, self.elements)
 
     @cached_property
-    def own_motion(self) -> OwnMotion:
-        """How it behaves with the device at rest: `circuits.netlist.own_motion`."""
-        return own_motion(self.elements)
+    def self_oscillation(self) -> SelfOscillation:
+        """How it behaves with the device at rest: `circuits.netlist.self_oscillation`."""
+        return self_oscillation(self.elements)
 
     @cached_property
     def cancelled(self) -> str:
-        """The first source in it whose comparison rounding decides: `circuits.netlist.own_motion`."""
+        """The first source in it whose comparison rounding decides: `circuits.netlist.self_oscillation`."""
         return cancelled(self.elements)
 
     @cached_property

@@ -65,10 +65,10 @@ def reading_notes(load: LoadCircuit) -> tuple[str, ...]:
         for source in load.elements
         for node in _fed_back(load, source)[:1]
     ]
-    if load.own_motion.unknown:
+    if load.self_oscillation.unknown:
         notes.append(
             "whether the load oscillates by itself is not known "
-            f"({load.own_motion.unknown}): compare with shorter steps"
+            f"({load.self_oscillation.unknown}): compare with shorter steps"
         )
     return tuple(notes)
 
@@ -124,7 +124,7 @@ def check_turn(load: LoadCircuit, step: float) -> None:
             f"{load.cancelled} compares two values that are equal but for rounding: compare with "
             "a threshold of some millivolts"
         )
-    motion = load.own_motion
+    motion = load.self_oscillation
     if motion.turn < LEAST_TURN * step:
         raise LoadError(
             f"{motion.switch} turns by itself, and its control follows within {motion.turn:.2g} s: "

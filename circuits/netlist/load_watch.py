@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, NamedTuple
 from circuits.netlist.bounds import of_time_alone
 from circuits.netlist.part_models import hysteresis
 from circuits.netlist.potentials import Potentials, with_sources
-from circuits.netlist.turns import passing, turns
+from circuits.netlist.switching_events import passing, zero_crossings
 from harvester.device.terminals import GROUND
 
 if TYPE_CHECKING:
@@ -81,7 +81,7 @@ def watch_of(load: LoadCircuit, pins: Mapping[str, str]) -> Watch:
         tuple(values for _, values in stores),
         tuple(pins.values()),
         jumps,
-        load.own_motion.turn,
+        load.self_oscillation.turn,
     )
 
 
@@ -89,7 +89,7 @@ def may_jump(load: LoadCircuit) -> bool:
     """Whether a part of the load may change its current without notice."""
     if any(part.wave is not None for part in load.elements):
         return True
-    return load.switches and (load.own_motion.oscillates or any(map(_jumps, load.elements)))
+    return load.switches and (load.self_oscillation.oscillates or any(map(_jumps, load.elements)))
 
 
 def _jumps(each: Element) -> bool:
@@ -114,7 +114,7 @@ def _comparisons(parts, pins):
         passing(passed)
         for part in parts
         if part.expression is not None
-        for passed in turns(part.expression)
+        for passed in zero_crossings(part.expression)
         if not of_time_alone(with_sources(passed, potentials))
     ]
     return [

@@ -23,17 +23,17 @@ from circuits.netlist.expression import (
 from circuits.netlist.kinds import LEVEL, LOSS, OUTPUT, STATE
 from circuits.netlist.stores import weights
 from circuits.netlist.supplies import COMMON
-from circuits.netlist.turns import turns
+from circuits.netlist.switching_events import zero_crossings
 from harvester.base.errors import NetlistError
 from harvester.base.plain_text import named, nearest
 from harvester.device.terminals import GROUND
 
 if TYPE_CHECKING:
     from circuits.netlist.elements import Element
+    from circuits.netlist.expression_graph import Values
     from circuits.netlist.load_circuit import LoadCircuit
     from circuits.netlist.measures import Measure
     from circuits.netlist.scope import Scope
-    from circuits.netlist.tape import Values
 
 # A power that jumps is evaluated at this number of places within each step, an even one.
 JUMP_PLACES = 32
@@ -70,7 +70,7 @@ class Measurement:
     @cached_property
     def _values(self) -> Values:
         # Imported here, not at the head: reading a load needs no compiled code.
-        from circuits.netlist.tape import Values
+        from circuits.netlist.expression_graph import Values
 
         return Values(self.trees[: self._measures], self.watched)
 
@@ -123,7 +123,9 @@ class Measurement:
     def _jumping(self) -> list[int]:
         """Rows of powers whose expression jumps."""
         rows = enumerate(zip(self.rows, self.trees, strict=True))
-        return [k for k, ((kind, _), tree) in rows if kind in (LOSS, OUTPUT) and turns(tree)]
+        return [
+            k for k, ((kind, _), tree) in rows if kind in (LOSS, OUTPUT) and zero_crossings(tree)
+        ]
 
     def _means(self, time, unknowns, ends):
         """Means of the measures between the middles of steps; `ends` are the values at points."""

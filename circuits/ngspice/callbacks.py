@@ -14,7 +14,7 @@ import numpy as np
 from llvmlite import ir
 
 from circuits.equivalent.assembly import FIRST_ORDER_SHARE
-from circuits.equivalent.elements import pace_of
+from circuits.equivalent.elements import prewarp_factor
 from circuits.ngspice import load_steps
 from harvester.base.compilation import (
     CACHED,
@@ -90,7 +90,7 @@ STATE = np.dtype(
         ("steps", np.int64),
         ("spacing", np.float64),  # of the knots
         ("first_knot", np.int64),  # of the window
-        ("steps_per_knot", np.int64),  # 0: ngspice chooses its steps
+        ("steps_per_sample", np.int64),  # 0: ngspice chooses its steps
         ("steps_per_contact", np.int64),
         ("local_error", np.int64),  # ngspice's proposal counts too, within the grid
         ("system", np.int64),  # address of the numbers of a System, one after another
@@ -116,7 +116,7 @@ STATE = np.dtype(
         ("owed", np.float64),  # time by which the clock is still fast (s)
         ("settling", np.float64),  # longest step after the excitation bends; 0: any (s)
         ("refinement", np.float64),  # of the steps against the default ones
-        # The load's own motion, see `circuits.netlist.course.Plan`. The last ones are addresses.
+        # The load's own motion, see `circuits.netlist.source_schedule.Breakpoints`. The last ones are addresses.
         ("planned_to", np.float64),  # infinite where it does nothing (s)
         ("planned_count", np.int64),
         ("planned_place", np.int64),
@@ -129,7 +129,7 @@ STATE = np.dtype(
     align=True,
 )
 _STATE = numba.from_dtype(STATE)
-_pace_of = compiled(pace_of)
+_pace_of = compiled(prewarp_factor)
 
 
 @intrinsic
@@ -167,7 +167,7 @@ def _noise(state, copy, time):
 @compiled
 def _fast(state, h):
     """Share by which the motion's clock, made for a step of the grid, is fast in one of h."""
-    if h >= (1.0 - 1e-6) * state.spacing / state.steps_per_knot:
+    if h >= (1.0 - 1e-6) * state.spacing / state.steps_per_sample:
         return 0.0
     return 1.0 - _pace_of(state.line * h) / state.pace
 
@@ -178,7 +178,7 @@ def _slowed(state, h):
 
     A step takes the mean of its two ends; what it leaves is owed to the next.
     """
-    return _fast(state, h) + state.owed * state.steps_per_knot / state.spacing
+    return _fast(state, h) + state.owed * state.steps_per_sample / state.spacing
 
 
 @compiled
@@ -384,9 +384,9 @@ def _set_step(time, delta, before, redo, identity, location, user):
     ngspice's own shorter one stands.
     """
     state = carray(_state(user), 1)[0]
-    if location != 0 or state.steps_per_knot == 0:
+    if location != 0 or state.steps_per_sample == 0:
         return np.int32(0)
-    step = state.spacing / state.steps_per_knot
+    step = state.spacing / state.steps_per_sample
     knot = np.floor(time / state.spacing + 1e-9)
     index = np.floor((time - knot * state.spacing) / step + 1e-6)
     remaining = knot * state.spacing + (index + 1.0) * step - time

@@ -7,8 +7,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from circuits.netlist.expression import renamed, unknowns_in
+from circuits.netlist.expression_graph import Values
 from circuits.netlist.part_values import jumping_sources
-from circuits.netlist.tape import Values
 from circuits.ngspice import callbacks
 
 if TYPE_CHECKING:

@@ -18,7 +18,7 @@ from typing import Any
 
 from harvester.base.errors import CompiledDeviceUnavailable
 from harvester.base.libraries import install_command
-from harvester.base.surroundings import who_else_writes
+from harvester.base.surroundings import foreign_writers_of
 from harvester.base.temporary import TemporaryFolder
 
 COMPILER = "openvaf-r"
@@ -127,7 +127,7 @@ def load(engine: Any, text: str) -> None:
 
 def _require_own(folder):
     """Refuse a folder into which somebody else may put machine code."""
-    trouble = who_else_writes(folder)
+    trouble = foreign_writers_of(folder)
     if trouble:
         raise CompiledDeviceUnavailable(
             f"compiled devices are machine code, and {trouble}: take that right away (chmod go-w), "
@@ -137,7 +137,7 @@ def _require_own(folder):
 
 def _is_whole(path):
     """Whether a file is what its name says, and nobody else's."""
-    if path.is_symlink() or not path.is_file() or who_else_writes(path):
+    if path.is_symlink() or not path.is_file() or foreign_writers_of(path):
         return False
     return path.stem.partition("-")[2] == _digest(path.read_bytes())
 

@@ -15,7 +15,7 @@ from harvester.base.errors import CompiledDeviceUnavailable
 from harvester.scene.lines import line_frequency
 from harvester.scene.model import Scene
 from harvester.scene.prepared import Prepared, prepared
-from harvester.scene.steps import steps_per_contact, steps_per_knot
+from harvester.scene.steps import steps_per_contact, steps_per_sample
 
 if TYPE_CHECKING:
     from circuits.ngspice.session import Session
@@ -54,7 +54,7 @@ def run_realizations(
     observers : sequence of sequences of objects with `add(record)`
         Those of each realization.
     step : str or float
-        See `harvester.scene.steps.steps_per_knot`.
+        See `harvester.scene.steps.steps_per_sample`.
     source : str
         "external", or "pwl" for a PWL source in the netlist with ngspice's own steps, which
         takes one realization.
@@ -102,8 +102,8 @@ def run_realizations(
             ready, step, starts, options=options, integrator=scheme, compiled=compiled, line=line,
             ramp=ramp,
         )  # fmt: skip
-        steps = steps_per_knot(ready, step), steps_per_contact(ready, step)
-        refinement = steps[0] / steps_per_knot(ready)
+        steps = steps_per_sample(ready, step), steps_per_contact(ready, step)
+        refinement = steps[0] / steps_per_sample(ready)
         engine.run(netlist, system, paths, observers, *steps, by_error, refinement, outputs)
     return {"engine_version": version(engine), "netlist_sha256": netlist.sha256}
 

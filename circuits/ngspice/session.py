@@ -28,9 +28,9 @@ import numpy as np
 from PySpice.Spice.NgSpice.Shared import NgSpiceCommandError, NgSpiceShared, ffi
 
 from circuits.equivalent import elements, verilog
-from circuits.netlist.course import AHEAD
 from circuits.netlist.load_notes import suspicion, with_places
 from circuits.netlist.part_values import SOURCE_CURE, jumping_sources
+from circuits.netlist.source_schedule import AHEAD
 from circuits.ngspice import callbacks, compiled_device, messages
 from circuits.ngspice.chatter import Chattering
 from circuits.ngspice.library import code_models, find_library, no_initialisation_files
@@ -46,7 +46,7 @@ from harvester.base.errors import (
 from harvester.base.worker import as_answer, give_up
 from harvester.device import timescales
 from harvester.device.record import empty_record, part
-from harvester.scene.steps import CRAWL, GETS_NOWHERE, PATIENCE, STEPS_PER_CONTACT
+from harvester.scene.steps import CRAWL, PATIENCE, STALLED, STEPS_PER_CONTACT
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -154,7 +154,7 @@ class Session(NgSpiceShared):
         system: System,
         paths: Sequence[ExcitationPath],
         observers: Sequence[Sequence[Any]],
-        steps_per_knot: int,
+        steps_per_sample: int,
         steps_per_contact: int = STEPS_PER_CONTACT,
         local_error: bool = False,
         refinement: float = 1.0,
@@ -170,7 +170,7 @@ class Session(NgSpiceShared):
             One for each copy of the device in the netlist.
         observers : sequence of sequences of objects with `add(record)`
             Those of each copy.
-        steps_per_knot : int
+        steps_per_sample : int
             Steps between knots; 0 leaves the steps to ngspice.
         steps_per_contact : int
             Fewest steps from the beginning of a contact to its end, where they are not.
@@ -192,7 +192,7 @@ class Session(NgSpiceShared):
         """
         self._begin(netlist, system, paths, observers)
         self._outputs = outputs
-        self.state["steps_per_knot"] = steps_per_knot
+        self.state["steps_per_sample"] = steps_per_sample
         self.state["steps_per_contact"] = steps_per_contact
         self.state["local_error"] = local_error
         self.state["refinement"] = max(refinement, 1.0)
@@ -366,7 +366,7 @@ class Session(NgSpiceShared):
             elif not done.is_set() and time.process_time() - spent > PATIENCE:
                 self._doing = f"stopped at t = {latest:g}"
                 cause = "a force or a current that jumps, as dry friction does, has this effect"
-                trouble = f"{GETS_NOWHERE}; {cause}"
+                trouble = f"{STALLED}; {cause}"
                 if self.circuit_load and (jumping := jumping_sources(self.circuit_load.elements)):
                     trouble += f"; look at {', '.join(source.place for source in jumping[:3])}"
                 give_up(SimulatorAborted(self._said(trouble)))

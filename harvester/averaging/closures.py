@@ -29,7 +29,7 @@ LEVELS, NODES = 400, 32
 COARSE_LEVELS, COARSE_NODES = 200, 24
 
 
-class Closure(NamedTuple):
+class StationaryMethod(NamedTuple):
     """A closure: one method for stationary means.
 
     Attributes
@@ -242,13 +242,13 @@ def _means(orbits, weight, core):
     }
 
 
-CLOSURES: Registry[Closure] = Registry(
+CLOSURES: Registry[StationaryMethod] = Registry(
     "harvester.closures",
     {
-        "paper": Closure(partial(_over_orbits, "paper"), 1e-3),
-        "consistent": Closure(partial(_over_orbits, "consistent"), 1e-3),
-        "fokker_planck": Closure(fokker_planck, 1e-2),
-        "spectral": Closure(spectral, 1e-6, of_spectrum=True),
+        "paper": StationaryMethod(partial(_over_orbits, "paper"), 1e-3),
+        "consistent": StationaryMethod(partial(_over_orbits, "consistent"), 1e-3),
+        "fokker_planck": StationaryMethod(fokker_planck, 1e-2),
+        "spectral": StationaryMethod(spectral, 1e-6, of_spectrum=True),
     },
 )
 # Closures that take the noise of Eq. 6, also for devices that are not linear.

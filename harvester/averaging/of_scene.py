@@ -90,7 +90,7 @@ def average(
             raise HarvesterError(
                 f"average: {method} is an engine, not a closure; give Stationary(…)"
             )
-        chosen = method.beside_options(options, {"fit": False, "jump_rates": False})
+        chosen = method.check_options_agree(options, {"fit": False, "jump_rates": False})
         method, tolerance = chosen.closure, chosen.tolerance
         fit, jump_rates = chosen.fit, chosen.jump_rates
     require_resistor(scene, "stochastic averaging")

@@ -66,7 +66,7 @@ class Method(ABC):
         stated = {name: value for name, value in options.items() if value is not None}
         return replace(self, **{name: value for name, value in stated.items() if name in names})
 
-    def beside_options(self, options: Mapping[str, Any], defaults: Mapping[str, Any]) -> Self:
+    def check_options_agree(self, options: Mapping[str, Any], defaults: Mapping[str, Any]) -> Self:
         """Check that the options of a call do not contradict this method, which was given as an
         object.
 

@@ -16,7 +16,7 @@ from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
 
-from harvester.base.surroundings import PACKAGE, other_writers, who_else_writes
+from harvester.base.surroundings import PACKAGE, foreign_writers_of, other_writers
 
 # The cache holds code for types of these packages only. Code for a part of another package is
 # compiled anew in each process, since other processes may lack that package.
@@ -154,4 +154,4 @@ def is_safe() -> bool:
         if all(os.access(path if path.exists() else path.parent, os.W_OK) for path in caches):
             return True
         folder = AppDirs("numba", appauthor=False).user_cache_dir
-    return not any(map(who_else_writes, [folder, *Path(folder).rglob("*")]))
+    return not any(map(foreign_writers_of, [folder, *Path(folder).rglob("*")]))

@@ -31,7 +31,7 @@ def away_from_working_folder() -> Iterator[None]:
         os.close(before)
 
 
-def who_else_writes(path: str | Path) -> str:
+def foreign_writers_of(path: str | Path) -> str:
     """Which other user (not this one, not the program's owner) may change the file at a path.
 
     The path is of a file or a folder; what is not there yet is made by this user. Returns the place

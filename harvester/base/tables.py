@@ -61,7 +61,7 @@ def write_netcdf(path: str | Path, dataset: Any) -> None:
         file.write(dataset.to_netcdf(engine="scipy", format="NETCDF3_64BIT"))
 
 
-def xarray_or_say() -> ModuleType:
+def require_xarray() -> ModuleType:
     """The module xarray; without it, a MissingLibrary error says how to install it."""
     return optional_library("xarray", "NetCDF", "study")
 

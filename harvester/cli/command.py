@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any
 import harvester
 from harvester.base.errors import SimulationError
 from harvester.base.signatures import File, Folder, RunnerOptions, options_of
-from harvester.base.tables import xarray_or_say
+from harvester.base.tables import require_xarray
 from harvester.cli.parsing import add_extra, add_options, is_scene, overrides_of, values_of
 from harvester.cli.shown import say
 from harvester.cli.steps import check_places, result_files, show, study_runner, write_result
@@ -173,7 +173,7 @@ class StudyCommand(Command):
         check_places(**places, files=self.files or result_files(name))
         if places["output"] and any(file.endswith(".nc") for file in self.files):
             # Raised now rather than after a long run: the library of these files is missing.
-            xarray_or_say()
+            require_xarray()
         # The progress bar of a single simulation names its method.
         label = stem if self.bar == "simulated time" else self.name
         with self._opened(label, scene, values) as runner:

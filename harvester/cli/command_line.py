@@ -10,7 +10,7 @@ import warnings
 from harvester.base.errors import EngineNotFound, HarvesterError, LoadChatters, SimulationError
 from harvester.base.plain_text import nearest
 from harvester.base.streams import guarded_streams
-from harvester.cli.shown import complain, quiet
+from harvester.cli.shown import print_error, quiet
 from harvester.cli.table import build_parser
 
 # Former names of options, with the present ones.
@@ -76,10 +76,10 @@ def _interrupt_again(lost):
 
 def _run(arguments):
     if len(arguments) > MOST_ARGUMENTS:
-        complain(f"{len(arguments)} arguments, and {MOST_ARGUMENTS} are the most")
+        print_error(f"{len(arguments)} arguments, and {MOST_ARGUMENTS} are the most")
         return 2
     if sys.flags.optimize > 1:
-        complain("python -OO leaves out the texts that the options are read from: use python -O")
+        print_error("python -OO leaves out the texts that the options are read from: use python -O")
         return 2
     if not arguments:
         print(WELCOME)
@@ -89,16 +89,16 @@ def _run(arguments):
         with quiet(options.quiet):
             return options.command.run(options) or 0
     except SimulationError as error:
-        complain(f"{type(error).__name__}: {error}")
+        print_error(f"{type(error).__name__}: {error}")
         return 2 if isinstance(error, LoadChatters) else 1
     except EngineNotFound as error:
-        complain(error)
+        print_error(error)
         return 1
     except HarvesterError as error:
-        complain(error)
+        print_error(error)
         return 2
     except KeyboardInterrupt as interrupt:
-        complain(f"interrupted; {str(interrupt) or 'nothing was written'}")
+        print_error(f"interrupted; {str(interrupt) or 'nothing was written'}")
         return 130
     except (MemoryError, ImportError, OSError, RuntimeError) as error:
         if isinstance(error, RuntimeError) and "thread" not in str(error):
@@ -107,7 +107,7 @@ def _run(arguments):
         reason = str(error).partition("\n")[0] or "no memory left"
         if isinstance(error, RuntimeError):
             reason = "a thread cannot be started; raise the limit (ulimit -a shows it)"
-        complain(f"{type(error).__name__}: {reason}")
+        print_error(f"{type(error).__name__}: {reason}")
         return 1
 
 

@@ -63,6 +63,6 @@ def say(text: object) -> None:
         print(one_line(text), file=sys.stderr)
 
 
-def complain(text: object) -> None:
+def print_error(text: object) -> None:
     """One line on standard error on what went wrong."""
     print(f"harvester: {one_line(text)}", file=sys.stderr)

@@ -9,7 +9,7 @@ from collections.abc import Iterable, Iterator
 from typing import TYPE_CHECKING, Unpack
 
 from harvester.base.signatures import RunnerOptions
-from harvester.cli.shown import Shown, Tabled, complain, say
+from harvester.cli.shown import Shown, Tabled, print_error, say
 
 if TYPE_CHECKING:
     from harvester.engines.runner import Runner
@@ -34,9 +34,11 @@ def study_runner(label: str | None, **running: Unpack[RunnerOptions]) -> Iterato
             with open_runner(**running) as runner:
                 yield runner
                 for line in runner.warnings:
-                    complain(line)
+                    print_error(line)
                 if runner.out_of_time:
-                    complain("the time budget was spent: the same command goes on where it ended")
+                    print_error(
+                        "the time budget was spent: the same command goes on where it ended"
+                    )
     except KeyboardInterrupt as interrupt:
         hint = "what is finished is kept: the same command goes on" if running.get("output") else ""
         raise KeyboardInterrupt(str(interrupt) or hint) from None

@@ -12,7 +12,7 @@ from typing import ClassVar, NamedTuple
 
 from harvester.device.dispatch import Values
 from harvester.device.keys import SI, names_replace, not_negative, positive
-from harvester.device.linear_transducer import LinearTransducer, TransducerRates, Unshaken
+from harvester.device.linear_transducer import LinearTransducer, NoBaseForce, TransducerRates
 from harvester.device.terminals import (
     GROUND,
     LOAD_AMMETER,
@@ -48,7 +48,7 @@ class _Resistances(NamedTuple):
     current_share: float
 
 
-class ResistiveCoil(Unshaken, _Resistances):
+class ResistiveCoil(NoBaseForce, _Resistances):
     """Without inductance: R_coil i = Φ x' − v, so that i follows X' at once.
 
     Currents are in units of Φ l/R_coil (1/s), voltages in Φ l (1/s).

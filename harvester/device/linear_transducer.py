@@ -11,7 +11,7 @@ from typing import NamedTuple
 from harvester.device.dispatch import Values
 
 
-class Unshaken:
+class NoBaseForce:
     """A transducer on which the base's acceleration does not act directly."""
 
     __slots__ = ()
@@ -32,7 +32,7 @@ class Unshaken:
         return state
 
 
-class LinearTransducer(Unshaken):
+class LinearTransducer(NoBaseForce):
     """Base of the named tuples of such equations; without fields of its own.
 
     Methods take and return floats and are compiled as they stand. A subclass has at least

@@ -54,7 +54,7 @@ class _ShakenRates(NamedTuple):
     base_share: float
 
 
-class ShakenPiezo(PiezoLaw, _ShakenRates):
+class BaseForcedPiezo(PiezoLaw, _ShakenRates):
     """A piezo in which the base's acceleration moves charge by itself.
 
     The state is V. What is kept in Cp is W = V − κ η, W' = X' − λ V; ½βW² is energy of the
@@ -86,10 +86,10 @@ class ShakenPiezo(PiezoLaw, _ShakenRates):
 
 def piezo(
     coupling: float, load_rate: float, leakage_rate: float = 0.0, base_share: float = 0.0
-) -> Piezo | ShakenPiezo:
+) -> Piezo | BaseForcedPiezo:
     """The piezo with these scaled values (1/s for the rates, s² for κ)."""
     rates = float(coupling), float(load_rate), float(leakage_rate)
-    return ShakenPiezo(*rates, float(base_share)) if base_share else Piezo(*rates)
+    return BaseForcedPiezo(*rates, float(base_share)) if base_share else Piezo(*rates)
 
 
 @names_replace
@@ -123,7 +123,7 @@ class PiezoTable(TransducerTable):
             return 1.0
         return self.coupling * setting.length / self.capacitance
 
-    def equations(self, setting: Setting) -> Piezo | ShakenPiezo:
+    def equations(self, setting: Setting) -> Piezo | BaseForcedPiezo:
         """The piezo; a load that is no resistor leaves it open.
 
         Steps are then chosen for the motion that the damper alone bounds, the greatest there is,
@@ -159,7 +159,7 @@ class PiezoTable(TransducerTable):
             )
         return 1.0 / (resistance * capacitance)
 
-    def network(self, setting: Setting, equations: Piezo | ShakenPiezo, rate: float) -> Network:
+    def network(self, setting: Setting, equations: Piezo | BaseForcedPiezo, rate: float) -> Network:
         """Capacitance, the current that the velocity drives into it, the force back, the leak.
 
         What the base's acceleration adds is a voltage in series with the capacitance.
@@ -171,7 +171,7 @@ class PiezoTable(TransducerTable):
             charge = self.coupling * setting.length
         behind, current_per_ampere = GROUND, 0.0
         base: tuple[Component, ...] = ()
-        if isinstance(equations, ShakenPiezo):
+        if isinstance(equations, BaseForcedPiezo):
             behind, current_per_ampere = BASE, 1.0 / charge
             share = equations.base_share * volts
             base = (Component("base voltage", "base_charge", BASE, GROUND, share),)

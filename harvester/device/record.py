@@ -18,7 +18,7 @@ class Record(NamedTuple):
     displacement, velocity, voltage : X, X', V of Eq. 4.
     load_power : power leaving the transducer, β λ V² for a resistor (Eq. 30).
     input_power : η X', what the base puts in (Eq. 33), and on a piezo's charge −βκ η W' (see
-        `harvester.device.piezo.ShakenPiezo`).
+        `harvester.device.piezo.BaseForcedPiezo`).
     loss_power : what damper, contacts and the transducer's own resistance take, for a piezo
         without leak [c + contact damping] X'² (Eq. 36).
     transducer_loss : the part of it in leak or winding.

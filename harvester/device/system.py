@@ -29,7 +29,7 @@ part_force = equation("force")
 damping_rate = equation("rate")
 state_rate = equation("state_rate")
 decay_rate = equation("decay_rate")
-own_damping = equation("damping")
+transducer_damping = equation("damping")
 terminal_voltage = equation("voltage")
 load_current = equation("current")
 load_power = equation("load_power")
@@ -121,7 +121,7 @@ def stored_energy(s: System, x: float, v: float, state: float) -> float:
     return mechanical + transducer_energy(s.transducer, state)
 
 
-def begun_state(s: System, kept: float, noise: float) -> float:
+def initial_transducer_state(s: System, kept: float, noise: float) -> float:
     """The transducer's state at the start, from `kept_state` = `kept` and η = `noise`.
 
     A base that is shaken from the first moment on has moved its charge by then.
@@ -129,7 +129,7 @@ def begun_state(s: System, kept: float, noise: float) -> float:
     return kept - s.transducer.kept_state(0.0, noise)
 
 
-def speed_held(s: System, x: float, v: float) -> float:
+def held_impact_speed(s: System, x: float, v: float) -> float:
     """Impact speed v0 that a run begins with where v0 is held during contact (`event`).
 
     It is the speed at which the mass would have entered the contact that it starts in.

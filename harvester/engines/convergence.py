@@ -18,7 +18,7 @@ from circuits.netlist.kinds import BATTERY, LOSS, OUTPUT, SUPPLY
 from harvester.base.errors import NotConverged, SimulatorAborted, SolutionDiverged
 from harvester.engines.methods import Circuit, Engine
 from harvester.scene.prepared import prepared
-from harvester.scene.steps import knot_spacing, steps_per_knot
+from harvester.scene.steps import knot_spacing, steps_per_sample
 from harvester.statistics.balance import energy_balance_residual
 from harvester.statistics.moments import QUANTITIES
 from harvester.statistics.output_moments import QUANTITIES as OUTPUT_QUANTITIES
@@ -92,7 +92,7 @@ def _options(scene: Scene, engine: Circuit) -> Iterator[tuple[str, Circuit, Circ
     ready = prepared(scene)
     if engine.scheme != "gear":
         yield "Gear's rule", replace(engine, scheme="gear"), None
-    steps = FINER * steps_per_knot(ready, engine.step)
+    steps = FINER * steps_per_sample(ready, engine.step)
     yield "steps a quarter as long", replace(engine, step=knot_spacing(ready) / steps), None
     values = {"gmin": GMIN}
     if scene.load.circuit.sources:

@@ -53,7 +53,7 @@ END_REACTION, CONTACT_DAMPING, EXCITED, LEAVES = range(
 )
 
 
-class Room(NamedTuple):
+class BatchWorkspace(NamedTuple):
     """Where the realizations are, and room to work in.
 
     Attributes
@@ -73,7 +73,9 @@ class Room(NamedTuple):
     columns: np.ndarray
 
     @classmethod
-    def of(cls, s: System, starts: Sequence[tuple[float, float, float]], points: int) -> Room:
+    def of(
+        cls, s: System, starts: Sequence[tuple[float, float, float]], points: int
+    ) -> BatchWorkspace:
         """Realizations at their starts, with room for so many points each, at least 2 or none.
 
         A start is (X, X', transducer's state).
@@ -86,7 +88,7 @@ class Room(NamedTuple):
             # Places behind the last realization are padding: they repeat its start.
             x, v, transducer = starts[min(k, len(starts) - 1)]
             zone = sum(x > edge if edge > 0.0 else x >= edge for edge in edges[1:-1])
-            held, ends = system.speed_held(s, x, v), edges[zone : zone + 2]
+            held, ends = system.held_impact_speed(s, x, v), edges[zone : zone + 2]
             reaction = system.contact_force(s, x, v, held, *ends)
             state[: PREVIOUS // TOGETHER] = x, v, transducer, held, zone, *ends, reaction
         return cls(
@@ -106,9 +108,9 @@ def advance(
     noise: np.ndarray,
     first_knot: int,
     spacing: float,
-    steps_per_knot: int,
+    steps_per_sample: int,
     steps_per_contact: int,
-    room: Room,
+    room: BatchWorkspace,
     tally: Tally,
     place: np.ndarray,
 ) -> None:
@@ -124,7 +126,7 @@ def advance(
         The excitation of all realizations at its knots, `spacing` (s) apart.
     first_knot : int
         Number of the first of these knots in the run.
-    steps_per_knot, steps_per_contact : int
+    steps_per_sample, steps_per_contact : int
         Steps between two knots, and fewest from the beginning of a contact to its end.
     tally : Tally
         Sums of the moments, added to.
@@ -136,7 +138,7 @@ def advance(
     while edges[free] < 0.0:
         free += 1
     left, right = edges[free - 1], edges[free]
-    step = spacing / steps_per_knot
+    step = spacing / steps_per_sample
     segment, part, waiting, batch = place[0], place[1], place[2], place[3]
     # A loop over a constant number would be unrolled place by place. One realization alone takes as
     # long as eight, or less.
@@ -148,7 +150,7 @@ def advance(
         begin = (first_knot + segment) * spacing
         start, end = part * step, (part + 1) * step
         if waiting == 0:
-            at_knot = part == steps_per_knot - 1
+            at_knot = part == steps_per_sample - 1
             now = several.batch_of(tally, begin + start, begin + end)
             if now != batch:
                 several.end_batch(tally, batch)
@@ -163,7 +165,7 @@ def advance(
         if waiting > 0:
             break
         part += 1
-        if part == steps_per_knot:
+        if part == steps_per_sample:
             segment, part = segment + 1, 0
             begin, end = (first_knot + segment) * spacing, 0.0
         fullest = _arrive(s, begin + end, batch, lanes, room, tally)

@@ -242,7 +242,7 @@ def engine_of(method: str | Method, **options: Any) -> Engine:
     Raises HarvesterError for an unknown name, a closure, or an unknown option.
     """
     if isinstance(method, Engine):
-        return method.beside_options(options, DEFAULTS)
+        return method.check_options_agree(options, DEFAULTS)
     _check_options(options)
     engine: Engine = ENGINES[check_name("method", str(method), ENGINES)]()
     if (options.get("copies") or 1) > 1 and not hasattr(engine, "copies"):
@@ -258,7 +258,7 @@ def method_of(method: str | Method, **options: Any) -> Method:
 
     if isinstance(method, Stationary):
         check_name("method", method.closure, CLOSURES)
-        return method.beside_options(options, DEFAULTS)
+        return method.check_options_agree(options, DEFAULTS)
     check_name("method", str(method), {**ENGINES, **CLOSURES})
     _check_options(options)
     return Stationary(str(method)).with_options(options)

@@ -25,14 +25,14 @@ from harvester.base.errors import SolutionDiverged
 from harvester.device import contact, system
 from harvester.device.record import Observer, Record
 from harvester.device.system import System
-from harvester.engines.lockstep import Room, advance
+from harvester.engines.lockstep import BatchWorkspace, advance
 from harvester.engines.schemes import Scheme, scheme_of
 from harvester.excitation.base import ExcitationPath
 from harvester.scene.prepared import Prepared
 from harvester.scene.steps import (
     EVEN_STEPS_PER_CONTACT,
     steps_per_contact,
-    steps_per_knot,
+    steps_per_sample,
     stop_time,
 )
 from harvester.statistics.moments import Moments
@@ -49,7 +49,7 @@ def prepare(ready: Prepared) -> None:
     """Load the compiled code for a scene's parts, so that it does not count as simulation."""
     s = ready.system
     tally = SeveralMoments([_unwanted(0.0, 1.0)], 1.0).tally
-    room, position = Room.of(s, [(0.0, 0.0, 0.0)], 0), _beginning()
+    room, position = BatchWorkspace.of(s, [(0.0, 0.0, 0.0)], 0), _beginning()
     noise = np.zeros((1, 1, TOGETHER))
     advance(Scheme.RUNGE_KUTTA.argument, s, _edges(s), noise, 0, 1.0, 1, 1, room, tally, position)
 
@@ -68,7 +68,7 @@ def run_realizations(
     `scheme` is "runge-kutta" or "heun". `outputs` is not used: a resistor has no output side.
     """
     s = ready.system
-    fixed = steps_per_knot(ready, step, "monte-carlo")
+    fixed = steps_per_sample(ready, step, "monte-carlo")
     in_contact = steps_per_contact(ready, step, "monte-carlo")
     for first in range(0, len(paths), MOST_TOGETHER):
         some = slice(first, first + MOST_TOGETHER)
@@ -107,7 +107,7 @@ def integrate(
     paths: Sequence[ExcitationPath],
     starts: Sequence[tuple[float, float, float]],
     stop: float,
-    steps_per_knot: int = 1,
+    steps_per_sample: int = 1,
     scheme: str = "runge-kutta",
     steps_per_contact: int = EVEN_STEPS_PER_CONTACT,
     moments: Sequence[Moments] = (),
@@ -123,7 +123,7 @@ def integrate(
         X, X' and the transducer's state, scaled.
     stop : float
         End time (s), rounded up to a whole number of knots.
-    steps_per_knot, steps_per_contact : int
+    steps_per_sample, steps_per_contact : int
         Steps between two knots where no contact asks for more; fewest in a contact.
     scheme : str
         A name in `harvester.engines.schemes.NAMED`.
@@ -145,15 +145,15 @@ def integrate(
     SolutionDiverged
     """
     spacing, edges = paths[0].spacing, _edges(s)
-    chosen = scheme_of(s, scheme, spacing / steps_per_knot)
+    chosen = scheme_of(s, scheme, spacing / steps_per_sample)
     knots = math.ceil(stop / spacing - 1e-9)
     most = (SEGMENTS_KEPT if keep else SEGMENTS) // len(paths)
     first_knots = [float(path.read(1)[0]) for path in paths]
     begun = [
-        (x, v, system.begun_state(s, state, eta))
+        (x, v, system.initial_transducer_state(s, state, eta))
         for (x, v, state), eta in zip(starts, first_knots, strict=True)
     ]
-    room, position = Room.of(s, begun, _points(most) if keep else 0), _beginning()
+    room, position = BatchWorkspace.of(s, begun, _points(most) if keep else 0), _beginning()
     several = SeveralMoments(moments or [_unwanted(stop, spacing) for _ in paths], spacing)
     noise = np.zeros((most + 1, len(room.states), TOGETHER))
     samples = noise.reshape(most + 1, -1)
@@ -167,7 +167,7 @@ def integrate(
             room.points[:] = 0
             advance(
                 chosen.argument, s, edges, noise[: count + 1], first, spacing,
-                steps_per_knot, steps_per_contact, room, several.tally, position,
+                steps_per_sample, steps_per_contact, room, several.tally, position,
             )  # fmt: skip
             several.collect(room.points)
             if several.diverged is not None:

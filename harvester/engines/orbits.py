@@ -30,8 +30,8 @@ from harvester.statistics.attractors import (
     QUANTITIES,
     Group,
     groups_of,
-    groups_that_meet,
     means_of,
+    synchronized_clusters,
     transients,
 )
 from harvester.statistics.estimate import Estimate
@@ -128,7 +128,7 @@ def _motions(scene, moments, samples, cost, count, exponent=None):
     if not last.shape[1]:
         groups = [Group(None, np.array([k]), state) for k, state in enumerate(states)]
     else:
-        groups = groups_of(states) if periodic else groups_that_meet(states)
+        groups = groups_of(states) if periodic else synchronized_clusters(states)
     motions: list[tuple] = []
     for group in groups:
         cycle, members, divergence = {}, group.members, None

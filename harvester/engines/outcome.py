@@ -14,14 +14,14 @@ from harvester.engines.methods import Engine
 from harvester.engines.orbits import note_on_one_start
 from harvester.engines.realization import Realization
 from harvester.excitation.spectrum import Spectrum
-from harvester.results.orbit import UNTOLD, Attractor
+from harvester.results.orbit import UNDETERMINED, Attractor
 from harvester.results.residual_cause import suspected_cause
 from harvester.results.result import Result
 from harvester.results.waveform import waveform_of
 from harvester.scene.model import Scene
 from harvester.scene.paths import distinct_realizations
 from harvester.scene.prepared import prepared
-from harvester.scene.steps import knot_spacing, step_error, steps_per_knot
+from harvester.scene.steps import knot_spacing, step_error, steps_per_sample
 from harvester.statistics.batch_means import measured_time
 from harvester.statistics.densities import densities
 from harvester.statistics.joint_density import joint_density as joint_density_of
@@ -88,7 +88,8 @@ def result_of(
         simulated_time=sum(m.time_reached for m in moments),
         steps=sum(m.points for m in moments),
         step=moments[0].step
-        or knot_spacing(prepared_scene) / steps_per_knot(prepared_scene, engine.step, engine.name),
+        or knot_spacing(prepared_scene)
+        / steps_per_sample(prepared_scene, engine.step, engine.name),
         step_error=None if engine.chooses_steps else estimates.step_error,
         realizations=len(moments),
         engine_version=run.engine_version,
@@ -168,7 +169,7 @@ def _notes_on_starts(scene, motions):
         return (*repeated, *note_on_one_start(scene))
     unit = unit_of(scene, "power")
     lines = (*repeated, *(motion.sentence(unit) for motion in motions))
-    if any(motion.kind == UNTOLD for motion in motions):
+    if any(motion.kind == UNDETERMINED for motion in motions):
         lines += (
             "whether what has no period is chaotic: run.starts = 100 or harvester basins give its "
             "exponent",

@@ -21,7 +21,7 @@ from harvester.engines.methods import Engine, MonteCarlo
 from harvester.excitation.sum import common_period
 from harvester.scene.paths import noise_path, start_state
 from harvester.scene.prepared import Prepared, prepared
-from harvester.scene.steps import knot_spacing, step_error, steps_per_knot, stop_time
+from harvester.scene.steps import knot_spacing, step_error, steps_per_sample, stop_time
 from harvester.statistics.batch_means import KNOTS_PER_SAMPLE, batch_counts
 from harvester.statistics.joint import JointHistogram
 from harvester.statistics.joint import prepare as prepare_joint
@@ -282,7 +282,7 @@ def _refined(scene, engine, others):
     prepared_scene = prepared(scene)
     spacing, count = (
         knot_spacing(prepared_scene),
-        steps_per_knot(prepared_scene, engine.step, engine.name),
+        steps_per_sample(prepared_scene, engine.step, engine.name),
     )
     halvings = 2 if engine.step == "default" else int(count == 1)
     started, clock = time.time(), time.process_time()

@@ -203,7 +203,7 @@ def answering(
     most = cut.whole(request.most) if request.precision else request.first
     first = min(cut.whole(request.first), most)
     cost = step_error(prepared(request.scene), request.method.step, request.method.name)
-    aim = aim_beside_steps(request.precision, cost) if request.precision else None
+    aim = sampling_error_budget(request.precision, cost) if request.precision else None
 
     def judge(good, ended):
         if not good:
@@ -213,7 +213,7 @@ def answering(
     return (yield from in_rounds(cut, first, most, aim, judge))
 
 
-def aim_beside_steps(precision: float, step_error: float) -> float:
+def sampling_error_budget(precision: float, step_error: float) -> float:
     """Relative standard error that with the steps' error makes up a precision.
 
     Where the steps alone cost more, the precision itself: `note_on_steps` then says so.
@@ -259,7 +259,7 @@ def in_rounds(
     had, count, answers, ahead = 0, first, [], 0.0
     while True:
         answers += yield Wanted(cut.tasks(had, count, most), ahead)
-        good, ended = good_ones(answers)
+        good, ended = answers_before_failure(answers)
         content, reached = judge(good, ended)
         if ended or count >= most or precision is None or reached <= precision:
             return content
@@ -304,7 +304,7 @@ def told(error: HarvesterError) -> str:
     return "".join(character if character.isprintable() else " " for character in text)
 
 
-def good_ones(found: Sequence) -> tuple[list, HarvesterError | str]:
+def answers_before_failure(found: Sequence) -> tuple[list, HarvesterError | str]:
     """The answers before the first missing one, and its reason: an error, or that time ran out."""
     good: list = []
     for answer in found:
@@ -352,7 +352,7 @@ def _answer(request, good, ended, cost):
     precision = request.precision
     if precision and note_on_steps(precision, cost):
         notes.append(note_on_steps(precision, cost))
-    if precision and reached > aim_beside_steps(precision, cost):
+    if precision and reached > sampling_error_budget(precision, cost):
         error = f"{reached:.1%}" if math.isfinite(reached) else "unknown"
         notes.append(f"relative standard error {error}, not the {precision:.1%} asked for")
     if isinstance(ended, HarvesterError):

@@ -101,7 +101,10 @@ def _exponential(s, touching, low, high, held, x, v, voltage, noise, slope, h, r
     """
     half = 0.5 * h
     middle = noise + slope * half
-    c, rate = s.damper.damping + system.own_damping(s.transducer), system.decay_rate(s.transducer)
+    c, rate = (
+        s.damper.damping + system.transducer_damping(s.transducer),
+        system.decay_rate(s.transducer),
+    )
     start = system.push(s, x, v, voltage, noise) - reaction + c * v
     force, base = start, system.base_rate(s.transducer, slope)
     v2 = voltage2 = 0.0

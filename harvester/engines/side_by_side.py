@@ -7,7 +7,7 @@ import math
 from harvester.device import timescales
 from harvester.engines.monte_carlo import MOST_TOGETHER
 from harvester.scene.prepared import Prepared
-from harvester.scene.steps import knot_spacing, steps_per_contact, steps_per_knot
+from harvester.scene.steps import knot_spacing, steps_per_contact, steps_per_sample
 
 # More copies in one netlist are no faster, as `work-precision` measures: behavioural elements soon
 # exceed the processor's cache.
@@ -67,5 +67,5 @@ def share_steps(
 def contacts_shorten_steps(ready: Prepared, step: str | float) -> bool:
     """Whether the longest step does not resolve a contact at the rms speed."""
     system = ready.system
-    longest = knot_spacing(ready) / steps_per_knot(ready, step)
+    longest = knot_spacing(ready) / steps_per_sample(ready, step)
     return timescales.contact_time(system) < steps_per_contact(ready, step) * longest

@@ -129,7 +129,7 @@ def simulate(
     if isinstance(method, Stationary):
         from harvester.averaging.of_scene import average
 
-        return average(scene, method=method.beside_options(options, DEFAULTS))
+        return average(scene, method=method.check_options_agree(options, DEFAULTS))
     from harvester.engines import outcome, spread
     from harvester.engines.orbits import attractors, several_starts
     from harvester.scene.prepared import prepared
@@ -145,7 +145,7 @@ def simulate(
             # starts.
             several, prepared_scene = several_starts(scene), prepared(scene)
             strobe = stroboscope or several
-            together = spread.copies_that_pay(scene, engine, pool)
+            together = spread.optimal_batch_size(scene, engine, pool)
             calls = spread.calls_of(scene, engine, together, stretch, joint_density, strobe)
             outcomes = spread.outcomes(pool, calls, time_limit, follow, keep_going or several)
             failures = {k: o for k, o in enumerate(outcomes) if isinstance(o, SimulationError)}

@@ -41,7 +41,7 @@ def running(
             yield pool
 
 
-def copies_that_pay(scene: Scene, engine: Engine, pool: Workers) -> int:
+def optimal_batch_size(scene: Scene, engine: Engine, pool: Workers) -> int:
     """Realizations in one call of an engine: its option `copies`, else the fastest number."""
     count = distinct_realizations(prepared(scene))
     if isinstance(engine, MonteCarlo):

@@ -88,13 +88,13 @@ def without_markers(
         return values, ()
     if "nan" not in mend:
         return values, (f'{remark}, and taken as acceleration: mend = ["nan"] takes such for gaps',)
-    gapped = np.where(far_outside(values), np.nan, values)
+    gapped = np.where(outliers(values), np.nan, values)
     return gapped, (f"{remark}: taken for gaps",)
 
 
 def marker_remark(values: np.ndarray) -> str:
     """The markers among samples, shape (n,), in words; "" where there are none."""
-    far = far_outside(values)
+    far = outliers(values)
     if not far.any():
         return ""
     count, others = int(np.count_nonzero(far)), values[np.isfinite(values) & ~far]
@@ -106,7 +106,7 @@ def marker_remark(values: np.ndarray) -> str:
     )
 
 
-def far_outside(values: np.ndarray) -> np.ndarray:
+def outliers(values: np.ndarray) -> np.ndarray:
     """Where a few equal samples, or a single one, stand far outside all others: bool (n,)."""
     far = np.zeros(values.size, dtype=bool)
     finite = np.isfinite(values)
@@ -160,7 +160,7 @@ def even_samples(columns: Columns, mend: Collection[str], file: str, most: int) 
         values[~good] = np.interp(np.flatnonzero(~good), np.flatnonzero(good), values[good])
         if columns.times is not None:
             times = np.interp(np.arange(values.size), np.flatnonzero(good), times[good])
-    clipped = flat_crests(values)
+    clipped = clipped_samples(values)
     if clipped.any():
         level = float(np.abs(values[clipped]).max())
         _refuse(file, "clipped", mend, int(clipped.sum()), values.size, f"at {level:g}")
@@ -263,7 +263,7 @@ def _refuse(file, fault, mend, count, total, where):
         )
 
 
-def flat_crests(values: np.ndarray) -> np.ndarray:
+def clipped_samples(values: np.ndarray) -> np.ndarray:
     """Where the samples stay at an extreme value, crest after crest: bool of the same shape."""
     clipped = np.zeros(values.size, dtype=bool)
     for extreme in (values.max(), values.min()):

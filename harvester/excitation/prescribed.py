@@ -10,7 +10,7 @@ import numpy as np
 
 from harvester.device.keys import names_replace, positive
 from harvester.excitation.base import Excitation, ExcitationPath, Run
-from harvester.excitation.sine import WITHOUT_CHANCE
+from harvester.excitation.sine import DETERMINISTIC_NOTE
 
 # Knots per cycle: so many resolve the switching of a rectifier, not only the sine.
 KNOTS_PER_CYCLE = 200
@@ -53,7 +53,7 @@ class PrescribedDisplacement(Excitation):
         return _ZeroPath(spacing)
 
     def notes(self, spacing: float, angular_frequency: float, run: Run) -> tuple[str, ...]:
-        return (WITHOUT_CHANCE,)
+        return (DETERMINISTIC_NOTE,)
 
 
 @dataclass(frozen=True)

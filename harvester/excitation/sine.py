@@ -15,7 +15,7 @@ from harvester.excitation.base import Excitation, ExcitationPath, Run
 KNOTS_PER_PERIOD = 40
 # Straight lines through fewer points per period do not resemble a sine.
 FEWEST_KNOTS_PER_PERIOD = 8
-WITHOUT_CHANCE = (
+DETERMINISTIC_NOTE = (
     "the excitation is periodic and deterministic: means are over whole periods, and error bars "
     "show the remaining transient, how the means vary if the motion has another period, and the "
     "error of the steps"
@@ -87,7 +87,7 @@ class Sine(Harmonic):
         return SinePath(self.amplitude / length, (self.frequency,), math.inf, spacing, self.phase)
 
     def notes(self, spacing: float, angular_frequency: float, run: Run) -> tuple[str, ...]:
-        return (WITHOUT_CHANCE,)
+        return (DETERMINISTIC_NOTE,)
 
 
 @names_replace

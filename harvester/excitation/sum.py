@@ -15,7 +15,7 @@ from harvester.base.errors import SceneError
 from harvester.device.keys import Key, names_replace, positive
 from harvester.excitation.base import Excitation, ExcitationPath, Run, child_seed
 from harvester.excitation.motion_file import most_samples
-from harvester.excitation.sine import WITHOUT_CHANCE, Sine
+from harvester.excitation.sine import DETERMINISTIC_NOTE, Sine
 
 if TYPE_CHECKING:
     from numpy.random.bit_generator import SeedSequence
@@ -158,7 +158,7 @@ class Sum(Excitation):
     def notes(self, spacing: float, angular_frequency: float, run: Run) -> tuple[str, ...]:
         lines = [part.notes(spacing, angular_frequency, run) for part in self.parts]
         # What holds for one sine holds for the sum only if that repeats itself too.
-        lost = WITHOUT_CHANCE if self.random or self.period is None else ""
+        lost = DETERMINISTIC_NOTE if self.random or self.period is None else ""
         return tuple(dict.fromkeys(line for part in lines for line in part if line != lost))
 
 

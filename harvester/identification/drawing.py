@@ -9,7 +9,7 @@ import numpy as np
 from harvester.identification.proof import ResponseStretch
 from harvester.identification.sensors import OUTPUT_UNITS
 from harvester.results.palette import CIRCUIT, MONTE_CARLO
-from harvester.results.panels import entitle, legend_below
+from harvester.results.panels import legend_below, set_title
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -40,7 +40,7 @@ def draw(found: Any) -> Figure:
     _draw_densities(density, stretch, f"{name} [{unit}]")
     _draw_correlation(correlation, found)
     legend_below(figure, [spectrum])
-    entitle(figure, f"{found.scene.name}: the {stretch.aside} of {stretch.name}, kept aside")
+    set_title(figure, f"{found.scene.name}: the {stretch.aside} of {stretch.name}, kept aside")
     return figure
 
 
@@ -58,7 +58,7 @@ def _response_figure(found, stretch):
         of = of if stretch.quantity == "impedance" else f"{name} of voltage over acceleration"
         axes.set(xlabel="frequency [Hz]", ylabel=of)
     legend_below(figure, panels[:1])
-    entitle(figure, f"{found.scene.name}: {stretch.aside} of {stretch.name}, kept aside")
+    set_title(figure, f"{found.scene.name}: {stretch.aside} of {stretch.name}, kept aside")
     return figure
 
 

@@ -16,7 +16,7 @@ from harvester.excitation.columns import MeasuredFile
 from harvester.excitation.conditioning import (
     FEWEST_SAMPLES,
     LARGEST_PEAK,
-    flat_crests,
+    clipped_samples,
     marker_remark,
 )
 from harvester.excitation.motion_file import read_record
@@ -149,7 +149,7 @@ def _check_column(values, quantity, shape, where):
         if quantity == "acceleration":
             return
         raise SceneError(f"{where}: {quantity} is constant: every sample is {values[0]:g}")
-    flat = flat_crests(values)
+    flat = clipped_samples(values)
     if flat.any():
         raise SceneError(
             f"{where}: {quantity} is clipped: {np.count_nonzero(flat)} of {values.size} samples "

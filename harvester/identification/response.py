@@ -33,9 +33,9 @@ from harvester.identification.sensors import (
     VELOCITY_SCALE,
     filtered,
     integrals,
+    invert_high_pass,
     neutral,
     parallel,
-    put_right,
     without_memory,
 )
 from harvester.identification.unknowns import BASE_FACTOR, with_values
@@ -266,7 +266,7 @@ class Responses:
         record = self.experiments[number]
         corners = self._corners(number, values, "acceleration")
         if any(corners):
-            path = put_right(path, record.integrals("acceleration", steps), *corners)
+            path = invert_high_pass(path, record.integrals("acceleration", steps), *corners)
         gain = self._sensor(number, values, "sensor.acceleration_scale")
         offset = self._sensor(number, values, "sensor.acceleration_offset")
         return (path - offset) / gain
@@ -335,7 +335,7 @@ class Responses:
             return 0.0
         record = self.experiments[number]
         seen = record.measurement.voltage
-        return put_right(seen, record.integrals(name, 1), *corners) - seen
+        return invert_high_pass(seen, record.integrals(name, 1), *corners) - seen
 
     def _outputs(self, number, values, system, scales, states, edges):
         """Simulated sensor signals from the device's states, shape (samples, outputs)."""

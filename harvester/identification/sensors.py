@@ -122,7 +122,7 @@ def _without_drift(values, degree):
     return values - table @ np.linalg.solve(table.T @ table, table.T @ values)
 
 
-def put_right(
+def invert_high_pass(
     values: np.ndarray, integral: tuple[np.ndarray, np.ndarray], corner: float, second_corner: float
 ) -> np.ndarray:
     """The true signal, from what a sensor with these high-passes shows.

@@ -55,7 +55,7 @@ class SpringShape:
         return noticed and abs(self.significance) > SURE
 
     @property
-    def untold(self) -> dict[str, float]:
+    def undetermined_coefficients(self) -> dict[str, float]:
         """Values whose interval would grow if the spring had the next power, with their
         `halves`."""
         return {key: half for key, half in self.halves.items() if half > TOLD_APART}

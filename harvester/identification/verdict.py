@@ -86,7 +86,7 @@ def verdict(
             "incomplete", f"the model is wrong or incomplete: {claim}{fault}{others}{claims}"
         )
     simpler = "" if best is found[0] else f"; {best.name} predicts as well and is simpler"
-    if shape and shape.untold:
+    if shape and shape.undetermined_coefficients:
         return FitVerdict(
             "fits",
             f"the model fits, and the records do not tell its spring from others: {claim}"
@@ -137,7 +137,8 @@ def _nothing(base):
 def _untold(shape):
     """Text: how wide the intervals of the spring's values are if it has one more power."""
     values = " and ".join(
-        f"{key.rpartition('.')[2]} to ± {half:.0%}" for key, half in shape.untold.items()
+        f"{key.rpartition('.')[2]} to ± {half:.0%}"
+        for key, half in shape.undetermined_coefficients.items()
     )
     return (
         f"; with a term of power {shape.power} too, which they do not exclude, they tell {values} "

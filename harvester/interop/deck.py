@@ -36,7 +36,7 @@ def write_deck(
     dialect : str
         One of `DIALECTS`.
     step : str or float
-        Longest step, see `harvester.scene.steps.steps_per_knot`.
+        Longest step, see `harvester.scene.steps.steps_per_sample`.
     realization : int
         Whose noise path.
 

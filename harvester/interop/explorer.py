@@ -31,7 +31,7 @@ from harvester.scene.calling import takes_scene
 from harvester.scene.model import Scene
 from harvester.scene.numbers import number, numbers
 from harvester.scene.prepared import prepared
-from harvester.scene.steps import knot_spacing, steps_per_knot
+from harvester.scene.steps import knot_spacing, steps_per_sample
 from harvester.statistics.estimate import Density
 
 if TYPE_CHECKING:
@@ -203,7 +203,7 @@ def explore(
 def cut_short(scene: Scene) -> Scene:
     """The scene with its run shortened to `STEPS_SHOWN` steps of Monte Carlo."""
     setup = prepared(scene)
-    per_second = steps_per_knot(setup, engine="monte-carlo") / knot_spacing(setup)
+    per_second = steps_per_sample(setup, engine="monte-carlo") / knot_spacing(setup)
     load = scene.load.circuit
     if load and load.resistance is None:
         per_second *= SWITCHING_COST if load.switches else NETLIST_COST

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from harvester.results.palette import CIRCUIT
-from harvester.results.panels import entitle
+from harvester.results.panels import set_title
 from harvester.statistics.estimate import Density
 
 if TYPE_CHECKING:
@@ -48,7 +48,7 @@ def draw_result(result: Any) -> Figure | None:
         _draw_fit(figure.add_subplot(1, panels, panels - strobed), result)
     if strobed:
         _draw_section(figure.add_subplot(1, panels, panels), result)
-    entitle(figure, f"{result.scene.name}: {result.engine}")
+    set_title(figure, f"{result.scene.name}: {result.engine}")
     return figure
 
 

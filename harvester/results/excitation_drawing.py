@@ -8,7 +8,7 @@ import numpy as np
 
 from harvester.device import timescales
 from harvester.results.palette import CIRCUIT
-from harvester.results.panels import entitle
+from harvester.results.panels import set_title
 from harvester.scene.paths import noise_path
 from harvester.scene.prepared import prepared
 from harvester.scene.steps import knot_spacing
@@ -42,7 +42,7 @@ def draw_spectrum(scene: Scene) -> Figure:
     axes.set_xlabel("frequency [Hz]")
     axes.set_ylabel(f"{what} [{unit if scene.units == 'SI' else 'scaled'}]")
     figure.legend(*axes.get_legend_handles_labels(), loc="outside lower center", ncols=2)
-    entitle(figure, f"{scene.name}: spectral density of the excitation")
+    set_title(figure, f"{scene.name}: spectral density of the excitation")
     return figure
 
 

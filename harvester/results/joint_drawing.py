@@ -9,7 +9,7 @@ import numpy as np
 
 from harvester.device import timescales
 from harvester.results.drawing import axis_label
-from harvester.results.panels import entitle
+from harvester.results.panels import set_title
 from harvester.scene.prepared import prepared
 
 if TYPE_CHECKING:
@@ -47,7 +47,7 @@ def draw(results: Sequence[Any]) -> Figure | None:
     axes[0].set_ylabel(axis_label(last, "velocity"))
     unit = "s/m²" if last.scene.units == "SI" else "scaled"
     figure.colorbar(meshes[-1], ax=axes, label=f"probability density [{unit}]", pad=0.02)
-    entitle(figure, f"{last.scene.name}: joint density of displacement and velocity")
+    set_title(figure, f"{last.scene.name}: joint density of displacement and velocity")
     return figure
 
 

@@ -15,7 +15,7 @@ from harvester.statistics.attractors import Divergence
 from harvester.statistics.estimate import Estimate
 
 # Kinds of motions without a period: if the exponent is not above 0, and if there is none.
-NOT_SETTLED, UNTOLD = "not settled", "no period: chaotic or not settled"
+NOT_SETTLED, UNDETERMINED = "not settled", "no period: chaotic or not settled"
 NO_PERIOD = "no period"
 # What starts do that reach no steady motion: the last two of a load's store and of the mass.
 UNSTEADY = NOT_SETTLED, CHARGING, ESCAPES = NOT_SETTLED, "still charging", "escapes"
@@ -68,7 +68,7 @@ class Attractor:
         if not self.periodic_drive:
             return "one motion"
         if self.lyapunov is None:
-            return UNTOLD
+            return UNDETERMINED
         return "chaotic" if self.lyapunov.chaotic else NOT_SETTLED
 
     def to_dict(self, unit: Callable[[str], str]) -> dict[str, Any]:

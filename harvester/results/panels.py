@@ -133,7 +133,7 @@ def draw_panels(
     for axes in places[len(panels) :]:
         axes.remove()
     legend_below(figure, places[: len(panels)])
-    entitle(figure, title)
+    set_title(figure, title)
     return figure
 
 
@@ -158,7 +158,7 @@ def _columns(labels, width):
     return 1
 
 
-def entitle(figure: Figure, title: str) -> None:
+def set_title(figure: Figure, title: str) -> None:
     """The title of a figure in the house's way: small, at the left."""
     figure.suptitle(title, x=0.01, ha="left", fontsize=9)
 

@@ -13,10 +13,10 @@ from harvester.base.errors import HarvesterError, UnknownQuantity
 from harvester.base.formatting import prefixed
 from harvester.base.libraries import optional_library
 from harvester.base.plain_text import named, nearest
-from harvester.base.tables import write_csv, write_netcdf, xarray_or_say
+from harvester.base.tables import require_xarray, write_csv, write_netcdf
 from harvester.device.record import Record
 from harvester.results.palette import CIRCUIT
-from harvester.results.panels import entitle
+from harvester.results.panels import set_title
 from harvester.statistics.units import unit_of
 
 if TYPE_CHECKING:
@@ -115,7 +115,7 @@ class Waveform:
         }
         attributes = {"scene": self.scene.name, "engine": self.engine}
         coordinates = {"time": ("time", self.time, {"unit": "s"})}
-        return xarray_or_say().Dataset(variables, coordinates, attributes)
+        return require_xarray().Dataset(variables, coordinates, attributes)
 
     def figure(self) -> Figure:
         """A panel for each column over time."""
@@ -208,7 +208,7 @@ def _draw(waveform):
         axes.set_ylabel(f"{words}\n[{'scaled' if unit.startswith('scaled') else unit}]")
     panels[-1].set_xlabel("time [s]")
     figure.align_ylabels(panels)
-    entitle(figure, f"{waveform.scene.name}: one realization by {waveform.engine}")
+    set_title(figure, f"{waveform.scene.name}: one realization by {waveform.engine}")
     return figure
 
 

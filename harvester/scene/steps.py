@@ -56,7 +56,7 @@ NOTED_ERROR = 0.0005
 # A run that needs more than 6 s of processor time for less than a thousandth of its longest step is
 # given up: it would not end.
 PATIENCE, CRAWL = 6.0, 1e-3
-GETS_NOWHERE = f"it gets nowhere, {PATIENCE:g} s of work went into less than a thousandth of a step"
+STALLED = f"it gets nowhere, {PATIENCE:g} s of work went into less than a thousandth of a step"
 # Shortest step in units of the knot spacing; a run with shorter steps would not end.
 SHORTEST_STEP = 1e-9
 # If ngspice controls the local error, it rejects steps, and takes one of first order after each
@@ -108,7 +108,9 @@ def resolving(scene: Scene) -> Scene:
     return scene.replace({"excitation.knot_spacing": spacing})
 
 
-def steps_per_knot(ready: Prepared, step: str | float = "default", engine: str = "circuit") -> int:
+def steps_per_sample(
+    ready: Prepared, step: str | float = "default", engine: str = "circuit"
+) -> int:
     """Steps of an engine between two knots of the noise, away from the stoppers.
 
     `step`: a name in `STEP_LEVELS`, or the longest step in s. `engine`: a key of
@@ -150,7 +152,7 @@ def step_error(ready: Prepared, step: str | float = "default", engine: str = "ci
     changes most, and a few times the frequency's own error for what the load does in a period, its
     switches included. Contacts add their own.
 
-    `ready`, `step`, `engine`: see `steps_per_knot`.
+    `ready`, `step`, `engine`: see `steps_per_sample`.
     """
     scene, system = ready.scene, ready.system
     omega = lines.line_frequency(ready) or timescales.angular_frequency(system)
@@ -158,7 +160,7 @@ def step_error(ready: Prepared, step: str | float = "default", engine: str = "ci
     if scene.excitation.prescribes_displacement and period is not None:
         omega = 2.0 * math.pi / period
     constant, order, left = _frequency_error(ready, engine)
-    length = knot_spacing(ready) / steps_per_knot(ready, step, engine)
+    length = knot_spacing(ready) / steps_per_sample(ready, step, engine)
     error = constant * (omega * length) ** order
     if order == 4 and not system.spring.straight:
         # Overtones meet the resonance of a well that is stiffer than the line is fast.
@@ -215,11 +217,11 @@ def steps_per_contact(
 ) -> int:
     """Fewest steps of an engine in a contact: a shorter step makes these as much shorter.
 
-    `ready`, `step`, `engine`: see `steps_per_knot`.
+    `ready`, `step`, `engine`: see `steps_per_sample`.
     """
     even = engine == "monte-carlo" and ready.scene.load.is_resistor
     fewest = EVEN_STEPS_PER_CONTACT if even else STEPS_PER_CONTACT
-    finer = steps_per_knot(ready, step, engine) / steps_per_knot(ready, engine=engine)
+    finer = steps_per_sample(ready, step, engine) / steps_per_sample(ready, engine=engine)
     return math.ceil(fewest * max(finer, 1.0))
 
 

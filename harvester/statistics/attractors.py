@@ -222,7 +222,7 @@ def groups_of(samples: np.ndarray) -> list[Group]:
     return sorted(groups, key=lambda group: (-group.members.size, group.members[0]))
 
 
-def groups_that_meet(samples: np.ndarray) -> list[Group]:
+def synchronized_clusters(samples: np.ndarray) -> list[Group]:
     """Starts grouped by the path that they reached under one record.
 
     `samples` of all starts are from the same times at the end; shape (starts, samples, 3).

@@ -21,7 +21,7 @@ from harvester.base.errors import HarvesterError
 from harvester.base.formatting import quantity
 from harvester.base.plain_text import json_text
 from harvester.base.serialising import plain
-from harvester.base.tables import xarray_or_say
+from harvester.base.tables import require_xarray
 from harvester.device import timescales
 from harvester.engines.methods import engine_of
 from harvester.engines.realization import WaveformObserver as Waveform
@@ -183,7 +183,7 @@ class FrequencyResponse:
         sweeps = [sweep.direction for sweep in self.sweeps]
         coordinates = {"sweep": sweeps, "frequency": self.frequencies}
         attributes = {"scene": json_text(self.scene.to_dict()), "method": self.engine}
-        return xarray_or_say().Dataset(variables, coordinates, attributes)
+        return require_xarray().Dataset(variables, coordinates, attributes)
 
     def sentences(self) -> list[str]:
         """Sentences on the findings, one line each."""

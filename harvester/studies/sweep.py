@@ -16,7 +16,7 @@ from harvester.base.formatting import is_share, number, prefixed, with_error
 from harvester.base.plain_text import json_text
 from harvester.base.serialising import plain
 from harvester.base.symbols import key_label
-from harvester.base.tables import Tabular, xarray_or_say
+from harvester.base.tables import Tabular, require_xarray
 from harvester.engines.request import COMPLETE, OUT_OF_TIME, told
 from harvester.results.orbit import Attractor
 from harvester.results.palette import CIRCUIT, LINES, MONTE_CARLO, styles
@@ -114,7 +114,7 @@ class Sweep(Tabular):
         coordinates = {name: list(values) for name, values in self.values.items()}
         coordinates["method"] = list(self.methods)
         attributes = {"scene": json_text(self.scene.to_dict()), "notes": "\n".join(self.notes)}
-        return xarray_or_say().Dataset(variables, coordinates, attributes)
+        return require_xarray().Dataset(variables, coordinates, attributes)
 
     def table(self) -> tuple[list[str], list[list[str]]]:
         """Header and rows as text: one for each place and method."""

@@ -58,7 +58,7 @@ class Mode(NamedTuple):
     curvatures: tuple[tuple[float, float], ...]
 
 
-class Rest(NamedTuple):
+class ResidualModes(NamedTuple):
     """Static sums over all modes: Σ χr²/ωr² (F) and Σ χr γr/ωr² (C s²/m).
 
     `moments` are the bending moments of a unit acceleration (N s²) at the beginning and the end of
@@ -106,7 +106,7 @@ def clamp_compliance(pieces: Sequence[Piece], tip: Tip, angular_frequency: float
     return -determinant / turned
 
 
-def rest(pieces: Sequence[Piece], tip: Tip) -> Rest:
+def rest(pieces: Sequence[Piece], tip: Tip) -> ResidualModes:
     """Static sums over all modes: ∫ ϑ²/EI, and ∫ ϑ G/EI.
 
     G is the bending moment of a unit acceleration. The clamp's compliance does not enter, as the
@@ -123,7 +123,7 @@ def rest(pieces: Sequence[Piece], tip: Tip) -> Rest:
         end, moment = moment, moment + shear * length + piece.mass * length**2 / 2.0
         moments.insert(0, (moment, end))
         shear += piece.mass * length
-    return Rest(capacitance, charge, tuple(moments))
+    return ResidualModes(capacitance, charge, tuple(moments))
 
 
 def shape(

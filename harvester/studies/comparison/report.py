@@ -26,7 +26,7 @@ from harvester.results.page import (
     wide,
 )
 from harvester.results.palette import CIRCUIT, LINES, MONTE_CARLO
-from harvester.results.panels import entitle, legend_below
+from harvester.results.panels import legend_below, set_title
 from harvester.scene.described import scene_rows
 from harvester.scene.prepared import prepared
 
@@ -138,7 +138,7 @@ def draw_comparison(comparison: Any) -> Figure:
     _draw_waveforms(top, middle, bottom, comparison)
     figure.align_ylabels([top, middle, bottom])
     compared = "circuit, Monte Carlo and averaging" if comparison.closures else "both engines"
-    entitle(figure, f"{comparison.scene.name}: {compared} (bands: two standard errors)")
+    set_title(figure, f"{comparison.scene.name}: {compared} (bands: two standard errors)")
     # Closures differ in the densities that they have: one legend for all panels.
     legend_below(figure, panels)
     return figure

@@ -12,7 +12,7 @@ import numpy as np
 from harvester.base.formatting import prefixed
 from harvester.base.symbols import key_label
 from harvester.device.record import Record
-from harvester.results.panels import Panel, Series, draw_panels, entitle, is_wide
+from harvester.results.panels import Panel, Series, draw_panels, is_wide, set_title
 from harvester.statistics.units import unit_of
 
 if TYPE_CHECKING:
@@ -73,7 +73,7 @@ def draw_waveforms(study: Any) -> Figure:
     words = dict(study.others())[other]
     title = "piezo voltage (colour) and displacement (grey) where each load is best"
     title = f"{study.scene.name}: {title}{', ' * bool(words)}{words}"
-    entitle(figure, title)
+    set_title(figure, title)
     return figure
 
 

@@ -18,13 +18,13 @@ from harvester.engines.realizations import Realizations, averaging
 from harvester.engines.request import (
     COMPLETE,
     FIRST_REALIZATIONS,
-    aim_beside_steps,
-    good_ones,
+    answers_before_failure,
     in_rounds,
     in_units,
     not_balanced,
     note_on_steps,
     residual_notes,
+    sampling_error_budget,
     told,
 )
 from harvester.engines.task import Wanted
@@ -120,7 +120,7 @@ def evaluating(
     """
     if isinstance(method, Stationary):
         answers = yield Wanted([averaging(scene, method)])
-        return _evaluate(scene, method.name, *good_ones(answers))
+        return _evaluate(scene, method.name, *answers_before_failure(answers))
     if not isinstance(method, Engine):
         raise TypeError(f"{method} is neither an engine nor a closure")
     cut = Realizations.of(scene, method, version, waveform=True)
@@ -132,7 +132,7 @@ def evaluating(
 
     most = MOST_REALIZATIONS if precision else distinct_realizations(prepared(scene))
     first = FIRST_REALIZATIONS if precision else most
-    aim = aim_beside_steps(precision, cost) if precision else None
+    aim = sampling_error_budget(precision, cost) if precision else None
     evaluation = yield from in_rounds(cut, first, most, aim, judge)
     note = note_on_steps(precision, cost) if precision and evaluation.realizations else ""
     return replace(evaluation, outcome=f"{evaluation.outcome}; {note}") if note else evaluation

@@ -16,7 +16,7 @@ from scipy.special import ndtr, stdtrit
 from harvester.base.errors import HarvesterError
 from harvester.engines.methods import Engine
 from harvester.engines.realizations import Realizations, periods_of
-from harvester.engines.request import good_ones, told
+from harvester.engines.request import answers_before_failure, told
 from harvester.engines.task import Wanted
 from harvester.scene.model import Scene
 from harvester.scene.prepared import prepared
@@ -157,7 +157,7 @@ def _difference(scene, costs, ours, theirs):
     """
     powers = []
     for answers in (ours, theirs):
-        good, ended = good_ones(answers)
+        good, ended = answers_before_failure(answers)
         series = series_of(scene, good)
         if series is None:
             words = told(ended) if isinstance(ended, HarvesterError) else str(ended)

@@ -19,7 +19,7 @@ from harvester.base.method import Method
 from harvester.base.plain_text import json_text
 from harvester.base.serialising import fields_of, plain
 from harvester.base.symbols import EFFICIENCIES, definitions, key_words
-from harvester.base.tables import Tabular, write_netcdf, xarray_or_say
+from harvester.base.tables import Tabular, require_xarray, write_netcdf
 from harvester.base.writing import in_folder
 from harvester.device.record import Record
 from harvester.engines.folder import StudyFolder, held
@@ -369,7 +369,7 @@ class LoadStudy(Tabular):
             "out_of_time": int(self.out_of_time),
             "notes": "\n".join(grid.notes) or "none",
         }
-        return xarray_or_say().Dataset(variables, coordinates, attributes)
+        return require_xarray().Dataset(variables, coordinates, attributes)
 
     def to_dict(self) -> dict[str, Any]:
         """Plain values for JSON, powers in `unit`; missing errors become null."""

@@ -14,9 +14,9 @@ from harvester.base.errors import HarvesterError
 from harvester.base.formatting import NOT_KNOWN, quantity, value_and_error
 from harvester.base.plain_text import json_text
 from harvester.base.serialising import plain
-from harvester.base.tables import xarray_or_say
+from harvester.base.tables import require_xarray
 from harvester.results.orbit import REASONS
-from harvester.results.panels import entitle
+from harvester.results.panels import set_title
 from harvester.results.result import unit_of
 from harvester.scene.model import Scene
 from harvester.scene.prepared import prepared
@@ -126,7 +126,7 @@ class Basins:
     def to_xarray(self) -> Dataset:
         """Number of the orbit over velocity and displacement."""
         attributes = {"scene": json_text(self.scene.to_dict()), "method": self.method}
-        return xarray_or_say().Dataset(
+        return require_xarray().Dataset(
             {"orbit": (("velocity", "displacement"), self.orbit)},
             {"displacement": self.displacements, "velocity": self.velocities},
             attributes,
@@ -248,5 +248,5 @@ def _draw(basins):
     axes.set_xlabel(f"displacement at the start [{basins.unit('displacement')}]")
     axes.set_ylabel(f"velocity at the start [{basins.unit('velocity')}]")
     figure.legend(loc="outside lower center", ncols=2, fontsize=6)
-    entitle(figure, f"{basins.scene.name}: basins (dots: the orbits, at the period's beginning)")
+    set_title(figure, f"{basins.scene.name}: basins (dots: the orbits, at the period's beginning)")
     return figure

@@ -19,7 +19,7 @@ from harvester.base.formatting import prefixed, quantity, value_and_error, with_
 from harvester.base.plain_text import json_text
 from harvester.base.serialising import plain
 from harvester.base.symbols import key_label
-from harvester.base.tables import xarray_or_say
+from harvester.base.tables import require_xarray
 from harvester.engines.following import follow, forced
 from harvester.engines.methods import Engine
 from harvester.engines.task import Task, Wanted
@@ -237,7 +237,7 @@ class Bifurcation:
         directions = [branch.direction for branch in self.branches]
         attributes = {"scene": json_text(self.scene.to_dict()), "method": self.method}
         coordinates = {"direction": directions, self.key: self.values}
-        return xarray_or_say().Dataset(variables, coordinates, attributes)
+        return require_xarray().Dataset(variables, coordinates, attributes)
 
     def to_dict(self) -> dict[str, Any]:
         """Plain values for JSON, in the scene's units."""

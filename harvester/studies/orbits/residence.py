@@ -14,7 +14,7 @@ from harvester.base.formatting import quantity, value_and_error
 from harvester.base.plain_text import json_text
 from harvester.base.serialising import plain
 from harvester.base.symbols import key_label
-from harvester.base.tables import xarray_or_say
+from harvester.base.tables import require_xarray
 from harvester.device import timescales
 from harvester.device.system import potential
 from harvester.engines.methods import Engine, engine_of
@@ -52,7 +52,7 @@ NODES = 400
 
 
 @dataclass(frozen=True)
-class Stay:
+class ResidenceTime:
     """How long one well holds the device, at one value of the key.
 
     Attributes
@@ -98,7 +98,7 @@ class Residence:
 
     scene: Scene
     key: str | None
-    stays: list[Stay]
+    stays: list[ResidenceTime]
     method: str
     engine_version: str
     seconds: float
@@ -173,7 +173,7 @@ class Residence:
             column = [getattr(stay, name) for stay in self.stays]
             variables[name] = (("stay",), [np.nan if v is None else v for v in column])
         attributes = {"scene": json_text(self.scene.to_dict()), "method": self.method}
-        return xarray_or_say().Dataset(variables, attrs=attributes)
+        return require_xarray().Dataset(variables, attrs=attributes)
 
     def to_dict(self) -> dict[str, Any]:
         """Plain values for JSON."""
@@ -216,7 +216,7 @@ def stays(
 
 def staying(
     scene: Scene, value: float | None, engine: Engine, version: str, precision: float | None
-) -> Generator[Wanted, list, tuple[list[Stay], str]]:
+) -> Generator[Wanted, list, tuple[list[ResidenceTime], str]]:
     """A plan for `Runner.follow`: the stays at one value, and the engine's version."""
     count, done = scene.run.realizations, 0
     times, exits, engine_version = [], [], ""
@@ -260,7 +260,9 @@ def staying(
     return [replace(stay, outcome=outcome) for stay in means], engine_version
 
 
-def stays_of(scene: Scene, value: float | None, times: np.ndarray, exits: np.ndarray) -> list[Stay]:
+def stays_of(
+    scene: Scene, value: float | None, times: np.ndarray, exits: np.ndarray
+) -> list[ResidenceTime]:
     """Mean residence times from `times` in wells and `exits`, both (realizations, batches,
     wells)."""
     ready = prepared(scene)
@@ -286,12 +288,14 @@ def stays_of(scene: Scene, value: float | None, times: np.ndarray, exits: np.nda
         formula, reason = kramers_time(ready, well)
         bottom = well * ready.scales.displacement
         longer = _longer_by_knots(ready, well)
-        rows.append(Stay(value, bottom, time, error, int(count), watched, formula, reason, longer))
+        rows.append(
+            ResidenceTime(value, bottom, time, error, int(count), watched, formula, reason, longer)
+        )
     return rows
 
 
 def _longer_by_knots(ready, well):
-    """See `Stay.longer_by_knots`; 0 for noise that is not white."""
+    """See `ResidenceTime.longer_by_knots`; 0 for noise that is not white."""
     system = ready.system
     omega = timescales.well_frequency(system, well)
     loss = timescales.loss_rate(system, omega)

@@ -17,7 +17,7 @@ from harvester.engines.folder import StudyFolder
 from harvester.engines.request import Request
 from harvester.engines.runner import Runner
 from harvester.results.palette import CIRCUIT, MONTE_CARLO
-from harvester.results.panels import entitle, legend_below
+from harvester.results.panels import legend_below, set_title
 from harvester.scene.model import Scene
 from harvester.statistics.estimate import Estimate
 from harvester.statistics.units import unit_of
@@ -331,7 +331,7 @@ def draw_tornado(study: Sensitivity) -> Figure:
     left.set_ylim(-0.7, len(names) - 0.3)
     _draw_indices(right, study, order)
     legend_below(figure, [left, right])
-    entitle(
+    set_title(
         figure,
         f"{study.scene.name}: {study.quantity.replace('_', ' ')} by {study.method}, bars: 95 % "
         "intervals",
@@ -425,7 +425,7 @@ def draw_distribution(study: Sensitivity) -> Figure:
     axes.set_xlabel(f"{study.quantity.replace('_', ' ')} [{unit}]")
     axes.set_ylabel("probability density")
     legend_below(figure, [axes])
-    entitle(
+    set_title(
         figure,
         f"{study.scene.name}: {study.devices} devices by {study.method}, "
         + ("as measured, noise and all" if hidden else "the noise's part of the spread taken out"),

@@ -16,7 +16,7 @@ from circuits.kernel.engine import circuit_of
 from harvester.base.errors import HarvesterError, LoadError, OutOfTime
 from harvester.base.serialising import LEFT_OUT, key
 from harvester.device import timescales
-from harvester.engines.request import Answer, Request, good_ones, told
+from harvester.engines.request import Answer, Request, answers_before_failure, told
 from harvester.engines.runner import Runner
 from harvester.engines.task import Task
 from harvester.results.paired import paired_difference
@@ -340,7 +340,7 @@ def _answers(groups, runner):
 
 
 def _strong_error(spacing, outcomes, exact):
-    good, ended = good_ones(outcomes)
+    good, ended = answers_before_failure(outcomes)
     if ended:
         return math.nan, dict.fromkeys(STATES, math.nan)
     squares = np.square(np.concatenate([answer["states"] for answer in good]) - exact)
@@ -360,7 +360,7 @@ def _runs(scenes, methods, runner):
         groups.append([realizations_task(scene, method, part, runner) for part in parts])
     runs: list[Timed | str] = []
     for method, outcomes in zip(methods, _answers(groups, runner), strict=True):
-        good, ended = good_ones(outcomes)
+        good, ended = answers_before_failure(outcomes)
         reason = told(ended) if isinstance(ended, HarvesterError) else ended
         runs.append(reason or Timed(scenes[method.brief], good))
     return runs
@@ -389,7 +389,7 @@ def _runs_by_time(scene, methods, seconds, runner):
     remaining = answers([range(1, count) for count in counts])
     outcomes: list[Any] = []
     for first_outcomes, others in zip(first, remaining, strict=True):
-        good, ended = good_ones([*first_outcomes, *others])
+        good, ended = answers_before_failure([*first_outcomes, *others])
         failed = ended if isinstance(ended, HarvesterError) else None
         outcomes.append(Timed(scene, good) if good else failed)
     return outcomes

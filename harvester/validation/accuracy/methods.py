@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 from harvester.base.serialising import LEFT_OUT, key
 from harvester.engines import side_by_side
 from harvester.scene.prepared import prepared
-from harvester.scene.steps import knot_spacing, steps_per_knot
+from harvester.scene.steps import knot_spacing, steps_per_sample
 
 if TYPE_CHECKING:
     from harvester.engines.runner import Runner
@@ -46,7 +46,7 @@ class ComparedMethod:
     def step(self, scene: Scene) -> float:
         """Longest step (s)."""
         model = prepared(scene)
-        return knot_spacing(model) / (steps_per_knot(model, engine=self.engine) * self.refinement)
+        return knot_spacing(model) / (steps_per_sample(model, engine=self.engine) * self.refinement)
 
     def together(self, scene: Scene) -> int:
         """Realizations in one netlist: as many as pay where `copies` is None."""

@@ -100,7 +100,7 @@ class StatementTest:
 
 
 @dataclass(frozen=True)
-class Along(StatementTest):
+class AlongKey(StatementTest):
     """A quantity along values of one key."""
 
     quantity: str
@@ -128,7 +128,7 @@ class Along(StatementTest):
 
 
 @dataclass(frozen=True)
-class Trend(Along):
+class Trend(AlongKey):
     """A quantity rises (or falls) along values of one key."""
 
     rises: bool = True
@@ -147,7 +147,7 @@ class Trend(Along):
 
 
 @dataclass(frozen=True)
-class InteriorMaximum(Along):
+class InteriorMaximum(AlongKey):
     """A quantity is higher somewhere inside a range than at both ends.
 
     The highest interior point is chosen from the same data, which favours the statement by less
@@ -165,7 +165,7 @@ class InteriorMaximum(Along):
 
 
 @dataclass(frozen=True)
-class SingleHump(Along):
+class SingleHump(AlongKey):
     """A quantity rises from the first value on to one maximum and falls after it."""
 
     def findings(self, condition: Changes, read: Read) -> list[Finding]:
@@ -205,7 +205,7 @@ class Ranges(StatementTest):
 
 
 @dataclass(frozen=True)
-class Stronger(Ranges):
+class LargerEffect(Ranges):
     """Each key of `ranges` changes a quantity more than each of `weak`."""
 
     weak: tuple
@@ -254,7 +254,7 @@ class Changed(Unchanged):
 
 
 @dataclass(frozen=True)
-class Opposed(Ranges):
+class OppositeTrends(Ranges):
     """The quantity `other` rises where `quantity` falls, over ranges of some keys."""
 
     other: str

@@ -24,7 +24,7 @@ REALIZATIONS = {"monte-carlo": 48, "circuit": 16}
 THOROUGH = {"monte-carlo": 640, "circuit": 104}
 METHODS = ("monte-carlo", "circuit", *NOISE_CLOSURES)
 # An effect of this many standard errors is certain, and the number is not printed.
-WITHOUT_CHANCE = 1e3
+DETERMINISTIC_NOTE = 1e3
 
 
 @dataclass(frozen=True)
@@ -49,7 +49,7 @@ class Opinion:
         pro = [f for f in pro if f.decisive]
         undecided = self.word == UNDECIDED
         sigmas = [abs(f.sigmas) for f in (open_ if undecided else pro + contra)]
-        finite = [sigma for sigma in sigmas if sigma < WITHOUT_CHANCE]
+        finite = [sigma for sigma in sigmas if sigma < DETERMINISTIC_NOTE]
         words = []
         if finite and self.word != UNTESTED:
             words.append(f"≤ {max(finite):.0f} σ" if undecided else f"≥ {min(finite):.0f} σ")

@@ -13,10 +13,10 @@ from harvester.validation.paper.claim_tests import (
     Bimodal,
     Changed,
     InteriorMaximum,
-    Opposed,
+    LargerEffect,
+    OppositeTrends,
     SingleHump,
     StatementTest,
-    Stronger,
     Trend,
     Unchanged,
     WiderBand,
@@ -104,7 +104,9 @@ CLAIMS = (
         "4",
         "“K and e are less affected by the system response than the variable δr”",
         "δr moves the peak of p(X) more than e and K",
-        Stronger(PEAK, ((GAP, (1.0, 1.2)),), ((RESTITUTION, (0.5, 0.9)), (STIFFNESS, (5.0, 13.0)))),
+        LargerEffect(
+            PEAK, ((GAP, (1.0, 1.2)),), ((RESTITUTION, (0.5, 0.9)), (STIFFNESS, (5.0, 13.0)))
+        ),
     ),
     Claim(
         "4, 5",
@@ -159,18 +161,18 @@ CLAIMS = (
         "“The lower PDF peak value of the VEH system response means that … the system may have a "
         "larger vibration range”",
         "where the peak of p(X) is lower |X| reaches farther (1 % of the time beyond)",
-        Opposed(PEAK, ((GAP, (1.0, 1.2)), *NOISES), REACH),
+        OppositeTrends(PEAK, ((GAP, (1.0, 1.2)), *NOISES), REACH),
     ),
     *_claims(
         "4",
         "“The lower PDF peak value … will produce a higher energy harvesting efficiency”",
         (
             "where the peak of p(X) is lower E[P] is higher",
-            Opposed(PEAK, ((GAP, (1.0, 1.2)), *NOISES), POWER),
+            OppositeTrends(PEAK, ((GAP, (1.0, 1.2)), *NOISES), POWER),
         ),
         (
             "where the peak of p(X) is lower PCE is higher",
-            Opposed(PEAK, ((GAP, (1.0, 1.2)), *NOISES), EFFICIENCY),
+            OppositeTrends(PEAK, ((GAP, (1.0, 1.2)), *NOISES), EFFICIENCY),
         ),
     ),
     *_claims(
@@ -185,7 +187,7 @@ CLAIMS = (
         "4",
         "“the trends caused by δr and D are more significant in comparison”",
         "δr and D change E[V²] more than e",
-        Stronger(
+        LargerEffect(
             VOLTAGE,
             ((GAP, (0.95, 1.25)), (INTENSITY, (0.005, 0.125))),
             ((RESTITUTION, (0.3, 1.0)),),

@@ -16,7 +16,7 @@ from harvester.engines.methods import ENGINES, MonteCarlo, engine_of
 from harvester.engines.realization import run
 from harvester.scene.model import Scene
 from harvester.scene.prepared import prepared
-from harvester.scene.steps import knot_spacing, steps_per_knot
+from harvester.scene.steps import knot_spacing, steps_per_sample
 from harvester.statistics.balance import energy_balance_residual
 from harvester.statistics.means import estimate_all
 from harvester.validation.paths import ignore
@@ -101,7 +101,7 @@ def _simulated(scene, engine, step):
         realizations=len(moments),
         duration=moments[0].time_reached - moments[0].start,
         settle=moments[0].start,
-        step=knot_spacing(prepared(scene)) / steps_per_knot(prepared(scene), step, engine),
+        step=knot_spacing(prepared(scene)) / steps_per_sample(prepared(scene), step, engine),
         settled=settled,
         path=path,
     )
@@ -115,7 +115,7 @@ def _affordable(scene, step):
     """The scene with a run so short that its contacts, too, keep to the budget of steps."""
     length = scene.run.settle + scene.run.duration
     model = prepared(scene)
-    engine_step = knot_spacing(model) / steps_per_knot(model, step, "monte-carlo")
+    engine_step = knot_spacing(model) / steps_per_sample(model, step, "monte-carlo")
     brief = min(TRIAL_STEPS * engine_step, length)
     one = {"run.settle": 0.0, "run.duration": brief, "run.realizations": 1}
     [first] = _run(scene.replace(one), step)

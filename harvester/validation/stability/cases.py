@@ -14,7 +14,7 @@ from harvester.device.hertz import HERTZ_EXPONENT
 from harvester.device.piezo import PiezoTable
 from harvester.scene.model import Scene
 from harvester.scene.prepared import prepared
-from harvester.scene.steps import knot_spacing, steps_per_knot
+from harvester.scene.steps import knot_spacing, steps_per_sample
 from harvester.scene.units import length_scale
 
 # Realizations of Monte Carlo's run. Few realizations are long enough for the slowest time scale.
@@ -217,7 +217,7 @@ def _capacitance(scene, symbol):
 def run_length(scene: Scene) -> tuple[float, float]:
     """Settling and measured time (s) of Monte Carlo's realizations within the budget of steps."""
     model = prepared(scene)
-    step = knot_spacing(model) / steps_per_knot(model, engine="monte-carlo")
+    step = knot_spacing(model) / steps_per_sample(model, engine="monte-carlo")
     affordable = STEP_BUDGET * step / scene.run.realizations
     settle = min(SETTLED_TIMES * slowest_time(scene), LARGEST_SETTLED_SHARE * affordable)
     return settle, affordable - settle

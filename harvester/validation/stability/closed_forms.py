@@ -11,7 +11,7 @@ import numpy as np
 from scipy.linalg import expm, solve_discrete_lyapunov
 
 from harvester.device import timescales
-from harvester.device.piezo import ShakenPiezo
+from harvester.device.piezo import BaseForcedPiezo
 from harvester.device.system import System, elastic_force, potential
 from harvester.scene.model import Scene
 from harvester.scene.prepared import prepared
@@ -41,7 +41,7 @@ def closed_forms(scene: Scene, realizations: int) -> dict[str, Means]:
         return {}
     model = prepared(scene)
     system = model.system
-    if isinstance(system.transducer, ShakenPiezo):
+    if isinstance(system.transducer, BaseForcedPiezo):
         # Neither form has the charge that the base moves.
         return {}
     forms = {

@@ -20,7 +20,7 @@ from harvester.engines.methods import MonteCarlo
 from harvester.engines.realization import Realization, run
 from harvester.scene.model import Scene
 from harvester.scene.prepared import prepared
-from harvester.scene.steps import knot_spacing, steps_per_knot
+from harvester.scene.steps import knot_spacing, steps_per_sample
 from harvester.validation import STATES
 from harvester.validation.paths import from_rest, ignore, recorded, states_at_knots
 from harvester.validation.stability.replay import replayed
@@ -110,7 +110,7 @@ def path_deviation(
     sizes = np.sqrt(np.mean(np.square(fine - fine[:, :1] * (1.0, 0.0, 0.0)), axis=(0, 1)))
     sizes = np.where(sizes > 0.0, sizes, 1.0)
     comparable = _comparable(brief, reference, fine, sizes)
-    own_step = knot_spacing(model) / steps_per_knot(model, step, engine)
+    own_step = knot_spacing(model) / steps_per_sample(model, step, engine)
     runs = _paths(brief, engine, step), _paths(brief, engine, own_step / FINER)
     at_step, at_finer = (states_at_knots(brief, realizations) for realizations in runs)
     step_errors = (at_step - at_finer) / sizes
@@ -159,7 +159,7 @@ def path_scene(scene: Scene) -> Scene:
     """The scene for so many steps, from a typical state."""
     model = prepared(scene)
     spacing, period = knot_spacing(model), _period(scene)
-    step = spacing / steps_per_knot(model)
+    step = spacing / steps_per_sample(model)
     periods = PATH_STEPS * step / (MOST_PATHS * period)
     length = min(max(periods, FEWEST_PERIODS), MOST_PERIODS) * period
     paths = min(max(int(PATH_STEPS * step / length), FEWEST_PATHS), MOST_PATHS)
@@ -182,7 +182,7 @@ def _typical_start(scene):
     if scene.start or reference_engine(scene) != "monte-carlo":
         return {}
     model = prepared(scene)
-    settling = from_rest(scene, max(round(SETTLING_STEPS / steps_per_knot(model)), 1), 1)
+    settling = from_rest(scene, max(round(SETTLING_STEPS / steps_per_sample(model)), 1), 1)
     stop = settling.run.duration
     window = (stop - _period(scene), 2.0 * stop)
     [settled] = run(settling, MonteCarlo(), [0], window, ignore)

@@ -17,7 +17,7 @@ from harvester.device.system import elastic_force
 from harvester.engines.realization import start_state
 from harvester.scene.model import Scene
 from harvester.scene.prepared import prepared
-from harvester.scene.steps import knot_spacing, steps_per_knot
+from harvester.scene.steps import knot_spacing, steps_per_sample
 from harvester.validation.paths import noise_at_knots
 
 # The integrator takes so many steps for each of the engine's, and more with stoppers, for which it
@@ -37,7 +37,7 @@ def replayed(scene: Scene, waveforms: Sequence[Record]) -> np.ndarray:
     noise = [noise_at_knots(scene, index) for index in range(count)]
     knots = noise[0].size - 1
     finer = FINER_IN_CONTACT if system.contacts else FINER
-    steps = finer * steps_per_knot(model, "default")
+    steps = finer * steps_per_sample(model, "default")
     times = np.linspace(0.0, knots * spacing, 2 * steps * knots + 1)
     starts = np.array([start_state(model, index) for index in range(count)])
     drive = np.array([np.interp(times, times[:: 2 * steps], path) for path in noise]).T

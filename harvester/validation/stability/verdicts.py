@@ -13,7 +13,7 @@ from typing import Any
 
 from harvester.base.errors import AveragingError, LoadError, SceneError, SimulatorTimeout
 from harvester.base.serialising import fields_of, key, plain
-from harvester.device.piezo import ShakenPiezo
+from harvester.device.piezo import BaseForcedPiezo
 from harvester.engines.methods import ENGINES
 from harvester.scene.model import Scene
 from harvester.scene.prepared import prepared
@@ -220,7 +220,7 @@ def _of_means(method, scene, answered):
     Only these two claim to solve the equations themselves.
     """
     simulated, solved = answered.get("monte-carlo"), answered.get(SOLVER)
-    if isinstance(prepared(scene).system.transducer, ShakenPiezo):
+    if isinstance(prepared(scene).system.transducer, BaseForcedPiezo):
         # The stationary solution omits the charge that the base's motion moves.
         solved = None
     if method not in ("monte-carlo", SOLVER) or not simulated or not simulated.settled:

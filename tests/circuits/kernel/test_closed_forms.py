@@ -19,7 +19,7 @@ from circuits.netlist.part_values import conductance
 from harvester.scene.model import Scene
 from harvester.scene.paths import noise_path, start_state
 from harvester.scene.prepared import prepared
-from harvester.scene.steps import steps_per_knot, stop_time
+from harvester.scene.steps import steps_per_sample, stop_time
 
 
 def scene_of(coupling, capacitance, damping, excitation, load, run):
@@ -42,7 +42,7 @@ def powers(scene):
     ready = prepared(scene)
     s, scales = ready.system, ready.scales
     circuit = circuit_of(prepared(scene))
-    fixed = steps_per_knot(ready, "default", "monte-carlo")
+    fixed = steps_per_sample(ready, "default", "monte-carlo")
     path, stop, start = (
         noise_path(ready, 0),
         stop_time(ready),

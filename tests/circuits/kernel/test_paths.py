@@ -9,7 +9,7 @@ from harvester.engines.simulate import simulate
 from harvester.scene.model import Scene
 from harvester.scene.paths import noise_path, start_state
 from harvester.scene.prepared import prepared
-from harvester.scene.steps import steps_per_knot, stop_time
+from harvester.scene.steps import steps_per_sample, stop_time
 
 SHORT = ["run.duration=0.8", "run.settle=0", "run.realizations=1"]
 # With a linear spring no path parts from its neighbour.
@@ -21,7 +21,7 @@ def ours(scene):
     ready = prepared(scene)
     s, scales = ready.system, ready.scales
     circuit = circuit_of(prepared(scene))
-    fixed = steps_per_knot(ready, "finest", "monte-carlo")
+    fixed = steps_per_sample(ready, "finest", "monte-carlo")
     path, stop = noise_path(ready, 0), stop_time(ready)
     chunks = [
         np.array([record.time, record.voltage, volts, record.load_power])

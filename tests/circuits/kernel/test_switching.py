@@ -13,7 +13,7 @@ from circuits.kernel.switching import switched, turn
 from harvester.scene.model import Scene
 from harvester.scene.paths import noise_path, start_state
 from harvester.scene.prepared import prepared
-from harvester.scene.steps import steps_per_knot
+from harvester.scene.steps import steps_per_sample
 
 # A diode's breakdown behind a coil clamps the piezo, whose voltage then falls by a tenth of a volt
 # while it rings: a switch sees the slope.
@@ -85,8 +85,8 @@ def test_a_ringing_turns_a_switch_where_it_passes_its_threshold(step, known, tmp
         )
         ready = prepared(scene)
         s, scales = ready.system, ready.scales
-        fixed = steps_per_knot(prepared(scene), step, "monte-carlo")
-        refinement = fixed / steps_per_knot(prepared(scene), engine="monte-carlo")
+        fixed = steps_per_sample(prepared(scene), step, "monte-carlo")
+        refinement = fixed / steps_per_sample(prepared(scene), engine="monte-carlo")
         path, start = noise_path(prepared(scene), 0), start_state(prepared(scene), 0)
         chunks = [
             np.array([record.time, volts])

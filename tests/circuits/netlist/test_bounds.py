@@ -5,7 +5,7 @@ import pytest
 
 from circuits.netlist.bounds import bounds, of_time_alone
 from circuits.netlist.expression import Names, parse, resolved
-from circuits.netlist.tape import Values
+from circuits.netlist.expression_graph import Values
 
 EXPRESSIONS = (
     "time^3-2*time", "pow(time-3,2.5)", "pwr(time-3,3)", "abs(time-2)", "exp(3-time)",

@@ -8,9 +8,9 @@ import pytest
 from raw_files import program_46, run_raw
 
 from circuits.netlist.expression import written
+from circuits.netlist.expression_graph import Values
 from circuits.netlist.load_notes import reading_notes
 from circuits.netlist.subcircuits import read_load
-from circuits.netlist.tape import Values
 from harvester.base.errors import NetlistError
 
 DOCS = Path(__file__).parents[3] / "docs" / "loads.md"

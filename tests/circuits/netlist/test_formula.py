@@ -7,7 +7,7 @@ import pytest
 from raw_files import ngspice_program
 
 from circuits.netlist.expression import ExpressionError, Names, parse, resolved
-from circuits.netlist.tape import Tape, evaluate, slopes
+from circuits.netlist.expression_graph import ExpressionGraph, evaluate, slopes
 from harvester.validation.known_results.simulators import read_raw
 
 X, Y = -1.7, 0.6
@@ -24,10 +24,10 @@ EXPRESSIONS = (
 
 def on_tape(text):
     """(rows, values, place of the value) of an expression of v(x) and v(y)."""
-    tape = Tape()
+    graph = ExpressionGraph()
     tree = resolved(parse(text), Names())
-    last = tape.add(tree, lambda each: ["x", "y"].index(each[1]) if each[1] != "0" else -1)
-    return np.array(tape.rows), np.array(tape.values), last
+    last = graph.add(tree, lambda each: ["x", "y"].index(each[1]) if each[1] != "0" else -1)
+    return np.array(graph.rows), np.array(graph.values), last
 
 
 def value(text, x, y):

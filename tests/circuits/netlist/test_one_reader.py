@@ -20,11 +20,11 @@ from circuits.netlist.expression import (
     resolved,
     written,
 )
+from circuits.netlist.expression_graph import Values
 from circuits.netlist.load_notes import reading_notes
 from circuits.netlist.load_watch import watch_of
 from circuits.netlist.scope import Scope
 from circuits.netlist.subcircuits import find_netlist, read_load
-from circuits.netlist.tape import Values
 from circuits.netlist.tree import parse as parse_tree
 from circuits.netlist.vetting import Card
 from harvester.base.errors import NetlistError

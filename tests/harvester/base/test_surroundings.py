@@ -6,7 +6,7 @@ import sys
 import pytest
 
 from harvester.base import numba_cache
-from harvester.base.surroundings import PACKAGE, away_from_working_folder, who_else_writes
+from harvester.base.surroundings import PACKAGE, away_from_working_folder, foreign_writers_of
 
 DRAW = """
 import hashlib
@@ -82,25 +82,25 @@ def test_who_else_writes_looks_at_every_folder_above(tmp_path):
     path = tmp_path / "upper" / "lower" / "file"
     path.parent.mkdir(parents=True)
     path.touch(0o600)
-    assert who_else_writes(path) == ""
-    assert who_else_writes(tmp_path / "not" / "there") == ""
+    assert foreign_writers_of(path) == ""
+    assert foreign_writers_of(tmp_path / "not" / "there") == ""
     for place in (path, path.parent, path.parent.parent):
         mode = place.stat().st_mode
         place.chmod(0o777)
-        assert who_else_writes(path) == f"{place} can be written by others"
+        assert foreign_writers_of(path) == f"{place} can be written by others"
         place.chmod(mode)
     # As /tmp is: names may be added there, not moved.
     path.parent.parent.chmod(0o1777)
-    assert who_else_writes(path) == ""
+    assert foreign_writers_of(path) == ""
     (tmp_path / "link").symlink_to(path)
     path.chmod(0o666)
-    assert who_else_writes(tmp_path / "link") == f"{path} can be written by others"
+    assert foreign_writers_of(tmp_path / "link") == f"{path} can be written by others"
 
 
 @pytest.mark.skipif(os.geteuid() != 0, reason="only root gives files away")
 def test_what_belongs_to_another_user_is_not_ours(tmp_path):
     os.chown(tmp_path, 65534, 65534)
-    assert who_else_writes(tmp_path / "file") == f"{tmp_path} belongs to another user"
+    assert foreign_writers_of(tmp_path / "file") == f"{tmp_path} belongs to another user"
 
 
 def test_code_that_numba_keeps_where_others_write_is_not_read(monkeypatch, tmp_path):

@@ -163,7 +163,7 @@ def test_monte_carlos_schemes_against_the_matrix_exponential(scheme, decay_rate,
     matrix[2, 1:4] = 1.0, -decay, -decay * share
     over = expm(matrix * spacing)
     keep = Keep()
-    for record in records_of(scene, 10.0, scheme=scheme, steps_per_knot=4):
+    for record in records_of(scene, 10.0, scheme=scheme, steps_per_sample=4):
         keep.add(record)
     found = keep.at_knots(spacing)
     noise = noise_path(ready, 0).read(len(found) + 1)

@@ -17,9 +17,9 @@ from harvester.validation.known_results.formulas import rebound_speed
 pytestmark = pytest.mark.usefixtures("shared_workers")
 
 
-def simulated(scene, knots, steps_per_knot=1, index=0):
+def simulated(scene, knots, steps_per_sample=1, index=0):
     keep, stop = Keep(), knots * noise_path(prepared(scene), index).spacing
-    for record in records_of(scene, stop, index, steps_per_knot=steps_per_knot):
+    for record in records_of(scene, stop, index, steps_per_sample=steps_per_sample):
         keep.add(record)
     return keep
 
@@ -44,7 +44,7 @@ def test_the_order_is_four_against_scipy_on_the_same_path(name):
 @pytest.mark.parametrize("stiffness", [10.0, 1e6])
 def test_a_drop_on_one_stopper_rebounds_as_the_exact_law_says(restitution, stiffness):
     scene = drop_scene(restitution, stiffness)
-    for record in records_of(scene, 3.0, start=(0.0, 1.0, 0.0), steps_per_knot=4):
+    for record in records_of(scene, 3.0, start=(0.0, 1.0, 0.0), steps_per_sample=4):
         velocity = record.velocity[-1]
     assert -velocity == pytest.approx(rebound_speed(restitution), abs=1e-3)
 

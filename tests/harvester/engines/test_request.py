@@ -14,10 +14,10 @@ from harvester.engines.opening import open_runner
 from harvester.engines.realizations import Realizations
 from harvester.engines.request import (
     Request,
-    aim_beside_steps,
     in_rounds,
     note_on_steps,
     relative_error,
+    sampling_error_budget,
 )
 from harvester.engines.simulate import simulate
 from harvester.results.paired import paired_difference
@@ -161,5 +161,5 @@ def test_a_precision_that_no_run_reaches_doubles_the_realizations(precision):
 
 @pytest.mark.parametrize(("cost", "aim"), [(0.0, 0.01), (0.006, 0.008), (0.02, 0.01)])
 def test_a_precision_counts_what_the_steps_cost(cost, aim):
-    assert aim_beside_steps(0.01, cost) == pytest.approx(aim)
+    assert sampling_error_budget(0.01, cost) == pytest.approx(aim)
     assert bool(note_on_steps(0.01, cost)) is (cost > 0.01)

@@ -16,8 +16,8 @@ from harvester.identification.measurement import Measurement, read_measurement
 from harvester.identification.sensors import (
     filtered,
     integrals,
+    invert_high_pass,
     parallel,
-    put_right,
     without_memory,
 )
 from harvester.scene.numbers import numbers
@@ -48,7 +48,7 @@ def test_what_an_ac_coupled_sensor_was_shown_comes_back(order, corners):
     shown = through(0.3, order, sum(corners))
     true = np.sin(OMEGA * TIMES + 0.3)
     assert np.abs(shown - true).max() > 0.05
-    found = put_right(shown, integrals(shown, RATE, np.arange(TIMES.size)), *corners)
+    found = invert_high_pass(shown, integrals(shown, RATE, np.arange(TIMES.size)), *corners)
     assert found[200:-200] == pytest.approx(true[200:-200], abs=1e-3)
 
 

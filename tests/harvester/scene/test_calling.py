@@ -78,7 +78,3 @@ def test_the_load_of_a_scene_is_its_table_and_the_class_reads_scenes():
     assert scene.load.decay_rate == scene.to_tables()["load"]["decay_rate"]
     with pytest.raises(AttributeError):
         scene.load = None
-    with pytest.raises(TypeError, match="its table load"):
-        harvester.Scene(
-            "x", "scaled", scene.oscillator, scene.transducer, scene.excitation, scene.run
-        )

@@ -8,7 +8,7 @@ from harvester.engines.realization import empty_moments
 from harvester.engines.simulate import simulate
 from harvester.scene.lines import half_width, line_frequency, spread
 from harvester.scene.prepared import prepared
-from harvester.scene.steps import FINER_NEAR_LINES, step_error, steps_per_knot
+from harvester.scene.steps import FINER_NEAR_LINES, step_error, steps_per_sample
 
 # The built-in linear device: its resonance is 2 rad/s without the piezo.
 OMEGA = 2.0
@@ -46,8 +46,8 @@ def test_one_sine_on_a_linear_device_leaves_the_steps_and_two_close_ones_do_not(
     assert spread(prepared(one)) == 0.0
     assert spread(ready) == pytest.approx(1.02**2 - 1.0, rel=0.05)
     # As many steps a second as before for one.
-    assert steps_per_knot(prepared(one)) == 2
-    assert 2 < steps_per_knot(ready) <= 2 * FINER_NEAR_LINES
+    assert steps_per_sample(prepared(one)) == 2
+    assert 2 < steps_per_sample(ready) <= 2 * FINER_NEAR_LINES
 
 
 def test_finer_steps_cost_less_by_their_square():
@@ -144,7 +144,7 @@ def test_a_burst_in_a_silent_record_is_no_line_at_frequency_0(tmp_path):
     run = {"run.settle": 1.0, "run.duration": 20.0, "run.realizations": 1}
     scene = Scene.read("device").replace({"excitation": record, **run})
     assert scene.excitation.lines == ()
-    assert steps_per_knot(prepared(scene)) >= 1
+    assert steps_per_sample(prepared(scene)) >= 1
 
 
 def test_runge_kutta_in_a_well_stiffer_than_the_line_is_within_its_error():

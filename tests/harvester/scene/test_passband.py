@@ -10,7 +10,7 @@ import harvester
 from harvester import Scene
 from harvester.scene.passband import misplacement
 from harvester.scene.prepared import prepared
-from harvester.scene.steps import NOISE_ERROR, knot_spacing, step_error, steps_per_knot
+from harvester.scene.steps import NOISE_ERROR, knot_spacing, step_error, steps_per_sample
 
 RESONANCE, QUALITY = 40.0, 40.0
 BANDS = {"above": (200.0, 400.0), "flank": (51.0, 300.0), "across": (30.0, 60.0)}
@@ -73,8 +73,8 @@ def test_a_record_has_the_misplacement_of_its_density(tmp_path):
 @pytest.mark.parametrize("engine", ["circuit", "monte-carlo"])
 def test_steps_follow_the_excitation_far_above_the_resonance(engine):
     near, far = (prepared(device(band(*BANDS[name]))) for name in ("across", "above"))
-    assert steps_per_knot(near, engine=engine) == {"circuit": 2, "monte-carlo": 1}[engine]
-    assert steps_per_knot(far, engine=engine) > steps_per_knot(near, engine=engine)
+    assert steps_per_sample(near, engine=engine) == {"circuit": 2, "monte-carlo": 1}[engine]
+    assert steps_per_sample(far, engine=engine) > steps_per_sample(near, engine=engine)
     assert step_error(far, engine=engine) <= 1.01 * NOISE_ERROR
 
 
@@ -82,7 +82,7 @@ def test_sines_keep_their_steps():
     """The integrators are exact at a sine."""
     sine = {"kind": "sine", "amplitude": 1.0, "frequency": 300.0}
     assert misplacement(prepared(device(sine)), 1e-4, 2) == 0.0
-    assert steps_per_knot(prepared(device(sine))) == 1
+    assert steps_per_sample(prepared(device(sine))) == 1
 
 
 @pytest.mark.slow

@@ -5,7 +5,7 @@ import pytest
 from harvester.base.errors import HarvesterError, SceneError
 from harvester.scene.model import Scene
 from harvester.scene.prepared import prepared
-from harvester.scene.steps import knot_spacing, resolving, steps_per_contact, steps_per_knot
+from harvester.scene.steps import knot_spacing, resolving, steps_per_contact, steps_per_sample
 from harvester.statistics.moments import Moments
 from harvester.statistics.of_run import run_estimates
 
@@ -20,9 +20,9 @@ def test_knots_follow_a_shorter_correlation_time_only():
 def test_a_step_that_no_run_would_end_with_is_refused():
     scene = Scene.read("paper")
     ready = prepared(scene)
-    assert steps_per_knot(ready, 1e-8) == 5_000_000
+    assert steps_per_sample(ready, 1e-8) == 5_000_000
     with pytest.raises(HarvesterError, match=r"step 1e-30: is less than 1e-09 of the 0.05 s"):
-        steps_per_knot(ready, 1e-30)
+        steps_per_sample(ready, 1e-30)
 
 
 @pytest.mark.parametrize("engine", ["circuit", "monte-carlo"])
@@ -32,7 +32,9 @@ def test_a_finer_step_is_as_much_finer_in_a_contact(engine):
     fewest = steps_per_contact(ready, engine=engine)
     assert 20 < fewest < 40
     for step, finer in (("fine", 4), ("finest", 32)):
-        assert steps_per_knot(ready, step, engine) == finer * steps_per_knot(ready, engine=engine)
+        assert steps_per_sample(ready, step, engine) == finer * steps_per_sample(
+            ready, engine=engine
+        )
         assert steps_per_contact(ready, step, engine) == finer * fewest
     # A longer one leaves the contact resolved.
     assert steps_per_contact(ready, 0.05, engine) == fewest

@@ -181,7 +181,7 @@ def test_a_part_that_fails_is_told_and_the_other_judges(linear, monkeypatch, fai
     """Parts: settled by Monte Carlo and by the circuit, and both from rest."""
     scene = linear.replace({"run.realizations": 1})
     monkeypatch.setattr(
-        proof_module, "good_ones", lambda found: (found, HarvesterError("it stopped"))
+        proof_module, "answers_before_failure", lambda found: (found, HarvesterError("it stopped"))
     )
     monkeypatch.setattr(proof_module, "series_of", lambda _, good: good[0])
     plan = proving(0, True, scene, (MonteCarlo(), ""), (Circuit(), ""))

@@ -25,9 +25,9 @@ from harvester.validation.paper.claim_tests import (
     Changed,
     Finding,
     InteriorMaximum,
-    Opposed,
+    LargerEffect,
+    OppositeTrends,
     SingleHump,
-    Stronger,
     Trend,
     Unchanged,
     peak_of,
@@ -126,14 +126,14 @@ def test_comparisons_of_two_parameters():
         return 5.0 + 3.0 * c.get(D, 1.0) + c.get(E, 0.0)
 
     ends = (1.0, 2.0)
-    assert verdict(Stronger("mean_power", ((D, ends),), ((E, ends),)), function) == HOLDS
-    assert verdict(Stronger("mean_power", ((E, ends),), ((D, ends),)), function) == FAILS
+    assert verdict(LargerEffect("mean_power", ((D, ends),), ((E, ends),)), function) == HOLDS
+    assert verdict(LargerEffect("mean_power", ((E, ends),), ((D, ends),)), function) == FAILS
     assert verdict(Unchanged("mean_power", ((E, ends),), 0.2), function) == HOLDS
     assert verdict(Unchanged("mean_power", ((E, ends), (D, ends)), 0.2), function) == IN_PART
     assert verdict(Changed("mean_power", ((D, ends),), 0.2), function) == HOLDS
     assert verdict(Changed("mean_power", ((E, ends),), 0.2), function) == FAILS
-    assert verdict(Opposed("mean_power", ((D, ends),), "other"), function) == HOLDS
-    assert verdict(Opposed("mean_power", ((D, ends),), "mean_power"), function) == FAILS
+    assert verdict(OppositeTrends("mean_power", ((D, ends),), "other"), function) == HOLDS
+    assert verdict(OppositeTrends("mean_power", ((D, ends),), "mean_power"), function) == FAILS
 
 
 def test_a_change_below_a_limit_is_told_as_it_is_and_judged_by_what_is_left():

@@ -15,7 +15,7 @@ from harvester.engines.simulate import simulate
 from harvester.results.page import all_facts, table_in_pages
 from harvester.scene.model import Scene
 from harvester.scene.prepared import prepared
-from harvester.scene.steps import knot_spacing, steps_per_knot
+from harvester.scene.steps import knot_spacing, steps_per_sample
 from harvester.validation import MEANS
 from harvester.validation.known_results.formulas import rebound_speed
 from harvester.validation.stability import matrix as module
@@ -66,7 +66,7 @@ def test_cases_fit_scenes_without_stoppers_or_wells():
             steps = (scene.run.duration + scene.run.settle) / knot_spacing(prepared(scene))
             total = (
                 steps
-                * steps_per_knot(prepared(scene), engine="monte-carlo")
+                * steps_per_sample(prepared(scene), engine="monte-carlo")
                 * scene.run.realizations
             )
             assert total <= STEP_BUDGET * (1 + 1e-9), case.title
@@ -122,10 +122,10 @@ def test_the_default_step_follows_the_amplitude_that_the_noise_drives():
         Scene.read("paper", [f"excitation.intensity={d}", "stoppers=none"]) for d in (0.02, 100)
     )
     ready = prepared(strong)
-    assert steps_per_knot(prepared(weak), engine="monte-carlo") == 1
-    assert steps_per_knot(ready, engine="monte-carlo") >= 3
-    assert steps_per_knot(ready) == pytest.approx(
-        2 * steps_per_knot(ready, engine="monte-carlo"), abs=1
+    assert steps_per_sample(prepared(weak), engine="monte-carlo") == 1
+    assert steps_per_sample(ready, engine="monte-carlo") >= 3
+    assert steps_per_sample(ready) == pytest.approx(
+        2 * steps_per_sample(ready, engine="monte-carlo"), abs=1
     )
     fastest = fastest_angular_frequency(ready.system)
     result = simulate(

@@ -15,7 +15,7 @@ from harvester.base.errors import (
 from harvester.engines.methods import ENGINES, Circuit, MonteCarlo
 from harvester.scene.model import Scene
 from harvester.scene.prepared import prepared
-from harvester.scene.steps import knot_spacing, steps_per_knot
+from harvester.scene.steps import knot_spacing, steps_per_sample
 from harvester.statistics.estimate import Estimate
 from harvester.validation import MEANS
 from harvester.validation.stability.answers import CaseAnswer
@@ -123,7 +123,7 @@ def broken_engine(engine, change, longer=1, scheme=None):
         def run_realizations(self, ready, paths, starts, observers, outputs=None):
             step = self.step
             if step == "default":
-                step = knot_spacing(ready) / steps_per_knot(ready)
+                step = knot_spacing(ready) / steps_per_sample(ready)
             step = step if isinstance(step, str) else longer * step
             other = prepared(ready.scene.replace(change(ready.scene)))
             used = engine(step=step, **({"scheme": scheme} if scheme else {}))

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from circuits.netlist.course import AHEAD, Course, steep
+from circuits.netlist.source_schedule import AHEAD, SourceSchedule, steep
 from circuits.netlist.subcircuits import find_netlist, read_load
 from circuits.netlist.waveform import waveform
 from harvester.base.errors import LoadError
@@ -18,7 +18,7 @@ def load_of(tmp_path, *lines):
 
 
 def plan_of(tmp_path, *lines, count=AHEAD):
-    return Course(load_of(tmp_path, *lines).elements).steps(STEP).plan(0, count)
+    return SourceSchedule(load_of(tmp_path, *lines).elements).steps(STEP).plan(0, count)
 
 
 def jumps_of(plan):
@@ -79,9 +79,9 @@ def test_what_the_grid_follows_has_no_plan(tmp_path):
 def test_a_plan_goes_on_where_the_one_before_ended(tmp_path):
     """In stretches of any length the same steps, once the swing is known."""
     load = load_of(tmp_path, "B1 p n i=1m*sin(2*pi*900*time)*(1+0.5*sin(2*pi*31*time))")
-    whole = Course(load.elements).steps(STEP)
+    whole = SourceSchedule(load.elements).steps(STEP)
     whole.plan(0, AHEAD)
-    parts = Course(load.elements).steps(STEP)
+    parts = SourceSchedule(load.elements).steps(STEP)
     parts.plan(0, AHEAD)
     one = whole.plan(AHEAD, 64)
     others = [parts.plan(AHEAD + k, 16) for k in range(0, 64, 16)]
@@ -114,4 +114,4 @@ def test_steep_sources_are_left_to_their_corners(kind, numbers, expected):
 def test_the_librarys_loads_have_no_plan():
     """Their clock is steep: steps and numbers are as they were."""
     for name in ("bridge", "bridge_ideal", "node_boost", "node_buck", "sece", "sshi_parallel"):
-        assert not Course(read_load(find_netlist(name)).elements)
+        assert not SourceSchedule(read_load(find_netlist(name)).elements)

@@ -45,7 +45,7 @@ STEEP = 1.0 / 80.0
 MOST_STEPS = 5000
 
 
-class Plan(NamedTuple):
+class Breakpoints(NamedTuple):
     """The steps prescribed by a load's own sources over an interval of time.
 
     Attributes
@@ -63,10 +63,10 @@ class Plan(NamedTuple):
     jumps: np.ndarray
 
 
-NO_PLAN = Plan(np.zeros(0), np.zeros(0), np.zeros(0))
+NO_BREAKPOINTS = Breakpoints(np.zeros(0), np.zeros(0), np.zeros(0))
 
 
-class Course:
+class SourceSchedule:
     """The sources and expressions of a load that change with time alone."""
 
     def __init__(self, elements: Iterable[Element]) -> None:
@@ -92,14 +92,14 @@ class Course:
 
 
 class Steps:
-    """Plans of a run, one stretch after another; see `Course.steps`."""
+    """Plans of a run, one stretch after another; see `SourceSchedule.steps`."""
 
     def __init__(self, found: dict[Tree, Element], step: float) -> None:
         self._found, self._step = found, step
         self._least = {tree: math.inf for tree in found}
         self._most = {tree: -math.inf for tree in found}
 
-    def plan(self, first: int, count: int) -> Plan:
+    def plan(self, first: int, count: int) -> Breakpoints:
         """The plan of `count` steps of the grid, from number `first` on.
 
         Raises
@@ -200,8 +200,8 @@ def _joined(low, high, jumps, step):
     alike = np.abs(widths[1:] - widths[:-1]) < 0.25 * widths[1:]
     last[:-1] = ~alike | (jumps[1:] != jumps[:-1])
     if not (jumps.any() or (widths < 0.75 * step).any()):
-        return NO_PLAN
-    return Plan(high[last], widths[last] * (1.0 + 1e-6), jumps[last])
+        return NO_BREAKPOINTS
+    return Breakpoints(high[last], widths[last] * (1.0 + 1e-6), jumps[last])
 
 
 def _moving(tree: Tree) -> Iterable[Tree]:

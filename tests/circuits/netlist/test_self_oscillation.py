@@ -22,7 +22,7 @@ RELAXING = (
 
 @pytest.mark.parametrize(("ohms", "oscillates"), [("-50k", True), ("50k", False), ("-10meg", True)])
 def test_a_circle_grows_with_a_resistance_below_zero(tmp_path, ohms, oscillates):
-    own = load_of(tmp_path, CIRCLE.format(ohms)).own_motion
+    own = load_of(tmp_path, CIRCLE.format(ohms)).self_oscillation
     assert own.oscillates == oscillates
     assert not own.unknown
 
@@ -33,24 +33,24 @@ def test_a_bias_into_a_falling_characteristic_oscillates(tmp_path):
         "V1 d n {}\nL1 d a 10\nR1 a b 1k\nC1 b n 1n\n"
         "B1 b n i=20u*(v(b,n)-0.2)*(400*(v(b,n)-0.2)^2-1)"
     )
-    assert load_of(tmp_path, body.format(0.2)).own_motion.oscillates
-    assert not load_of(tmp_path, body.format(0.3)).own_motion.oscillates
+    assert load_of(tmp_path, body.format(0.2)).self_oscillation.oscillates
+    assert not load_of(tmp_path, body.format(0.3)).self_oscillation.oscillates
 
 
 @pytest.mark.parametrize(("gain", "oscillates"), [(2.9, False), (3.1, True)])
 def test_a_wien_bridge_oscillates_from_a_gain_of_three_on(tmp_path, gain, oscillates):
     body = f"E1 x n b n {gain}\nR1 x y 1meg\nC1 y b 100p\nR2 b n 1meg\nC2 b n 100p"
-    assert load_of(tmp_path, body).own_motion.oscillates == oscillates
+    assert load_of(tmp_path, body).self_oscillation.oscillates == oscillates
 
 
 def test_a_switch_that_no_state_satisfies_turns_with_the_time_constant_of_its_control(tmp_path):
-    own = load_of(tmp_path, RELAXING.format(0.2)).own_motion
+    own = load_of(tmp_path, RELAXING.format(0.2)).self_oscillation
     assert own.oscillates
     # 10 nF behind 1 kΩ and, beside it, 1 MΩ.
     assert own.turn == pytest.approx(10e-9 / (1e-3 + 1e-6), rel=1e-3)
     assert own.switch == "s1 (load.lib:6)"
     # Closed above 1.1 V it never is.
-    assert not load_of(tmp_path, RELAXING.format(0.6)).own_motion.oscillates
+    assert not load_of(tmp_path, RELAXING.format(0.6)).self_oscillation.oscillates
 
 
 def test_a_node_that_jumps_with_the_switch_is_not_its_control(tmp_path):
@@ -59,7 +59,7 @@ def test_a_node_that_jumps_with_the_switch_is_not_its_control(tmp_path):
         "I1 b a 2u\nC1 a b 58n\nR1 a b 860k\nRn b n 10\nCs b n 10p\nRs a x 110k\n"
         ".model s sw(vt=1 vh=0.1 ron=100 roff=100meg)\nS1 x b a b s"
     )
-    own = load_of(tmp_path, body).own_motion
+    own = load_of(tmp_path, body).self_oscillation
     assert own.turn == pytest.approx(58e-9 / (1.0 / 860e3 + 1.0 / 110.1e3), rel=1e-3)
 
 
@@ -72,14 +72,14 @@ def test_a_turn_that_no_run_comes_down_to_is_refused_by_name(tmp_path):
 
 def test_of_transistors_it_is_not_known_and_noted(tmp_path):
     load = load_of(tmp_path, "V1 d n 3\nQ1 d a n part\nR1 d a 1meg\n.model part npn")
-    assert load.own_motion.unknown == "q1: a transistor"
+    assert load.self_oscillation.unknown == "q1: a transistor"
     assert any("whether the load oscillates" in note for note in reading_notes(load))
 
 
 @pytest.mark.parametrize("name", load_names())
 def test_the_librarys_loads_rest(name):
     """Their steps and numbers are as they were."""
-    assert read_load(find(name)).own_motion == (False, float("inf"), "", "")
+    assert read_load(find(name)).self_oscillation == (False, float("inf"), "", "")
 
 
 def test_what_a_fast_clock_costs_is_said_where_it_is_long(tmp_path):

@@ -3,7 +3,7 @@
 import pytest
 
 from circuits.netlist.subcircuits import find_netlist, read_load
-from circuits.netlist.turns import passing, turns
+from circuits.netlist.switching_events import passing, zero_crossings
 
 
 def found(tmp_path, expression):
@@ -13,7 +13,7 @@ def found(tmp_path, expression):
         f".subckt load p n\nB1 p n i={expression}\nR1 p a 1k\nR2 a b 1k\nR3 b n 1k\n.ends\n"
     )
     tree = read_load(path).elements[0].expression
-    return [passing(each) for each in turns(tree)]
+    return [passing(each) for each in zero_crossings(tree)]
 
 
 @pytest.mark.parametrize(
@@ -41,4 +41,6 @@ def test_what_jumps(tmp_path, expression, expected):
 
 def test_ideal_diodes_do_not_jump():
     elements = read_load(find_netlist("bridge_ideal")).elements
-    assert not any(turns(each.expression) for each in elements if each.expression is not None)
+    assert not any(
+        zero_crossings(each.expression) for each in elements if each.expression is not None
+    )

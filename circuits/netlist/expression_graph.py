@@ -22,7 +22,7 @@ UNKNOWN, CONSTANT, TIME = range(3)
 FIRST = 3
 
 
-class Tape:
+class ExpressionGraph:
     """Operations in order, each of earlier ones; rows (code, a, b, c) and their constants."""
 
     def __init__(self) -> None:
@@ -82,15 +82,15 @@ class Values:
     """
 
     def __init__(self, trees: Sequence[Tree], watched: Sequence[str]) -> None:
-        tape = Tape()
+        graph = ExpressionGraph()
         places = {name: index for index, name in enumerate(watched)}
 
         def unknown_of(tree: Tree) -> int:
             return places[tree[1] if tree[0] == "v" else f"i({tree[1]})"]
 
-        self._ends = np.array([tape.add(tree, unknown_of) for tree in trees], dtype=np.int64)
-        self._rows = np.array(tape.rows, dtype=np.int64).reshape(-1, 4)
-        self._constants = np.array(tape.values, dtype=float)
+        self._ends = np.array([graph.add(tree, unknown_of) for tree in trees], dtype=np.int64)
+        self._rows = np.array(graph.rows, dtype=np.int64).reshape(-1, 4)
+        self._constants = np.array(graph.values, dtype=float)
 
     def __call__(self, time: np.ndarray, unknowns: np.ndarray) -> np.ndarray:
         """Their values; shape (trees, points), of unknowns (watched, points)."""

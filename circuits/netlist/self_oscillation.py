@@ -17,7 +17,7 @@ from circuits.netlist.elements import Element
 from circuits.netlist.expression import ExpressionError, Tree, renamed
 from circuits.netlist.numbers import THERMAL_VOLTAGE
 from circuits.netlist.part_models import hysteresis
-from circuits.netlist.turns import turns
+from circuits.netlist.switching_events import zero_crossings
 from harvester.device.terminals import GROUND
 
 # Conductance from every node to ground (S); most Newton iterations; and the residual at which they
@@ -40,7 +40,7 @@ CANCELLED, TRIALS = 1e-12, (0.0, 0.0, 0.0, 1e-3)
 MOST_UNKNOWNS = 300
 
 
-class OwnMotion(NamedTuple):
+class SelfOscillation(NamedTuple):
     """What a load does with the device at rest.
 
     Attributes
@@ -61,24 +61,24 @@ class OwnMotion(NamedTuple):
     unknown: str = ""
 
 
-AT_REST = OwnMotion()
+AT_REST = SelfOscillation()
 
 
-def own_motion(elements: tuple[Element, ...]) -> OwnMotion:
+def self_oscillation(elements: tuple[Element, ...]) -> SelfOscillation:
     """What a load does with the device at rest."""
     if not any(map(_may_drive, elements)):
         return AT_REST
     try:
         circuit = _Circuit(elements)
     except ExpressionError as reason:
-        return OwnMotion(unknown=str(reason))
+        return SelfOscillation(unknown=str(reason))
     if circuit.size > MOST_UNKNOWNS:
-        return OwnMotion(unknown=f"it has more than {MOST_UNKNOWNS} nodes and currents")
+        return SelfOscillation(unknown=f"it has more than {MOST_UNKNOWNS} nodes and currents")
     motions = [_of_sources(circuit, source) for source in circuit.sources()]
     fastest = min(motions, key=lambda each: each.turn)
     oscillates = any(motion.oscillates for motion in motions)
     unknown = next((motion.unknown for motion in motions if motion.unknown), "")
-    return OwnMotion(oscillates, fastest.turn, fastest.switch, "" if oscillates else unknown)
+    return SelfOscillation(oscillates, fastest.turn, fastest.switch, "" if oscillates else unknown)
 
 
 def cancelled(elements: tuple[Element, ...]) -> str:
@@ -87,12 +87,12 @@ def cancelled(elements: tuple[Element, ...]) -> str:
     The load is solved with its pins p and n driven by random voltages, its stores being replaced
     with their impedances at a random rate and its waveforms with random values.
     """
-    from circuits.netlist.tape import Values
+    from circuits.netlist.expression_graph import Values
 
     compared = [
         (source, renamed(passed, {"n": GROUND}))
         for source in (elements if len(elements) <= MOST_UNKNOWNS else ())
-        for passed in (turns(source.expression) if source.expression else ())
+        for passed in (zero_crossings(source.expression) if source.expression else ())
         if passed[0] not in ("sin", "cos")
     ]
     draw = np.random.default_rng(1)
@@ -138,21 +138,21 @@ def _may_drive(each):
 def _of_sources(circuit, source):
     closed = circuit.closed.copy()
     seen: list[tuple] = []
-    turns: list[tuple[float, str]] = []
+    zero_crossings: list[tuple[float, str]] = []
     steady_state = circuit.rest(closed, source)
     while steady_state is not None and tuple(closed) not in seen:
         seen.append(tuple(closed))
         wrong = circuit.wrong(closed, steady_state)
         if wrong < 0:
-            return OwnMotion(circuit.grows(steady_state, closed))
+            return SelfOscillation(circuit.grows(steady_state, closed))
         closed[wrong] = ~closed[wrong]
         before, steady_state = steady_state, circuit.rest(closed, source)
         if steady_state is not None:
             constant = circuit.time_constant(wrong, before, steady_state, closed)
-            turns.append((constant, circuit.switches[wrong][0].place))
+            zero_crossings.append((constant, circuit.switches[wrong][0].place))
     if steady_state is None:
-        return OwnMotion(unknown="no rest of it is found")
-    return OwnMotion(True, *min(turns[seen.index(tuple(closed)) :]))
+        return SelfOscillation(unknown="no rest of it is found")
+    return SelfOscillation(True, *min(zero_crossings[seen.index(tuple(closed)) :]))
 
 
 class _Circuit:
@@ -170,18 +170,18 @@ class _Circuit:
         self._branches = {element.name: self._unknown(f"i({element.name})") for element in elements
                           if element.letter in "vl" or element.voltage}  # fmt: skip
         # Reading a load imports no compiler.
-        from circuits.netlist import tape
+        from circuits.netlist import expression_graph
 
-        self._compiled = tape
-        self._tape = tape.Tape()
+        self._compiled = expression_graph
+        self._graph = expression_graph.ExpressionGraph()
         coils = {element.name: element.size for element in elements if element.letter == "l"}
         for element in elements:
             self._add(element, coils)
         self.unknowns = [*self._places][2:]
         self.size = len(self.unknowns)
         self.closed = np.array(["on" in switch.flags for switch, *_ in self.switches], dtype=bool)
-        self._rows = np.array(self._tape.rows, dtype=np.int64).reshape(-1, 4)
-        self._values = np.array(self._tape.values, dtype=float)
+        self._rows = np.array(self._graph.rows, dtype=np.int64).reshape(-1, 4)
+        self._values = np.array(self._graph.values, dtype=float)
         self._ends, self._sizes = self._storage()
         self._g = self._matrix(self._conductance) + np.diag(
             [0.0 if name.startswith("i(") else GMIN for name in self.unknowns]
@@ -259,8 +259,8 @@ class _Circuit:
         def unknown_of(tree: Tree) -> int:
             return self._unknown(tree[1]) if tree[0] == "v" else self._branches[tree[1]]
 
-        first = len(self._tape.rows)
-        last = self._tape.add(each.expression, unknown_of)
+        first = len(self._graph.rows)
+        last = self._graph.add(each.expression, unknown_of)
         ends = ((row, -1.0),) if row >= 0 else ((nodes[0], 1.0), (nodes[1], -1.0))
         many = each.many if row < 0 else 1.0
         self._behavioural.append(([(row, sign * many) for row, sign in ends], first, last))

@@ -23,7 +23,7 @@ ROUNDING = 1e-9
 
 
 @functools.lru_cache(maxsize=4096)
-def turns(tree: Tree) -> tuple[Tree, ...]:
+def zero_crossings(tree: Tree) -> tuple[Tree, ...]:
     """Expressions that cross 0 where this one jumps; those of the time alone are left out."""
     differences = dict.fromkeys(passed for passed in _passed(tree) if not of_time_alone(passed))
     return tuple(difference for difference in differences if _jumps(tree, difference))
@@ -47,7 +47,7 @@ def _jumps(tree, passed):
     """Whether an expression jumps where another crosses 0; True also if no crossing was found."""
     names = unknowns_in(tree)
     try:
-        from circuits.netlist.tape import Values
+        from circuits.netlist.expression_graph import Values
 
         values = Values([passed, tree], names)
     except ExpressionError:
@@ -82,7 +82,7 @@ def passing(passed: Tree) -> tuple[tuple[str, str], float] | None:
     """
     names = unknowns_in(passed)
     try:
-        from circuits.netlist.tape import Values
+        from circuits.netlist.expression_graph import Values
 
         values = Values([passed], names)
     except ExpressionError:
