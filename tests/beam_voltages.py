@@ -39,7 +39,8 @@ def sum_of_modes(beam, frequencies, resistance, count=25):
 def of_lumped_values(found, frequencies, admittance):
     """V/a (V s²/m) on an admittance (S) by one mode with the others static; complex.
 
-    `found` is a `harvester.device.beam.table.LumpedBeam`, `admittance` a number or one for each frequency.
+    `found` is a `harvester.device.beam.table.LumpedBeam`, `admittance` a number or one for each
+    frequency.
     """
     rate = 2j * np.pi * np.asarray(frequencies)
     compliance = 1.0 / (found.stiffness + found.mass * rate**2 + rate * found.damping)

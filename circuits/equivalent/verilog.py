@@ -216,7 +216,7 @@ endmodule
 
 
 def add_device(circuit: Circuit, network: Network) -> None:
-    """Add one instance of the compiled device, connected to the nodes of `circuits.equivalent.elements`."""
+    """Add one compiled device, connected to the nodes of `circuits.equivalent.elements`."""
     ends = (DISPLACEMENT, VELOCITY, TERMINAL, *({BASE} & network.nodes))
     circuit.raw_spice += f"Nharvester {' '.join(ends)} {MODEL}\n"
 
@@ -245,7 +245,8 @@ def add_model(
     network : harvester.device.terminals.Network
     scales : harvester.scene.units.Scales
     pace : float
-        Factor for the charge that the mass moves, see `circuits.equivalent.elements.prewarp_factor`.
+        Factor of the charge that the mass moves, see
+        `circuits.equivalent.elements.prewarp_factor`.
     """
     charge, capacitance = (network.value(name) for name in ("charge", "piezo"))
     side = Side(scales.voltage, charge * pace, capacitance)

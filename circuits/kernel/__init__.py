@@ -35,7 +35,7 @@ and names the function that does each thing. Read the modules in this order.
    `stage.solve_stage` is Newton's iteration on the core: `mechanics.evaluate` gives the spring's
    and the contacts' force, `code.iterate` puts the diodes' slopes and currents in, eliminates the
    core and moves the junctions' voltages. `stage._linearise` does the same for behavioural sources,
-   from the tape of `circuits.netlist.expression_graph`. `code.finish` gives the change of all unknowns.
+   from `circuits.netlist.expression_graph`. `code.finish` gives the change of all unknowns.
 4. `code.conclude` and `code.error` estimate the step's error by an embedded formula of third order.
    Too great an error, a contact entered (`harvester.device.zones`) or a switch that turns
    (`switching.switched`) shortens the step, and it is tried again.

@@ -23,8 +23,8 @@ class Tables(
     namedtuple(
         "Tables",
         "entries capacity conductance steady sources waves corners driven drives junctions "
-        "junction_values switches switch_values graph graph_values behavioural inputs zero_crossings "
-        "retimed nonlinear_rows nonlinear_columns own start",
+        "junction_values switches switch_values graph graph_values behavioural inputs "
+        "zero_crossings retimed nonlinear_rows nonlinear_columns own start",
     )
 ):
     """Arrays of a circuit with n unknowns; places of unknowns are int64, n stands for ground.
@@ -42,10 +42,10 @@ class Tables(
         above which it closes.
     tape : (k, 4) operations, `graph_values` (k,) their constants.
     behavioural : (k, 4) row it adds to, row it takes from, first operation, place of its value;
-        `inputs` (k, 3) which of them, place on the tape, unknown; `zero_crossings` (k,) places of what
-        passes 0 where one jumps.
-    retimed : (k,) entries that `circuits.kernel.prewarping` changes: the mass, and the currents that
-        its velocity drives.
+        `inputs` (k, 3) which of them, place in the graph, unknown; `zero_crossings` (k,) places of
+        what passes 0 where one jumps.
+    retimed : (k,) entries that `circuits.kernel.prewarping` changes: the mass, and the currents
+        that its velocity drives.
     nonlinear_rows, nonlinear_columns : (n,) whether what is not linear stands there.
     own : (k, 2) unknowns of a load that oscillates by itself which are known to a share of their
         own size, and 1 for a current.

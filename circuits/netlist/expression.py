@@ -88,7 +88,7 @@ def truth(condition: Tree) -> Tree:
 class Parser:
     """One expression by precedence; conditions, operands and powers one method each.
 
-    What differs between dialects stands in its tables and last methods: `circuits.netlist.dialects`.
+    Dialects differ in its tables and last methods: `circuits.netlist.dialects`.
     """
 
     tightness: Mapping[str, int] = TIGHTNESS

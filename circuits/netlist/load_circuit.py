@@ -92,7 +92,7 @@ class LoadCircuit:
 
     @cached_property
     def cancelled(self) -> str:
-        """The first source in it whose comparison rounding decides: `circuits.netlist.self_oscillation`."""
+        """The first source whose comparison rounding decides, or ""."""
         return cancelled(self.elements)
 
     @cached_property

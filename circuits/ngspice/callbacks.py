@@ -116,7 +116,7 @@ STATE = np.dtype(
         ("owed", np.float64),  # time by which the clock is still fast (s)
         ("settling", np.float64),  # longest step after the excitation bends; 0: any (s)
         ("refinement", np.float64),  # of the steps against the default ones
-        # The load's own motion, see `circuits.netlist.source_schedule.Breakpoints`. The last ones are addresses.
+        # The load's breakpoints: `circuits.netlist.source_schedule`. The last ones are addresses.
         ("planned_to", np.float64),  # infinite where it does nothing (s)
         ("planned_count", np.int64),
         ("planned_place", np.int64),

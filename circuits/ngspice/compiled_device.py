@@ -1,4 +1,4 @@
-"""The mechanical side as one compiled device: `circuits.equivalent.verilog` through openvaf-r to OSDI.
+"""The mechanical side as one compiled device: Verilog-A through openvaf-r to OSDI.
 
 Compiled once and kept in the user's cache folder, under a name that holds a digest of what it was
 made from and one of itself: ngspice crashes on a damaged file, so none reaches it.

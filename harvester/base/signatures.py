@@ -1,8 +1,8 @@
 """The options of a public function from its signature: unit, spelling and check.
 
 The annotation of a parameter is its option at the command line (`harvester.cli.parsing`) and
-its check in Python (`harvester.scene.calling`). What the Python type leaves open (the unit, the range,
-how a list is written) stands in an `Annotated` alias such as `Seconds`.
+its check in Python (`harvester.scene.calling`). An `Annotated` alias such as `Seconds` holds what
+the Python type leaves open: the unit, the range, how a list is written.
 """
 
 from __future__ import annotations

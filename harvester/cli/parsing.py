@@ -2,7 +2,7 @@
 
 - A parameter that the docstring's section "Parameters" describes is an option, with that text as
   its help; "Other Parameters" are for callers from Python alone.
-- `--name` is the parameter's name, unless its annotation says otherwise (`harvester.base.signatures`).
+- `--name` is the parameter's name, or that in its annotation (`harvester.base.signatures`).
 - A positional-only parameter is a word of the call. So is the scene, which brings --set and --seed.
 - What is left out is not handed on: the function's own default holds.
 """

@@ -1,4 +1,4 @@
-"""Streaming accumulation of a load's output side, in the batches of `harvester.statistics.moments`."""
+"""Streaming moments of a load's output side, in the batches of `harvester.statistics.moments`."""
 
 from __future__ import annotations
 

@@ -51,7 +51,8 @@ def test_an_interrupt_that_a_callback_swallows_ends_in_the_code_of_one():
         "import os, signal, sys\nimport harvester.cli.command_line\n"
         "def run():\n    try:\n        os.kill(os.getpid(), signal.SIGINT)\n"
         "        signal.pause()\n    except KeyboardInterrupt:\n        return 0\n"
-        "harvester.cli.command_line.main = run\nfrom harvester.__main__ import main\nsys.exit(main())"
+        "harvester.cli.command_line.main = run\nfrom harvester.__main__ import main\n"
+        "sys.exit(main())"
     )
     shown = subprocess.run(
         [sys.executable, "-c", program], cwd=PACKAGE.parent, capture_output=True, text=True

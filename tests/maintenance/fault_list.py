@@ -34,7 +34,7 @@ SPRING, DAMPER, CONTACT, HERTZ, PIEZO, COIL, SYSTEM = (
 )
 FORCE_TABLE, UNITS = "harvester/device/force_table.py", "harvester/scene/units.py"
 MOMENTS, SEVERAL, OUTPUT_SIDE, JUMPS = (
-    f"harvester/statistics/{name}.py" for name in ("moments", "several", "output_side", "jumps")
+    f"harvester/statistics/{name}.py" for name in ("moments", "several", "output_moments", "jumps")
 )
 BATCH_MEANS, ESTIMATE, MEANS, BALANCE, MEASURES = (
     f"harvester/statistics/{name}.py"

@@ -276,5 +276,5 @@ def test_what_has_no_compiled_form_is_refused_by_name(name, overrides, said):
 
 def test_the_file_to_be_read_is_the_module_of_the_scene_paper():
     system = prepared(Scene.read("paper")).system
-    path = Path(verilog.__file__).parents[1] / "netlists" / "harvester.va"
+    path = Path(verilog.__file__).parents[2] / "netlists" / "harvester.va"
     assert path.read_text() == verilog.module(system, name="harvester")[1]

@@ -46,13 +46,13 @@ def test_compiled_code_survives_a_change_of_what_it_is_not_made_of():
     made_of = {
         "device/coil",
         "device/hertz",
-        "monte_carlo/lockstep",
-        "record/moments",
+        "engines/lockstep",
+        "statistics/moments",
         "scene/units",
     }
     assert {f"harvester/{name}.py" for name in made_of} <= sources
     assert "circuits/kernel/stepping.py" in sources
-    others = ("show", "commands", "studies", "identification", "verification", "running")
+    others = ("cli", "studies", "identification", "interop", "validation", "results")
     assert not [name for name in sources if name.split("/")[1] in others]
 
 

@@ -16,7 +16,8 @@ def test_what_is_replaced_is_what_the_patch_was_written_for(name):
     found = numba_patches.digest_of(numba_patches.ORIGINAL[name])
     assert found == numba_patches.REPLACED[name], (
         f"{name} of numba {numba.__version__} is not that of {numba_patches.TRIED_WITH}: read it, "
-        "see that harvester/base/numba_patches.py still does what it says, and write its digest there"
+        "see that harvester/base/numba_patches.py still does what it says, and write its digest "
+        "there"
     )
 
 
