@@ -15,7 +15,7 @@ def test_a_change_in_one_file_reaches_the_code_compiled_from_another(tmp_path):
     head = "from harvester.base.compilation import compiled\n"
     force = tmp_path / "harvester" / "device" / "one_force.py"
     force.write_text(f"{head}\n\n@compiled\ndef force(x):\n    return -2.0 * x\n")
-    integrator = tmp_path / "harvester" / "monte_carlo" / "one_integrator.py"
+    integrator = tmp_path / "harvester" / "engines" / "one_integrator.py"
     head += "from harvester.device.one_force import force\n"
     integrator.write_text(f"{head}\n\n@compiled\ndef integrate(x):\n    return force(x)\n")
     code = (
