@@ -48,7 +48,7 @@ class LoadCircuit:
     measures : tuple of circuits.netlist.measures.Measure
         Measures that its file asks for (`* measure:`).
     probes : tuple of str
-        Nodes, and currents "i(name)", that a waveform is to hold; see `with_probes`.
+        Nodes, and currents "i(name)", that a waveform is to hold.
     file : str
         Name of the file that its sub-circuit stands in.
     ambiguity : str

@@ -6,7 +6,7 @@ import itertools
 import math
 import re
 from collections.abc import Iterable, Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from functools import cached_property
 from typing import TYPE_CHECKING, Any, NamedTuple
 
@@ -250,11 +250,6 @@ def _direct_current_side(load):
     while reached := {*()}.union(*(e for e in joined if e & side)) - {*load.pins[:2]} - side:
         side |= reached
     return side
-
-
-def with_probes(load: LoadCircuit, names: Iterable[str]) -> LoadCircuit:
-    """The load with these nodes, and currents "i(name)", among what is kept of a run."""
-    return replace(load, probes=tuple(dict.fromkeys(names)))
 
 
 def evaluated(

@@ -398,10 +398,8 @@ def _probed(ready, probes):
     """The scene made ready with a load that hands the nodes of these probes out as well."""
     if not probes:
         return ready
-    from circuits.netlist.measurement import with_probes
-
     scene = ready.scene
-    circuit = with_probes(scene.load.circuit, _watched(probes))
+    circuit = replace(scene.load.circuit, probes=tuple(_watched(probes)))
     return prepared(replace(scene, load=replace(scene.load, circuit=circuit)))
 
 

@@ -163,7 +163,11 @@ class Responses:
             system, scales = prepared_scene.system, prepared_scene.scales
         except (HarvesterError, ArithmeticError, ValueError):
             return None
-        return _general(system), scales
+        # One compiled integrator serves all candidates: all powers of the spring up to the third
+        # or seventh, and drag.
+        drag = getattr(system.damper, "quadratic_damping", 0.0)
+        damper = QuadraticDamper(system.damper.damping, drag)
+        return system._replace(spring=_padded(system.spring), damper=damper), scales
 
     def known_device(self, number: int, values: np.ndarray) -> tuple[System, Scales]:
         """Scaled equations of one experiment at values that the scene must accept.
@@ -390,16 +394,6 @@ def _delayed(values, samples):
     inside = np.clip(moved, 0.0, values.size - 1.0)
     spline = CubicSpline(places, values)
     return spline(inside) + (moved - inside) * spline(inside, 1)
-
-
-def _general(system):
-    """The system with every power of the spring up to the third or seventh, and drag.
-
-    One compiled integrator then serves all candidates.
-    """
-    drag = getattr(system.damper, "quadratic_damping", 0.0)
-    damper = QuadraticDamper(system.damper.damping, drag)
-    return system._replace(spring=_padded(system.spring), damper=damper)
 
 
 def _padded(spring: Spring) -> Spring:

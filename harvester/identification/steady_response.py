@@ -90,7 +90,9 @@ class SteadyResponses(Responses):
         state = rate / (rate + transducer.decay_rate())
         force = transducer.force(rate, state)
         volts = device.terminal_voltage(transducer, rate, state) * scales.voltage
-        stiffness, slope = _taylor(system)
+        # Stiffness where the device rests, and its slope over the squared amplitude.
+        stiffness, square, cube = system.spring.taylor(timescales.rest(system))
+        slope = 0.75 * cube - (5.0 / 6.0 * square**2 / stiffness if stiffness > 0.0 else 0.0)
         drag = 8.0 / (3.0 * math.pi) * system.damper.quadratic_damping * np.abs(rate)
 
         def impedance(amplitude):
@@ -127,13 +129,6 @@ class SteadyResponses(Responses):
             first, second = (effect(f"{name}_{kind}") / (1j * frequency) for kind in HIGHPASSES)
             gain = gain * ((1.0 + first) * (1.0 + math.sqrt(2.0) * second + second**2)) ** -power
         return gain
-
-
-def _taylor(system):
-    """Stiffness where the device rests, and its slope over the squared amplitude."""
-    equilibrium = timescales.rest(system)
-    linear, square, cube = system.spring.taylor(equilibrium)
-    return linear, 0.75 * cube - (5.0 / 6.0 * square**2 / linear if linear > 0.0 else 0.0)
 
 
 def _amplitude(impedance, drive, begun):

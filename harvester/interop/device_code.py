@@ -161,7 +161,8 @@ def _forces(s: System, named: Any) -> str:
         s.spring.nonlinear_formula("x", 1.0, named),
     ]
     damper = [f"{named('damping', s.damper.damping, 'c')}*u", drag_formula(s.damper, "u", named)]
-    energy = f"0.5*({s.spring.gain_formula('x', 0.0, 1.0, _literal)})"
+    gain = s.spring.gain_formula("x", 0.0, 1.0, lambda key, value, *meaning: f"({number(value)})")
+    energy = f"0.5*({gain})"
     return (
         _function("spring_force", "x", "+".join(filter(None, spring)) or "0.0*x")
         + _function("spring_energy", "x", energy)
@@ -193,11 +194,6 @@ def _contacts(s: System, named: Any) -> str:
         "    (void)x, (void)u, (void)held;\n"
         f"    switch (contact) {{\n{cases}    default: return 0.0;\n    }}\n}}\n"
     )
-
-
-def _literal(key: str, value: float, *meaning: str) -> str:
-    """A number within a formula."""
-    return f"({number(value)})"
 
 
 def _function(name: str, argument: str, formula: str) -> str:
