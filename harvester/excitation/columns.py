@@ -9,7 +9,6 @@ import numpy as np
 
 from harvester.base.errors import SceneError
 from harvester.base.plain_text import named, nearest, shown
-from harvester.excitation.motion_file import read_table, refused_as_record
 from harvester.excitation.quantities import (
     COMPLEX_QUANTITIES,
     QUANTITIES,
@@ -20,6 +19,7 @@ from harvester.excitation.quantities import (
     heading,
     unit_named,
 )
+from harvester.excitation.readers import read_table, refused_as_record
 from harvester.excitation.table import Table
 
 SHOWN_NAMES = 12

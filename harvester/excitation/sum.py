@@ -14,7 +14,7 @@ import numpy as np
 from harvester.base.errors import SceneError
 from harvester.device.keys import Key, names_replace, positive
 from harvester.excitation.base import Excitation, ExcitationPath, Run, child_seed
-from harvester.excitation.motion_file import most_samples
+from harvester.excitation.readers import most_samples
 from harvester.excitation.sine import DETERMINISTIC_NOTE, Sine
 
 if TYPE_CHECKING:

@@ -17,8 +17,8 @@ from harvester.base.libraries import optional_library
 from harvester.base.plain_text import name as plain_name
 from harvester.base.plain_text import named, nearest
 from harvester.excitation.columns import MeasuredFile
-from harvester.excitation.motion_file import read_record
 from harvester.excitation.quantities import QUANTITIES
+from harvester.excitation.readers import read_record
 from harvester.excitation.table import broken_file
 from harvester.identification.measured_response import MeasuredResponse
 

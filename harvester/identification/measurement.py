@@ -19,8 +19,8 @@ from harvester.excitation.conditioning import (
     clipped_samples,
     marker_remark,
 )
-from harvester.excitation.motion_file import read_record
 from harvester.excitation.quantities import IMPEDANCES, POINTS, QUANTITIES, factor_of, unit_named
+from harvester.excitation.readers import read_record
 from harvester.excitation.time_base import TimeBase, time_base
 from harvester.identification.measured_response import MeasuredResponse, response_of
 from harvester.identification.sensors import OUTPUTS, checked_sensors
