@@ -45,6 +45,7 @@ from harvester.base.errors import LoadChatters as LoadChatters
 from harvester.base.errors import LoadError as LoadError
 from harvester.base.errors import NetlistError as NetlistError
 from harvester.base.errors import AveragingError as AveragingError
+from harvester.base.errors import NotConverged as NotConverged
 from harvester.base.errors import OptimumError as OptimumError
 from harvester.base.errors import IdentificationError as IdentificationError
 from harvester.base.errors import EngineNotFound as EngineNotFound

@@ -16,7 +16,7 @@ from harvester.device.hertz import hertz_damp
 from harvester.device.piezo import piezo
 from harvester.device.polynomial import polynomial
 from harvester.device.system import Noise, System
-from harvester.engines.monte_carlo import integrate, record_of
+from harvester.engines.monte_carlo.engine import integrate, record_of
 from harvester.scene.model import Scene
 from harvester.scene.paths import noise_path, start_state
 from harvester.scene.prepared import prepared

@@ -110,7 +110,7 @@ class PiezoTable(TransducerTable):
 
     KEYS: ClassVar[dict] = {
         "coupling": not_negative(required=True),
-        "capacitance": positive(units=(SI,), required=True, likely=(1e-15, 1e-2, 1e-9, "nF")),
+        "capacitance": positive(units=(SI,), required=True, likely=(1e-15, 10.0, 1e-9, "nF")),
         "leakage_resistance": positive(units=(SI,)),
         "leakage_rate": not_negative(units=(SCALED,)),
         "base_charge": Key(),

@@ -220,7 +220,7 @@ class MonteCarlo(Engine):
 def _integrator(scene: Scene) -> Any:
     """Monte Carlo's loop for a resistor as load, or the one for a netlist."""
     if scene.load.is_resistor:
-        from harvester.engines import monte_carlo as resistor
+        from harvester.engines.monte_carlo import engine as resistor
 
         return resistor
     from circuits.kernel import engine as netlist

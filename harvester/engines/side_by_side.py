@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 
 from harvester.device import timescales
-from harvester.engines.monte_carlo import MOST_TOGETHER
+from harvester.engines.monte_carlo.engine import MOST_TOGETHER
 from harvester.scene.prepared import Prepared
 from harvester.scene.steps import knot_spacing, steps_per_contact, steps_per_sample
 

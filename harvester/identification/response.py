@@ -25,7 +25,7 @@ from harvester.device import system as device
 from harvester.device.damper import QuadraticDamper
 from harvester.device.polynomial import Polynomial
 from harvester.device.spring import Ranged
-from harvester.engines.sampled import states_at_samples
+from harvester.engines.monte_carlo.sampled import states_at_samples
 from harvester.excitation.conditioning import smoothed
 from harvester.identification.reconstruction import frequencies
 from harvester.identification.sensors import (

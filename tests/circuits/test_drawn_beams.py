@@ -7,7 +7,7 @@ from truths import Keep
 
 from harvester.device.beam.magnets import Magnets
 from harvester.device.beam.table import lumped
-from harvester.engines.monte_carlo import run_realizations
+from harvester.engines.monte_carlo.engine import run_realizations
 from harvester.engines.simulate import simulate
 from harvester.scene.model import Scene
 from harvester.scene.paths import noise_path, start_state

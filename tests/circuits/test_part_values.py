@@ -4,6 +4,7 @@ import re
 
 import pytest
 
+from circuits.netlist.load_notes import reading_notes
 from circuits.netlist.part_values import capacitance, conductance
 from circuits.netlist.subcircuits import read_load
 from harvester.base.errors import SimulatorAborted
@@ -80,6 +81,6 @@ def test_what_lies_across_the_output_is_charged_in_r_c(tmp_path, values, seconds
 def test_a_comparator_that_feeds_itself_is_noted(tmp_path, body, noted):
     """At default steps such a lockout delivered 12 % less by the circuit, 49 % by Monte Carlo."""
     load = read(tmp_path, f".subckt load p n out ref\nR0 p out 1k\n{body}\nRl out ref 1k\n.ends\n")
-    notes = [each for each in load.reading_notes if "its own output" in each]
+    notes = [each for each in reading_notes(load) if "its own output" in each]
     assert bool(notes) == noted
     assert all("b1 (load.lib:3)" in each and "the node h" in each for each in notes)

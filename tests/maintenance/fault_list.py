@@ -224,11 +224,11 @@ FAULTS = [
     ),
     Fault(
         "steps: a stage of Runge-Kutta goes from the first slope",
-        "harvester/engines/schemes.py",
+        "harvester/engines/monte_carlo/schemes.py",
         "held, x + half * v2, v3, e3, middle)",
         "held, x + half * v, v3, e3, middle)",
         (
-            "harvester/engines/test_monte_carlo.py"
+            "harvester/engines/monte_carlo/test_engine.py"
             "::test_the_order_is_four_against_scipy_on_the_same_path",
         ),
     ),

@@ -46,7 +46,7 @@ def test_compiled_code_survives_a_change_of_what_it_is_not_made_of():
     made_of = {
         "device/coil",
         "device/hertz",
-        "engines/lockstep",
+        "engines/monte_carlo/lockstep",
         "statistics/moments",
         "scene/units",
     }

@@ -6,7 +6,7 @@ from device_scenes import DEVICES, FOLLOWED, device
 from device_truths import written_path
 from truths import Keep
 
-from harvester.engines.monte_carlo import run_realizations
+from harvester.engines.monte_carlo.engine import run_realizations
 from harvester.scene.paths import noise_path, start_state
 from harvester.scene.prepared import prepared
 from harvester.scene.steps import knot_spacing, stop_time

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from measured_records import scene_of
 
-from harvester.engines.sampled import states_at_samples
+from harvester.engines.monte_carlo.sampled import states_at_samples
 from harvester.identification.measurement import Measurement
 from harvester.identification.response import Responses, experiment
 from harvester.identification.search import lengthened

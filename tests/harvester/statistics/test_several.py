@@ -5,7 +5,7 @@ from dataclasses import fields
 import numpy as np
 import pytest
 
-from harvester.engines.monte_carlo import integrate, record_of
+from harvester.engines.monte_carlo.engine import integrate, record_of
 from harvester.engines.realization import empty_moments
 from harvester.scene.model import Scene
 from harvester.scene.paths import noise_path, start_state

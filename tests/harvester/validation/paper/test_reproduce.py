@@ -180,7 +180,7 @@ def test_an_interrupt_leaves_the_figures_that_were_done(tiny, tmp_path, capsys, 
             on_answer(index, constant(0.2, float(not request.is_averaged)))
 
     monkeypatch.setattr(Runner, "answer", interrupted)
-    monkeypatch.setattr(Scene, "load", lambda name, overrides=(): SCENE)
+    monkeypatch.setattr(Scene, "read", lambda name, overrides=(): SCENE)
     wanted = ["fig8", "fig5", "fig2", "--quick", "--workers", "1", "--output", str(tmp_path)]
     assert main(["reproduce", *wanted]) == 130
     written = {"fig2.png", "fig2.json", "fig5.png", "fig5.json"}
@@ -213,7 +213,7 @@ def test_a_folder_that_cannot_be_is_refused_before_anything_runs(tmp_path, capsy
 
 @pytest.mark.slow
 def test_the_command_writes_one_png_and_one_json_each(tiny, tmp_path, capsys, monkeypatch):
-    monkeypatch.setattr(Scene, "load", lambda name, overrides=(): SCENE)
+    monkeypatch.setattr(Scene, "read", lambda name, overrides=(): SCENE)
     assert main(["reproduce", "fig5", "--quick", "--output", str(tmp_path)]) == 0
     assert {path.name for path in tmp_path.glob("[!.]*")} == {
         *("fig5.png", "fig5.json", "fig5.csv", "points")

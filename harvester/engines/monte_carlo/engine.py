@@ -5,7 +5,7 @@ For a resistor as load, by Runge–Kutta of fourth order; `circuits.kernel` take
 Steps land on the noise's knots and on the moments at which a contact begins or ends, so that
 the scheme keeps its order where the force is smooth; in contact the step resolves the contact
 time. One order remains at the first step of a contact, where the force starts as d^1.5.
-Realizations go in step with each other (`harvester.engines.lockstep`).
+Realizations go in step with each other (`harvester.engines.monte_carlo.lockstep`).
 
 A damper or a load that decays within a step takes a scheme of third order with that decay exact.
 Heun's scheme of second order takes the same steps; it is there for work-precision diagrams.
@@ -25,8 +25,8 @@ from harvester.base.errors import SolutionDiverged
 from harvester.device import contact, system
 from harvester.device.record import Observer, Record
 from harvester.device.system import System
-from harvester.engines.lockstep import BatchWorkspace, advance
-from harvester.engines.schemes import Scheme, scheme_of
+from harvester.engines.monte_carlo.lockstep import BatchWorkspace, advance
+from harvester.engines.monte_carlo.schemes import Scheme, scheme_of
 from harvester.excitation.base import ExcitationPath
 from harvester.scene.prepared import Prepared
 from harvester.scene.steps import (
@@ -126,7 +126,7 @@ def integrate(
     steps_per_sample, steps_per_contact : int
         Steps between two knots where no contact asks for more; fewest in a contact.
     scheme : str
-        A name in `harvester.engines.schemes.NAMED`.
+        A name in `harvester.engines.monte_carlo.schemes.NAMED`.
     moments : sequence of Moments
         One for each path, empty at first; points are added to them. Empty: none are recorded.
     keep : bool

@@ -28,7 +28,7 @@ from harvester.device import contact, system
 from harvester.device.record import Record
 from harvester.device.system import System
 from harvester.device.zones import crossing, overshoots
-from harvester.engines.schemes import one_step
+from harvester.engines.monte_carlo.schemes import one_step
 from harvester.statistics import several
 from harvester.statistics.several import TOGETHER, Tally
 
@@ -119,7 +119,7 @@ def advance(
     Parameters
     ----------
     scheme
-        `argument` of a `harvester.engines.schemes.Scheme`.
+        `argument` of a `harvester.engines.monte_carlo.schemes.Scheme`.
     edges : ndarray
         Edges of the zones, from minus to plus infinity (scaled displacement).
     noise : ndarray, shape (knots, blocks, 8)

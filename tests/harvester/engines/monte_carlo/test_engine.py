@@ -6,7 +6,7 @@ from scipy.linalg import expm
 from truths import Keep, drop_scene, flat, records_of, reference_path
 
 from harvester.base.errors import SolutionDiverged
-from harvester.engines.monte_carlo import integrate, record_of
+from harvester.engines.monte_carlo.engine import integrate, record_of
 from harvester.excitation.ornstein_uhlenbeck import NoisePath
 from harvester.scene.model import Scene
 from harvester.scene.paths import noise_path, start_state

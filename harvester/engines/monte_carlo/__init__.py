@@ -1,0 +1,1 @@
+"""The equations of a device with a resistor, integrated without ngspice."""
