@@ -1,1 +1,1 @@
-"""A load's netlist: read, counted, vetted, put together."""
+"""A user's netlist: read, checked and expanded into elements and expressions."""

@@ -1,1 +1,1 @@
-"""The shared library, its callbacks, and runs through it."""
+"""ngspice as a library: its session, callbacks, step control and messages."""

@@ -1,4 +1,4 @@
-"""Stationary means and densities of a scene or device without simulation, by a closure."""
+"""Means and densities of a scene without noise paths: averaging, Fokker–Planck, spectral."""
 
 from typing import TYPE_CHECKING
 

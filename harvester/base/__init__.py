@@ -1,1 +1,1 @@
-"""Worker processes that carry out calls, and pools of them."""
+"""What every room uses: errors, files, text, worker processes, compilation, registry."""

@@ -1,1 +1,1 @@
-"""The commands of `harvester`, one module each: `add` declares it, `run` carries it out."""
+"""The commands of `harvester`: one function each, its options from its signature."""

@@ -1,1 +1,1 @@
-"""`simulate`: realizations by one engine, and the estimates from them."""
+"""`simulate` and what it runs: engines, realizations, worker tasks, stored answers."""

@@ -1,1 +1,1 @@
-"""From measured records to a scene: what is free, the fit, its intervals and its proof."""
+"""From measurements to a scene: the fit, its intervals and its verdict."""

@@ -1,1 +1,1 @@
-"""A device for people's own tools: netlists, blocks, compiled models, traces."""
+"""A device for other tools: netlists, blocks, compiled models, traces; the explorer."""

@@ -1,1 +1,1 @@
-"""Results of engines and closures, and how they are written and drawn."""
+"""Results of engines and stationary methods: printed, written, drawn and read back."""

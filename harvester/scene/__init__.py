@@ -1,1 +1,1 @@
-"""Scenes: what is simulated, from TOML to the scaled device."""
+"""Scenes: what is simulated, from TOML to the prepared device with its steps and paths."""

@@ -1,1 +1,1 @@
-"""Records, which engines hand over in chunks, and their streaming accumulation."""
+"""Moments of a run, and the estimates, error bars and notes that follow from them."""
