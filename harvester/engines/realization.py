@@ -16,8 +16,8 @@ from scipy.special import stdtrit
 from harvester.base.errors import LoadError, SimulationError
 from harvester.device import timescales
 from harvester.device.record import Record
-from harvester.engines.convergence import run_converged
 from harvester.engines.methods import Engine, MonteCarlo
+from harvester.engines.retries import run_converged
 from harvester.excitation.sum import common_period
 from harvester.scene.paths import noise_path, start_state
 from harvester.scene.prepared import Prepared, prepared

@@ -6,9 +6,9 @@ from types import SimpleNamespace
 import pytest
 
 from harvester.base.errors import NotConverged, SimulatorAborted
-from harvester.engines.convergence import run_converged
 from harvester.engines.methods import Circuit, MonteCarlo
 from harvester.engines.realization import empty_moments
+from harvester.engines.retries import run_converged
 from harvester.engines.simulate import simulate
 from harvester.scene.model import Scene
 from harvester.scene.prepared import prepared
