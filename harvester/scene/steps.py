@@ -162,8 +162,9 @@ def step_error(ready: Prepared, step: str | float = "default", engine: str = "ci
     constant, order, left = _frequency_error(ready, engine)
     length = knot_spacing(ready) / steps_per_sample(ready, step, engine)
     error = constant * (omega * length) ** order
-    if order == 4 and not system.spring.straight:
-        # Overtones meet the resonance of a well that is stiffer than the line is fast.
+    if order == 4:
+        # Runge–Kutta displaces the poles by (ω0 h)⁴/120, however slow the line is; overtones meet
+        # the resonance of a stiffer well.
         error *= max(timescales.angular_frequency(system) / omega, 1.0) ** order
     # Without damping the resonance has no width, and the whole power may be missed.
     flank = left * error / max(lines.half_width(ready), error) if left > 0.0 else 0.0
