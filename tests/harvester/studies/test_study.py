@@ -296,7 +296,8 @@ def test_the_time_budget_ends_a_study_and_the_next_call_goes_on(linear, tmp_path
 
 
 def test_a_time_limit_raised_later_runs_the_point_again(linear, tmp_path):
-    short = linear.replace({"run.realizations": 1})
+    # Long against the limit, on a busy machine too.
+    short = linear.replace({"run.realizations": 1, "run.duration": 1e5})
     options = {"method": "monte-carlo", "output": tmp_path, "workers": 1}
     first = load_study(short, loads=["resistor"], time_limit=1e-3, **options)
     assert first.evaluations[0].outcome.startswith("SimulatorTimeout")
