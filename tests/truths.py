@@ -8,7 +8,7 @@ from kept import kept
 from scipy.integrate import DOP853
 from scipy.linalg import expm, solve_discrete_lyapunov
 
-from harvester.averaging import average
+from harvester.averaging.closures import average
 from harvester.device import timescales
 from harvester.device.contact import Contact
 from harvester.device.damper import damper

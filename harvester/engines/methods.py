@@ -136,6 +136,10 @@ class Circuit(Engine):
         check_name("source", self.source, SOURCES)
         check_name("device", self.device, DEVICES)
         _check_number_of_copies(self.copies)
+        for name in ("gmin", "cshunt", "ramp"):
+            value = getattr(self, name)
+            if not (isinstance(value, (int, float)) and 0.0 <= value < math.inf):
+                raise HarvesterError(f"{name} {value}: must be a number ≥ 0")
 
     @property
     def title(self) -> str:
@@ -254,7 +258,7 @@ def method_of(method: str | Method, **options: Any) -> Method:
     """The engine or the closure that a call asks for; see `engine_of`."""
     if isinstance(method, Engine) or method in ENGINES:
         return engine_of(method, **options)
-    from harvester.averaging import CLOSURES
+    from harvester.averaging.closures import CLOSURES
 
     if isinstance(method, Stationary):
         check_name("method", method.closure, CLOSURES)

@@ -8,7 +8,7 @@ from spring_dashpot import DASHPOT, spring_dashpot
 
 from circuits.equivalent.assembly import assemble
 from circuits.equivalent.verilog import module
-from harvester.averaging import NOISE_CLOSURES
+from harvester.averaging.closures import NOISE_CLOSURES
 from harvester.averaging.of_scene import average
 from harvester.base.errors import AveragingError, SceneError
 from harvester.device import system

@@ -4,7 +4,7 @@ from collections.abc import Callable, Sequence
 from functools import cached_property
 from typing import Any
 
-from harvester.averaging import NOISE_CLOSURES
+from harvester.averaging.closures import NOISE_CLOSURES
 from harvester.base.errors import HarvesterError
 from harvester.engines.methods import engine_of
 from harvester.engines.realization import run

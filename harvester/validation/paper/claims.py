@@ -5,7 +5,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field
 from typing import Any, Unpack
 
-from harvester.averaging import NOISE_CLOSURES
+from harvester.averaging.closures import NOISE_CLOSURES
 from harvester.base.serialising import fields_of, key, plain
 from harvester.base.tables import markdown_table
 from harvester.engines.opening import RunnerOptions, open_runner

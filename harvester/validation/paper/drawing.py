@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from harvester.averaging import NOISE_CLOSURES
+from harvester.averaging.closures import NOISE_CLOSURES
 from harvester.results.drawing import WORTH_DRAWING
 from harvester.validation.paper.figures_list import KEY_SYMBOLS
 from harvester.validation.paper.runs import answered

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any, Unpack
 
 import numpy as np
 
-from harvester.averaging import NOISE_CLOSURES
+from harvester.averaging.closures import NOISE_CLOSURES
 from harvester.base.arguments import listed
 from harvester.base.errors import SimulationError
 from harvester.base.serialising import plain

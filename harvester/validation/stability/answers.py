@@ -8,7 +8,7 @@ import warnings
 from collections.abc import Callable
 from dataclasses import dataclass, field
 
-from harvester.averaging import NOISE_CLOSURES, average
+from harvester.averaging.closures import NOISE_CLOSURES, average
 from harvester.averaging.of_scene import averaged_device, estimates_of
 from harvester.base.serialising import fields_of, key
 from harvester.engines.codec import register

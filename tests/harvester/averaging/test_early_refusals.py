@@ -2,7 +2,8 @@
 
 import pytest
 
-from harvester.averaging import average, flow, solution
+from harvester.averaging import flow, solution
+from harvester.averaging.closures import average
 from harvester.averaging.of_scene import averaged_device
 from harvester.base.errors import AveragingError
 from harvester.scene.model import Scene

@@ -7,7 +7,8 @@ import numpy as np
 import pytest
 from truths import averaged, flat, interpolated_linear_means, well
 
-from harvester.averaging import average, fokker_planck, solution
+from harvester.averaging import fokker_planck, solution
+from harvester.averaging.closures import average
 from harvester.averaging.fokker_planck import REGION_LEVEL
 from harvester.averaging.of_scene import average as average_scene
 from harvester.averaging.propagator import Propagator

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy.sparse.linalg import LinearOperator, eigs
 
-from harvester.averaging import average
+from harvester.averaging.closures import average
 from harvester.averaging.jumps import slowest_decay_rate
 from harvester.averaging.of_scene import averaged_device
 from harvester.averaging.propagator import Propagator

@@ -5,7 +5,7 @@ import pytest
 from numpy.polynomial.legendre import leggauss
 from scipy.stats import norm
 
-from harvester.averaging import average
+from harvester.averaging.closures import average
 from harvester.averaging.flow import PhaseGrid, lagrange
 from harvester.averaging.of_scene import average as average_scene
 from harvester.averaging.of_scene import averaged_device

@@ -5,7 +5,7 @@ from importlib import metadata
 import entry_points
 import pytest
 
-from harvester.averaging import CLOSURES
+from harvester.averaging.closures import CLOSURES
 from harvester.base.errors import SceneError
 from harvester.device.contact import LAWS
 from harvester.excitation import KINDS

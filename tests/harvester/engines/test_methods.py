@@ -73,6 +73,8 @@ def test_settings_are_checked_where_the_object_is_made():
         (lambda: Circuit(source="pvl"), "unknown source"),
         (lambda: Circuit(scheme="heun"), "unknown scheme"),
         (lambda: Circuit(copies=0), "copies 0"),
+        (lambda: Circuit(gmin=-1e-12), "gmin -1e-12: must be a number"),
+        (lambda: Circuit(ramp=float("nan")), "ramp nan: must be a number"),
         (lambda: MonteCarlo(step=-1.0), "step -1.0"),
         (lambda: method_of(Stationary("fokker")), "unknown method fokker"),
     ):

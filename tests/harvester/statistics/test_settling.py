@@ -6,7 +6,7 @@ import warnings
 import numpy as np
 import pytest
 
-from harvester.averaging import average
+from harvester.averaging.closures import average
 from harvester.engines.methods import ENGINES
 from harvester.engines.simulate import simulate
 from harvester.scene.model import Scene

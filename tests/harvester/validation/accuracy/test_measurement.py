@@ -6,7 +6,7 @@ import pytest
 import worker_calls
 from truths import reference_path as independent_path
 
-from harvester.averaging import NOISE_CLOSURES
+from harvester.averaging.closures import NOISE_CLOSURES
 from harvester.base.errors import LoadError, OutOfTime
 from harvester.cli.command_line import main
 from harvester.engines.opening import open_runner

@@ -8,7 +8,7 @@ import pytest
 from matplotlib import style
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 
-from harvester.averaging import NOISE_CLOSURES
+from harvester.averaging.closures import NOISE_CLOSURES
 from harvester.base.errors import AveragingError, SimulationError
 from harvester.cli.command_line import main
 from harvester.engines.request import Answer
