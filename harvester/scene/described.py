@@ -4,10 +4,11 @@ from __future__ import annotations
 
 import json
 import math
-from itertools import pairwise
 from typing import TYPE_CHECKING, Any
 
-from harvester.scene.units import rest_stiffness, restoring_spring
+from harvester.device import timescales
+from harvester.scene.prepared import prepared
+from harvester.scene.units import rest_stiffness
 
 if TYPE_CHECKING:
     from harvester.scene.model import Scene
@@ -36,7 +37,7 @@ def device_line(scene: Scene) -> tuple[str, ...]:
         f"stiffness {stiffness:.4g} N/m",
         f"damping {oscillator.damping:.3g} N s/m",
     ]
-    parts += _wells(oscillator)
+    parts += _wells(scene)
     if ratio > 0.0:
         parts.append(f"Q = {0.5 / ratio:.3g}, damping ratio {ratio:.3g}")
     transducer: Any = scene.transducer
@@ -47,26 +48,19 @@ def device_line(scene: Scene) -> tuple[str, ...]:
     return (f"{', '.join(parts)}, matched load about {quantity(matched, 'Ω', 3)}",)
 
 
-def _wells(oscillator):
-    """Texts on the wells of a spring that has several, and on the barriers out of them."""
+def _wells(scene):
+    """Texts on the wells of a device that has several, and on the barriers out of them."""
     from harvester.base.formatting import quantity
 
-    spring = restoring_spring(oscillator)
-    roots = sorted(float(root) for root in spring.roots())
-    wells = [root for root in roots if spring.slope(root) > 0.0]
-    saddles = [root for root in roots if spring.slope(root) < 0.0]
-    # Wells and saddles alternate.
-    if len(wells) < 2 or not all(any(a < x < b for x in saddles) for a, b in pairwise(wells)):
+    ready = prepared(scene)
+    wells = sorted(timescales.wells(ready.system))
+    if len(wells) < 2:
         return []
-    barriers = []
-    for well in wells:
-        below = [x for x in saddles if x < well][-1:]
-        above = [x for x in saddles if x > well][:1]
-        bottom = spring.energy(well)
-        barriers.append(min(float(spring.energy(x) - bottom) for x in below + above))
-    places = ", ".join(quantity(well, "m", 3) for well in wells)
+    length, energy = ready.scales.of("displacement"), ready.scales.of("energy")
+    places = ", ".join(quantity(length * well, "m", 3) for well in wells)
+    barriers = [energy * timescales.barrier(ready.system, well) for well in wells]
     heights = ", ".join(quantity(barrier, "J", 3) for barrier in barriers)
-    return [f"spring's wells at {places}", f"barriers out of them {heights}"]
+    return [f"wells at {places}", f"barriers out of them {heights}"]
 
 
 def scene_rows(scene: Scene) -> list[tuple[str, str]]:

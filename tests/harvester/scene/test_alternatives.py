@@ -89,8 +89,8 @@ def test_the_line_on_the_device():
 def test_the_line_on_the_device_has_wells_and_barriers():
     """Closed form: wells at ±√(−k1/k3), barrier k1²/(4 k3); `asymmetric` as docs/scenes.md says."""
     (line,) = device_line(Scene.read("device"))
-    assert "spring's wells at -10 mm, 10 mm, barriers out of them 1.59 mJ, 1.59 mJ" in line
+    assert "wells at -10 mm, 10 mm, barriers out of them 1.59 mJ, 1.59 mJ" in line
     (line,) = device_line(Scene.read("asymmetric"))
-    assert "spring's wells at -10.6 mm, 9.62 mm, barriers out of them 1.07 mJ, 2.39 mJ" in line
+    assert "wells at -10.6 mm, 9.62 mm, barriers out of them 1.07 mJ, 2.39 mJ" in line
     (line,) = device_line(Scene.read("tristable"))
-    assert "spring's wells at -12.8 mm, 0 m, 12.8 mm" in line
+    assert "wells at -12.8 mm, 0 m, 12.8 mm" in line
