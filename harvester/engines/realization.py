@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import contextlib
 import math
 import time
 from collections.abc import Callable, Sequence
@@ -28,6 +27,7 @@ from harvester.statistics.joint import prepare as prepare_joint
 from harvester.statistics.jumps import Jumps
 from harvester.statistics.moments import QUANTITIES, Moments
 from harvester.statistics.moments import prepare as prepare_moments
+from harvester.statistics.output_moments import QUANTITIES as OUTPUT_QUANTITIES
 from harvester.statistics.output_moments import OutputMoments
 from harvester.statistics.range_watch import with_range_watch
 from harvester.statistics.strain_moments import StrainMoments, StrainWatch
@@ -42,12 +42,16 @@ REPORT_SECONDS = 0.25
 # A transient is resolved if its energies, in so many parts of the run, change by less than this
 # share when its steps are halved.
 PARTS, RESOLVED = 16, 0.01
-# The path of a nonlinear device under one record may be chaotic. Runs beside it, whose excitation
-# differs by these shares of what the steps may cost, show it: in lanes of the processor that one
-# realization with a resistor leaves idle. Of a netlist there are the first few, each of which costs
-# a run, and only up to so many periods: the parts of a longer run scatter by themselves.
-BESIDE = (1.0, -1.0, 0.5, -0.7, 0.7, -0.4, 0.2)
-BESIDE_NETLIST, MOST_PERIODS = 3, 1000.0
+# The path of a nonlinear device under one record may be chaotic. An ensemble shows it: runs whose
+# excitation differs by these shares of the step error. With a resistor they use lanes of the
+# processor that one realization leaves idle. With a netlist each costs a run: there are fewer, and
+# none for records of more periods than this, whose batches scatter enough.
+PERTURBATIONS = (1.0, -1.0, 0.5, -0.7, 0.7, -0.4, 0.2)
+NETLIST_PERTURBATIONS, MOST_PERIODS = 3, 1000.0
+UNKNOWN_SPREAD = (
+    "whether the path is chaotic is not known, as a run with a slightly different excitation "
+    "failed: compare with --step fine"
+)
 
 
 @dataclass
@@ -192,79 +196,86 @@ def run(
     joint_density, stroboscope : bool
         See `harvester.simulate`.
     """
-    beside = _beside(scene, engine)
+    perturbations = _perturbations(scene, engine)
     together = isinstance(engine, MonteCarlo) and scene.load.is_resistor
-    idle = beside if together else ()
+    idle = perturbations if together else ()
     others = (indices, window, report, joint_density, stretch, stroboscope, idle)
     if engine.chooses_steps or not scene.excitation.transient(scene.run):
         realizations = run_converged(scene, engine, lambda aided: _run(scene, aided, *others))
     else:
         realizations = _refined(scene, engine, others)
-    if beside and not together:
-        _compare(scene, engine, indices, realizations, beside)
+    if perturbations and not together:
+        _run_ensemble(scene, engine, indices, realizations, perturbations)
     return realizations
 
 
-def _beside(scene, engine):
-    """Relative changes of the excitation, for runs that show whether a path is chaotic."""
+def _perturbations(scene, engine):
+    """Relative changes of the excitation in an ensemble that shows whether a path is chaotic."""
     excitation, system = scene.excitation, prepared(scene).system
     one_path = excitation.drifts and not excitation.random and scene.run.starts is None
     linear = system.spring.straight and not system.contacts
     if not one_path or linear or excitation.prescribes_displacement:
         return ()
-    cost, count = step_error(prepared(scene), engine.step, engine.name), len(BESIDE)
+    cost, count = step_error(prepared(scene), engine.step, engine.name), len(PERTURBATIONS)
     if not scene.load.is_resistor:
         periods = stop_time(prepared(scene)) * timescales.angular_frequency(system) / math.tau
-        count = BESIDE_NETLIST if periods < MOST_PERIODS else 0
-    return tuple(cost * share for share in BESIDE[:count])
+        count = NETLIST_PERTURBATIONS if periods < MOST_PERIODS else 0
+    return tuple(cost * share for share in PERTURBATIONS[:count])
 
 
-def _ensemble(ready, indices, beside):
-    """Paths, starts and empty moments of the runs beside each realization."""
-    pairs = [(index, share) for index in indices for share in beside]
+def _ensemble(ready, indices, perturbations):
+    """Paths, starts and empty moments of the perturbed runs of each realization."""
+    pairs = [(index, share) for index in indices for share in perturbations]
     paths = [noise_path(ready, index, 1.0 + share) for index, share in pairs]
     starts = [start_state(ready, index) for index, _ in pairs]
     return paths, starts, [empty_moments(ready) for _ in pairs]
 
 
-def _compare(scene, engine, indices, realizations, beside):
-    """Set the spread of realizations, by Monte Carlo where it takes the scene."""
+def _run_ensemble(scene, engine, indices, realizations, perturbations):
+    """Set the spread of realizations by perturbed runs, by Monte Carlo if it takes the scene."""
     prepared_scene, load = prepared(scene), scene.load.circuit
     other: Engine = MonteCarlo()
     try:
         other.check(scene)
     except LoadError:
         other = engine
-    paths, starts, moments = _ensemble(prepared_scene, indices, beside)
+    paths, starts, moments = _ensemble(prepared_scene, indices, perturbations)
     outputs = None
     if load and load.has_output:
         outputs = [OutputMoments.beside(neighbour, load.recorded) for neighbour in moments]
         for neighbour, output in zip(moments, outputs, strict=True):
             neighbour.output = output
     other.prepare(prepared_scene)
-    # A run that fails tells nothing of the others' spread.
-    with contextlib.suppress(SimulationError):
+    try:
         observers = [[neighbour] for neighbour in moments]
         other.run_realizations(prepared_scene, paths, starts, observers, outputs)
-        _set_spread([realization.moments for realization in realizations], moments)
+    except SimulationError:
+        for realization in realizations:
+            realization.moments.note = realization.moments.note or UNKNOWN_SPREAD
+        return
+    _set_spread([realization.moments for realization in realizations], moments)
 
 
 def _set_spread(moments, ensemble):
-    """Set each one's spread among the runs beside it."""
+    """Set the spread of each realization and its perturbed runs."""
     size = len(ensemble) // len(moments)
     for k, realization in enumerate(moments):
         realization.spread = _spread([realization, *ensemble[k * size : (k + 1) * size]])
 
 
 def _spread(ensemble):
-    """Relative standard error of the first one's mean energies among all of an ensemble.
+    """Relative standard error of the mean energies of an ensemble's first run.
 
-    Student's quantile for 95 %; the first and what is true are both drawn from the ensemble.
+    The first run and the true path are both draws from the ensemble, hence √2. Student's quantile
+    for 95 % replaces the normal one.
     """
     rows = slice(1, QUANTITIES.index("loss_power") + 1)
     sums = np.array([neighbour.integrals[:, rows].sum(axis=0) for neighbour in ensemble])
     if ensemble[0].has_output:
-        squares = [neighbour.output.integrals[:, 2].sum() for neighbour in ensemble]
+        squares = [
+            neighbour.output.integrals[:, OUTPUT_QUANTITIES.index("square_voltage")].sum()
+            for neighbour in ensemble
+        ]
         sums = np.column_stack([sums, squares])
     energies, deviation = np.abs(sums[0]), np.std(sums, axis=0, ddof=1)
     quantile = math.sqrt(2.0) * float(stdtrit(len(ensemble) - 1, 0.975)) / 1.96
@@ -280,10 +291,8 @@ def _refined(scene, engine, others):
     up to four times as short until they change less than `RESOLVED`.
     """
     prepared_scene = prepared(scene)
-    spacing, count = (
-        knot_spacing(prepared_scene),
-        steps_per_sample(prepared_scene, engine.step, engine.name),
-    )
+    spacing = knot_spacing(prepared_scene)
+    count = steps_per_sample(prepared_scene, engine.step, engine.name)
     halvings = 2 if engine.step == "default" else int(count == 1)
     started, clock = time.time(), time.process_time()
     refined: list[Realization] = []
@@ -315,8 +324,18 @@ def _change(moments, earlier):
     return float(np.max(changes[total > 0.0] / total[total > 0.0], initial=0.0))
 
 
-def _run(scene, engine, indices, window, report, joint_density, stretch, stroboscope, beside=()):
-    """Simulate realizations once; see `run`. With `beside` their spread is set, too."""
+def _run(
+    scene,
+    engine,
+    indices,
+    window,
+    report,
+    joint_density,
+    stretch,
+    stroboscope,
+    perturbations=(),
+):
+    """Simulate realizations once; see `run`. With perturbations their spread is set, too."""
     prepared_scene = prepared(scene)
     paths = [noise_path(prepared_scene, index) for index in indices]
     moments = [empty_moments(prepared_scene) for _ in indices]
@@ -356,7 +375,7 @@ def _run(scene, engine, indices, window, report, joint_density, stretch, strobos
     clock, processor = time.perf_counter(), time.process_time()
     starts = [start_state(prepared_scene, index) for index in indices]
     observers = with_range_watch(prepared_scene, observers)
-    more_paths, more_starts, ensemble = _ensemble(prepared_scene, indices, beside)
+    more_paths, more_starts, ensemble = _ensemble(prepared_scene, indices, perturbations)
     observers += [[neighbour] for neighbour in ensemble]
     outcome = engine.run_realizations(
         _probed(prepared_scene, probes),

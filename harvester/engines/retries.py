@@ -61,8 +61,8 @@ def run_converged(scene: Scene, engine: Engine, simulate: Callable) -> list[Any]
     tried = []
     for words, aided, doubled in _options(scene, engine):
         try:
-            found = simulate(aided)
-            reason = _too_large(scene, found, simulate(doubled) if doubled else found)
+            realizations = simulate(aided)
+            reason = _too_large(scene, realizations, simulate(doubled) if doubled else realizations)
         except (NotConverged, SolutionDiverged):
             tried.append(words)
             continue
@@ -70,14 +70,14 @@ def run_converged(scene: Scene, engine: Engine, simulate: Callable) -> list[Any]
             note = f"ngspice converged with {words}, and not without: {_trouble(failure)}"
             if doubled:
                 note += f" (energies change by less than {NEGLIGIBLE:.1%} with twice the value)"
-            for each in found:
-                each.moments.note = note
-            return found
+            for realization in realizations:
+                realization.moments.note = note
+            return realizations
         tried.append(f"{words} (refused: {reason})")
-    steep = (f"{e.name} ({e.where})" for e in scene.load.circuit.elements if e.expression)
+    steep = (source.place for source in scene.load.circuit.elements if source.expression)
     raise SimulatorAborted(
-        f"{failure}; tried {'; '.join(tried)}: in vain; give the node a capacitor, or smoothen "
-        f"{', '.join(itertools.islice(steep, MOST_NAMED)) or 'what is connected to it'}",
+        f"{failure}; tried without success: {'; '.join(tried)}; give the node a capacitor, "
+        f"or smooth {', '.join(itertools.islice(steep, MOST_NAMED)) or 'what is connected to it'}",
         failure.partial,
     )
 
@@ -110,9 +110,9 @@ def _options(scene: Scene, engine: Circuit) -> Iterator[tuple[str, Circuit, Circ
         yield f"Gear's rule and {words}", replace(engine, **one), replace(engine, **two)
 
 
-def _too_large(scene: Scene, found: list[Any], doubled: list[Any]) -> str:
+def _too_large(scene: Scene, realizations: list[Any], doubled: list[Any]) -> str:
     """Why an option that changes the circuit is not used; empty if its effect is negligible."""
-    moments, others = ([each.moments for each in some] for some in (found, doubled))
+    moments, others = ([one.moments for one in runs] for runs in (realizations, doubled))
     residual = abs(energy_balance_residual(moments, prepared(scene).system))
     if not residual <= LARGEST_RESIDUAL:
         return f"energy balance residual {residual:.1%}"
@@ -126,10 +126,10 @@ def _change(moments: Moments, others: Moments) -> float:
     What goes in, what leaves the transducer, what the output takes and what the load stores.
     """
     columns = [QUANTITIES.index("input_power"), QUANTITIES.index("load_power")]
-    sums = np.array([each.integrals[:, columns].sum(axis=0) for each in (moments, others)])
+    sums = np.array([run.integrals[:, columns].sum(axis=0) for run in (moments, others)])
     differences = np.abs(sums[1] - sums[0]) / np.abs(sums[0])
     if moments.output is not None and others.output is not None:
-        output = np.array([_energies(each) for each in (moments.output, others.output)])
+        output = np.array([_energies(output) for output in (moments.output, others.output)])
         differences = np.append(differences, np.abs(output[1] - output[0]) / abs(sums[0, 1]))
     return float(np.max(differences))
 
