@@ -28,7 +28,7 @@ class Builder:
         self.graph = ExpressionGraph()
         self.behavioural: list[tuple[int, int, int, int]] = []
         self.inputs: list[tuple[int, int, int]] = []
-        # Places on the tape whose value passes 0 where a source jumps.
+        # Places in the graph whose value passes 0 where a source jumps.
         self.zero_crossings: list[int] = []
         self.waiting: list[tuple] = []
         self.nonlinear: set[tuple[str, int]] = set()

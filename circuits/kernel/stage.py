@@ -88,7 +88,7 @@ class State(
     y … capacity, conductance : views of the memory, see `circuits.kernel.memory.Layout`.
     latest : (n + 1,) y + u of the last iteration, ground last.
     closed : (k,) int64, of the switches.
-    values, shares : (k,) of the tape.
+    values, shares : (k,) of the expression graph.
     jumps : (k, 3) of each behavioural source: its value, its greatest size, how often it jumped.
     passing : (k,) what passes 0 where a source jumps, at the step's beginning.
     scalars : (1,) of `SCALARS`.

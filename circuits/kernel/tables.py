@@ -40,7 +40,7 @@ class Tables(
     switches : (k, 6) nodes, nodes that control it (or a current and ground), initial state, sort;
         `switch_values` (k, 4) conductance off and on, control voltage below which it opens and
         above which it closes.
-    tape : (k, 4) operations, `graph_values` (k,) their constants.
+    graph : (k, 4) operations, `graph_values` (k,) their constants.
     behavioural : (k, 4) row it adds to, row it takes from, first operation, place of its value;
         `inputs` (k, 3) which of them, place in the graph, unknown; `zero_crossings` (k,) places of
         what passes 0 where one jumps.

@@ -16,7 +16,7 @@ from harvester.device.terminals import GROUND
 for function in functions.COMPILED:
     merged(function)
 
-# Entries of the tape that are no operation: an unknown, a constant, the time. Codes of operations
+# Entries of the graph that are no operation: an unknown, a constant, the time. Codes of operations
 # follow.
 UNKNOWN, CONSTANT, TIME = range(3)
 FIRST = 3
@@ -110,7 +110,7 @@ def _at_points(rows: Any, values: Any, ends: Any, time: Any, points: Any, found:
 
 @compiled
 def evaluate(rows: np.ndarray, values: np.ndarray, y: np.ndarray, time: float) -> None:
-    """Fill `values` of a tape; `y` are the unknowns."""
+    """Fill `values` of a graph; `y` are the unknowns."""
     for k in range(rows.shape[0]):
         code = rows[k, 0]
         if code == CONSTANT:

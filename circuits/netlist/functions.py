@@ -1,7 +1,7 @@
 """Functions and operators of SPICE expressions: one table gives value, slope and spelling.
 
-The meaning is that of ngspice 46 in a behavioural source. The tape compiles values and slopes
-(`circuits.netlist.expression_graph`); Python calls the same functions for constants.
+Their meaning is ngspice 46's in a behavioural source. `circuits.netlist.expression_graph` compiles
+values and slopes; Python calls the same functions for constants.
 """
 
 from __future__ import annotations

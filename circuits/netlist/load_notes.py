@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-import re
 
 from circuits.netlist.expression import leaves
 from circuits.netlist.kinds import OUTPUT
@@ -22,17 +21,6 @@ LEAST_TURN = 1e-8
 PERIOD_COST = {"Monte Carlo": 8.6e-6, "the circuit": 2.6e-3}
 # A note states the cost of a realization if it takes either engine more than so many seconds.
 LONG = 60.0
-# Matches ngspice's flat names: letters and calls, as in "d.xload.d.xbridge.dupper". The name of a
-# model follows a colon, as in "xload:ideal".
-_FLAT = re.compile(
-    r"(?<![\w.])(?:[a-z]\.)*(?:xcopy\d+[.:])?xload[.:]([^\s,;()\"]*[^\s,;:.()\"])(\"?)"
-)
-# Matches the nodes at a load's pins and the current into it.
-_PIN = re.compile(r'"(?:load_(out|ref)|load_\w+|vload#branch)"')
-# Letters of elements, those first that Newton's iterations fail at most often.
-_LETTERS = "bmqjdswegfhvilcr"
-# At most so many elements at a node are named.
-NAMED = 2
 
 
 def reading_notes(load: LoadCircuit) -> tuple[str, ...]:
@@ -59,7 +47,7 @@ def reading_notes(load: LoadCircuit) -> tuple[str, ...]:
                 "a million is meg"
             )
     notes += [
-        f"{source.name} ({source.where}) depends on its own output by way of the node {node}: a "
+        f"{source.place} depends on its own output by way of the node {node}: a "
         "comparator with such a hysteresis may turn too late or too early at default steps; "
         "compare with --step finest, or use a switch (S, vt= and vh=)"
         for source in load.elements
@@ -138,28 +126,3 @@ def suspicion(load: LoadCircuit | None) -> str:
         return ""
     names = ", ".join(load.negative_parts[:3])
     return f"; a value below 0 feeds energy in, so that voltages may grow without bound: {names}"
-
-
-def with_places(message: str, load: LoadCircuit | None) -> str:
-    """A message of ngspice's with the names of a load's elements as its files give them."""
-    if load is None:
-        return message
-    placed = _PIN.sub(lambda pin: f'"xload.{pin.group(1) or "p"}"', message)
-    placed = _FLAT.sub(lambda match: _named(match.group(1), match.group(2), load), placed)
-    if any(element.where in placed for element in load.elements):
-        return placed
-    return f"{placed} (the load is {load.file})"
-
-
-def _named(flat, quote, load):
-    """ "dupper (bridge.lib:24)", or the bare name of what is no element, as a node."""
-    path = re.split("[.:]", flat.removesuffix("#branch"))
-    # The element's letter is repeated between the calls.
-    full = ".".join(part for k, part in enumerate(path) if len(part) > 1 or k == len(path) - 1)
-    places = {element.name: element.where for element in load.elements}
-    if full in places:
-        return f"{path[-1]}{quote} ({places[full]})"
-    near = [element for element in load.elements if full in element.nodes]
-    near.sort(key=lambda element: _LETTERS.find(element.letter))
-    names = " and ".join(f"{element.name} ({element.where})" for element in near[:NAMED])
-    return f"{path[-1]}{quote} of the load" + (f", at {names}" if names else "")

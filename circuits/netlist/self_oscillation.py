@@ -113,26 +113,26 @@ def cancelled(elements: tuple[Element, ...]) -> str:
         compared = [
             pair for pair, same in zip(compared, equal, strict=True) if same == (error == 0.0)
         ]
-    return f"{compared[0][0].name} ({compared[0][0].where})" if compared else ""
+    return compared[0][0].place if compared else ""
 
 
-def _static(each, rate, error, draw):
+def _static(element, rate, error, draw):
     """An element without a memory: a store as a resistor, a waveform as a constant.
 
     Every value changes by a random share of at most `error`.
     """
-    if each.letter in "cl" and each.size:
-        ohms = (rate * each.size) ** (-1.0 if each.letter == "c" else 1.0)
-        each = Element("r", each.name, each.nodes, each.where, value=ohms)
-    elif each.wave:
-        each = each._replace(wave=None, value=draw.uniform(-10.0, 10.0))
-    return each._replace(value=(each.value or 0.0) * (1.0 + error * draw.uniform(-1.0, 1.0)))
+    if element.letter in "cl" and element.size:
+        ohms = (rate * element.size) ** (-1.0 if element.letter == "c" else 1.0)
+        element = Element("r", element.name, element.nodes, element.where, value=ohms)
+    elif element.wave:
+        element = element._replace(wave=None, value=draw.uniform(-10.0, 10.0))
+    return element._replace(value=(element.value or 0.0) * (1.0 + error * draw.uniform(-1.0, 1.0)))
 
 
-def _may_drive(each):
+def _may_drive(element):
     """Whether an element could keep something moving: a source, a gain or what is below 0."""
-    negative = each.letter in "rlc" and (each.size or 0.0) < 0.0
-    return each.delivers or each.letter in "begfh" or negative
+    negative = element.letter in "rlc" and (element.size or 0.0) < 0.0
+    return element.delivers or element.letter in "begfh" or negative
 
 
 def _of_sources(circuit, source):

@@ -6,6 +6,8 @@ import re
 from collections.abc import Sequence
 from typing import Any
 
+from circuits.netlist.load_circuit import LoadCircuit
+
 # Matches the beginning of a line by which ngspice refuses a netlist or ends a run. Lines of the
 # netlist that it repeats begin with an element's flat name or a dot.
 _FAULT = re.compile(r"(?:fatal |internal |pt)?error(?=[:!,]| -| on line| in )", re.I)
@@ -33,6 +35,17 @@ _CUT_OFF = (
 )
 # Longest reason that is shown, in characters: some messages repeat a whole expression.
 LONGEST_REASON = 200
+# Matches ngspice's flat names: letters and calls, as in "d.xload.d.xbridge.dupper". The name of a
+# model follows a colon, as in "xload:ideal".
+_FLAT = re.compile(
+    r"(?<![\w.])(?:[a-z]\.)*(?:xcopy\d+[.:])?xload[.:]([^\s,;()\"]*[^\s,;:.()\"])(\"?)"
+)
+# Matches the nodes at a load's pins and the current into it.
+_PIN = re.compile(r'"(?:load_(out|ref)|load_\w+|vload#branch)"')
+# Letters of elements, those first that Newton's iterations fail at most often.
+_LETTERS = "bmqjdswegfhvilcr"
+# At most so many elements at a node are named.
+NAMED = 2
 
 
 def refusal(lines: list[Any]) -> str:
@@ -94,3 +107,28 @@ def _told(lines):
             reasons[message[:LONGEST_REASON]] = True
     summary = "; ".join(list(reasons)[:MOST_REASONS]) or "it gave no reason"
     return f"{subject}: {summary}" if subject else summary
+
+
+def with_places(message: str, load: LoadCircuit | None) -> str:
+    """A message of ngspice's with the names of a load's elements as its files give them."""
+    if load is None:
+        return message
+    placed = _PIN.sub(lambda pin: f'"xload.{pin.group(1) or "p"}"', message)
+    placed = _FLAT.sub(lambda match: _named(match.group(1), match.group(2), load), placed)
+    if any(element.where in placed for element in load.elements):
+        return placed
+    return f"{placed} (the load is {load.file})"
+
+
+def _named(flat, quote, load):
+    """ "dupper (bridge.lib:24)", or the bare name of what is no element, as a node."""
+    path = re.split("[.:]", flat.removesuffix("#branch"))
+    # The element's letter is repeated between the calls.
+    full = ".".join(part for k, part in enumerate(path) if len(part) > 1 or k == len(path) - 1)
+    places = {element.name: element.where for element in load.elements}
+    if full in places:
+        return f"{path[-1]}{quote} ({places[full]})"
+    near = [element for element in load.elements if full in element.nodes]
+    near.sort(key=lambda element: _LETTERS.find(element.letter))
+    names = " and ".join(element.place for element in near[:NAMED])
+    return f"{path[-1]}{quote} of the load" + (f", at {names}" if names else "")

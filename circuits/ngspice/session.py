@@ -28,7 +28,7 @@ import numpy as np
 from PySpice.Spice.NgSpice.Shared import NgSpiceCommandError, NgSpiceShared, ffi
 
 from circuits.equivalent import elements, verilog
-from circuits.netlist.load_notes import suspicion, with_places
+from circuits.netlist.load_notes import suspicion
 from circuits.netlist.part_values import SOURCE_CURE, jumping_sources
 from circuits.netlist.source_schedule import AHEAD
 from circuits.ngspice import callbacks, compiled_device, messages
@@ -408,7 +408,7 @@ class Session(NgSpiceShared):
 
     def _said(self, trouble):
         """ngspice's messages on what went wrong, with the load's own names."""
-        trouble = with_places(trouble or "it gave no reason", self.circuit_load)
+        trouble = messages.with_places(trouble or "it gave no reason", self.circuit_load)
         return f"ngspice {self._doing}: {trouble}"
 
     def _check_end(self, stop):

@@ -2,9 +2,9 @@
 
 import pytest
 
-from circuits.netlist.load_notes import with_places
 from circuits.netlist.subcircuits import read_load
 from circuits.ngspice import messages
+from circuits.ngspice.messages import with_places
 from harvester.base.errors import SimulationError
 from harvester.base.process import Worker
 from harvester.engines.methods import Circuit
