@@ -14,9 +14,9 @@ import harvester
 from harvester.base.errors import SimulationError
 from harvester.base.signatures import File, Folder, RunnerOptions, options_of
 from harvester.base.tables import require_xarray
+from harvester.cli.output import check_places, result_files, show, study_runner, write_result
 from harvester.cli.parsing import add_extra, add_options, is_scene, overrides_of, values_of
 from harvester.cli.shown import say
-from harvester.cli.steps import check_places, result_files, show, study_runner, write_result
 
 if TYPE_CHECKING:
     from harvester.engines.runner import Runner

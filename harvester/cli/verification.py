@@ -21,9 +21,9 @@ from harvester.base.signatures import (
     Share,
     Step,
 )
+from harvester.cli.output import check_places, result_files, show, study_runner, write_result
 from harvester.cli.parsing import overrides_of
 from harvester.cli.shown import say
-from harvester.cli.steps import check_places, result_files, show, study_runner, write_result
 
 if TYPE_CHECKING:
     from harvester.scene.calling import SceneOrName

@@ -1,4 +1,4 @@
-"""Common steps of commands: open a runner, check where files go, show and write a result."""
+"""What commands share: open a runner, check where files go, show and write a result."""
 
 from __future__ import annotations
 
