@@ -130,7 +130,7 @@ def advance(
         Between two knots (s).
     steps_per_sample, steps_per_contact : int
         Steps of the grid between two knots, and fewest in a contact.
-    plan : circuits.netlist.source_schedule.Plan
+    plan : circuits.netlist.source_schedule.Breakpoints
         Steps that follow the load's own sources.
     record : Record
         Filled with the accepted points.

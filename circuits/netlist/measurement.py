@@ -5,7 +5,7 @@ from __future__ import annotations
 import itertools
 import math
 import re
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
 from typing import TYPE_CHECKING, Any, NamedTuple
@@ -69,10 +69,13 @@ class Measurement:
 
     @cached_property
     def _values(self) -> Values:
+        return self._compiled(self.trees[: self._measures])
+
+    def _compiled(self, trees: Sequence[Tree]) -> Values:
         # Imported here, not at the head: reading a load needs no compiled code.
         from circuits.netlist.expression_graph import Values
 
-        return Values(self.trees[: self._measures], self.watched)
+        return Values(trees, self.watched)
 
     @cached_property
     def _measures(self) -> int:
@@ -111,7 +114,7 @@ class Measurement:
             return np.empty((0, time.size))
         values = self._values(time, unknowns)
         if self._jumping and time.size > 1:
-            values[self._jumping] = self._means(time, unknowns, values)[self._jumping]
+            values[self._jumping] = self._means(time, unknowns, values[self._jumping])
         for row, (kind, _) in zip(values, self.rows, strict=False):
             if kind == STATE:
                 row[:] = np.where(np.isnan(row), np.nan, row > 0.0)
@@ -127,13 +130,17 @@ class Measurement:
             k for k, ((kind, _), tree) in rows if kind in (LOSS, OUTPUT) and zero_crossings(tree)
         ]
 
+    @cached_property
+    def _jumping_values(self) -> Values:
+        return self._compiled([self.trees[k] for k in self._jumping])
+
     def _means(self, time, unknowns, ends):
-        """Means of the measures between the middles of steps; `ends` are the values at points."""
+        """Means of the jumping powers between the middles of steps; `ends` are those at points."""
         steps, shares = np.diff(time), (np.arange(JUMP_PLACES) + 0.5) / JUMP_PLACES
         inside = np.vstack([time, unknowns])
         inside = inside[:, :-1, None] + np.diff(inside)[..., None] * shares
         times, *voltages = inside.reshape(len(inside), -1)
-        halves = self._values(times, np.array(voltages))
+        halves = self._jumping_values(times, np.array(voltages))
         halves = halves.reshape(len(ends), steps.size, 2, -1).mean(axis=-1)
         before, after = (steps * halves[:, :, half] for half in (1, 0))
         areas = np.pad(before, ((0, 0), (1, 0))) + np.pad(after, ((0, 0), (0, 1)))

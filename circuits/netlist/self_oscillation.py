@@ -138,7 +138,7 @@ def _may_drive(element):
 def _of_sources(circuit, source):
     closed = circuit.closed.copy()
     seen: list[tuple] = []
-    zero_crossings: list[tuple[float, str]] = []
+    turns: list[tuple[float, str]] = []
     steady_state = circuit.rest(closed, source)
     while steady_state is not None and tuple(closed) not in seen:
         seen.append(tuple(closed))
@@ -149,10 +149,10 @@ def _of_sources(circuit, source):
         before, steady_state = steady_state, circuit.rest(closed, source)
         if steady_state is not None:
             constant = circuit.time_constant(wrong, before, steady_state, closed)
-            zero_crossings.append((constant, circuit.switches[wrong][0].place))
+            turns.append((constant, circuit.switches[wrong][0].place))
     if steady_state is None:
         return SelfOscillation(unknown="no rest of it is found")
-    return SelfOscillation(True, *min(zero_crossings[seen.index(tuple(closed)) :]))
+    return SelfOscillation(True, *min(turns[seen.index(tuple(closed)) :]))
 
 
 class _Circuit:
@@ -233,7 +233,7 @@ class _Circuit:
             self._stores[each.name] = (row, -1, -each.size)
         elif each.letter in "vi":
             rows = [(row, 1.0)] if row >= 0 else [(nodes[0], -1.0), (nodes[1], 1.0)]
-            self._steady += [(row, sign, each) for row, sign in rows]
+            self._steady += [(target, sign, each) for target, sign in rows]
         elif each.letter == "d":
             self._diodes.append((nodes, each))
         elif each.letter in "sw":
@@ -292,8 +292,8 @@ class _Circuit:
         for (switch, nodes, _), on in zip(self.switches, closed, strict=True):
             siemens = 1.0 / switch.model.get("ron" if on else "roff")
             conducts(nodes[:2], siemens * (potentials[nodes[0]] - potentials[nodes[1]]), siemens)
-        for nodes, switch in self._diodes:
-            conducts(nodes, *_diode(switch, potentials[nodes[0]] - potentials[nodes[1]]))
+        for nodes, diode in self._diodes:
+            conducts(nodes, *_diode(diode, potentials[nodes[0]] - potentials[nodes[1]]))
         self._compiled.evaluate(self._rows, self._values, potentials, 0.0)
         shares = np.zeros(self._values.size)
         for ends, first, last in self._behavioural:

@@ -5,12 +5,9 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from typing import TYPE_CHECKING, NamedTuple
+from typing import NamedTuple
 
 from circuits.netlist.expression import ExpressionError
-
-if TYPE_CHECKING:
-    pass
 
 # Waveforms, and how many numbers each takes here.
 KINDS = {"pulse": (7,), "sin": range(3, 7), "exp": (6,), "sffm": (5,), "pwl": range(2, 10_000)}

@@ -143,15 +143,15 @@ def _is_whole(path):
 
 
 def _compile(compiler, text, work, folder, key):
-    compiled_file = work / "harvester.osdi"
+    osdi_file = work / "harvester.osdi"
     (work / "harvester.va").write_text(text, encoding="utf-8")
-    _run(compiler, str(work / "harvester.va"), "-o", str(compiled_file), *OPTIONS)
-    if not compiled_file.is_file():
+    _run(compiler, str(work / "harvester.va"), "-o", str(osdi_file), *OPTIONS)
+    if not osdi_file.is_file():
         raise CompiledDeviceUnavailable(f"compile failed: {compiler} wrote nothing")
     # Nobody else may change it, whatever the umask.
-    compiled_file.chmod(0o644)
-    cached_file = folder / f"{key}-{_digest(compiled_file.read_bytes())}.osdi"
-    os.replace(compiled_file, cached_file)
+    osdi_file.chmod(0o644)
+    cached_file = folder / f"{key}-{_digest(osdi_file.read_bytes())}.osdi"
+    os.replace(osdi_file, cached_file)
     return cached_file
 
 

@@ -27,6 +27,10 @@ _SUBJECT = re.compile(r"(?:in line )?((?:[a-z]\.)+x\S+)(?: .*)?|\.model (\S+) .*
 MOST_REASONS = 3
 # Matches the message on steps that are too small. Causes are switches, and coils with inductance.
 _TOO_SMALL = re.compile("timestep too small", re.I)
+# Matches reasons that other options of the integration may cure.
+_NEWTON = re.compile(
+    "timestep too small|trouble with|singular matrix|no convergence|iteration", re.I
+)
 _AT_SWITCH = re.compile(r"-instance [sw]\.", re.I)
 _CHATTER = "; its own effect turns it back again and again: give it a hysteresis, or a wider one"
 _CUT_OFF = (
@@ -107,6 +111,11 @@ def _told(lines):
             reasons[message[:LONGEST_REASON]] = True
     summary = "; ".join(list(reasons)[:MOST_REASONS]) or "it gave no reason"
     return f"{subject}: {summary}" if subject else summary
+
+
+def fails_to_converge(reason: str) -> bool:
+    """Whether a run ended because the iterations of a step, or its matrix, failed."""
+    return bool(_NEWTON.search(reason))
 
 
 def with_places(message: str, load: LoadCircuit | None) -> str:

@@ -398,13 +398,13 @@ class Session(NgSpiceShared):
         print(f"ngspice {doing}{load}", file=sys.stderr, flush=True)
 
     def _abortion(self):
-        """The error of a run that ended early; another one where other options may help."""
+        """The error of a run that ended early: `NotConverged` if other options may help."""
         self._doing = f"stopped at t = {self._time_reached:g}"
         reason = messages.abortion(self.errors)
         advice = messages.advice(reason, self._netlist.drives_current)
         advice = advice or suspicion(self.circuit_load)
-        kind = SimulatorAborted if advice else NotConverged
-        return kind(self._said(reason + advice))
+        failed = messages.fails_to_converge(reason) and not advice
+        return (NotConverged if failed else SimulatorAborted)(self._said(reason + advice))
 
     def _said(self, trouble):
         """ngspice's messages on what went wrong, with the load's own names."""

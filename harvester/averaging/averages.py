@@ -11,15 +11,19 @@ class Averages:
     Attributes
     ----------
     mean_square_voltage : E[V²] (Eq. 28).
-    mean_power : βλE[V²] (Eq. 30), s⁻³.
+    mean_power
+        ΒλE[V²] (Eq. 30), s⁻³.
     mechanical_loss : E[(c + contact damping) X'²] (Eq. 36), s⁻³.
-    power_conversion_efficiency : `mean_power` / (`mechanical_loss` + `mean_power`) (Eq. 35).
+    power_conversion_efficiency
+        `mean_power` / (`mechanical_loss` + `mean_power`) (Eq. 35).
     mean_square_velocity, mean_square_displacement : E[X'²], E[X²].
-    mean_transducer_loss : power lost in leak or winding, s⁻³.
+    mean_transducer_loss
+        Power lost in leak or winding, s⁻³.
     share_in_wells : float or None
         Probability of the orbits inside a well; 0 for a monostable device. None where nothing is
         averaged over orbits.
-    numerical_error : numerical error of each mean above and of those of `between_wells`.
+    numerical_error
+        Numerical error of each mean above and of those of `between_wells`.
     density : OrbitDensity or GridDensity
         Densities of displacement, velocity and both; of the second of the terminal voltage as well.
     between_wells : dict of str to float

@@ -15,7 +15,7 @@ FINER = 10
 EVEN, TURNING = 100, 100
 # A density of X' is summed over so many even pieces, besides those between orbits.
 PIECES = 1500
-# OrbitFamily with less than this share of the greatest g are not tabulated.
+# Orbits with less than this share of the greatest g are not tabulated.
 NEGLIGIBLE = np.log(1e-9)
 
 
@@ -24,10 +24,12 @@ class Layer:
 
     Parameters
     ----------
-    logarithm : logarithm of the value on each orbit.
+    logarithm
+        Logarithm of the value on each orbit.
     filled : bool
         Whether the area inside the innermost orbit has that orbit's value; else it is left out.
-    floor : taken off the value.
+    floor
+        Taken off the value.
     """
 
     def __init__(

@@ -39,13 +39,16 @@ class PhaseGrid(NamedTuple):
 
     Attributes
     ----------
-    x, v : evenly spaced displacements and velocities.
-    z : nodes of Z, ascending; a single one of a transducer that keeps nothing.
+    x, v
+        Evenly spaced displacements and velocities.
+    z
+        Nodes of Z, ascending; a single one of a transducer that keeps nothing.
     mirrored : bool
         Only the upper half of `z` is kept: the other half follows by (X, X', Z, η) → −(X, X', Z,
         η). All nodes are then symmetric about 0.
     modes : Hermite functions of η; one for white noise.
-    step : time step (s).
+    step
+        Time step (s).
     """
 
     x: np.ndarray

@@ -21,14 +21,19 @@ class GridDensity:
 
     Parameters
     ----------
-    transducer : its equations
-    state : mass at each node.
-    paired : the nodes hold one well alone, of two alike.
+    transducer
+        Its equations
+    state
+        Mass at each node.
+    paired
+        The nodes hold one well alone, of two alike.
 
     Attributes
     ----------
-    x, v : evenly spaced displacements and velocities.
-    values : density at (x, v).
+    x, v
+        Evenly spaced displacements and velocities.
+    values
+        Density at (x, v).
     """
 
     names = ("displacement", "velocity", "voltage")

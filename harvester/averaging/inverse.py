@@ -43,17 +43,23 @@ class Inverse:
 
     Parameters
     ----------
-    later : linear map of states on it.
-    coarser : the same on a coarser grid.
-    balanced : removes the error that arises as a residual moves from a finer grid to this one.
-    cleared : removes the part whose errors on this grid are too large to pass to a finer one.
+    later
+        Linear map of states on it.
+    coarser
+        The same on a coarser grid.
+    balanced
+        Removes the error that arises as a residual moves from a finer grid to this one.
+    cleared
+        Removes the part whose errors on this grid are too large to pass to a finer one.
     decayed : float
         Factor of x in the equation: the share of the state that one application of the map leaves.
-    parity : −1 for states that change sign from one half of a mirrored grid to the other.
+    parity
+        −1 for states that change sign from one half of a mirrored grid to the other.
 
     Attributes
     ----------
-    allowed : largest norm of a rest that may be left.
+    allowed
+        Largest norm of a rest that may be left.
     """
 
     def __init__(

@@ -42,7 +42,8 @@ class _Found:
 
     Attributes
     ----------
-    inverses : inverses by the parity of the states; a finer grid uses them as preconditioners.
+    inverses
+        Inverses by the parity of the states; a finer grid uses them as preconditioners.
     """
 
     def __init__(self, solution: Solution, coarser: _Found | None) -> None:

@@ -31,7 +31,7 @@ SCAN_STEP, SCAN_NODES = 0.25, 24
 WELL_LEVELS = -15.0, 11.5
 # A well's orbits begin where ln g falls by this much from the bottom.
 NEGLIGIBLE = 1e-8
-# OrbitFamily of a well below this level have the frequency of its bottom.
+# Orbits of a well below this level have the frequency of its bottom.
 SMALL_ORBIT = -5.0
 # Range of the outer levels, counted from that of the energy D over the rate of loss.
 OUTER_LEVELS = -20.0, 32.0
@@ -56,7 +56,8 @@ class Edge:
 
     Attributes
     ----------
-    inside : whether the orbits are those inside the right well, which stands for both wells.
+    inside
+        Whether the orbits are those inside the right well, which stands for both wells.
     anchor : float
         X* of the potential U(X) = −½ω0² X² + ¼κ X⁴ + ½N2 (X − X*)² + contact (Eq. 15 with X* = 0).
         Methods take N2, the `added` stiffness of the piezo (Eq. 12), with the orbits.
@@ -147,8 +148,10 @@ class OrbitFamily:
     ----------
     energy, left, right : H = ½X'² + U and the ends.
     x, speed : X and X' at the nodes (orbits × nodes).
-    time : ∫dt, half of the period T (Eq. 16) inside a well and a quarter outside.
-    frequency, gain : ω (Eq. 17, rad/s) and ω²/(λ² + ω²), which is N2/β of Eq. 12.
+    time
+        ∫dt, half of the period T (Eq. 16) inside a well and a quarter outside.
+    frequency, gain
+        ω (Eq. 17, rad/s) and ω²/(λ² + ω²), which is N2/β of Eq. 12.
     """
 
     def __init__(self, edge: Edge, level: np.ndarray, added: np.ndarray, nodes: int) -> None:

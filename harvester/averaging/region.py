@@ -71,12 +71,17 @@ class Level(NamedTuple):
 
     Attributes
     ----------
-    steps : steps in a period of small oscillations.
-    fine, fine_speed : nodes within the core of the density in X and in X'.
-    nodes : nodes of Z that are kept, where the charge displaces the mass by little.
+    steps
+        Steps in a period of small oscillations.
+    fine, fine_speed
+        Nodes within the core of the density in X and in X'.
+    nodes
+        Nodes of Z that are kept, where the charge displaces the mass by little.
     modes : Hermite functions of η.
-    most : largest number of cores that the nodes resolve separately.
-    tolerance : of the means, for which its state is settled.
+    most
+        Largest number of cores that the nodes resolve separately.
+    tolerance
+        Of the means, for which its state is settled.
     """
 
     steps: float
@@ -109,13 +114,18 @@ class Region(NamedTuple):
 
     Attributes
     ----------
-    left, right : least and greatest X.
-    speed : greatest |X'|.
+    left, right
+        Least and greatest X.
+    speed
+        Greatest |X'|.
     core, core_speed : float
         Half widths of the densities of X and of X' about their peaks, or of their steepest side.
-    width : half width of the density of X about its narrowest peak.
-    mean : mean of X, and so of Z.
-    well : the only well in it; None for all.
+    width
+        Half width of the density of X about its narrowest peak.
+    mean
+        Mean of X, and so of Z.
+    well
+        The only well in it; None for all.
     """
 
     left: float

@@ -46,9 +46,12 @@ class StationaryProblem:
 
     Parameters
     ----------
-    tolerance : named where it takes too much work.
-    share : share of the usual work.
-    read : transducer's equations, optional
+    tolerance
+        Named where it takes too much work.
+    share
+        Share of the usual work.
+    read
+        Transducer's equations, optional
         Transducer whose voltage and power are computed from the state; the device's own by default.
     """
 
@@ -72,10 +75,14 @@ class Solution:
 
     Attributes
     ----------
-    steps, cost : number of steps in a period, and the work of a period.
-    propagator : the propagator in single precision.
-    state, before_flow : mass at each node, where a step is symmetric in time and before the flow.
-    means : the means of the answer, `power_in`, and those that describe several wells.
+    steps, cost
+        Number of steps in a period, and the work of a period.
+    propagator
+        The propagator in single precision.
+    state, before_flow
+        Mass at each node, where a step is symmetric in time and before the flow.
+    means
+        The means of the answer, `power_in`, and those that describe several wells.
     """
 
     def __init__(

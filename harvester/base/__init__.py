@@ -1,1 +1,1 @@
-"""What every room uses: errors, files, text, worker processes, compilation, registry."""
+"""What every other folder uses: errors, files, text, worker processes, compilation, registry."""

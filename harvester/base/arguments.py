@@ -33,8 +33,8 @@ def usual_arithmetic() -> np.errstate:
 def listed(values: Any, where: str, example: str) -> tuple[Any, ...]:
     """The values of a list, also of a generator or an array.
 
-    `example`: how it is written. Raises HarvesterError for a text, which is a list of its letters,
-    or no list; or it does not end.
+    `example`: how it is written. Raises HarvesterError for a text, for what is no list,
+    and for a list without an end.
     """
     if isinstance(values, (str, bytes, Mapping)) or not isinstance(values, Iterable):
         raise HarvesterError(f"{where} = {shown(values)}: must be a list; write {example}")

@@ -297,7 +297,8 @@ class RunnerOptions(TypedDict, total=False):
 
     Other Parameters
     ----------------
-    executor : concurrent.futures.Executor, WorkerPool, ExecutorPool or None
+    executor
+        Concurrent.futures.Executor, WorkerPool, ExecutorPool or None
     time_limit : float
         Wall-clock limit of one realization (s).
     progress : callable or None

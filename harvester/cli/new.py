@@ -43,13 +43,17 @@ class Question(NamedTuple):
 
     Attributes
     ----------
-    keys : of the scene; a bare number is the first, the others are answered as NAME=VALUE. `k2` and
+    keys
+        Of the scene; a bare number is the first, the others are answered as NAME=VALUE. `k2` and
         `rms` stand for coupling and intensity, which are computed from them.
     words : str
-    units : factor by the unit that may stand behind a bare number; the first is the key's own.
-    low, high : between which such devices lie in SI; a bare number beyond was meant for something
+    units
+        Factor by the unit that may stand behind a bare number; the first is the key's own.
+    low, high
+        Between which such devices lie in SI; a bare number beyond was meant for something
         else, such as another question, and is taken only with its unit.
-    names : what may be answered in place of a number.
+    names
+        What may be answered in place of a number.
     """
 
     keys: tuple[str, ...]

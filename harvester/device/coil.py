@@ -55,8 +55,10 @@ class ResistiveCoil(NoBaseForce, _Resistances):
 
     Attributes
     ----------
-    winding_damping : Φ²/(M R_coil), the damping of a shorted coil (1/s).
-    current_share : R_coil/(R_coil + R), the current over that of the shorted coil.
+    winding_damping
+        Φ²/(M R_coil), the damping of a shorted coil (1/s).
+    current_share
+        R_coil/(R_coil + R), the current over that of the shorted coil.
     """
 
     __slots__ = ()

@@ -38,9 +38,12 @@ class Contact(NamedTuple):
 
     Attributes
     ----------
-    side : 1 right, −1 left, 0 both.
-    gap : distance of the stopper from x = 0, scaled.
-    law : a law's named tuple, such as `harvester.device.hertz.HertzDamp`.
+    side
+        1 right, −1 left, 0 both.
+    gap
+        Distance of the stopper from x = 0, scaled.
+    law
+        A law's named tuple, such as `harvester.device.hertz.HertzDamp`.
     """
 
     side: float

@@ -13,7 +13,8 @@ class Damper(NamedTuple):
 
     Attributes
     ----------
-    damping : c (1/s).
+    damping
+        C (1/s).
     """
 
     damping: float
@@ -32,7 +33,8 @@ class QuadraticDamper(NamedTuple):
 
     Attributes
     ----------
-    damping : c (1/s).
+    damping
+        C (1/s).
     quadratic_damping : C2 l/M, per scaled displacement.
     """
 

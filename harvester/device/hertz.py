@@ -30,10 +30,14 @@ class HertzDamp(NamedTuple):
     Attributes
     ----------
     stiffness : K l^(n−1)/M.
-    exponent : n.
-    damping_factor : ¾ (1 − e²), without unit.
-    holds : 1 where v0 is held from the moment of contact (`event`), else 0.
-    duration_factor : duration of an elastic contact over its greatest depth over speed.
+    exponent
+        N.
+    damping_factor
+        ¾ (1 − e²), without unit.
+    holds
+        1 where v0 is held from the moment of contact (`event`), else 0.
+    duration_factor
+        Duration of an elastic contact over its greatest depth over speed.
     """
 
     stiffness: float

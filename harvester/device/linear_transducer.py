@@ -94,10 +94,13 @@ class TransducerRates(NamedTuple):
 
     Attributes
     ----------
-    coupling : β, force per state (1/s²).
-    load_rate : the load resistor's part of λ (1/s); 0 where a netlist is the load, which only a
+    coupling
+        Β, force per state (1/s²).
+    load_rate
+        The load resistor's part of λ (1/s); 0 where a netlist is the load, which only a
         circuit knows.
-    own_rate : the transducer's own part of λ (1/s).
+    own_rate
+        The transducer's own part of λ (1/s).
     """
 
     coupling: float

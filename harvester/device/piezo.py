@@ -62,7 +62,8 @@ class BaseForcedPiezo(PiezoLaw, _ShakenRates):
 
     Attributes
     ----------
-    base_share : κ, the scaled voltage that one unit of η adds while no charge flows (s²).
+    base_share
+        Κ, the scaled voltage that one unit of η adds while no charge flows (s²).
     """
 
     __slots__ = ()

@@ -14,15 +14,21 @@ class Record(NamedTuple):
 
     Attributes
     ----------
-    time : s, increasing; the spacing may vary.
+    time
+        S, increasing; the spacing may vary.
     displacement, velocity, voltage : X, X', V of Eq. 4.
-    load_power : power leaving the transducer, β λ V² for a resistor (Eq. 30).
-    input_power : η X', what the base puts in (Eq. 33), and on a piezo's charge −βκ η W' (see
+    load_power
+        Power leaving the transducer, β λ V² for a resistor (Eq. 30).
+    input_power
+        η X', what the base puts in (Eq. 33), and on a piezo's charge −βκ η W' (see
         `harvester.device.piezo.BaseForcedPiezo`).
-    loss_power : what damper, contacts and the transducer's own resistance take, for a piezo
+    loss_power
+        What damper, contacts and the transducer's own resistance take, for a piezo
         without leak [c + contact damping] X'² (Eq. 36).
-    transducer_loss : the part of it in leak or winding.
-    transducer_state : what the transducer stores its energy in, V of a piezo, or its W.
+    transducer_loss
+        The part of it in leak or winding.
+    transducer_state
+        What the transducer stores its energy in, V of a piezo, or its W.
     """
 
     time: np.ndarray

@@ -36,9 +36,12 @@ class Ranged(NamedTuple):
 
     Attributes
     ----------
-    spring : the spring within it.
-    low, high : ends of the range.
-    stiffness : stiffness of the straight lines beyond the range.
+    spring
+        The spring within it.
+    low, high
+        Ends of the range.
+    stiffness
+        Stiffness of the straight lines beyond the range.
     """
 
     spring: Any

@@ -47,7 +47,8 @@ class Noise(NamedTuple):
     Attributes
     ----------
     intensity : D (scaled length² s⁻³).
-    correlation_time : τ1 (s).
+    correlation_time
+        Τ1 (s).
     """
 
     intensity: float
@@ -62,7 +63,8 @@ class System(NamedTuple):
     spring : harvester.device.spring.Spring
     damper : harvester.device.damper.Damper or QuadraticDamper
     contacts : tuple of harvester.device.contact.Contact
-    transducer : the equations of a transducer, see harvester.device.terminals
+    transducer
+        The equations of a transducer, see harvester.device.terminals
     noise : Noise
     """
 

@@ -23,11 +23,16 @@ class Setting(NamedTuple):
     Attributes
     ----------
     units : "SI" or "scaled".
-    mass, length : kg and m per scaled length; 1 in scaled scenes.
-    resistance : of a load that is a resistor (Ω); None for others, taken as an open circuit.
-    decay_rate : λ of a scaled scene's built-in resistor (1/s), else None.
-    name : of the scene, for messages.
-    excitation_unit : the base's acceleration for one unit of η, in the scene's units; 0 where the
+    mass, length
+        Kg and m per scaled length; 1 in scaled scenes.
+    resistance
+        Of a load that is a resistor (Ω); None for others, taken as an open circuit.
+    decay_rate
+        λ of a scaled scene's built-in resistor (1/s), else None.
+    name
+        Of the scene, for messages.
+    excitation_unit
+        The base's acceleration for one unit of η, in the scene's units; 0 where the
         displacement is prescribed and the base rests.
     """
 
@@ -45,7 +50,8 @@ class Component(NamedTuple):
 
     Attributes
     ----------
-    kind : what it is, and so what `value` says:
+    kind
+        What it is, and so what `value` says:
         "resistor" (Ω), "capacitor" (F), "inductor" (H), "ammeter" (0 V);
         "moving voltage", "moving current": a source in proportion to X' (V or A for one scaled
         unit; the current flows from `minus` to `plus`, and out of it);
@@ -53,10 +59,13 @@ class Component(NamedTuple):
         "force of voltage", "force of current": what acts on the mass against X', by the voltage
         between the nodes (scaled acceleration per scaled volt) or by the current of the ammeter
         whose name is `plus` (scaled acceleration per ampere).
-    name : its own, without blanks.
-    plus, minus : nodes.
+    name
+        Its own, without blanks.
+    plus, minus
+        Nodes.
     value : float.
-    holds_state : whether the voltage of this capacitor, or the current of this inductor, is the
+    holds_state
+        Whether the voltage of this capacitor, or the current of this inductor, is the
         transducer's state, in which it begins.
     """
 
@@ -73,14 +82,19 @@ class Network(NamedTuple):
 
     Attributes
     ----------
-    terminal : node on which the load hangs.
+    terminal
+        Node on which the load hangs.
     elements : tuple of Component
-    power_unit : scaled power per watt.
+    power_unit
+        Scaled power per watt.
     reference_capacitance : F, of which stray capacitances of a load are a small share.
-    state_voltage, state_current : node whose voltage, or name of the ammeter whose current, is the
+    state_voltage, state_current
+        Node whose voltage, or name of the ammeter whose current, is the
         state; both empty where there is none.
-    state_unit : volts or amperes of one scaled state.
-    current_per_ampere : what `current` of the equations is at one ampere into the load; 0 where
+    state_unit
+        Volts or amperes of one scaled state.
+    current_per_ampere
+        What `current` of the equations is at one ampere into the load; 0 where
         nothing asks for it, else the load's ammeter is there for every load.
     """
 
@@ -119,8 +133,10 @@ class TransducerTable:
 
     Attributes
     ----------
-    KEYS : the keys that the table may hold.
-    takes_voltage : whether a run can start with `start.voltage`, because the state is a voltage.
+    KEYS
+        The keys that the table may hold.
+    takes_voltage
+        Whether a run can start with `start.voltage`, because the state is a voltage.
     """
 
     KEYS: ClassVar[dict] = {}

@@ -36,6 +36,7 @@ LASTING = {
         errors.EnergyNotBalanced,
         errors.LoadChatters,
         errors.LoadError,
+        errors.NotConverged,
         errors.SimulatorAborted,
         errors.SolutionDiverged,
         errors.SpringRangeLeft,

@@ -156,9 +156,12 @@ class Followed(NamedTuple):
 
     Attributes
     ----------
-    scene : the scene of the realizations that are left.
-    moments : of the starts on the followed orbit; all under noise.
-    orbits : all orbits that starts reached, the followed one first; empty for a single start.
+    scene
+        The scene of the realizations that are left.
+    moments
+        Of the starts on the followed orbit; all under noise.
+    orbits
+        All orbits that starts reached, the followed one first; empty for a single start.
     notes : tuple of str
     """
 

@@ -21,7 +21,7 @@ from harvester.excitation.sum import common_period
 from harvester.scene.paths import noise_path, start_state
 from harvester.scene.prepared import Prepared, prepared
 from harvester.scene.steps import knot_spacing, step_error, steps_per_sample, stop_time
-from harvester.statistics.batch_means import KNOTS_PER_SAMPLE, batch_counts
+from harvester.statistics.batch_means import KNOTS_PER_HISTOGRAM_SAMPLE, batch_counts
 from harvester.statistics.joint import JointHistogram
 from harvester.statistics.joint import prepare as prepare_joint
 from harvester.statistics.jumps import Jumps
@@ -60,14 +60,20 @@ class Realization:
 
     Attributes
     ----------
-    waveform : the stretch asked for.
-    electrical : series beside the waveform: `output_voltage` (scaled) of a load with an output, and
+    waveform
+        The stretch asked for.
+    electrical
+        Series beside the waveform: `output_voltage` (scaled) of a load with an output, and
         the requested nodes and currents (V and A).
-    joint : joint histogram, if it was requested.
-    seconds : processor time of one core (s), for the simulation alone, whatever else the machine
+    joint
+        Joint histogram, if it was requested.
+    seconds
+        Processor time of one core (s), for the simulation alone, whatever else the machine
         does; of realizations run together, its share.
-    started, ended : the system's clock (s).
-    stroboscope : samples at the beginnings of the excitation's periods, as
+    started, ended
+        The system's clock (s).
+    stroboscope
+        Samples at the beginnings of the excitation's periods, as
         `harvester.statistics.stroboscope.Stroboscope` has them; where they were asked for.
     """
 
@@ -251,7 +257,8 @@ def _run_ensemble(scene, engine, indices, realizations, perturbations):
         other.run_realizations(prepared_scene, paths, starts, observers, outputs)
     except SimulationError:
         for realization in realizations:
-            realization.moments.note = realization.moments.note or UNKNOWN_SPREAD
+            notes = (realization.moments.note, UNKNOWN_SPREAD)
+            realization.moments.note = "; ".join(filter(None, notes))
         return
     _set_spread([realization.moments for realization in realizations], moments)
 
@@ -259,8 +266,8 @@ def _run_ensemble(scene, engine, indices, realizations, perturbations):
 def _set_spread(moments, ensemble):
     """Set the spread of each realization and its perturbed runs."""
     size = len(ensemble) // len(moments)
-    for k, realization in enumerate(moments):
-        realization.spread = _spread([realization, *ensemble[k * size : (k + 1) * size]])
+    for k, m in enumerate(moments):
+        m.spread = _spread([m, *ensemble[k * size : (k + 1) * size]])
 
 
 def _spread(ensemble):
@@ -309,7 +316,7 @@ def _refined(scene, engine, others):
         moments = [realization.moments for realization in refined]
         for now, earlier in zip_longest(moments, before):
             now.step, now.step_error = step, _change(now, earlier.moments) if earlier else 1.0
-        if max(realization.step_error for realization in moments) < RESOLVED:
+        if max(m.step_error for m in moments) < RESOLVED:
             break
     seconds = (time.process_time() - clock) / len(refined)
     return [replace(realization, started=started, seconds=seconds) for realization in refined]
@@ -344,13 +351,10 @@ def _run(
     load = scene.load.circuit
     probes = stretch.probes if stretch else ()
     if load and (load.has_output or load.recorded or probes):
-        outputs = [
-            OutputMoments.beside(realization, load.recorded, load.has_output)
-            for realization in moments
-        ]
-        for realization, its_output in zip(moments, outputs, strict=True):
-            realization.output = its_output
-    observers: list[list] = [[realization] for realization in moments]
+        outputs = [OutputMoments.beside(m, load.recorded, load.has_output) for m in moments]
+        for m, its_output in zip(moments, outputs, strict=True):
+            m.output = its_output
+    observers: list[list] = [[m] for m in moments]
     observers[-1].append(Reporter(moments, report))
     waveforms = [WaveformObserver(*window) if window else None for _ in indices]
     if stretch:
@@ -386,10 +390,9 @@ def _run(
     )
     if ensemble:
         _set_spread(moments, ensemble)
-    for realization, seen in zip(moments, outputs or (), strict=False):
-        if realization.output:
-            realization.output.conductance = seen.conductance
-            realization.output.capacitance = seen.capacitance
+    for m, seen in zip(moments, outputs or (), strict=False):
+        if m.output:
+            m.output.conductance, m.output.capacitance = seen.conductance, seen.capacitance
     for watch in strained:
         watch.close()
     elapsed, seconds = time.perf_counter() - clock, time.process_time() - processor
@@ -445,7 +448,7 @@ def empty_moments(ready: Prepared) -> Moments:
     even = len(saddles) == 1 and parameters.symmetric and scene.excitation.symmetric
     moments = Moments.empty(
         start, stop_time(ready), timescales.free_zone(parameters), saddles,
-        bool(saddles) and not even, batches, groups, KNOTS_PER_SAMPLE * spacing,
+        bool(saddles) and not even, batches, groups, KNOTS_PER_HISTOGRAM_SAMPLE * spacing,
     )  # fmt: skip
     if saddles:
         moments.jumps = Jumps.empty(parameters, moments.start, moments.batch_length, batches)

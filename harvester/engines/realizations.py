@@ -110,10 +110,14 @@ class Realizations:
 
     Attributes
     ----------
-    scene : its number of realizations only sets the number of batches of each.
-    size : of a task.
-    version : of the program that computes, see `Runner.version`.
-    density, waveform : whether histograms, and the beginning of the first realization, are kept.
+    scene
+        Its number of realizations only sets the number of batches of each.
+    size
+        Of a task.
+    version
+        Of the program that computes, see `Runner.version`.
+    density, waveform
+        Whether histograms, and the beginning of the first realization, are kept.
     """
 
     scene: Scene

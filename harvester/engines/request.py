@@ -51,16 +51,24 @@ class Request:
 
     Attributes
     ----------
-    scene : length and seed of the realizations and, if no other is given, their number.
-    method : an engine or a closure; its name is taken too.
-    precision : relative error of each of the quantities that realizations are added for, or None:
+    scene
+        Length and seed of the realizations and, if no other is given, their number.
+    method
+        An engine or a closure; its name is taken too.
+    precision
+        Relative error of each of the quantities that realizations are added for, or None:
         the standard error, and what the steps may cost.
-    quantities : the precision applies to these; those that the scene does not have are ignored.
-    step, tolerance : options of the method, if it is given by its name.
-    realizations : number of the first round with a precision, else in all. None:
+    quantities
+        The precision applies to these; those that the scene does not have are ignored.
+    step, tolerance
+        Options of the method, if it is given by its name.
+    realizations
+        Number of the first round with a precision, else in all. None:
         `FIRST_REALIZATIONS` with a precision, else the scene's own.
-    most : most realizations that a precision is worth.
-    density, moments : whether the answer is to hold them.
+    most
+        Most realizations that a precision is worth.
+    density, moments
+        Whether the answer is to hold them.
     """
 
     scene: Scene
@@ -116,17 +124,26 @@ class Answer:
 
     Attributes
     ----------
-    scene : with the number of realizations that were run.
-    quantities : scaled; `standard_error` is the numerical error for a closure.
-    seconds : processor time of one core (s).
+    scene
+        With the number of realizations that were run.
+    quantities
+        Scaled; `standard_error` is the numerical error for a closure.
+    seconds
+        Processor time of one core (s).
     outcome : "complete", or what ended it early.
-    simulated_time : of all realizations (s); 0 for a closure.
-    misses_jumps : whether a single further jump between the wells would change E[V²] by more than
+    simulated_time
+        Of all realizations (s); 0 for a closure.
+    misses_jumps
+        Whether a single further jump between the wells would change E[V²] by more than
         the precision; the error bar does not include jumps that no realization made.
-    on_orbits : those of the notes that say which orbit was followed.
-    orbits : the orbits that starts reached without noise, the followed one first.
-    density : of the displacement.
-    moments : one per realization, for paired differences.
+    on_orbits
+        Those of the notes that say which orbit was followed.
+    orbits
+        The orbits that starts reached without noise, the followed one first.
+    density
+        Of the displacement.
+    moments
+        One per realization, for paired differences.
     """
 
     scene: Scene
@@ -364,7 +381,7 @@ def _answer(request, good, ended, cost):
         seconds=sum(part["seconds"] for part in good),
         outcome=f"ended after {len(moments)} realizations: {ended}" if ended else COMPLETE,
         realizations=len(moments),
-        simulated_time=sum(realization.time_reached for realization in moments),
+        simulated_time=sum(m.time_reached for m in moments),
         energy_balance_residual=estimates.residual,
         misses_jumps=bool(precision and unseen > precision),
         notes=tuple(notes),

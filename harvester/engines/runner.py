@@ -35,9 +35,12 @@ class Runner:
 
     Attributes
     ----------
-    folder : where answers are kept on disk; None: in memory only.
-    out_of_time : whether something was left out because the time budget was spent.
-    computed, reused : tasks of this runner that were computed, and that were there before.
+    folder
+        Where answers are kept on disk; None: in memory only.
+    out_of_time
+        Whether something was left out because the time budget was spent.
+    computed, reused
+        Tasks of this runner that were computed, and that were there before.
     """
 
     def __init__(

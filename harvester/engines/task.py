@@ -33,13 +33,19 @@ class Task:
 
     Attributes
     ----------
-    function : of a module; called in a worker process as function(report=…, **arguments); returns
+    function
+        Of a module; called in a worker process as function(report=…, **arguments); returns
         what `harvester.engines.codec` knows, and raises a HarvesterError where it fails.
-    arguments : scenes, numbers, strings, None, and lists, tuples and dictionaries of these.
-    version : of the program that computes, besides this package.
-    label : tasks of one label take about as long as each other: for the time left.
-    time_limits : how many of the runner's limits on wall-clock time it may take.
-    misfit : given an answer that was read, says what cannot be an answer to this; "" where all may.
+    arguments
+        Scenes, numbers, strings, None, and lists, tuples and dictionaries of these.
+    version
+        Of the program that computes, besides this package.
+    label
+        Tasks of one label take about as long as each other: for the time left.
+    time_limits
+        How many of the runner's limits on wall-clock time it may take.
+    misfit
+        Given an answer that was read, says what cannot be an answer to this; "" where all may.
     """
 
     function: Callable

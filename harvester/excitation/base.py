@@ -64,14 +64,18 @@ def kernel_loss(spacing: float, angular_frequency: float) -> float:
 class ExcitationPath:
     """The samples of η of one realization, one after the other, at equally spaced knots.
 
-    A subclass has `read` or `read_into`.
-
     Attributes
     ----------
-    spacing : time between knots (s).
+    spacing
+        Time between knots (s).
     """
 
     spacing: float
+
+    def __init_subclass__(cls) -> None:
+        """Refuse a class that defines neither `read` nor `read_into`: each calls the other."""
+        if cls.read is ExcitationPath.read and cls.read_into is ExcitationPath.read_into:
+            raise TypeError(f"{cls.__name__} must define read or read_into")
 
     def read(self, count: int) -> np.ndarray:
         """The next `count` samples, float64 of shape (count,), in blocks of any size the same.
@@ -95,7 +99,8 @@ class Excitation(ABC):
 
     Attributes
     ----------
-    KEYS : the keys that the table may hold besides `kind`.
+    KEYS
+        The keys that the table may hold besides `kind`.
     """
 
     KEYS: ClassVar[dict] = {}
@@ -223,7 +228,8 @@ class Excitation(ABC):
         length : float
             The divisor that turns accelerations into η: the length unit (1 in scaled scenes) over
             `oscillator.base_factor`.
-        seed : numpy.random.SeedSequence
+        seed
+            Numpy.random.SeedSequence
             Seed of this realization.
         """
 

@@ -33,11 +33,15 @@ class Columns(NamedTuple):
 
     Attributes
     ----------
-    values : shape (n,); NaN where the file holds no number.
-    times : shape (n,); s after the first.
+    values
+        Shape (n,); NaN where the file holds no number.
+    times
+        Shape (n,); s after the first.
     sampling_rate : Hz, as given or as the file says.
-    unit : unit of the samples, as the file writes it; empty where it does not say.
-    remarks : remarks on the file that go into a result's notes.
+    unit
+        Unit of the samples, as the file writes it; empty where it does not say.
+    remarks
+        Remarks on the file that go into a result's notes.
     """
 
     values: np.ndarray

@@ -80,8 +80,8 @@ def without_markers(
     Loggers write such a number for what they could not measure.
 
     `values`: shape (n,); samples as the file has them, before units and scales. `mend`: faults to
-    mend; "nan" among them takes markers for gaps. Returns
-    the samples, shape (n,), and a remark where there are markers.
+    mend; "nan" among them takes markers for gaps. Returns the samples, shape (n,), and a remark if
+    there are markers.
     """
     remark = marker_remark(values)
     if not remark:
@@ -132,8 +132,7 @@ def even_samples(columns: Columns, mend: Collection[str], file: str, most: int) 
     `columns`: columns with a sampling rate or with times. `mend`: faults to mend: "nan" by straight
     lines over the gap, "uneven" by straight lines onto an even grid, "clipped" by a cubic spline
     through what was not clipped. `most`: samples that the even grid may have. Raises SceneError for
-    a fault that was not to be mended, or cannot be. The
-    samples have the unit of the columns.
+    a fault that was not to be mended, or cannot be. The samples have the unit of the columns.
     """
     values = np.array(columns.values)
     # A record without times has a sampling rate.

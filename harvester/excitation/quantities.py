@@ -173,9 +173,12 @@ class Heading(NamedTuple):
 
     Attributes
     ----------
-    title : the name without its unit.
-    unit : unit as it is written; empty if there is none.
-    quantity : a name in `QUANTITIES`, empty where the title is none.
+    title
+        The name without its unit.
+    unit
+        Unit as it is written; empty if there is none.
+    quantity
+        A name in `QUANTITIES`, empty where the title is none.
     """
 
     title: str

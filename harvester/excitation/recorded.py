@@ -62,28 +62,42 @@ class RecordedMotion(Excitation):
 
     Attributes
     ----------
-    file : relative to the scene's folder in a scene file, else to the working folder.
-    unit : unit of the column after scaling: a name in `UNITS`; left out where the column's heading
+    file
+        Relative to the scene's folder in a scene file, else to the working folder.
+    unit
+        Unit of the column after scaling: a name in `UNITS`; left out where the column's heading
         says it, with which it must agree.
-    column, time_column : name or number from 0; see `columns.motion_columns`.
-    time_unit : unit of the time column; left out where its heading says it.
-    sampling_rate : Hz; left out where the time column or the file itself says it.
-    start : s after the record's first sample: what is before is left out.
-    scale, offset : the acceleration in `unit` is scale · column + offset: volts or raw counts. Left
+    column, time_column
+        Name or number from 0; see `columns.motion_columns`.
+    time_unit
+        Unit of the time column; left out where its heading says it.
+    sampling_rate
+        Hz; left out where the time column or the file itself says it.
+    start
+        S after the record's first sample: what is before is left out.
+    scale, offset
+        The acceleration in `unit` is scale · column + offset: volts or raw counts. Left
         out: 1, 0.
-    full_scale : value of full scale in a .wav file, in `unit`.
+    full_scale
+        Value of full scale in a .wav file, in `unit`.
     detrend : "mean" takes the constant part off, such as gravity; "none" or "linear".
-    band : Hz; see `conditioning.conditioned`.
-    mend : faults to mend: see `conditioning.even_samples`.
+    band
+        Its two ends (Hz), see `conditioning.conditioned`.
+    mend
+        Faults to mend: see `conditioning.even_samples`.
     repetition : "none": the run is one pass from the record's beginning. "periodic": the record's
         ends are faded into each other over a twentieth of it, and each realization starts at an
         offset of its own, drawn from the seed.
-    interpolation : between samples: "linear", or "smooth": band-limited, `SMOOTH_KNOTS` knots for a
+    interpolation
+        Between samples: "linear", or "smooth": band-limited, `SMOOTH_KNOTS` knots for a
         sample.
-    fade_in : s in which the acceleration rises from nothing, so that its first sample is no blow.
-    knot_spacing : s; closer than the samples: band-limited interpolation, rounded down to a whole
+    fade_in
+        Time (s) in which the acceleration rises from nothing, so that its first sample is no blow.
+    knot_spacing
+        S; closer than the samples: band-limited interpolation, rounded down to a whole
         fraction.
-    sha256 : SHA-256 of the file when the scene was made: each worker process reads the file for
+    sha256
+        SHA-256 of the file when the scene was made: each worker process reads the file for
         itself, and refuses one that has changed.
     """
 

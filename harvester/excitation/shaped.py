@@ -96,7 +96,8 @@ class ShapedPath(ExcitationPath):
         Frequency (Hz) and one-sided density of each breakpoint.
     spacing : float
         Time between knots (s).
-    seed : numpy.random.SeedSequence
+    seed
+        Numpy.random.SeedSequence
     kurtosis : float
         3 for a Gaussian path; above, see `Bursts`.
     burst_time : float

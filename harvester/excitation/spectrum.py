@@ -48,15 +48,21 @@ class Spectrum(Excitation):
 
     Attributes
     ----------
-    breakpoints : frequency (Hz, ascending) and density of each; nothing lies beyond the first and
+    breakpoints
+        Frequency (Hz, ascending) and density of each; nothing lies beyond the first and
         the last. In a scene also the name of a CSV file with two columns; or `profile`, a name in
         `harvester.excitation.profiles`, stands in place of these, the unit and the source.
-    unit : unit of the densities: a name in `UNITS`.
-    kurtosis : 3 is Gaussian. Above, the Gaussian path is multiplied by factors exp(σ z − σ²) that
+    unit
+        Unit of the densities: a name in `UNITS`.
+    kurtosis
+        3 is Gaussian. Above, the Gaussian path is multiplied by factors exp(σ z − σ²) that
         change from one burst to the next; see `harvester.excitation.shaped.Bursts`.
-    burst_time : s; left out, 20 periods of the lowest frequency.
-    source : the publication that the values come from; results quote it.
-    knot_spacing : s; left out, a twelfth of the highest frequency's period; for a slower device a
+    burst_time
+        S; left out, 20 periods of the lowest frequency.
+    source
+        The publication that the values come from; results quote it.
+    knot_spacing
+        S; left out, a twelfth of the highest frequency's period; for a slower device a
         fortieth of its own period, at most a quarter of the highest frequency's.
     """
 

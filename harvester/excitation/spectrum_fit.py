@@ -51,16 +51,22 @@ class SpectrumFit:
     Attributes
     ----------
     intensity, correlation_time : D (m²/s³ in SI) and τ1 (s) of S(ω) = D/(π (1 + ω² τ1²)).
-    intensity_error, correlation_time_error : standard errors for stationary Gaussian noise of this
+    intensity_error, correlation_time_error
+        Standard errors for stationary Gaussian noise of this
         spectrum; infinite where the fitted band does not show the parameter.
-    frequency, density, fitted : shape (n,); Hz; the record's density and the fit, over the compared
+    frequency, density, fitted
+        Shape (n,); Hz; the record's density and the fit, over the compared
         band.
-    lowest, highest : Hz; the fit takes what lies between, which holds nearly all of the variance.
+    lowest, highest
+        Hz; the fit takes what lies between, which holds nearly all of the variance.
     device_frequency : Hz, of small oscillations.
-    decibels : the record's density over the fit's in the octave around the device's frequency; nan
+    decibels
+        The record's density over the fit's in the octave around the device's frequency; nan
         where the compared band does not hold it.
-    unexplained : share of the band's variance that lies apart from the fit, in thirds of octaves.
-    excess_kurtosis : excess kurtosis of the samples: 0 for Gaussian noise, high for a record with
+    unexplained
+        Share of the band's variance that lies apart from the fit, in thirds of octaves.
+    excess_kurtosis
+        Excess kurtosis of the samples: 0 for Gaussian noise, high for a record with
         an envelope.
     """
 

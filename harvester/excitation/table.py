@@ -37,14 +37,20 @@ class Table(ABC):
 
     Attributes
     ----------
-    names : names of the columns; empty where the file has none.
-    units : units of the columns where they stand apart from the names ("" where none does); may be
+    names
+        Names of the columns; empty where the file has none.
+    units
+        Units of the columns where they stand apart from the names ("" where none does); may be
         empty.
-    width, rows : columns, samples in each.
+    width, rows
+        Columns, samples in each.
     rate : Hz, where the file itself says it.
-    texts : places of columns that hold words.
-    complexes : places of columns of complex numbers.
-    remarks : remarks on the file that go into a result's notes.
+    texts
+        Places of columns that hold words.
+    complexes
+        Places of columns of complex numbers.
+    remarks
+        Remarks on the file that go into a result's notes.
     """
 
     names: list[str]

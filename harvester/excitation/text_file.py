@@ -51,9 +51,11 @@ class Form(NamedTuple):
 
     Attributes
     ----------
-    separator : separator of the fields; None: blanks.
+    separator
+        Separator of the fields; None: blanks.
     decimal : "." or ",".
-    kinds : kind of each column: `NUMBER`, `STAMP`, `COMPLEX` or `TEXT`.
+    kinds
+        Kind of each column: `NUMBER`, `STAMP`, `COMPLEX` or `TEXT`.
     """
 
     separator: str | None

@@ -208,9 +208,10 @@ def _force(scene):
 
 
 def _with_spring(name, scene, keys, force, added=(), left_out=(), others=None):
-    """A variant with other coefficients, of which some powers become free and some do not stay so.
+    """(name, scene, keys) of a variant whose spring has these coefficients.
 
-    `others` are further changes of the scene.
+    The powers `added` become free, and those of `left_out` are no longer free. `others` are further
+    changes of the scene.
     """
     short = {"oscillator.linear_stiffness": 1, "oscillator.cubic_stiffness": 3}
     keys = [FORCE.format(short[key]) if key in short else key for key in keys]

@@ -228,7 +228,7 @@ def _fitted_lines(scene, times, steady, keys, sizes, warm):
 
 
 def _line_responses(scene, in_time, steady, keys, length, aside):
-    """The experiments of a fit, or with the lines that are kept aside."""
+    """Responses of the records and of each steady record's lines: fitted ones, or those aside."""
     experiments = [
         SteadyExperiment(record.part(record.aside == aside), scene.replace(record.changes))
         for record in steady

@@ -245,8 +245,8 @@ def covariance_of_scores(
     drawn = without_states(_drawn(shooting, fit, number), table[..., p : p + 3], cuts)
     of_base, of_outputs = _sizes(table[..., -1], drawn)
     scores = np.einsum("noi,nod->id", columns, drawn)
-    covariance = of_base / drawn.shape[-1] * scores @ scores.T
-    return covariance + np.einsum("o,noi,noj->ij", of_outputs, columns, columns)
+    from_base = of_base / drawn.shape[-1] * scores @ scores.T
+    return from_base + np.einsum("o,noi,noj->ij", of_outputs, columns, columns)
 
 
 def _drawn(shooting, fit, number):

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, ClassVar
+from typing import Any, ClassVar
 
 import numpy as np
 
@@ -15,9 +15,6 @@ from harvester.identification.shooting import Shooting, ShootingFit
 from harvester.identification.steady_response import NO_STATES, SteadyResponses
 from harvester.scene.units import load_resistance
 from harvester.statistics.estimate import Estimate
-
-if TYPE_CHECKING:
-    pass
 
 # Number of blocks of a stretch; the scatter of their means gives an error bar.
 BLOCKS = 12

@@ -33,10 +33,14 @@ class Energies(NamedTuple):
 
     Attributes
     ----------
-    input : put in by the base.
-    stored : gained by mass, spring, contacts and transducer.
-    damper, contacts, transducer : lost there.
-    delivered : out of the terminals.
+    input
+        Put in by the base.
+    stored
+        Gained by mass, spring, contacts and transducer.
+    damper, contacts, transducer
+        Lost there.
+    delivered
+        Out of the terminals.
     """
 
     input: float

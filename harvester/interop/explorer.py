@@ -107,7 +107,8 @@ class Explorer:
     ----------
     view : View
         The view at the last setting that could be shown.
-    picture : bytes
+    picture
+        Bytes
         The picture of the view as PNG.
     """
 

@@ -64,8 +64,8 @@ def write(
         raise HarvesterError(
             f"--as {kind}: no such kind{nearest(kind, FORMATS)}; there are {', '.join(FORMATS)}"
         )
-    module, name = FORMATS[kind]
-    writer = getattr(importlib.import_module(f"harvester.interop.{module}"), name)
+    module, function = FORMATS[kind]
+    writer = getattr(importlib.import_module(f"harvester.interop.{module}"), function)
     arguments = {name: value for name, value in options.items() if value is not None}
     parameters = inspect.signature(writer).parameters
     for name in arguments:

@@ -36,15 +36,22 @@ class Attractor:
     Attributes
     ----------
     name : A, B, … in the order of their shares, or one of `UNSTEADY`.
-    period : of the motion in periods of the excitation; None if it does not repeat itself.
-    periodic_drive : whether the excitation has a period; else motions are those that meet.
-    starts, share : number of starts that settled on it, and their share of all starts.
-    share_error : standard error of the share, if starts are drawn at random.
-    quantities : of a periodic motion power, voltage and displacement over whole cycles of the start
+    period
+        Of the motion in periods of the excitation; None if it does not repeat itself.
+    periodic_drive
+        Whether the excitation has a period; else motions are those that meet.
+    starts, share
+        Number of starts that settled on it, and their share of all starts.
+    share_error
+        Standard error of the share, if starts are drawn at random.
+    quantities
+        Of a periodic motion power, voltage and displacement over whole cycles of the start
         that converged best, and the others of its starts that had settled before the measurement;
         else means of its starts alone. Empty for what is no steady motion.
-    points : displacement and velocity at the beginnings of the excitation's periods; shape (n, 2).
-    lyapunov : the largest Lyapunov exponent (1/s) of a motion without a period; None where it was
+    points
+        Displacement and velocity at the beginnings of the excitation's periods; shape (n, 2).
+    lyapunov
+        The largest Lyapunov exponent (1/s) of a motion without a period; None where it was
         not looked for or no neighbours could be followed.
     """
 

@@ -6,6 +6,7 @@ import json
 import math
 from typing import TYPE_CHECKING, Any
 
+from harvester.base.formatting import quantity
 from harvester.device import timescales
 from harvester.scene.prepared import prepared
 from harvester.scene.units import rest_stiffness
@@ -20,8 +21,6 @@ def device_line(scene: Scene) -> tuple[str, ...]:
     Frequency and quality factor are those of mass, spring and damper alone (a shorted piezo);
     k² = θ²/(K Cp) raises the frequency of the open piezo by √(1 + k²).
     """
-    from harvester.base.formatting import quantity
-
     if scene.units != "SI" or scene.excitation.prescribes_displacement:
         return ()
     oscillator = scene.oscillator
@@ -50,8 +49,6 @@ def device_line(scene: Scene) -> tuple[str, ...]:
 
 def _wells(scene):
     """Texts on the wells of a device that has several, and on the barriers out of them."""
-    from harvester.base.formatting import quantity
-
     ready = prepared(scene)
     wells = sorted(timescales.wells(ready.system))
     if len(wells) < 2:

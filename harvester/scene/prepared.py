@@ -26,11 +26,16 @@ class Prepared:
 
     Attributes
     ----------
-    scene : the scene as the caller gave it.
-    system : the device in scaled form (Eqs. 3–6).
-    scales : factors from scaled values to the scene's units.
-    setting : mass, length unit and load, which the transducer's equations need.
-    excitation_unit : the base's acceleration for one unit of η, in the scene's units.
+    scene
+        The scene as the caller gave it.
+    system
+        The device in scaled form (Eqs. 3–6).
+    scales
+        Factors from scaled values to the scene's units.
+    setting
+        Mass, length unit and load, which the transducer's equations need.
+    excitation_unit
+        The base's acceleration for one unit of η, in the scene's units.
     """
 
     scene: Scene

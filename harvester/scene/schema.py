@@ -137,8 +137,8 @@ def check_tables(
 
     `tables`: the scene as read from TOML: top-level keys and tables. `kinds`: keys of the tables
     whose `kind` decides which keys they have: {table: {kind: class with KEYS}}. Raises SceneError
-    for unknown, missing or misplaced key, wrong type, value out of range. The
-    copy has numbers as float or int.
+    for an unknown, missing or misplaced key, a wrong type or a value out of range. Numbers of the
+    copy are float or int.
     """
     for name in {*tables} - {*TOP, *OTHER_KEYS}:
         # Another package's transducer is looked up by the name of its table.

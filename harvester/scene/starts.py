@@ -32,9 +32,12 @@ class EnergyRange(NamedTuple):
 
     Attributes
     ----------
-    highest : energy per mass.
-    low, high : displacements between which U(X) is below it.
-    speed : greatest |X'| in it.
+    highest
+        Energy per mass.
+    low, high
+        Displacements between which U(X) is below it.
+    speed
+        Greatest |X'| in it.
     """
 
     highest: float

@@ -111,7 +111,7 @@ def resolving(scene: Scene) -> Scene:
 def steps_per_sample(
     ready: Prepared, step: str | float = "default", engine: str = "circuit"
 ) -> int:
-    """Steps of an engine between two knots of the noise, away from the stoppers.
+    """Steps of an engine between two samples of the noise, away from the stoppers.
 
     `step`: a name in `STEP_LEVELS`, or the longest step in s. `engine`: a key of
     `STEPS_PER_PERIOD`. Raises HarvesterError for a step so short that no run of it ends.

@@ -56,9 +56,12 @@ class Group:
 
     Attributes
     ----------
-    period : in forcing periods; None of a motion that does not repeat itself.
-    members : numbers of the starts, ascending.
-    points : its stroboscopic section, X, X' and the transducer's state, scaled; shape (period or
+    period
+        In forcing periods; None of a motion that does not repeat itself.
+    members
+        Numbers of the starts, ascending.
+    points
+        Its stroboscopic section, X, X' and the transducer's state, scaled; shape (period or
         samples, 3); of a motion without a period the samples of all members, at most some thousand.
     """
 

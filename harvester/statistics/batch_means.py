@@ -47,7 +47,7 @@ KNOTS_PER_BATCH = 8
 # A standard error of at most this share of its ratio is rounding in the sums, and taken for zero.
 ROUNDING_SHARE = 1e-12
 # Knots of the noise between two samples of a histogram, about ten samples per period of the motion.
-KNOTS_PER_SAMPLE = 4
+KNOTS_PER_HISTOGRAM_SAMPLE = 4
 
 
 def batch_counts(realizations: int, knots: float, one_path: bool = False) -> tuple[int, int]:

@@ -27,11 +27,13 @@ class Estimate:
     Attributes
     ----------
     standard_error : None when the run is too short for one.
-    effective_sample_size : independent samples, of a rate independent events, that would give this
+    effective_sample_size
+        Independent samples, of a rate independent events, that would give this
         error; None where the variance of what is averaged is not kept: ratios of a load's powers,
         what changes.
     dimension : "voltage^2", "power", "1", "rate", …
-    note : why there is no error bar; empty otherwise.
+    note
+        Why there is no error bar; empty otherwise.
     """
 
     estimate: float

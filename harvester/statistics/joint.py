@@ -19,10 +19,14 @@ class JointHistogram:
 
     Attributes
     ----------
-    start, interval : begin of the measured time, and time between samples (s).
-    counts : by displacement (rows) and velocity (columns), shape (BINS, BINS).
-    bin_widths : powers of two, doubled whenever a value falls outside.
-    latest : time, displacement and velocity of the latest point.
+    start, interval
+        Begin of the measured time, and time between samples (s).
+    counts
+        By displacement (rows) and velocity (columns), shape (BINS, BINS).
+    bin_widths
+        Powers of two, doubled whenever a value falls outside.
+    latest
+        Time, displacement and velocity of the latest point.
     """
 
     start: float

@@ -21,9 +21,12 @@ class JointDensity:
 
     Attributes
     ----------
-    displacement, velocity : centres of the bins, or nodes; shapes (n,) and (m,).
-    density : shape (n, m).
-    standard_error : among realizations, shape (n, m); None where there are too few or none.
+    displacement, velocity
+        Centres of the bins, or nodes; shapes (n,) and (m,).
+    density
+        Shape (n, m).
+    standard_error
+        Among realizations, shape (n, m); None where there are too few or none.
     """
 
     displacement: np.ndarray

@@ -23,16 +23,24 @@ class Jumps:
     Attributes
     ----------
     start, batch_length : as in `harvester.statistics.moments.Moments` (s).
-    saddles : their displacements, ascending; wells are counted from the left.
-    limits : largest ½X'² + U(X) in the core of each well, scaled.
-    ends : displacements between which all cores lie.
-    energies : U(X) at evenly spaced displacements from the first to the second.
-    times : time for which each well was the last one reached (s); last, that before `start`; shape
+    saddles
+        Their displacements, ascending; wells are counted from the left.
+    limits
+        Largest ½X'² + U(X) in the core of each well, scaled.
+    ends
+        Displacements between which all cores lie.
+    energies
+        U(X) at evenly spaced displacements from the first to the second.
+    times
+        Time for which each well was the last one reached (s); last, that before `start`; shape
         (batches + 1, wells).
-    counts : jumps from one well (row) to another (column); last, those before `start`; shape
+    counts
+        Jumps from one well (row) to another (column); last, those before `start`; shape
         (batches + 1, wells, wells).
-    well : the last one reached; −1 before the first.
-    time : of the latest point (s).
+    well
+        The last one reached; −1 before the first.
+    time
+        Of the latest point (s).
     """
 
     start: float

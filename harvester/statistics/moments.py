@@ -56,25 +56,42 @@ class Moments:
 
     Attributes
     ----------
-    start, batch_length : beginning of the first batch and length of each (s).
-    free : displacements between which no contact acts, to count impacts.
-    saddles : displacements that part the wells, ascending, to count crossings.
-    integrals : shape (batches, len(QUANTITIES) or more).
-    products : shape (len(PRODUCTS),).
-    histograms : samples in each bin of displacement, velocity, voltage; bins symmetric about 0;
+    start, batch_length
+        Beginning of the first batch and length of each (s).
+    free
+        Displacements between which no contact acts, to count impacts.
+    saddles
+        Displacements that part the wells, ascending, to count crossings.
+    integrals
+        Shape (batches, len(QUANTITIES) or more).
+    products
+        Shape (len(PRODUCTS),).
+    histograms
+        Samples in each bin of displacement, velocity, voltage; bins symmetric about 0;
         shape (groups, 3, BINS).
-    sample_interval : time between the histograms' samples (s), which are taken at regular times:
+    sample_interval
+        Time between the histograms' samples (s), which are taken at regular times:
         an engine's own points crowd where contact begins.
-    bin_widths : powers of two, doubled whenever a value falls outside.
-    first, last : the first measured and the latest point, in `Record`'s order.
-    points : accepted points, those before `start` included.
-    output : moments of the load's output side and of what its stores hold, where it has them.
-    jumps : between wells, where there are several.
-    strain : of the layers, for a scene with a drawing; `StrainWatch` adds to it.
-    step : longest step (s), where the run chose it; None: the engine's.
-    step_error : relative change of the energies from a run with steps twice as long, if made.
-    note : the option of ngspice with which the run converged, where another one failed first.
-    spread : relative standard error of the energies among runs whose excitation differs by what the
+    bin_widths
+        Powers of two, doubled whenever a value falls outside.
+    first, last
+        The first measured and the latest point, in `Record`'s order.
+    points
+        Accepted points, those before `start` included.
+    output
+        Moments of the load's output side and of what its stores hold, where it has them.
+    jumps
+        Between wells, where there are several.
+    strain
+        Of the layers, for a scene with a drawing; `StrainWatch` adds to it.
+    step
+        Longest step (s), where the run chose it; None: the engine's.
+    step_error
+        Relative change of the energies from a run with steps twice as long, if made.
+    note
+        What the run changed to converge, or could not find out; may be empty.
+    spread
+        Relative standard error of the energies among runs whose excitation differs by what the
         steps may cost, of one nonlinear device under one record; 0 where none were made.
     """
 

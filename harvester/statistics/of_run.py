@@ -77,15 +77,24 @@ class RunEstimates:
 
     Attributes
     ----------
-    whole : all estimates, each with its error bar.
-    shortfalls : the relaxations for which the run was too short.
-    step_error : share of a power that the steps may cost.
-    path_error : share by which the steps may change the means of one deterministic path.
-    residual : of the energy balance, as a share of the energy put in.
-    notes : on sources in the load, efficiencies above 1 and the shortfalls.
-    moments : weighted by `harvester.statistics.well_balance` where wells differ.
-    error : the error of a mean from batches of these.
-    balance : of the jumps between wells, where these differ; else None.
+    whole
+        All estimates, each with its error bar.
+    shortfalls
+        The relaxations for which the run was too short.
+    step_error
+        Share of a power that the steps may cost.
+    path_error
+        Share by which the steps may change the means of one deterministic path.
+    residual
+        Of the energy balance, as a share of the energy put in.
+    notes
+        On sources in the load, efficiencies above 1 and the shortfalls.
+    moments
+        Weighted by `harvester.statistics.well_balance` where wells differ.
+    error
+        The error of a mean from batches of these.
+    balance
+        Of the jumps between wells, where these differ; else None.
     """
 
     whole: dict[str, Estimate]
@@ -124,8 +133,8 @@ def run_estimates(
             f"{scene.name}: run.duration = {scene.run.duration:g}: no whole step lies in it; "
             "raise it to some periods of the motion"
         )
-    step_error = max(step_error, *(realization.step_error for realization in moments))
-    spread = max(realization.spread for realization in moments)
+    step_error = max(step_error, *(m.step_error for m in moments))
+    spread = max(m.spread for m in moments)
     path_error = math.hypot(step_error, spread)
     balance = well_balance(scene, system, moments)
     balanced = weighted(moments, balance)
@@ -208,7 +217,7 @@ def correlation_time(ready: Prepared, moments: Sequence[Moments]) -> float:
     ∫S² df/(2 (∫S df)²). S is the excitation's density through a resonance with the rate at which
     the run lost its energy; 0 where that rate is not positive.
     """
-    sums = sum(realization.integrals.sum(axis=0) for realization in moments)
+    sums = sum(m.integrals.sum(axis=0) for m in moments)
     lost = sum(sums[QUANTITIES.index(name)] for name in LOSSES)
     square = sums[QUANTITIES.index("square_velocity")]
     if not lost > 0.0 or not square > 0.0:

@@ -34,19 +34,30 @@ class OutputMoments:
     Attributes
     ----------
     start, batch_length : as in `harvester.statistics.moments.Moments` (s).
-    integrals : shape (batches, len(QUANTITIES)).
-    rows : kind and name of each measure of the load, then of each level.
-    measured : powers, energies and conditions, scaled; levels in V and A, without rises and falls;
+    integrals
+        Shape (batches, len(QUANTITIES)).
+    rows
+        Kind and name of each measure of the load, then of each level.
+    measured
+        Powers, energies and conditions, scaled; levels in V and A, without rises and falls;
         shape (batches, len(rows), len(MEASURED)).
-    stored : change of the energy in the load's capacitors and coils in each batch, scaled.
-    first : when each measure was first above 0, settling included (s); nan: never, or a level.
-    latest : values of these rows at the latest point.
-    passages : when the voltage's size first reached each of LEVELS, as `first`; nan: never.
-    lowest, highest : extremes of the voltage in the measured time.
-    conductance, capacitance : sums over the resistors and capacitors across the output, scaled:
+    stored
+        Change of the energy in the load's capacitors and coils in each batch, scaled.
+    first
+        When each measure was first above 0, settling included (s); nan: never, or a level.
+    latest
+        Values of these rows at the latest point.
+    passages
+        When the voltage's size first reached each of LEVELS, as `first`; nan: never.
+    lowest, highest
+        Extremes of the voltage in the measured time.
+    conductance, capacitance
+        Sums over the resistors and capacitors across the output, scaled:
         power is conductance voltage², energy ½ capacitance voltage². nan before the run's end.
-    time, voltage : of the latest point.
-    has_output : whether the load has an output; else its levels alone are meant.
+    time, voltage
+        Of the latest point.
+    has_output
+        Whether the load has an output; else its levels alone are meant.
     """
 
     start: float

@@ -107,7 +107,10 @@ def output_ratio(moments: Sequence[Any], name: str) -> tuple[np.ndarray, np.ndar
     consumed, stored = _used_and_stored(moments, output)
     delivered = sum(supplied(moments).values(), np.zeros_like(time))
     lost = load + delivered - consumed - stored
-    consumed, harvested = _without(consumed, delivered), _without(consumed + stored, delivered)
+    consumed, harvested = (
+        without_supplies(consumed, delivered),
+        without_supplies(consumed + stored, delivered),
+    )
     return {
         "mean_output_power": (consumed, time),
         "mean_storage_power": (stored, time),
@@ -132,7 +135,7 @@ def supplied(moments: Sequence[Any]) -> dict[str, np.ndarray]:
     }
 
 
-def _without(energy, given):
+def without_supplies(energy, given):
     """An energy less what sources deliver; 0 where they deliver more, as the rest is lost."""
     if given.any() and energy.sum() < (1.0 + LEAST_SUPPLY) * given.sum():
         return np.zeros_like(energy)

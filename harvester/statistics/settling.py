@@ -75,9 +75,12 @@ class Shortfall:
 
     Attributes
     ----------
-    reason : in a few words, shown beside each estimate.
-    advice : the consequence, and the setting to change.
-    names : estimates that lose their error bar; None: all.
+    reason
+        In a few words, shown beside each estimate.
+    advice
+        The consequence, and the setting to change.
+    names
+        Estimates that lose their error bar; None: all.
     """
 
     reason: str

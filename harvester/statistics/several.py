@@ -54,9 +54,12 @@ class Tally(NamedTuple):
 
     Attributes
     ----------
-    rows : shape (blocks of eight, BLOCK).
-    wells : reached last; −1 before the first.
-    since : time (s) up to which the stay in that well has been added.
+    rows
+        Shape (blocks of eight, BLOCK).
+    wells
+        Reached last; −1 before the first.
+    since
+        Time (s) up to which the stay in that well has been added.
     """
 
     start: float

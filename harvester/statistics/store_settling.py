@@ -40,9 +40,12 @@ class StoreState:
     Attributes
     ----------
     name, where : as in `circuits.netlist.stores.Store`.
-    missing, error : distance from where it settles, as a share of what it holds; standard error.
-    time : relaxation time (s); nan where it could not be determined.
-    memory : time over which what it holds is remembered under noise (s).
+    missing, error
+        Distance from where it settles, as a share of what it holds; standard error.
+    time
+        Relaxation time (s); nan where it could not be determined.
+    memory
+        Time over which what it holds is remembered under noise (s).
     """
 
     name: str

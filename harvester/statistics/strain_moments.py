@@ -24,9 +24,12 @@ class StrainMoments:
     Attributes
     ----------
     rows : strain and stress (Pa) for each scaled displacement and voltage.
-    squares : time, and time integrals of the strain's and the stress's square; shape (batches, 3).
-    peaks : greatest magnitude of strain and stress; shape (batches, 2).
-    damage : share of the life that the cycles which end in each batch take; None without a line of
+    squares
+        Time, and time integrals of the strain's and the stress's square; shape (batches, 3).
+    peaks
+        Greatest magnitude of strain and stress; shape (batches, 2).
+    damage
+        Share of the life that the cycles which end in each batch take; None without a line of
         Basquin, and before the realization's end.
     """
 

@@ -40,19 +40,28 @@ class WellBalance:
 
     Attributes
     ----------
-    counts : jumps from one well (row) to another, of all realizations, those before `run.settle`
+    counts
+        Jumps from one well (row) to another, of all realizations, those before `run.settle`
         included; shape (wells, wells).
-    times : time for which each well was the last one reached (s), by the same count.
-    shares : stationary shares of time by the rates; None where too few wells were reached or left.
-    exchange_time : the slowest time in which the wells forget which one was begun in (s).
-    weights : with mean 1, with which the mean of `features` is `balanced`; shape (realizations,
+    times
+        Time for which each well was the last one reached (s), by the same count.
+    shares
+        Stationary shares of time by the rates; None where too few wells were reached or left.
+    exchange_time
+        The slowest time in which the wells forget which one was begun in (s).
+    weights
+        With mean 1, with which the mean of `features` is `balanced`; shape (realizations,
         batches).
-    features : each batch's share of time in each well and its jumps per second, kind by kind;
+    features
+        Each batch's share of time in each well and its jumps per second, kind by kind;
         shape (realizations, batches, wells + kinds of jumps).
-    balanced : stationary means of the features, from the jump rates.
-    innovations : how far `balanced` lies off by each batch's jumps, more or less than the rates
+    balanced
+        Stationary means of the features, from the jump rates.
+    innovations
+        How far `balanced` lies off by each batch's jumps, more or less than the rates
         expect, were all batches like it; as `features`.
-    changes : how far `balanced` changes by one jump more from the first well to the second; shape
+    changes
+        How far `balanced` changes by one jump more from the first well to the second; shape
         (wells, wells, wells + kinds of jumps).
     """
 

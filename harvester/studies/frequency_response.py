@@ -35,6 +35,7 @@ from harvester.scene.paths import start_state
 from harvester.scene.prepared import prepared
 from harvester.scene.steps import knot_spacing
 from harvester.scene.units import Scales
+from harvester.statistics.output_side import LEAST_SUPPLY, without_supplies
 from harvester.statistics.range_watch import with_range_watch
 from harvester.statistics.transient import transient_time
 from harvester.statistics.units import SI_UNITS
@@ -81,12 +82,18 @@ class FrequencySweep:
     Attributes
     ----------
     direction : "up" or "down".
-    displacement_amplitude : half of the distance between the extremes of X, relative to the base.
-    rms_voltage, mean_power : means over whole periods.
-    absolute_amplitude : the same as of X, of the mass in space.
-    peak_voltage, peak_power : the greatest |V| and power into the load.
-    mean_output_voltage, mean_output_power : at the load's output; nan without one.
-    residual : share by which the mean-square voltage changes from the first half of the measured
+    displacement_amplitude
+        Half of the distance between the extremes of X, relative to the base.
+    rms_voltage, mean_power
+        Means over whole periods.
+    absolute_amplitude
+        The same as of X, of the mass in space.
+    peak_voltage, peak_power
+        The greatest |V| and power into the load.
+    mean_output_voltage, mean_output_power
+        At the load's output; nan without one.
+    residual
+        Share by which the mean-square voltage changes from the first half of the measured
         periods to the second: a transient that is left, or a motion without period. With a store
         slower than `MOST_PERIODS` the share that is missing; above `NOTED_RESIDUAL` the store
         still charges, and the other quantities are nan.
@@ -110,13 +117,18 @@ class FrequencyResponse:
 
     Attributes
     ----------
-    scene : scene with a sine, whose own frequency is not used.
+    scene
+        Scene with a sine, whose own frequency is not used.
     frequencies : ndarray, shape (n,)
         Hz, rising.
-    sweeps : up, and down where asked for, both in the order of `frequencies`.
-    dwell : time at each frequency (s).
-    seconds : processor time of simulation (s), both directions.
-    shown : quantities of the table and the figure; all there are stand in the JSON.
+    sweeps
+        Up, and down where asked for, both in the order of `frequencies`.
+    dwell
+        Time at each frequency (s).
+    seconds
+        Processor time of simulation (s), both directions.
+    shown
+        Quantities of the table and the figure; all there are stand in the JSON.
     per_g : bool
         Whether all values are for a base acceleration of 1 g: amplitudes and voltages over the
         excitation's amplitude in g, powers over its square.
@@ -465,8 +477,9 @@ def _output_means(times, outputs, stop, measured, conductance):
     mean = _integrals(times, voltage, ends) / measured
     power = _integrals(times, conductance * voltage**2 + used, ends) / measured
     means = (_integrals(times, source, ends)[0] / measured for source in sources)
-    supplied = -sum(min(taken, 0.0) for taken in means)
-    return float(mean[0]), float(max(power[0] - supplied, 0.0) if supplied else power[0])
+    least = LEAST_SUPPLY * abs(power[0])
+    supplied = np.array([sum(-taken for taken in means if -taken > least)])
+    return float(mean[0]), float(without_supplies(power, supplied)[0])
 
 
 def _peak(times, values):

@@ -34,8 +34,10 @@ class GridPoint:
 
     Attributes
     ----------
-    load : the load's label.
-    place : value of each sweep.
+    load
+        The load's label.
+    place
+        Value of each sweep.
     """
 
     load: str
@@ -49,10 +51,14 @@ class Grid:
 
     Attributes
     ----------
-    scene : the scene, with one knot spacing for all points.
-    loads : labels.
-    sweeps : keys to values.
-    points : loads first, the last sweep fastest.
+    scene
+        The scene, with one knot spacing for all points.
+    loads
+        Labels.
+    sweeps
+        Keys to values.
+    points
+        Loads first, the last sweep fastest.
     """
 
     scene: Scene
@@ -83,7 +89,8 @@ def make_grid(
 
     Parameters
     ----------
-    loads : names in netlists/ or paths; empty: the scene's own.
+    loads
+        Names in netlists/ or paths; empty: the scene's own.
     sweeps : "table.key" to values.
     argument : str
         Name of the caller's argument, for messages: "sweeps", of numbers of the device, its load

@@ -218,8 +218,10 @@ def profile(
     Parameters
     ----------
     frequencies, density : ndarray, shape (n,)
-    breakpoints : largest number of breakpoints.
-    resolution : bandwidth of the density (Hz).
+    breakpoints
+        Largest number of breakpoints.
+    resolution
+        Bandwidth of the density (Hz).
 
     Returns
     -------
@@ -283,13 +285,17 @@ class SpectrumAnalysis:
 
     Attributes
     ----------
-    scene : whose excitation it is, or whose device is looked at.
+    scene
+        Whose excitation it is, or whose device is looked at.
     units : "SI" or "scaled".
     frequencies, density : ndarray, shape (n,)
         Hz, and one-sided density in (m/s²)²/Hz, or of η in a scaled scene.
-    resolution : bandwidth of the density (Hz).
-    segments : half overlapping ones, by Hann's window.
-    duration : of the record, or of the realization (s).
+    resolution
+        Bandwidth of the density (Hz).
+    segments
+        Half overlapping ones, by Hann's window.
+    duration
+        Of the record, or of the realization (s).
     moments : ndarray, shape (stretches, 4)
         Mean of each power, 1 to 4, in stretches of equal length.
     profile : ndarray, shape (m, 2)
@@ -297,7 +303,8 @@ class SpectrumAnalysis:
     departure : tuple of float
         Frequency (Hz) of the device of Q = 100 whose power departs most by the breakpoints, and the
         share.
-    resolved_from : lowest frequency at which the profile resolves a device of Q = 100 (Hz).
+    resolved_from
+        Lowest frequency at which the profile resolves a device of Q = 100 (Hz).
     """
 
     name: str

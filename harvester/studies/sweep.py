@@ -47,8 +47,10 @@ class Cell:
     Attributes
     ----------
     outcome : "complete", or what went wrong.
-    estimates : estimates in the scene's units.
-    orbits : the orbits that starts reached without noise, the followed one first.
+    estimates
+        Estimates in the scene's units.
+    orbits
+        The orbits that starts reached without noise, the followed one first.
     """
 
     method: str
@@ -64,12 +66,19 @@ class Sweep(Tabular):
 
     Attributes
     ----------
-    scene : the scene, with one knot spacing for all places.
-    values : keys that were varied, and their values; of a load study also the names of loads.
-    methods, quantities : the quantities that the tables show; `cells` hold all there are.
+    scene
+        The scene, with one knot spacing for all places.
+    values
+        Keys that were varied, and their values; of a load study also the names of loads.
+    methods
+        Names of the methods, the last axis of `cells`.
+    quantities
+        The quantities that the tables show; `cells` hold all there are.
     cells : array of shape (values of each key …, methods).
-    out_of_time : the time budget ended it: the same call with `output` goes on.
-    seconds : wall-clock, of this call.
+    out_of_time
+        The time budget ended it: the same call with `output` goes on.
+    seconds
+        Wall-clock, of this call.
     """
 
     scene: Scene

@@ -431,8 +431,8 @@ FAULTS = [
     Fault(
         "measures: half of what is stored is harvested",
         "harvester/statistics/output_side.py",
-        "_without(consumed + stored, delivered)",
-        "_without(consumed + 0.5 * stored, delivered)",
+        "without_supplies(consumed + stored, delivered)",
+        "without_supplies(consumed + 0.5 * stored, delivered)",
         ("harvester/statistics/test_output_moments.py", "circuits/netlist/test_supplies.py"),
     ),
     Fault(

@@ -41,13 +41,20 @@ class Piezoceramic(NamedTuple):
 
     Attributes
     ----------
-    modulus : 1/s11 at constant field (Pa).
-    density : kg/m³
-    d31 : m/V; of layers with the field along the beam d33 in its place.
-    permittivity : over that of vacuum, at constant strain along the beam.
-    source : where the values stand.
-    strain_limit, limit_source : greatest strain that it bears in vibration, and where that stands.
-    thickness : of a layer sold in one thickness, for whose whole package the values hold (m).
+    modulus
+        1/s11 at constant field (Pa).
+    density
+        Kg/m³
+    d31
+        M/V; of layers with the field along the beam d33 in its place.
+    permittivity
+        Over that of vacuum, at constant strain along the beam.
+    source
+        Where the values stand.
+    strain_limit, limit_source
+        Greatest strain that it bears in vibration, and where that stands.
+    thickness
+        Of a layer sold in one thickness, for whose whole package the values hold (m).
     """
 
     modulus: float

@@ -43,11 +43,16 @@ class Mode(NamedTuple):
 
     Attributes
     ----------
-    angular_frequency : rad/s, electrodes short-circuited.
-    tip, tip_slope : φ(L), φ'(L).
-    forcing : γ = ∫ m φ + M_t φ(L) + M_t o φ'(L).
-    coupling : χ = ∫ ϑ φ'' (N m/V by the mode's slope).
-    curvatures : φ'' at the beginning and the end of each piece.
+    angular_frequency
+        Rad/s, electrodes short-circuited.
+    tip, tip_slope
+        Φ(L), φ'(L).
+    forcing
+        Γ = ∫ m φ + M_t φ(L) + M_t o φ'(L).
+    coupling
+        Χ = ∫ ϑ φ'' (N m/V by the mode's slope).
+    curvatures
+        Φ'' at the beginning and the end of each piece.
     """
 
     angular_frequency: float

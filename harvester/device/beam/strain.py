@@ -19,12 +19,15 @@ class FibreStrain(NamedTuple):
 
     Attributes
     ----------
-    position : from the clamp (m).
+    position
+        From the clamp (m).
     per_displacement : strain for each metre of the tip (1/m).
     per_volt : strain of the modes left out for each volt (1/V).
-    per_acceleration : the same for each m/s² of the base (s²/m).
+    per_acceleration
+        The same for each m/s² of the base (s²/m).
     modulus : stress for each strain, electrodes short-circuited (Pa).
-    stress_per_volt : what a layer's field adds to the stress (Pa/V).
+    stress_per_volt
+        What a layer's field adds to the stress (Pa/V).
     """
 
     position: float

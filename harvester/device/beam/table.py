@@ -179,16 +179,24 @@ class LumpedBeam(NamedTuple):
     Attributes
     ----------
     mass, stiffness, damping : M = 1/φ(L)², K = ω² M, C = 2 ζ ω M.
-    base_factor : μ = φ(L) γ.
-    coupling : θ = χ/φ(L).
+    base_factor
+        Μ = φ(L) γ.
+    coupling
+        Θ = χ/φ(L).
     material_capacitance : Cp of the layers, free to stretch the beam and kept from bending it.
-    rest_capacitance, rest_charge : what the modes left out add statically, Σ χr²/ωr² and
+    rest_capacitance, rest_charge
+        What the modes left out add statically, Σ χr²/ωr² and
         Σ χr γr/ωr² over r > 1: a capacitance, and a charge per acceleration of the base.
-    damping_ratio : ζ
-    tip_slope : φ'(L)/φ(L), the tip's rotation for a displacement (1/m).
-    curvatures : φ''/φ(L) at the beginning and the end of each piece (1/m²).
-    clamp_compliance : rotation of the clamp by a moment (rad/(N m)).
-    permittivity_factor : by which a measured capacitance changes the layer's permittivity.
+    damping_ratio
+        Ζ
+    tip_slope
+        Φ'(L)/φ(L), the tip's rotation for a displacement (1/m).
+    curvatures
+        Φ''/φ(L) at the beginning and the end of each piece (1/m²).
+    clamp_compliance
+        Rotation of the clamp by a moment (rad/(N m)).
+    permittivity_factor
+        By which a measured capacitance changes the layer's permittivity.
     """
 
     mass: float
@@ -241,8 +249,10 @@ class Section(NamedTuple):
     moment_per_volt : N m/V, of all layers.
     stretch_per_volt : strain of the neutral axis (1/V): a layer on one side also stretches the
         beam, and the parts of two layers cancel.
-    axial_capacitance : charge of this stretch for each volt and metre (F/m).
-    axis : its height above the substrate's middle (m).
+    axial_capacitance
+        Charge of this stretch for each volt and metre (F/m).
+    axis
+        Its height above the substrate's middle (m).
     """
 
     rigidity: float

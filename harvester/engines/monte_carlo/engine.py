@@ -124,7 +124,7 @@ def integrate(
     stop : float
         End time (s), rounded up to a whole number of knots.
     steps_per_sample, steps_per_contact : int
-        Steps between two knots where no contact asks for more; fewest in a contact.
+        Steps between two samples where no contact asks for more; fewest in a contact.
     scheme : str
         A name in `harvester.engines.monte_carlo.schemes.NAMED`.
     moments : sequence of Moments

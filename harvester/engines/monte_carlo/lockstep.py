@@ -58,11 +58,15 @@ class BatchWorkspace(NamedTuple):
 
     Attributes
     ----------
-    states, apart : all realizations, and copies of those stepped apart; shape (blocks of eight,
+    states, apart
+        All realizations, and copies of those stepped apart; shape (blocks of eight,
         ROWS · 8).
-    which : the realization that stands in each place of `apart`.
-    points : of each realization since it was last zero.
-    columns : the recorded points, shape (realizations, fields of `Record`, points); of length 0 if
+    which
+        The realization that stands in each place of `apart`.
+    points
+        Of each realization since it was last zero.
+    columns
+        The recorded points, shape (realizations, fields of `Record`, points); of length 0 if
         none are kept.
     """
 
@@ -127,7 +131,7 @@ def advance(
     first_knot : int
         Number of the first of these knots in the run.
     steps_per_sample, steps_per_contact : int
-        Steps between two knots, and fewest from the beginning of a contact to its end.
+        Steps between two samples, and fewest from the beginning of a contact to its end.
     tally : Tally
         Sums of the moments, added to.
     place : ndarray of int, changed

@@ -61,9 +61,12 @@ class Comparison:
 
     Attributes
     ----------
-    circuit, monte_carlo : results of both engines on the same noise paths.
-    closures : results of the closures that hold for the scene.
-    refused : closures that do not, with the reason.
+    circuit, monte_carlo
+        Results of both engines on the same noise paths.
+    closures
+        Results of the closures that hold for the scene.
+    refused
+        Closures that do not, with the reason.
     paired : dict of str to Estimate
         Circuit minus Monte Carlo as a share of Monte Carlo, with the error of the paired
         difference: the bias of the circuit's step.

@@ -24,9 +24,12 @@ class CurveOptimum:
 
     Attributes
     ----------
-    best : place of the highest point; None where no point has a value.
-    place : position of the maximum between the points; nan at an edge.
-    low, high : ends of the maximum's interval; nan where there is none.
+    best
+        Place of the highest point; None where no point has a value.
+    place
+        Position of the maximum between the points; nan at an edge.
+    low, high
+        Ends of the maximum's interval; nan where there is none.
     """
 
     best: int | None
@@ -57,8 +60,10 @@ def optimum_of(
 
     Parameters
     ----------
-    places : swept values, increasing; the fit uses their logarithms if all are > 0.
-    powers : nan where there is none.
+    places
+        Swept values, increasing; the fit uses their logarithms if all are > 0.
+    powers
+        Nan where there is none.
     series : sequence of (ndarray of shape (realizations, batches), or None)
         Powers batch by batch on common noise; None: without statistical error.
     """
@@ -114,8 +119,8 @@ def rank(
             shares = [runs / powers[k] for k in (better, worse) if (runs := series[k]) is not None]
             if shares:
                 error = error_of_sum((ratio, -ratio), shares)
-            standard_error = math.nan if error is None else error
-            differences.append(Difference(better, worse, ratio - 1.0, standard_error))
+            known_error = math.nan if error is None else error
+            differences.append(Difference(better, worse, ratio - 1.0, known_error))
     return order, differences
 
 

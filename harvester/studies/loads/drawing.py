@@ -122,21 +122,23 @@ def _curves(study, other, places, value):
     order = np.argsort(places)
     for k, colour, marker in zip(_loads(study), _colours(), cycle(MARKERS), strict=False):
         row = [study.curves[(k, *other)][index] for index in order]
-        means = [(index, mean) for index, e in zip(order, row, strict=True) if (mean := value(e))]
+        means = [
+            (index, mean, bool(evaluation.fed_by_store))
+            for index, evaluation in zip(order, row, strict=True)
+            if (mean := value(evaluation))
+        ]
         if not means:
             continue
-        errors = [mean.standard_error for _, mean in means]
-        fed = [bool(e.fed_by_store) for e in row if value(e)]
-        hollow = [error is None or drained for error, drained in zip(errors, fed, strict=True)]
+        errors = [mean.standard_error for _, mean, _ in means]
         series.append(
             Series(
-                x=[places[index] if study.curve_keys[0] else k for index, _ in means],
-                y=[mean.estimate for _, mean in means],
+                x=[places[index] if study.curve_keys[0] else k for index, _, _ in means],
+                y=[mean.estimate for _, mean, _ in means],
                 label=study.grid.loads[k],
                 colour=colour,
                 marker=marker,
                 bars=[0.0 if error is None else BARS * error for error in errors],
-                hollow=hollow,
+                hollow=[mean.standard_error is None or fed for _, mean, fed in means],
             )
         )
     return series

@@ -72,7 +72,8 @@ class Evaluation(Cell):
     power_error : float
         Standard error of the output power, nan where there is none, also where `estimates`
         withholds it for a run too short for what is slow.
-    waveform : beginning of the first realization, rows as in `Record`, in the scene's units.
+    waveform
+        Beginning of the first realization, rows as in `Record`, in the scene's units.
     """
 
     series: np.ndarray | None = field(default=None, repr=False)
@@ -112,7 +113,8 @@ def evaluating(
 
     Parameters
     ----------
-    method : engine or closure.
+    method
+        Engine or closure.
     version : see `harvester.engines.runner.Runner.version`.
     precision : float or None
         Relative error of the output power, what the steps may cost included; None: the scene's own
@@ -143,9 +145,12 @@ def _evaluate(scene, method, good, ended, cost=0.0):
 
     Parameters
     ----------
-    good : answers of its tasks, in the order of their realizations.
-    ended : the reason why later answers are missing; "" if all came.
-    cost : share of a power that the steps may cost; see `harvester.scene.steps.step_error`.
+    good
+        Answers of its tasks, in the order of their realizations.
+    ended
+        The reason why later answers are missing; "" if all came.
+    cost
+        Share of a power that the steps may cost; see `harvester.scene.steps.step_error`.
     """
     scales = prepared(scene).scales
     if not good:

@@ -43,8 +43,10 @@ class Proof:
 
     Attributes
     ----------
-    place : index of the point in the grid.
-    highest : whether it was chosen as its curve's highest point, and not drawn.
+    place
+        Index of the point in the grid.
+    highest
+        Whether it was chosen as its curve's highest point, and not drawn.
     difference : float
         (circuit − Monte Carlo)/Monte Carlo of the output power on the same noise; nan where it
         cannot be computed.
@@ -53,7 +55,8 @@ class Proof:
         is no difference.
     early_difference, early_standard_error : float
         The same over the first `PERIODS` periods from rest; nan where they cannot be computed.
-    trouble : the reason why a difference is missing (the settled part's first); "" if none is.
+    trouble
+        The reason why a difference is missing (the settled part's first); "" if none is.
     """
 
     place: int
@@ -117,7 +120,8 @@ def proving(
     ----------
     place, highest
         As in `Proof`.
-    scene : the scene of the point.
+    scene
+        The scene of the point.
     first, judge : Monte Carlo and the circuit, each with its version, see `Runner.version`.
     """
     settled, early, costs = [], [], []

@@ -63,11 +63,16 @@ class LoadStudy(Tabular):
     Attributes
     ----------
     method : "judged", an engine or a closure.
-    version : version of the program that computed.
-    evaluations : evaluations of the points, in the order of `grid.points`.
-    proofs : comparisons with the circuit, at the points that were chosen for it.
-    out_of_time : the time budget ended it: the same call again goes on.
-    computed, reused : tasks.
+    version
+        Version of the program that computed.
+    evaluations
+        Evaluations of the points, in the order of `grid.points`.
+    proofs
+        Comparisons with the circuit, at the points that were chosen for it.
+    out_of_time
+        The time budget ended it: the same call again goes on.
+    computed, reused
+        Tasks.
     warnings : tuple of str
         Warnings: stored answers that are not valid, outcomes not kept, a folder that cannot be
         locked.

@@ -82,12 +82,14 @@ class OptimalParameter:
 
     Attributes
     ----------
-    standard_error : standard error of the place, where a curve was fitted for it.
+    standard_error
+        Standard error of the place, where a curve was fitted for it.
     flat_low, flat_high : float
         Range of this parameter, the others held, in which the quantity is not significantly more
         than 1 % below the maximum; nan where the runs are too short to decide, or it was not
         computed.
-    open_low, open_high : the range ends before the flat region does.
+    open_low, open_high
+        The range ends before the flat region does.
     """
 
     axis: Axis

@@ -35,7 +35,8 @@ class FlatSide:
     end : float
         Coordinate of the furthest place that is still flat; nan where the runs are too short for
         errors of differences.
-    is_open : it is the end of the range, or nothing was lost up to there.
+    is_open
+        It is the end of the range, or nothing was lost up to there.
     """
 
     end: float

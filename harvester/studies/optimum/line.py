@@ -272,18 +272,24 @@ class CubicFit:
 
     Attributes
     ----------
-    place, error : position of the maximum, and its error from noise.
+    place, error
+        Position of the maximum, and its error from noise.
     bias : float
         How far a spline through the values has its maximum from there, where values lie off the
         cubic beyond chance.
-    slope : slope at the middle of the window.
-    sloped, peaked : whether the slope, and the downward curvature, are beyond chance.
-    drop : fall from the maximum to the lower end, as a share of the maximum.
-    misfit : whether the deviation from the cubic matters and the window can be narrowed.
+    slope
+        Slope at the middle of the window.
+    sloped, peaked
+        Whether the slope, and the downward curvature, are beyond chance.
+    drop
+        Fall from the maximum to the lower end, as a share of the maximum.
+    misfit
+        Whether the deviation from the cubic matters and the window can be narrowed.
     flat_to : int
         −1 or 1, the end that the values do not surely fall to from the place nearest to the
         maximum; 0: they fall to both.
-    noisy_ends : whether longer runs could decide that.
+    noisy_ends
+        Whether longer runs could decide that.
     """
 
     def __init__(self, places: np.ndarray, answers: Sequence[Answer], quantity: str):

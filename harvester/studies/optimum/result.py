@@ -39,7 +39,8 @@ class Averaging:
     place, value : float or None
         Place and value of averaging's maximum; None (see the reason) if it refuses or has none
         inside.
-    value_at_simulated_place : averaging's value at the place that simulation found.
+    value_at_simulated_place
+        Averaging's value at the place that simulation found.
     """
 
     closure: str
@@ -58,16 +59,23 @@ class Optimum:
 
     Attributes
     ----------
-    parameters : each with its place at the optimum.
-    value : value from a run at the place; over several parameters on noise of its own.
+    parameters
+        Each with its place at the optimum.
+    value
+        Value from a run at the place; over several parameters on noise of its own.
     searched : list of (dict, Estimate)
         Places and values: those that the last fit used; over several parameters those proposed,
         nan where a run failed.
-    averaging : over one parameter.
-    own : the value of the scene itself, over several parameters.
-    orbits : the orbits that drawn starts reach at the place without noise, the followed one first.
-    evaluations : runs in all, over several parameters.
-    seconds : wall-clock, of this call.
+    averaging
+        Over one parameter.
+    own
+        The value of the scene itself, over several parameters.
+    orbits
+        The orbits that drawn starts reach at the place without noise, the followed one first.
+    evaluations
+        Runs in all, over several parameters.
+    seconds
+        Wall-clock, of this call.
     """
 
     scene: Scene

@@ -52,8 +52,10 @@ class Basins:
         begins.
     orbit : ndarray of int, shape (m, n)
         Place in `orbits` of each start; −1: not followed.
-    orbits : the orbits, the one with the most starts first.
-    periods : least number of forcing periods that each start was followed.
+    orbits
+        The orbits, the one with the most starts first.
+    periods
+        Least number of forcing periods that each start was followed.
     """
 
     scene: Scene

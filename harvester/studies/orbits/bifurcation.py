@@ -60,8 +60,10 @@ class Jump:
 
     Attributes
     ----------
-    before, after : the last value on the old branch and the first on the new one.
-    power_before, power_after : mean powers on both sides of the jump, in the scene's units.
+    before, after
+        The last value on the old branch and the first on the new one.
+    power_before, power_after
+        Mean powers on both sides of the jump, in the scene's units.
     """
 
     direction: str
@@ -108,8 +110,10 @@ class Bifurcation:
     ----------
     values : ndarray, shape (n,)
         Rising.
-    branches : up, and down unless it was left out.
-    periods : number of forcing periods at each value before the samples.
+    branches
+        Up, and down unless it was left out.
+    periods
+        Number of forcing periods at each value before the samples.
     failures : "up at VALUE" to why the run failed.
     """
 
@@ -264,8 +268,10 @@ def climb(
         The engine's name, its step, and those of its options that differ from the defaults.
     start : list or None
         Displacement, velocity and the transducer's state in the scene's units; None: the scene's.
-    periods : before the samples.
-    longer : multiple of the periods for which a value without a period is followed further.
+    periods
+        Before the samples.
+    longer
+        Multiple of the periods for which a value without a period is followed further.
 
     Returns
     -------

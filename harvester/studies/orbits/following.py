@@ -66,9 +66,12 @@ class Orbit:
     ----------
     name : A, B, … in the order of their shares; of what is no steady motion its `kind`.
     kind : "period 3" or "chaotic", or of what is no steady motion one of `UNSTEADY`.
-    period : period of the motion in forcing periods; None if it does not repeat itself.
-    lyapunov : of a motion without a period: its largest Lyapunov exponent (1/s).
-    starts : number of starts that settled on it.
+    period
+        Period of the motion in forcing periods; None if it does not repeat itself.
+    lyapunov
+        Of a motion without a period: its largest Lyapunov exponent (1/s).
+    starts
+        Number of starts that settled on it.
     share, share_error : float
         Share of all starts, and its standard error as that of a random sample of the plane.
     mean_power, rms_voltage, rms_displacement : float

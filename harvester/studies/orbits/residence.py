@@ -57,17 +57,22 @@ class ResidenceTime:
 
     Attributes
     ----------
-    value : value of the key; None without one.
+    value
+        Value of the key; None without one.
     well : float
         Displacement at its bottom, in the scene's units; of two alike the one on the right, which
         stands for both.
     time, standard_error : float, float or None
         Mean time from reaching the well to reaching another (s); no error bar on fewer than
         `FEWEST_STAYS` stays. Infinite where it was never left.
-    stays : number of stays that ended.
-    watched : time in the well, of all realizations (s).
-    kramers : Kramers' time (s), where the formula holds.
-    reason : why it does not.
+    stays
+        Number of stays that ended.
+    watched
+        Time in the well, of all realizations (s).
+    kramers
+        Kramers' time (s), where the formula holds.
+    reason
+        Why it does not.
     longer_by_knots : float
         Share by which the band of white noise's knots lengthens the time: the density that it
         lacks at the well's frequency times the barrier in temperatures. It is up to twice that.
@@ -92,8 +97,10 @@ class Residence:
 
     Attributes
     ----------
-    key : the key that was varied.
-    stays : value by value, wells from the left to the right.
+    key
+        The key that was varied.
+    stays
+        Value by value, wells from the left to the right.
     """
 
     scene: Scene

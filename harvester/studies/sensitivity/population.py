@@ -34,7 +34,8 @@ class Yield:
     share : Interval
         Share without the effect of noise; its interval includes the choice of devices and the
         noise.
-    counted : the share as it is counted, noise and all.
+    counted
+        The share as it is counted, noise and all.
     """
 
     limit: float
@@ -66,8 +67,10 @@ def population(values: np.ndarray, variance: Interval, seed: int) -> Population:
     ----------
     values : ndarray, shape (replicates, rows, devices in a row)
         Rows are independent of each other.
-    variance : variance without noise, from `harvester.studies.sensitivity.sobol.indices`.
-    seed : seed of the resampling.
+    variance
+        Variance without noise, from `harvester.studies.sensitivity.sobol.indices`.
+    seed
+        Seed of the resampling.
     """
     means = values.mean(axis=0)
     centred = np.moveaxis(values - values.mean(), 2, 0)

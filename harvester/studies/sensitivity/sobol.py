@@ -54,8 +54,10 @@ class Indices:
     first, total : list of Interval, or None
         One for each parameter; None where the parameters' variance is not significantly above that
         of the noise.
-    variance : variance of the quantity among devices, without the noise.
-    noise_variance : variance of the mean of a device's replicates.
+    variance
+        Variance of the quantity among devices, without the noise.
+    noise_variance
+        Variance of the mean of a device's replicates.
     """
 
     first: list[Interval] | None
@@ -69,8 +71,10 @@ def design(rows: int, parameters: int, seed: int) -> np.ndarray:
 
     Parameters
     ----------
-    rows : a power of two.
-    seed : seed of the scrambling of Sobol's sequence.
+    rows
+        A power of two.
+    seed
+        Seed of the scrambling of Sobol's sequence.
 
     Returns
     -------
@@ -92,7 +96,8 @@ def indices(values: np.ndarray, seed: int) -> Indices:
     ----------
     values : ndarray, shape (replicates, rows, parameters + 2)
         Values: of one replicate if there is no noise, else of two or more.
-    seed : seed of the resampling.
+    seed
+        Seed of the resampling.
     """
     y = values - values[:, :, :2].mean()
     a, b, exchanged = y[:, :, 0], y[:, :, 1], np.moveaxis(y[:, :, 2:], 2, 0)

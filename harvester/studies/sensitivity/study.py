@@ -63,16 +63,20 @@ class Sensitivity:
 
     Attributes
     ----------
-    nominal : the quantity of the scene itself.
+    nominal
+        The quantity of the scene itself.
     effects : list of (Interval, Interval)
         For each parameter: change of the quantity's mean where the parameter is low and high (5 %
         and 95 % quantiles of the devices), averaged over the others.
     shares : ndarray, shape (rows, parameters + 2, parameters)
         The design; see `harvester.studies.sensitivity.sobol.design`.
     values : ndarray, shape (replicates, rows, parameters + 2)
-    failures : why rows were left out.
-    seconds : wall-clock, of this call.
-    notes : which orbit was followed, without noise.
+    failures
+        Why rows were left out.
+    seconds
+        Wall-clock, of this call.
+    notes
+        Which orbit was followed, without noise.
     """
 
     scene: Scene
@@ -106,9 +110,9 @@ class Sensitivity:
         for k in self.order():
             both = (self.indices.first, self.indices.total)
             index_values = [estimates[k] if estimates else NOT_KNOWN for estimates in both]
-            effects = [_signed(effect, self.population.mean.estimate) for effect in self.effects[k]]
+            effect_texts = [_signed(e, self.population.mean.estimate) for e in self.effects[k]]
             parameter = self.tolerances[k]
-            rows.append([parameter.key, str(parameter), *map(str, index_values), *effects])
+            rows.append([parameter.key, str(parameter), *map(str, index_values), *effect_texts])
         return header, rows
 
     def order(self) -> list:
@@ -345,9 +349,9 @@ def _draw_effects(axes, study, order):
     for end, (colour, label) in enumerate(
         zip(COLOURS, ("low: 5 % of devices are below", "high: 95 % are below"), strict=True)
     ):
-        effects = [study.effects[k][end] for k in order]
-        widths = 100.0 * np.array([effect.estimate for effect in effects]) / mean
-        ends = 100.0 * np.array([[effect.low, effect.high] for effect in effects]).T / mean
+        at_end = [study.effects[k][end] for k in order]
+        widths = 100.0 * np.array([effect.estimate for effect in at_end]) / mean
+        ends = 100.0 * np.array([[effect.low, effect.high] for effect in at_end]).T / mean
         # The two bars stand one above the other, since both may point the same way.
         heights = np.arange(len(order)) + (0.14, -0.14)[end]
         axes.barh(heights, widths, height=0.26, color=colour, label=label)

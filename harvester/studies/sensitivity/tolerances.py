@@ -41,8 +41,10 @@ class Tolerance:
     ----------
     key : "table.key" of the scene.
     kind : "uniform" or "normal".
-    first, second : ends of a uniform distribution; mean and standard deviation of a normal one.
-    low, high : limits that the key allows; a normal distribution is cut off there.
+    first, second
+        Ends of a uniform distribution; mean and standard deviation of a normal one.
+    low, high
+        Limits that the key allows; a normal distribution is cut off there.
     """
 
     key: str
@@ -137,7 +139,8 @@ class Direction:
 
     Attributes
     ----------
-    key : the parameter that it mostly moves, with its place among the axes.
+    key
+        The parameter that it mostly moves, with its place among the axes.
     centre, steps : dict of str to float
         For every parameter: its mean, and its change in one standard deviation of the axis.
     """
@@ -166,7 +169,8 @@ def directions(scene: Scene, identified: Mapping[str, Any] | str | Path) -> list
 
     Parameters
     ----------
-    scene : the scene, whose values are the means of the distributions.
+    scene
+        The scene, whose values are the means of the distributions.
     identified : dict with `keys` and `covariance`, or the file of its JSON
         Result of `Identification.to_dict` or `harvester identify --json`.
 
@@ -206,13 +210,13 @@ def directions(scene: Scene, identified: Mapping[str, Any] | str | Path) -> list
 def parameters(tolerances: Sequence[Tolerance | Direction], shares: np.ndarray) -> dict[str, float]:
     """Values of a device's parameters by their keys."""
     values: dict[str, float] = {}
-    for tolerance, share in zip(tolerances, shares, strict=True):
-        value = float(tolerance.values(share))
-        if isinstance(tolerance, Direction):
-            for key, step in tolerance.steps.items():
-                values[key] = values.get(key, tolerance.centre[key]) + value * step
+    for parameter, share in zip(tolerances, shares, strict=True):
+        value = float(parameter.values(share))
+        if isinstance(parameter, Direction):
+            for key, step in parameter.steps.items():
+                values[key] = values.get(key, parameter.centre[key]) + value * step
         else:
-            values[tolerance.key] = value
+            values[parameter.key] = value
     return values
 
 
@@ -225,7 +229,8 @@ def devices(
     ----------
     shares : ndarray, shape (rows, devices, parameters)
         See `harvester.studies.sensitivity.sobol.design`.
-    replicates : each has its part of the realizations, on noise that is a row's own.
+    replicates
+        Each has its part of the realizations, on noise that is a row's own.
 
     Raises
     ------
