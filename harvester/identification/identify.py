@@ -73,8 +73,7 @@ def identify(
         sensor.acceleration_highpass, …); `device` stands for what is free by default: the device's
         own that are not zero, but mass, winding, leak and, without a displacement, the constant
         force; what the records do not determine then stays as in the scene.
-    keep_aside
-        As `records`
+    keep_aside : as `records`
         Whole records that are not fitted to: each is run from one start under its acceleration, and
         its orbit, rms and power are compared.
     compare : bool
