@@ -9,7 +9,7 @@ import every_command
 import pytest
 import worker_calls
 
-from harvester import averaging
+from harvester.averaging import closures
 from harvester.base.process import Worker
 from harvester.engines.task import Task
 from harvester.validation.accuracy import (
@@ -83,7 +83,7 @@ def briefly():
         patch.setattr(throughput, "task", speeds_here)
         # Rates of jumps take several times as long as all else that `validate` averages.
         patch.setattr("harvester.averaging.jumps.MOST_WORK", 1e6)
-        patch.setattr("harvester.averaging.closures.average", lru_cache(averaging.average))
+        patch.setattr("harvester.averaging.closures.average", lru_cache(closures.average))
         yield
     for worker in SameWorker.made:
         Worker.close(worker)
