@@ -7,8 +7,8 @@ import kept
 import pytest
 from hypothesis import HealthCheck, settings
 
-from harvester.base.pools import WorkerPool
-from harvester.base.process import Worker
+from harvester.base.worker_pool import WorkerPool
+from harvester.base.worker_process import Worker
 
 HERE = Path(__file__).parent
 # Fuzz tests: the same few seconds every time, or `--hypothesis-profile=long` by hand.

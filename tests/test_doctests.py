@@ -16,7 +16,7 @@ MODULES = [
 
 
 def test_there_are_examples():
-    assert {"harvester", "harvester.scene.model", "circuits.netlist.ltspice"} <= set(MODULES)
+    assert {"harvester", "harvester.scene.model", "circuits.equivalent.ltspice"} <= set(MODULES)
 
 
 @pytest.mark.parametrize("name", MODULES)

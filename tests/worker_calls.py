@@ -3,7 +3,7 @@
 import os
 import time
 
-from circuits.equivalent import verilog
+from circuits.equivalent import compact_model
 from circuits.equivalent.assembly import Netlist, assemble
 from circuits.ngspice import compiled_device
 from circuits.ngspice.session import session
@@ -83,7 +83,9 @@ def run_text(report, text, stop):
 
 
 def load_compiled_device(report):
-    compiled_device.load(session(), verilog.module_of(prepared(Scene.read("paper")).system)[1])
+    compiled_device.load(
+        session(), compact_model.module_of(prepared(Scene.read("paper")).system)[1]
+    )
 
 
 def run_device(report, scene, compiled, copies=1):
@@ -93,7 +95,7 @@ def run_device(report, scene, compiled, copies=1):
     ready = prepared(scene)
     parameters = ready.system
     if compiled:
-        text = verilog.module_of(parameters)[1]
+        text = compact_model.module_of(parameters)[1]
         compiled_device.load(session(), text)
         compiled_device.load(session(), text)  # a second time does no harm
     starts = [start_state(ready, index) for index in range(copies)]

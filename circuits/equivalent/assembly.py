@@ -7,7 +7,7 @@ import sys
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
-from circuits.equivalent import elements, verilog
+from circuits.equivalent import compact_model, elements
 from circuits.netlist import part_values
 from circuits.netlist.elements import ramped
 from circuits.netlist.expression import ExpressionError, check
@@ -213,7 +213,7 @@ def assemble(
         Vectors that ngspice keeps in its memory; what streams out needs none.
     compiled : bool
         The mechanics and the piezo are one compiled device each, see
-        `circuits.equivalent.verilog`.
+        `circuits.equivalent.compact_model`.
     line : float
         Angular frequency at which the motion is to be exact (rad/s); 0: none.
     named : bool
@@ -242,10 +242,10 @@ def assemble(
         if isinstance(scene.excitation, PrescribedDisplacement):
             elements.add_prescribed_displacement(place, rate, scene.excitation, scales, electrical)
         elif compiled:
-            verilog.add_device(place, electrical)
+            compact_model.add_device(place, electrical)
         else:
             _add_mechanics(place, system, rate, length, start)
-        parts = verilog.left_out(electrical) if compiled else electrical.elements
+        parts = compact_model.left_out(electrical) if compiled else electrical.elements
         elements.add_transducer(place, parts, rate, scales, start[2], pace)
         if not scene.excitation.prescribes_displacement:
             elements.add_pace(place, rate, pace, start, slowed)
@@ -273,8 +273,8 @@ def assemble(
             circuit.X(f"copy{copy}", DEVICE, circuit.gnd, **values)
         prefixes = tuple(f"xcopy{copy}." for copy in range(len(starts)))
     if compiled:
-        verilog.add_model(circuit, system, rate, electrical, scales, pace)
-        verilog.add_starts(circuit, zip(prefixes, starts, strict=True))
+        compact_model.add_model(circuit, system, rate, electrical, scales, pace)
+        compact_model.add_starts(circuit, zip(prefixes, starts, strict=True))
     text = str(circuit)
     _check_expressions(text)
     measured: Any = (electrical.power_unit,) if electrical.current_per_ampere > 0.0 else ()

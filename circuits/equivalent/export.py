@@ -15,8 +15,8 @@ from circuits.equivalent.assembly import (
     own_steps,
     step_options,
 )
+from circuits.equivalent.ltspice import DIFFERENCES, to_ltspice
 from circuits.netlist.load_watch import may_jump
-from circuits.netlist.ltspice import DIFFERENCES, to_ltspice
 from harvester.base.errors import NetlistError
 from harvester.base.writing import LICENCE
 from harvester.device import timescales

@@ -1,6 +1,6 @@
 """One ngspice library in this process: loads a netlist, runs it, streams its solution.
 
-Runs in a worker process of its own (`harvester.base.process`), because some mistakes make
+Runs in a worker process of its own (`harvester.base.worker_process`), because some mistakes make
 ngspice abort or hang. PySpice loads the library and sends the commands; its callbacks are replaced
 by the compiled ones of `circuits.ngspice.callbacks`.
 
@@ -27,7 +27,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from PySpice.Spice.NgSpice.Shared import NgSpiceCommandError, NgSpiceShared, ffi
 
-from circuits.equivalent import elements, verilog
+from circuits.equivalent import compact_model, elements
 from circuits.netlist.load_notes import suspicion
 from circuits.netlist.part_values import SOURCE_CURE, jumping_sources
 from circuits.netlist.source_schedule import AHEAD
@@ -43,7 +43,7 @@ from harvester.base.errors import (
     SimulatorAborted,
     SolutionDiverged,
 )
-from harvester.base.worker import as_answer, give_up
+from harvester.base.worker_main import as_answer, give_up
 from harvester.device import timescales
 from harvester.device.record import empty_record, part
 from harvester.scene.steps import CRAWL, PATIENCE, STALLED, STEPS_PER_CONTACT
@@ -130,7 +130,7 @@ class Session(NgSpiceShared):
     def compiled_device_is_off(self, system: System) -> str:
         """Why there is no compiled device with these parts; empty where it is loaded."""
         try:
-            name, text = verilog.module_of(system)
+            name, text = compact_model.module_of(system)
         except CompiledDeviceUnavailable as reason:
             return str(reason)
         if name not in self._compiled_devices:

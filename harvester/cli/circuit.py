@@ -173,7 +173,7 @@ def engine(*, json: File | None = None) -> None:
         Write JSON; - for standard output.
     """
     from circuits.ngspice.engine import describe
-    from harvester.base.process import Worker
+    from harvester.base.worker_process import Worker
     from harvester.base.writing import check_writable, is_standard_output, write_json
     from harvester.cli.console import show_engine
 

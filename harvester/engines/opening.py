@@ -11,8 +11,8 @@ from concurrent.futures import Executor
 
 from harvester.base.errors import HarvesterError
 from harvester.base.libraries import optional_library
-from harvester.base.pools import ExecutorPool, WorkerPool, processes
 from harvester.base.signatures import Processes, RunnerOptions, Seconds, check_options
+from harvester.base.worker_pool import ExecutorPool, WorkerPool, processes
 from harvester.engines.folder import held
 from harvester.engines.runner import Runner
 from harvester.engines.simulate import TIME_LIMIT
@@ -78,7 +78,7 @@ def open_runner(
 
 @contextlib.contextmanager
 def _pool(workers, executor, scheduler):
-    """The Dask cluster's, or that of `harvester.base.pools.processes`."""
+    """The Dask cluster's, or that of `harvester.base.worker_pool.processes`."""
     if executor is not None or scheduler is None:
         with processes(executor, workers) as pool:
             yield pool

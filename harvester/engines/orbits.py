@@ -35,7 +35,7 @@ from harvester.statistics.attractors import (
     transients,
 )
 from harvester.statistics.estimate import Estimate
-from harvester.statistics.of_run import run_estimates
+from harvester.statistics.run_estimates import run_estimates
 from harvester.statistics.stroboscope import STATE
 from harvester.statistics.transient import memory_of
 from harvester.statistics.units import unit_of
@@ -43,7 +43,7 @@ from harvester.statistics.units import unit_of
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-    from harvester.base.pools import Workers
+    from harvester.base.worker_pool import Workers
     from harvester.engines.methods import Engine
     from harvester.engines.realization import Realization
     from harvester.scene.model import Scene

@@ -25,7 +25,7 @@ from harvester.scene.steps import knot_spacing, step_error, steps_per_sample
 from harvester.statistics.batch_means import measured_time
 from harvester.statistics.densities import densities
 from harvester.statistics.joint_density import joint_density as joint_density_of
-from harvester.statistics.of_run import run_estimates
+from harvester.statistics.run_estimates import run_estimates
 from harvester.statistics.settling import slow_exchange
 from harvester.statistics.units import unit_of
 from harvester.statistics.well_balance import FEWEST_JUMPS

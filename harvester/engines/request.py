@@ -28,7 +28,7 @@ from harvester.scene.steps import knot_spacing, step_error
 from harvester.scene.units import Scales
 from harvester.statistics.densities import densities
 from harvester.statistics.estimate import Density, Estimate
-from harvester.statistics.of_run import run_estimates
+from harvester.statistics.run_estimates import run_estimates
 from harvester.statistics.settling import unseen_jump
 
 Found = TypeVar("Found")

@@ -10,7 +10,7 @@ from collections.abc import Callable, Generator, Iterable, Iterator, Sequence
 from concurrent.futures import CancelledError
 
 from harvester.base.errors import HarvesterError
-from harvester.base.pools import LOOK_AROUND, ExecutorPool, WorkerPool, lost
+from harvester.base.worker_pool import LOOK_AROUND, ExecutorPool, WorkerPool, lost
 from harvester.engines.folder import StudyFolder
 from harvester.engines.progress import Progress
 from harvester.engines.request import Answer, Request, answering

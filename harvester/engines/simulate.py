@@ -16,7 +16,7 @@ from harvester.scene.calling import takes_scene
 if TYPE_CHECKING:
     from concurrent.futures import Executor
 
-    from harvester.base.pools import Workers
+    from harvester.base.worker_pool import Workers
     from harvester.results.orbit import Attractor
     from harvester.results.result import Result
     from harvester.scene.model import Scene
@@ -103,7 +103,7 @@ def simulate(
         Spreads the realizations instead of worker processes of our own: a process pool, Dask's
         `client.get_executor()`, mpi4py's.
     runner : WorkerPool or what has one as its `pool`, or None
-        Running processes to use again (`harvester.base.pools`).
+        Running processes to use again (`harvester.base.worker_pool`).
     progress : callable or None
         Given the share done, 0 … 1, and the method at work.
 

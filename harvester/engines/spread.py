@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 from harvester.base.arguments import listed
 from harvester.base.errors import HarvesterError, LoadError, SimulationError
 from harvester.base.plain_text import named, shown
-from harvester.base.pools import Workers, processes
+from harvester.base.worker_pool import Workers, processes
 from harvester.device import timescales
 from harvester.engines import side_by_side
 from harvester.engines.methods import Circuit, Engine, MonteCarlo

@@ -11,10 +11,10 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from circuits.equivalent.assembly import RECTIFIER_NEWTON
-from circuits.equivalent.block.dialects import DIALECTS, in_dialect
 from circuits.equivalent.block.head import head, longest_step
 from circuits.equivalent.block.parameters import Parameters, check_block
 from circuits.equivalent.block.spice import PINS, subcircuit
+from circuits.equivalent.block.target_dialects import DIALECTS, in_dialect
 from circuits.equivalent.block.verilog_a import module
 from circuits.equivalent.elements import STRAY_SHARE
 from circuits.equivalent.export import MOST_KNOTS
@@ -163,7 +163,7 @@ def write_subcircuit(
     output : str or Path
         Folder.
     dialect : str
-        One of `circuits.equivalent.block.dialects.DIALECTS`.
+        One of `circuits.equivalent.block.target_dialects.DIALECTS`.
     step, realization, displacement_unit, duration
         See `block_of`.
     """

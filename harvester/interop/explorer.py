@@ -20,7 +20,7 @@ from harvester.averaging.of_scene import averaged_device
 from harvester.base.errors import HarvesterError
 from harvester.base.formatting import with_error
 from harvester.base.plain_text import one_line, shown
-from harvester.base.pools import WorkerPool
+from harvester.base.worker_pool import WorkerPool
 from harvester.device import timescales
 from harvester.engines.simulate import simulate
 from harvester.results import figures

@@ -42,7 +42,7 @@ def estimate_all(
     """Every quantity of a set of realizations, scaled; incomplete batches are left out.
 
     `error_of` is `standard_error`, or another error of a mean from batches: see
-    `harvester.statistics.of_run.error_of`.
+    `harvester.statistics.run_estimates.error_of`.
     """
     batches = complete_batches(moments)
     if batches is None:

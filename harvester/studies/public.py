@@ -44,7 +44,7 @@ if TYPE_CHECKING:
     from collections.abc import Callable
     from concurrent.futures import Executor
 
-    from harvester.base.pools import Workers
+    from harvester.base.worker_pool import Workers
     from harvester.scene.model import Scene
     from harvester.studies.comparison.comparison import Comparison
     from harvester.studies.frequency_response import FrequencyResponse

@@ -10,7 +10,7 @@ from harvester import Scene
 from harvester.engines.methods import engine_of
 from harvester.engines.realization import run
 from harvester.scene.prepared import prepared
-from harvester.statistics.of_run import run_estimates
+from harvester.statistics.run_estimates import run_estimates
 
 DEVICES = ("linear", "hardening", "bistable", "stopper", "coil")
 LOADS = ("resistor", "bridge", "sshi_parallel", "doubler", "sece")

@@ -7,7 +7,7 @@ from device_truths import Written, written_path
 from spring_dashpot import DASHPOT, spring_dashpot
 
 from circuits.equivalent.assembly import assemble
-from circuits.equivalent.verilog import module
+from circuits.equivalent.compact_model import module
 from harvester.averaging.closures import NOISE_CLOSURES
 from harvester.averaging.of_scene import average
 from harvester.base.errors import AveragingError, SceneError

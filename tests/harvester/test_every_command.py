@@ -10,7 +10,7 @@ import pytest
 import worker_calls
 
 from harvester.averaging import closures
-from harvester.base.process import Worker
+from harvester.base.worker_process import Worker
 from harvester.engines.task import Task
 from harvester.validation.accuracy import (
     measurement,
@@ -65,7 +65,7 @@ class SameWorker(Worker):
 def briefly():
     """One worker process for all calls, each closure computed once, studies cut to a few points."""
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("harvester.base.pools.Worker", SameWorker)
+        patch.setattr("harvester.base.worker_pool.Worker", SameWorker)
         patch.setattr("harvester.studies.frequency_response.SETTLED_SHARE", 0.9)
         patch.setattr("harvester.studies.sensitivity.study.FEWEST_ROWS", 2)
         patch.setattr(matrix, "default_cases", lambda: FEW_CASES)

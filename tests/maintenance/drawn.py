@@ -31,7 +31,7 @@ from maintenance.drawn_scenes import (
 )
 
 import harvester
-from harvester.base.pools import WorkerPool
+from harvester.base.worker_pool import WorkerPool
 from harvester.device import timescales
 from harvester.scene.prepared import prepared
 

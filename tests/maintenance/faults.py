@@ -37,9 +37,9 @@ FIRST_FAILURE = re.compile(r"^(?:FAILED|ERROR) (.+?)(?: - |$)", re.MULTILINE)
 # Prints the folders from which a test and its worker processes take the package.
 WHOSE = """
 import json, pathlib, circuits, harvester
-from harvester.base import isolation
+from harvester.base import worker_command
 print(*(pathlib.Path(each.__file__).parents[1] for each in (circuits, harvester)))
-print(json.loads(isolation.command()[-1])[0])
+print(json.loads(worker_command.command()[-1])[0])
 """
 
 

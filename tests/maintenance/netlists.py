@@ -25,7 +25,7 @@ from raw_files import program_46
 import harvester
 from circuits.equivalent.export import stand_alone
 from circuits.netlist.numbers import INFIX
-from harvester.base.pools import WorkerPool
+from harvester.base.worker_pool import WorkerPool
 from harvester.scene.paths import noise_path
 from harvester.scene.prepared import prepared
 from harvester.validation.known_results.simulators import read_raw

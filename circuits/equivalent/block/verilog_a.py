@@ -10,8 +10,8 @@ from typing import TYPE_CHECKING
 
 from circuits.equivalent.block.head import head
 from circuits.equivalent.block.spice import PINS, metered, nodes_of, si_value
+from circuits.equivalent.compact_model import SIGN, mechanics
 from circuits.equivalent.elements import number
-from circuits.equivalent.verilog import SIGN, mechanics
 
 if TYPE_CHECKING:
     from circuits.equivalent.block.parameters import Parameters

@@ -36,7 +36,7 @@ from harvester.scene.steps import step_error
 from harvester.statistics.batch_means import complete_batches
 from harvester.statistics.estimate import TOO_SHORT, Estimate
 from harvester.statistics.moments import Moments
-from harvester.statistics.of_run import run_estimates, with_steps
+from harvester.statistics.run_estimates import run_estimates, with_steps
 from harvester.statistics.settling import withheld
 from harvester.studies.sweep import Cell
 

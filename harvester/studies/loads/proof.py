@@ -23,7 +23,7 @@ from harvester.scene.prepared import prepared
 from harvester.scene.steps import step_error
 from harvester.statistics.batch_means import ratio_of_sums, standard_error
 from harvester.statistics.estimate import SHARP_SHARE, why_no_error
-from harvester.statistics.of_run import error_of
+from harvester.statistics.run_estimates import error_of
 from harvester.studies.grid import Grid
 from harvester.studies.loads.evaluation import Evaluation, series_of
 

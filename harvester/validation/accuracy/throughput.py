@@ -8,7 +8,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
-from harvester.base.pools import WorkerPool, Workers
+from harvester.base.worker_pool import WorkerPool, Workers
 from harvester.engines.codec import register
 from harvester.engines.methods import Circuit
 from harvester.engines.realization import run

@@ -8,7 +8,7 @@ from harvester.engines.methods import engine_of
 from harvester.engines.realization import run
 from harvester.scene.model import Scene
 from harvester.scene.prepared import prepared
-from harvester.statistics.of_run import run_estimates
+from harvester.statistics.run_estimates import run_estimates
 from harvester.validation import STATES, exact_paths
 from harvester.validation.known_results import radau, simulators
 from harvester.validation.paths import recorded, states_at_knots

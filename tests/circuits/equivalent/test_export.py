@@ -9,7 +9,7 @@ from truths import contact_force, flat
 from circuits.equivalent.export import stand_alone
 from circuits.ngspice.library import candidates
 from harvester.base.errors import NetlistError
-from harvester.base.pools import WorkerPool
+from harvester.base.worker_pool import WorkerPool
 from harvester.engines.simulate import simulate
 from harvester.scene.model import Scene
 from harvester.scene.paths import noise_path

@@ -9,7 +9,7 @@ from circuits.kernel.prewarping import DIAGONAL, prewarp_factor
 from harvester import Scene
 from harvester.engines.methods import engine_of
 from harvester.engines.realization import run
-from harvester.statistics.of_run import run_estimates
+from harvester.statistics.run_estimates import run_estimates
 
 MASS, QUALITY, HERTZ, COUPLING, CAPACITANCE = 0.02, 1000.0, 12.0, 2e-5, 4e-8
 # Not a resistor to the program, which would else take it as one.

@@ -5,7 +5,7 @@ import os
 import effort
 import pytest
 
-from circuits.netlist.ltspice import translate
+from circuits.equivalent.ltspice import translate
 from circuits.netlist.subcircuits import read_load
 from harvester.base.errors import NetlistError
 

@@ -12,8 +12,8 @@ from foreign_loads import DOUBLER
 from hypothesis import given
 from hypothesis import strategies as st
 
+from circuits.equivalent.ltspice import to_ltspice, translate
 from circuits.netlist.expression import FUNCTIONS, NAMES, ExpressionError, check
-from circuits.netlist.ltspice import to_ltspice, translate
 from circuits.netlist.numbers import number
 from circuits.netlist.subcircuits import find_netlist, load_names, read_load
 from circuits.netlist.topology import read_topology

@@ -10,7 +10,7 @@ import pytest
 import worker_calls
 from device_scenes import MAGNETS
 
-from circuits.equivalent import verilog
+from circuits.equivalent import compact_model
 from circuits.ngspice import compiled_device
 from harvester.base.errors import CompiledDeviceUnavailable
 from harvester.scene.model import Scene
@@ -240,7 +240,7 @@ def test_copies_in_one_netlist_and_two_shapes_in_one_process(loaded):
 
 
 def shape(name, *overrides):
-    return verilog.module_of(prepared(Scene.read(name, overrides)).system)
+    return compact_model.module_of(prepared(Scene.read(name, overrides)).system)
 
 
 @pytest.mark.parametrize(
@@ -276,5 +276,5 @@ def test_what_has_no_compiled_form_is_refused_by_name(name, overrides, said):
 
 def test_the_file_to_be_read_is_the_module_of_the_scene_paper():
     system = prepared(Scene.read("paper")).system
-    path = Path(verilog.__file__).parents[2] / "netlists" / "harvester.va"
-    assert path.read_text() == verilog.module(system, name="harvester")[1]
+    path = Path(compact_model.__file__).parents[2] / "netlists" / "harvester.va"
+    assert path.read_text() == compact_model.module(system, name="harvester")[1]

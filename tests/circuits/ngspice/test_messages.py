@@ -6,7 +6,7 @@ from circuits.netlist.subcircuits import read_load
 from circuits.ngspice import messages
 from circuits.ngspice.messages import with_places
 from harvester.base.errors import SimulationError
-from harvester.base.process import Worker
+from harvester.base.worker_process import Worker
 from harvester.engines.methods import Circuit
 from harvester.engines.realization import run as realization_run
 from harvester.scene.model import Scene

@@ -7,7 +7,7 @@ import pytest
 
 import harvester
 from harvester.base.arguments import checked_options, listed
-from harvester.base.pools import ExecutorPool, WorkerPool
+from harvester.base.worker_pool import ExecutorPool, WorkerPool
 from harvester.scene.calling import takes_scene
 from harvester.studies.grid import make_grid
 

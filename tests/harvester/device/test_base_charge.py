@@ -8,7 +8,7 @@ from beam_voltages import sum_of_modes
 from scipy.linalg import expm
 from truths import Keep, records_of
 
-from circuits.equivalent import verilog
+from circuits.equivalent import compact_model
 from circuits.equivalent.assembly import assemble
 from harvester.averaging.of_scene import average
 from harvester.base.errors import AveragingError, SceneError
@@ -102,7 +102,7 @@ def test_a_scene_without_it_is_as_it_was():
     ready = prepared(scene)
     assert type(ready.system.transducer) is Piezo
     assert "base" not in assemble(ready).text
-    assert "base" not in verilog.module_of(ready.system)[1].split("`include")[1]
+    assert "base" not in compact_model.module_of(ready.system)[1].split("`include")[1]
     assert Scene.read("bimorph").transducer.base_charge != 0.0
 
 

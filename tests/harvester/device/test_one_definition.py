@@ -11,7 +11,7 @@ from device_truths import Written
 from scipy.integrate import quad
 
 from circuits.equivalent.assembly import assemble
-from circuits.equivalent.verilog import module
+from circuits.equivalent.compact_model import module
 from harvester.base.compilation import compiled
 from harvester.device import contact as contacts
 from harvester.device import damper, spring, system

@@ -10,7 +10,7 @@ import worker_calls
 from toy_study import study
 
 from harvester.base.errors import AveragingError, FolderInUse, HarvesterError, SimulatorCrashed
-from harvester.base.pools import WorkerPool
+from harvester.base.worker_pool import WorkerPool
 from harvester.engines.opening import open_runner
 from harvester.engines.progress import Progress
 from harvester.engines.runner import Runner
@@ -55,7 +55,7 @@ def test_any_processes_give_the_same_numbers(pool, kind):
         ):
             # Its own workers do not know the tests' modules.
             p.setenv("PYTHONPATH", str(TESTS))
-            p.setattr("harvester.base.pools.call_here", call_directly)
+            p.setattr("harvester.base.worker_pool.call_here", call_directly)
             assert study(executor=executor)[0] == expected
     else:
         with WorkerPool(workers=1, folders=[TESTS]) as one:

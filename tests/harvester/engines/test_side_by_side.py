@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from harvester.base.errors import HarvesterError, SimulatorCrashed
-from harvester.base.pools import WorkerPool
+from harvester.base.worker_pool import WorkerPool
 from harvester.cli.command_line import main
 from harvester.engines.side_by_side import copies, share_steps, together
 from harvester.engines.simulate import simulate

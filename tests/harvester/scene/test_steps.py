@@ -7,7 +7,7 @@ from harvester.scene.model import Scene
 from harvester.scene.prepared import prepared
 from harvester.scene.steps import knot_spacing, resolving, steps_per_contact, steps_per_sample
 from harvester.statistics.moments import Moments
-from harvester.statistics.of_run import run_estimates
+from harvester.statistics.run_estimates import run_estimates
 
 
 def test_knots_follow_a_shorter_correlation_time_only():

@@ -24,7 +24,7 @@ from harvester.statistics.densities import densities
 from harvester.statistics.estimate import TOO_SHORT, Estimate
 from harvester.statistics.means import estimate_all
 from harvester.statistics.moments import Moments
-from harvester.statistics.of_run import correlation_time, run_estimates
+from harvester.statistics.run_estimates import correlation_time, run_estimates
 
 
 def autoregressive(seed, memory, rows, length):

@@ -15,7 +15,7 @@ from harvester.scene.prepared import prepared
 from harvester.statistics.densities import densities
 from harvester.statistics.means import estimate_all
 from harvester.statistics.moments import QUANTITIES, WELLS
-from harvester.statistics.of_run import run_estimates
+from harvester.statistics.run_estimates import run_estimates
 from harvester.statistics.well_balance import _changes, _stationary, weighted, well_balance
 
 SHARE = "share_of_time_in_well_1"

@@ -16,7 +16,7 @@ from harvester.statistics.batch_means import (
     error_without_chance,
     standard_error,
 )
-from harvester.statistics.of_run import error_of, run_estimates
+from harvester.statistics.run_estimates import error_of, run_estimates
 
 pytestmark = pytest.mark.usefixtures("shared_workers")
 

@@ -1,11 +1,10 @@
 """A worker process: takes calls on standard input, answers on standard output.
 
-Started by `harvester.base.process` as `harvester.base.isolation` says. A call is a pickled
-(function, arguments); the function, one of a module, is called with `report` on top, which sends
-progress. Answers are pickled pairs: ("progress", …), ("done", result), ("failed", error),
-("damage", path of compiled code that could not be read), ("compilation", 1 or -1) as one begins or
-ends, and ("gone", error) from a process that
-ends itself.
+`harvester.base.worker_process` starts it with the command of `harvester.base.worker_command`. A
+call is a pickled (function, arguments); the function, one of a module, is called with `report` in
+addition, which sends progress. Answers are pickled pairs: ("progress", …), ("done", result),
+("failed", error), ("damage", path of compiled code that could not be read), ("compilation", 1 or
+-1) as one begins or ends, and ("gone", error) from a process that ends itself.
 """
 
 from __future__ import annotations

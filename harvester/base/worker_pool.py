@@ -27,7 +27,7 @@ from harvester.base.errors import (
     SimulatorCrashed,
     SimulatorTimeout,
 )
-from harvester.base.process import Worker
+from harvester.base.worker_process import Worker
 
 # Time between two checks for other events, in seconds.
 LOOK_AROUND = 0.5

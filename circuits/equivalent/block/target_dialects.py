@@ -12,7 +12,7 @@ from __future__ import annotations
 
 import re
 
-from circuits.netlist.ltspice import to_ltspice, translate
+from circuits.equivalent.ltspice import to_ltspice, translate
 from circuits.netlist.reader import statements
 
 DIALECTS = ("ngspice", "ltspice", "pspice", "xyce")

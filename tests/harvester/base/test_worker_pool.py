@@ -5,7 +5,7 @@ import pytest
 import worker_calls
 
 from harvester.base.errors import SimulatorCrashed
-from harvester.base.pools import gather
+from harvester.base.worker_pool import gather
 
 
 @pytest.mark.slow

@@ -6,7 +6,7 @@ import pytest
 from raw_files import run_raw
 
 from circuits.equivalent.export import stand_alone
-from circuits.netlist.ltspice import to_ltspice, translate
+from circuits.equivalent.ltspice import to_ltspice, translate
 from circuits.netlist.subcircuits import load_names
 from harvester.base.errors import NetlistError
 from harvester.cli.command_line import main
