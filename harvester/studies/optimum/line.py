@@ -1,8 +1,19 @@
 """An optimum over one parameter: by averaging, then by simulation on common noise.
 
-Averaging scans the range and refines its highest point. Simulation then looks there, on common
-noise, moves on while the slope asks for it, and fits a cubic to several places: the interval of
-the maximum's place is what the paired errors of the values make of it.
+Averaging scans the range and refines its highest point. Simulations near it share their noise, so
+that differences of their values are far more precise than the values. A cubic through them has the
+maximum; the paired errors of the values give its standard error.
+
+    value                      window, half width 0.25 of the range
+      |               [....o....^....o....]     o simulated   ^ maximum of the cubic
+      |          o    :         |         :
+      |     .         :         |         :
+      +---------------:---------|---------:------ parameter
+
+    1. The slope at the window's middle is significant: move the window uphill.
+    2. The cubic does not follow the values, or falls by more than 0.15: halve the window.
+    3. Two standard errors exceed 0.15 of the half width: run four times the realizations.
+    4. None of these: the maximum of the cubic, with its standard error, is the result.
 """
 
 import math
