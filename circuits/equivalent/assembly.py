@@ -227,7 +227,7 @@ def assemble(
     scene, system, scales = ready.scene, ready.system, ready.scales
     rate = timescales.angular_frequency(system)
     length = knot_spacing(ready) / steps_per_sample(ready, step)
-    pace = elements.prewarp_factor(line * length)
+    pace = elements.trapezoidal_prewarp_factor(line * length)
     electrical = ready.network
     circuit = Circuit(f"harvester scene {scene.name}")
     starts = [

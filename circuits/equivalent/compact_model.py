@@ -246,7 +246,7 @@ def add_model(
     scales : harvester.scene.units.Scales
     pace : float
         Factor of the charge that the mass moves, see
-        `circuits.equivalent.elements.prewarp_factor`.
+        `circuits.equivalent.elements.trapezoidal_prewarp_factor`.
     """
     charge, capacitance = (network.value(name) for name in ("charge", "piezo"))
     side = Side(scales.voltage, charge * pace, capacitance)

@@ -75,7 +75,7 @@ def add_oscillator(circuit: Circuit, s: System, rate: float, start: tuple[str, .
         circuit.R("damper", VELOCITY, gnd, number(rate / s.damper.damping))
 
 
-def prewarp_factor(angle: float) -> float:
+def trapezoidal_prewarp_factor(angle: float) -> float:
     """The clock's factor that makes the trapezoidal rule exact for an oscillation of ω h.
 
     The rule takes the frequency ω for one less by (ωh)²/12, which near a resonance is as much as

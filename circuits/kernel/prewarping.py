@@ -24,8 +24,10 @@ DIAGONAL = 1.0 - 0.5 * np.sqrt(2.0)
 
 
 @compiled
-def prewarp_factor(angle: float) -> tuple[float, float]:
-    """The pace p, and the damping over ω that takes the method's own away.
+def tr_bdf2_prewarp_factor(angle: float) -> tuple[float, float]:
+    """Return the pace p, and the damping over ω that cancels the method's own.
+
+    ngspice's is `circuits.equivalent.elements.trapezoidal_prewarp_factor`.
 
     Parameters
     ----------
@@ -49,7 +51,7 @@ def retime(tables: Tables, state: State, h: float) -> None:
         scalars.timed_for = h
         scalars.pace, scalars.cancelled = 1.0, 0.0
         if h > 0.0:
-            scalars.pace, cancelled = prewarp_factor(scalars.line * h)
+            scalars.pace, cancelled = tr_bdf2_prewarp_factor(scalars.line * h)
             scalars.cancelled = scalars.line * cancelled
         mass = tables.retimed[0]
         state.capacity[mass] = tables.capacity[mass] / scalars.pace

@@ -14,7 +14,7 @@ import numpy as np
 from llvmlite import ir
 
 from circuits.equivalent.assembly import FIRST_ORDER_SHARE
-from circuits.equivalent.elements import prewarp_factor
+from circuits.equivalent.elements import trapezoidal_prewarp_factor
 from circuits.ngspice import load_steps
 from harvester.base.compilation import (
     CACHED,
@@ -129,7 +129,7 @@ STATE = np.dtype(
     align=True,
 )
 _STATE = numba.from_dtype(STATE)
-_pace_of = compiled(prewarp_factor)
+_pace_of = compiled(trapezoidal_prewarp_factor)
 
 
 @intrinsic

@@ -9,7 +9,7 @@ import warnings
 
 from harvester.base.errors import EngineNotFound, HarvesterError, LoadChatters, SimulationError
 from harvester.base.plain_text import nearest
-from harvester.base.streams import guarded_streams
+from harvester.base.standard_streams import guarded_streams
 from harvester.cli.shown import print_error, quiet
 from harvester.cli.table import build_parser
 

@@ -28,7 +28,7 @@ if TYPE_CHECKING:
     from harvester.statistics.moments import Moments
 
 # Shares of the energies that an option may change, and that its run may leave unaccounted for.
-NEGLIGIBLE, LARGEST_RESIDUAL = 0.005, 0.01
+NEGLIGIBLE, CONVERGED_RESIDUAL = 0.005, 0.01
 FINER = 4
 GMIN = 1e-10
 # Capacitances of each node to ground, as shares of the transducer's.
@@ -114,7 +114,7 @@ def _too_large(scene: Scene, realizations: list[Any], doubled: list[Any]) -> str
     """Why an option that changes the circuit is not used; empty if its effect is negligible."""
     moments, others = ([one.moments for one in runs] for runs in (realizations, doubled))
     residual = abs(energy_balance_residual(moments, prepared(scene).system))
-    if not residual <= LARGEST_RESIDUAL:
+    if not residual <= CONVERGED_RESIDUAL:
         return f"energy balance residual {residual:.1%}"
     change = max(map(_change, moments, others))
     return "" if change <= NEGLIGIBLE else f"changes the energies by {change:.1%}"

@@ -10,9 +10,9 @@ import numpy as np
 from harvester.scene.prepared import prepared
 from harvester.statistics.batch_means import complete_batches, ratio_of_sums, standard_error
 from harvester.statistics.estimate import Estimate, why_no_error
-from harvester.statistics.means import MEANS
 from harvester.statistics.moments import QUANTITIES, Moments
 from harvester.statistics.output_side import RATIOS, output_ratio
+from harvester.statistics.run_quantities import MEANS
 from harvester.statistics.well_balance import WellBalance, weighted, well_balance
 
 # Two paths go through the same wells if no batch's share of time in one differs by more than this:

@@ -266,7 +266,7 @@ def ratio_estimate(
         Time integrals of the square of what `upper` integrates over the time `lower`: its variance
         tells the effective sample size.
     error_of : callable
-        See `harvester.statistics.means.estimate_all`.
+        See `harvester.statistics.run_quantities.estimate_all`.
     """
     if not lower.any():
         return Estimate(math.nan, None, None, dimension, nothing)

@@ -1,7 +1,7 @@
 """Streaming accumulation of a record: batch integrals, histograms, first and last point.
 
-One `Moments` per realization, of fixed size whatever the run's length. `harvester.statistics.means`
-turns several of them into means with error bars.
+One `Moments` per realization, of fixed size whatever the run's length.
+`harvester.statistics.run_quantities` turns several of them into means with error bars.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""Quantities of a load's output side, with the error bars of `harvester.statistics.means`."""
+"""Quantities of a load's output side, with error bars as `statistics.run_quantities` has them."""
 
 from __future__ import annotations
 

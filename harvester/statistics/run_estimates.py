@@ -25,7 +25,6 @@ from harvester.statistics.batch_means import (
     standard_error_of_drift,
 )
 from harvester.statistics.estimate import TOO_SHORT
-from harvester.statistics.means import estimate_all
 from harvester.statistics.measures import without_value
 from harvester.statistics.moments import QUANTITIES
 from harvester.statistics.output_side import estimate_output
@@ -35,6 +34,7 @@ from harvester.statistics.passivity import (
     source_notes,
     supply_notes,
 )
+from harvester.statistics.run_quantities import estimate_all
 from harvester.statistics.settling import Shortfall, shortfalls, slow_exchange, withheld
 from harvester.statistics.store_settling import store_states
 from harvester.statistics.strain import estimate_strain, strain_notes

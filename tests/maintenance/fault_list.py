@@ -38,7 +38,7 @@ MOMENTS, SEVERAL, OUTPUT_SIDE, JUMPS = (
 )
 BATCH_MEANS, ESTIMATE, MEANS, BALANCE, MEASURES = (
     f"harvester/statistics/{name}.py"
-    for name in ("batch_means", "estimate", "means", "balance", "measures")
+    for name in ("batch_means", "estimate", "run_quantities", "balance", "measures")
 )
 PAIRED = "harvester/results/paired.py"
 JUNCTION, SWITCHING, PARTS = (
@@ -55,7 +55,7 @@ ALL_FORMS = (f"{ONE_DEFINITION}::test_all_forms_of_a_device_agree_at_random_stat
 EQUATION_5 = (f"{OF_SYSTEM}::test_the_contact_force_is_that_of_eq_5_on_either_side",)
 TRANSDUCERS = ("harvester/device/test_transducers.py",)
 OF_MEANS, OF_MEASURES = (
-    "harvester/statistics/test_means.py",
+    "harvester/statistics/test_run_quantities.py",
     "harvester/statistics/test_measures.py",
 )
 EXACT_ERROR = (f"{OF_MEANS}::test_in_the_mean_the_error_bar_is_exact",)

@@ -15,9 +15,9 @@ from harvester.scene.model import Scene
 from harvester.scene.prepared import prepared
 from harvester.scene.steps import knot_spacing
 from harvester.statistics.estimate import Estimate
-from harvester.statistics.means import estimate_all
 from harvester.statistics.moments import Moments
 from harvester.statistics.output_side import estimate_output
+from harvester.statistics.run_quantities import estimate_all
 from harvester.validation.accuracy.methods import ComparedMethod
 from harvester.validation.paths import recorded, states_at_knots
 

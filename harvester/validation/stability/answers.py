@@ -18,7 +18,7 @@ from harvester.scene.model import Scene
 from harvester.scene.prepared import prepared
 from harvester.scene.steps import knot_spacing, steps_per_sample
 from harvester.statistics.balance import energy_balance_residual
-from harvester.statistics.means import estimate_all
+from harvester.statistics.run_quantities import estimate_all
 from harvester.validation.paths import ignore
 from harvester.validation.stability.cases import SETTLED_TIMES, STEP_BUDGET, slowest_time
 from harvester.validation.stability.path_deviation import PathDeviation, path_deviation

@@ -5,7 +5,7 @@ import math
 
 import pytest
 
-from circuits.kernel.prewarping import DIAGONAL, prewarp_factor
+from circuits.kernel.prewarping import DIAGONAL, tr_bdf2_prewarp_factor
 from harvester import Scene
 from harvester.engines.methods import engine_of
 from harvester.engines.realization import run
@@ -67,7 +67,7 @@ def mean_power(scene, engine):
 
 @pytest.mark.parametrize("angle", [0.02, 0.157, 0.5])
 def test_the_pace_solves_the_methods_own_equation(angle):
-    pace, damping = prewarp_factor(angle)
+    pace, damping = tr_bdf2_prewarp_factor(angle)
     # The frequency and the growth of x' = p v, v' = −p (x + γ v) in one step: those of exp(iωh).
     half = 0.5 * pace * damping
     root = 1j * pace * cmath.sqrt(1.0 - (0.5 * damping) ** 2) - half

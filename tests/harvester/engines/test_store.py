@@ -33,9 +33,9 @@ from harvester.engines.task import Task, compute
 from harvester.scene.model import Scene
 from harvester.scene.prepared import prepared
 from harvester.statistics.estimate import Estimate
-from harvester.statistics.means import estimate_all
 from harvester.statistics.moments import PRODUCTS, Moments
 from harvester.statistics.output_side import estimate_output
+from harvester.statistics.run_quantities import estimate_all
 
 
 @pytest.fixture(scope="module")

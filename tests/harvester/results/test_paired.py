@@ -7,8 +7,8 @@ from harvester.results.paired import deviations, has_deviations
 from harvester.scene.model import Scene
 from harvester.scene.prepared import prepared
 from harvester.statistics.batch_means import standard_error
-from harvester.statistics.means import estimate_all
 from harvester.statistics.output_side import RATIOS, estimate_output
+from harvester.statistics.run_quantities import estimate_all
 
 
 def test_they_have_the_errors_of_the_estimates(pool):

@@ -13,9 +13,9 @@ from harvester.engines.realization import empty_moments, run
 from harvester.results.paired import paired_difference
 from harvester.scene.prepared import prepared
 from harvester.statistics.densities import densities
-from harvester.statistics.means import estimate_all
 from harvester.statistics.moments import QUANTITIES, WELLS
 from harvester.statistics.run_estimates import run_estimates
+from harvester.statistics.run_quantities import estimate_all
 from harvester.statistics.well_balance import _changes, _stationary, weighted, well_balance
 
 SHARE = "share_of_time_in_well_1"

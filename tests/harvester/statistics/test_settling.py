@@ -108,7 +108,7 @@ def series(scene, values):
 
 
 def judged(values):
-    from harvester.statistics.means import estimate_all
+    from harvester.statistics.run_quantities import estimate_all
 
     scene = Scene.read("linear", ["run.settle=1000", f"run.realizations={len(values)}"])
     ready = prepared(scene)

@@ -22,9 +22,9 @@ from harvester.statistics.batch_means import (
 )
 from harvester.statistics.densities import densities
 from harvester.statistics.estimate import TOO_SHORT, Estimate
-from harvester.statistics.means import estimate_all
 from harvester.statistics.moments import Moments
 from harvester.statistics.run_estimates import correlation_time, run_estimates
+from harvester.statistics.run_quantities import estimate_all
 
 
 def autoregressive(seed, memory, rows, length):
