@@ -3,7 +3,7 @@
 import numpy as np
 from finite_elements_of_beams import matrices, modes_of
 
-from harvester.device.beam.table import lumped, pieces_of, tip_of
+from harvester.device.beam.lumped import lumped, pieces_of, tip_of
 
 
 def discrete(beam):
@@ -39,7 +39,7 @@ def sum_of_modes(beam, frequencies, resistance, count=25):
 def of_lumped_values(found, frequencies, admittance):
     """V/a (V s²/m) on an admittance (S) by one mode with the others static; complex.
 
-    `found` is a `harvester.device.beam.table.LumpedBeam`, `admittance` a number or one for each
+    `found` is a `harvester.device.beam.lumped.LumpedBeam`, `admittance` a number or one for each
     frequency.
     """
     rate = 2j * np.pi * np.asarray(frequencies)

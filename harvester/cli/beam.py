@@ -10,7 +10,7 @@ from harvester.base.errors import SceneError
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-    from harvester.device.beam.table import Beam
+    from harvester.device.beam.lumped import Beam
     from harvester.scene.model import Scene
 
 

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from harvester.excitation.base import ExcitationPath, child_seed
-from harvester.excitation.normals import NormalSequence
+from harvester.excitation.correlated_normals import NormalSequence
 
 if TYPE_CHECKING:
     from numpy.random.bit_generator import SeedSequence

@@ -11,7 +11,7 @@ import numpy as np
 from harvester.base.errors import SceneError
 from harvester.device.keys import names_replace, positive
 from harvester.excitation.base import Excitation, ExcitationPath, Run, kernel_loss
-from harvester.excitation.normals import NormalSequence
+from harvester.excitation.correlated_normals import NormalSequence
 
 if TYPE_CHECKING:
     from numpy.random.bit_generator import SeedSequence

@@ -5,8 +5,8 @@ from __future__ import annotations
 from typing import Any
 
 from harvester.base.errors import SceneError
+from harvester.device.beam.lumped import Beam, lumped
 from harvester.device.beam.magnets import Magnets, spring_points
-from harvester.device.beam.table import Beam, lumped
 from harvester.device.keys import SI
 from harvester.scene.schema import OTHER_KEYS, check_table
 

@@ -15,8 +15,8 @@ from harvester.base import plain_text
 from harvester.base.errors import SceneError
 from harvester.base.plain_text import named, shown
 from harvester.device import timescales
+from harvester.device.beam.lumped import Beam
 from harvester.device.beam.magnets import Magnets
-from harvester.device.beam.table import Beam
 from harvester.device.keys import SI, names_replace
 from harvester.device.terminals import TransducerTable
 from harvester.excitation import KINDS, build

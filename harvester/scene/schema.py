@@ -10,8 +10,8 @@ from typing import Any
 from harvester.base.errors import SceneError
 from harvester.base.plain_text import named, nearest, shown
 from harvester.base.registry import Registry
+from harvester.device.beam.lumped import Beam
 from harvester.device.beam.magnets import Magnets
-from harvester.device.beam.table import Beam
 from harvester.device.coil import CoilTable
 from harvester.device.contact import LAWS, SIDES
 from harvester.device.force_table import INTERPOLATIONS, MOST_PIECES, POINTS_PER_PIECE, force_table

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from harvester.device.beam.table import FATIGUE
+from harvester.device.beam.lumped import FATIGUE
 from harvester.statistics.batch_means import complete_batches, ratio_estimate, standard_error
 from harvester.statistics.estimate import Estimate, root
 from harvester.statistics.strain_moments import STRAIN, STRESS

@@ -10,7 +10,7 @@ from scipy.signal import lfilter, lsim
 
 import harvester
 from circuits.equivalent.export import stand_alone
-from harvester.device.beam.table import lumped
+from harvester.device.beam.lumped import lumped
 from harvester.scene.model import Scene
 from harvester.scene.paths import noise_path
 from harvester.scene.prepared import prepared

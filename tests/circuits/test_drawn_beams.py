@@ -5,8 +5,8 @@ import pytest
 from scipy.integrate import solve_ivp
 from truths import Keep
 
+from harvester.device.beam.lumped import lumped
 from harvester.device.beam.magnets import Magnets
-from harvester.device.beam.table import lumped
 from harvester.engines.monte_carlo.engine import run_realizations
 from harvester.engines.simulate import simulate
 from harvester.scene.model import Scene

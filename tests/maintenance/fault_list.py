@@ -203,7 +203,7 @@ FAULTS = [
     ),
     Fault(
         "noise: a knot decays by half as much",
-        "harvester/excitation/normals.py",
+        "harvester/excitation/correlated_normals.py",
         "math.sqrt(-math.expm1(-2.0 * decay))",
         "math.sqrt(-math.expm1(-1.0 * decay))",
         ("harvester/excitation/test_normals.py",),

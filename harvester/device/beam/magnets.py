@@ -17,7 +17,7 @@ import numpy as np
 
 from harvester.base.compilation import compiled
 from harvester.base.errors import SceneError
-from harvester.device.beam.table import Beam, lumped
+from harvester.device.beam.lumped import Beam, lumped
 from harvester.device.keys import SI, Key, names_replace, not_negative, positive
 
 VACUUM_PERMEABILITY = 1.25663706212e-6

@@ -10,8 +10,8 @@ from __future__ import annotations
 
 from typing import NamedTuple
 
+from harvester.device.beam.lumped import Beam, lumped, pieces_of, section, spans, tip_of
 from harvester.device.beam.modes import rest
-from harvester.device.beam.table import Beam, lumped, pieces_of, section, spans, tip_of
 
 
 class FibreStrain(NamedTuple):

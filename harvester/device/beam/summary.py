@@ -7,11 +7,11 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from harvester.device.beam.lumped import Beam, frequencies, lumped, notes, pieces_of, tip_of
 from harvester.device.beam.magnets import Magnets, magnet_notes, polynomial_fit, spring_points
 from harvester.device.beam.materials import ACTIVE, PASSIVE
 from harvester.device.beam.modes import shape
 from harvester.device.beam.strain import strain_of_layers, strain_of_substrate
-from harvester.device.beam.table import Beam, frequencies, lumped, notes, pieces_of, tip_of
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure

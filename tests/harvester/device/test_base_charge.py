@@ -12,7 +12,7 @@ from circuits.equivalent import compact_model
 from circuits.equivalent.assembly import assemble
 from harvester.averaging.of_scene import average
 from harvester.base.errors import AveragingError, SceneError
-from harvester.device.beam.table import Beam, lumped
+from harvester.device.beam.lumped import Beam, lumped
 from harvester.device.piezo import Piezo
 from harvester.scene.model import Scene
 from harvester.scene.paths import noise_path

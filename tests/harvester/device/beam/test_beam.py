@@ -8,9 +8,9 @@ from beam_voltages import discrete, of_lumped_values, sum_of_modes
 from finite_elements_of_beams import modes_of
 
 from harvester.base.errors import SceneError
+from harvester.device.beam.lumped import Beam, frequencies, lumped, pieces_of, section, tip_of
 from harvester.device.beam.modes import modes, rest
 from harvester.device.beam.summary import remarks
-from harvester.device.beam.table import Beam, frequencies, lumped, pieces_of, section, tip_of
 from harvester.scene.model import Scene
 
 REFERENCE = {

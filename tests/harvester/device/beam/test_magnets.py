@@ -9,6 +9,7 @@ from scipy.optimize import brentq
 from scipy.special import j1
 
 from harvester.base.errors import SceneError
+from harvester.device.beam.lumped import Beam, lumped
 from harvester.device.beam.magnets import (
     VACUUM_PERMEABILITY,
     Magnets,
@@ -17,7 +18,6 @@ from harvester.device.beam.magnets import (
     polynomial_fit,
     spring_points,
 )
-from harvester.device.beam.table import Beam, lumped
 from harvester.scene.model import Scene
 from harvester.scene.units import restoring_spring
 

@@ -9,9 +9,9 @@ from finite_elements_of_beams import matrices, modes_of
 
 import harvester
 from harvester.base.errors import HarvesterError, MissingLibrary, SceneError
+from harvester.device.beam.lumped import Beam, lumped, pieces_of, section, tip_of
 from harvester.device.beam.modes import rest
 from harvester.device.beam.strain import strain_of_layers, strain_of_substrate
-from harvester.device.beam.table import Beam, lumped, pieces_of, section, tip_of
 from harvester.excitation.base import kernel_loss
 from harvester.scene.model import Scene
 from harvester.statistics.strain import estimate_strain

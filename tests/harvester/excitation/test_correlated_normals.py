@@ -4,7 +4,7 @@ import math
 
 import numpy as np
 
-from harvester.excitation.normals import NormalSequence
+from harvester.excitation.correlated_normals import NormalSequence
 
 
 def written(sequence, *counts):
