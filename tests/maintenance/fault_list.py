@@ -206,7 +206,7 @@ FAULTS = [
         "harvester/excitation/correlated_normals.py",
         "math.sqrt(-math.expm1(-2.0 * decay))",
         "math.sqrt(-math.expm1(-1.0 * decay))",
-        ("harvester/excitation/test_normals.py",),
+        ("harvester/excitation/test_correlated_normals.py",),
     ),
     Fault(
         "noise: white noise has half its intensity",
