@@ -1,4 +1,4 @@
-"""Words for people: symbols of states and means, a scene's keys, what an efficiency is."""
+"""Words for people: symbols of states and means, a scene's keys, definitions of quantities."""
 
 from __future__ import annotations
 
@@ -41,11 +41,19 @@ KEYS = {
 # These units are the same in scaled scenes.
 ALWAYS = ("s", "1/s", "Hz", "1")
 
-EFFICIENCIES = {
+DEFINITIONS = {
     "power_conversion_efficiency": "power into the load over that power and the device's losses",
     "power_conversion_efficiency_of_input": "power into the load over the mechanical input",
     "converter_efficiency": "power harvested at the load's output over the power into the load",
     "end_to_end_efficiency": "power harvested at the load's output over the mechanical input",
+    "mean_power_used_at_output": "what the output takes; less what the load's sources supply, it "
+    "is the mean output power, which is harvested",
+    "mean_storage_power": "into all capacitors, coils and batteries of the load; with output power "
+    "and converter loss it adds up to the mean power",
+    "mean_device_storage_power": "growth of the device's kinetic, spring and transducer energy; "
+    "with mean power and mean loss power it adds up to the mean input power",
+    "stored_energy": "of all capacitors and coils of the load, and what batteries took in the "
+    "measured time",
 }
 
 
@@ -64,7 +72,7 @@ def key_label(key: str, units: str) -> str:
 
 
 def definitions(names: Iterable[str]) -> list[str]:
-    """One line for each efficiency among some quantities."""
+    """One line for each quantity among these whose name does not say what it is."""
     return [
-        f"{name.replace('_', ' ')}: {EFFICIENCIES[name]}" for name in names if name in EFFICIENCIES
+        f"{name.replace('_', ' ')}: {DEFINITIONS[name]}" for name in names if name in DEFINITIONS
     ]
