@@ -18,7 +18,7 @@ from harvester.base.formatting import NOT_KNOWN, number, quantity, share_with_er
 from harvester.base.method import Method
 from harvester.base.plain_text import json_text
 from harvester.base.serialising import fields_of, plain
-from harvester.base.symbols import definitions, key_words
+from harvester.base.symbols import definitions, key_column, key_words
 from harvester.base.tables import Tabular, require_xarray, write_netcdf
 from harvester.base.writing import in_folder
 from harvester.device.record import Record
@@ -353,7 +353,8 @@ class LoadStudy(Tabular):
         `sweep.data()` has a row for each quantity.
         """
         quantities = list(columns(self.scene, self.cells))
-        header = ["load", *self.grid.sweeps, *(f"{name} [{unit}]" for name, _, unit in quantities)]
+        header = ["load", *(key_column(key, self.scene.units) for key in self.grid.sweeps)]
+        header += [f"{name} [{unit}]" for name, _, unit in quantities]
         rows = [
             [
                 point.load,
