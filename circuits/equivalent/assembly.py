@@ -134,8 +134,8 @@ class Netlist:
         The transducer's scaled current for one ampere at the load's ammeter, where it asks for it.
     per_power : float
         Scaled power per watt at the load's ammeter; 0 without one.
-    conductance, capacitance : float
-        Across the load's output (S, F).
+    conductance : float
+        Across the load's output (S).
     drives_current : bool
         Whether an inductance of the transducer drives the load's current on.
     measurement : circuits.netlist.measurement.Measurement
@@ -165,7 +165,6 @@ class Netlist:
     current_per_ampere: float = 0.0
     per_power: float = 0.0
     conductance: float = 0.0
-    capacitance: float = 0.0
     drives_current: bool = False
     measurement: Measurement = NOTHING
     watch: Watch = UNWATCHED
@@ -290,9 +289,7 @@ def assemble(
         options += (
             f" chgtol={elements.number(3.0 * charge)} abstol={elements.number(charge * rate)}"
         )
-        across = load.across_output
-        measured = (electrical.power_unit, part_values.conductance(across),
-                    part_values.capacitance(across))  # fmt: skip
+        measured = electrical.power_unit, part_values.conductance(load.across_output)
     # The load was checked when the scene was read.
     if load:
         run = run_text(load.name, load.pins, ramped(load.elements, ramp)) if ramp else load.run_text

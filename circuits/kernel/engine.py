@@ -19,7 +19,7 @@ from circuits.kernel.tables import Circuit
 from circuits.netlist.expression import leaves
 from circuits.netlist.functions import LIMITED
 from circuits.netlist.load_notes import check_turn, suspicion
-from circuits.netlist.part_values import SOURCE_CURE, capacitance, conductance, jumping_sources
+from circuits.netlist.part_values import SOURCE_CURE, conductance, jumping_sources
 from circuits.netlist.source_schedule import AHEAD, NO_BREAKPOINTS
 from harvester.base.compilation import numba
 from harvester.base.errors import LoadChatters, LoadError, SimulatorAborted, SolutionDiverged
@@ -123,7 +123,6 @@ def run_realizations(
         if outputs is not None:
             unit = circuit.probes.units[3] * scales.voltage**2
             outputs[k].conductance = unit * conductance(circuit.load.across_output)
-            outputs[k].capacitance = unit * capacitance(circuit.load.across_output)
     return {
         "engine_version": f"{SCHEME}, numba {numba.__version__}",
         "netlist_sha256": scene.load.circuit.sha256,

@@ -208,7 +208,6 @@ class Session(NgSpiceShared):
             scale = netlist.per_power * netlist.voltage_scale**2
             for output in outputs or ():
                 output.conductance = scale * netlist.conductance
-                output.capacitance = scale * netlist.capacitance
         finally:
             self._service = None
             for command in ("remcirc", "destroy all"):

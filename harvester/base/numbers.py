@@ -5,9 +5,11 @@ from __future__ import annotations
 import re
 
 POWERS = {"": 0, "k": 3, "meg": 6, "m": -3, "u": -6, "µ": -6, "μ": -6, "n": -9, "p": -12}
+# Units that people write behind a prefix.
+UNITS = ("m", "s", "V", "A", "W", "F", "H", "Hz", "N", "Ω", "ohm", "Ohm", "kg")
 _LISTED = "k, meg, m, u, n, p"
 _NUMBER = re.compile(
-    r"([+-]?(?:\d+\.?\d*|\.\d+))(?:[eE]([+-]?\d{1,3}))?(?: ?([a-zA-Zµμ]*))", re.ASCII
+    r"([+-]?(?:\d+\.?\d*|\.\d+))(?:[eE]([+-]?\d{1,3}))?(?: ?([a-zA-ZµμΩ]*))", re.ASCII
 )
 
 
@@ -42,6 +44,12 @@ def number(text: str) -> float:
             f"write {value * g:g} (m/s²) for {value:g} g of acceleration, "
             f"{value / 1e3:g} (kg) for {value:g} grams"
         )
+    for unit in UNITS if power is None else ():
+        prefix = suffix.removesuffix(unit)
+        if prefix != suffix and prefix in POWERS:
+            raise NotANumber(
+                f"write {match[0].removesuffix(suffix)}{prefix}, without the unit {unit}"
+            )
     if power is None:
         raise NotANumber(f"no suffix {suffix}: there are {_LISTED}")
     # Converted as text, so that 200k equals 200e3 to the last digit.

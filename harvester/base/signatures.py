@@ -60,7 +60,7 @@ class Kind:
 
 
 def grid_of(text: str, option: str) -> list[float]:
-    """Numbers from their short form: 0.1:2:log:40, 0.1:2:linear:40 or 0.1,0.2,0.5.
+    """Numbers from their short form: 0.1:2:log:40, -8m:8m:40 (evenly spaced) or 0.1,0.2,0.5.
 
     Raises
     ------
@@ -70,41 +70,22 @@ def grid_of(text: str, option: str) -> list[float]:
     import numpy as np
 
     first, *others = text.split(":")
+    reason = ""
     try:
         if not others:
             return [number(part) for part in text.split(",")]
-        last, spacing, points = others
+        last, *words, points = others
+        (spacing,) = words or ["linear"]
         grid: Any = {"log": np.geomspace, "linear": np.linspace}[spacing]
         low, high, count = number(first), number(last), int(points)
-        if 0.0 < low < high < math.inf and 1 < count <= MOST_NUMBERS:
+        allowed = low > 0.0 or spacing == "linear"
+        if allowed and low < high < math.inf and 1 < count <= MOST_NUMBERS:
             return [float(value) for value in grid(low, high, count)]
     except (ValueError, KeyError) as error:
         reason = f" ({error})" if isinstance(error, NotANumber) else ""
-    else:
-        reason = ""
     raise HarvesterError(
-        f"{option} {named(text)}: write it as 0.1:2:log:40, 0.1:2:linear:40 or 0.1,0.2,0.5{reason}"
-    )
-
-
-def line_of(text: str, option: str) -> list[float]:
-    """Evenly spaced numbers of either sign, from LOW:HIGH:NUMBER.
-
-    Raises
-    ------
-    HarvesterError
-        Names the option.
-    """
-    import numpy as np
-
-    try:
-        low, high, count = text.split(":")
-        if -math.inf < float(low) < float(high) < math.inf and 1 < int(count) <= MOST_NUMBERS:
-            return [float(number) for number in np.linspace(float(low), float(high), int(count))]
-    except ValueError:
-        pass
-    raise HarvesterError(
-        f"{option} {named(text)}: write it as LOW:HIGH:NUMBER, such as -0.02:0.02:60"
+        f"{option} {named(text)}: write it as 0.1:2:log:40, 0.1:2:linear:40, -8m:8m:40 or "
+        f"0.1,0.2,0.5{reason}"
     )
 
 
@@ -234,15 +215,6 @@ Processes = Annotated[int, Kind("N", "a whole number ≥ 1", _counts)]
 File = Annotated[str, Kind("FILE")]
 Folder = Annotated[str | os.PathLike, Kind("DIR")]
 Grid = Annotated[Sequence[float], Kind("LIST", read=grid_of)]
-Line = Annotated[Sequence[float], Kind("LOW:HIGH:NUMBER", read=line_of)]
-# Of a key: a grid, or evenly spaced numbers LOW:HIGH:NUMBER.
-Values = Annotated[
-    Sequence[float],
-    Kind(
-        "LIST",
-        read=lambda text, option: (line_of if text.count(":") == 2 else grid_of)(text, option),
-    ),
-]
 Count = Annotated[int, Kind("N", "a whole number ≥ 1", _counts)]
 Grids = Annotated[
     Mapping[str, Sequence[float]],

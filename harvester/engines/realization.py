@@ -144,7 +144,7 @@ class _WatchedOutput:
 
     def __init__(self, moments: OutputMoments, waveform: WaveformObserver) -> None:
         self._moments, self._waveform = moments, waveform
-        self.conductance = self.capacitance = math.nan
+        self.conductance = math.nan
 
     def add(
         self,
@@ -392,7 +392,7 @@ def _run(
         _set_spread(moments, ensemble)
     for m, seen in zip(moments, outputs or (), strict=False):
         if m.output:
-            m.output.conductance, m.output.capacitance = seen.conductance, seen.capacitance
+            m.output.conductance = seen.conductance
     for watch in strained:
         watch.close()
     elapsed, seconds = time.perf_counter() - clock, time.process_time() - processor

@@ -20,6 +20,7 @@ from harvester.engines.methods import Circuit, Engine
 from harvester.scene.prepared import prepared
 from harvester.scene.steps import knot_spacing, steps_per_sample
 from harvester.statistics.balance import energy_balance_residual
+from harvester.statistics.measures import CHANGE
 from harvester.statistics.moments import QUANTITIES
 from harvester.statistics.output_moments import QUANTITIES as OUTPUT_QUANTITIES
 
@@ -140,4 +141,4 @@ def _energies(output):
     powers = [row for row, (kind, _) in enumerate(output.rows) if kind in kinds]
     square = output.integrals[:, OUTPUT_QUANTITIES.index("square_voltage")].sum()
     measured = output.measured[:, powers, 0].sum(axis=0)
-    return np.append(measured, [output.conductance * square, output.stored.sum()])
+    return np.append(measured, [output.conductance * square, output.stored[:, CHANGE].sum()])

@@ -75,7 +75,7 @@ class _Points:
 
     def __init__(self) -> None:
         self._parts: list[np.ndarray] = []
-        self.conductance = self.capacitance = math.nan
+        self.conductance = math.nan
 
     def add(self, record: Any, voltage: np.ndarray | None = None, *_: Any) -> None:
         """A chunk's record; or times and voltages of an output."""

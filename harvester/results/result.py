@@ -24,6 +24,7 @@ from harvester.scene.units import Scales, scale
 from harvester.statistics.estimate import Density, Estimate, root
 from harvester.statistics.joint_density import JointDensity
 from harvester.statistics.moments import Moments
+from harvester.statistics.output_side import USED
 from harvester.statistics.strain import without_line
 from harvester.statistics.units import SI_UNITS, unit_of
 
@@ -297,7 +298,8 @@ class Result:
         header += ["no error bar because"] * bare
         rows = [
             [
-                name.replace("_", " "),
+                name.replace("_", " ")
+                + " (harvested)" * (name == "mean_output_power" and USED in printed),
                 self.in_print(name, estimate)[1],
                 with_error(estimate.times(self.in_print(name, estimate)[0])),
                 *([] if numerical else [count(estimate.effective_sample_size)]),

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from harvester.base.errors import HarvesterError, UnknownQuantity
-from harvester.base.formatting import prefixed
+from harvester.base.formatting import prefixed, quantity
 from harvester.base.libraries import optional_library
 from harvester.base.plain_text import named, nearest
 from harvester.base.tables import require_xarray, write_csv, write_netcdf
@@ -34,6 +34,10 @@ WIDTH, HEIGHT = 7.0, 1.3
 # An envelope has this number of bins and replaces a line of more points per bin than `MOST_IN_BIN`,
 # whose oscillations would fill the panel. A bin then holds a period of 50 points.
 BINS, MOST_IN_BIN = 150, 50
+# Columns that differ by no more than this share of their size are drawn once.
+SAME = 1e-9
+# A column that varies by a smaller share of its mean is drawn as its deviation from that.
+DEVIATION = 1e-3
 # Below this share of the greatest voltage the current is not power over voltage: rounding would
 # decide it.
 SMALL_VOLTAGE = 1e-9
@@ -197,24 +201,50 @@ def _draw(waveform):
     """Every column over time; the velocity is left out, which the displacement shows."""
     from matplotlib.figure import Figure
 
-    names = [name for name in waveform.columns if name != "velocity"]
-    figure = Figure(figsize=(WIDTH, 0.7 + HEIGHT * len(names)))
-    panels = figure.subplots(len(names), 1, sharex=True, squeeze=False).ravel()
-    for axes, name in zip(panels, names, strict=True):
-        values = waveform.columns[name]
-        factor, unit = prefixed(float(abs(values).max(initial=0.0)), waveform.units[name])
+    drawn = _drawn_once(waveform)
+    figure = Figure(figsize=(WIDTH, 0.7 + HEIGHT * len(drawn)))
+    panels = figure.subplots(len(drawn), 1, sharex=True, squeeze=False).ravel()
+    for axes, (words, name) in zip(panels, drawn.items(), strict=True):
+        values, unit = waveform.columns[name], waveform.units[name]
+        middle = float(values.mean()) if values.size else 0.0
+        if 0.0 < np.ptp(values) < DEVIATION * abs(middle):
+            words, values = f"{words}\n− {quantity(middle, unit, 7)}", values - middle
+        factor, unit = prefixed(float(abs(values).max(initial=0.0)), unit)
         _draw_column(axes, waveform.time, factor * values)
-        words = name.replace("_", " ") if "(" not in name else name
         axes.set_ylabel(f"{words}\n[{'scaled' if unit.startswith('scaled') else unit}]")
     panels[-1].set_xlabel("time [s]")
     figure.align_ylabels(panels)
-    set_title(figure, f"{waveform.scene.name}: one realization by {waveform.engine}")
+    title = f"{waveform.scene.name}: one realization by {waveform.engine}"
+    if _is_long(waveform.time):
+        title += f"; band: smallest and largest value in each of {BINS} intervals"
+    set_title(figure, title)
     return figure
+
+
+def _drawn_once(waveform):
+    """Words and column of each panel; a column like one before is named with it."""
+    drawn: dict[str, str] = {}
+    for name, values in waveform.columns.items():
+        words = name.replace("_", " ") if "(" not in name else name
+        size = np.abs(values).max(initial=0.0)
+        for other, column in drawn.items():
+            same_unit = waveform.units[column] == waveform.units[name]
+            if same_unit and np.allclose(waveform.columns[column], values, 0.0, SAME * size):
+                drawn = {f"{k}, {words}" if k == other else k: v for k, v in drawn.items()}
+                break
+        else:
+            drawn[words] = name
+    return {words: name for words, name in drawn.items() if name != "velocity"}
+
+
+def _is_long(time):
+    """Whether so many points are drawn as an envelope."""
+    return time.size > BINS * MOST_IN_BIN
 
 
 def _draw_column(axes, time, values):
     """Draw values over time; of many points the smallest and the largest of each bin."""
-    if time.size <= BINS * MOST_IN_BIN:
+    if not _is_long(time):
         axes.plot(time, values, color=CIRCUIT, linewidth=0.8)
         return
     edges = np.searchsorted(time, np.linspace(time[0], time[-1], BINS, endpoint=False))

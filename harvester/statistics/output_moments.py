@@ -42,7 +42,7 @@ class OutputMoments:
         Powers, energies and conditions, scaled; levels in V and A, without rises and falls;
         shape (batches, len(rows), len(MEASURED)).
     stored
-        Change of the energy in the load's capacitors and coils in each batch, scaled.
+        Of the energy in the load's capacitors and coils, scaled; shape (batches, len(MEASURED)).
     first
         When each measure was first above 0, settling included (s); nan: never, or a level.
     latest
@@ -51,10 +51,10 @@ class OutputMoments:
         When the voltage's size first reached each of LEVELS, as `first`; nan: never.
     lowest, highest
         Extremes of the voltage in the measured time.
-    conductance, capacitance
-        Sums over the resistors and capacitors across the output, scaled:
-        power is conductance voltage², energy ½ capacitance voltage². nan before the run's end.
-    time, voltage
+    conductance
+        Sum over the resistors across the output, scaled: power is conductance voltage². nan before
+        the run's end.
+    time, voltage, energy
         Of the latest point.
     has_output
         Whether the load has an output; else its levels alone are meant.
@@ -72,9 +72,9 @@ class OutputMoments:
     lowest: float = np.inf
     highest: float = -np.inf
     conductance: float = np.nan
-    capacitance: float = np.nan
     time: float = np.nan
     voltage: float = np.nan
+    energy: float = 0.0
     has_output: bool = True
 
     @classmethod
@@ -89,7 +89,7 @@ class OutputMoments:
             np.zeros((batches, len(QUANTITIES))),
             rows=rows,
             measured=np.zeros((batches, len(rows), len(MEASURED))),
-            stored=np.zeros(batches),
+            stored=np.zeros((batches, len(MEASURED))),
             first=np.full(len(rows), np.nan),
             latest=np.zeros(len(rows)),
             has_output=has_output,
@@ -118,8 +118,12 @@ class OutputMoments:
         if time.size == 0:
             return
         spans = _spans(time, self.time, self.start, self.batch_length, len(self.integrals))
-        if energy is not None:
-            self._add_stored(spans, levels, energy)
+        if energy is not None and energy.any():
+            zero = np.zeros_like(time)
+            volts = np.array([zero if level is None else level for level in levels[: len(energy)]])
+            held = (volts * (energy @ volts)).sum(axis=0)
+            _add_level(spans, time, held, self.time, self.energy, self.stored)
+            self.energy = float(held[-1])
         self._add_levels(spans, time, levels)
         if values is not None and len(values):
             _add_measured(
@@ -134,19 +138,6 @@ class OutputMoments:
             self.lowest = min(self.lowest, float(counted.min()))
             self.highest = max(self.highest, float(counted.max()))
         self.time, self.voltage = float(time[-1]), float(voltage[-1])
-
-    def _add_stored(self, spans, levels, energy):
-        first = len(self.rows) - len(levels)
-
-        def held(place):
-            values = [
-                0.0 if level is None else (self.latest[row] if place < 0 else level[place])
-                for row, level in enumerate(levels[: len(energy)], first)
-            ]
-            return values @ energy @ values
-
-        for begin, end, batch in spans:
-            self.stored[batch] += held(end - 1) - held(begin - 1)
 
     def _add_levels(self, spans, time, levels):
         for row, values in enumerate(levels, len(self.rows) - len(levels)):

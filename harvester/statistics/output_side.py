@@ -18,6 +18,7 @@ from harvester.statistics.batch_means import (
 )
 from harvester.statistics.estimate import NOTHING_PUT_IN, Estimate, why_no_error
 from harvester.statistics.measures import (
+    CHANGE,
     INTEGRAL,
     SECONDS_PER_HOUR,
     SQUARE,
@@ -30,6 +31,8 @@ from harvester.statistics.passivity import SUPPLIED
 
 # The output counts as started once its voltage has reached this share of the final mean voltage.
 STARTED_SHARE = 0.9
+# What the output takes where sources of the load supply a part of it.
+USED = "mean_power_used_at_output"
 ONE_VALUE_NOTE = "one value a realization: no error bar"
 # A source of the load that delivers a smaller share of what is harvested is left in it: the steps
 # may cost as much.
@@ -50,25 +53,31 @@ def estimate_output(
 ) -> dict[str, Estimate]:
     """Quantities of the load's output side, scaled; empty without an output.
 
-    What is harvested is what goes into the output's resistors, what the load's file measures as an
-    output, and what its capacitors, coils and batteries store, less what its sources deliver,
-    `supplied_by_NAME` each: `converter_efficiency` is its share of the power leaving the piezo,
-    `end_to_end_efficiency` that of the mechanical input. The quantities of `estimate_measures` are
-    included.
+    The output uses what its resistors take and what the load's file measures as an output.
+    `mean_output_power` is that power less what the load's sources deliver, `supplied_by_NAME` each;
+    where there are any, `mean_power_used_at_output` is given too. What is harvested is the output
+    power and what capacitors, coils and batteries store: `converter_efficiency` is its share of the
+    power leaving the piezo, `end_to_end_efficiency` that of the mechanical input. The quantities of
+    `estimate_measures` are included.
     """
     batches = complete_batches(moments)
     if batches is None or not all(m.has_output for m in moments):
         return {}
     output = _output_series(moments, batches)
     time = batches[:, :, PIEZO_QUANTITIES.index("time")]
-    half = 0.5 * moments[0].output.capacitance
-    squares = _squares(moments, output) if not supplied(moments) else {}
+    sources, squares, estimates = supplied(moments), _squares(moments, output), {}
+    if sources:
+        used, _ = _used_and_stored(moments, output)
+        square = squares.pop("mean_output_power", None)
+        estimates[USED] = ratio_estimate(used, time, "power", squares=square, error_of=error_of)
+    for name, energy in sources.items():
+        estimates[f"{SUPPLIED}{name}"] = ratio_estimate(energy, time, "power", error_of=error_of)
     # The final mean is that of the last half of the measured time. The load starts discharged, so
     # that its start-up counts from the realization's beginning, settling included.
     late = slice(time.shape[1] // 2, None)
     final = abs(float(output["voltage"][:, late].sum() / time[:, late].sum()))
     started = [m.output.passage(STARTED_SHARE * final) for m in moments]
-    estimates = {
+    estimates |= {
         name: ratio_estimate(
             *output_ratio(moments, name), dimension, NOTHING_PUT_IN, squares.get(name), error_of
         )
@@ -79,21 +88,33 @@ def estimate_output(
         "output_peak_to_peak": _single([m.output.highest - m.output.lowest for m in moments]),
         "start_up_time": _single(started, "time"),
     }
-    if half > 0.0:
-        energies = half**2 * output["fourth_power_of_voltage"]
-        estimates["stored_energy"] = ratio_estimate(
-            half * output["square_voltage"], time, "energy", squares=energies, error_of=error_of
-        )
-        stored = [half * m.output.voltage**2 for m in moments]
-        estimates["final_stored_energy"] = _single(stored, "energy")
+    estimates |= _stored_energies(moments, time, error_of)
     hourly = SECONDS_PER_HOUR * np.ones_like(time)
     estimates["stored_energy_per_hour"] = ratio_estimate(
         hourly * output_ratio(moments, "mean_storage_power")[0], time, "hourly_energy",
         error_of=error_of,
     )  # fmt: skip
-    for name, energy in supplied(moments).items():
-        estimates[f"{SUPPLIED}{name}"] = ratio_estimate(energy, time, "power", error_of=error_of)
     return estimates | estimate_measures(moments, error_of)
+
+
+def _stored_energies(moments, time, error_of):
+    """Mean and final energy of the load's stores; empty without any.
+
+    A battery counts by what it has taken since the start of the measured time.
+    """
+    series = np.stack([m.output.stored[: time.shape[1]] for m in moments])
+    taken = _taken_by_batteries(moments, time)
+    if not series[:, :, INTEGRAL].any() and not taken.any():
+        return {}
+    energy, squares = series[:, :, INTEGRAL], series[:, :, SQUARE]
+    if taken.any():
+        # Within a batch half of its energy has arrived on average.
+        energy, squares = energy + (np.cumsum(taken, axis=1) - 0.5 * taken) * time, None
+    final = [m.output.energy + into.sum() for m, into in zip(moments, taken, strict=True)]
+    return {
+        "stored_energy": ratio_estimate(energy, time, "energy", squares=squares, error_of=error_of),
+        "final_stored_energy": _single(final, "energy"),
+    }
 
 
 def output_ratio(moments: Sequence[Any], name: str) -> tuple[np.ndarray, np.ndarray]:
@@ -106,15 +127,11 @@ def output_ratio(moments: Sequence[Any], name: str) -> tuple[np.ndarray, np.ndar
     output = _output_series(moments, batches)
     consumed, stored = _used_and_stored(moments, output)
     delivered = sum(supplied(moments).values(), np.zeros_like(time))
-    lost = load + delivered - consumed - stored
-    consumed, harvested = (
-        without_supplies(consumed, delivered),
-        without_supplies(consumed + stored, delivered),
-    )
+    harvested = consumed - delivered + stored
     return {
-        "mean_output_power": (consumed, time),
+        "mean_output_power": (consumed - delivered, time),
         "mean_storage_power": (stored, time),
-        "mean_converter_loss": (lost, time),
+        "mean_converter_loss": (load - harvested, time),
         "converter_efficiency": (harvested, load),
         "end_to_end_efficiency": (harvested, put_in),
         "output_voltage": (output["voltage"], time),
@@ -135,13 +152,6 @@ def supplied(moments: Sequence[Any]) -> dict[str, np.ndarray]:
     }
 
 
-def without_supplies(energy, given):
-    """An energy less what sources deliver; 0 where they deliver more, as the rest is lost."""
-    if given.any() and energy.sum() < (1.0 + LEAST_SUPPLY) * given.sum():
-        return np.zeros_like(energy)
-    return energy - given
-
-
 def _sources(moments):
     for row, (kind, name) in enumerate(moments[0].output.rows):
         if kind in (OUTPUT, SUPPLY, BATTERY):
@@ -151,13 +161,18 @@ def _sources(moments):
 def _used_and_stored(moments, output):
     """Energy given to what the load is for, sources' energy included, and energy stored."""
     consumed = moments[0].output.conductance * output["square_voltage"]
-    stored = np.stack([m.output.stored[: consumed.shape[1]] for m in moments])
+    stored = np.stack([m.output.stored[: consumed.shape[1], CHANGE] for m in moments])
+    consumed = consumed + sum(series for kind, _, series in _sources(moments) if kind == OUTPUT)
+    return consumed, stored + _taken_by_batteries(moments, consumed)
+
+
+def _taken_by_batteries(moments, like):
+    """Energy that batteries store, batch by batch; 0 of those that deliver."""
+    taken = np.zeros_like(like)
     for kind, _, series in _sources(moments):
-        if kind == OUTPUT:
-            consumed = consumed + series
-        elif kind == BATTERY and series.sum() > 0.0:
-            stored = stored + series
-    return consumed, stored
+        if kind == BATTERY and series.sum() > 0.0:
+            taken = taken + series
+    return taken
 
 
 def _squares(moments, output):

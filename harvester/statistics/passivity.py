@@ -6,6 +6,7 @@ import math
 from typing import Any
 
 from circuits.netlist.supplies import unbooked
+from harvester.base.formatting import quantity
 from harvester.statistics.estimate import Estimate
 
 # Beginning of the names of quantities that say what a source of the load delivers.
@@ -64,6 +65,8 @@ def efficiency_notes(
             "out of its own sources or of what it held at the start; its efficiencies are not "
             "shares of the piezo's power",
         )
+    if any(name.startswith(SUPPLIED) for name in estimates):
+        return ()
     delivered = value("mean_output_power")
     if outside and delivered < min(0.0, 2.0 * value("mean_storage_power")):
         return (
@@ -86,7 +89,8 @@ def faint_output_notes(estimates: dict[str, Estimate]) -> tuple[str, ...]:
     output_power, input_power = (
         estimates[f"mean_{name}_power"].estimate for name in ("output", "input")
     )
-    if not 0.0 < output_power < FAINT_OUTPUT * input_power:
+    supplied = any(name.startswith(SUPPLIED) for name in estimates)
+    if supplied or not 0.0 < output_power < FAINT_OUTPUT * input_power:
         return ()
     return (
         f"the output power is {output_power / input_power:.1g} of what the base puts in: steps may "
@@ -97,19 +101,22 @@ def faint_output_notes(estimates: dict[str, Estimate]) -> tuple[str, ...]:
 def supply_notes(estimates: dict[str, Estimate], power_scale: float, unit: str) -> tuple[str, ...]:
     """A note on what sources of a load deliver to it; see `efficiency_notes`."""
     supplied = [
-        f"supplied by {name.removeprefix(SUPPLIED)}: {estimate.estimate * power_scale:.3g} {unit}"
+        f"supplied by {name.removeprefix(SUPPLIED)}: "
+        f"{quantity(estimate.estimate * power_scale, unit, 3)}"
         for name, estimate in estimates.items()
         if name.startswith(SUPPLIED)
     ]
+    output = estimates.get("mean_output_power")
+    nothing = output is not None and not output.estimate > 0.0
     voltage = estimates.get("output_voltage")
     advice = "let the source draw its power from the load, as a converter does"
     if voltage is not None and voltage.estimate < 0.0:
         advice = (
-            "the output has collapsed below 0 V: it asks for more than the device has; lower it"
+            "the output has collapsed below 0 V and asks for more than the device has: lower it"
         )
     return bool(supplied) * (
-        f"{', '.join(supplied)}, which does not come from the piezo; output power and efficiencies "
-        f"exclude it; {advice}",
+        f"{', '.join(supplied)}, which does not come from the device and is no part of output "
+        f"power and efficiencies{', so that nothing is harvested there' * nothing}: {advice}",
     )
 
 

@@ -14,7 +14,7 @@ from circuits.netlist.load_notes import reading_notes
 from harvester.base.errors import SceneError
 from harvester.device import timescales
 from harvester.device.beam.magnets import magnet_notes
-from harvester.statistics.balance import energy_balance_residual
+from harvester.statistics.balance import device_storage, energy_balance_residual
 from harvester.statistics.batch_means import (
     complete_batches,
     duration_for_error,
@@ -146,6 +146,7 @@ def run_estimates(
     slow = memory + 0.5 * max((store.memory for store in stores), default=0.0)
     error_of_output = balance.error if balance else error_of(scene, slow / batch)
     estimates = estimate_all(balanced, system, error) | estimate_output(balanced, error_of_output)
+    estimates |= device_storage(moments, balanced, system, error)
     estimates |= estimate_strain(balanced, scene.excitation, error)
     estimates = {
         name: with_steps(scene, estimate, path_error) for name, estimate in estimates.items()

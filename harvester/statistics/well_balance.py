@@ -271,7 +271,7 @@ def _weighted(moments, weights):
             output,
             integrals=output.integrals * padded[:, None],
             measured=output.measured * padded[:, None, None],
-            stored=output.stored * padded,
+            stored=output.stored * padded[:, None],
         )
     strain = moments.strain
     if strain is not None:

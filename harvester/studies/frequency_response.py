@@ -35,7 +35,7 @@ from harvester.scene.paths import start_state
 from harvester.scene.prepared import prepared
 from harvester.scene.steps import knot_spacing
 from harvester.scene.units import Scales
-from harvester.statistics.output_side import LEAST_SUPPLY, without_supplies
+from harvester.statistics.output_side import LEAST_SUPPLY
 from harvester.statistics.range_watch import with_range_watch
 from harvester.statistics.transient import transient_time
 from harvester.statistics.units import SI_UNITS
@@ -307,7 +307,7 @@ class _Outputs:
         self._windows = windows
         self._powers = [k for k, (kind, _) in enumerate(rows) if kind == OUTPUT]
         self._sources = [k for k, (kind, _) in enumerate(rows) if kind in (SUPPLY, BATTERY)]
-        self.conductance = self.capacitance = math.nan
+        self.conductance = math.nan
 
     def add(
         self, time: np.ndarray, voltage: np.ndarray, values: np.ndarray, *others: object
@@ -478,8 +478,8 @@ def _output_means(times, outputs, stop, measured, conductance):
     power = _integrals(times, conductance * voltage**2 + used, ends) / measured
     means = (_integrals(times, source, ends)[0] / measured for source in sources)
     least = LEAST_SUPPLY * abs(power[0])
-    supplied = np.array([sum(-taken for taken in means if -taken > least)])
-    return float(mean[0]), float(without_supplies(power, supplied)[0])
+    supplied = sum(-taken for taken in means if -taken > least)
+    return float(mean[0]), float(power[0] - supplied)
 
 
 def _peak(times, values):

@@ -302,7 +302,7 @@ def sweep(
         A scene, its file or the name of a built-in one.
     over : dict of str to sequence of float or str
         Any key of the scene and its values, numbers or words: FIRST:LAST:log:NUMBER,
-        FIRST:LAST:linear:NUMBER, or values between commas; several make a grid.
+        LOW:HIGH:NUMBER evenly spaced, or values between commas; several make a grid.
     methods : sequence of str or Method
         Engines and closures; several may be given (default: monte-carlo).
     quantities : sequence of str

@@ -15,7 +15,7 @@ from harvester.base.errors import HarvesterError
 from harvester.base.formatting import is_share, number, prefixed, with_error
 from harvester.base.plain_text import json_text
 from harvester.base.serialising import plain
-from harvester.base.symbols import key_label
+from harvester.base.symbols import key_column, key_label
 from harvester.base.tables import Tabular, require_xarray
 from harvester.engines.request import COMPLETE, OUT_OF_TIME, told
 from harvester.results.orbit import Attractor
@@ -99,7 +99,8 @@ class Sweep(Tabular):
 
     def data(self) -> tuple[list[str], list[list[Any]]]:
         """Header and rows of the tidy table: one for each place, method and quantity."""
-        header = [*self.values, "method", "quantity", "estimate", "standard_error", "unit"]
+        header = [key_column(key, self.scene.units) for key in self.values]
+        header += ["method", "quantity", "estimate", "standard_error", "unit"]
         rows = []
         for point, cell in self.places():
             for name in self.quantities:
@@ -133,7 +134,7 @@ class Sweep(Tabular):
             for name in self.quantities
             if name in cell.estimates
         }
-        header = ["method", *self.values]
+        header = ["method", *(key_column(key, self.scene.units) for key in self.values)]
         header += [quantity.replace("_", " ") for quantity in self.quantities]
         rows = []
         for point, cell in self.places():

@@ -284,8 +284,8 @@ FAULTS = [
     Fault(
         "moments: the load's stores are emptied where they are filled",
         OUTPUT_SIDE,
-        "self.stored[batch] += held(end - 1) - held(begin - 1)",
-        "self.stored[batch] += held(begin - 1) - held(end - 1)",
+        "held = (volts * (energy @ volts)).sum(axis=0)",
+        "held = -(volts * (energy @ volts)).sum(axis=0)",
         ("harvester/statistics/test_output_moments.py", "circuits/netlist/test_supplies.py"),
     ),
     Fault(
@@ -354,8 +354,8 @@ FAULTS = [
     Fault(
         "energy balance: what is stored in the end is not found again",
         BALANCE,
-        "(put_in - load - loss - stored) / scale",
-        "(put_in - load - loss) / scale",
+        "(put_in - out - stored) / scale",
+        "(put_in - out) / scale",
         (f"{OF_MEANS}::test_the_residual_sees_a_wrong_coefficient",),
     ),
     Fault(
@@ -431,8 +431,8 @@ FAULTS = [
     Fault(
         "measures: half of what is stored is harvested",
         "harvester/statistics/output_side.py",
-        "without_supplies(consumed + stored, delivered)",
-        "without_supplies(consumed + 0.5 * stored, delivered)",
+        "harvested = consumed - delivered + stored",
+        "harvested = consumed - delivered + 0.5 * stored",
         ("harvester/statistics/test_output_moments.py", "circuits/netlist/test_supplies.py"),
     ),
     Fault(

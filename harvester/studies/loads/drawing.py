@@ -21,6 +21,7 @@ if TYPE_CHECKING:
 MARKERS = "osD^vP*X"
 # An error bar reaches so many standard errors to either side.
 BARS = 2.0
+# Shown in figure and table: the first for a load with an output, else the second.
 EFFICIENCIES = ("end_to_end_efficiency", "power_conversion_efficiency_of_input")
 
 
@@ -123,7 +124,7 @@ def _curves(study, other, places, value):
     for k, colour, marker in zip(_loads(study), _colours(), cycle(MARKERS), strict=False):
         row = [study.curves[(k, *other)][index] for index in order]
         means = [
-            (index, mean, bool(evaluation.fed_by_store))
+            (index, mean, bool(evaluation.unranked))
             for index, evaluation in zip(order, row, strict=True)
             if (mean := value(evaluation))
         ]

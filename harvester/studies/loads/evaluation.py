@@ -36,6 +36,8 @@ from harvester.scene.steps import step_error
 from harvester.statistics.batch_means import complete_batches
 from harvester.statistics.estimate import TOO_SHORT, Estimate
 from harvester.statistics.moments import Moments
+from harvester.statistics.output_side import USED
+from harvester.statistics.passivity import SUPPLIED
 from harvester.statistics.run_estimates import run_estimates, with_steps
 from harvester.statistics.settling import withheld
 from harvester.studies.sweep import Cell
@@ -53,6 +55,7 @@ POWER = "output_power"
 
 # An output is fed by its stores if they lose this share of its power, and more than one standard
 # error. A store's changes cancel from batch to batch, so that its error bar is rather too large.
+# Sources of the load feed it if no larger share of what it uses is harvested.
 DRAWN_SHARE = 0.01
 # Most realizations of one point if a precision is asked for.
 MOST_REALIZATIONS = 4000
@@ -86,18 +89,28 @@ class Evaluation(Cell):
         return self.estimates[POWER].estimate if POWER in self.estimates else math.nan
 
     @property
-    def fed_by_store(self) -> str:
-        """Why the power does not rank: the load's stores discharge; empty where it does."""
+    def unranked(self) -> str:
+        """Why the power does not rank, as the device does not feed the output; empty if it does."""
+        if self.is_supplied:
+            sources = (name for name in self.estimates if name.startswith(SUPPLIED))
+            names = ", ".join(name.removeprefix(SUPPLIED) for name in sources)
+            return f"{names} in the load supplies what its output uses: nothing is harvested"
         stored = self.estimates.get("mean_storage_power")
         least = DRAWN_SHARE * abs(self.power)
-        if stored is None or not -stored.estimate > max(stored.standard_error or 0.0, least):
-            return ""
-        return "not ranked: its stores discharge into the output; raise run.settle"
+        if stored and -stored.estimate > max(stored.standard_error or 0.0, least):
+            return "its stores discharge into the output; raise run.settle"
+        return "no power reaches its output" if self.power <= 0.0 else ""
+
+    @property
+    def is_supplied(self) -> bool:
+        """Whether sources of the load supply all that the output uses."""
+        used = self.estimates.get(USED)
+        return used is not None and self.power <= DRAWN_SHARE * used.estimate
 
     @property
     def ranked_power(self) -> float:
-        """Output power to rank by; nan where a store delivers a part of it."""
-        return math.nan if self.fed_by_store else self.power
+        """Output power to rank by; nan where it is not harvested."""
+        return math.nan if self.unranked else self.power
 
     @property
     def relative_error(self) -> float:
@@ -130,7 +143,9 @@ def evaluating(
 
     def judge(good, ended):
         evaluation = _evaluate(scene, method.name, good, ended, cost)
-        return evaluation, evaluation.relative_error if evaluation.realizations else 0.0
+        # More realizations do not make a power precise that is none.
+        unknown = evaluation.realizations and not evaluation.is_supplied
+        return evaluation, evaluation.relative_error if unknown else 0.0
 
     most = MOST_REALIZATIONS if precision else distinct_realizations(prepared(scene))
     first = FIRST_REALIZATIONS if precision else most

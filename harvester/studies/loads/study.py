@@ -18,7 +18,7 @@ from harvester.base.formatting import NOT_KNOWN, number, quantity, share_with_er
 from harvester.base.method import Method
 from harvester.base.plain_text import json_text
 from harvester.base.serialising import fields_of, plain
-from harvester.base.symbols import EFFICIENCIES, definitions, key_words
+from harvester.base.symbols import definitions, key_column, key_words
 from harvester.base.tables import Tabular, require_xarray, write_netcdf
 from harvester.base.writing import in_folder
 from harvester.device.record import Record
@@ -34,6 +34,7 @@ from harvester.statistics.units import unit_of
 from harvester.studies import JUDGED, LOAD_STUDY_FILES
 from harvester.studies.grid import Grid
 from harvester.studies.loads.curves import Difference, optimum_of, rank
+from harvester.studies.loads.drawing import EFFICIENCIES
 from harvester.studies.loads.evaluation import WAVEFORM, Evaluation
 from harvester.studies.loads.proof import Proof, places_to_prove, proving
 from harvester.studies.sweep import (
@@ -52,6 +53,11 @@ if TYPE_CHECKING:
 # Measured time of a realization over its settling time. A fifth of the run is then spent on
 # settling.
 DURATION_OVER_SETTLE = 4.0
+COLUMNS = (
+    "columns: output power (harvested), efficiency and realizations are those of the highest "
+    "computed point; optimum: the maximum of a parabola through ln(power) at this point and its "
+    "neighbours; interval: of that maximum, 95 %"
+)
 # Share of the time budget that is kept for the circuit as judge.
 PROOF_SHARE = 0.2
 
@@ -198,19 +204,16 @@ class LoadStudy(Tabular):
         optimum, index = self.optima[where]
         if index is None:
             first = self.curves[where][0]
-            return [*["—"] * 5, str(first.realizations), first.fed_by_store or first.outcome]
+            return [
+                *["—"] * 5,
+                str(first.realizations),
+                "; ".join(self._unranked(where, key)) or first.outcome,
+            ]
         best: Any = self.best(where)
-        efficiency = best.estimates.get("end_to_end_efficiency") or best.estimates.get(
-            "power_conversion_efficiency_of_input"
-        )
+        efficiency = next((best.estimates[n] for n in EFFICIENCIES if n in best.estimates), None)
         outcome = outcome_and_notes(best)[0]
         notes = [optimum.note, "" if outcome == COMPLETE else outcome]
-        fed = [
-            quantity(self.grid.sweeps[key][k], key_words(key, self.scene.units)[1])
-            for k, evaluation in enumerate(self.curves[where])
-            if key and evaluation.fed_by_store
-        ]
-        notes += [f"at {', '.join(fed)} not ranked: stores discharge into the output"] * bool(fed)
+        notes += self._unranked(where, key)
         if self.precision and best.realizations:
             reached, asked = best.relative_error, self.precision
             precision = (
@@ -231,6 +234,19 @@ class LoadStudy(Tabular):
             "; ".join(note for note in notes if note),
         ]
 
+    def _unranked(self, where, key):
+        """Why points of a curve are not ranked, and which."""
+        places: dict[str, list[str]] = {}
+        for k, evaluation in enumerate(self.curves[where]):
+            if evaluation.unranked:
+                unit = key_words(key, self.scene.units)[1] if key else ""
+                value = quantity(self.grid.sweeps[key][k], unit) if key else ""
+                places.setdefault(evaluation.unranked, []).append(value)
+        return [
+            f"at {', '.join(values)} not ranked: {reason}" if key else f"not ranked: {reason}"
+            for reason, values in places.items()
+        ]
+
     def _value(self, key, value):
         words, unit = key_words(key, self.scene.units)
         return f"{words} = {quantity(value, unit)}"
@@ -240,6 +256,7 @@ class LoadStudy(Tabular):
         lines = [line for other, words in self.others() for line in self._ranking(other, words)]
         lines += self._failures()
         names = {name for evaluation in self.evaluations for name in evaluation.estimates}
+        lines += [COLUMNS] * any(self.best(where) for where in np.ndindex(self.optima.shape))
         lines += definitions(name for name in EFFICIENCIES if name in names)
         run, total = self.scene.run, len(self.evaluations)
         if self.precision:
@@ -336,7 +353,8 @@ class LoadStudy(Tabular):
         `sweep.data()` has a row for each quantity.
         """
         quantities = list(columns(self.scene, self.cells))
-        header = ["load", *self.grid.sweeps, *(f"{name} [{unit}]" for name, _, unit in quantities)]
+        header = ["load", *(key_column(key, self.scene.units) for key in self.grid.sweeps)]
+        header += [f"{name} [{unit}]" for name, _, unit in quantities]
         rows = [
             [
                 point.load,

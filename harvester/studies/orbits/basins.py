@@ -109,8 +109,12 @@ class Basins:
         count = int((self.orbit >= 0).sum())
         starts = "1 start" if count == 1 else f"{count} starts"
         lines = [
-            f"{self.method}: {self.engine_version}; {starts} with an empty transducer, each "
-            f"for {self.periods} periods of the excitation or more; {self.seconds:.2f} s",
+            f"{self.method}: {self.engine_version}; {starts}, each for {self.periods} periods of "
+            f"the excitation or more; {self.seconds:.2f} s",
+            f"plane of the starts: {self._axis('displacement', self.displacements)}, "
+            f"{self._axis('velocity', self.velocities)}, with an "
+            "empty transducer at the beginning of a period of the excitation; --displacement and "
+            "--velocity set others",
             *orbit_sentences(self.orbits, self.unit),
             "a share is that of the starts on this grid: another grid has other shares",
         ]
@@ -118,6 +122,13 @@ class Basins:
         if left:
             lines.append(f"{left} starts were not followed: the time budget was spent")
         return lines
+
+    def _axis(self, name, values):
+        unit = self.unit(name)
+        if values.size == 1:
+            return f"{name} {quantity(values[0], unit)}"
+        ends = f"{quantity(values[0], unit)} to {quantity(values[-1], unit)}"
+        return f"{values.size} values of the {name} from {ends}"
 
     def figure(self) -> Figure | None:
         """The basins in the plane of the starts, with the orbits' sections."""

@@ -18,7 +18,7 @@ from harvester.base.errors import HarvesterError, SimulationError
 from harvester.base.formatting import prefixed, quantity, value_and_error, with_error
 from harvester.base.plain_text import json_text
 from harvester.base.serialising import plain
-from harvester.base.symbols import key_label
+from harvester.base.symbols import key_column, key_label
 from harvester.base.tables import require_xarray
 from harvester.engines.following import follow, forced
 from harvester.engines.methods import Engine
@@ -156,7 +156,7 @@ class Bifurcation:
 
     def data(self) -> tuple[list[str], list[list[Any]]]:
         """Header and rows of numbers, in the scene's units."""
-        header = ["direction", self.key, "motion"]
+        header = ["direction", key_column(self.key, self.scene.units), "motion"]
         for name, dimension in QUANTITIES.items():
             words, unit = name.replace("_", " "), self.unit(dimension)
             header += [f"{words} [{unit}]", f"error of the {words} [{unit}]"]
@@ -230,14 +230,20 @@ class Bifurcation:
         return figures.drawn(_draw, self)
 
     def to_xarray(self) -> Dataset:
-        """An xarray Dataset over direction, value and sample, in the scene's units."""
-        variables: dict[str, Any] = {
-            name: (("direction", self.key), [getattr(branch, name) for branch in self.branches])
-            for name in (*QUANTITIES, "period")
-        }
+        """An xarray Dataset over direction, value and sample, in the scene's units.
+
+        Each mean stands next to its `…_standard_error`; the attribute `unit` is the unit.
+        """
+        axes, branches = ("direction", self.key), self.branches
+        variables: dict[str, Any] = {"period": (axes, [branch.period for branch in branches])}
+        for name, dimension in QUANTITIES.items():
+            unit = {"unit": self.unit(dimension)}
+            variables[name] = (axes, [getattr(branch, name) for branch in branches], unit)
+            errors = [branch.errors[name] for branch in branches]
+            variables[f"{name}_standard_error"] = (axes, errors, unit)
         for name in ("displacement", "velocity"):
-            section = [getattr(branch, name) for branch in self.branches]
-            variables[name] = (("direction", self.key, "sample"), section)
+            section = [getattr(branch, name) for branch in branches]
+            variables[name] = ((*axes, "sample"), section, {"unit": self.unit(name)})
         directions = [branch.direction for branch in self.branches]
         attributes = {"scene": json_text(self.scene.to_dict()), "method": self.method}
         coordinates = {"direction": directions, self.key: self.values}

@@ -9,13 +9,12 @@ from harvester.base.arguments import listed
 from harvester.base.errors import HarvesterError
 from harvester.base.signatures import (
     Count,
+    Grid,
     Kind,
-    Line,
     MethodOrName,
     RunnerOptions,
     Share,
     Step,
-    Values,
 )
 from harvester.engines.methods import engine_of
 from harvester.scene.calling import takes_scene
@@ -34,8 +33,8 @@ POINTS = 41
 def basins(
     scene: Scene,
     *,
-    displacement: Line | None = None,
-    velocity: Line | None = None,
+    displacement: Grid | None = None,
+    velocity: Grid | None = None,
     points: Count = POINTS,
     periods: Count | None = None,
     method: MethodOrName = "monte-carlo",
@@ -49,8 +48,8 @@ def basins(
     scene : Scene, str or Path
         A scene, its file or the name of a built-in one; its excitation is a sine or a sum of sines.
     displacement, velocity : sequence of float
-        Coordinates of the starts, in the scene's units: LOW:HIGH:NUMBER (default: the energies up
-        to beyond the device's largest motion).
+        Coordinates of the starts, in the scene's units: LOW:HIGH:NUMBER, or numbers between commas
+        (default: the energies up to beyond the device's largest motion).
     points : int
         Starts a side, of what is left to the default.
     periods : int or None
@@ -112,7 +111,7 @@ def bifurcation(
     scene: Scene,
     *,
     over: str,
-    values: Values,
+    values: Grid,
     down: Annotated[bool, Kind(option="up-only")] = True,
     periods: Count | None = None,
     method: MethodOrName = "monte-carlo",
@@ -201,7 +200,7 @@ def residence(
     scene: Scene,
     *,
     over: str | None = None,
-    values: Values | None = None,
+    values: Grid | None = None,
     precision: Share | None = None,
     method: MethodOrName = "monte-carlo",
     step: Step = "default",

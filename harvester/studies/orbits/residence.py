@@ -13,7 +13,7 @@ from harvester.base.errors import HarvesterError
 from harvester.base.formatting import quantity, value_and_error
 from harvester.base.plain_text import json_text
 from harvester.base.serialising import plain
-from harvester.base.symbols import key_label
+from harvester.base.symbols import key_column, key_label
 from harvester.base.tables import require_xarray
 from harvester.device import timescales
 from harvester.device.system import potential
@@ -128,7 +128,8 @@ class Residence:
 
     def data(self) -> tuple[list[str], list[list[Any]]]:
         """Header and rows of numbers."""
-        header = [self.key or "scene", f"well [{unit_of(self.scene, 'displacement')}]"]
+        key = key_column(self.key, self.scene.units) if self.key else "scene"
+        header = [key, f"well [{unit_of(self.scene, 'displacement')}]"]
         header += ["residence time [s]", "standard error [s]", "stays", "Kramers [s]"]
         return header, [
             [stay.value, stay.well, stay.time, stay.standard_error, stay.stays, stay.kramers]

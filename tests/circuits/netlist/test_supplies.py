@@ -172,16 +172,21 @@ def test_energies_are_those_of_a_plain_deck(tmp_path, pool, load):
     found = {name: result[name].estimate for name in result.quantities}
     deck = _deck(tmp_path, path, body, stored, supplied)
     store = deck["last"] / SECONDS
+    final = deck["last"] + (0.5e-6 * 9.0 if "ic=3" in body else 0.0)
     if load == "battery":
         store += deck["battery"] / SECONDS
+        final += deck["battery"]
     put_in = deck["taken"] / SECONDS
     assert found["mean_power"] == pytest.approx(put_in, rel=0.01)
     assert found["mean_storage_power"] == pytest.approx(store, abs=0.01 * put_in)
+    assert found["final_stored_energy"] == pytest.approx(final, abs=0.01 * put_in * SECONDS)
     assert found["stored_energy_per_hour"] == pytest.approx(3600.0 * found["mean_storage_power"])
     given, used = deck["supplied"] / SECONDS, deck["used"] / SECONDS
     supplied = sum(found[name] for name in found if name.startswith("supplied_by"))
     assert supplied == pytest.approx(given, rel=0.01)
     assert found["mean_output_power"] == pytest.approx(used - given, abs=0.01 * put_in)
+    at_output = found.get("mean_power_used_at_output", found["mean_output_power"])
+    assert at_output == pytest.approx(used, abs=0.01 * put_in)
     lost = put_in + given - used - store
     assert found["mean_converter_loss"] == pytest.approx(lost, abs=0.01 * put_in)
     assert any("supplied by" in note for note in result.notes) == (given > 0.0)

@@ -7,6 +7,9 @@ import pytest
 
 from harvester.base.errors import HarvesterError, LoadError, NetlistError, UnknownQuantity
 from harvester.engines.simulate import simulate
+from harvester.results import figures
+from harvester.results.panels import Panel, Series, draw_panels
+from harvester.results.waveform import Waveform
 from harvester.scene.model import Scene
 
 pytestmark = pytest.mark.usefixtures("shared_workers")
@@ -127,10 +130,37 @@ def test_a_long_window_is_drawn_as_its_envelope():
     wave = simulate(scene, method="monte-carlo", window="all").waveform
     assert wave.time.size > 10_000
     axes = wave.figure().axes[0]
+    assert (
+        wave.figure().get_suptitle().endswith("smallest and largest value in each of 150 intervals")
+    )
     low, high = (line.get_ydata() for line in axes.lines)
     assert len(low) == len(high) <= 150
     assert low.min() == wave.displacement.min()
     assert high.max() == wave.displacement.max()
+
+
+def test_equal_columns_share_a_panel_and_a_small_ripple_is_drawn_as_deviation():
+    time = np.linspace(0.0, 1.0, 200)
+    ripple = 2.00913 + 1e-7 * np.sin(20.0 * time)
+    columns = {"velocity": time, "output_voltage": ripple, "out": ripple * (1.0 + 1e-15), "a": time}
+    units = {"velocity": "m/s", "output_voltage": "V", "out": "V", "a": "V"}
+    scene = Scene.read("device")
+    figure = Waveform(scene, "engine", time, columns, units, None).figure()
+    figure.canvas.draw()
+    output, node = figure.axes
+    assert output.get_ylabel() == "output voltage, out\n− 2.00913 V\n[nV]"
+    (line,) = output.lines
+    np.testing.assert_allclose(line.get_ydata(), 1e9 * (ripple - ripple.mean()), atol=1e-6)
+    assert node.get_ylabel() == "a\n[V]"
+    assert not any(axes.yaxis.get_offset_text().get_text() for axes in figure.axes)
+    assert "band" not in figure.get_suptitle()
+
+
+def test_no_axis_has_an_offset():
+    panel = Panel("x", "y", [Series((0.0, 1.0), (2.00913, 2.00914))])
+    figure = figures.drawn(lambda panels: draw_panels(panels, "title"), [panel])
+    figure.canvas.draw()
+    assert not figure.axes[0].yaxis.get_offset_text().get_text()
 
 
 def test_refusals(divided):

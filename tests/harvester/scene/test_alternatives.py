@@ -67,6 +67,19 @@ def test_suffixes_are_exact():
         grid_of("10k:1M:log:3", "--over")
 
 
+def test_a_range_may_start_below_zero_and_a_unit_is_refused_with_the_number_to_write():
+    steps = [-8e-3, -4e-3, 0.0, 4e-3, 8e-3]
+    for text in ("-8m:8m:5", "-8m:8m:linear:5"):
+        assert grid_of(text, "--over") == pytest.approx(steps, abs=1e-18)
+    with pytest.raises(HarvesterError, match=r"-8m:8m:40 .*\(write -8m, without the unit m\)"):
+        grid_of("-8mm:8mm:5", "--over")
+    for text, written in (("100kΩ", "100k"), ("5 Hz", "5 "), ("3uF", "3u")):
+        with pytest.raises(SceneError, match=f"write {written}, without the unit"):
+            Scene.read("device", [f"load.resistance={text}"])
+    with pytest.raises(HarvesterError, match="write it as"):
+        grid_of("-1:1:log:5", "--over")
+
+
 def test_another_kind_leaves_the_keys_of_the_former_behind():
     scene = Scene.read("device")
     changes = {"excitation.amplitude": 4.0, "excitation.kind": "sine", "excitation.frequency": 12.0}

@@ -28,7 +28,7 @@ def measured(chunk=1000, late=0.5, settle=0.0, period=PERIOD):
     """
     moments = Moments.empty(settle, LENGTH, (-np.inf, np.inf), (), False, 32, 1, 0.1)
     moments.output = OutputMoments.beside(moments, ROWS)
-    moments.output.conductance, moments.output.capacitance = 0.0, 2.0
+    moments.output.conductance = 0.0
     time = np.arange(1, int(LENGTH * 1000) + 1) / 1000
     phase = (time - late) % period
     up = ((phase >= 0.0) & (phase < 0.25 * period) & (time >= late)).astype(float)

@@ -15,7 +15,7 @@ def charging(chunk, settle=0.0):
     """v = 1 − exp(−t) to t = 16, in chunks, with a piezo giving power 1 and an input of 2."""
     moments = Moments.empty(settle, 16.0, (-np.inf, np.inf), (), False, 32, 1, 0.1)
     moments.output = OutputMoments.beside(moments, ((LEVEL, "out"),))
-    moments.output.conductance, moments.output.capacitance = 0.5, 3.0
+    moments.output.conductance = 0.5
     energy = np.array([[1.5]])
     time = np.linspace(1e-3, 16.0, 16_000)
     voltage = 1.0 - np.exp(-time)
@@ -74,16 +74,17 @@ def test_a_load_without_output_has_none_of_these():
 def test_independent_samples_are_the_effective_ones():
     """Each point its own: as many as points, within six deviations of the error bar's own."""
     generator = np.random.default_rng(5)
-    points, rows = 32_000, ((OUTPUT, "node"), (LOSS, "line"), (STATE, "up"))
+    points, rows = 32_000, ((OUTPUT, "node"), (LOSS, "line"), (STATE, "up"), (LEVEL, "out"))
     moments = Moments.empty(0.0, 32.0, (-np.inf, np.inf), (), False, 32, 1, 0.1)
     moments.output = OutputMoments.beside(moments, rows)
-    moments.output.conductance, moments.output.capacitance = 0.0, 3.0
+    moments.output.conductance = 0.0
     time = np.linspace(1e-3, 32.0, points)
     voltage = 1.0 + generator.standard_normal(points)
     up = (voltage > 1.5).astype(float)
     one = np.ones_like(time)
     moments.add(Record(time, one, one, one, one, one, one, 0.0 * one, voltage))
-    moments.output.add(time, voltage, np.array([np.exp(voltage), voltage**2, up]))
+    measures, energy = np.array([np.exp(voltage), voltage**2, up]), np.array([[1.5]])
+    moments.output.add(time, voltage, measures, [voltage], energy)
     found = estimate_output([moments])
     for name in (
         "output_voltage", "stored_energy", "mean_output_power", "node_power", "line_loss",

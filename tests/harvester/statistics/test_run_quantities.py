@@ -371,3 +371,27 @@ def test_a_ratio_that_never_varies_has_no_error():
     assert ratio == pytest.approx(0.57)
     assert error == 0.0
     assert ratio_of_sums(0.57 * lower + 1e-9 * lower**0.5, lower)[1] > 0.0
+
+
+@pytest.mark.slow
+def test_what_the_device_stores_while_it_rings_up_is_a_row():
+    """From rest, the energy of its last point by hand: of the mass, the spring and the piezo."""
+    duration = 0.4
+    scene = linear_device({"kind": "sine", "amplitude": 1.0, "frequency": 40.0}, duration, 1)
+    scene = scene.replace({"run.settle": 0.0})
+    result = simulate(scene, method="monte-carlo", workers=1, window=(0.0, duration))
+    last = {name: values[-1] for name, values in result.waveform.columns.items()}
+    stored = 0.5 * 0.01 * last["velocity"] ** 2
+    stored += 0.5 * 0.01 * (2.0 * np.pi * 40.0 * last["displacement"]) ** 2
+    stored += 0.5 * 50e-9 * last["voltage"] ** 2
+    row = result["mean_device_storage_power"].estimate
+    put_in, lost, load = (result[f"mean_{name}power"].estimate for name in ("input_", "loss_", ""))
+    assert row * duration == pytest.approx(stored, rel=2e-3)
+    assert row > 0.2 * put_in
+    residual = result.energy_balance_residual * put_in
+    assert put_in - lost - load - row == pytest.approx(residual, abs=1e-6 * put_in)
+
+
+def test_a_settled_sine_has_no_such_row():
+    scene = linear_device({"kind": "sine", "amplitude": 1.0, "frequency": 40.0}, 0.5, 1)
+    assert "mean_device_storage_power" not in simulate(scene, method="monte-carlo", workers=1)

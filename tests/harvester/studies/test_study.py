@@ -411,4 +411,36 @@ def test_a_point_that_its_store_feeds_is_not_ranked(tmp_path, pool):
     optimum, place = found.optima[0]
     assert place == optimum.best == 0
     _, (row,) = found.table()
-    assert "at 40 not ranked: stores discharge into the output" in row[-1]
+    assert "at 40 not ranked: its stores discharge into the output" in row[-1]
+
+
+@pytest.mark.slow
+def test_a_point_that_sources_of_the_load_feed_is_not_ranked(tmp_path, pool):
+    """A regulator that draws nothing from the rail holds 1.8 V at its resistor."""
+    path = tmp_path / "fed.lib"
+    path.write_text(
+        ".subckt fed p n out ref resistance=100k\nR1 p n 300k\nR2 ref n 1k\n"
+        "B1 ref out I=(1.8-v(out,ref))*1m\nRload out ref {resistance}\n.ends\n"
+    )
+    scene = Scene.read("device").replace({"run.duration": 2.0, "run.settle": 0.5})
+    resistances = [1e5, 1e6]
+    found = load_study(
+        scene,
+        loads=[str(path)],
+        sweeps={"load.parameters.resistance": resistances},
+        method="monte-carlo",
+        precision=0.5,
+        executor=pool,
+    )
+    for resistance, point in zip(resistances, found.evaluations, strict=True):
+        used = 1.8**2 / resistance * (resistance / (resistance + 1e3)) ** 2
+        at_output = point.estimates["mean_power_used_at_output"].estimate
+        assert at_output == pytest.approx(used, rel=1e-3)
+        assert point.estimates["supplied_by_b1"].estimate == pytest.approx(used, rel=1e-3)
+    assert found.best((0,)) is None
+    _, (row,) = found.table()
+    assert row[-1] == (
+        "at 100 kΩ, 1 MΩ not ranked: b1 in the load supplies what its output uses: nothing is "
+        "harvested"
+    )
+    assert found.headline() == "no load has a power"
