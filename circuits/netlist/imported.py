@@ -8,18 +8,27 @@ from typing import NamedTuple
 
 from circuits.netlist.load_circuit import OUTPUT_PINS, PIEZO_PINS
 from circuits.netlist.numbers import number
-from circuits.netlist.reader import IGNORED, INCLUDES, statements
-from circuits.netlist.topology import CONTROLLED_BY_NODES, GROUND, Part, Topology, read_topology
-from circuits.netlist.vetting import ELEMENTS, listed
+from circuits.netlist.reader import DIALECT, IGNORED, INCLUDES, MEASURE, NEEDS, Card, statements
+from circuits.netlist.topology import (
+    CONTROLLED_BY_NODES,
+    GROUND,
+    Part,
+    Topology,
+    paired,
+    read_part,
+    read_topology,
+)
+from circuits.netlist.vetting import listed
 from harvester.base.errors import NetlistError
 from harvester.base.plain_text import nearest
 
 PINS = (*PIEZO_PINS, *OUTPUT_PINS)
-# Statements that are kept, outside of the sub-circuit. The others control a simulator's run.
-KEPT = (".model", ".param", ".func")
+# Statements that are kept, outside of the sub-circuit: the load's reader refuses the last three.
+# The others control a simulator's run.
+KEPT = (".model", ".param", ".params", ".func", ".ends", ".if", ".else")
 _WAVE = re.compile(r"(?i)\b(sine?|pulse|exp|sffm|pwl|wavefile)\b")
 # LTspice's parasitic parts within a part. Elements take their place.
-_WITHIN = re.compile(r"(?i)\s*\b(rser|rpar|cpar|lser)\s*=\s*(\{[^{}]*\}|\S+)")
+_WITHIN = re.compile(r"(?i)\s+(rser|rpar|cpar|lser)\s*=\s*(\{[^{}]*\}|\S+)")
 _VOLTAGE = re.compile(r"(?i)\bv\(([^()]*)\)")
 _CURRENT = re.compile(r"(?i)\bi\(([^()]*)\)")
 
@@ -56,9 +65,10 @@ def imported(text: str, name: str, nodes: Sequence[str], remove: Sequence[str] =
     ------
     NetlistError
     """
-    topology = _topology(text)
+    topology = _topology(text, name)
     node_names = list(dict.fromkeys(node for part in topology.parts for node in part.nodes))
     pins = _pins(nodes, node_names)
+    nodes = [*map(_key, nodes)]
     names = [part.name.lower() for part in topology.parts]
     for part_name in remove:
         if part_name.lower() not in names:
@@ -66,7 +76,9 @@ def imported(text: str, name: str, nodes: Sequence[str], remove: Sequence[str] =
     notes: list[str] = []
     gone = {part_name.lower() for part_name in remove}
     gone |= {
-        p.name.lower() for p in topology.parts if p.letter in "vi" and {*p.ends} == {*nodes[:2]}
+        part.name.lower()
+        for part in topology.parts
+        if part.letter in "vi" and {*map(_key, part.ends)} == {*nodes[:2]}
     }
     notes += [f"{part_name}: removed, the harvester takes its place" for part_name in sorted(gone)]
     _check_ground(topology, pins)
@@ -74,25 +86,32 @@ def imported(text: str, name: str, nodes: Sequence[str], remove: Sequence[str] =
     functions: list[str] = []
     outside: list[str] = []
     inside: list[str] = []
+    dialects: list[str] = []
+    # Nodes that all sub-circuits share: the load's reader refuses them.
+    kept = (*KEPT, ".global") if any(part.calls for part in topology.parts) else KEPT
     depth = 0
     for card in statements(_body(text), name):
         first = card.text.split()[0].lower()
         depth += first == ".subckt"
-        if not depth and first == ".func":
+        if first == DIALECT:
+            dialects.append(card.text)
+        elif not depth and first in (MEASURE, NEEDS):
+            inside.append(_rewritten(card.text, pins, currents))
+        elif not depth and first == ".func":
             rewritten = _rewritten(card.text, pins, currents)
             if rewritten.lower() != card.text.lower():
                 functions.append(re.split(r"[\s(]+", card.text)[1])
             outside.append(rewritten)
-        elif depth or first in KEPT or (first in INCLUDES and not re.search(r"[\\/:]", card.text)):
+        elif depth or first in kept or (first in INCLUDES and not re.search(r"[\\/:]", card.text)):
             outside.append(card.text)
         elif first.startswith("."):
             notes += [f"{card.text[:60]}: left out"] if first not in IGNORED else []
         elif first not in gone:
-            across = card.text.split()[1:3]
-            output = first[0] in "rc" and len(nodes) == 4 and {*across} == {*nodes[2:]}
+            across = {*map(_key, card.text.split()[1:3])}
+            output = first[0] in "rc" and len(nodes) == 4 and across == {*nodes[2:]}
             own_pins = pins | {nodes[3]: "ref"} if output else pins
-            inside += _element(card.text, own_pins, currents, notes)
-        depth -= first == ".ends"
+            inside += _element(card, own_pins, currents, notes)
+        depth -= depth and first == ".ends"
     _check_functions(topology, functions)
     notes += [
         f".func {function}: its voltages and currents are those of the load"
@@ -106,21 +125,23 @@ def imported(text: str, name: str, nodes: Sequence[str], remove: Sequence[str] =
         inside.append(f"Vcommon ref {pins[nodes[3]]} 0")
         notes.append(f"Vcommon: joins ref to {pins[nodes[3]]}, as node {nodes[3]} was both")
     head = f".subckt {name} {' '.join(PINS[: len(nodes)])}"
-    lines = ["* dialect: ltspice", *outside, head, *inside, f".ends {name}"]
-    notes.append("* dialect: ltspice: switches and expressions mean what they mean there")
+    if not dialects:
+        dialects.append("* dialect: ltspice")
+        notes.append("* dialect: ltspice: switches and expressions mean what they mean there")
+    lines = [*dialects, *outside, head, *inside, f".ends {name}"]
     return Imported(
         "\n".join([f"* {name}, from a schematic's netlist", *lines]) + "\n", tuple(notes)
     )
 
 
 def _body(text):
-    """The netlist without its title line; § in names becomes _."""
-    return "\n" + text.partition("\n")[2].replace("§", "_")
+    """The netlist without its title line if that is no comment; § in names becomes _."""
+    title, _, lines = re.sub(r"\r\n?", "\n", text).partition("\n")
+    return f"{title if title.startswith('*') else ''}\n{lines}".replace("§", "_")
 
 
-def _topology(text):
-    lines = re.sub(r"(?mi)^\.(inc|include|lib)\b.*$", "", _body(text))
-    topology = read_topology(lines)
+def _topology(text, name="netlist"):
+    topology = read_topology(_body(text), name)
     if not topology.parts:
         raise NetlistError("no element at the top level: give a schematic's netlist, or a .subckt")
     return topology
@@ -130,17 +151,33 @@ def _is_wave(part: Part) -> bool:
     return part.letter in "vi" and bool(_WAVE.search(part.value))
 
 
+def _key(node):
+    """A node's name as SPICE compares it."""
+    return GROUND if node.lower() == "gnd" else node.lower()
+
+
 def _pins(nodes, known):
-    """New names of the nodes that are renamed."""
+    """The new names of all nodes, by their keys."""
+    spelt = {_key(node): node for node in known}
     for node in nodes:
-        if node not in known:
+        if _key(node) not in spelt:
             raise NetlistError(f"no node {node[:40]}{nearest(node, known)}; {listed(known)}")
+    nodes = [*map(_key, nodes)]
     if len(nodes) not in (2, 4) or nodes[0] == nodes[1] or len({*nodes[2:]}) == 1:
         raise NetlistError("give the harvester's two nodes, or these and the output's two")
     pins = dict(zip(nodes[:2], PIEZO_PINS, strict=True))
     pins |= {n: pin for n, pin in zip(nodes[2:], OUTPUT_PINS, strict=False) if n not in pins}
     # In a load, node 0 is the harvester's terminal n: the schematic's ground gets another name.
-    return {GROUND: "ground", **pins} | {n: f"{n}_" for n in known if n in PINS and n not in pins}
+    renamed = {GROUND: "ground"} | {key: f"{key}_" for key in spelt if key in PINS}
+    for key, name in renamed.items():
+        while name in spelt:
+            name += "_"
+        pins.setdefault(key, name)
+    return spelt | pins
+
+
+def _renamed(node, pins):
+    return pins.get(_key(node), node)
 
 
 def _within(topology: Topology) -> Iterator[tuple[str, Part]]:
@@ -154,7 +191,7 @@ def _check_ground(topology, pins):
     """Refuse node 0 within sub-circuits where it is not the harvester's n, as it is in a load."""
     for name, part in _within(topology) if pins[GROUND] != "n" else ():
         alone = any("," not in voltage for voltage in _VOLTAGE.findall(part.value))
-        if GROUND in (*part.nodes, *part.control) or alone:
+        if GROUND in map(_key, (*part.nodes, *part.control)) or alone:
             raise NetlistError(
                 f"{part.name} in .subckt {name} uses node 0, which in a load is the harvester's "
                 "second node, and you gave another one: give the sub-circuit a pin for node 0, "
@@ -207,15 +244,19 @@ def _rewritten(text, pins, currents):
 
 
 def _element(
-    text: str, pins: dict[str, str], currents: dict[str, tuple[str, str] | str], said: list[str]
+    card: Card, pins: dict[str, str], currents: dict[str, tuple[str, str] | str], said: list[str]
 ) -> Iterator[str]:
     """An element with its nodes renamed, and the parts that stood within it."""
     # LTspice writes 0 where there is no such part.
+    text = paired(card.text)
     within = [(key.lower(), value) for key, value in _WITHIN.findall(text) if number(value) != 0.0]
-    words = _WITHIN.sub("", text).split()
-    name, letter = words[0], words[0][0].lower()
-    count = _nodes_of(words)
-    nodes = [pins.get(node, node) for node in words[1 : 1 + count]]
+    card = card._replace(text=_WITHIN.sub("", text))
+    words = card.text.split()
+    part = read_part(card)
+    name, letter, count = part.name, part.letter, len(part.nodes)
+    if letter in CONTROLLED_BY_NODES and words[3:5] == [*part.control]:
+        count = 4
+    nodes = [_renamed(node, pins) for node in words[1 : 1 + count]]
     remainder = " ".join(words[1 + count :])
     # In the parentheses of V and I sources stands a waveform; in other elements V(…) and I(…) are
     # measured.
@@ -228,29 +269,21 @@ def _element(
             if isinstance(currents.get(current.strip().lower()), tuple)
         ]
     for key, value in within:
-        part = f"{key[0].upper()}{key[1:]}_{name}"
+        parasitic = f"{key[0].upper()}{key[1:]}_{name}"
         if letter not in "rclvi" or (letter == "i" and key == "rser"):
             raise NetlistError(f"{name}: {key}= of such a part: write it as an element of its own")
-        said.append(f"{name}: {key}={value} is the element {part}")
+        said.append(f"{name}: {key}={value} is the element {parasitic}")
         if key.endswith("ser"):
-            yield f"{part} {nodes[1]}_{name} {nodes[1]} {value}"
+            yield f"{parasitic} {nodes[1]}_{name} {nodes[1]} {value}"
             nodes[1] = f"{nodes[1]}_{name}"
         else:
-            yield f"{part} {nodes[0]} {nodes[1]} {value}"
+            yield f"{parasitic} {nodes[0]} {nodes[1]} {value}"
     yield " ".join([name, *nodes, remainder])
-
-
-def _nodes_of(words):
-    """How many of an element's words are its nodes, those included that control."""
-    (part,) = read_topology(" ".join(words)).parts
-    if part.letter in CONTROLLED_BY_NODES:
-        return 4 if len(part.control) == 2 and words[3:5] == [*part.control] else 2
-    return len(part.nodes) if part.letter != "k" else ELEMENTS["k"][0]
 
 
 def _voltage(inner, pins):
     """A voltage in an expression; of one node it is against node 0."""
-    nodes = [pins.get(node.strip(), node.strip()) for node in inner.split(",")]
+    nodes = [_renamed(node.strip(), pins) for node in inner.split(",")]
     if len(nodes) == 1 and pins[GROUND] != "n":
         nodes.append(pins[GROUND])
     return f"v({','.join(nodes)})"

@@ -30,7 +30,7 @@ _COMMENT = re.compile(r";|//|(?:^|(?<=[\s,]))\$(?=\s|$)")
 # Comments that this program reads: what is to be measured, what the parameters must fulfil, and the
 # dialect.
 _SAID = re.compile(r"\*\s*(measure|needs|dialect)\s*:", re.IGNORECASE)
-MEASURE, NEEDS, DIALECT = "*measure", "*needs", "*dialect"
+MEASURE, NEEDS, DIALECT = "*measure:", "*needs:", "*dialect:"
 
 
 class Card(NamedTuple):
@@ -181,7 +181,7 @@ def _decoded(content):
 def statements(text: str, name: str) -> list[Card]:
     """Lines of a netlist without comments, continuations joined, blanks single.
 
-    A comment "* measure: …" is a statement "*measure …" of one line, "* needs: …" likewise, and
+    A comment "* measure: …" is a statement "*measure: …" of one line, "* needs: …" likewise, and
     "* dialect: …".
 
     Parameters
@@ -200,7 +200,7 @@ def statements(text: str, name: str) -> list[Card]:
         stripped = line.strip()
         directive = _SAID.match(stripped)
         if directive:
-            stripped = f"*{directive.group(1).lower()} {stripped[directive.end() :]}"
+            stripped = f"*{directive.group(1).lower()}: {stripped[directive.end() :]}"
         elif stripped.startswith("*"):
             continue
         comment = _COMMENT.search(stripped)

@@ -5,13 +5,15 @@ from __future__ import annotations
 import re
 from dataclasses import dataclass, field
 
-from circuits.netlist.reader import statements
-from circuits.netlist.vetting import ELEMENTS
+from circuits.netlist.reader import Card, statements
+from circuits.netlist.vetting import ELEMENTS, check_form, refuse
 from harvester.base.errors import NetlistError
 
 GROUND = "0"
 # Letters of elements whose third and fourth nodes control them and carry no current.
 CONTROLLED_BY_NODES = ("e", "g", "s")
+# Matches PSpice's controlling nodes in parentheses, behind an element's own two.
+_PAIR = re.compile(r"(?i)^([eg]\S*\s+\S+\s+\S+\s+)\(\s*([^(),\s]+)[\s,]+([^(),\s]+)\s*\)")
 # Letters of transistors. Current flows from the first node to the third: drain or collector, gate
 # or base, source or emitter. A bulk or substrate may follow.
 TRANSISTORS = ("m", "j", "q")
@@ -102,23 +104,27 @@ class Topology:
         return self.outer.model(name)
 
 
-def read_topology(text: str) -> Topology:
+def read_topology(text: str, name: str = "netlist") -> Topology:
     """Elements and sub-circuits of a netlist.
 
     Parameters
     ----------
     text : str
-        A netlist without includes.
+        A netlist; its includes are ignored.
+    name : str
+        Name of its file, for messages.
 
     Raises
     ------
     NetlistError
-        An element of a kind that no scene's netlist has.
+        An element of a kind that no scene's netlist has, or a statement without its words.
     """
     topology = Topology()
-    for card in statements(text, "netlist"):
+    for card in statements(text, name):
         words = _joined(card.text).split()
         first = words[0].lower()
+        if first in (".subckt", ".model") and len(words) < 2:
+            refuse(card, f"{first} takes a name")
         if first == ".subckt":
             pins = tuple(w for w in words[2:] if "=" not in w and w.lower() != "params:")
             inner = Topology(words[1].lower(), pins, outer=topology)
@@ -129,24 +135,37 @@ def read_topology(text: str) -> Topology:
         elif first == ".model":
             topology.models[words[1].lower()] = " ".join(words[2:]).lower()
         elif not first.startswith((".", "*")):
-            topology.parts.append(_part(words, card))
+            topology.parts.append(read_part(card))
     return topology
 
 
 def _joined(text):
     """Blanks out of braces and around equal signs: one word each."""
-    text = re.sub(r"\{[^{}]*\}", lambda match: match.group().replace(" ", ""), text)
+    text = re.sub(r"\{[^{}]*\}", lambda match: match.group().replace(" ", ""), paired(text))
     return re.sub(r"(?<![=<>!])\s*=\s*(?!=)", "=", text)
 
 
-def _part(words, card):
+def paired(text: str) -> str:
+    """An E or G element with its controlling nodes out of PSpice's parentheses, others as is."""
+    return _PAIR.sub(r"\1\2 \3", text)
+
+
+def read_part(card: Card) -> Part:
+    """The element of a card.
+
+    Raises
+    ------
+    NetlistError
+    """
+    words = _joined(card.text).split()
     name, letter = words[0], words[0][0].lower()
     if letter == "x":
         plain = [w for w in words[1:] if "=" not in w and w.lower() != "params:"]
+        if not plain:
+            refuse(card, f"{card.text[:50]!r}: no sub-circuit to call")
         values = " ".join(w for w in words[1:] if "=" in w)
         return Part(name, tuple(plain[:-1]), (), values, plain[-1].lower())
-    if letter not in ELEMENTS:
-        raise NetlistError(f"{card.where}: {name}: an element that no scene's netlist has")
+    check_form(card, name, words[1:])
     if letter == "k":
         return Part(name, (), tuple(words[1:-1]), words[-1])
     count = 2 if letter in CONTROLLED_BY_NODES else ELEMENTS[letter][0]

@@ -247,15 +247,21 @@ def vet_element(card: Card, scope: Scope) -> list[str]:
     if text[0] in "rcl":
         text = _TWO_COEFFICIENTS.sub(r" tc1=\1 tc2=\2", text)
     name, *words = re.split(r"\s+", text)
-    if name[0] not in ELEMENTS:
-        fault = "an element of this letter is not accepted; these are: X"
-        refuse(card, f"{name[:40]}: {fault} {' '.join(sorted(ELEMENTS)).upper()}")
+    check_form(card, name, words)
     count, kind = ELEMENTS[name[0]]
     nodes, remainder = words[:count], words[count:]
-    if not re.fullmatch(r"[\w.+\-#]+", name) or len(nodes) < count or not remainder:
-        refuse(card, f"{card.text[:50]!r}: too few nodes or no value")
     check_nodes(card, nodes)
     return [name, *nodes, *_KINDS[kind](card, remainder, scope)]
+
+
+def check_form(card: Card, name: str, words: list[str]) -> None:
+    """Refuse an element of a letter that no load has, and one with too few words behind it."""
+    letter = name[0].lower()
+    if letter not in ELEMENTS:
+        fault = "an element of this letter is not accepted; these are: X"
+        refuse(card, f"{name[:40]}: {fault} {' '.join(sorted(ELEMENTS)).upper()}")
+    if not re.fullmatch(r"[\w.+\-#]+", name) or len(words) <= ELEMENTS[letter][0]:
+        refuse(card, f"{card.text[:50]!r}: too few nodes or no value")
 
 
 def check_nodes(card: Card, nodes: list[str]) -> None:

@@ -17,7 +17,8 @@ from harvester.excitation.table import Unreadable, broken_file
 FILTERS = {1, 2, 3, 4, 5, 6, 32000}
 # Largest number of objects in a file.
 MOST_OBJECTS = 10_000
-FILL_VALUES = ("_FillValue", "missing_value")
+FILL_VALUES = {"_FillValue", "missing_value"}
+PACKING = FILL_VALUES | {"scale_factor", "add_offset", "valid_range", "valid_min", "valid_max"}
 UNITS = ("units", "unit", "unit_string", "Units", "Unit")
 # MATLAB writes the class of an array into this attribute, and its own data into these groups.
 MATLAB_CLASS, MATLAB_GROUPS = "MATLAB_class", ("#refs#", "#subsystem#")
@@ -30,7 +31,7 @@ class Hdf5Table(ArraysTable):
 
     A unit is the data set's attribute `units`; a sampling rate is an attribute or a data set of one
     number named `fs`, `dt` or the like. Packed numbers and gaps are those of the CF conventions
-    (`scale_factor`, `add_offset`, `_FillValue`, `missing_value`).
+    (`scale_factor`, `add_offset`, `_FillValue`, `missing_value`, `valid_range`).
 
     `content`: bytes of the whole file; links to other files, data in them and plug-ins are refused.
     Raises Unreadable if it holds no such array, or leads out of the file.
@@ -73,7 +74,7 @@ class Hdf5Table(ArraysTable):
         def load(names: list[str]) -> dict[str, np.ndarray]:
             pairs = {name: places[name] for name in names}
             return {
-                name: _decoded(holder[field] if field else holder[()], holder.attrs)
+                name: _decoded(name, holder[field] if field else holder[()], holder.attrs)
                 for name, (holder, field) in pairs.items()
             }
 
@@ -81,17 +82,25 @@ class Hdf5Table(ArraysTable):
         super().__init__(filled, load, units)
 
 
-def _decoded(values, attributes):
+def _decoded(name, values, attributes):
     """Values that a data set's attributes scale, with NaN for those that they call missing."""
     if values.dtype.names == MATLAB_COMPLEX:
         values = values["real"] + 1j * values["imag"]
-    scale, offset = (attributes.get(name) for name in ("scale_factor", "add_offset"))
-    gaps = [np.ravel(attributes[n]).astype(float) for n in FILL_VALUES if n in attributes]
-    if scale is None and offset is None and not gaps:
+    if "true" in str(attributes.get("_Unsigned", "")).lower():
+        raise Unreadable(f"{name}: _Unsigned gives the numbers another type: save them in it")
+    packing = {key: np.ravel(attributes[key]).astype(float) for key in PACKING & {*attributes}}
+    if not packing:
         return values
-    missing = np.isin(values, np.concatenate(gaps)) if gaps else False
-    factor = 1.0 if scale is None else float(np.ravel(scale)[0])
-    return np.where(missing, np.nan, values * factor + float(np.ravel(offset or 0.0)[0]))
+    for key, count in (("scale_factor", 1), ("add_offset", 1), ("valid_range", 2)):
+        size = packing.get(key, np.zeros(count)).size
+        if size != count:
+            raise Unreadable(f"{name}: {key} holds {size} numbers and not {count}: correct it")
+    low, high = packing.get("valid_range", (-np.inf, np.inf))
+    missing = (values < packing.get("valid_min", low)) | (values > packing.get("valid_max", high))
+    for key in FILL_VALUES & {*packing}:
+        missing |= np.isin(values, packing[key])
+    scaled = values * packing.get("scale_factor", 1.0) + packing.get("add_offset", 0.0)
+    return np.where(missing, np.nan, scaled)
 
 
 def _datasets(h5py: Any, file: Any) -> Iterator[tuple[str, Any]]:

@@ -8,12 +8,13 @@ import json
 from pathlib import Path
 
 import pytest
-from foreign_loads import DOUBLER
+from foreign_loads import DOUBLER, RECTIFIER
 from hypothesis import given
 from hypothesis import strategies as st
 
 from circuits.equivalent.ltspice import to_ltspice, translate
 from circuits.netlist.expression import FUNCTIONS, NAMES, ExpressionError, check
+from circuits.netlist.imported import imported
 from circuits.netlist.numbers import number
 from circuits.netlist.subcircuits import find_netlist, load_names, read_load
 from circuits.netlist.topology import read_topology
@@ -87,16 +88,27 @@ damages = st.lists(
 )
 
 
-@pytest.mark.slow
-@given(seed=st.sampled_from(SEEDS), hurts=damages, encoding=st.sampled_from(["utf-8", "utf-16"]))
-def test_a_damaged_load_is_a_load_or_refused(read, seed, hurts, encoding):
-    text = seed
+def damaged(text, hurts):
     for place, length, word, times in hurts:
         place %= len(text) + 1
         # Without a word, what stands there is repeated.
         word = text[place : place + length] if word is None else word
         text = text[:place] + word * times + text[place + length :]
-    read(text.encode(encoding, errors="replace"))
+    return text
+
+
+@pytest.mark.slow
+@given(seed=st.sampled_from(SEEDS), hurts=damages, encoding=st.sampled_from(["utf-8", "utf-16"]))
+def test_a_damaged_load_is_a_load_or_refused(read, seed, hurts, encoding):
+    read(damaged(seed, hurts).encode(encoding, errors="replace"))
+
+
+@pytest.mark.slow
+@given(cuts=damages)
+def test_a_damaged_schematic_is_a_load_or_refused(read, cuts):
+    made = answer(imported, damaged(RECTIFIER, cuts), "load", ["N001", "N002", "out", "0"])
+    if not isinstance(made, str):
+        read(made.text.encode())
 
 
 @pytest.mark.slow

@@ -200,5 +200,37 @@ def test_each_cell_of_the_table_holds(tmp_path, kind, feature):
     assert error.max() < (0.01 if kind != "`.IDE`" else 0.02) * 30.0
 
 
+@pytest.mark.parametrize("key", ["valid_range", "valid_max"])
+def test_numbers_outside_the_valid_range_of_a_data_set_are_gaps(tmp_path, key):
+    packing = {
+        "scale_factor": 1e-3,
+        "add_offset": 0.5,
+        key: [-9000, 9000] if key == "valid_range" else 9000,
+    }
+    hdf5(tmp_path / "a.h5", TIMES, np.where(GAP, 9001, COUNTS), **packing)
+    with pytest.raises(SceneError, match="10 of 720 samples are without a number"):
+        read(str(tmp_path / "a.h5"), {})
+    found = read(str(tmp_path / "a.h5"), {"mend": ("nan",), "detrend": "none"})
+    assert np.abs(found - MOTION)[~GAP].max() < 0.01 * 30.0
+
+
+@pytest.mark.parametrize(
+    ("packing", "fault"),
+    [({"scale_factor": [1e-3, 2e-3]}, "scale_factor holds 2 numbers and not 1"),
+     ({"valid_range": 5.0}, "valid_range holds 1 numbers and not 2"),
+     ({"_Unsigned": "true"}, "_Unsigned gives the numbers another type")],
+)  # fmt: skip
+def test_packing_that_is_not_read_is_refused(tmp_path, packing, fault):
+    hdf5(tmp_path / "a.h5", TIMES, COUNTS, **packing)
+    with pytest.raises(SceneError, match=f"acceleration: {fault}"):
+        read(str(tmp_path / "a.h5"), {})
+
+
+def test_the_times_of_a_labview_file_go_before_its_step(tmp_path):
+    text(tmp_path / "a.lvm", TIMES, MOTION / G)
+    assert "Delta_X\t0.004" in (tmp_path / "a.lvm").read_text()
+    assert read(str(tmp_path / "a.lvm"), {}).size == COUNT
+
+
 def test_the_table_has_a_row_for_each_kind_and_a_column_for_each_feature():
     assert set(table()) == {(kind, feature) for kind in KINDS for feature in FEATURES}
