@@ -321,11 +321,14 @@ def test_the_output_of_a_netlist_has_its_optimum(runner):
 
 @pytest.mark.slow
 @pytest.mark.parametrize(
-    ("settle", "below", "share"), [(600.0, 4.0, 1e-3), (150.0, 4.0, 1e-3), (600.0, 1.15, 2e-3)]
+    ("frequency", "settle", "below", "share"),
+    [(0.27, 600.0, 4.0, 1e-3), (0.32, 250.0, 4.0, 3e-3), (0.27, 600.0, 1.1, 2e-3)],
 )
-def test_the_place_without_noise_is_known_as_well_as_its_steps(pool, settle, below, share):
+def test_the_place_without_noise_is_known_as_well_as_its_steps(
+    pool, frequency, settle, below, share
+):
     """Also where a transient is left, and between the end of the range and the next place."""
-    sine = {"kind": "sine", "amplitude": 0.1, "frequency": 0.27}
+    sine = {"kind": "sine", "amplitude": 0.1, "frequency": frequency}
     run = {"seed": 1, "settle": settle, "duration": 200.0, "realizations": 1}
     scene = Scene.read("linear").replace({"excitation": sine, "run": run})
     p, s = flat(scene), 2j * math.pi * sine["frequency"]
