@@ -15,6 +15,7 @@ from harvester.excitation.ornstein_uhlenbeck import KNOTS_PER_CORRELATION_TIME, 
 from harvester.scene import lines
 from harvester.scene.passband import misplacement
 from harvester.scene.prepared import Prepared, prepared
+from harvester.scene.stepped_response import steady_error
 from harvester.scene.units import longest_spacing
 
 if TYPE_CHECKING:
@@ -171,16 +172,17 @@ def step_error(ready: Prepared, step: str | float = "default", engine: str = "ci
     load = scene.load.circuit
     switched = engine == "circuit" and load is not None and load.switches
     period_error = (SWITCHED_LOAD_ERRORS if switched else LOAD_ERRORS) * error
-    if order == 4 and scene.excitation.lines and not scene.excitation.prescribes_displacement:
-        # The base's charge follows the samples of a sine, raised by (ω h)²/12.
-        charge = abs(system.transducer.base_rate(1.0) / lines.receptance(system, omega))
-        period_error += charge * (omega * length) ** 2 / 6.0
     if system.contacts:
         period_error += CONTACT_ERROR / steps_per_contact(ready, step, engine) ** 2
     misplaced, _ = _noise_error(ready, engine, length)
     if misplaced > NOTED_ERROR:
         period_error = max(period_error, misplaced)
-    return flank + period_error
+    cost = flank + period_error
+    if order == 4 and scene.excitation.lines and not scene.excitation.prescribes_displacement:
+        # Samples of the base's charge and a decay within a step have errors of their own.
+        steps = steps_per_sample(ready, step, engine)
+        cost = max(cost, steady_error(ready, knot_spacing(ready), steps))
+    return cost
 
 
 def _noise_error(ready, engine, length):

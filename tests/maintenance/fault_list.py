@@ -224,7 +224,7 @@ FAULTS = [
     ),
     Fault(
         "steps: a stage of Runge-Kutta goes from the first slope",
-        "harvester/engines/monte_carlo/schemes.py",
+        "harvester/device/schemes.py",
         "held, x + half * v2, v3, e3, middle)",
         "held, x + half * v, v3, e3, middle)",
         (

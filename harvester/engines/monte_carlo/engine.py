@@ -24,9 +24,9 @@ from harvester.base.compilation import numba
 from harvester.base.errors import SolutionDiverged
 from harvester.device import contact, system
 from harvester.device.record import Observer, Record
+from harvester.device.schemes import Scheme, scheme_of
 from harvester.device.system import System
 from harvester.engines.monte_carlo.lockstep import BatchWorkspace, advance
-from harvester.engines.monte_carlo.schemes import Scheme, scheme_of
 from harvester.excitation.base import ExcitationPath
 from harvester.scene.prepared import Prepared
 from harvester.scene.steps import (
@@ -126,7 +126,7 @@ def integrate(
     steps_per_sample, steps_per_contact : int
         Steps between two samples where no contact asks for more; fewest in a contact.
     scheme : str
-        A name in `harvester.engines.monte_carlo.schemes.NAMED`.
+        A name in `harvester.device.schemes.NAMED`.
     moments : sequence of Moments
         One for each path, empty at first; points are added to them. Empty: none are recorded.
     keep : bool

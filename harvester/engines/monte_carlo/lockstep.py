@@ -26,9 +26,9 @@ import numpy as np
 from harvester.base.compilation import merged, uncounted
 from harvester.device import contact, system
 from harvester.device.record import Record
+from harvester.device.schemes import one_step
 from harvester.device.system import System
 from harvester.device.zones import crossing, overshoots
-from harvester.engines.monte_carlo.schemes import one_step
 from harvester.statistics import several
 from harvester.statistics.several import TOGETHER, Tally
 
@@ -123,7 +123,7 @@ def advance(
     Parameters
     ----------
     scheme
-        `argument` of a `harvester.engines.monte_carlo.schemes.Scheme`.
+        `argument` of a `harvester.device.schemes.Scheme`.
     edges : ndarray
         Edges of the zones, from minus to plus infinity (scaled displacement).
     noise : ndarray, shape (knots, blocks, 8)

@@ -10,9 +10,9 @@ import numpy as np
 
 from harvester.base.compilation import compiled
 from harvester.device import contact, system
+from harvester.device.schemes import one_step, scheme_of
 from harvester.device.system import System
 from harvester.device.zones import crossing, overshoots
-from harvester.engines.monte_carlo.schemes import one_step, scheme_of
 
 # Steps per contact, four times those of Monte Carlo: an error of the contact's beginning would bias
 # the identified values of a stopper.

@@ -32,6 +32,7 @@ from harvester.scene.prepared import prepared
 from harvester.scene.steps import step_error
 from harvester.statistics.batch_means import standard_error
 from harvester.statistics.estimate import Estimate
+from harvester.statistics.of_run import error_of
 from harvester.statistics.units import unit_of
 from harvester.studies.answers import answers_in_time, missing_from, on_common_knots
 from harvester.studies.optimum.axis import Axis, OptimalParameter
@@ -171,7 +172,9 @@ class Search:
             centre = min(max(centre, half), 1.0 - half)
             coordinates = centre + half * np.linspace(-1.0, 1.0, PLACES)
             answers = self._answers(coordinates)
-            fit = CubicFit(np.linspace(-1.0, 1.0, PLACES), answers, self.quantity)
+            fit = CubicFit(
+                np.linspace(-1.0, 1.0, PLACES), answers, self.quantity, error_of(self.scene)
+            )
             if not fit.peaked or abs(fit.place) > 1.0:
                 centre = self._moved(centre, half, fit)
             elif (fit.drop > DROP or fit.misfit) and half > NARROWEST:
@@ -207,10 +210,7 @@ class Search:
         """Coordinate of the highest of some places over the range."""
         grid = np.linspace(0.0, 1.0, PLACES)
         values = [amount(answer, self.quantity) for answer in self._answers(grid)]
-        top = int(np.argmax(values))
-        if top in (0, PLACES - 1):
-            self._refuse_end(grid[top])
-        return float(grid[top])
+        return float(grid[np.argmax(values)])
 
     def _moved(self, centre, half, fit):
         """The next window's centre, towards the higher side if the slope is significant."""
@@ -281,6 +281,8 @@ class Search:
 class CubicFit:
     """Cubic through values at places from −1 to 1, with errors from what their noise has in common.
 
+    `error_of`: the error of a mean from batches, see `harvester.statistics.of_run.error_of`.
+
     Attributes
     ----------
     place, error
@@ -303,14 +305,20 @@ class CubicFit:
         Whether longer runs could decide that.
     """
 
-    def __init__(self, places: np.ndarray, answers: Sequence[Answer], quantity: str):
+    def __init__(
+        self,
+        places: np.ndarray,
+        answers: Sequence[Answer],
+        quantity: str,
+        error_of: Callable = standard_error,
+    ):
         powers = np.vander(places, 4, increasing=True)
         solve = np.linalg.pinv(powers)
         values = np.array([amount(answer, quantity) for answer in answers])
         series = np.array([series_in_units(a, quantity) for a in answers])
         c0, c1, c2, c3 = solve @ values
         noise = np.tensordot(solve, series, 1)
-        slope_error, curve_error = standard_error(noise[1]), standard_error(noise[2])
+        slope_error, curve_error = error_of(noise[1]), error_of(noise[2])
         self.slope = float(c1)
         self.sloped = slope_error is not None and abs(c1) > SIGNIFICANT_SIGMAS * slope_error
         inside = c2 * c2 - 3.0 * c1 * c3
@@ -321,16 +329,16 @@ class CubicFit:
             self.place = t = float(c1 / (math.sqrt(inside) - c2))
             # The maximum moves so that c1 + 2 c2 t + 3 c3 t² stays zero.
             moved = (noise[1] + 2.0 * t * noise[2] + 3.0 * t * t * noise[3]) / (c2 + 3.0 * c3 * t)
-            self.error = standard_error(-0.5 * moved)
+            self.error = error_of(-0.5 * moved)
             top = c0 + t * (c1 + t * (c2 + t * c3))
             self.drop = float(1.0 - (powers @ [c0, c1, c2, c3])[[0, -1]].min() / top)
-        self._look_for_misfit(places, values, series, powers @ solve)
-        self._look_at_ends(places, values, series)
+        self._look_for_misfit(places, values, series, powers @ solve, error_of)
+        self._look_at_ends(places, values, series, error_of)
 
-    def _look_for_misfit(self, places, values, series, fitting):
+    def _look_for_misfit(self, places, values, series, fitting, error_of):
         residual = np.eye(len(places)) - fitting
         off = np.abs(residual @ values)
-        errors = [standard_error(row) for row in np.tensordot(residual, series, 1)]
+        errors = [error_of(row) for row in np.tensordot(residual, series, 1)]
         beyond = [x for x, e in zip(off, errors, strict=True) if e is not None and x > MISFIT * e]
         self.bias, self.misfit = 0.0, False
         if beyond and self.peaked:
@@ -340,7 +348,7 @@ class CubicFit:
             narrow = fall <= NARROWED * values.max()
             self.misfit = not narrow and max(beyond) > MISFIT_SHARE * np.ptp(values)
 
-    def _look_at_ends(self, places, values, series):
+    def _look_at_ends(self, places, values, series, error_of):
         """Compare the measured values at the window's ends with the highest: a cubic through
         a plateau has a maximum too."""
         self.flat_to, self.noisy_ends = 0, False
@@ -348,7 +356,7 @@ class CubicFit:
         least = STANDS_OUT * abs(values[nearest])
         for end in (0, -1):
             fall = values[nearest] - values[end]
-            error = standard_error(series[nearest] - series[end])
+            error = error_of(series[nearest] - series[end])
             if error is None or not fall > max(SIGNIFICANT_SIGMAS * error, least):
                 self.flat_to = int(np.sign(places[end]))
                 self.noisy_ends = error is None or SIGNIFICANT_SIGMAS * error > least

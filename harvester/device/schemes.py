@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import enum
 
-from harvester.base.compilation import compiled, merged
+from harvester.base.compilation import compiled, merged, register_jitable
 from harvester.device import system
 from harvester.device.decay import decayed
 from harvester.device.system import System
@@ -92,7 +92,7 @@ def one_step(
     return _exponential(s, touching, low, high, held, x, v, voltage, noise, slope, h, reaction)
 
 
-@compiled
+@register_jitable
 def _exponential(s, touching, low, high, held, x, v, voltage, noise, slope, h, reaction):
     """Step of third order that takes the decay of X' and V exactly, however fast.
 
