@@ -166,6 +166,13 @@ class Excitation(ABC):
         """
         return None
 
+    def measured_density(self, stretch: float) -> tuple[np.ndarray, np.ndarray] | None:
+        """Frequencies (Hz) and the density there of a measured path; None of all others.
+
+        The mean over stretches of this length (s), up to a factor.
+        """
+        return None
+
     @property
     def highest_frequency(self) -> float:
         """Highest frequency in a measured path (Hz); infinite where the excitation is not

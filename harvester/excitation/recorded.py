@@ -160,6 +160,9 @@ class RecordedMotion(Excitation):
     def highest_frequency(self) -> float:
         return 0.5 / one_pass(self).interval
 
+    def measured_density(self, stretch: float) -> tuple[np.ndarray, np.ndarray]:
+        return _density(self, max(1, min(round(stretch / self.interval), self.samples.size)))
+
     @property
     def kept_samples(self) -> int:
         return self.samples.size
@@ -538,12 +541,18 @@ def _events(record, count):
 
 
 @lru_cache(maxsize=4)
-def _equivalent_noise(record):
-    """Noise with the record's greatest density, D = π S, and its variance D/τ1."""
+def _density(record, size):
+    """Welch's estimate of the record's density from stretches of so many knots."""
     from scipy import signal
 
-    values, interval, _ = _knots(record)
-    _, density = signal.welch(values, 1.0 / interval, nperseg=min(values.size, 1024))
+    return signal.welch(record.samples, 1.0 / record.interval, nperseg=size)
+
+
+@lru_cache(maxsize=4)
+def _equivalent_noise(record):
+    """Noise with the record's greatest density, D = π S, and its variance D/τ1."""
+    values = record.samples
+    _, density = _density(record, min(values.size, 1024))
     # The density is one-sided and per hertz: 4 π S(ω).
     intensity = float(density.max()) / 4.0
     return intensity, intensity / float(np.mean(values**2))

@@ -90,14 +90,10 @@ def standard_error(
         if total == 0.0:
             return 0.0
         factor, expected = _implied(memory, series.shape[1])
-        most = max(LARGEST_CORRELATION, expected + 1.0 / math.sqrt(series.size))
-        if (memory <= 1.0 or series.shape[1] == 1) and neighbours <= most:
+        long_enough = memory <= 1.0 or series.shape[1] == 1
+        if long_enough and neighbours <= _largest_correlation(expected, series.size):
             factor = max(factor, 1.0 + 2.0 * max(neighbours, least_correlation))
-            effective = series.size / factor
-            if effective < FEWEST_EFFECTIVE:
-                return None
-            error = math.sqrt(total / series.size / (effective - 1.0))
-            return error * (1.0 + RAISED / effective)
+            return _raised(total / series.size, series.size / factor)
         series, memory = _joined(series), 0.5 * memory
     return None
 
@@ -188,14 +184,14 @@ def error_of_starts(series: np.ndarray) -> float:
     return float(means.std(ddof=1)) / math.sqrt(means.size) if means.size > 1 else 0.0
 
 
-def standard_error_of_drift(series: np.ndarray) -> float | None:
+def standard_error_of_drift(series: np.ndarray, memory: float = 0.0) -> float | None:
     """Standard error of the mean where the strength of the excitation drifts, as in one record.
 
     From the differences of neighbouring batches (von Neumann, Ann. Math. Stat. 12, 367 (1941)),
     in which a slow drift cancels: the error of this mean among records that drift alike.
-    Batches are joined until the correlation ρ between neighbours, which gives their successive
-    differences the correlation (2ρ − 1)/(2 − 2ρ), is small; see `standard_error`. A motion that
-    is as slow as the drift counts as drift.
+    Batches are joined until they last `memory` and the correlation ρ between neighbours, which
+    gives their successive differences the correlation (2ρ − 1)/(2 − 2ρ), is small; see
+    `standard_error`. A motion that is as slow as the drift counts as drift.
     """
     series = np.asarray(series, dtype=float)
     while series.size >= FEWEST_BATCHES and series.shape[1] > 2:
@@ -205,12 +201,25 @@ def standard_error_of_drift(series: np.ndarray) -> float | None:
             return 0.0
         successive = float(np.mean(steps[:, 1:] * steps[:, :-1])) / total
         neighbours = (1.0 + 2.0 * successive) / (2.0 + 2.0 * successive)
-        if neighbours <= LARGEST_CORRELATION:
-            neighbours = max(neighbours, 0.0)
-            variance = 0.5 * total / (1.0 - neighbours) / series.size
-            return math.sqrt(variance * (1.0 + 2.0 * neighbours))
-        series = _joined(series)
+        factor, expected = _implied(memory, series.shape[1])
+        if memory <= 1.0 and neighbours <= _largest_correlation(expected, series.size):
+            neighbours = max(neighbours, expected, 0.0)
+            factor = max(factor, 1.0 + 2.0 * neighbours)
+            return _raised(0.5 * total / (1.0 - neighbours), series.size / factor)
+        series, memory = _joined(series), 0.5 * memory
     return None
+
+
+def _largest_correlation(expected, size):
+    """The largest correlation of neighbours, of so many batches, that the factors hold for."""
+    return max(LARGEST_CORRELATION, expected + 1.0 / math.sqrt(size))
+
+
+def _raised(variance, effective):
+    """Standard error of the mean of so many effective batches, of this variance; None of few."""
+    if effective < FEWEST_EFFECTIVE:
+        return None
+    return math.sqrt(variance / (effective - 1.0)) * (1.0 + RAISED / effective)
 
 
 def _joined(series):

@@ -51,6 +51,8 @@ if TYPE_CHECKING:
 # Where the device's energy goes, and the points of the integrals over frequency.
 LOSSES = ("load_power", "loss_power", "transducer_loss")
 POINTS = 2001
+# The density of a record is the mean over stretches of the run's length over this.
+STRETCHES = 8.0
 
 
 # A change of a transient's energies by longer steps is noted from this share on: three times what
@@ -228,16 +230,18 @@ def correlation_time(ready: Prepared, moments: Sequence[Moments]) -> float:
     width = rate / (2.0 * math.pi)
     # Even steps of the resonance's phase, and even ones between the breakpoints of the density.
     f = centre + 0.5 * width * np.tan(np.linspace(-0.5, 0.5, POINTS)[1:-1] * math.pi)
-    corners = sorted(excitation.corners) or [centre]
-    places = np.linspace(0.0, len(corners) - 1.0, POINTS)
+    measured = excitation.measured_density(ready.scene.run.duration / STRETCHES)
+    corners = sorted(excitation.corners if measured is None else measured[0]) or [centre]
+    places = np.linspace(0.0, len(corners) - 1.0, max(POINTS, len(corners)))
     f = np.unique(np.append(f[f > 0.0], np.interp(places, np.arange(len(corners)), corners)))
-    density = excitation.density(f)
+    density = excitation.density(f) if measured is None else np.interp(f, *measured)
     if density is None or not density.any():
         return 1.0 / rate
     response = f**2 / ((centre**2 - f**2) ** 2 + (width * f) ** 2) * density
     time = 0.5 * float(np.trapezoid(response**2, f) / np.trapezoid(response, f) ** 2)
-    # The product of a sine and noise forgets with the amplitude, half as fast as the energy.
-    return 2.0 * time if excitation.lines else time
+    # The product of a sine and noise forgets with the amplitude, half as fast as the energy. In a
+    # measured density a sine is a band as wide as the run resolves.
+    return 2.0 * time if excitation.lines and measured is None else time
 
 
 def error_of(scene: Scene, memory: float = 0.0) -> Callable:
@@ -249,9 +253,8 @@ def error_of(scene: Scene, memory: float = 0.0) -> Callable:
     drawn = excitation.random or scene.run.starts is not None
     if excitation.period is not None:
         return partial(error_without_chance, drawn=drawn)
-    in_time = (
-        standard_error_of_drift if excitation.drifts else partial(standard_error, memory=memory)
-    )
+    over_time = standard_error_of_drift if excitation.drifts else standard_error
+    in_time = partial(over_time, memory=memory)
     if excitation.random:
         return in_time
     transient = excitation.transient(scene.run)
