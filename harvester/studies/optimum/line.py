@@ -32,7 +32,7 @@ from harvester.scene.prepared import prepared
 from harvester.scene.steps import step_error
 from harvester.statistics.batch_means import standard_error
 from harvester.statistics.estimate import Estimate
-from harvester.statistics.of_run import error_of
+from harvester.statistics.run_estimates import error_of
 from harvester.statistics.units import unit_of
 from harvester.studies.answers import answers_in_time, missing_from, on_common_knots
 from harvester.studies.optimum.axis import Axis, OptimalParameter
@@ -281,7 +281,7 @@ class Search:
 class CubicFit:
     """Cubic through values at places from −1 to 1, with errors from what their noise has in common.
 
-    `error_of`: the error of a mean from batches, see `harvester.statistics.of_run.error_of`.
+    `error_of`: the error of a mean from batches, see `harvester.statistics.run_estimates.error_of`.
 
     Attributes
     ----------
