@@ -113,10 +113,17 @@ class WorkerPool:
             raise
 
     def submit(
-        self, function: Callable, arguments: dict[str, Any], time_limit: float | None = None
+        self,
+        function: Callable,
+        arguments: dict[str, Any],
+        time_limit: float | None = None,
+        report: Callable | None = None,
     ) -> Future:
-        """One call as with `keep_going` in `map`; returns its Future."""
-        return self._begin(call_twice, function, arguments, time_limit, None)
+        """One call as with `keep_going` in `map`; returns its Future.
+
+        `report` is given what the function reports, in a thread of the pool.
+        """
+        return self._begin(call_twice, function, arguments, time_limit, report)
 
     def interrupt(self) -> None:
         """End every process and with it its call; the pool can be used again."""
@@ -184,9 +191,13 @@ class ExecutorPool:
             raise lost(error) from error
 
     def submit(
-        self, function: Callable, arguments: dict[str, Any], time_limit: float | None = None
+        self,
+        function: Callable,
+        arguments: dict[str, Any],
+        time_limit: float | None = None,
+        report: Callable | None = None,
     ) -> Future:
-        """See `WorkerPool.submit`."""
+        """See `WorkerPool.submit`; `report` is not called."""
         return self._begin(function, arguments, time_limit, True)
 
     def interrupt(self) -> None:

@@ -69,6 +69,7 @@ def progress() -> Iterator[Callable]:
         def update(share, words=""):
             elapsed = time.monotonic() - started
             rate = f"{share * total / elapsed:,.0f} s/s" if total and elapsed > 0.0 else words
+            rate = rate if share else f"{words}: starting; the first run compiles"
             bar.update(task, completed=share, rate=rate)
 
         return update
@@ -126,7 +127,9 @@ class _Lines:
                 left = "evaluating the results"
             elif done > 0.0:
                 left = f"about {_duration((now - began) * (1.0 - self._share) / done)} more"
-            share = f"{self._share:.2%} " if self._first else ""
+            share = f"{self._share:.2%} " if self._share else ""
+            if not self._share and self._first:
+                left = f"{left}: starting; the first run compiles"
             print(f"{self._label}: {share}after {elapsed:.0f} s, {left}", file=sys.stderr)
 
 

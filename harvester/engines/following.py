@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import time
 from collections.abc import Callable
 from dataclasses import replace
 from typing import TYPE_CHECKING, Any
@@ -20,8 +21,11 @@ from harvester.statistics.range_watch import leaves_range, with_range_watch
 from harvester.statistics.stroboscope import STATE, Stroboscope
 
 if TYPE_CHECKING:
+    from harvester.device.record import Record
     from harvester.scene.model import Scene
 
+# Seconds between two reports of a task.
+REPORT_SECONDS = 0.25
 # The excitation's knots are this many times finer than the scene's: between knots the sine is
 # replaced by a straight line, whose error decides which well a start next to a fractal border
 # reaches. Of 225 starts of a Duffing oscillator 88, 94, 95.6 and 96 % came to the well that scipy
@@ -88,7 +92,7 @@ def follow(
     starts: list,
     periods: int,
     kept: int,
-    report: Callable,
+    report: Callable[[float], object],
     settings: dict[str, Any] | None = None,
 ) -> np.ndarray:
     """Follow starts for some forcing periods, in a worker process.
@@ -118,11 +122,12 @@ def follow(
     samples = noise_path(prepared_scene, 0).read(round(periods * period / spacing) + 2)
     chosen.prepare(prepared_scene)
 
-    def sampled(some):
+    def sampled(some, number):
         """The samples of some starts; infinite where one leaves the spring's range."""
         watching = [Stroboscope((periods - kept) * period, period, kept + 1) for _ in some]
         paths = [Replayed(samples, spacing) for _ in some]
         observers = with_range_watch(prepared_scene, [[strobe] for strobe in watching])
+        observers[-1].append(_Reached(report, number, len(parts), periods * period))
         try:
             chosen.run_realizations(
                 prepared_scene, paths, [tuple(start) for start in some], observers
@@ -134,15 +139,31 @@ def follow(
                 return [np.full_like(watching[0].samples, np.inf)]
             # Starts run side by side end together: the halves show which of them left.
             half = len(some) // 2
-            return sampled(some[:half]) + sampled(some[half:])
-        report([])
+            return sampled(some[:half], number) + sampled(some[half:], number)
         return [strobe.samples for strobe in watching]
 
     # The engine "circuit" runs one start at a time: side by side all starts would share their time
     # steps.
     together = 1 if engine == "circuit" else len(starts)
-    some = [starts[first : first + together] for first in range(0, len(starts), together)]
-    return np.array([samples_of_start for part in some for samples_of_start in sampled(part)])
+    parts = [starts[first : first + together] for first in range(0, len(starts), together)]
+    return np.array([row for number, part in enumerate(parts) for row in sampled(part, number)])
+
+
+class _Reached:
+    """Reports the share that is done of a task's equal parts, each of so many seconds."""
+
+    reads_points = False
+
+    def __init__(self, report: Callable, part: int, parts: int, seconds: float) -> None:
+        self._report, self._part, self._parts, self._seconds = report, part, parts, seconds
+        self._next = 0.0
+
+    def add(self, record: Record) -> None:
+        """Report how far the record has come, if the last report is old enough."""
+        now = time.monotonic()
+        if now >= self._next and record.time.size:
+            self._report((self._part + float(record.time[-1]) / self._seconds) / self._parts)
+            self._next = now + REPORT_SECONDS
 
 
 def _together(scene: Scene, engine: str) -> int:

@@ -4,6 +4,28 @@ from collections import Counter, defaultdict
 from collections.abc import Callable
 
 
+class Stages:
+    """The progress of a study in stages, each of one list of tasks.
+
+    `report` is given the share done of all stages, 0 … 1 and never falling, and the words of the
+    present one.
+    """
+
+    def __init__(self, report: Callable[[float, str], object]):
+        self._report = report
+        self._low, self._high, self._words, self.share = 0.0, 1.0, "", 0.0
+
+    def begin(self, low: float, high: float, words: str) -> None:
+        """A stage begins that takes the whole from one share to another."""
+        self._low, self._high, self._words = low, high, words
+        self(0.0)
+
+    def __call__(self, share: float, words: str = "") -> None:
+        """The share done of the present stage."""
+        self.share = max(self.share, self._low + share * (self._high - self._low))
+        self._report(self.share, self._words or words)
+
+
 class Progress:
     """Adds up what is done and what is left, in seconds of one core.
 
@@ -15,6 +37,7 @@ class Progress:
         self._seconds: dict[str, float] = defaultdict(float)
         self._count: Counter[str] = Counter()
         self._waiting: Counter[str] = Counter()
+        self._running: dict[str, tuple[str, float]] = {}
         self._ahead: dict[object, tuple[str, float]] = {}
         self._plans, self._ended = 0, 0
         self._share, self._spent = 0.0, 0.0
@@ -34,8 +57,13 @@ class Progress:
         """Note that one more task is to be computed."""
         self._waiting[label] += 1
 
-    def done(self, label: str, seconds: float) -> None:
+    def reach(self, label: str, key: str, share: float) -> None:
+        """Note how much of a task is done; called in any thread."""
+        self._running[key] = label, share
+
+    def done(self, label: str, key: str, seconds: float) -> None:
         """Note that a task has been computed."""
+        self._running.pop(key, None)
         self._waiting[label] -= 1
         self._seconds[label] += seconds
         self._spent += seconds
@@ -52,14 +80,15 @@ class Progress:
         """Report how far the tasks are, also while none has ended yet."""
         left = sum(count * self._mean(label) for label, count in self._waiting.items())
         left += sum(count * self._mean(label) for label, count in self._ahead.values())
-        if self._spent > 0.0:
-            self._share = max(self._share, self._spent / (self._spent + left))
-        elif not left and not self._waiting.total():
+        begun = sum(share * self._mean(label) for label, share in [*self._running.values()])
+        if self._spent + left > 0.0:
+            self._share = max(self._share, (self._spent + begun) / (self._spent + left))
+        elif not self._waiting.total():
             self._share = 1.0
         self._report(self._share, f"{self._ended} of {self._plans}")
 
     def _mean(self, label):
-        """Seconds that a task takes; of a label not met yet, as those that were."""
+        """Seconds that a task takes; of a label not met yet, as those that were, if any were."""
         if self._count[label]:
             return self._seconds[label] / self._count[label]
-        return sum(self._seconds.values()) / max(self._count.total(), 1)
+        return sum(self._seconds.values()) / self._count.total() if self._count else 1.0

@@ -8,6 +8,7 @@ import queue
 import time
 from collections.abc import Callable, Generator, Iterable, Iterator, Sequence
 from concurrent.futures import CancelledError
+from functools import partial
 
 from harvester.base.errors import HarvesterError
 from harvester.base.worker_pool import LOOK_AROUND, ExecutorPool, WorkerPool, lost
@@ -240,7 +241,8 @@ class _Following:
             *_, task = heapq.heappop(self._ready)
             limit = self._runner.time_limit * task.time_limits
             arguments = {"function": task.function, "arguments": task.arguments}
-            future = pool.submit(compute, arguments, limit)
+            report = partial(self._progress.reach, task.label, task.key)
+            future = pool.submit(compute, arguments, limit, report)
             self._futures[future] = task
             future.add_done_callback(self._done.put)
 
@@ -282,7 +284,7 @@ class _Following:
 
     def _settle(self, task, outcome, seconds):
         """Go on with the plans that waited for a task."""
-        self._progress.done(task.label, seconds)
+        self._progress.done(task.label, task.key, seconds)
         for plan in sorted(self._waiting.pop(task.key)):
             self._results[plan][task.key] = outcome
             if len(self._results[plan]) == len(set(self._wanted[plan])):

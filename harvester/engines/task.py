@@ -34,7 +34,8 @@ class Task:
     Attributes
     ----------
     function
-        Of a module; called in a worker process as function(report=…, **arguments); returns
+        Of a module; called in a worker process as function(report=…, **arguments), where it
+        reports a share of 0 … 1 or the moments of its realizations so far; returns
         what `harvester.engines.codec` knows, and raises a HarvesterError where it fails.
     arguments
         Scenes, numbers, strings, None, and lists, tuples and dictionaries of these.
@@ -81,7 +82,7 @@ def compute(function: Callable, arguments: dict[str, Any], report: Callable) -> 
     """One task, in a worker process: (its answer or the error that it ended with, seconds)."""
     clock = time.perf_counter()
     try:
-        answer = function(report=report, **arguments)
+        answer = function(report=lambda latest: report(_share(latest)), **arguments)
     except OF_THE_MACHINE:
         raise
     except HarvesterError as error:
@@ -93,6 +94,14 @@ def compute(function: Callable, arguments: dict[str, Any], report: Callable) -> 
             traceback.print_exception(error)
         answer = SimulationError(f"{type(error).__name__}: {error}")
     return answer, time.perf_counter() - clock
+
+
+def _share(latest):
+    """Share of a task that is done, by its latest report: moments of realizations, or the share."""
+    if not isinstance(latest, list):
+        return float(latest)
+    shares = [m.time_reached / (m.start + m.batch_length * len(m.integrals)) for m in latest]
+    return float(np.nan_to_num(shares).mean()) if shares else 0.0
 
 
 def _plain(value):

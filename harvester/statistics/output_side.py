@@ -106,10 +106,9 @@ def _stored_energies(moments, time, error_of):
     taken = _taken_by_batteries(moments, time)
     if not series[:, :, INTEGRAL].any() and not taken.any():
         return {}
-    energy, squares = series[:, :, INTEGRAL], series[:, :, SQUARE]
-    if taken.any():
-        # Within a batch half of its energy has arrived on average.
-        energy, squares = energy + (np.cumsum(taken, axis=1) - 0.5 * taken) * time, None
+    # Within a batch half of what a battery takes has arrived on average.
+    energy = series[:, :, INTEGRAL] + (np.cumsum(taken, axis=1) - 0.5 * taken) * time
+    squares = None if taken.any() else series[:, :, SQUARE]
     final = [m.output.energy + into.sum() for m, into in zip(moments, taken, strict=True)]
     return {
         "stored_energy": ratio_estimate(energy, time, "energy", squares=squares, error_of=error_of),

@@ -607,6 +607,7 @@ def optimum(
     from harvester.averaging.closures import CLOSURES
     from harvester.averaging.method import DEFAULT_CLOSURE
     from harvester.engines.opening import open_runner
+    from harvester.engines.progress import Stages
     from harvester.statistics.output_side import RATIOS
     from harvester.studies.answers import checked_method, orbits_at
     from harvester.studies.optimum.axis import Axis
@@ -637,7 +638,7 @@ def optimum(
             raise HarvesterError(f"--{name}: is for several parameters, a second --over")
     if closure is not None and not is_one:
         raise HarvesterError("--closure: is for one parameter by an engine; else use --method")
-    follow = running.pop("progress", None) or (lambda share, words: None)
+    stages = Stages(running.pop("progress", None) or (lambda share, words: None))
     closure = check_name("closure", closure or DEFAULT_CLOSURE, CLOSURES)
     if is_one:
         load = scene.load.circuit
@@ -649,12 +650,13 @@ def optimum(
             "monte-carlo or circuit, or the limit out"
         )
     axes = [Axis.of(scene, key, *interval) for key, interval in ends.items()]
+    running["progress"] = None if running.get("runner") else stages
     with open_runner(**running) as runner:
         if is_one:
-            found = along(scene, axes[0], maximise, chosen, closure, runner, follow)
+            found = along(scene, axes[0], maximise, chosen, closure, runner, stages)
         else:
             found = over_several(
-                scene, axes, maximise, chosen, runner, follow, evaluations, precision
+                scene, axes, maximise, chosen, runner, stages, evaluations, precision
             )
         location = {parameter.axis.key: parameter.place for parameter in found.parameters}
         orbits = orbits_at(scene.replace(location), chosen, runner)

@@ -446,7 +446,7 @@ class LoadStudy(Tabular):
             "highest_at": highest,
             "place": optimum.place,
             "interval": [optimum.low, optimum.high],
-            "note": optimum.note,
+            "note": "; ".join(filter(None, [optimum.note, *self._unranked(where, key)])),
         }
 
     def _ranking(self, other, words):

@@ -25,6 +25,7 @@ from scipy.interpolate import CubicSpline
 from harvester.base.errors import HarvesterError, OptimumError
 from harvester.base.method import Method
 from harvester.engines.methods import Engine
+from harvester.engines.progress import Stages
 from harvester.engines.request import Answer, Request
 from harvester.engines.runner import Runner
 from harvester.scene.model import Scene
@@ -71,7 +72,7 @@ def along(
     method: Method,
     closure: str,
     runner: Runner,
-    follow: Callable[[float, str], object],
+    stages: Stages,
 ) -> Optimum:
     """The optimum over one parameter, all of it but its time."""
     # One spacing of knots for the whole range: else places would not share their noise.
@@ -79,12 +80,16 @@ def along(
     (device,) = on_common_knots([scene], ends)
     location, value, reason = None, None, f"knows no {quantity.replace('_', ' ')}"
     if quantity in MAXIMISED:
-        follow(0.0, "stationary averages")
+        stages.begin(0.0, 0.3, "stationary averages")
         location, value, reason = averaged(device, axis, quantity, closure, runner)
-    follow(0.3, "simulation")
-    search = Search(device, axis, quantity, method, runner)
+
+    def begin():
+        # The number of windows is not known: each takes half of what is left.
+        stages.begin(max(stages.share, 0.3), 0.5 * (max(stages.share, 0.3) + 0.9), "simulation")
+
+    search = Search(device, axis, quantity, method, runner, begin)
     maximum, fitted = search.find(None if location is None else axis.coordinate(location))
-    follow(0.9, "comparison")
+    stages.begin(0.9, 1.0, "comparison")
     at_maximum = device.replace({axis.key: maximum.estimate})
     requests = [search.request(axis.coordinate(maximum.estimate)), Request(at_maximum, closure)]
     simulated, by_closure = answers_in_time(runner, requests)
@@ -152,10 +157,19 @@ def averaged(
 class Search:
     """The maximum of a quantity by simulation, all places on the same noise.
 
-    `scene`: the scene, with one knot spacing for all places.
+    `scene`: the scene, with one knot spacing for all places; `begin`: called before each window.
     """
 
-    def __init__(self, scene: Scene, axis: Axis, quantity: str, method: Method, runner: Runner):
+    def __init__(
+        self,
+        scene: Scene,
+        axis: Axis,
+        quantity: str,
+        method: Method,
+        runner: Runner,
+        begin: Callable[[], object] = lambda: None,
+    ):
+        self._begin = begin
         self.scene, self.axis, self.quantity = scene, axis, quantity
         self.method, self._runner = method, runner
         self._more = 1
@@ -169,6 +183,7 @@ class Search:
         centre = self._highest() if start is None else start
         half = WINDOW
         for _ in range(MOVES):
+            self._begin()
             centre = min(max(centre, half), 1.0 - half)
             coordinates = centre + half * np.linspace(-1.0, 1.0, PLACES)
             answers = self._answers(coordinates)

@@ -38,7 +38,7 @@ def series_in_units(answer: Any, quantity: str) -> np.ndarray:
 class Objective:
     """A quantity at places in the unit cube of some axes.
 
-    `follow`: given the number of places evaluated.
+    `begin`: given the numbers of places that are evaluated before and after a list of them.
     """
 
     def __init__(
@@ -48,7 +48,7 @@ class Objective:
         quantity: str,
         method: Method,
         runner: Any,
-        follow: Callable[[int], object],
+        begin: Callable[[int, int], object],
     ):
         self.axes, self.quantity, self.method = tuple(axes), quantity, method
         self.noisy = is_noisy(scene, method)
@@ -57,7 +57,7 @@ class Objective:
             corners = itertools.product(*((0.0, 1.0) for _ in axes))
             ends = [self.scene_at(corner) for corner in corners]
             (self.scene,) = on_common_knots([scene], ends)
-        self._runner, self._follow = runner, follow
+        self._runner, self._begin = runner, begin
         self.evaluated = 0
 
     def values_at(self, place: Sequence[float]) -> dict[str, float]:
@@ -84,7 +84,9 @@ class Objective:
                 requests[k] = Request(self.scene_at(location, stage), self.method, **options)
             except SceneError as error:
                 answers[k] = error
-        replies = answers_in_time(self._runner, requests.values(), on_answer=self._count)
+        self._begin(self.evaluated, self.evaluated + len(requests))
+        replies = answers_in_time(self._runner, requests.values())
+        self.evaluated += len(requests)
         for k, answer in zip(requests, replies, strict=True):
             answers[k] = answer
         return answers
@@ -110,7 +112,3 @@ class Objective:
         series = [series_in_units(compared, self.quantity) for compared in (answer, other)]
         error = standard_error(series[0] - series[1])
         return math.inf if error is None else error
-
-    def _count(self, index, answer):
-        self.evaluated += 1
-        self._follow(self.evaluated)

@@ -10,7 +10,7 @@ Kong Polytechnic University, 2022), to their own precision.
 """
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 
 import numpy as np
 from scipy.optimize import minimize
@@ -18,6 +18,7 @@ from scipy.optimize import minimize
 from harvester.base.errors import HarvesterError, OptimumError
 from harvester.base.method import Method
 from harvester.base.writing import finite
+from harvester.engines.progress import Stages
 from harvester.engines.request import Request
 from harvester.engines.runner import Runner
 from harvester.scene.model import Scene
@@ -51,7 +52,7 @@ def over_several(
     quantity: str,
     method: Method,
     runner: Runner,
-    follow: Callable[[float, str], object],
+    stages: Stages,
     evaluations: int | None = None,
     precision: float | None = None,
 ) -> Optimum:
@@ -65,13 +66,14 @@ def over_several(
         )
     if len(axes) > MOST_PARAMETERS:
         raise HarvesterError(f"--over: at most {MOST_PARAMETERS} parameters at a time")
-    expected = count + CONFIRMED + CLIMB_EACH * len(axes)
+    expected = 1 + count + CONFIRMED + CLIMB_EACH * len(axes)
 
-    objective = Objective(
-        scene, axes, quantity, method, runner,
-        lambda done: follow(min(done / expected, 0.99), f"{done} evaluations"),
-    )  # fmt: skip
-    follow(0.0, "the scene itself")
+    def begin(done, after):
+        low, high = (min((1 + count) / expected, 0.99) for count in (done, after))
+        stages.begin(low, high, f"{done} evaluations")
+
+    objective = Objective(scene, axes, quantity, method, runner, begin)
+    stages.begin(0.0, 1.0 / expected, "the scene itself")
     scene_answer = first_answer(runner, Request(scene, method))
     check_quantity(quantity, scene_answer)
     searched = _search(objective, count)

@@ -9,6 +9,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Generator, Sequence
 from dataclasses import dataclass
+from functools import partial
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -286,6 +287,10 @@ def climb(
         `failures`, the reasons by the number of the place.
     """
     rows, failures = [], {}
+
+    def reached(number: int, share: float) -> None:
+        report((number + share) / len(values))
+
     for number, value in enumerate(values):
         driven = forced(scene.replace({key: value}), "bifurcation")
         ready = prepared(driven)
@@ -297,7 +302,7 @@ def climb(
             for times in (1, longer):
                 samples = follow(
                     driven, engine, step, [list(begin)], times * (periods + SAMPLES), SAMPLES,
-                    report, settings,
+                    partial(reached, number), settings,
                 )[0]  # fmt: skip
                 if times == longer or motion_of(driven, samples)[1] != NO_PERIOD:
                     break

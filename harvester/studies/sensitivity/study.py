@@ -12,7 +12,7 @@ from harvester.base.errors import HarvesterError, OutOfTime
 from harvester.base.formatting import NOT_KNOWN, prefixed, quantity, share_with_error, with_error
 from harvester.base.method import Method
 from harvester.base.serialising import plain
-from harvester.base.symbols import definitions, key_words
+from harvester.base.symbols import definitions, key_column, key_words
 from harvester.engines.folder import StudyFolder
 from harvester.engines.request import Request
 from harvester.engines.runner import Runner
@@ -230,8 +230,10 @@ class Sensitivity:
 
     def device_table(self) -> str:
         """CSV: one line for each device that was simulated, its parameters and its values."""
-        keys = ",".join(parameters(self.tolerances, self.shares[0][0]))
-        replicates = ",".join(f"replicate_{k + 1}" for k in range(len(self.values)))
+        varied = parameters(self.tolerances, self.shares[0][0])
+        keys = ",".join(key_column(key, self.scene.units) for key in varied)
+        name = f"{self.quantity} [{self.unit}]"
+        replicates = ",".join(f"replicate_{k + 1} {name}" for k in range(len(self.values)))
         lines = [f"row,device,{keys},{replicates}"]
         names = ["a", "b", *(f"a with b's {parameter.key}" for parameter in self.tolerances)]
         for row, shares in enumerate(self.shares):

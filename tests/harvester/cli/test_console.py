@@ -58,8 +58,8 @@ def test_the_last_report_is_said_again_as_long_as_there_is_no_other(monkeypatch,
     reports = {2: (0.0, "0 of 3"), 12: (0.5, "1 of 3"), 25: (1.0, "3 of 3")}
     lines = lines_of("basins", 50, reports, monkeypatch, capsys)
     assert lines == [
-        "basins: 0.00% after 5 s, 0 of 3",
-        "basins: 0.00% after 10 s, 0 of 3",
+        "basins: after 5 s, 0 of 3: starting; the first run compiles",
+        "basins: after 10 s, 0 of 3: starting; the first run compiles",
         "basins: 50.00% after 20 s, about 18 s more",
         "basins: 100.00% after 40 s, evaluating the results",
     ]

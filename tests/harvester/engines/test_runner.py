@@ -163,10 +163,17 @@ def test_progress_never_falls_and_ends_at_one():
     progress.ask(0, "quick", 3.0)
     progress.wait("quick")
     progress.wait("slow")
-    progress.done("quick", 1.0)
+    # Before any task has ended, all five count the same.
+    progress.reach("quick", "a", 0.5)
+    progress.say()
+    assert shares[-1][0] == pytest.approx(0.5 / 5.0)
+    progress.done("quick", "a", 1.0)
     # One slow and three quick ones are left, as far as is known of a second each.
     assert shares[-1][0] == pytest.approx(1.0 / 5.0)
-    progress.done("slow", 10.0)
+    progress.reach("slow", "b", 0.5)
+    progress.say()
+    assert shares[-1][0] == pytest.approx(1.5 / 5.0)
+    progress.done("slow", "b", 10.0)
     assert shares[-1][0] == pytest.approx(11.0 / 14.0)
     progress.ask(0, "quick", 30.0)
     progress.end(1)
@@ -177,7 +184,7 @@ def test_progress_never_falls_and_ends_at_one():
     progress.begin(1)
     progress.wait("quick")
     progress.wait("slow")
-    progress.done("quick", 1.0)
+    progress.done("quick", "a", 1.0)
     assert shares[-1] == (pytest.approx(1.0 / 11.0), "0 of 1")
 
 

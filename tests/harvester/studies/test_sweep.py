@@ -132,3 +132,14 @@ def test_any_key_and_words_make_a_grid_on_the_command_line(tmp_path, capsys):
     assert found.values == {"load.netlist": ("resistor", "bridge")}
     assert [cell.outcome.split(":")[0] for cell in found.cells.ravel()] == ["complete", "LoadError"]
     found.figure()
+
+
+def test_a_swept_key_has_its_unit_in_the_header():
+    found = harvester.sweep(
+        "cantilever", {"load.resistance": [5e4], "oscillator.quality_factor": [50.0]},
+        methods=["spectral"], workers=1,
+    )  # fmt: skip
+    header, (row, *_) = found.data()
+    assert header[:2] == ["load.resistance [Ω]", "oscillator.quality_factor [1]"]
+    assert row[:2] == [5e4, 50.0]
+    assert found.table()[0][1] == "load.resistance [Ω]"

@@ -24,7 +24,7 @@ from harvester.statistics.attractors import (
     transients,
 )
 from harvester.studies import frequency_response
-from harvester.studies.orbits.basins import orbit_sentences
+from harvester.studies.orbits.basins import Basins, orbit_sentences
 from harvester.studies.orbits.following import Orbit
 from harvester.studies.orbits.residence import Residence, kramers_time, stays_of
 
@@ -631,3 +631,14 @@ def test_a_chaotic_transient_is_followed_to_its_orbit():
     # What has no error bar says why.
     missing = np.isnan(up.errors["mean_power"])
     assert missing.any() == any("no error bar" in each for each in found.sentences())
+    power, error = (found.to_xarray()[f"mean_power{end}"] for end in ("", "_standard_error"))
+    assert power.attrs == error.attrs == {"unit": "W"}
+    np.testing.assert_array_equal(error[0], up.errors["mean_power"])
+    assert found.data()[0][1] == "excitation.amplitude [m/s²]"
+
+
+def test_basins_say_the_plane_of_their_starts():
+    scene, x, v = Scene.read("device"), np.linspace(-0.02, 0.02, 5), np.array([0.1])
+    found = Basins(scene, "m", "v", x, v, np.zeros((1, 5), dtype=int), [], 10, 0.0)
+    (line,) = (line for line in found.sentences() if line.startswith("plane of the starts"))
+    assert "5 values of the displacement from -20 mm to 20 mm, velocity 100 mm/s, with an" in line
