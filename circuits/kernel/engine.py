@@ -28,7 +28,9 @@ from harvester.device.record import Record, empty_record, part
 from harvester.scene.lines import line_frequency
 from harvester.scene.steps import (
     CRAWL,
+    LARGEST_VOLTAGE,
     PATIENCE,
+    RUNAWAY,
     STALLED,
     STEP_LEVELS,
     STEPS_PER_CONTACT,
@@ -47,8 +49,9 @@ if TYPE_CHECKING:
 CHUNK = 16384
 # Finer steps than these do not ask for a smaller error.
 FINEST = STEP_LEVELS["finest"]
-# A further way in which a run may end, beside those of `advance`: it makes no progress.
-CRAWLING = -1
+# Further ways in which a run may end, beside those of `advance`: it makes no progress, or its
+# voltages grow without bound.
+CRAWLING, UNBOUNDED = -1, -2
 SCHEME = "TR-BDF2"
 
 
@@ -200,6 +203,8 @@ def integrate(
                 spent, reached = time.thread_time(), now
             elif time.thread_time() - spent > PATIENCE and outcome == FINE:
                 outcome = CRAWLING
+            if np.abs(state.y).max() > LARGEST_VOLTAGE:
+                outcome = UNBOUNDED
             if outcome != FINE:
                 raise _trouble(circuit, state, outcome, which)
             yield part(record, 0, points), output[:, :points]
@@ -218,6 +223,8 @@ def _trouble(circuit, state, outcome, which):
             f"{stopped}an expression has no value there, a root, logarithm, arc or power outside "
             f"its range: look at {', '.join(limited[:3])}"
         )
+    if outcome == UNBOUNDED:
+        return SimulatorAborted(f"{stopped}{RUNAWAY}{suspicion(circuit.load)}")
     if outcome == CHATTER:
         name, where = circuit.switches[which]
         return LoadChatters(

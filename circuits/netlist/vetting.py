@@ -56,6 +56,8 @@ ELEMENTS = {
     "h": (2, "controlled"), "b": (2, "behavioural"),
 }  # fmt: skip
 
+# Most further nodes in front of the model: a bulk or substrate, the source that controls a W.
+_FURTHER = {"q": 1, "m": 1, "w": 1}
 _CHARACTERS = re.compile(r"[\w\s.+\-*/^(){}\[\],=<>?:!&|%#~\"]*", re.ASCII)
 # Longest name or number, in characters.
 LONGEST_WORD = 250
@@ -337,6 +339,10 @@ def _model(card, rest, scope):
         unknown = bare[-1] if bare else ""
         missing = f"{unknown[:LONGEST_SHOWN]}{nearest(unknown, scope.models)}"
         refuse(card, f"no .model {missing}: copy that part's .model line into the file")
+    letter = card.text[0]
+    further = next(k for k, word in enumerate(words) if word in scope.models)
+    if further > _FURTHER.get(letter, 0) or (letter == "w" and not further):
+        refuse(card, f"{card.text[:50]!r}: too many or too few nodes in front of the model")
     return words
 
 

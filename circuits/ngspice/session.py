@@ -12,7 +12,7 @@ by the compiled ones of `circuits.ngspice.callbacks`.
                          accepts the point    →    send_data: one row of the buffer
     _flush          ←─────────────────────────────  buffer full: rows → record → observers
     _move_window    ←─────────────────────────────  samples used up: the next ones
-    _watch, each second: chatter, no progress
+    _watch, each second: chatter, runaway, no progress
 """
 
 from __future__ import annotations
@@ -46,7 +46,14 @@ from harvester.base.errors import (
 from harvester.base.worker_main import as_answer, give_up
 from harvester.device import timescales
 from harvester.device.record import empty_record, part
-from harvester.scene.steps import CRAWL, PATIENCE, STALLED, STEPS_PER_CONTACT
+from harvester.scene.steps import (
+    CRAWL,
+    LARGEST_VOLTAGE,
+    PATIENCE,
+    RUNAWAY,
+    STALLED,
+    STEPS_PER_CONTACT,
+)
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -323,6 +330,7 @@ class Session(NgSpiceShared):
             return
         start = 1 if times[0] == 0.0 else 0
         self._time_reached = float(times[-1])
+        self._check_bounds(self._time_reached, nodes)
         chunk = part(self._record, 0, count - start)
         rate, units = self._netlist.rate, units_of(self._netlist)
         device = self._system, self._free
@@ -360,6 +368,10 @@ class Session(NgSpiceShared):
             if source and not done.is_set():
                 self._doing = f"stopped at t = {latest:g}"
                 give_up(LoadChatters(self._said(f"{source} chatters: {SOURCE_CURE}")))
+            try:
+                self._check_bounds(latest, self._buffer[:, :count])
+            except SimulatorAborted as unbounded:
+                give_up(unbounded)
             if latest - reached > CRAWL * self._netlist.step:
                 spent, reached = time.process_time(), latest
             elif not done.is_set() and time.process_time() - spent > PATIENCE:
@@ -369,6 +381,12 @@ class Session(NgSpiceShared):
                 if self.circuit_load and (jumping := jumping_sources(self.circuit_load.elements)):
                     trouble += f"; look at {', '.join(source.place for source in jumping[:3])}"
                 give_up(SimulatorAborted(self._said(trouble)))
+
+    def _check_bounds(self, latest, nodes):
+        """Raise if the load's voltage grows without bound."""
+        if np.abs(nodes[:, :, callbacks.TERMINAL]).max(initial=0.0) > LARGEST_VOLTAGE:
+            self._doing = f"stopped at t = {latest:g}"
+            raise SimulatorAborted(self._said(f"{RUNAWAY}{suspicion(self.circuit_load)}"))
 
     def _move_window(self):
         """Drop the knots that are past and read as many new ones."""

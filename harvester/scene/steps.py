@@ -58,6 +58,13 @@ NOTED_ERROR = 0.0005
 # given up: it would not end.
 PATIENCE, CRAWL = 6.0, 1e-3
 STALLED = f"it gets nowhere, {PATIENCE:g} s of work went into less than a thousandth of a step"
+# A run whose load passes this voltage (V, or scaled) is given up: the load feeds energy in, and its
+# growth would take ever shorter steps.
+LARGEST_VOLTAGE = 1e9
+RUNAWAY = (
+    f"the load's voltage grows beyond {LARGEST_VOLTAGE:g} V, since the load feeds energy in; take "
+    "sources, negative parts and gains that feed back out of its netlist"
+)
 # Shortest step in units of the knot spacing; a run with shorter steps would not end.
 SHORTEST_STEP = 1e-9
 # If ngspice controls the local error, it rejects steps, and takes one of first order after each

@@ -10,7 +10,7 @@ from truths import flat
 from circuits.equivalent.assembly import assemble
 from circuits.equivalent.export import stand_alone
 from harvester.averaging.of_scene import average
-from harvester.base.errors import LoadError, NetlistError
+from harvester.base.errors import LoadError, NetlistError, SimulatorAborted
 from harvester.engines.simulate import simulate
 from harvester.scene.model import Scene
 from harvester.scene.paths import noise_path
@@ -321,3 +321,39 @@ def test_the_netlist_holds_the_load_and_its_digest_tells_loads_apart(tmp_path):
     assert "Vload piezo load_piezo 0.0" in text
     assert text.count(".subckt") == 1
     assert "Vload" not in assemble(prepared(Scene.read("device"))).text
+
+
+# A gain that feeds back past the resistance of its node: the voltage grows by e in 1.5 ms.
+FEEDBACK = """
+.subckt feedback p n out ref
+E2 x n a n 2
+R2 x a 24k
+R3 a p 5k
+D1 p out junction
+R4 ref n 10
+R1 out ref 230k
+C1 out ref 90n
+.model junction d(is=1n rs=2)
+.ends
+"""
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    "method", ["monte-carlo", pytest.param("circuit", marks=pytest.mark.exhaustive)]
+)
+def test_a_load_whose_voltage_grows_without_an_end_is_stopped(pool, tmp_path, method):
+    scene = with_load(tmp_path, FEEDBACK, *DAMPED)
+    with pytest.raises(SimulatorAborted, match=r"grows beyond 1e\+09 V, since the load feeds"):
+        simulate(scene, method=method, runner=pool, time_limit=100.0)
+
+
+@pytest.mark.parametrize("line", ["D1 p out x junction", "D1 p junction", "D1 p out m=2 junction"])
+def test_a_diode_between_other_than_two_nodes_is_refused(tmp_path, line):
+    with pytest.raises(NetlistError, match=r"d1 p .*too (many|few)"):
+        with_load(tmp_path, FEEDBACK.replace("D1 p out junction", line))
+
+
+def test_a_negative_number_of_parts_is_refused(tmp_path):
+    with pytest.raises(NetlistError, match="c1: m=-1: parts side by side"):
+        with_load(tmp_path, FEEDBACK.replace("90n", "90n m=-1"))
