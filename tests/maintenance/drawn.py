@@ -47,6 +47,8 @@ PROFILE_SHARE = 0.05
 LONGEST = 180.0
 # Truths under noise are of so many times the run's own length.
 LONGER, LONGER_IN_CONTACT = 8.0, 3.0
+# Averaging has no chance of its own: its truths are longer by this, so that they are as sharp.
+LONGER_THAN_AVERAGES = 4.0
 SWEPT = (0.5, 1.0, 2.0)
 # Starts beside the given one behind netlists, as shares of it; see `truth.BESIDE`.
 BESIDE_NETLISTS = (1e-5, -1e-5, 1e-4, -1e-4, 3e-4, -3e-4, 1e-3, -1e-3)
@@ -138,6 +140,8 @@ def powers(case, scene, tables=None, start=None, pool=None, generator=None):
     if not motion.densities:
         return _beside(case, device, motion.sines, first)
     longer = LONGER_IN_CONTACT if len(device.contacts) else LONGER
+    if case.command == "average":
+        longer *= LONGER_THAN_AVERAGES
     duration = longer * run.duration * run.realizations / truth.PATHS
     settle = max(run.settle, 20.0 / own)
     draws = generator or np.random.default_rng([case.seed, case.number, 1])
