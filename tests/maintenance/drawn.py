@@ -25,6 +25,7 @@ from maintenance.drawn_scenes import (
     COMMANDS,
     LINEAR,
     NOISES,
+    RECORDS,
     SINES,
     Case,
     drawn,
@@ -46,7 +47,13 @@ PROFILE_SHARE = 0.05
 LONGEST = 180.0
 # Truths under noise are of so many times the run's own length.
 LONGER, LONGER_IN_CONTACT = 8.0, 3.0
+# Averaging has no chance of its own: its truths are longer by this, so that they are as sharp.
+LONGER_THAN_AVERAGES = 4.0
 SWEPT = (0.5, 1.0, 2.0)
+# Starts beside the given one behind netlists, as shares of it; see `truth.BESIDE`.
+BESIDE_NETLISTS = (1e-5, -1e-5, 1e-4, -1e-4, 3e-4, -3e-4, 1e-3, -1e-3)
+# Points of a motion without a period from which a sweep goes on, and most states that it follows.
+WITHOUT_PERIOD, MOST_STATES = 8, 24
 
 
 class Check(NamedTuple):
@@ -122,7 +129,7 @@ def powers(case, scene, tables=None, start=None, pool=None, generator=None):
     """Mean powers of a scene that are right, each with its error."""
     motion = truth.motion_of(tables or case.tables["excitation"])
     if not scene.load.is_resistor:
-        return [_finest(case, scene, pool)]
+        return _finest(case, scene, pool)
     device, own, run = truth.device_of(scene), case.frequency, scene.run
     if motion.record is not None:
         first = start or _rest(scene)
@@ -133,6 +140,8 @@ def powers(case, scene, tables=None, start=None, pool=None, generator=None):
     if not motion.densities:
         return _beside(case, device, motion.sines, first)
     longer = LONGER_IN_CONTACT if len(device.contacts) else LONGER
+    if case.command == "average":
+        longer *= LONGER_THAN_AVERAGES
     duration = longer * run.duration * run.realizations / truth.PATHS
     settle = max(run.settle, 20.0 / own)
     draws = generator or np.random.default_rng([case.seed, case.number, 1])
@@ -165,33 +174,47 @@ def _wells(scene):
 def _beside(case, device, sines, start, settle=10.0):
     """Powers of the motions that a start and its closest neighbours reach."""
     periods = math.ceil(settle * case.quality)
-    size = max(abs(start[0]), 1e-3 * case.level / (2.0 * math.pi * case.frequency) ** 2)
     return [
-        truth.periodic(
-            device, sines, (start[0] + shift * size, *start[1:]), case.frequency, periods
-        )[0]
-        for shift in truth.BESIDE
+        truth.periodic(device, sines, (x, *start[1:]), case.frequency, periods)[0]
+        for x in _displacements(case, start[0], truth.BESIDE)
     ]
 
 
-def _finest(case, scene, pool):
-    """The power by the finest step: of the same time where a store charges, else of a longer one.
+def _displacements(case, start, shifts):
+    """Displacements beside a start, by shares of it."""
+    size = max(abs(start), 1e-3 * case.level / (2.0 * math.pi * case.frequency) ** 2)
+    return [start + shift * size for shift in shifts]
 
-    The noise is of another seed, so that both errors are independent.
+
+def _finest(case, scene, pool):
+    """Powers by the finest step: of the same time where a store charges, else of a longer one.
+
+    The noise is of another seed, so that both errors are independent. Under sines a device that is
+    not linear also begins beside its start: a transient without a period may end on any motion.
     """
+    found = [_by_longer_run(case, scene, pool, "finest")]
+    if case.excitation in SINES and case.device not in LINEAR:
+        for x in _displacements(case, _rest(scene)[0], BESIDE_NETLISTS):
+            beside = scene.replace({"start.displacement": x})
+            found.append(_by_longer_run(case, beside, pool, "fine"))
+    return found
+
+
+def _by_longer_run(case, scene, pool, step):
     tables = scene.to_tables()
     run = dict(tables["run"])
     if case.excitation in SINES and case.load != "store":
-        run["settle"] = 2.0 * run.get("settle", 0.0)
+        run["settle"] = 4.0 * run.get("settle", 0.0)
     elif case.excitation in NOISES:
         run |= {"seed": run["seed"] + 7919, "realizations": 2 * run["realizations"]}
     longer = harvester.Scene.from_tables({**tables, "run": run}, name="longer")
     # Under noise chance outweighs what the finest step would add at several times the cost.
-    step = "fine" if case.excitation in NOISES else "finest"
+    step = "fine" if case.excitation in NOISES else step
     found = harvester.simulate(longer, method="monte-carlo", step=step, runner=pool)
     power = found["mean_output_power"]
-    chance = power.standard_error if case.excitation in NOISES else 0.0
-    return power.estimate, chance or 0.0
+    # The error under a record is that of other records of its kind.
+    error = 0.0 if case.excitation in RECORDS else power.standard_error
+    return power.estimate, error or 0.0
 
 
 def _steady(case, scene, pool):
@@ -267,6 +290,11 @@ def _basins(case, scene, pool):
             else:
                 truths.append(_steady(case, scene, pool))
                 break
+        powers_of_starts = [power for power, _ in truths]
+        if np.ptp(powers_of_starts) > SHARE * max(powers_of_starts):
+            # Neighbours end on different motions: the orbit is right if one begun on it stays.
+            x, v = orbit.points[0]
+            truths += powers(case, scene, start=(float(x), float(v), 0.0))
         checks.append(Check(what, orbit.mean_power, _bar(orbit.errors["mean_power"]), truths))
     return checks
 
@@ -288,7 +316,14 @@ def _attractors(case, scene, sine, states, pool, averaged=240):
         truth.periodic(device, motion.sines, each, case.frequency, settle, averaged)
         for each in states
     ]
-    return [power for power, _ in found], [state for _, state in found]
+    ends = [state for _, state in found]
+    for (power, error), state in found:
+        if error > SHARE * power:
+            # A sweep leaves a motion without a period at any of its points.
+            for periods in range(1, WITHOUT_PERIOD):
+                state = truth.periodic(device, motion.sines, state, case.frequency, 0, periods)[1]
+                ends.append(state)
+    return [power for power, _ in found], ends[:MOST_STATES]
 
 
 def _starts(case, scene):

@@ -35,6 +35,8 @@ if TYPE_CHECKING:
 
 # Fewest stays that give an error bar; with sixteen the mean has a relative error of a quarter.
 FEWEST_STAYS = 16
+# Fewer stays show their scatter badly: their error is at least that of exponential times.
+FEW_STAYS = 64
 # Longer times by the knots of white noise are noted from this share on. They were 1.9 ± 0.2 %
 # longer where the lacking density times the barrier is 1.2 %.
 NOTED_BY_KNOTS = 2e-3
@@ -293,6 +295,8 @@ def stays_of(
             blocks = int(np.count_nonzero(spent > 0.0))
             error = math.sqrt(blocks / max(blocks - 1.0, 1.0) * float((off**2).sum())) / count
             error *= 1.0 + RAISED / count
+            if count < FEW_STAYS:
+                error = max(error, time / math.sqrt(count))
         formula, reason = kramers_time(ready, well)
         bottom = well * ready.scales.displacement
         longer = _longer_by_knots(ready, well)
