@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Sequence
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -16,7 +17,13 @@ from harvester.statistics.batch_means import (
     ratio_of_sums,
     standard_error,
 )
-from harvester.statistics.estimate import NOTHING_PUT_IN, Estimate, why_no_error
+from harvester.statistics.estimate import (
+    NOTHING_PUT_IN,
+    RESOLVED_SHARE,
+    UNRESOLVED,
+    Estimate,
+    why_no_error,
+)
 from harvester.statistics.measures import (
     INTEGRAL,
     SECONDS_PER_HOUR,
@@ -75,10 +82,16 @@ def estimate_output(
         for name, dimension in RATIOS.items()
     }
     estimates |= {
-        "output_ripple": _ripple(output, time, error_of),
+        "output_ripple": _ripple(moments, output, time, error_of),
         "output_peak_to_peak": _single([m.output.highest - m.output.lowest for m in moments]),
-        "start_up_time": _single(started, "time"),
+        "start_up_time": _start_up(started, output["voltage"] / time, final),
     }
+    mean = abs(estimates["output_voltage"].estimate)
+    for name in ("output_ripple", "output_peak_to_peak"):
+        if estimates[name].estimate <= RESOLVED_SHARE * mean:
+            estimates[name] = replace(
+                estimates[name], standard_error=None, effective_sample_size=None, note=UNRESOLVED
+            )
     if half > 0.0:
         energies = half**2 * output["fourth_power_of_voltage"]
         estimates["stored_energy"] = ratio_estimate(
@@ -179,16 +192,33 @@ def _output_series(moments, batches):
     return {name: integrals[:, :, row] for row, name in enumerate(QUANTITIES)}
 
 
-def _ripple(output, time, error_of):
+def _ripple(moments, output, time, error_of):
     """RMS of the voltage about its mean over the measured time (delta method)."""
-    mean = float(output["voltage"].sum() / time.sum())
+    reference = np.array([[m.output.reference] for m in moments])
+    off = float(output["voltage"].sum() / time.sum()) - reference
     # ⟨(v − mean)²⟩ in each batch. To first order the error of the mean has no effect on it.
-    spread = output["square_voltage"] - 2.0 * mean * output["voltage"] + mean**2 * time
+    deviation = output["voltage"] - reference * time
+    spread = output["square_deviation"] - 2.0 * off * deviation + off**2 * time
     variance, error = ratio_of_sums(spread, time, error_of)
     ripple = math.sqrt(max(variance, 0.0))
     if error is not None:
         error = 0.5 * error / ripple if ripple > 0.0 else 0.0
     return Estimate(ripple, error, None, "voltage", why_no_error(ripple, error))
+
+
+def _start_up(times, voltage, final):
+    """When the output started, with a note if its mean over a quarter of the run still moves."""
+    estimate = _single(times, "time")
+    before, last = (float(part.mean()) for part in np.array_split(voltage, 4, axis=1)[2:])
+    change = abs(last) - abs(before)
+    if voltage.shape[1] < 4 or not abs(change) > (1.0 - STARTED_SHARE) * final:
+        return estimate
+    note = (
+        f"the output still {'rises' if change > 0.0 else 'falls'}, by {abs(change) / final:.0%} of "
+        "its mean from the third to the last quarter of the measured time: its final voltage is "
+        "not known"
+    )
+    return replace(estimate, standard_error=None, effective_sample_size=None, note=note)
 
 
 def _single(values, dimension="voltage"):
