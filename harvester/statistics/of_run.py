@@ -158,7 +158,7 @@ def run_estimates(
         name: with_steps(scene, estimate, path_error, memory)
         for name, estimate in estimates.items()
     }
-    reasons = shortfalls(ready, moments, estimates, balance, stores)
+    reasons = shortfalls(ready, moments, estimates, balance, stores, slow / batch)
     sensitive = scene.excitation.transient(scene.run) and step_error >= NOTED_CHANGE
     notes = (
         *[*dict.fromkeys(each.note for each in moments if each.note)][:MOST_NOTES],

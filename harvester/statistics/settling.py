@@ -32,6 +32,7 @@ from harvester.statistics.batch_means import (
 )
 from harvester.statistics.estimate import NO_VALUE, TOO_SHORT, UNRESOLVED
 from harvester.statistics.moments import QUANTITIES
+from harvester.statistics.output_side import output_ramp
 from harvester.statistics.well_balance import FEWEST_JUMPS
 
 if TYPE_CHECKING:
@@ -77,9 +78,8 @@ QUANTITIES_OF_THE_OUTPUT = (
 )
 # Where the motion's energy goes.
 LOST = ("mean_power", "mean_loss_power", "mean_transducer_loss")
-# Stretches whose mean output voltages are in order if it ramps; points over which what is left of
-# a coherent motion is averaged.
-RAMP_STRETCHES, COHERENT_POINTS = 8, 50
+# Points over which what is left of a coherent motion is averaged.
+COHERENT_POINTS = 50
 DRIFTING_QUANTITIES = {
     "E[V²]": "square_voltage",
     "E[X²]": "square_displacement",
@@ -117,11 +117,13 @@ def shortfalls(
     estimates: dict[str, Estimate],
     balance: WellBalance | None = None,
     stores: Sequence[StoreState] = (),
+    memory: float = 0.0,
 ) -> list[Shortfall]:
     """All reasons for which a run was too short; none for a transient or a sweep.
 
     Their means are those of that event. `balance` is that of the jumps between wells where these
-    differ; `stores` are the load's at the end of the run.
+    differ; `stores` are the load's at the end of the run, and `memory` is the least correlation time
+    in batches.
     """
     scene, p, excitation = ready.scene, ready.system, ready.scene.excitation
     measured = math.isfinite(excitation.highest_frequency)
@@ -131,7 +133,7 @@ def shortfalls(
     reasons = [_motion(scene, p, estimates), _charge(scene, p, moments, estimates)]
     if excitation.drifts:
         # Stores and jumps are those of this record.
-        return [reason for reason in (*reasons, _ramp(moments)) if reason]
+        return [reason for reason in (*reasons, _ramp(moments, estimates)) if reason]
     reasons += [
         _storage(scene, stores, estimates),
         _jumps(scene, p, moments, estimates),
@@ -139,7 +141,7 @@ def shortfalls(
         _residence(scene, p, moments, estimates, balance) if scene.excitation.random else None,
     ]
     reasons = [reason for reason in reasons if reason]
-    return reasons or _drift(moments, balance)
+    return reasons or _drift(moments, balance, memory)
 
 
 def withheld(estimates: dict[str, Estimate], found: list[Shortfall]) -> dict[str, Estimate]:
@@ -489,7 +491,7 @@ def _expected_jumps(p, moments, estimates):
     return height * math.exp(-height) / timescales.relaxation_time(p) * _total(moments, "time")
 
 
-def _drift(moments, balance):
+def _drift(moments, balance, memory):
     """Means that change from the first half of the measured time to the second."""
     batches = complete_batches(moments)
     if batches is None or batches.shape[1] < 2:
@@ -503,7 +505,7 @@ def _drift(moments, balance):
         series["the output voltage"] = integrals[:, :, 1]
     for name, values in series.items():
         values = values / time
-        change = _change(balance.without_wells(values) if balance else values)
+        change = _change(balance.without_wells(values) if balance else values, memory)
         if change:
             return [
                 Shortfall(
@@ -515,37 +517,28 @@ def _drift(moments, balance):
     return []
 
 
-def _ramp(moments):
-    """The shortfall of an output that rises or falls throughout the measured time, or None.
-
-    By chance the means of eight stretches are in order in one run of 20 000.
-    """
-    batches = complete_batches(moments)
-    if batches is None or batches.shape[1] < RAMP_STRETCHES or not moments[0].has_output:
+def _ramp(moments, estimates):
+    """The shortfall of an output that rises or falls throughout the measured time, or None."""
+    change = output_ramp(moments)
+    if not change or abs(change) <= SMALLEST_DRIFT * abs(estimates["output_voltage"].estimate):
         return None
-    time = batches[:, :, QUANTITIES.index("time")].sum(axis=0)
-    integrals = sum(m.output.integrals[: time.size, 1] for m in moments)
-    means = np.array([part.mean() for part in np.array_split(integrals / time, RAMP_STRETCHES)])
-    change, mean = float(means[-1] - means[0]), float(means.mean())
-    if np.any(np.diff(means) * change <= 0.0) or abs(change) <= SMALLEST_DRIFT * abs(mean):
-        return None
+    share = change / estimates["output_voltage"].estimate
     return Shortfall(
-        f"the output voltage {'rises' if change * mean > 0.0 else 'falls'} throughout the measured "
-        "time",
-        f"by {abs(change / mean):.2g} of its mean from the first to the last eighth; raise "
+        f"the output voltage {'rises' if share > 0.0 else 'falls'} throughout the measured time",
+        f"it changes by {share:+.2g} of its mean from the first to the last eighth; raise "
         "run.settle, or start its stores nearer to their steady state by ic=",
         QUANTITIES_OF_THE_OUTPUT,
     )
 
 
-def _change(values):
+def _change(values, memory):
     """Change from the first half to the second as a share of the mean; 0 where chance does it."""
     half = values.shape[1] // 2
     early, late = values[:, :half], values[:, -half:]
     change, mean = float(late.mean() - early.mean()), float(values.mean())
     if not abs(change) > SMALLEST_DRIFT * abs(mean):
         return 0.0
-    errors = [standard_error(part) for part in (early, late)]
+    errors = [standard_error(part, memory=memory) for part in (early, late)]
     if len(values) >= FEWEST_BATCHES:
         differences = late.mean(axis=1) - early.mean(axis=1)
         spread = float(differences.std(ddof=1)) / math.sqrt(len(values))
