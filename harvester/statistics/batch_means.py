@@ -46,6 +46,9 @@ FEWEST_TO_DRIFT, FEWEST_ON_ONE_PATH = 4, 64
 KNOTS_PER_BATCH = 8
 # A standard error of at most this share of its ratio is rounding in the sums, and taken for zero.
 ROUNDING_SHARE = 1e-12
+# A quantity whose batches or standard error deviate by less than this share of it, ten times the
+# tolerance of a circuit's solver, does not follow the motion: a regulator holds it.
+CONSTANT_SHARE = 1e-5
 # Knots of the noise between two samples of a histogram, about ten samples per period of the motion.
 KNOTS_PER_HISTOGRAM_SAMPLE = 4
 
@@ -251,9 +254,18 @@ def ratio_of_sums(
 ) -> tuple[float, float | None]:
     """Ratio of two sums over batches and its standard error (None when too short)."""
     ratio = float(upper.sum() / lower.sum())
-    error = error_of((upper - ratio * lower) / lower.mean())
+    deviations = (upper - ratio * lower) / lower.mean()
+    error = error_of(deviations)
+    # What is the same in every batch needs no number of independent ones.
+    if error is None and deviations.size >= FEWEST_BATCHES and constant(ratio, deviations):
+        error = float(np.ptp(deviations))
     # If the ratio is the same in every batch, its scatter is rounding.
     return ratio, 0.0 if error is not None and error <= ROUNDING_SHARE * abs(ratio) else error
+
+
+def constant(mean: float, deviations: np.ndarray | float) -> bool:
+    """Whether deviations or an error are too small for a quantity that follows the motion."""
+    return bool(np.max(np.abs(deviations)) <= CONSTANT_SHARE * abs(mean))
 
 
 def ratio_estimate(
@@ -287,8 +299,13 @@ def ratio_estimate(
 
 
 def independent_samples(mean: float, mean_square: float, error: float | None) -> float | None:
-    """How many independent samples with this mean and mean square would give it this error."""
-    return max(mean_square - mean**2, 0.0) / error**2 if error else None
+    """How many independent samples with this mean and mean square would give it this error.
+
+    None of what is constant: its variance is rounding.
+    """
+    if not error or constant(mean, error):
+        return None
+    return max(mean_square - mean**2, 0.0) / error**2
 
 
 def independent_events(rate: float, error: float | None) -> float | None:

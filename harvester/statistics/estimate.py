@@ -14,6 +14,9 @@ NONE_SEEN = "none seen: no error bar tells how rare they are"
 NOTHING_PUT_IN = "nothing was put in"
 TOO_SHORT = "too short for an error bar: raise run.duration or run.realizations"
 NO_VALUE = "no number: what is averaged has no finite value at some time of the run"
+# Newton's iterations, behind a rectifier in ngspice, resolve this share of an output voltage.
+RESOLVED_SHARE = 1e-6
+UNRESOLVED = f"below the solver's tolerance, {RESOLVED_SHARE:g} of the output voltage"
 # A difference of two engines whose standard error is a larger share does not check either of them.
 SHARP_SHARE = 0.1
 NOT_SHARP = f"known no better than ± {SHARP_SHARE:.0%}"

@@ -12,7 +12,7 @@ from harvester.base.compilation import compiled, summing
 
 # Columns of `OutputMoments.integrals`: time integrals.
 QUANTITIES = (
-    "time", "voltage", "square_voltage", "fourth_power_of_voltage",
+    "time", "voltage", "square_voltage", "fourth_power_of_voltage", "square_deviation",
 )  # fmt: skip
 # Last axis of `OutputMoments.measured`: time integral, change, steps from 0 up and down to it, time
 # integral of the square.
@@ -51,6 +51,9 @@ class OutputMoments:
         When the voltage's size first reached each of LEVELS, as `first`; nan: never.
     lowest, highest
         Extremes of the voltage in the measured time.
+    reference
+        The voltage when the measured time begins, from which the deviations in `integrals` are
+        counted: those of a steady voltage would be rounding in its squares.
     conductance
         Sum over the resistors across the output, scaled: power is conductance voltage². nan before
         the run's end.
@@ -71,6 +74,7 @@ class OutputMoments:
     passages: np.ndarray = field(default_factory=lambda: np.full(LEVELS.size, np.nan))
     lowest: float = np.inf
     highest: float = -np.inf
+    reference: float = np.nan
     conductance: float = np.nan
     time: float = np.nan
     voltage: float = np.nan
@@ -132,7 +136,12 @@ class OutputMoments:
             )  # fmt: skip
         reached = int(np.count_nonzero(np.isfinite(self.passages)))
         _add_passages(time, voltage, LEVELS, reached, self.passages)
-        _add_integrals(spans, time, voltage, self.time, self.voltage, self.integrals)
+        if len(spans) and np.isnan(self.reference):
+            begin = spans[0, 0]
+            self.reference = float(voltage[begin - 1] if begin else self.voltage)
+        _add_integrals(
+            spans, time, voltage, self.time, self.voltage, self.reference, self.integrals
+        )
         counted = voltage[np.searchsorted(time, self.start) :]
         if counted.size:
             self.lowest = min(self.lowest, float(counted.min()))
@@ -220,18 +229,21 @@ def _spans(time, before, start, batch_length, batches):
 
 
 @compiled
-def _add_integrals(spans, time, voltage, before, latest, integrals):
+def _add_integrals(spans, time, voltage, before, latest, reference, integrals):
     """Add every measured interval of the output voltage to its batch."""
     for k in range(spans.shape[0]):
         begin, end, batch = spans[k]
         ahead = time[begin - 1] if begin > 0 else before
         last = voltage[begin - 1] if begin > 0 else latest
-        integral, square, fourth = _integrals(time[begin:end], voltage[begin:end], ahead, last)
+        times, voltages = time[begin:end], voltage[begin:end]
+        integral, square, fourth = _integrals(times, voltages, ahead, last)
+        _, deviation, _ = _integrals(times, voltages - reference, ahead, last - reference)
         row = integrals[batch]
         row[0] += time[end - 1] - ahead
         row[1] += integral
         row[2] += square
         row[3] += fourth
+        row[4] += deviation
 
 
 @compiled

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Sequence
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -16,7 +17,13 @@ from harvester.statistics.batch_means import (
     ratio_of_sums,
     standard_error,
 )
-from harvester.statistics.estimate import NOTHING_PUT_IN, Estimate, why_no_error
+from harvester.statistics.estimate import (
+    NOTHING_PUT_IN,
+    RESOLVED_SHARE,
+    UNRESOLVED,
+    Estimate,
+    why_no_error,
+)
 from harvester.statistics.measures import (
     CHANGE,
     INTEGRAL,
@@ -33,6 +40,8 @@ from harvester.statistics.passivity import SUPPLIED
 STARTED_SHARE = 0.9
 # What the output takes where sources of the load supply a part of it.
 USED = "mean_power_used_at_output"
+# Stretches of the measured time whose mean voltages are in order if the output ramps.
+RAMP_STRETCHES = 8
 ONE_VALUE_NOTE = "one value a realization: no error bar"
 # A source of the load that delivers a smaller share of what is harvested is left in it: the steps
 # may cost as much.
@@ -84,10 +93,16 @@ def estimate_output(
         for name, dimension in RATIOS.items()
     }
     estimates |= {
-        "output_ripple": _ripple(output, time, error_of),
+        "output_ripple": _ripple(moments, output, time, error_of),
         "output_peak_to_peak": _single([m.output.highest - m.output.lowest for m in moments]),
-        "start_up_time": _single(started, "time"),
+        "start_up_time": _start_up(started, moments, final),
     }
+    mean = abs(estimates["output_voltage"].estimate)
+    for name in ("output_ripple", "output_peak_to_peak"):
+        if estimates[name].estimate <= RESOLVED_SHARE * mean:
+            estimates[name] = replace(
+                estimates[name], standard_error=None, effective_sample_size=None, note=UNRESOLVED
+            )
     estimates |= _stored_energies(moments, time, error_of)
     hourly = SECONDS_PER_HOUR * np.ones_like(time)
     estimates["stored_energy_per_hour"] = ratio_estimate(
@@ -193,16 +208,43 @@ def _output_series(moments, batches):
     return {name: integrals[:, :, row] for row, name in enumerate(QUANTITIES)}
 
 
-def _ripple(output, time, error_of):
+def _ripple(moments, output, time, error_of):
     """RMS of the voltage about its mean over the measured time (delta method)."""
-    mean = float(output["voltage"].sum() / time.sum())
+    reference = np.array([[m.output.reference] for m in moments])
+    off = float(output["voltage"].sum() / time.sum()) - reference
     # ⟨(v − mean)²⟩ in each batch. To first order the error of the mean has no effect on it.
-    spread = output["square_voltage"] - 2.0 * mean * output["voltage"] + mean**2 * time
+    deviation = output["voltage"] - reference * time
+    spread = output["square_deviation"] - 2.0 * off * deviation + off**2 * time
     variance, error = ratio_of_sums(spread, time, error_of)
     ripple = math.sqrt(max(variance, 0.0))
     if error is not None:
         error = 0.5 * error / ripple if ripple > 0.0 else 0.0
     return Estimate(ripple, error, None, "voltage", why_no_error(ripple, error))
+
+
+def _start_up(times, moments, final):
+    """When the output started, with a note if it has not by the end of the run."""
+    estimate, change = _single(times, "time"), output_ramp(moments)
+    if not abs(change) > (1.0 - STARTED_SHARE) * final:
+        return estimate
+    note = "the output voltage still ramps when the run ends: raise run.settle or run.duration"
+    return replace(estimate, standard_error=None, effective_sample_size=None, note=note)
+
+
+def output_ramp(moments: Sequence[Any]) -> float:
+    """Change of an output voltage that rises or falls throughout the measured time; 0 of others.
+
+    From the first to the last of eight stretches, whose means are in order. By chance they are in
+    one run of 20 000.
+    """
+    batches = complete_batches(moments)
+    if batches is None or batches.shape[1] < RAMP_STRETCHES or not moments[0].has_output:
+        return 0.0
+    output = _output_series(moments, batches)
+    voltage = output["voltage"].sum(axis=0) / output["time"].sum(axis=0)
+    means = np.array([part.mean() for part in np.array_split(voltage, RAMP_STRETCHES)])
+    change = float(means[-1] - means[0])
+    return change if np.all(np.diff(means) * change > 0.0) else 0.0
 
 
 def _single(values, dimension="voltage"):

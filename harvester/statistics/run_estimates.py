@@ -16,7 +16,9 @@ from harvester.device import timescales
 from harvester.device.beam.magnets import magnet_notes
 from harvester.statistics.balance import device_storage, energy_balance_residual
 from harvester.statistics.batch_means import (
+    FEWEST_BATCHES,
     complete_batches,
+    constant,
     duration_for_error,
     error_of_starts,
     error_without_chance,
@@ -145,15 +147,19 @@ def run_estimates(
     error = balance.error if balance else error_of(scene, memory / batch)
     # A source that matches the load discharges a store twice as fast as the load alone.
     stores = store_states(ready, moments)
-    slow = memory + 0.5 * max((store.memory for store in stores), default=0.0)
+    # Of one path, means hold for stores that remember more than a batch charged as in this run.
+    longest = scene.run.duration / FEWEST_BATCHES if scene.excitation.drifts else math.inf
+    remembered = [store.memory for store in stores if store.memory <= longest]
+    slow = memory + 0.5 * max(remembered, default=0.0)
     error_of_output = balance.error if balance else error_of(scene, slow / batch)
     estimates = estimate_all(balanced, system, error) | estimate_output(balanced, error_of_output)
     estimates |= device_storage(moments, balanced, system, error)
     estimates |= estimate_strain(balanced, scene.excitation, error)
     estimates = {
-        name: with_steps(scene, estimate, path_error) for name, estimate in estimates.items()
+        name: with_steps(scene, estimate, path_error, memory)
+        for name, estimate in estimates.items()
     }
-    reasons = shortfalls(ready, moments, estimates, balance, stores)
+    reasons = shortfalls(ready, moments, estimates, balance, stores, slow / batch)
     sensitive = scene.excitation.transient(scene.run) and step_error >= NOTED_CHANGE
     notes = (
         *[*dict.fromkeys(each.note for each in moments if each.note)][:MOST_NOTES],
@@ -268,22 +274,29 @@ def error_of(scene: Scene, memory: float = 0.0) -> Callable:
     return error
 
 
-def with_steps(scene: Scene, estimate: Estimate, path_error: float) -> Estimate:
+def with_steps(
+    scene: Scene, estimate: Estimate, path_error: float, memory: float = 0.0
+) -> Estimate:
     """The estimate with the error of its steps, if the excitation is deterministic.
 
-    A periodic motion or a transient has no sample size.
+    A periodic motion or a transient has no sample size. That of another path is at most the number
+    of correlation times `memory` (s): what repeats itself within a cycle is no further sample.
     """
     excitation = scene.excitation
     if excitation.random:
         return estimate
     error, size = estimate.standard_error, estimate.effective_sample_size
-    if excitation.period is not None or excitation.transient(scene.run):
+    steady = excitation.period is not None
+    if steady or excitation.transient(scene.run):
         size = None
-    if error is not None:
+    # What is constant while the motion changes does not depend on how it is stepped.
+    if error is not None and (steady or not constant(estimate.estimate, error)):
         whole = math.hypot(error, path_error * abs(estimate.estimate))
         if size is not None and whole > 0.0:
             size *= (error / whole) ** 2
         error = whole
+    if size is not None and memory > 0.0:
+        size = min(size, scene.run.duration / memory)
     return replace(estimate, standard_error=error, effective_sample_size=size)
 
 

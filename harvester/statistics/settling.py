@@ -24,9 +24,15 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from harvester.device import timescales
-from harvester.statistics.batch_means import FEWEST_BATCHES, complete_batches, standard_error
-from harvester.statistics.estimate import NO_VALUE, TOO_SHORT
+from harvester.statistics.batch_means import (
+    FEWEST_BATCHES,
+    complete_batches,
+    constant,
+    standard_error,
+)
+from harvester.statistics.estimate import NO_VALUE, TOO_SHORT, UNRESOLVED
 from harvester.statistics.moments import QUANTITIES
+from harvester.statistics.output_side import output_ramp
 from harvester.statistics.well_balance import FEWEST_JUMPS
 
 if TYPE_CHECKING:
@@ -62,6 +68,18 @@ QUANTITIES_OF_THE_CHARGE = (
     # This quantity occurs in studies.
     "output_power",
 )
+QUANTITIES_OF_THE_OUTPUT = (
+    "output_voltage",
+    "output_ripple",
+    "mean_output_power",
+    "stored_energy",
+    "start_up_time",
+    "output_power",
+)
+# Where the motion's energy goes.
+LOST = ("mean_power", "mean_loss_power", "mean_transducer_loss")
+# Points over which what is left of a coherent motion is averaged.
+COHERENT_POINTS = 50
 DRIFTING_QUANTITIES = {
     "E[V²]": "square_voltage",
     "E[X²]": "square_displacement",
@@ -99,25 +117,31 @@ def shortfalls(
     estimates: dict[str, Estimate],
     balance: WellBalance | None = None,
     stores: Sequence[StoreState] = (),
+    memory: float = 0.0,
 ) -> list[Shortfall]:
-    """All reasons for which a run was too short; none for one pass of a record.
+    """All reasons for which a run was too short; none for a transient or a sweep.
 
-    The means of one pass are those of that event. `balance` is that of the jumps between wells
-    where these differ; `stores` are the load's at the end of the run.
+    Their means are those of that event. `balance` is that of the jumps between wells where these
+    differ; `stores` are the load's at the end of the run, and `memory` is the least correlation time
+    in batches.
     """
-    scene, p = ready.scene, ready.system
-    if scene.excitation.drifts or "mean_square_voltage" not in estimates:
+    scene, p, excitation = ready.scene, ready.system, ready.scene.excitation
+    measured = math.isfinite(excitation.highest_frequency)
+    event = excitation.drifts and (excitation.transient(scene.run) or not measured)
+    if event or "mean_square_voltage" not in estimates:
         return []
-    reasons = [
-        _motion(p, scene.run, estimates),
-        _charge(scene, p, moments, estimates),
+    reasons = [_motion(scene, p, estimates), _charge(scene, p, moments, estimates)]
+    if excitation.drifts:
+        # Stores and jumps are those of this record.
+        return [reason for reason in (*reasons, _ramp(moments, estimates)) if reason]
+    reasons += [
         _storage(scene, stores, estimates),
         _jumps(scene, p, moments, estimates),
         # Without chance the well is decided by the start, and a longer run has no more jumps.
         _residence(scene, p, moments, estimates, balance) if scene.excitation.random else None,
     ]
     reasons = [reason for reason in reasons if reason]
-    return reasons or _drift(moments, balance)
+    return reasons or _drift(moments, balance, memory)
 
 
 def withheld(estimates: dict[str, Estimate], found: list[Shortfall]) -> dict[str, Estimate]:
@@ -125,7 +149,7 @@ def withheld(estimates: dict[str, Estimate], found: list[Shortfall]) -> dict[str
     result = dict(estimates)
     for shortfall in reversed(found):
         for name in result if shortfall.names is None else shortfall.names:
-            if name in result and result[name].note != NO_VALUE:
+            if name in result and result[name].note not in (NO_VALUE, UNRESOLVED):
                 result[name] = replace(
                     result[name],
                     standard_error=None,
@@ -166,11 +190,19 @@ def _lengths(run):
     return f"run.settle = {run.settle:g} s and run.duration = {run.duration:g} s"
 
 
-def _too_short(run, time, what, share, names=None):
+def _too_short(scene, time, what, share, names=None):
+    run, settle = scene.run, FORGETTING_TIMES * time
+    length = scene.excitation.own_duration if scene.excitation.drifts else None
+    of_record = ""
+    if length is not None and settle + run.duration > length:
+        of_record = (
+            f", which takes a record of {settle + run.duration:.2g} s or "
+            'excitation.repetition = "periodic"'
+        )
     return Shortfall(
         f"{_lengths(run)} are short against {what} of {time:.3g} s",
         f"about {100.0 * share:.2g} % of the way from rest to the stationary means is missing "
-        f"in them; set run.settle = {FORGETTING_TIMES * time:.2g} or more",
+        f"in them; raise run.settle to at least {settle:.2g} s{of_record}",
         names,
     )
 
@@ -180,7 +212,7 @@ def _slow(scene, time, what, error, names=None):
     run = scene.run
     left = left_of_start(time, run.settle, run.duration)
     if left > max(error, SMALLEST_DRIFT):
-        return _too_short(run, time, what, left, names)
+        return _too_short(scene, time, what, left, names)
     if scene.excitation.period is not None and not scene.excitation.random:
         return None
     return _few_values(scene, time, what, names)
@@ -201,11 +233,14 @@ def _few_values(scene, time, what, names=None):
     )
 
 
-def _motion(p, run, estimates):
+def _motion(scene, p, estimates):
     """Small oscillations, with the load's decay, as the linear equations have them."""
+    run, excitation = scene.run, scene.excitation
     if p.noise.intensity <= 0.0:
         return None
-    matrix, places = _linear(p, estimates["mean_square_displacement"].estimate)
+    matrix, places = _linear(p, estimates)
+    # The motion may keep its phase to a sine, and to a record, which may hold some.
+    coherent = excitation.drifts or bool(excitation.random and excitation.lines)
     if not np.all(np.isfinite(matrix)):
         return None
     rates = -np.linalg.eigvals(matrix).real
@@ -217,7 +252,7 @@ def _motion(p, run, estimates):
     bound = max(error, SMALLEST_DRIFT)
 
     def left(settle):
-        missing = _left_in_squares(p, matrix, replace(run, settle=settle))
+        missing = _left_in_squares(p, matrix, replace(run, settle=settle), coherent)
         return max(missing[state] for state in places)
 
     try:
@@ -234,15 +269,23 @@ def _motion(p, run, estimates):
     except (RuntimeWarning, ValueError):
         # Rates too far apart for their equations to be solved.
         return None
-    return _too_short(run, slow, "a relaxation of device and load", share)
+    moving = ["output_power"] + [
+        name
+        for name, estimate in estimates.items()
+        if not estimate.estimate
+        or estimate.standard_error is None
+        or not constant(estimate.estimate, estimate.standard_error)
+    ]
+    return _too_short(scene, slow, "a relaxation of device and load", share, tuple(moving))
 
 
-def _linear(p, square):
+def _linear(p, estimates):
     """Matrix of (X − rest, X', V, η), or without V for a load that is no resistor.
 
     Also the indices of the states whose mean squares are tested. The stiffness of a monostable
-    spring is that at the measured E[X²].
+    spring is that at the measured E[X²], the damping by another load that of the measured power.
     """
+    square = estimates["mean_square_displacement"].estimate
     equilibrium = timescales.rest(p)
     stiffness = timescales.stiffness(p, equilibrium)
     if not timescales.bistable(p):
@@ -252,6 +295,8 @@ def _linear(p, square):
     decay, damping = p.transducer.decay_rate(), p.damper.damping + p.transducer.damping()
     if decay == 0.0:
         total = stiffness + p.transducer.stiffness(stiffness)
+        lost = sum(estimates[name].estimate for name in LOST if name in estimates)
+        damping = max(damping, lost / estimates["mean_square_velocity"].estimate)
         rows = [[0.0, 1.0, 0.0], [-total, -damping, 1.0], [0.0, 0.0, -memory]]
         return np.array(rows), (1,)
     return np.array(
@@ -264,8 +309,12 @@ def _linear(p, square):
     ), (1, 2)
 
 
-def _left_in_squares(p, matrix, run):
-    """Relative distance of the mean squares over the measured time from their stationary values."""
+def _left_in_squares(p, matrix, run, coherent):
+    """Relative distance of the mean squares over the measured time from their stationary values.
+
+    A `coherent` motion keeps its phase: what is left of the start is added to the amplitudes, not
+    to the squares, and is forgotten half as fast. Between the two it is a bound.
+    """
     from scipy.linalg import expm, solve_continuous_lyapunov
 
     noise = np.zeros_like(matrix)
@@ -278,6 +327,10 @@ def _left_in_squares(p, matrix, run):
         flow = expm(matrix * time)
         return flow @ missing @ flow.T
 
+    if coherent:
+        steps = run.settle + run.duration * np.linspace(0.0, 1.0, COHERENT_POINTS) ** 2
+        squares = np.abs([np.diag(later(time)) for time in steps]) / np.diag(stationary)
+        return np.trapezoid(2.0 * np.sqrt(squares) - squares, steps, axis=0) / run.duration
     # The integral I of what is missing obeys A I + I Aᵀ = its change.
     change = later(run.settle + run.duration) - later(run.settle)
     integral = solve_continuous_lyapunov(matrix, change)
@@ -438,7 +491,7 @@ def _expected_jumps(p, moments, estimates):
     return height * math.exp(-height) / timescales.relaxation_time(p) * _total(moments, "time")
 
 
-def _drift(moments, balance):
+def _drift(moments, balance, memory):
     """Means that change from the first half of the measured time to the second."""
     batches = complete_batches(moments)
     if batches is None or batches.shape[1] < 2:
@@ -452,7 +505,7 @@ def _drift(moments, balance):
         series["the output voltage"] = integrals[:, :, 1]
     for name, values in series.items():
         values = values / time
-        change = _change(balance.without_wells(values) if balance else values)
+        change = _change(balance.without_wells(values) if balance else values, memory)
         if change:
             return [
                 Shortfall(
@@ -464,14 +517,28 @@ def _drift(moments, balance):
     return []
 
 
-def _change(values):
+def _ramp(moments, estimates):
+    """The shortfall of an output that rises or falls throughout the measured time, or None."""
+    change = output_ramp(moments)
+    if not change or abs(change) <= SMALLEST_DRIFT * abs(estimates["output_voltage"].estimate):
+        return None
+    share = change / estimates["output_voltage"].estimate
+    return Shortfall(
+        f"the output voltage {'rises' if share > 0.0 else 'falls'} throughout the measured time",
+        f"it changes by {share:+.2g} of its mean from the first to the last eighth; raise "
+        "run.settle, or start its stores nearer to their steady state by ic=",
+        QUANTITIES_OF_THE_OUTPUT,
+    )
+
+
+def _change(values, memory):
     """Change from the first half to the second as a share of the mean; 0 where chance does it."""
     half = values.shape[1] // 2
     early, late = values[:, :half], values[:, -half:]
     change, mean = float(late.mean() - early.mean()), float(values.mean())
     if not abs(change) > SMALLEST_DRIFT * abs(mean):
         return 0.0
-    errors = [standard_error(part) for part in (early, late)]
+    errors = [standard_error(part, memory=memory) for part in (early, late)]
     if len(values) >= FEWEST_BATCHES:
         differences = late.mean(axis=1) - early.mean(axis=1)
         spread = float(differences.std(ddof=1)) / math.sqrt(len(values))
