@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 
 from harvester.base.errors import SceneError
-from harvester.excitation.time_base import (
+from harvester.records.time_base import (
     LARGEST_JITTER,
     SPLINE_DEGREE,
     rounded_to,
@@ -17,7 +17,7 @@ from harvester.excitation.time_base import (
 )
 
 if TYPE_CHECKING:
-    from harvester.excitation.columns import Columns
+    from harvester.records.columns import Columns
 
 # Limits of a record's largest sample, in m/s² or scaled. Squares of others overflow or vanish.
 SMALLEST_PEAK, LARGEST_PEAK = 1e-30, 1e12

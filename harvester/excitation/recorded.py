@@ -16,9 +16,9 @@ from harvester.base.plain_text import named, nearest
 from harvester.device.keys import Key, names_replace, not_negative, positive
 from harvester.excitation import conditioning
 from harvester.excitation.base import Excitation, ExcitationPath, Run, kernel_loss
-from harvester.excitation.columns import motion_columns
-from harvester.excitation.quantities import ACCELERATION, QUANTITIES, unit_named
-from harvester.excitation.readers import most_samples, read_record
+from harvester.records.columns import motion_columns
+from harvester.records.formats import most_samples, read_record
+from harvester.records.quantities import ACCELERATION, QUANTITIES, unit_named
 
 if TYPE_CHECKING:
     from numpy.random.bit_generator import SeedSequence

@@ -16,11 +16,11 @@ from harvester.base.errors import IdentificationError, SceneError
 from harvester.base.libraries import optional_library
 from harvester.base.plain_text import name as plain_name
 from harvester.base.plain_text import named, nearest
-from harvester.excitation.columns import MeasuredFile
-from harvester.excitation.quantities import QUANTITIES
-from harvester.excitation.readers import read_record
-from harvester.excitation.table import broken_file
 from harvester.identification.measured_response import MeasuredResponse
+from harvester.records.columns import MeasuredFile
+from harvester.records.formats import read_record
+from harvester.records.quantities import QUANTITIES
+from harvester.records.table import broken_file
 
 FEWEST_FREQUENCIES = 12
 SETTINGS = ("frequency", "impedance", "phase", "resistance", "reactance")

@@ -12,18 +12,18 @@ import numpy as np
 from harvester.base.errors import SceneError
 from harvester.base.plain_text import name as plain_name
 from harvester.base.plain_text import named, nearest, shown
-from harvester.excitation.columns import MeasuredFile
 from harvester.excitation.conditioning import (
     FEWEST_SAMPLES,
     LARGEST_PEAK,
     clipped_samples,
     marker_remark,
 )
-from harvester.excitation.quantities import IMPEDANCES, POINTS, QUANTITIES, factor_of, unit_named
-from harvester.excitation.readers import read_record
-from harvester.excitation.time_base import TimeBase, time_base
 from harvester.identification.measured_response import MeasuredResponse, response_of
 from harvester.identification.sensors import OUTPUTS, checked_sensors
+from harvester.records.columns import MeasuredFile
+from harvester.records.formats import read_record
+from harvester.records.quantities import IMPEDANCES, POINTS, QUANTITIES, factor_of, unit_named
+from harvester.records.time_base import TimeBase, time_base
 
 # Quantities that a record's columns can hold.
 COLUMNS = tuple(name for name in QUANTITIES if name not in (*IMPEDANCES, *POINTS))

@@ -10,9 +10,9 @@ import numpy as np
 from harvester.base.errors import SceneError
 from harvester.base.plain_text import named, shown
 from harvester.base.reading import read_input
-from harvester.excitation.columns import MeasuredFile
 from harvester.excitation.profiles import with_profile
-from harvester.excitation.quantities import QUANTITIES, factor_of, quantity_of
+from harvester.records.columns import MeasuredFile
+from harvester.records.quantities import QUANTITIES, factor_of, quantity_of
 
 LARGEST_FILE = 1_000_000
 # A comment behind numbers.

@@ -13,10 +13,10 @@ from scipy.io import savemat, wavfile
 
 from harvester.base.errors import SceneError
 from harvester.cli.command_line import main
-from harvester.excitation import mat_file
-from harvester.excitation.quantities import ACCELERATION, QUANTITIES, heading, unit_named
 from harvester.excitation.recorded import RecordedMotion
 from harvester.identification.measurement import read_measurement
+from harvester.records import mat
+from harvester.records.quantities import ACCELERATION, QUANTITIES, heading, unit_named
 from harvester.scene.model import Scene
 from harvester.scene.prepared import prepared
 from harvester.scene.source import BUILT_IN
@@ -411,7 +411,7 @@ def test_structures_that_claim_more_than_they_hold_are_refused(tmp_path):
     savemat(path, {"data": np.array([(TIMES, MOTION)], dtype=[("t", object), ("a", object)])})
     content = bytearray(path.read_bytes())
     # The structure's shape stands behind its flags.
-    place = mat_file.HEADER_BYTES + 8 + 16 + 8
+    place = mat.HEADER_BYTES + 8 + 16 + 8
     assert content[place : place + 8] == np.array([1, 1], "<i4").tobytes()
     content[place : place + 8] = np.array([90_000, 90_000], "<i4").tobytes()
     path.write_bytes(content)

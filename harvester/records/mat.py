@@ -10,8 +10,8 @@ from typing import Any
 
 import numpy as np
 
-from harvester.excitation.arrays import NUMBER_KINDS, REAL_KINDS, ArraysTable, rate_of
-from harvester.excitation.table import Unreadable, broken_file
+from harvester.records.arrays import NUMBER_KINDS, REAL_KINDS, ArraysTable, rate_of
+from harvester.records.table import Unreadable, broken_file
 
 # MATLAB's classes of plain numbers. At the top level no cells, objects or code are read.
 NUMBER_CLASSES = {

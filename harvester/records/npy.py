@@ -7,8 +7,8 @@ import warnings
 
 import numpy as np
 
-from harvester.excitation.arrays import NUMBER_KINDS, is_complex
-from harvester.excitation.table import Table
+from harvester.records.arrays import NUMBER_KINDS, is_complex
+from harvester.records.table import Table
 
 
 class NpyTable(Table):

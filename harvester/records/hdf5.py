@@ -9,8 +9,8 @@ from typing import Any
 import numpy as np
 
 from harvester.base.libraries import optional_library
-from harvester.excitation.arrays import NUMBER_KINDS, REAL_KINDS, ArraysTable, rate_of
-from harvester.excitation.table import Unreadable, broken_file
+from harvester.records.arrays import NUMBER_KINDS, REAL_KINDS, ArraysTable, rate_of
+from harvester.records.table import Unreadable, broken_file
 
 # Filters that HDF5 and h5py have built in (deflate, shuffle, Fletcher's sum, szip, nbit,
 # scale-offset, LZF); for others HDF5 would load a plug-in, which is code.

@@ -14,10 +14,10 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from harvester.excitation.decimal_marks import marks_of, plain, shape, ungrouped
-from harvester.excitation.quantities import heading, is_unit
-from harvester.excitation.table import Table
-from harvester.excitation.time_stamps import CLOCK_TIME, StampReader
+from harvester.records.decimal_marks import marks_of, plain, shape, ungrouped
+from harvester.records.quantities import heading, is_unit
+from harvester.records.table import Table
+from harvester.records.time_stamps import CLOCK_TIME, StampReader
 
 COMMENTS = ("#", "%", "//")
 SEPARATORS = (";", "\t", ",")

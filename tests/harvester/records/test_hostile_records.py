@@ -17,8 +17,8 @@ from scipy.io import wavfile
 
 from harvester.base import reading
 from harvester.base.errors import SceneError
-from harvester.excitation import readers
-from harvester.excitation.wav_file import WavTable
+from harvester.records import formats
+from harvester.records.wav import WavTable
 from harvester.scene.model import Scene
 
 SAMPLES = np.sin(0.37 * np.arange(200))
@@ -196,7 +196,7 @@ def test_a_record_never_takes_more_than_its_share_of_the_memory(tmp_path, monkey
     assert reading.memory_limit() <= reading.MEMORY_SHARE * physical
     path = tmp_path / "motion.npy"
     np.save(path, SAMPLES)
-    monkeypatch.setattr(readers, "memory_limit", lambda: 250 * readers.BYTES_PER_SAMPLE)
+    monkeypatch.setattr(formats, "memory_limit", lambda: 250 * formats.BYTES_PER_SAMPLE)
     assert read(path).size == 200
     refused(path, "knot_spacing", "allows 250", knot_spacing=1e-3)
     np.save(path, np.tile(SAMPLES, 2).astype(np.float32))

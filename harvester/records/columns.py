@@ -9,7 +9,8 @@ import numpy as np
 
 from harvester.base.errors import SceneError
 from harvester.base.plain_text import named, nearest, shown
-from harvester.excitation.quantities import (
+from harvester.records.formats import read_table, refused_as_record
+from harvester.records.quantities import (
     COMPLEX_QUANTITIES,
     QUANTITIES,
     SAMPLES,
@@ -19,8 +20,7 @@ from harvester.excitation.quantities import (
     heading,
     unit_named,
 )
-from harvester.excitation.readers import read_table, refused_as_record
-from harvester.excitation.table import Table
+from harvester.records.table import Table
 
 SHOWN_NAMES = 12
 # The mean rate of a time column and the given rate may differ by the first factor. If the scene
@@ -62,8 +62,8 @@ class MeasuredFile:
     ----------
     where : str
         The file's name in messages.
-    table : harvester.excitation.table.Table
-    headings : list of harvester.excitation.quantities.Heading
+    table : harvester.records.table.Table
+    headings : list of harvester.records.quantities.Heading
         Heading of each column; without a title where the file has no names.
     """
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import re
 
-from harvester.excitation.text_file import TextTable
+from harvester.records.text import TextTable
 
 END_OF_HEADER = b"***End_of_Header***"
 # Most headers: that of the file and that of its one segment.

@@ -7,7 +7,7 @@ from collections.abc import Callable, Mapping
 
 import numpy as np
 
-from harvester.excitation.table import Table, Unreadable
+from harvester.records.table import Table, Unreadable
 
 REAL_KINDS, NUMBER_KINDS = "iuf", "iufc"
 # Most numbers in a file. A compressed file may claim more than it has bytes.

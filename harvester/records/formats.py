@@ -11,15 +11,15 @@ from typing import Any
 from harvester.base.errors import SceneError
 from harvester.base.plain_text import named
 from harvester.base.reading import memory_limit, read_input
-from harvester.excitation.hdf5_file import Hdf5Table
-from harvester.excitation.ide_file import IdeTable
-from harvester.excitation.lvm_file import LvmTable
-from harvester.excitation.mat_file import MatTable
-from harvester.excitation.npy_file import NpyTable
-from harvester.excitation.table import Table
-from harvester.excitation.tdms_file import TdmsTable
-from harvester.excitation.text_file import TextTable
-from harvester.excitation.wav_file import WavTable
+from harvester.records.hdf5 import Hdf5Table
+from harvester.records.ide import IdeTable
+from harvester.records.lvm import LvmTable
+from harvester.records.mat import MatTable
+from harvester.records.npy import NpyTable
+from harvester.records.table import Table
+from harvester.records.tdms import TdmsTable
+from harvester.records.text import TextTable
+from harvester.records.wav import WavTable
 
 # Largest record and largest text file, in bytes. A text takes seconds to read; .npy is smaller.
 LARGEST_RECORD, LARGEST_TEXT = 2**29, 2**27

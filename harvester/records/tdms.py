@@ -9,8 +9,8 @@ import logging
 import numpy as np
 
 from harvester.base.libraries import optional_library
-from harvester.excitation.arrays import REAL_KINDS, ArraysTable, rate_of
-from harvester.excitation.table import Unreadable, broken_file
+from harvester.records.arrays import REAL_KINDS, ArraysTable, rate_of
+from harvester.records.table import Unreadable, broken_file
 
 
 class TdmsTable(ArraysTable):

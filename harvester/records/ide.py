@@ -9,8 +9,8 @@ from collections.abc import Iterator
 from typing import Any
 
 from harvester.base.libraries import optional_library
-from harvester.excitation.arrays import ArraysTable
-from harvester.excitation.table import Unreadable, broken_file
+from harvester.records.arrays import ArraysTable
+from harvester.records.table import Unreadable, broken_file
 
 SCHEMA = "mide_ide.xml"
 # The reader evaluates these texts of the file. Only numbers and ratios are allowed in them.

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from harvester.excitation.table import Table
+from harvester.records.table import Table
 
 PCM, FLOAT, EXTENSIBLE = 1, 3, 0xFFFE
 # Programs that do not know the size yet write this.
