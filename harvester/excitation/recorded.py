@@ -17,7 +17,7 @@ from harvester.device.keys import Key, names_replace, not_negative, positive
 from harvester.excitation import conditioning
 from harvester.excitation.base import Excitation, ExcitationPath, Run, kernel_loss
 from harvester.records.columns import motion_columns
-from harvester.records.formats import most_samples, read_record
+from harvester.records.formats import most_samples, read_content
 from harvester.records.quantities import ACCELERATION, QUANTITIES, unit_named
 
 if TYPE_CHECKING:
@@ -144,7 +144,7 @@ class RecordedMotion(Excitation):
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "file", str(Path(self.file).absolute()))
-        object.__setattr__(self, "sha256", read_record(self.file)[1])
+        object.__setattr__(self, "sha256", read_content(self.file)[1])
 
     @property
     def interval(self) -> float:
@@ -405,7 +405,7 @@ def _offset_remark(values, record, unit):
 
 def _columns(record, name):
     """The columns of the file that the scene names."""
-    content, digest = read_record(record.file)
+    content, digest = read_content(record.file)
     if digest != record.sha256:
         raise SceneError(f"{name}: the record has changed since the scene was read")
     return motion_columns(

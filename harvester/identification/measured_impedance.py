@@ -18,7 +18,7 @@ from harvester.base.plain_text import name as plain_name
 from harvester.base.plain_text import named, nearest
 from harvester.identification.measured_response import MeasuredResponse
 from harvester.records.columns import MeasuredFile
-from harvester.records.formats import read_record
+from harvester.records.formats import read_content
 from harvester.records.quantities import QUANTITIES
 from harvester.records.table import broken_file
 
@@ -113,7 +113,7 @@ def read_impedance(
     for key in columns:
         if key not in SETTINGS:
             raise SceneError(f"{where}: unknown setting {named(key)}{nearest(key, SETTINGS)}")
-    content, _ = read_record(path)
+    content, _ = read_content(path)
     if Path(path).suffix.lower() == ".s1p":
         if columns:
             raise SceneError(f"{where}: a Touchstone file says its columns itself: leave them out")

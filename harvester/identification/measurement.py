@@ -21,7 +21,7 @@ from harvester.excitation.conditioning import (
 from harvester.identification.measured_response import MeasuredResponse, response_of
 from harvester.identification.sensors import OUTPUTS, checked_sensors
 from harvester.records.columns import MeasuredFile
-from harvester.records.formats import read_record
+from harvester.records.formats import read_content
 from harvester.records.quantities import IMPEDANCES, POINTS, QUANTITIES, factor_of, unit_named
 from harvester.records.time_base import TimeBase, time_base
 
@@ -200,7 +200,7 @@ def read_measurement(
     free_keys = tuple(key for key, value in settings.items() if value == FREE)
     settings = {key: value for key, value in settings.items() if key not in free_keys}
     absolute = _taken_absolute(where, columns_of)
-    content, _ = read_record(path)
+    content, _ = read_content(path)
     measured = MeasuredFile(path, content)
     rate = measured.table.rate if rate is None else rate
     columns, remarks, unit_of = _columns(measured, columns_of, lines, units, rate)

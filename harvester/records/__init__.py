@@ -6,7 +6,7 @@ A file becomes numbers in four steps, each in one module:
          ──> Table               `formats.read_table`: the module of the file's format
          ──> MeasuredFile        `columns`: a heading gives each column's quantity and unit
          ──> values in SI        `columns`: the column of a quantity, its unit, scale and offset
-         ──> even samples        `time_base`: rate or time stamps; `samples`: gaps, clipping, markers
+         ──> even samples        `time_base`: rate or time stamps; `samples`: gaps, clipping
 
 The callers say which quantities they need: the excitation by a record (`excitation.recorded`), the
 records, responses and impedances of `identify` (`identification.measurement`,

@@ -71,8 +71,8 @@ class MeasuredFile:
         self.where = named(file)
         with refused_as_record(self.where):
             self.table: Table = read_table(file, content)
-        names = self.table.names or [""] * self.table.width
-        apart = self.table.units or [""] * self.table.width
+        names = self.table.names
+        apart = self.table.units or [""] * len(names)
         kinds = expected if len(expected) == len(names) else [""] * len(names)
         self.headings = [
             _with_unit(heading(name, kind), unit)
@@ -105,15 +105,15 @@ class MeasuredFile:
         names = self.table.names
         index = column_named(column, names) if isinstance(column, str) else column
         if index is None:
-            listed = self.listed() if names else "no header, only numbers"
+            listed = self.listed() if any(names) else "no header, only numbers"
             raise SceneError(
                 f"{self.where}: {key} = {shown(column)}: no such column{nearest(column, names)}; "
                 f"the file has {listed}"
             )
-        if not 0 <= index < self.table.width:
+        if not 0 <= index < len(self.table.names):
             raise SceneError(
                 f"{self.where}: {key} = {shown(column)}: the file has columns "
-                f"0 … {self.table.width - 1}"
+                f"0 … {len(self.table.names) - 1}"
             )
         if index in self.table.complexes and key not in COMPLEX_QUANTITIES:
             raise SceneError(
@@ -149,13 +149,13 @@ class MeasuredFile:
         """The columns' names, or their numbers."""
         names = self.table.names
         ellipsis = f", … ({len(names)} in all)" if len(names) > SHOWN_NAMES else ""
-        shown_names = ", ".join(named(name) for name in names[:SHOWN_NAMES] if name) + ellipsis
-        return shown_names or f"0 … {self.table.width - 1}"
+        shown_names = ", ".join(named(name) for name in names[:SHOWN_NAMES] if name)
+        return shown_names + ellipsis if shown_names else f"0 … {len(names) - 1}"
 
     def label(self, index: int) -> str:
         """A column in messages: its name, or its number."""
-        names = self.table.names
-        return f"column {named(names[index]) if names and names[index] else index}"
+        name = self.table.names[index]
+        return f"column {named(name) if name else index}"
 
     def agreed_unit(self, quantity: str, index: int, key: str, stated: str | None) -> str:
         """The unit of a column, in its usual spelling: the heading's, or as given; else empty.
@@ -316,7 +316,7 @@ def _motion_place(measured, column, time_place):
     times = measured.of("time") if time_place is None else [time_place]
     others = [
         index
-        for index in range(measured.table.width)
+        for index in range(len(measured.table.names))
         if index not in times
         and index not in measured.table.texts
         and index not in measured.table.complexes

@@ -8,9 +8,10 @@ import re
 from collections.abc import Iterator
 from typing import Any
 
+import numpy as np
+
 from harvester.base.libraries import optional_library
-from harvester.records.arrays import ArraysTable
-from harvester.records.table import Unreadable, broken_file
+from harvester.records.table import Format, Table, Unreadable, broken_file, table_of_longest
 
 SCHEMA = "mide_ide.xml"
 # The reader evaluates these texts of the file. Only numbers and ratios are allowed in them.
@@ -19,49 +20,49 @@ NUMBER = re.compile(rb"\s*[\d.]{1,30}(e[+-]?\d{1,3})?\s*(/\s*[\d.]{1,30}\s*)?")
 ACCELERATION, MICROSECONDS = "Acceleration", 1e-6
 
 
-class IdeTable(ArraysTable):
+def read(content: bytes) -> Table:
     """The channel of acceleration with the most samples; times, axes and their units.
 
     `content`: bytes of the whole file; calibrated as it says. Raises Unreadable if it holds no
     acceleration.
     """
+    importer = optional_library("idelib.importer", "an .IDE record", "loggers")
+    logger = logging.getLogger("idelib")
+    silent, logger.disabled = logger.disabled, True
+    try:
+        with broken_file(".IDE file", "export it as .csv"):
+            _refuse_expressions(content)
+            data = importer.openFile(io.BytesIO(content), quiet=True)
+            importer.readData(data)
+            return _table(data)
+    finally:
+        logger.disabled = silent
 
-    def __init__(self, content: bytes) -> None:
-        importer = optional_library("idelib.importer", "an .IDE record", "loggers")
-        logger = logging.getLogger("idelib")
-        silent, logger.disabled = logger.disabled, True
-        try:
-            with broken_file(".IDE file", "export it as .csv"):
-                _refuse_expressions(content)
-                data = importer.openFile(io.BytesIO(content), quiet=True)
-                importer.readData(data)
-                self._read(data)
-        finally:
-            logger.disabled = silent
 
-    def _read(self, data):
-        sessions = {}
-        for channel in data.channels.values():
-            kinds = [_kind(axis.units) for axis in channel.subchannels]
-            if any(kind == ACCELERATION for kind, _ in kinds):
-                events = channel.getSession()
-                sessions[channel.name] = len(events), events, channel
-        if not sessions:
-            raise Unreadable("it holds no channel of acceleration")
-        chosen = max(sessions, key=lambda name: sessions[name][0])
-        count, events, channel = sessions.pop(chosen)
-        if sessions:
-            self.remarks = (
-                f"channel {chosen} is read, and not {', '.join(sessions)} of the same file",
-            )
-        names = ["time", *(axis.name for axis in channel.subchannels)]
-        units = ["s", *(_kind(axis.units)[1] for axis in channel.subchannels)]
+def _table(data):
+    sessions = {}
+    for channel in data.channels.values():
+        if any(_kind(axis.units)[0] == ACCELERATION for axis in channel.subchannels):
+            events = channel.getSession()
+            sessions[channel.name] = len(events), events, channel
+    if not sessions:
+        raise Unreadable("it holds no channel of acceleration")
+    chosen = max(sessions, key=lambda name: sessions[name][0])
+    count, events, channel = sessions.pop(chosen)
+    names = ["time", *(axis.name for axis in channel.subchannels)]
+    units = ["s", *(_kind(axis.units)[1] for axis in channel.subchannels)]
 
-        def load(asked: list[str]) -> dict[str, Any]:
-            columns = dict(zip(names, events.arraySlice() if asked else [], strict=bool(asked)))
-            return {k: MICROSECONDS * v if k == "time" else v for k, v in columns.items()}
+    def load(names):
+        times, *axes = events.arraySlice() if names else [np.empty(0)]
+        return dict(zip(names, [MICROSECONDS * times, *axes], strict=bool(names)))
 
-        super().__init__(dict.fromkeys(names, (count,)), load, dict(zip(names, units, strict=True)))
+    table = table_of_longest(
+        dict.fromkeys(names, (count,)), load, dict(zip(names, units, strict=True))
+    )
+    if sessions:
+        others = ", ".join(sessions)
+        table.remarks = (f"channel {chosen} is read, and not {others} of the same file",)
+    return table
 
 
 def _kind(units):
@@ -88,3 +89,6 @@ def _texts(document: Any) -> Iterator[tuple[str, bytes]]:
             yield element.name, text.encode() if isinstance(text, str) else bytes(text)
         elif isinstance(element.value, list):
             left.extend(element.value)
+
+
+FORMAT = Format(read, (b"\x1aE\xdf\xa3",))

@@ -308,7 +308,7 @@ def column_named(column: str, names: Collection[str]) -> int | None:
     None where there is no such column.
     """
     listed = list(names)
-    if column in listed:
+    if column and column in listed:
         return listed.index(column)
     titles = [heading(name).title for name in listed]
-    return titles.index(column) if titles.count(column) == 1 else None
+    return titles.index(column) if column and titles.count(column) == 1 else None

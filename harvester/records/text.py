@@ -8,7 +8,7 @@ import itertools
 import re
 from array import array
 from collections import Counter, deque
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from math import isnan, nan
 from typing import Any, NamedTuple
 
@@ -16,7 +16,7 @@ import numpy as np
 
 from harvester.records.decimal_marks import marks_of, plain, shape, ungrouped
 from harvester.records.quantities import heading, is_unit
-from harvester.records.table import Table
+from harvester.records.table import LARGEST_TEXT, Format, Table
 from harvester.records.time_stamps import CLOCK_TIME, StampReader
 
 COMMENTS = ("#", "%", "//")
@@ -76,7 +76,7 @@ class Form(NamedTuple):
         )
 
 
-class TextTable(Table):
+def read(content: bytes) -> Table:
     """Columns separated by commas, semicolons, tabs or blanks, with or without a header.
 
     Numbers may be quoted, and have decimal commas where another sign separates them. The last line
@@ -86,12 +86,15 @@ class TextTable(Table):
     `content`: UTF-8; lines that begin with #, % or // are comments. Raises ValueError if it is no
     text, or its last lines hold no numbers.
     """
+    if b"\0" in content:
+        raise ValueError("it holds NUL bytes, as text in UTF-16 or no text does: save it as UTF-8")
+    return _Lines(content).table
 
-    def __init__(self, content: Any) -> None:
-        if b"\0" in content:
-            raise ValueError(
-                "it holds NUL bytes, as text in UTF-16 or no text does: save it as UTF-8"
-            )
+
+class _Lines:
+    """The lines of a text file: its form, its header, and the samples by columns."""
+
+    def __init__(self, content: bytes) -> None:
         self._content = content
         last_lines = self._last_lines()
         self._form = _form_of(last_lines)
@@ -100,34 +103,35 @@ class TextTable(Table):
         if self._commas:
             self._form = self._form._replace(decimal=",")
         kinds = self._form.kinds
-        self.width = len(kinds)
-        self.texts = [index for index, kind in enumerate(kinds) if kind == TEXT]
-        self.complexes = [index for index, kind in enumerate(kinds) if kind == COMPLEX]
-        self.rows, self._first = 0, 0
+        self._rows, self._first = 0, 0
         above, left_out = self._scan()
-        if self.rows > 1 and not left_out and self._is_cut_short(last_lines):
-            self.rows, left_out = self.rows - 1, 1
+        if self._rows > 1 and not left_out and self._is_cut_short(last_lines):
+            self._rows, left_out = self._rows - 1, 1
+        names, units = _names_and_units(above, self._form)
+        self._complexes = [index for index, kind in enumerate(kinds) if kind == COMPLEX]
+        self.table = Table(
+            names,
+            self._rows,
+            self._take,
+            ["s" if kind == STAMP else unit for kind, unit in zip(kinds, units, strict=True)],
+            texts=[index for index, kind in enumerate(kinds) if kind == TEXT],
+            complexes=self._complexes,
+            line_of=self._line_of,
+        )
         if left_out:
             lines = "line holds" if left_out == 1 else f"{left_out} lines hold"
             verb = "is" if left_out == 1 else "are"
-            self.remarks = (f"the file's last {lines} no whole sample and {verb} left out",)
-        self.names, units = _names_and_units(above, self._form)
-        self.units = [
-            "s" if kind == STAMP else unit for kind, unit in zip(kinds, units, strict=True)
-        ]
+            self.table.remarks = (f"the file's last {lines} no whole sample and {verb} left out",)
 
-    def take(self, places: list[int]) -> list[np.ndarray]:
-        """The columns at `places`, each of shape (rows,); NaN where there is no number.
-
-        Time stamps are seconds after the first; a column of numbers such as 1-2i is complex128.
-        """
+    def _take(self, places: Sequence[int]) -> list[np.ndarray]:
+        """The columns at `places`; time stamps are seconds after the first."""
         marks = self._marks(places)
-        columns: list[Any] = [[] if index in self.complexes else array("d") for index in places]
+        columns: list[Any] = [[] if index in self._complexes else array("d") for index in places]
         readers = [
             (column.append, index, self._reader(index, marks))
             for column, index in zip(columns, places, strict=True)
         ]
-        for fields in self._rows():
+        for fields in self._fields_of_rows():
             for append, index, read in readers:
                 append(read(fields[index]))
         return [
@@ -135,16 +139,16 @@ class TextTable(Table):
             for column in columns
         ]
 
-    def line_of(self, row: int) -> int:
+    def _line_of(self, row: int) -> int:
         """Number of the line, from 1, that holds a row."""
         return next(itertools.islice(self._row_lines(), row, None))[0] + 1
 
     def _row_lines(self):
         return ((n, line) for n, line, mark in self._lines() if n >= self._first and not mark)
 
-    def _rows(self) -> Iterator[list[str]]:
+    def _fields_of_rows(self) -> Iterator[list[str]]:
         """The fields of each row."""
-        lines = itertools.islice(self._row_lines(), self.rows)
+        lines = itertools.islice(self._row_lines(), self._rows)
         return (_fields(line, self._form.separator) for _, line in lines)
 
     def _marks(self, places):
@@ -152,12 +156,12 @@ class TextTable(Table):
         numbers = [k for k, kind in enumerate(self._form.kinds) if kind == NUMBER]
         asked = {*places} & {*numbers} if b"." in self._content else ()
         if not self._commas:
-            columns = ((fields[k] for fields in self._rows()) for k in asked)
+            columns = ((fields[k] for fields in self._fields_of_rows()) for k in asked)
             shapes = (itertools.takewhile(".d".__ne__, map(shape, column)) for column in columns)
             # Points may stand between thousands: 1.286 beside 742.
             if not any({".?", "mid"} <= {*seen} for seen in shapes):
                 return {}
-        rows = ([fields[k] for k in numbers] for fields in self._rows())
+        rows = ([fields[k] for k in numbers] for fields in self._fields_of_rows())
         return dict(zip(numbers, marks_of(rows, len(numbers)), strict=True))
 
     def _reader(self, index, marks):
@@ -200,31 +204,31 @@ class TextTable(Table):
         waiting, ragged, last = 0, None, []
         for number, line, comment in self._lines():
             if comment:
-                if not self.rows:
+                if not self._rows:
                     above.append((line, True))
                 continue
             fields = _fields(line, form.separator)
             # Between other rows one number is enough to recognise a row. The first and the last are
             # examined whole.
-            quick = self.rows and number_at is not None and len(fields) == self.width
+            quick = self._rows and number_at is not None and len(fields) == len(form.kinds)
             quick = quick and not isnan(_float(fields[number_at], form.decimal))
             if quick or form.fits(fields):
                 if ragged:
                     raise ValueError(
                         f"line {ragged[0] + 1} has {ragged[1]} columns, and the last ones "
-                        f"{self.width}"
+                        f"{len(form.kinds)}"
                     )
-                self._first = self._first if self.rows else number
-                self.rows += waiting + 1
+                self._first = self._first if self._rows else number
+                self._rows += waiting + 1
                 waiting, last = 0, fields
-            elif self.rows:
+            elif self._rows:
                 waiting += 1
-                wrong = len(fields) != self.width
+                wrong = len(fields) != len(form.kinds)
                 ragged = (number, len(fields)) if wrong and not ragged else ragged
             else:
                 above.append((line, False))
-        if self.rows > 1 and not form.fits(last):
-            self.rows, waiting = self.rows - 1, waiting + 1
+        if self._rows > 1 and not form.fits(last):
+            self._rows, waiting = self._rows - 1, waiting + 1
         return above, waiting
 
     def _is_cut_short(self, lines):
@@ -332,7 +336,7 @@ def _names_and_units(above, form):
     without = [""] * len(form.kinds)
     if not rows:
         _refuse_unquoted_commas(above, form)
-        return [], without
+        return without, without
     for index in range(len(rows) - 1, 0, -1):
         if _is_unit_row(rows[index]):
             return rows[index - 1], [unit.strip("[](){} ") for unit in rows[index]]
@@ -374,3 +378,6 @@ def _refuse_unquoted_commas(above, form):
                 "decimal commas cannot be told from commas between columns: save it with "
                 "semicolons between them"
             )
+
+
+FORMAT = Format(read, largest=LARGEST_TEXT)

@@ -102,7 +102,7 @@ def _points(file, key, unit, scaled):
 
 def _wrong_line(table):
     """Number of a line without two numbers; 0 if there is none."""
-    if table.width != 2:
+    if len(table.names) != 2:
         return table.line_of(0)
     if any(map(NUMBER.fullmatch, table.names)):
         return table.line_of(0) - 1

@@ -18,7 +18,7 @@ from scipy.io import wavfile
 from harvester.base import reading
 from harvester.base.errors import SceneError
 from harvester.records import formats
-from harvester.records.wav import WavTable
+from harvester.records import wav as wav_format
 from harvester.scene.model import Scene
 
 SAMPLES = np.sin(0.37 * np.arange(200))
@@ -274,7 +274,7 @@ def test_three_bytes_a_sample_either_way_round(order):
         int(n).to_bytes(3, "little" if order == "<" else "big", signed=True) for n in whole
     )
     content = wav(bits=24, stride=3, claimed=600, size=0, order=order) + data
-    (found,) = WavTable(content).take([0])
+    (found,) = wav_format.read(content).take([0])
     np.testing.assert_allclose(found, whole / 2.0**23, rtol=1e-15)
 
 
