@@ -11,7 +11,7 @@ from harvester.base.errors import SceneError
 from harvester.base.plain_text import named
 from harvester.base.reading import memory_limit, read_input
 from harvester.base.registry import Registry
-from harvester.records import hdf5, ide, lvm, mat, npy, tdms, text, wav
+from harvester.records import hdf5, ide, lvm, mat, npy, tdms, text, touchstone, wav
 from harvester.records.table import Format, Table
 
 # Formats by the ending of their files. An ending that is not here is that of a text, unless an
@@ -26,6 +26,7 @@ FORMATS: Registry[Format] = Registry(
         **dict.fromkeys((".h5", ".hdf5", ".hdf", ".nc"), hdf5.FORMAT),
         ".tdms": tdms.FORMAT,
         ".ide": ide.FORMAT,
+        ".s1p": touchstone.FORMAT,
         "LabVIEW": lvm.FORMAT,
     },
 )
@@ -67,12 +68,13 @@ def read_content(file: str) -> tuple[bytes, str]:
 
     Raises SceneError if it is no plain file, is too large, or cannot be read.
     """
-    largest = int(min(_format_of(file).largest, FILE_SHARE * memory_limit()))
+    largest = int(min(format_of(file).largest, FILE_SHARE * memory_limit()))
     content = read_input(file, "record", largest)
     return content, hashlib.sha256(content).hexdigest()
 
 
-def _format_of(file, content=b""):
+def format_of(file: str, content: bytes = b"") -> Format:
+    """The format of a file, by its first bytes if any are given, else by its ending."""
     starts = (kind for kind in FORMATS.values() if content.startswith(kind.starts))
     return next(starts, None) or FORMATS.get(Path(file).suffix.lower(), text.FORMAT)
 
@@ -104,7 +106,7 @@ def read_table(file: str, content: bytes) -> Table:
             raise ValueError(f"it is {sort}: {cure}")
     if not content:
         raise ValueError("it is empty")
-    table = _format_of(file, content).read(content)
+    table = format_of(file, content).read(content)
     if not table.names or not table.rows:
         raise ValueError("it holds no samples")
     if table.rows > most_samples():

@@ -28,8 +28,8 @@ ACCELERATION = {
 }
 TIME = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9, "min": 60.0, "h": 3600.0}
 QUANTITIES: dict[str, dict[str, float]] = {
-    # A column of sample numbers needs a sampling rate.
-    "time": TIME | {SAMPLES: 1.0},
+    # A column of sample numbers needs a sampling rate; it has no factor.
+    "time": TIME | {SAMPLES: 0.0},
     "acceleration": ACCELERATION,
     "voltage": {"V": 1.0, "mV": 1e-3, "uV": 1e-6, "kV": 1e3},
     "displacement": {"m": 1.0, "cm": 1e-2, "mm": 1e-3, "um": 1e-6, "in": 0.0254},
@@ -148,24 +148,23 @@ def unit_named(quantity: str, text: str) -> str | None:
     return SPELLINGS[quantity].get(plain.lower())
 
 
-def factor_of(quantity: str, unit: str, where: str, cure: str) -> float:
-    """Factor of a unit to SI.
+def usual_unit(quantity: str, unit: str, where: str, cure: str) -> str:
+    """Usual spelling of a unit of a quantity in `QUANTITIES`.
 
-    `quantity`: a name in `QUANTITIES`. `unit`: the unit, in any spelling. `where`, `cure`: for the
-    message: file and column; what to do. Raises SceneError if the quantity has no such unit, or the
-    unit has two readings.
+    `where`, `cure`: for the message: file and column; what to do. Raises SceneError if the quantity
+    has no such unit, or the unit has two readings.
     """
     usual = unit_named(quantity, unit)
-    if usual is not None:
-        return QUANTITIES[quantity][usual]
-    factors = QUANTITIES[quantity]
-    both = AMBIGUOUS.get((quantity, unit.strip()))
-    if both:
-        raise SceneError(f"{where}: {named(unit)} is ambiguous: {both}? {cure}")
-    raise SceneError(
-        f"{where}: unknown unit {named(unit)}{nearest(unit, factors)}; units of {quantity} are "
-        f"{', '.join(factors)}: {cure}"
-    )
+    if usual is None:
+        both = AMBIGUOUS.get((quantity, unit.strip()))
+        units = QUANTITIES[quantity]
+        raise SceneError(
+            f"{where}: {named(unit)} is ambiguous: {both}? {cure}"
+            if both
+            else f"{where}: unknown unit {named(unit)}{nearest(unit, units)}; units of {quantity} "
+            f"are {', '.join(units)}: {cure}"
+        )
+    return usual
 
 
 class Heading(NamedTuple):

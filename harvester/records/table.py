@@ -70,7 +70,7 @@ class Table:
     remarks
         Remarks on the file that go into a result's notes.
     line_of
-        Number of the line, from 1, that holds a row of a text file.
+        Number of the line, from 1, that holds a row.
     """
 
     names: Sequence[str]
@@ -81,7 +81,7 @@ class Table:
     texts: Collection[int] = ()
     complexes: Sequence[int] = ()
     remarks: tuple[str, ...] = ()
-    line_of: Callable[[int], int] | None = None
+    line_of: Callable[[int], int] = (1).__add__
 
 
 class Format(NamedTuple):

@@ -7,11 +7,14 @@ take up to 20 % of a vibration's power away.
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from collections.abc import Callable, Collection
+from typing import NamedTuple, cast
 
 import numpy as np
 
 from harvester.base.errors import SceneError
+from harvester.records.formats import most_samples
+from harvester.records.samples import LARGEST_MENDED_SHARE
 
 # Limits of a time column, in seconds.
 LARGEST_TIME, SHORTEST_STEP = 1e20, 1e-20
@@ -28,34 +31,36 @@ RATE_ERROR = 1e-3
 DRIFT_SAMPLES, LARGEST_SCATTER = 257, 0.05
 # Degree of the spline between samples.
 SPLINE_DEGREE = 7
+# Uneven times have a spline of this degree: at 8 samples a period and a jitter of 40 % of the
+# spacing it keeps 99.8 % of the power, straight lines 88 %. Shorter and longer steps than these, in
+# spacings, have straight lines, where a spline would swing.
+UNEVEN_DEGREE, SHORT_STEP, LONG_STEP = 5, 0.25, 1.9
 
 
 class TimeBase(NamedTuple):
-    """Spacing of an even grid (s), the sample numbers at its points, and a remark on both.
+    """Rate (Hz) of an even grid, remarks on it, and a function that brings samples (n,) to it."""
 
-    `numbers` is None where the samples themselves are the grid's.
-    """
-
-    spacing: float
-    numbers: np.ndarray | None = None
+    rate: float
     remarks: tuple[str, ...] = ()
-
-    def resampled(self, values: np.ndarray) -> np.ndarray:
-        """Samples, shape (n,), on the grid."""
-        from scipy.interpolate import make_interp_spline
-
-        if self.numbers is None:
-            return values
-        return make_interp_spline(np.arange(values.size), values, SPLINE_DEGREE)(self.numbers)
+    resampled: Callable[[np.ndarray], np.ndarray] = np.asarray
 
 
-def time_base(times: np.ndarray, rate: float | None, where: str, cure: str) -> TimeBase | None:
-    """The even grid of a record's time stamps; None where samples are missing or taken unevenly.
+def time_base(
+    times: np.ndarray | None,
+    rate: float | None,
+    where: str,
+    cure: str,
+    mend: Collection[str] | None = None,
+) -> TimeBase:
+    """The even grid of a record's samples.
 
-    `times`: shape (n,); s, finite. `rate`: Hz, as given. `where`, `cure`: for messages: the file;
-    what to do about times that do not rise. Raises SceneError if they do not rise, or are no
-    seconds.
+    `times`: shape (n,); s, finite; None: the rate counts alone. `rate`: Hz, as given. `where`,
+    `cure`: for messages: the file; what to do about times that do not rise. `mend`: with "uneven",
+    samples that are missing or were taken unevenly are interpolated; None: they cannot be. Raises
+    SceneError for times that do not rise, are no seconds, or leave an even grid.
     """
+    if times is None:
+        return TimeBase(cast(float, rate))
     largest = float(np.abs(times).max())
     if not largest <= LARGEST_TIME:
         raise SceneError(f"{where}: the time column reaches {largest:g} s: it must be in seconds")
@@ -64,7 +69,7 @@ def time_base(times: np.ndarray, rate: float | None, where: str, cure: str) -> T
     spacing = length / steps.size if rate is None else 1.0 / rate
     rising = steps.min() > SHORTEST_STEP
     if rising and np.abs(times - times[0] - numbers * spacing).max() <= LARGEST_JITTER * spacing:
-        return TimeBase(float(spacing))
+        return TimeBase(float(1.0 / spacing))
     rounding = rounded_to(steps)
     grid = None
     if rising or (steps.min() == 0.0 and (rate or rounding <= RATE_ERROR * length)):
@@ -75,7 +80,7 @@ def time_base(times: np.ndarray, rate: float | None, where: str, cure: str) -> T
             f"{where}: the time column does not rise after sample {index} (t = {times[index]:g}): "
             f"{cure}"
         )
-    return grid
+    return grid or _uneven(times, rate, steps, where, mend)
 
 
 def _fitted(times, rate, steps, rounding):
@@ -87,7 +92,7 @@ def _fitted(times, rate, steps, rounding):
         remark = (
             f"times are rounded to {rounding:.3g} s: a fit of them gives {1.0 / spacing:.6g} Hz"
         )
-        return TimeBase(float(spacing), None, (remark,) if rate is None else ())
+        return TimeBase(float(1.0 / spacing), (remark,) if rate is None else ())
     return None if rate is not None else _drifting(late, spacing, rounding, steps)
 
 
@@ -114,6 +119,7 @@ def slope_of(times: np.ndarray, numbers: np.ndarray) -> float:
 
 def _drifting(late, spacing, rounding, steps):
     """The grid of stamps whose clock drifts, with no sample missing; None for others."""
+    from scipy.interpolate import make_interp_spline
     from scipy.ndimage import uniform_filter1d
 
     drift = uniform_filter1d(late, DRIFT_SAMPLES + 4 * int(rounding / spacing), mode="nearest")
@@ -129,4 +135,78 @@ def _drifting(late, spacing, rounding, steps):
         f"its clock drifts by {np.ptp(drift) / spacing:.2g} spacings over the file: resampled at "
         f"{1.0 / spacing:.6g} Hz"
     )
-    return TimeBase(float(spacing), np.interp(grid, clock, numbers), (remark,))
+    places = np.interp(grid, clock, numbers)
+    return TimeBase(
+        float(1.0 / spacing),
+        (remark,),
+        lambda values: make_interp_spline(numbers, values, SPLINE_DEGREE)(places),
+    )
+
+
+def _uneven(times, rate, steps, where, mend):
+    """The grid of times that leave it, with the spacing of their fit or the given rate."""
+    from scipy.interpolate import make_interp_spline
+
+    # Stamps that are rounded have a median step that is another than their mean.
+    single = steps[steps <= LONG_STEP * np.median(steps)]
+    usual = float(single.mean())
+    remark = "" if mend is None else _bridged(times, steps, usual, where)
+    if mend is None or "uneven" not in mend:
+        cure = (
+            "resample the record, or cut it at its gaps"
+            if mend is None
+            else ('mend = ["uneven"] interpolates')
+        )
+        raise SceneError(
+            f"{where}: unevenly sampled: the time column leaves an even grid: its steps differ by "
+            f"{np.ptp(steps) / usual:.2g} spacings of {usual:.6g} s; {cure}"
+        )
+    if rate is None:
+        # Where only whole samples are missing, the others keep their values.
+        places = np.append(0.0, np.cumsum(np.maximum(np.round(steps / usual), 1.0)))
+        spacing = slope_of(times, places)
+        scatter = np.ptp(times - places * spacing)
+        if scatter <= max(1.01 * rounded_to(single), 2.0 * LARGEST_JITTER * spacing):
+            grid = np.arange(places[-1] + 1.0)
+            return TimeBase(
+                1.0 / spacing, (remark,), lambda values: np.interp(grid, places, values)
+            )
+    spacing = usual if rate is None else 1.0 / rate
+    knots = (times[-1] - times[0]) / spacing
+    if knots >= most_samples():
+        raise SceneError(
+            f"{where}: the time column covers {knots:.3g} spacings of {spacing:.6g} s, and this "
+            f"machine's memory allows {most_samples()}: cut the record at its gaps"
+        )
+    grid = times[0] + np.arange(int(knots + 1e-9) + 1) * spacing
+    # A spline between usual steps; straight lines over gaps and short steps.
+    odd = (steps < SHORT_STEP * usual) | (steps > LONG_STEP * usual)
+    inside = np.clip(np.searchsorted(times, grid, side="right") - 1, 0, steps.size - 1)
+    return TimeBase(
+        1.0 / spacing,
+        (remark,),
+        lambda values: np.where(
+            odd[inside],
+            np.interp(grid, times, values),
+            make_interp_spline(times, values, UNEVEN_DEGREE)(grid),
+        ),
+    )
+
+
+def _bridged(times, steps, spacing, where):
+    """A remark on gaps bridged by straight lines; refused above `LARGEST_MENDED_SHARE`."""
+    missing = float(np.sum(np.maximum(np.round(steps / spacing) - 1.0, 0.0)))
+    share = missing / (missing + times.size)
+    longest = int(np.argmax(steps))
+    largest = (
+        f"the largest step is {steps[longest]:.4g} s, after t = {times[longest] - times[0]:.6g} s"
+    )
+    if share > LARGEST_MENDED_SHARE:
+        raise SceneError(
+            f"{where}: {share:.0%} of the samples are missing between the times ({largest}): more "
+            f"than {LARGEST_MENDED_SHARE:.0%} cannot be mended: cut the record at its gaps, or "
+            "choose a part by excitation.start"
+        )
+    return (
+        f"interpolation brings it to even steps: {share:.1%} of the samples were missing, {largest}"
+    )

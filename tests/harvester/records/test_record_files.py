@@ -118,7 +118,7 @@ def test_accelerations_are_read_in_the_unit_of_their_heading(tmp_path, name, per
     own = unit_named("acceleration", heading(name).unit)
     assert_read(path, unit=own, column=1, time_column=0)
     other = "g" if own != "g" else "m/s^2"
-    refused(path, f'excitation.unit = "{other}"', "the heading says", unit=other)
+    refused(path, f"excitation.unit = {other!r}", "the heading says", unit=other)
 
 
 def test_every_unit_of_the_page_has_a_row_here():
@@ -133,7 +133,7 @@ def test_what_the_file_does_not_say_the_scene_says(tmp_path):
     assert_read(plain, unit="g", column=1, time_column=0, time_unit="ms")
     # Milliseconds taken for seconds: 0.125 Hz at most.
     refused(plain, "time_unit", "0.125 Hz", "moves at 9", unit="g", column=1, time_column=0)
-    refused(plain, "unit is missing", "says none", column=1, time_column=0, time_unit="ms")
+    refused(plain, "has no unit", "give excitation.unit", column=1, time_column=0, time_unit="ms")
     refused(plain, "no column of times", unit="g", column=1, sampling_rate=RATE, time_unit="ms")
     numbered = written(tmp_path, ["sample,acc [g]"], rows(np.arange(7, COUNT + 7), MOTION / G))
     assert_read(numbered, sampling_rate=RATE)
@@ -154,7 +154,7 @@ def test_what_the_file_does_not_say_the_scene_says(tmp_path):
         ("time [m],acc [g]", {}, ["minutes (min) or milliseconds (ms)", "time_unit"]),
         ("time [sx],acc [g]", {}, ["unknown unit sx", "did you mean s", "time_unit"]),
         ("time,acc [gg]", {}, ["gg", "did you mean g", "scale"]),
-        ("time,acc [mV]", {"unit": "g"}, ["mV", "no unit of acceleration", "scale"]),
+        ("time,acc [mV]", {"unit": "g"}, ["unknown unit mV", "units of acceleration", "scale"]),
         ("time,acc [counts]", {"unit": "g"}, ["counts", "excitation.scale"]),
         ("time,elapsed,acc [g]", {}, ["several columns may be the time", "time, elapsed"]),
         ("time,ax [g],ay [g]", {}, ["excitation.column is missing", "ax [g], ay [g]"]),
