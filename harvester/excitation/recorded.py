@@ -364,7 +364,7 @@ def _read_knots(record, name):
     content, digest = read_content(record.file)
     if digest != record.sha256:
         raise SceneError(f"{name}: the record has changed since the scene was read")
-    measured = MeasuredFile(record.file, content, setting=_setting)
+    measured = MeasuredFile(record.file, content, setting=_setting, behind="")
     motion = _motion(measured, record.column, record.time_column)
     times, rate = measured.times(
         record.time_column, record.time_unit, record.sampling_rate, [motion]

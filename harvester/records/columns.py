@@ -11,7 +11,6 @@ from harvester.base.plain_text import named, nearest, shown
 from harvester.records.formats import read_table, refused_as_record
 from harvester.records.quantities import (
     COMPLEX_QUANTITIES,
-    POINTS,
     QUANTITIES,
     SAMPLES,
     Heading,
@@ -35,8 +34,9 @@ RATE_TOLERANCE, RATE_FACTOR = 1.01, 5.0
 
 def setting_of(key: str, quantity: str) -> str:
     """The setting behind a file on a command line for a quantity's "column", "unit" or "scale"."""
-    setting = f"{quantity}_scale=NUMBER" if key == "scale" else f"{quantity}=COLUMN:UNIT"
-    return f"{setting if quantity else f'{key}=HZ'} behind the file"
+    if not quantity:
+        return f"{key}=HZ"
+    return f"{quantity}_scale=NUMBER" if key == "scale" else f"{quantity}=COLUMN:UNIT"
 
 
 class MeasuredFile:
@@ -45,7 +45,8 @@ class MeasuredFile:
     `file`: name of the file: for messages, and its ending selects the format. `expected`: quantity
     of each column of a table of points; empty: any, as the headings say. `setting`: the name, for
     messages, of the setting that gives a quantity's "column", "unit" or "scale", or (with "" as the
-    quantity) the "sampling_rate". Raises SceneError if it is no record.
+    quantity) the "sampling_rate"; `behind` says where it is given. Raises SceneError if it is no
+    record.
 
     Attributes
     ----------
@@ -62,8 +63,10 @@ class MeasuredFile:
         content: bytes,
         expected: Sequence[str] = (),
         setting: Callable[[str, str], str] = setting_of,
+        behind: str = " behind the file",
     ) -> None:
-        self.where, self.setting = named(file), setting
+        self.where, self.setting, self._behind = named(file), setting, behind
+        self._expected = expected
         with refused_as_record(self.where):
             self.table = read_table(file, content)
         names = self.table.names
@@ -119,7 +122,7 @@ class MeasuredFile:
                 listed = ", ".join(named(names[index]) for index in candidates)
                 raise SceneError(
                     f"{self.where}: several columns may be the {quantity} ({listed}): name one by "
-                    f"{key}"
+                    f"{key}{self._behind}"
                 )
             return candidates[0] if candidates else None
         index = column_named(stated, names) if isinstance(stated, str) else stated
@@ -197,17 +200,19 @@ class MeasuredFile:
                     f"{where} = {shown(stated)}: the heading of {self.label(index)} says "
                     f"{named(written)}: leave the unit out, or correct the one that is wrong"
                 )
-        if written and not usual and (not stated or quantity in (*SCALABLE, *POINTS)):
-            cure = f"correct the header{hint}" + f", or give {key}" * (quantity not in POINTS)
-            if quantity in SCALABLE:
-                scale = self.setting("scale", quantity)
-                cure = f"{cure} and {scale}: the {quantity} of one {named(written)}"
+        scalable = quantity in SCALABLE and not self._expected
+        if written and not usual and (not stated or scalable or self._expected):
+            cure = f"correct the header{hint}"
+            if not self._expected:
+                scale = f" and {self.setting('scale', quantity)}" if scalable else ""
+                meaning = f": the {quantity} of one {named(written)}" if scalable else ""
+                cure = f"{cure}, or give {key}{scale}{self._behind}{meaning}"
             usual_unit(quantity, written, label, cure)
         if not unit and quantity != "time":
             units = QUANTITIES[quantity]
             raise SceneError(
-                f"{self.where}: {quantity} has no unit{hint}: write it behind the name in the "
-                f"header, as {quantity} [{next(iter(units))}], or give {key}; units are "
+                f"{self.where}: {quantity} has no unit{hint}: write {quantity} "
+                f"[{next(iter(units))}] in the header, or give {key}{self._behind}; units are "
                 f"{', '.join(units)}"
             )
         return unit or ""
@@ -248,7 +253,7 @@ class MeasuredFile:
         if index is None and rate is None:
             raise SceneError(
                 f"{self.where}: {name} is missing (Hz), and no heading names a time: give {key}, "
-                f"or {self.setting('column', 'time')} to read it from"
+                f"or {self.setting('column', 'time')} to read it from{self._behind}"
             )
         if index is None and not clocks:
             return None, rate
@@ -279,7 +284,7 @@ class MeasuredFile:
         if unit == SAMPLES and rate is None:
             raise SceneError(
                 f"{self.where}: {self.label(index)} counts samples, and their rate is not known: "
-                f"give {key}"
+                f"give {key}{self._behind}"
             )
         finite = np.flatnonzero(np.isfinite(numbers))
         # The first time is subtracted before scaling, so that the milliseconds of an epoch are

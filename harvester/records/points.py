@@ -46,7 +46,7 @@ def read_points(
         if not any(lines):
             raise SceneError(f"{named(file)}: 0 {few}")
         content = "\n".join([*lines, ""]).encode()
-    measured = MeasuredFile(file, content, quantities, lambda key, _: key)
+    measured = MeasuredFile(file, content, quantities, lambda key, _: key, "")
     titles = [quantity_of(heading.title, "") for heading in measured.headings]
     if titles == [*reversed(quantities)]:
         raise SceneError(f"{named(file)}: its columns stand in the wrong order: must be {pair}")

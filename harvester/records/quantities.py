@@ -1,7 +1,4 @@
-"""Quantities of measured columns: their units, and what a column's heading says of both.
-
-One reader serves the excitation by a record and the identification from records.
-"""
+"""Quantities of measured columns: their units, and what a column's heading says of both."""
 
 from __future__ import annotations
 
@@ -60,58 +57,50 @@ QUANTITIES |= POINTS
 # Quantities that a column of complex numbers may hold.
 COMPLEX_QUANTITIES = ("response", "impedance")
 
-# Words for units, such as "volts" for V.
-WORDS: dict[str, dict[str, tuple[str, ...]]] = {
+OHM_WORDS = {"ohm": "ohms ω", "kohm": "kohms kω", "Mohm": "megohm megohms mω"}
+# Words for units, such as "volts" for V, without capitals and blanks.
+WORDS: dict[str, dict[str, str]] = {
     "time": {
-        "s": ("sec", "secs", "second", "seconds"),
-        "ms": ("msec", "msecs", "millis", "millisec", "millisecond", "milliseconds"),
-        "us": ("usec", "usecs", "micros", "microsec", "microsecond", "microseconds"),
-        "ns": ("nsec", "nanos", "nanosecond", "nanoseconds"),
-        "min": ("mins", "minute", "minutes"),
-        "h": ("hr", "hrs", "hour", "hours"),
-        SAMPLES: (
-            *("sample", "#", "index", "idx", "row", "point", "record"),
-            *("samplenumber", "sampleno", "sampleindex", "sample#"),
-        ),
+        "s": "sec secs second seconds",
+        "ms": "msec msecs millis millisec millisecond milliseconds",
+        "us": "usec usecs micros microsec microsecond microseconds",
+        "ns": "nsec nanos nanosecond nanoseconds",
+        "min": "mins minute minutes",
+        "h": "hr hrs hour hours",
+        SAMPLES: "sample # index idx row point record samplenumber sampleno sampleindex sample#",
     },
     "acceleration": {
-        "g": ("gn", "g0", "gee", "gs", "g's"),
-        "mg": ("milli-g", "millig", "mgn"),
-        "ug": ("micro-g", "microg"),
-        "gal": ("gals",),
+        "g": "gn g0 gee gs g's",
+        "mg": "milli-g millig mgn",
+        "ug": "micro-g microg",
+        "gal": "gals",
     },
-    "voltage": {
-        "V": ("volt", "volts"),
-        "mV": ("millivolt", "millivolts"),
-        "uV": ("microvolt", "microvolts"),
-    },
-    "displacement": {"m": ("meter", "meters", "metre", "metres"), "um": ("micron", "microns")},
-    "phase": {"deg": ("degree", "degrees", "°"), "rad": ("radian", "radians")},
-    "force": {"N": ("newton", "newtons"), "lbf": ("lb", "lbs")},
+    "voltage": {"V": "volt volts", "mV": "millivolt millivolts", "uV": "microvolt microvolts"},
+    "displacement": {"m": "meter meters metre metres", "um": "micron microns"},
+    "phase": {"deg": "degree degrees °", "rad": "radian radians"},
+    "force": {"N": "newton newtons", "lbf": "lb lbs"},
     "density": {
-        "(m/s^2)^2/Hz": ("(m/s2)^2/hz", "m^2/s^4/hz", "m2/s4/hz", "m^2/s^3", "m^2s^-3", "m2/s3"),
-        "g^2/Hz": ("g2/hz", "g**2/hz", "gn^2/hz", "grms^2/hz", "g^2hz^-1"),
-        "mg^2/Hz": ("mg2/hz", "mgn^2/hz"),
+        "(m/s^2)^2/Hz": "(m/s2)^2/hz m^2/s^4/hz m2/s4/hz m^2/s^3 m^2s^-3 m2/s3",
+        "g^2/Hz": "g2/hz g**2/hz gn^2/hz grms^2/hz g^2hz^-1",
+        "mg^2/Hz": "mg2/hz mgn^2/hz",
     },
+    **dict.fromkeys(IMPEDANCES, OHM_WORDS),
 }
-OHM_WORDS = {"ohm": ("ohms", "ω"), "kohm": ("kohms", "kω"), "Mohm": ("megohm", "megohms", "mω")}
-WORDS |= {name: OHM_WORDS for name in IMPEDANCES}
 LENGTHS = ("m", "cm", "mm", "ft", "in")
-# The ways in which "per second squared" and "per second" are written behind a length.
-PER_SECOND_SQUARED = (
-    *("/s2", "/s/s", "/(s^2)", "/sec^2", "/sec2", "/sec/sec", "s^-2", "s-2", "s^(-2)", "/s**2"),
-    *("_s2", "_s^2", "_s-2", "s2", "ps2", "ps^2", "pers2", "_per_s2", "_per_s^2"),
-)
-PER_SECOND = ("/sec", "s^-1", "s-1", "_s", "ps")
-# A unit with two readings is refused, and both are named.
-AMBIGUOUS = {
-    ("time", "m"): "minutes (min) or milliseconds (ms)",
-    ("voltage", "MV"): "millivolts (mV) or megavolts (1e3 kV)",
+# How "per second squared" and "per second" are written behind a length; the usual way first.
+PER_TIME = {
+    "acceleration": "/s^2 /s2 /s/s /(s^2) /sec^2 /sec2 /sec/sec s^-2 s-2 s^(-2) /s**2 "
+    "_s2 _s^2 _s-2 s2 ps2 ps^2 pers2 _per_s2 _per_s^2",
+    "velocity": "/s /sec s^-1 s-1 _s ps",
 }
-AMBIGUOUS |= {
-    (quantity, unit): "megaohms (Mohm) or milliohms (1e-3 ohm)"
-    for quantity in IMPEDANCES
-    for unit in ("mohm", "mohms", "mOhm", "mΩ", "mΩ")
+# A unit with two readings is refused, and both are named.
+MEGA_OR_MILLI = "megaohms (Mohm) or milliohms (1e-3 ohm)"
+AMBIGUOUS = {
+    "time": {"m": "minutes (min) or milliseconds (ms)"},
+    "voltage": {"MV": "millivolts (mV) or megavolts (1e3 kV)"},
+    **dict.fromkeys(
+        IMPEDANCES, dict.fromkeys(("mohm", "mohms", "mOhm", "mΩ", "mΩ"), MEGA_OR_MILLI)
+    ),
 }
 
 
@@ -119,12 +108,11 @@ def _spellings(quantity: str) -> dict[str, str]:
     """Usual spelling of a quantity's units by every spelling without capitals."""
     spellings = {unit.lower(): unit for unit in QUANTITIES[quantity]}
     for unit, words in WORDS.get(quantity, {}).items():
-        spellings |= dict.fromkeys(words, unit)
-    ends = {"acceleration": PER_SECOND_SQUARED, "velocity": PER_SECOND}.get(quantity, ())
-    usual = {"acceleration": "/s^2", "velocity": "/s"}.get(quantity, "")
+        spellings |= dict.fromkeys(words.split(), unit)
+    usual, *others = PER_TIME.get(quantity, "none").split()
     for length in LENGTHS:
         if f"{length}{usual}" in QUANTITIES[quantity]:
-            spellings |= dict.fromkeys((f"{length}{end}" for end in ends), f"{length}{usual}")
+            spellings |= dict.fromkeys((f"{length}{end}" for end in others), f"{length}{usual}")
     return spellings
 
 
@@ -143,7 +131,7 @@ def unit_named(quantity: str, text: str) -> str | None:
     ('m/s^2', 'us', None)
     """
     plain = "".join(text.translate(SIGNS).split()).replace("^-^2", "^-2")
-    if plain in QUANTITIES[quantity] or (quantity, plain) in AMBIGUOUS:
+    if plain in QUANTITIES[quantity] or plain in AMBIGUOUS.get(quantity, ()):
         return plain if plain in QUANTITIES[quantity] else None
     return SPELLINGS[quantity].get(plain.lower())
 
@@ -156,7 +144,7 @@ def usual_unit(quantity: str, unit: str, where: str, cure: str) -> str:
     """
     usual = unit_named(quantity, unit)
     if usual is None:
-        both = AMBIGUOUS.get((quantity, unit.strip()))
+        both = AMBIGUOUS.get(quantity, {}).get(unit.strip())
         units = QUANTITIES[quantity]
         raise SceneError(
             f"{where}: {named(unit)} is ambiguous: {both}? {cure}"

@@ -8,25 +8,21 @@ import itertools
 import re
 from array import array
 from collections import Counter, deque
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from math import isnan, nan
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
-from harvester.records.decimal_marks import marks_of, plain, shape, ungrouped
+from harvester.records.decimal_marks import marks_of, shape, ungrouped
 from harvester.records.quantities import heading, is_unit
 from harvester.records.table import LARGEST_TEXT, Format, Table
 from harvester.records.time_stamps import CLOCK_TIME, StampReader
 
 COMMENTS = ("#", "%", "//")
+# Separators of fields, None for blanks. The first of equally good ones is taken; decimal commas
+# between commas are in quotes.
 SEPARATORS = (";", "\t", ",")
-# Forms of a line: separator and decimal mark, None for blanks. The first of equally good ones is
-# taken. Decimal commas between commas are in quotes.
-FORMS = (
-    *((separator, ".") for separator in (*SEPARATORS, None)),
-    *((separator, ",") for separator in (";", "\t", None, ",")),
-)
 # Longest line in characters. A line holds one sample of every column.
 LONGEST_LINE = 1_000_000
 # The form is that of most of the last lines. A footer makes up less than half of them.
@@ -53,13 +49,11 @@ class Form(NamedTuple):
     ----------
     separator
         Separator of the fields; None: blanks.
-    decimal : "." or ",".
     kinds
         Kind of each column: `NUMBER`, `STAMP`, `COMPLEX` or `TEXT`.
     """
 
     separator: str | None
-    decimal: str
     kinds: tuple[str, ...]
 
     def fits(self, fields: list[str]) -> bool:
@@ -67,13 +61,10 @@ class Form(NamedTuple):
 
         A complex number may be written without its imaginary part.
         """
-        if len(fields) != len(self.kinds):
-            return False
-        pairs = [pair for pair in zip(fields, self.kinds, strict=True) if pair[1] != TEXT]
-        return any(field.strip() for field, _ in pairs) and all(
-            not field.strip() or _kind(field, self.decimal) in (kind, kind == COMPLEX and NUMBER)
-            for field, kind in pairs
-        )
+        pairs = zip(fields, self.kinds, strict=False)
+        pairs = [(_kind(field), kind) for field, kind in pairs if field.strip() and kind != TEXT]
+        fit = all(found in (kind, kind == COMPLEX and NUMBER) for found, kind in pairs)
+        return len(fields) == len(self.kinds) and bool(pairs) and fit
 
 
 def read(content: bytes) -> Table:
@@ -81,202 +72,166 @@ def read(content: bytes) -> Table:
 
     Numbers may be quoted, and have decimal commas where another sign separates them. The last line
     may be cut short, and a footer may follow the samples. The names are those of the header, or of
-    the comment above the first line, and may have a row of units below them.
+    the comment above the first line, and may have a row of units below them. Time stamps are
+    seconds after the first.
 
     `content`: UTF-8; lines that begin with #, % or // are comments. Raises ValueError if it is no
     text, or its last lines hold no numbers.
     """
     if b"\0" in content:
         raise ValueError("it holds NUL bytes, as text in UTF-16 or no text does: save it as UTF-8")
-    return _Lines(content).table
+    last_lines = _last_lines(content)
+    form = _form_of(last_lines)
+    kinds = form.kinds
+    above, first, rows, left_out = _scan(content, form)
+    if rows > 1 and not left_out and _is_cut_short(content, last_lines, form):
+        rows, left_out = rows - 1, 1
+    names, units = _names_and_units(above, form)
 
+    def samples():
+        lines = (line for line in _lines(content) if line[0] >= first and not line[2])
+        return (_fields(line, form.separator) for _, line, _ in itertools.islice(lines, rows))
 
-class _Lines:
-    """The lines of a text file: its form, its header, and the samples by columns."""
-
-    def __init__(self, content: bytes) -> None:
-        self._content = content
-        last_lines = self._last_lines()
-        self._form = _form_of(last_lines)
-        # Whether a field may hold a comma: each column's values then show what it means.
-        self._commas = b"," in content and (self._form.separator != "," or b'"' in content)
-        if self._commas:
-            self._form = self._form._replace(decimal=",")
-        kinds = self._form.kinds
-        self._rows, self._first = 0, 0
-        above, left_out = self._scan()
-        if self._rows > 1 and not left_out and self._is_cut_short(last_lines):
-            self._rows, left_out = self._rows - 1, 1
-        names, units = _names_and_units(above, self._form)
-        self._complexes = [index for index, kind in enumerate(kinds) if kind == COMPLEX]
-        self.table = Table(
-            names,
-            self._rows,
-            self._take,
-            ["s" if kind == STAMP else unit for kind, unit in zip(kinds, units, strict=True)],
-            texts=[index for index, kind in enumerate(kinds) if kind == TEXT],
-            complexes=self._complexes,
-            line_of=self._line_of,
-        )
-        if left_out:
-            lines = "line holds" if left_out == 1 else f"{left_out} lines hold"
-            verb = "is" if left_out == 1 else "are"
-            self.table.remarks = (f"the file's last {lines} no whole sample and {verb} left out",)
-
-    def _take(self, places: Sequence[int]) -> list[np.ndarray]:
-        """The columns at `places`; time stamps are seconds after the first."""
-        marks = self._marks(places)
-        columns: list[Any] = [[] if index in self._complexes else array("d") for index in places]
+    def take(indices):
+        marks = _marks(content, form, samples, indices)
+        columns = [[] if kinds[index] == COMPLEX else array("d") for index in indices]
         readers = [
-            (column.append, index, self._reader(index, marks))
-            for column, index in zip(columns, places, strict=True)
+            (column.append, index, _reader(kinds[index], *marks.get(index, ())))
+            for column, index in zip(columns, indices, strict=True)
         ]
-        for fields in self._fields_of_rows():
-            for append, index, read in readers:
-                append(read(fields[index]))
+        for fields in samples():
+            for append, index, number in readers:
+                append(number(fields[index]))
         return [
             np.array(column, complex) if isinstance(column, list) else np.frombuffer(column)
             for column in columns
         ]
 
-    def _line_of(self, row: int) -> int:
-        """Number of the line, from 1, that holds a row."""
-        return next(itertools.islice(self._row_lines(), row, None))[0] + 1
+    def line_of(row):
+        numbers = (number for number, _, comment in _lines(content) if not comment)
+        return next(itertools.islice((n for n in numbers if n >= first), row, None)) + 1
 
-    def _row_lines(self):
-        return ((n, line) for n, line, mark in self._lines() if n >= self._first and not mark)
-
-    def _fields_of_rows(self) -> Iterator[list[str]]:
-        """The fields of each row."""
-        lines = itertools.islice(self._row_lines(), self._rows)
-        return (_fields(line, self._form.separator) for _, line in lines)
-
-    def _marks(self, places):
-        """(decimal mark, thousands separator) of each column that has commas or looks grouped."""
-        numbers = [k for k, kind in enumerate(self._form.kinds) if kind == NUMBER]
-        asked = {*places} & {*numbers} if b"." in self._content else ()
-        if not self._commas:
-            columns = ((fields[k] for fields in self._fields_of_rows()) for k in asked)
-            shapes = (itertools.takewhile(".d".__ne__, map(shape, column)) for column in columns)
-            # Points may stand between thousands: 1.286 beside 742.
-            if not any({".?", "mid"} <= {*seen} for seen in shapes):
-                return {}
-        rows = ([fields[k] for k in numbers] for fields in self._fields_of_rows())
-        return dict(zip(numbers, marks_of(rows, len(numbers)), strict=True))
-
-    def _reader(self, index, marks):
-        if self._form.kinds[index] == STAMP:
-            return StampReader().seconds
-        if self._form.kinds[index] == COMPLEX:
-            return lambda text: _complex(text, self._form.decimal)
-        decimal, group = marks.get(index, (self._form.decimal, ""))
-        return lambda text: _float(plain(text, decimal, group) if group else text, decimal)
-
-    def _lines(self) -> Iterator[tuple[int, str, bool]]:
-        """(number from 0, text, whether it is a comment) of each line that is not blank."""
-        stream = io.TextIOWrapper(io.BytesIO(self._content), encoding="utf-8-sig")
-        number = 0
-        while line := stream.readline(LONGEST_LINE + 1):
-            if len(line) > LONGEST_LINE:
-                raise ValueError(
-                    f"line {number + 1} is longer than {LONGEST_LINE} characters: write one line "
-                    "per sample"
-                )
-            if line.strip():
-                yield number, line, line.lstrip().startswith(COMMENTS)
-            number += 1
-
-    def _last_lines(self):
-        """The last lines that are no comments; the first of a long file's end may be a part."""
-        end = self._content[-BYTES_SEEN:].decode("utf-8-sig", errors="replace")
-        lines = re.split(r"\r\n|\r|\n", end)
-        lines = lines[1:] if len(self._content) > BYTES_SEEN and len(lines) > 2 else lines
-        samples = [
-            line for line in lines if line.strip() and not line.lstrip().startswith(COMMENTS)
-        ]
-        return samples[-LINES_SEEN:]
-
-    def _scan(self):
-        """Count the rows: (lines above the first, with whether they are comments; lines behind)."""
-        above: deque = deque(maxlen=HEADER_LINES)
-        form = self._form
-        number_at = form.kinds.index(NUMBER) if NUMBER in form.kinds else None
-        waiting, ragged, last = 0, None, []
-        for number, line, comment in self._lines():
-            if comment:
-                if not self._rows:
-                    above.append((line, True))
-                continue
-            fields = _fields(line, form.separator)
-            # Between other rows one number is enough to recognise a row. The first and the last are
-            # examined whole.
-            quick = self._rows and number_at is not None and len(fields) == len(form.kinds)
-            quick = quick and not isnan(_float(fields[number_at], form.decimal))
-            if quick or form.fits(fields):
-                if ragged:
-                    raise ValueError(
-                        f"line {ragged[0] + 1} has {ragged[1]} columns, and the last ones "
-                        f"{len(form.kinds)}"
-                    )
-                self._first = self._first if self._rows else number
-                self._rows += waiting + 1
-                waiting, last = 0, fields
-            elif self._rows:
-                waiting += 1
-                wrong = len(fields) != len(form.kinds)
-                ragged = (number, len(fields)) if wrong and not ragged else ragged
-            else:
-                above.append((line, False))
-        if self._rows > 1 and not form.fits(last):
-            self._rows, waiting = self._rows - 1, waiting + 1
-        return above, waiting
-
-    def _is_cut_short(self, lines):
-        """Whether the last number has fewer digits than all others, which have the same."""
-        if self._content.endswith((b"\n", b"\r")):
-            return False
-        *others, last = (_fields(line, self._form.separator)[-1] for line in lines)
-        written = {_digits(text) for text in others}
-        return len(others) > 1 and len(written) == 1 and _digits(last) < written.pop()
+    remark = f"the file's last {left_out} lines hold no whole sample and are left out"
+    if left_out == 1:
+        remark = "the file's last line holds no whole sample and is left out"
+    return Table(
+        names,
+        rows,
+        take,
+        ["s" if kind == STAMP else unit for kind, unit in zip(kinds, units, strict=True)],
+        texts=[index for index, kind in enumerate(kinds) if kind == TEXT],
+        complexes=[index for index, kind in enumerate(kinds) if kind == COMPLEX],
+        remarks=(remark,) if left_out else (),
+        line_of=line_of,
+    )
 
 
-def _digits(text):
-    """(decimals, letters of the exponent) of a number."""
-    match = DIGITS.fullmatch(text.strip())
-    return (len(match[1]), len(match[2] or "")) if match else (0, 0)
+def _reader(kind, decimal=",", group=""):
+    """The function that turns a field of a column into a number."""
+    if kind == STAMP:
+        return StampReader().seconds
+    return _complex if kind == COMPLEX else lambda text: _number(text, decimal, group)
+
+
+def _marks(content, form, samples, indices):
+    """(decimal mark, thousands separator) of each column that has commas or looks grouped."""
+    numbers = [k for k, kind in enumerate(form.kinds) if kind == NUMBER]
+    # Whether a field may hold a comma: each column's values then show what it means.
+    if b"," not in content or (form.separator == "," and b'"' not in content):
+        asked = {*indices} & {*numbers} if b"." in content else ()
+        columns = ((fields[k] for fields in samples()) for k in asked)
+        shapes = (itertools.takewhile(".d".__ne__, map(shape, column)) for column in columns)
+        # Points may stand between thousands: 1.286 beside 742.
+        if not any({".?", "mid"} <= {*seen} for seen in shapes):
+            return {}
+    rows = ([fields[k] for k in numbers] for fields in samples())
+    return dict(zip(numbers, marks_of(rows, len(numbers)), strict=True))
+
+
+def _lines(content: bytes) -> Iterator[tuple[int, str, bool]]:
+    """(number from 0, text, whether it is a comment) of each line that is not blank."""
+    stream = io.TextIOWrapper(io.BytesIO(content), encoding="utf-8-sig")
+    for number in itertools.count():
+        line = stream.readline(LONGEST_LINE + 1)
+        if not line:
+            return
+        if len(line) > LONGEST_LINE:
+            raise ValueError(
+                f"line {number + 1} is longer than {LONGEST_LINE} characters: write one line "
+                "per sample"
+            )
+        if line.strip():
+            yield number, line, line.lstrip().startswith(COMMENTS)
+
+
+def _last_lines(content):
+    """The last lines that are no comments; the first of a long file's end may be a part."""
+    end = content[-BYTES_SEEN:].decode("utf-8-sig", errors="replace")
+    lines = list(io.StringIO(end, newline=None))
+    lines = lines[1:] if len(content) > BYTES_SEEN and len(lines) > 1 else lines
+    samples = [line for line in lines if line.strip() and not line.lstrip().startswith(COMMENTS)]
+    return samples[-LINES_SEEN:]
+
+
+def _scan(content, form):
+    """Lines above the first row, with whether they are comments; its number; rows; lines behind."""
+    above: deque = deque(maxlen=HEADER_LINES)
+    width, first, rows, behind, ragged, last = len(form.kinds), 0, 0, 0, "", []
+    number_at = form.kinds.index(NUMBER) if NUMBER in form.kinds else None
+    for number, line, comment in _lines(content):
+        fields = [] if comment else _fields(line, form.separator)
+        # Between other rows one number is enough to recognise a row. The first and the last are
+        # examined whole.
+        quick = rows and number_at is not None and len(fields) == width
+        if (quick and not isnan(_number(fields[number_at]))) or form.fits(fields):
+            if ragged:
+                raise ValueError(f"{ragged}, and the last ones {width}")
+            first = first if rows else number
+            rows, behind, last = rows + behind + 1, 0, fields
+        elif not rows:
+            above.append((line, comment))
+        elif not comment:
+            behind += 1
+            if len(fields) != width and not ragged:
+                ragged = f"line {number + 1} has {len(fields)} columns"
+    if rows > 1 and not form.fits(last):
+        rows, behind = rows - 1, behind + 1
+    return above, first, rows, behind
+
+
+def _is_cut_short(content, lines, form):
+    """Whether the last number has fewer digits than all others, which have the same."""
+    *others, last = (DIGITS.fullmatch(_fields(x, form.separator)[-1].strip()) for x in lines)
+    # Decimals, and letters of the exponent.
+    digits, *more = {match and (len(match[1]), len(match[2] or "")) for match in others} or {None}
+    if content.endswith((b"\n", b"\r")) or len(others) < 2 or more or not (digits and last):
+        return False
+    return (len(last[1]), len(last[2] or "")) < digits
 
 
 def _form_of(lines):
-    """The form (separator, decimal mark, kinds of columns) that most of the lines have."""
+    """The form (separator, kinds of columns) that most of the lines have."""
     seen = []
     for line in lines:
         best, best_share = None, 0.0
-        for separator, decimal in FORMS:
-            if separator is not None and separator not in line:
-                continue
+        for separator in (*(mark for mark in SEPARATORS if mark in line), None):
             fields = _fields(line, separator)
-            kinds = tuple(_kind(field, decimal) for field in fields)
+            kinds = tuple(_kind(field) for field in fields)
             empty = sum(not field.strip() for field in fields)
             share = sum(kind != TEXT for kind in kinds) / max(1, len(kinds) - empty)
             if share > best_share:
-                best, best_share = Form(separator, decimal, kinds), share
+                best, best_share = Form(separator, kinds), share
         if best:
             seen.append(best)
     if not seen:
         raise ValueError("its last lines hold no numbers")
-    (separator, decimal, width), _ = Counter(
-        (form.separator, form.decimal, len(form.kinds)) for form in reversed(seen)
-    ).most_common(1)[0]
+    widths = Counter((form.separator, len(form.kinds)) for form in reversed(seen))
+    separator, width = widths.most_common(1)[0][0]
     alike = [form.kinds for form in seen if len(form.kinds) == width]
     # The most common kind of each column's fields, of which a gap counts as text.
-    counts = (
-        Counter(kind for kind in column if kind != TEXT) for column in zip(*alike, strict=True)
-    )
-    return Form(
-        separator,
-        decimal,
-        tuple(count.most_common(1)[0][0] if count else TEXT for count in counts),
-    )
+    columns = ([kind for kind in column if kind != TEXT] for column in zip(*alike, strict=True))
+    kinds = (Counter(column).most_common(1)[0][0] if column else TEXT for column in columns)
+    return Form(separator, tuple(kinds))
 
 
 def _fields(line, separator):
@@ -291,35 +246,31 @@ def _fields(line, separator):
         raise ValueError(f"a line of it cannot be read: {error}") from None
 
 
-def _kind(field, decimal):
+def _kind(field):
     text = field.strip()
-    if text.lower() in NO_NUMBER or not isnan(_float(text, decimal)):
+    if text.lower() in NO_NUMBER or not isnan(_number(text)):
         return NUMBER
-    if _complex_match(text, decimal):
+    if _complex_match(text):
         return COMPLEX
     return STAMP if ":" in text and CLOCK_TIME.fullmatch(text) else TEXT
 
 
-def _complex(text, decimal):
+def _complex(text):
     """A complex number; without an imaginary part it is real, NaN where it is none."""
-    match = _complex_match(text.strip(), decimal)
-    if not match:
-        return complex(_float(text, decimal), 0.0)
-    return complex(_float(match[1], "."), _float(match[2] + match[3], "."))
+    match = _complex_match(text.strip())
+    parts = (match[1], match[2] + match[3]) if match else (text, "0")
+    return complex(*map(_number, parts))
 
 
-def _complex_match(text, decimal):
-    if not text.endswith(("i", "j", ")")):
-        return None
-    return COMPLEX_NUMBER.fullmatch(text if decimal == "." else text.replace(",", "."))
+def _complex_match(text):
+    return text.endswith(("i", "j", ")")) and COMPLEX_NUMBER.fullmatch(text.replace(",", "."))
 
 
-def _float(text, decimal):
+def _number(text, decimal=",", group=""):
+    """A number, NaN if the text is none."""
     try:
         # Python reads 1_000 as a number; other programs do not.
-        if "_" in text:
-            return nan
-        return float(text) if decimal == "." else float(text.replace(",", "."))
+        return nan if "_" in text else float(text.replace(group, "").replace(decimal, "."))
     except ValueError:
         bare = ungrouped(text)
         return nan if bare == text else float(bare)

@@ -118,7 +118,7 @@ def test_accelerations_are_read_in_the_unit_of_their_heading(tmp_path, name, per
     own = unit_named("acceleration", heading(name).unit)
     assert_read(path, unit=own, column=1, time_column=0)
     other = "g" if own != "g" else "m/s^2"
-    refused(path, f"excitation.unit = {other!r}", "the heading says", unit=other)
+    refused(path, f"excitation.unit = {other!r}", "the heading of column", unit=other)
 
 
 def test_every_unit_of_the_page_has_a_row_here():
