@@ -110,26 +110,26 @@ def read_impedance(
         if key not in SETTINGS:
             raise SceneError(f"{where}: unknown setting {named(key)}{nearest(key, SETTINGS)}")
     measured = MeasuredFile(path, read_content(path)[0])
-    frequency, impedance = _columns(measured, columns)
-    frequency, impedance = _ordered(frequency, impedance, where)
-    _check_passive(impedance, where)
-    return MeasuredImpedance(frequency, impedance, name=plain_name(Path(path).name))
+    if measured.table.rows > MOST_LINES:
+        raise SceneError(
+            f"{where}: it has {measured.table.rows} lines, and {MOST_LINES} are the most: leave "
+            "every second one out"
+        )
+    impedance = MeasuredImpedance(*_columns(measured, columns), name=plain_name(Path(path).name))
+    _check_passive(impedance.response, where)
+    return impedance
 
 
 def _columns(measured, given):
     """Frequency (Hz) and Z (Ω) by the columns that a file has."""
-    stated = {name: measured.stated(given.get(name)) for name in SETTINGS}
-    indices = {
-        name: measured.column(name, column, _candidates(measured, name))
-        for name, (column, _) in stated.items()
-    }
-    available = {name for name, index in indices.items() if index is not None}
+    columns = measured.columns(SETTINGS, given, _candidates)
+    available = set(columns)
     if "frequency" not in available:
         raise SceneError(
             f"{measured.where}: no column of frequencies: write frequency [Hz] in its header, or "
             f"frequency=COLUMN:UNIT behind the file; the file has {measured.listed()}"
         )
-    is_complex = indices["impedance"] in measured.table.complexes
+    is_complex = columns.get("impedance", (None,))[0] in measured.table.complexes
     polar = {"impedance"} if is_complex else {"impedance", "phase"}
     parts = {"resistance", "reactance"}
     # Columns that the user named come before those found by their headings.
@@ -140,10 +140,7 @@ def _columns(measured, given):
             f"{measured.where}: no columns of an impedance: write {COLUMNS_NEEDED}; the file has "
             f"{measured.listed()}"
         )
-    values = {
-        name: _values(measured, name, indices[name], stated[name][1])
-        for name in ("frequency", *sorted(form))
-    }
+    values = {n: _values(measured, n, *columns[n]) for n in ("frequency", *sorted(form))}
     if form is parts:
         return values["frequency"], values["resistance"] + 1j * values["reactance"]
     turned = 1.0 if is_complex else np.exp(1j * values["phase"])
@@ -164,10 +161,6 @@ def _candidates(measured, quantity):
 def _values(measured, quantity, index, stated):
     """The values of a column, converted to SI units."""
     (values,) = measured.take([index])
-    if not np.isfinite(values).all():
-        raise SceneError(
-            f"{measured.where}: {measured.label(index)}: lines without a number: leave them out"
-        )
     hint = _looks(values) if quantity == "phase" else ""
     unit = measured.unit(quantity, index, stated, hint=hint)
     if quantity == "phase":
@@ -204,28 +197,6 @@ def _check_phase(measured, place, values, unit):
     raise SceneError(
         f"{measured.where}: {measured.label(place)} lies within ±{largest:.3g} {unit}, and {cause}"
     )
-
-
-def _ordered(frequency, impedance, where):
-    """The lines sorted by rising frequency."""
-    if frequency.size > MOST_LINES:
-        raise SceneError(
-            f"{where}: it has {frequency.size} lines, and {MOST_LINES} are the most: leave every "
-            "second one out"
-        )
-    if frequency.min() <= 0.0:
-        raise SceneError(
-            f"{where}: frequency: {frequency.min():.6g} Hz: frequencies must be > 0: leave those "
-            "lines out, or check the column"
-        )
-    if frequency.size > 1 and frequency[0] > frequency[-1]:
-        frequency, impedance = frequency[::-1], impedance[::-1]
-    if frequency.size < 2 or np.diff(frequency).min() <= 0.0:
-        raise SceneError(
-            f"{where}: frequency must rise or fall from line to line: is it the right column? Of "
-            "several sweeps keep one"
-        )
-    return frequency, impedance
 
 
 def _check_passive(impedance, where):

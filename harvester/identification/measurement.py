@@ -119,8 +119,8 @@ class Measurement:
 
 
 def _marker_remarks(columns):
-    """A remark on each column, of 1 dimension, that holds markers such as -9999 or a rail."""
-    remarks = {name: marker_remark(values) for name, values in columns.items() if values.ndim == 1}
+    """A remark on each column that holds markers such as -9999 or a rail."""
+    remarks = {name: marker_remark(values) for name, values in columns.items()}
     return tuple(
         f"{name}: {remark}, and taken as measured: cut the record there"
         for name, remark in remarks.items()
@@ -158,6 +158,7 @@ def read_measurement(
     where = named(path)
     stated = {name: str(settings.pop(name)) for name in COLUMNS if name in settings}
     lines = {name: _number(where, name, settings.pop(name)) for name in LINES if name in settings}
+    lines = {name: number for name, number in lines.items() if number is not None}
     rate = _number(where, "sampling_rate", settings.pop("sampling_rate", None))
     for key in settings:
         if "." not in key:
@@ -172,35 +173,30 @@ def read_measurement(
     settings = {key: value for key, value in settings.items() if key not in free_keys}
     absolute = _taken_absolute(where, stated)
     measured = MeasuredFile(path, read_content(path)[0])
-    asked = {name: measured.stated(stated.get(name)) for name in COLUMNS}
-    time_column, time_unit = asked.pop("time")
-    indices = {
-        name: measured.column(name, column, _plainest(measured, name))
-        for name, (column, _) in asked.items()
-    }
-    indices = {name: index for name, index in indices.items() if index is not None}
+    found = measured.columns([name for name in COLUMNS if name != "time"], stated, _plainest)
+    indices = [index for index, _ in found.values()]
     scaled, unit_of = units != "SI", {}
-    for name, index in indices.items():
+    for name, (index, unit) in found.items():
         raw = any(f"{name}_{end}" in lines for end in LINE_ENDS)
-        unit_of[name] = measured.unit(name, index, asked[name][1], scaled, raw)
-    is_response = "frequency" in indices or "response" in indices
+        unit_of[name] = measured.unit(name, index, unit, scaled, raw)
+    is_response = "frequency" in found or "response" in found
     if is_response and free_keys:
         raise SceneError(
             f"{where}: {named(free_keys[0])} = free: only a record of a motion can free a "
             "value for itself, and this is a frequency response: give the value"
         )
-    if not is_response and "acceleration" not in indices:
+    if not is_response and "acceleration" not in found:
         raise SceneError(
             f"{where}: no column of the base's acceleration: write acceleration [m/s^2] in its "
             "header, or acceleration=COLUMN:UNIT behind the file"
         )
     base = TimeBase(1.0)
     if not is_response:
-        times, rate = measured.times(time_column, time_unit, rate, [*indices.values()], always=True)
-        base = time_base(
-            times, None if times is not None else rate, where, "correct it, or cut the record there"
-        )
-    columns = dict(zip(indices, measured.take([*indices.values()]), strict=True))
+        clock, unit = measured.stated(stated.get("time"))
+        times, rate = measured.times(clock, unit, rate, indices, always=True)
+        rate = rate if times is None else None
+        base = time_base(times, rate, where, "correct it, or cut the record there")
+    columns = dict(zip(found, measured.take(indices), strict=True))
     # Markers are found in the numbers of the file, before units and scales.
     remarks = _marker_remarks({k: v for k, v in columns.items() if k in ("acceleration", *OUTPUTS)})
     for name, values in columns.items():

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 
 import numpy as np
 
@@ -149,6 +149,21 @@ class MeasuredFile:
             column, unit = text, None
         return int(column) if column.isdigit() and column not in names else column, unit
 
+    def columns(
+        self,
+        quantities: Collection[str],
+        settings: Mapping[str, str],
+        candidates: Callable[[MeasuredFile, str], Sequence[int]],
+    ) -> dict[str, tuple[int, str | None]]:
+        """Index and stated unit of the column of each quantity that the file has.
+
+        `settings`: texts COLUMN:UNIT or COLUMN by quantity; others are found by their headings,
+        among the `candidates`. Raises SceneError.
+        """
+        stated = {quantity: self.stated(settings.get(quantity)) for quantity in quantities}
+        indices = {q: self.column(q, pair[0], candidates(self, q)) for q, pair in stated.items()}
+        return {q: (index, stated[q][1]) for q, index in indices.items() if index is not None}
+
     def listed(self) -> str:
         """The columns' names, or their numbers."""
         names = self.table.names
@@ -253,7 +268,7 @@ class MeasuredFile:
         if index is None and rate is None:
             raise SceneError(
                 f"{self.where}: {name} is missing (Hz), and no heading names a time: give {key}, "
-                f"or {self.setting('column', 'time')} to read it from{self._behind}"
+                f"or the time column by {self.setting('column', 'time')}{self._behind}"
             )
         if index is None and not clocks:
             return None, rate
