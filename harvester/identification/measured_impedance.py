@@ -115,7 +115,8 @@ def read_impedance(
             f"{where}: it has {measured.table.rows} lines, and {MOST_LINES} are the most: leave "
             "every second one out"
         )
-    impedance = MeasuredImpedance(*_columns(measured, columns), name=plain_name(Path(path).name))
+    frequency, values = _columns(measured, columns)
+    impedance = MeasuredImpedance(frequency, values, name=plain_name(Path(path).name))
     _check_passive(impedance.response, where)
     return impedance
 

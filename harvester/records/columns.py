@@ -145,9 +145,10 @@ class MeasuredFile:
             return None, None
         names = self.table.names
         column, colon, unit = text.rpartition(":")
-        if not colon or text in names:
-            column, unit = text, None
-        return int(column) if column.isdigit() and column not in names else column, unit
+        bare = not colon or text in names
+        column = text if bare else column
+        number = column.isdigit() and column not in names
+        return int(column) if number else column, None if bare else unit
 
     def columns(
         self,
@@ -251,7 +252,7 @@ class MeasuredFile:
         """
         key, file_rate = self.setting("sampling_rate", ""), self.table.rate
         name = key.partition("=")[0]
-        if None not in (rate, file_rate) and not np.isclose(rate, file_rate, rtol=1e-6):
+        if rate and file_rate and not np.isclose(rate, file_rate, rtol=1e-6):
             raise SceneError(
                 f"{self.where}: {name} = {rate:g}: the file says {file_rate:g} Hz: leave it out"
             )

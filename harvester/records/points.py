@@ -39,10 +39,10 @@ def read_points(
     pair = " and ".join(f"a {quantity}" for quantity in quantities).replace("cy", "cy (Hz)")
     few = f"lines with {pair}: must be at least 2 for a {noun}"
     if format_of(file, content) is text.FORMAT:
-        lines = content.decode("utf-8-sig", "replace")
-        lines = content.decode("latin-1") if "\ufffd" in lines else lines
+        decoded = content.decode("utf-8-sig", "replace")
+        decoded = content.decode("latin-1") if "\ufffd" in decoded else decoded
         # Trailing commas make columns of no numbers.
-        lines = [INLINE.sub("", line.strip()).rstrip(" \t,;") for line in lines.splitlines()]
+        lines = [INLINE.sub("", line.strip()).rstrip(" \t,;") for line in decoded.splitlines()]
         if not any(lines):
             raise SceneError(f"{named(file)}: 0 {few}")
         content = "\n".join([*lines, ""]).encode()

@@ -40,9 +40,9 @@ def broken_file(
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")
             yield
-    except (Unreadable, HarvesterError, *others):
-        raise
     except Exception as error:
+        if isinstance(error, (Unreadable, HarvesterError, *others)):
+            raise
         raise Unreadable(f"not a whole {sort} ({type(error).__name__}: {error}); {cure}") from None
 
 

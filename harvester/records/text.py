@@ -10,7 +10,7 @@ from array import array
 from collections import Counter, deque
 from collections.abc import Iterator
 from math import isnan, nan
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -61,10 +61,13 @@ class Form(NamedTuple):
 
         A complex number may be written without its imaginary part.
         """
-        pairs = zip(fields, self.kinds, strict=False)
-        pairs = [(_kind(field), kind) for field, kind in pairs if field.strip() and kind != TEXT]
-        fit = all(found in (kind, kind == COMPLEX and NUMBER) for found, kind in pairs)
-        return len(fields) == len(self.kinds) and bool(pairs) and fit
+        if len(fields) != len(self.kinds):
+            return False
+        pairs = zip(fields, self.kinds, strict=True)
+        kinds = [(_kind(field), kind) for field, kind in pairs if field.strip() and kind != TEXT]
+        return bool(kinds) and all(
+            found in (kind, kind == COMPLEX and NUMBER) for found, kind in kinds
+        )
 
 
 def read(content: bytes) -> Table:
@@ -94,7 +97,7 @@ def read(content: bytes) -> Table:
 
     def take(indices):
         marks = _marks(content, form, samples, indices)
-        columns = [[] if kinds[index] == COMPLEX else array("d") for index in indices]
+        columns: list[Any] = [[] if kinds[k] == COMPLEX else array("d") for k in indices]
         readers = [
             (column.append, index, _reader(kinds[index], *marks.get(index, ())))
             for column, index in zip(columns, indices, strict=True)
@@ -176,13 +179,14 @@ def _last_lines(content):
 def _scan(content, form):
     """Lines above the first row, with whether they are comments; its number; rows; lines behind."""
     above: deque = deque(maxlen=HEADER_LINES)
-    width, first, rows, behind, ragged, last = len(form.kinds), 0, 0, 0, "", []
-    number_at = form.kinds.index(NUMBER) if NUMBER in form.kinds else None
+    last: list[str] = []
+    width, first, rows, behind, ragged = len(form.kinds), 0, 0, 0, ""
+    number_at = form.kinds.index(NUMBER) if NUMBER in form.kinds else width
     for number, line, comment in _lines(content):
         fields = [] if comment else _fields(line, form.separator)
         # Between other rows one number is enough to recognise a row. The first and the last are
         # examined whole.
-        quick = rows and number_at is not None and len(fields) == width
+        quick = rows and number_at < len(fields) == width
         if (quick and not isnan(_number(fields[number_at]))) or form.fits(fields):
             if ragged:
                 raise ValueError(f"{ragged}, and the last ones {width}")
@@ -230,8 +234,8 @@ def _form_of(lines):
     alike = [form.kinds for form in seen if len(form.kinds) == width]
     # The most common kind of each column's fields, of which a gap counts as text.
     columns = ([kind for kind in column if kind != TEXT] for column in zip(*alike, strict=True))
-    kinds = (Counter(column).most_common(1)[0][0] if column else TEXT for column in columns)
-    return Form(separator, tuple(kinds))
+    usual = (Counter(column).most_common(1)[0][0] if column else TEXT for column in columns)
+    return Form(separator, tuple(usual))
 
 
 def _fields(line, separator):
