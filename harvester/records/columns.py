@@ -283,7 +283,7 @@ class MeasuredFile:
             units = [self.unit("time", index, unit) or "s"]
             if column is not None and not stated and units != [SAMPLES]:
                 rate = None
-        columns = [self._seconds(numbers, clock, name, rate, key) for name in units if name]
+        columns = [self._seconds(numbers, clock, said, rate, key) for said in units if said]
         if rate is not None:
             factor = RATE_TOLERANCE if index is None or always else RATE_FACTOR
             rates = [_other_rate(times, rate, factor) for times in columns]
@@ -320,4 +320,6 @@ def _other_rate(times, rate, factor):
     # Time stamps in whole seconds give the time of many samples only to within a second.
     unsure = float(rising.min()) if rising.size < steps.size else 0.0
     low, high = (steps.size / max(span + part, 1e-300) for part in (unsure, -unsure))
-    return steps.size / span if low > rate * factor or high < rate / factor else None
+    if low <= rate * factor and high >= rate / factor:
+        return None
+    return steps.size / span if span else np.inf

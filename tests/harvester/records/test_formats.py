@@ -36,6 +36,15 @@ def test_a_format_is_one_module_that_returns_columns(counts):
     np.testing.assert_allclose(read.voltage, 2e-3 * COUNTS)
 
 
+def test_a_time_column_that_ends_where_it_begins_is_refused(tmp_path):
+    np.savetxt(tmp_path / "a.csv", np.column_stack([TIMES * (TIMES[-1] - TIMES), COUNTS]))
+    record = RecordedMotion(
+        str(tmp_path / "a.csv"), unit="g", column=1, time_column=0, sampling_rate=100.0
+    )
+    with pytest.raises(SceneError, match="column 0 says inf Hz"):
+        assert record.samples.size
+
+
 def test_points_are_read_from_any_format(tmp_path):
     points = np.column_stack([TIMES, COUNTS])
     np.save(tmp_path / "a.npy", points)
