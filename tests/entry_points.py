@@ -3,7 +3,7 @@
 import shutil
 from pathlib import Path
 
-MODULES = ("toy_excitation", "spring_dashpot", "series_piezo", "toy_closure")
+MODULES = ("toy_excitation", "spring_dashpot", "series_piezo", "toy_closure", "toy_format")
 METADATA = "Metadata-Version: 2.1\nName: toys\nVersion: 1.0\n"
 ENTRY_POINTS = """\
 [harvester.excitations]
@@ -14,6 +14,8 @@ dashpot = spring_dashpot:spring_dashpot
 electrode_piezo = series_piezo:SeriesPiezoTable
 [harvester.closures]
 toy = toy_closure:TOY
+[harvester.record_formats]
+.counts = toy_format:FORMAT
 """
 SCENE = """\
 units = "SI"

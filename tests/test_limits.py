@@ -9,7 +9,7 @@ from circuits.netlist import expansion, expression, reader, vetting
 from harvester.base import plain_text
 from harvester.device import keys
 from harvester.engines import codec, simulate
-from harvester.excitation import arrays, hdf5_file, mat_file
+from harvester.records import hdf5, mat, table
 from harvester.scene import schema, steps, toml
 
 SAFETY = Path(__file__).parents[1] / "docs" / "safety.md"
@@ -27,9 +27,9 @@ ROWS = [
     ("values; tables", (toml.MOST_VALUES, toml.DEEPEST)),
     ("a text", (toml.LONGEST_TEXT,)),
     ("realizations", (int(schema.OTHER_KEYS["run"]["realizations"].high),)),
-    ("numbers in a `.mat`", (arrays.MOST_NUMBERS,)),
-    ("structures of a `.mat`", (mat_file.LARGEST_STRUCTURE // 10**6,)),
-    ("objects of an HDF5", (hdf5_file.MOST_OBJECTS,)),
+    ("numbers in a `.mat`", (table.MOST_NUMBERS,)),
+    ("structures of a `.mat`", (mat.LARGEST_STRUCTURE // 10**6,)),
+    ("objects of an HDF5", (hdf5.MOST_OBJECTS,)),
     ("**study**: a piece", (codec.MOST_BYTES,)),
     ("**`harvester netlist`**", (export.MOST_KNOTS,)),
     ("**run**: wall-clock", (int(simulate.TIME_LIMIT),)),

@@ -12,13 +12,15 @@ import numpy as np
 
 from harvester.base import plain_text
 from harvester.base.errors import SceneError
-from harvester.base.plain_text import named, nearest
+from harvester.base.plain_text import named
 from harvester.device.keys import Key, names_replace, not_negative, positive
 from harvester.excitation import conditioning
 from harvester.excitation.base import Excitation, ExcitationPath, Run, kernel_loss
-from harvester.excitation.columns import motion_columns
-from harvester.excitation.quantities import ACCELERATION, QUANTITIES, unit_named
-from harvester.excitation.readers import most_samples, read_record
+from harvester.records import samples
+from harvester.records.columns import MeasuredFile
+from harvester.records.formats import most_samples, read_content
+from harvester.records.quantities import ACCELERATION, QUANTITIES, unit_named
+from harvester.records.time_base import time_base
 
 if TYPE_CHECKING:
     from numpy.random.bit_generator import SeedSequence
@@ -68,7 +70,8 @@ class RecordedMotion(Excitation):
         Unit of the column after scaling: a name in `UNITS`; left out where the column's heading
         says it, with which it must agree.
     column, time_column
-        Name or number from 0; see `columns.motion_columns`.
+        Name or number from 0; left out where the headings
+        say it.
     time_unit
         Unit of the time column; left out where its heading says it.
     sampling_rate
@@ -84,7 +87,7 @@ class RecordedMotion(Excitation):
     band
         Its two ends (Hz), see `conditioning.conditioned`.
     mend
-        Faults to mend: see `conditioning.even_samples`.
+        Faults to mend: see `samples.mended` and `time_base.time_base`.
     repetition : "none": the run is one pass from the record's beginning. "periodic": the record's
         ends are faded into each other over a twentieth of it, and each realization starts at an
         offset of its own, drawn from the seed.
@@ -135,7 +138,7 @@ class RecordedMotion(Excitation):
         "full_scale": positive(),
         "detrend": Key(kind=str, words=("none", "mean", "linear")),
         "band": Key(element=not_negative(), count=(2, 2)),
-        "mend": Key(element=Key(kind=str, words=conditioning.FAULTS), count=(0, 3)),
+        "mend": Key(element=Key(kind=str, words=samples.FAULTS), count=(0, 3)),
         "repetition": Key(kind=str, words=("none", "periodic")),
         "interpolation": Key(kind=str, words=("linear", "smooth")),
         "fade_in": positive(),
@@ -144,7 +147,7 @@ class RecordedMotion(Excitation):
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "file", str(Path(self.file).absolute()))
-        object.__setattr__(self, "sha256", read_record(self.file)[1])
+        object.__setattr__(self, "sha256", read_content(self.file)[1])
 
     @property
     def interval(self) -> float:
@@ -355,19 +358,37 @@ def _knots(record: RecordedMotion) -> Knots:
     return knots
 
 
+def _setting(key, quantity):
+    """The name of a scene's key for messages, by what it says of a quantity."""
+    return f"excitation.{'time_' if quantity == 'time' else ''}{key}"
+
+
 def _read_knots(record, name):
-    columns = _from_start(_columns(record, name), record, name)
-    unit, factor_of_unit = _unit_and_factor(record, columns.unit, name)
-    values, markers = conditioning.without_markers(columns.values, record.mend)
+    content, digest = read_content(record.file)
+    if digest != record.sha256:
+        raise SceneError(f"{name}: the record has changed since the scene was read")
+    measured = MeasuredFile(record.file, content, setting=_setting, behind="")
+    motion = _motion(measured, record.column, record.time_column)
+    times, rate = measured.times(
+        record.time_column, record.time_unit, record.sampling_rate, [motion]
+    )
+    raw = record.scale is not None and not unit_named(
+        "acceleration", measured.headings[motion].unit
+    )
+    unit = measured.unit("acceleration", motion, record.unit, record.unit == "scaled", raw)
+    factor_of_unit = record.full_scale * ACCELERATION.get(unit, 1.0)
+    (values,) = measured.take([motion])
+    values, times = _from_start(values, times, rate, record.start, name)
+    values, markers = samples.without_markers(values, record.mend)
     if record.scale is not None or record.offset is not None:
         scale = 1.0 if record.scale is None else record.scale
         values = scale * values + (record.offset or 0.0)
-    factor_of_unit *= record.full_scale
-    conditioning.refuse_size(values, factor_of_unit, unit, name)
-    columns = columns._replace(values=values)
-    even = conditioning.even_samples(columns, record.mend, name, most_samples())
-    rate = even.rate
-    values = even.values * factor_of_unit
+    samples.refuse_size(values, name, factor_of_unit, unit or "scaled")
+    values, times, gaps = samples.mended(values, times, name, record.mend)
+    samples.refuse_constant(values, name)
+    cure = "correct it, or leave it out and give excitation.sampling_rate"
+    base = time_base(times, rate, name, cure, record.mend)
+    rate, values = base.rate, base.resampled(values) * factor_of_unit
     offset = _offset_remark(values, record, unit)
     values = conditioning.conditioned(values, rate, record.detrend, record.band, name)
     if record.fade_in is not None:
@@ -390,8 +411,30 @@ def _read_knots(record, name):
     values = refined(values, factor)
     if record.repetition == "periodic":
         values = conditioning.closed(values)
-    remarks = (*columns.remarks, *markers, *even.remarks, *offset)
+    remarks = (*measured.table.remarks, *markers, *gaps, *base.remarks, *offset)
     return Knots(values, float(1.0 / (rate * factor)), remarks)
+
+
+def _motion(measured, column, time_column):
+    """Index of the stated column, else of the only one besides time, or the only acceleration."""
+    if column is not None:
+        return measured.column("acceleration", column)
+    table = measured.table
+    times = {k for k, heading in enumerate(measured.headings) if heading.quantity == "time"}
+    times.add(measured.column("time", time_column, ()))
+    others = {*range(len(table.names))} - {*times, *table.texts, *table.complexes}
+    if not others and table.complexes:
+        raise SceneError(
+            f"{measured.where}: {measured.label(table.complexes[0])} holds complex numbers, which "
+            "are a frequency response and no motion: `identify` reads them"
+        )
+    if len(others) != 1:
+        others &= {*measured.of("acceleration")}
+    if len(others) != 1:
+        raise SceneError(
+            f"{measured.where}: excitation.column is missing; the file has {measured.listed()}"
+        )
+    return others.pop()
 
 
 def _offset_remark(values, record, unit):
@@ -399,74 +442,25 @@ def _offset_remark(values, record, unit):
     mean = float(values.mean())
     if record.detrend != "mean" or not abs(mean) > NOTED_OFFSET * values.std():
         return ()
-    amount = f"{mean:.4g} m/s²" if unit != "scaled" else f"{mean:.4g}"
+    amount = f"{mean:.4g} m/s²" if unit else f"{mean:.4g}"
     return (
         f'its constant part, {amount} (gravity or an offset), was taken off; detrend = "none" '
         "keeps it",
     )
 
 
-def _columns(record, name):
-    """The columns of the file that the scene names."""
-    content, digest = read_record(record.file)
-    if digest != record.sha256:
-        raise SceneError(f"{name}: the record has changed since the scene was read")
-    return motion_columns(
-        record.file,
-        content,
-        record.column,
-        record.time_column,
-        record.time_unit,
-        record.sampling_rate,
-    )
-
-
-def _from_start(columns, record, name):
-    """The columns from `record.start` on."""
-    start, times = record.start, columns.times
+def _from_start(values, times, rate, start, name):
+    """Samples and their times from `start` (s) on."""
     if not start:
-        return columns
+        return values, times
     if times is None:
-        first = math.ceil(start * columns.sampling_rate - 1e-9)
+        first = math.ceil(start * rate - 1e-9)
     else:
         with np.errstate(invalid="ignore"):
-            late = np.flatnonzero(times >= start * (1.0 - 1e-12))
-        first = int(late[0]) if late.size else times.size
-    if first >= columns.values.size:
+            first = np.append(np.flatnonzero(times >= start * (1.0 - 1e-12)), times.size)[0]
+    if first >= values.size:
         raise SceneError(f"{name}: excitation.start = {start:g}: the record ends before (s)")
-    return columns._replace(
-        values=columns.values[first:], times=None if times is None else times[first:] - times[first]
-    )
-
-
-def _unit_and_factor(record, written, name):
-    """Unit of the scaled column and its factor to m/s², by the heading and the scene."""
-    heading_unit = unit_named("acceleration", written) if written else None
-    if record.unit == "scaled":
-        if heading_unit:
-            raise SceneError(
-                f'{name}: the heading says {named(written)}, and the scene has units = "scaled": '
-                'take one with units = "SI", or a record in scaled units'
-            )
-        return "scaled", 1.0
-    if written and heading_unit is None and record.scale is None:
-        raise SceneError(
-            f"{name}: the heading says {named(written)}, which is no unit of acceleration"
-            f"{nearest(written, ACCELERATION)}: give excitation.scale, the acceleration of one "
-            f"{named(written)}, with its unit, or choose another excitation.column"
-        )
-    unit = record.unit or heading_unit
-    if unit is None:
-        raise SceneError(
-            f"{name}: excitation.unit is missing, and the file says none: it is one of "
-            f"{', '.join(ACCELERATION)}"
-        )
-    if heading_unit and ACCELERATION[heading_unit] != ACCELERATION[unit]:
-        raise SceneError(
-            f'{name}: excitation.unit = "{unit}": the heading says {named(written)}: leave unit '
-            "out, or correct the one that is wrong"
-        )
-    return unit, ACCELERATION[unit]
+    return values[first:], None if times is None else times[first:] - times[first]
 
 
 def one_pass(record: RecordedMotion) -> Knots:

@@ -12,7 +12,6 @@ import numpy as np
 from harvester.base.errors import SceneError
 from harvester.device.keys import Key, names_replace, positive
 from harvester.excitation.base import Excitation, ExcitationPath, Run
-from harvester.excitation.quantities import ACCELERATION
 from harvester.excitation.shaped import (
     ShapedPath,
     density_between,
@@ -20,6 +19,7 @@ from harvester.excitation.shaped import (
     mean_square,
     path_density,
 )
+from harvester.records.quantities import ACCELERATION
 
 if TYPE_CHECKING:
     from numpy.random.bit_generator import SeedSequence

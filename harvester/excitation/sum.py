@@ -14,8 +14,8 @@ import numpy as np
 from harvester.base.errors import SceneError
 from harvester.device.keys import Key, names_replace, positive
 from harvester.excitation.base import Excitation, ExcitationPath, Run, child_seed
-from harvester.excitation.readers import most_samples
 from harvester.excitation.sine import DETERMINISTIC_NOTE, Sine
+from harvester.records.formats import most_samples
 
 if TYPE_CHECKING:
     from numpy.random.bit_generator import SeedSequence

@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-import io
 import math
-import re
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -13,14 +11,12 @@ from typing import Any
 import numpy as np
 
 from harvester.base.errors import IdentificationError, SceneError
-from harvester.base.libraries import optional_library
 from harvester.base.plain_text import name as plain_name
 from harvester.base.plain_text import named, nearest
-from harvester.excitation.columns import MeasuredFile
-from harvester.excitation.quantities import QUANTITIES
-from harvester.excitation.readers import read_record
-from harvester.excitation.table import broken_file
 from harvester.identification.measured_response import MeasuredResponse
+from harvester.records.columns import MeasuredFile
+from harvester.records.formats import read_content
+from harvester.records.quantities import QUANTITIES
 
 FEWEST_FREQUENCIES = 12
 SETTINGS = ("frequency", "impedance", "phase", "resistance", "reactance")
@@ -97,7 +93,7 @@ def read_impedance(
     Parameters
     ----------
     file : str or Path
-        CSV or another file of columns, or `.s1p` (Touchstone; by scikit-rf).
+        CSV or another file of columns, or `.s1p` (Touchstone).
     settings : dict of str to str, optional
         `frequency`, `impedance` and `phase` (or `impedance` alone for complex numbers), or
         `resistance` and `reactance`: the column's name or number from 0, with its unit behind a
@@ -113,56 +109,28 @@ def read_impedance(
     for key in columns:
         if key not in SETTINGS:
             raise SceneError(f"{where}: unknown setting {named(key)}{nearest(key, SETTINGS)}")
-    content, _ = read_record(path)
-    if Path(path).suffix.lower() == ".s1p":
-        if columns:
-            raise SceneError(f"{where}: a Touchstone file says its columns itself: leave them out")
-        frequency, impedance = _touchstone(content, where)
-    else:
-        frequency, impedance = _columns(MeasuredFile(path, content), columns)
-    frequency, impedance = _ordered(frequency, impedance, where)
-    _check_passive(impedance, where)
-    return MeasuredImpedance(frequency, impedance, name=plain_name(Path(path).name))
-
-
-def _touchstone(content, where):
-    """Frequency (Hz) and Z (Ω) of a Touchstone file of one port."""
-    skrf = optional_library("skrf", "a Touchstone file", "analyser")
-    text, scale = content.decode("utf-8", errors="replace"), 1.0
-    option = re.search(r"^[ \t]*#[^!\n]*", text, re.MULTILINE)
-    words = option[0].upper().split() if option else []
-    try:
-        with broken_file("Touchstone file of one port", "export it as .csv"):
-            if option and "Y" in words and "[version]" not in text.lower():
-                # Version 1 divides Y by the conductance of the reference; scikit-rf 2.2 multiplies
-                # by it. With a reference of 1 ohm both agree.
-                index = words.index("R") if "R" in words else len(words)
-                scale = float([*words, "R", "50"][index + 1])
-                line = " ".join([*words[:index], *words[index + 2 :], "R", "1"])
-                text = f"{text[: option.start()]}{line}\n{text[option.end() :]}"
-            stream = io.StringIO(text)
-            stream.name = "impedance.s1p"
-            network = skrf.Network()
-            network.read_touchstone(stream)
-            impedance = scale * network.z[:, 0, 0]
-            frequency = np.asarray(network.f, dtype=float)
-    except ValueError as error:
-        raise SceneError(f"{where}: {named(' '.join(str(error).split()))}") from None
-    if not frequency.size:
-        raise SceneError(f"{where}: it holds no frequencies")
-    return frequency, impedance
+    measured = MeasuredFile(path, read_content(path)[0])
+    if measured.table.rows > MOST_LINES:
+        raise SceneError(
+            f"{where}: it has {measured.table.rows} lines, and {MOST_LINES} are the most: leave "
+            "every second one out"
+        )
+    frequency, values = _columns(measured, columns)
+    impedance = MeasuredImpedance(frequency, values, name=plain_name(Path(path).name))
+    _check_passive(impedance.response, where)
+    return impedance
 
 
 def _columns(measured, given):
     """Frequency (Hz) and Z (Ω) by the columns that a file has."""
-    chosen = {name: _chosen(measured, name, given.get(name)) for name in SETTINGS}
-    available = {name for name, (index, _) in chosen.items() if index is not None}
+    columns = measured.columns(SETTINGS, given, _candidates)
+    available = set(columns)
     if "frequency" not in available:
         raise SceneError(
             f"{measured.where}: no column of frequencies: write frequency [Hz] in its header, or "
             f"frequency=COLUMN:UNIT behind the file; the file has {measured.listed()}"
         )
-    is_complex = chosen["impedance"][0] in measured.table.complexes
+    is_complex = columns.get("impedance", (None,))[0] in measured.table.complexes
     polar = {"impedance"} if is_complex else {"impedance", "phase"}
     parts = {"resistance", "reactance"}
     # Columns that the user named come before those found by their headings.
@@ -173,48 +141,36 @@ def _columns(measured, given):
             f"{measured.where}: no columns of an impedance: write {COLUMNS_NEEDED}; the file has "
             f"{measured.listed()}"
         )
-    values = {name: _values(measured, name, *chosen[name]) for name in ("frequency", *sorted(form))}
+    values = {n: _values(measured, n, *columns[n]) for n in ("frequency", *sorted(form))}
     if form is parts:
         return values["frequency"], values["resistance"] + 1j * values["reactance"]
     turned = 1.0 if is_complex else np.exp(1j * values["phase"])
     return values["frequency"], values["impedance"] * turned
 
 
-def _chosen(measured, quantity, text):
-    """Index of a quantity's column, and the unit that is given for it."""
+def _candidates(measured, quantity):
+    """Indices of the columns whose headings name a quantity, also by its other names."""
     indices = measured.of(quantity)
-    other = [name for name, usual in OTHER_NAMES.items() if usual == quantity and not indices]
-    indices = indices or [index for name in other for index in measured.of(name)]
+    for name, usual in OTHER_NAMES.items():
+        indices = indices or (measured.of(name) if usual == quantity else [])
     if quantity == "phase" and not indices:
         titles = [heading.title.lower().replace("_", " ") for heading in measured.headings]
         indices = [index for index, title in enumerate(titles) if title in PHASE_TITLES]
-    return measured.chosen(quantity, text, indices)
+    return indices
 
 
-def _values(measured, quantity, place, given):
+def _values(measured, quantity, index, stated):
     """The values of a column, converted to SI units."""
-    unit = measured.agreed_unit(quantity, place, f"{quantity}=COLUMN:UNIT", given)
-    (values,) = measured.take([place])
-    if not np.isfinite(values).all():
-        raise SceneError(
-            f"{measured.where}: {measured.label(place)}: lines without a number: leave them out"
-        )
-    factors = QUANTITIES[quantity]
-    if not unit:
-        raise SceneError(
-            f"{measured.where}: {quantity} has no unit{_looks(quantity, values)}: write it behind "
-            f"the name in its header, as {quantity} [{next(iter(factors))}], or {quantity}="
-            f"COLUMN:UNIT behind the file; units are {', '.join(factors)}"
-        )
+    (values,) = measured.take([index])
+    hint = _looks(values) if quantity == "phase" else ""
+    unit = measured.unit(quantity, index, stated, hint=hint)
     if quantity == "phase":
-        _check_phase(measured, place, values, unit)
-    return values * factors[unit]
+        _check_phase(measured, index, values, unit)
+    return values * QUANTITIES[quantity][unit]
 
 
-def _looks(quantity, values):
+def _looks(values):
     """A hint for a message: whether a phase column without a unit looks like degrees or radians."""
-    if quantity != "phase":
-        return ""
     sort = "radians" if np.abs(values).max() <= math.radians(LARGEST_PHASE) else "degrees"
     return f" (from {values.min():.3g} to {values.max():.3g}, as {sort} would be)"
 
@@ -242,28 +198,6 @@ def _check_phase(measured, place, values, unit):
     raise SceneError(
         f"{measured.where}: {measured.label(place)} lies within ±{largest:.3g} {unit}, and {cause}"
     )
-
-
-def _ordered(frequency, impedance, where):
-    """The lines sorted by rising frequency."""
-    if frequency.size > MOST_LINES:
-        raise SceneError(
-            f"{where}: it has {frequency.size} lines, and {MOST_LINES} are the most: leave every "
-            "second one out"
-        )
-    if frequency.min() <= 0.0:
-        raise SceneError(
-            f"{where}: frequency: {frequency.min():.6g} Hz: frequencies must be > 0: leave those "
-            "lines out, or check the column"
-        )
-    if frequency.size > 1 and frequency[0] > frequency[-1]:
-        frequency, impedance = frequency[::-1], impedance[::-1]
-    if frequency.size < 2 or np.diff(frequency).min() <= 0.0:
-        raise SceneError(
-            f"{where}: frequency must rise or fall from line to line: is it the right column? Of "
-            "several sweeps keep one"
-        )
-    return frequency, impedance
 
 
 def _check_passive(impedance, where):

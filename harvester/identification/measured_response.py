@@ -23,7 +23,7 @@ class MeasuredResponse:
     Attributes
     ----------
     frequency : ndarray, shape (n,)
-        Hz, ascending.
+        Hz; a descending sweep is turned round.
     response : ndarray, shape (n,)
         V/(m/s²): complex, or the amplitude alone.
     acceleration : ndarray of shape (n,), or None
@@ -43,12 +43,12 @@ class MeasuredResponse:
     sensors: dict[str, float] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
+        descends = self.frequency[0] > self.frequency[-1]
         for quantity in ("frequency", "response", "acceleration"):
             values = getattr(self, quantity)
             if values is None:
                 continue
             checked = np.asarray(values) * 1.0
-            object.__setattr__(self, quantity, checked)
             if checked.shape != self.frequency.shape or checked.ndim != 1:
                 raise SceneError(
                     f"{self.name}: {quantity} has the shape {checked.shape}, not "
@@ -56,10 +56,19 @@ class MeasuredResponse:
                 )
             if not np.isfinite(checked).all():
                 raise SceneError(f"{self.name}: {quantity}: lines without a number: leave them out")
-        if self.frequency[0] <= 0.0 or np.diff(self.frequency).min() <= 0.0:
-            raise SceneError(f"{self.name}: frequency must be > 0 and rise from line to line")
-        if self.acceleration is not None and self.acceleration.min() <= 0.0:
-            raise SceneError(f"{self.name}: acceleration: the base's amplitude must be > 0")
+            object.__setattr__(self, quantity, checked[::-1] if descends else checked)
+        for quantity in ("frequency", "acceleration"):
+            least = np.inf if getattr(self, quantity) is None else getattr(self, quantity).min()
+            if least <= 0.0:
+                raise SceneError(
+                    f"{self.name}: {quantity}: {least:.6g}: must be > 0: leave those lines out, or "
+                    "check the column"
+                )
+        if np.diff(self.frequency).min(initial=np.inf) <= 0.0:
+            raise SceneError(
+                f"{self.name}: frequency must rise or fall from line to line: is it the right "
+                "column? Of several sweeps keep one"
+            )
 
     @property
     def outputs(self) -> dict[str, np.ndarray]:

@@ -12,18 +12,13 @@ import numpy as np
 from harvester.base.errors import SceneError
 from harvester.base.plain_text import name as plain_name
 from harvester.base.plain_text import named, nearest, shown
-from harvester.excitation.columns import MeasuredFile
-from harvester.excitation.conditioning import (
-    FEWEST_SAMPLES,
-    LARGEST_PEAK,
-    clipped_samples,
-    marker_remark,
-)
-from harvester.excitation.quantities import IMPEDANCES, POINTS, QUANTITIES, factor_of, unit_named
-from harvester.excitation.readers import read_record
-from harvester.excitation.time_base import TimeBase, time_base
 from harvester.identification.measured_response import MeasuredResponse, response_of
 from harvester.identification.sensors import OUTPUTS, checked_sensors
+from harvester.records.columns import MeasuredFile
+from harvester.records.formats import read_content
+from harvester.records.quantities import IMPEDANCES, POINTS, QUANTITIES
+from harvester.records.samples import marker_remark, mended, refuse_constant, refuse_size
+from harvester.records.time_base import TimeBase, time_base
 
 # Quantities that a record's columns can hold.
 COLUMNS = tuple(name for name in QUANTITIES if name not in (*IMPEDANCES, *POINTS))
@@ -87,7 +82,15 @@ class Measurement:
             if values is not None:
                 checked = np.array(values, dtype=float)
                 object.__setattr__(self, quantity, checked)
-                _check_column(checked, quantity, self.acceleration.shape, self.name)
+                where = f"{self.name}: {quantity}"
+                if checked.ndim != 1 or checked.shape != self.acceleration.shape:
+                    raise SceneError(
+                        f"{where} has the shape {checked.shape}, not {self.acceleration.shape}"
+                    )
+                mended(checked, None, where)
+                refuse_size(checked, where)
+                if quantity != "acceleration":
+                    refuse_constant(checked, where)
         if not self.remarks:
             columns = {"acceleration": self.acceleration, **self.outputs}
             object.__setattr__(self, "remarks", _marker_remarks(columns))
@@ -116,45 +119,13 @@ class Measurement:
 
 
 def _marker_remarks(columns):
-    """A remark on each column, of 1 dimension, that holds markers such as -9999 or a rail."""
-    remarks = {name: marker_remark(values) for name, values in columns.items() if values.ndim == 1}
+    """A remark on each column that holds markers such as -9999 or a rail."""
+    remarks = {name: marker_remark(values) for name, values in columns.items()}
     return tuple(
         f"{name}: {remark}, and taken as measured: cut the record there"
         for name, remark in remarks.items()
         if remark
     )
-
-
-def _check_column(values, quantity, shape, where):
-    """Refuse a column that is too short, constant, clipped or has samples without a number."""
-    if values.ndim != 1 or values.shape != shape:
-        raise SceneError(f"{where}: {quantity} has the shape {values.shape}, not {shape}")
-    if values.size < FEWEST_SAMPLES:
-        raise SceneError(
-            f"{where}: the record is too short: {values.size} samples, and {FEWEST_SAMPLES} are "
-            "the fewest"
-        )
-    lost = np.flatnonzero(~np.isfinite(values))
-    if lost.size:
-        raise SceneError(
-            f"{where}: {quantity}: {lost.size} of {values.size} samples are without a number (the "
-            f"first is sample {lost[0]}): cut the record there"
-        )
-    if np.abs(values).max() > LARGEST_PEAK:
-        raise SceneError(
-            f"{where}: {quantity}: the largest sample is {np.abs(values).max():g}, and must be at "
-            f"most {LARGEST_PEAK:g}: check the column and its unit"
-        )
-    if np.ptp(values) == 0.0:
-        if quantity == "acceleration":
-            return
-        raise SceneError(f"{where}: {quantity} is constant: every sample is {values[0]:g}")
-    flat = clipped_samples(values)
-    if flat.any():
-        raise SceneError(
-            f"{where}: {quantity} is clipped: {np.count_nonzero(flat)} of {values.size} samples "
-            f"stay at its largest value, {np.abs(values[flat]).max():g}: measure in a wider range"
-        )
 
 
 def read_measurement(
@@ -185,8 +156,9 @@ def read_measurement(
     """
     path, settings = str(file), dict(settings or {})
     where = named(path)
-    columns_of = {name: str(settings.pop(name)) for name in COLUMNS if name in settings}
+    stated = {name: str(settings.pop(name)) for name in COLUMNS if name in settings}
     lines = {name: _number(where, name, settings.pop(name)) for name in LINES if name in settings}
+    lines = {name: number for name, number in lines.items() if number is not None}
     rate = _number(where, "sampling_rate", settings.pop("sampling_rate", None))
     for key in settings:
         if "." not in key:
@@ -199,29 +171,45 @@ def read_measurement(
     )
     free_keys = tuple(key for key, value in settings.items() if value == FREE)
     settings = {key: value for key, value in settings.items() if key not in free_keys}
-    absolute = _taken_absolute(where, columns_of)
-    content, _ = read_record(path)
-    measured = MeasuredFile(path, content)
-    rate = measured.table.rate if rate is None else rate
-    columns, remarks, unit_of = _columns(measured, columns_of, lines, units, rate)
-    if "frequency" in columns or "response" in columns:
-        if free_keys:
-            raise SceneError(
-                f"{where}: {named(free_keys[0])} = free: only a record of a motion can free a "
-                "value for itself, and this is a frequency response: give the value"
-            )
-        return response_of(columns, settings, plain_name(Path(path).name), sensors)
-    if "acceleration" not in columns:
+    absolute = _taken_absolute(where, stated)
+    measured = MeasuredFile(path, read_content(path)[0])
+    found = measured.columns([name for name in COLUMNS if name != "time"], stated, _plainest)
+    indices = [index for index, _ in found.values()]
+    scaled, unit_of = units != "SI", {}
+    for name, (index, unit) in found.items():
+        raw = any(f"{name}_{end}" in lines for end in LINE_ENDS)
+        unit_of[name] = measured.unit(name, index, unit, scaled, raw)
+    is_response = "frequency" in found or "response" in found
+    if is_response and free_keys:
+        raise SceneError(
+            f"{where}: {named(free_keys[0])} = free: only a record of a motion can free a "
+            "value for itself, and this is a frequency response: give the value"
+        )
+    if not is_response and "acceleration" not in found:
         raise SceneError(
             f"{where}: no column of the base's acceleration: write acceleration [m/s^2] in its "
             "header, or acceleration=COLUMN:UNIT behind the file"
         )
-    base = _base(columns.pop("time", None), rate, where)
-    columns = {name: base.resampled(values) for name, values in columns.items()}
+    base = TimeBase(1.0)
+    if not is_response:
+        clock, unit = measured.stated(stated.get("time"))
+        times, rate = measured.times(clock, unit, rate, indices, always=True)
+        rate = rate if times is None else None
+        base = time_base(times, rate, where, "correct it, or cut the record there")
+    columns = dict(zip(found, measured.take(indices), strict=True))
+    # Markers are found in the numbers of the file, before units and scales.
+    remarks = _marker_remarks({k: v for k, v in columns.items() if k in ("acceleration", *OUTPUTS)})
+    for name, values in columns.items():
+        factor = QUANTITIES[name][unit_of[name]] if unit_of[name] else 1.0
+        line = lines.get(f"{name}_scale", 1.0) * values + lines.get(f"{name}_offset", 0.0)
+        columns[name] = base.resampled(line * factor)
+    name = plain_name(Path(path).name)
+    if is_response:
+        return response_of(columns, settings, name, sensors)
     return Measurement(
-        sampling_rate=1.0 / base.spacing,
+        sampling_rate=base.rate,
         changes=settings,
-        name=plain_name(Path(path).name),
+        name=name,
         remarks=remarks + base.remarks,
         sensors=sensors,
         velocity_is_absolute=absolute,
@@ -229,6 +217,13 @@ def read_measurement(
         own=free_keys,
         **columns,
     )
+
+
+def _plainest(measured, quantity):
+    """Indices of the columns whose headings name a quantity: the plainest title goes first."""
+    indices = measured.of(quantity)
+    titles = [measured.headings[index].title.lower() for index in indices]
+    return indices[titles.index(quantity) :][:1] if quantity in titles else indices
 
 
 def _taken_absolute(where, given):
@@ -253,82 +248,3 @@ def _number(where, key, value):
         return None if value is None else float(value)
     except ValueError:
         raise SceneError(f"{where}: {key} = {shown(value)}: must be a number") from None
-
-
-def _columns(measured, given, lines, units, rate):
-    """Columns of each quantity in SI, or in the scene's scaled units, remarks, and the units."""
-    chosen, unit_of = _chosen(measured, given), {}
-    places = {quantity: index for quantity, (index, _) in chosen.items()}
-    for quantity, (index, unit) in chosen.items():
-        scaled_by = any(f"{quantity}_{end}" in lines for end in LINE_ENDS)
-        unit_of[quantity] = _unit(measured, quantity, index, unit, units, scaled_by)
-    values = dict(zip(places, measured.take(list(places.values())), strict=True))
-    # The checks below compare numbers as they stand in the file, before units and scales.
-    remarks = _marker_remarks({k: v for k, v in values.items() if k in ("acceleration", *OUTPUTS)})
-    for quantity, unit in unit_of.items():
-        if quantity == "time":
-            cure = "write sampling_rate=HZ behind the file"
-            index = places[quantity]
-            values[quantity] = measured.seconds(values[quantity], index, unit or "s", rate, cure)
-            if rate is not None:
-                measured.compare_rates(values[quantity], rate, index)
-            continue
-        factor = QUANTITIES[quantity][unit] if unit else 1.0
-        scale, offset = (lines.get(f"{quantity}_{end}") for end in LINE_ENDS)
-        line = (1.0 if scale is None else scale) * values[quantity] + (offset or 0.0)
-        values[quantity] = line * factor
-    return values, remarks, unit_of
-
-
-def _chosen(measured, given):
-    """(index, given unit) of each quantity's column: the plainest title goes first."""
-    chosen = {}
-    for quantity in COLUMNS:
-        candidates = measured.times() if quantity == "time" else measured.of(quantity)
-        plain = [n for n in candidates if measured.headings[n].title.lower() == quantity]
-        candidates = (plain or candidates)[:1] if plain or quantity == "time" else candidates
-        chosen[quantity] = measured.chosen(quantity, given.get(quantity), candidates)
-    return {quantity: pair for quantity, pair in chosen.items() if pair[0] is not None}
-
-
-def _unit(measured, quantity, place, given, units, is_scaled):
-    """A column's unit in its usual spelling; empty for what a scaled scene takes as it is."""
-    where, written = measured.where, measured.headings[place].unit
-    if units != "SI" and (given or written) in (None, "", "scaled", "1"):
-        return ""
-    if is_scaled and given:
-        # The heading's unit is that of the raw column, so only the given one counts.
-        usual = next(iter(QUANTITIES[quantity]))
-        factor_of(quantity, given, f"{where}: {quantity}", f"write {usual} or the like")
-        return unit_named(quantity, given)
-    unit = measured.agreed_unit(quantity, place, f"{quantity}=COLUMN:UNIT", given)
-    if units != "SI" and quantity not in ("time", "frequency", "phase"):
-        raise SceneError(
-            f"{where}: {quantity} is in {named(given or written)}, and the scene has units = "
-            '"scaled": take one with units = "SI", or a record in scaled units'
-        )
-    if not unit and quantity != "time":
-        factors = QUANTITIES[quantity]
-        raise SceneError(
-            f"{where}: {quantity} has no unit: write {quantity} [{next(iter(factors))}] in its "
-            f"header, or {quantity}=COLUMN:UNIT behind the file; units are {', '.join(factors)}"
-        )
-    return unit
-
-
-def _base(times, rate, where):
-    """The time base by the time column, else by the rate as given or as the file says."""
-    if times is None and rate is None:
-        raise SceneError(
-            f"{where}: neither a time column nor a sampling rate: name the column time [s], "
-            "or write sampling_rate=HZ behind the file"
-        )
-    if times is None:
-        return TimeBase(1.0 / rate)
-    base = time_base(times, None, where, "correct it, or cut the record there")
-    if base is None:
-        raise SceneError(
-            f"{where}: unevenly sampled: samples are missing between the times, or were not taken "
-            "at one rate: resample the record, or cut it at its gaps"
-        )
-    return base

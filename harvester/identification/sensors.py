@@ -20,7 +20,7 @@ import numpy as np
 
 from harvester.base.errors import SceneError
 from harvester.base.plain_text import named, nearest, shown
-from harvester.excitation.conditioning import SPLINE_DEGREE
+from harvester.records.time_base import SPLINE_DEGREE
 
 OUTPUT_UNITS = {"voltage": "V", "displacement": "m", "velocity": "m/s"}
 OUTPUTS = tuple(OUTPUT_UNITS)

@@ -2,26 +2,19 @@
 
 from __future__ import annotations
 
-import re
 from typing import Any
 
-import numpy as np
-
 from harvester.base.errors import SceneError
-from harvester.base.plain_text import named, shown
-from harvester.base.reading import read_input
-from harvester.excitation.columns import MeasuredFile
+from harvester.base.plain_text import shown
 from harvester.excitation.profiles import with_profile
-from harvester.excitation.quantities import QUANTITIES, factor_of, quantity_of
+from harvester.records.points import read_points
+from harvester.records.quantities import QUANTITIES
 
-LARGEST_FILE = 1_000_000
-# A comment behind numbers.
-INLINE = re.compile(r"(?<=[\d \t])#.*")
-NUMBER = re.compile(r"[-+\d.,eE\s]+")
-# By the key: kind of file, what a line holds, and the quantities of its two columns.
-FORCE = "table of force", "a displacement and a force", ("displacement", "force")
-DENSITY = "spectrum", "a frequency (Hz) and a density", ("frequency", "density")
-TABLES = {"force_table": FORCE, "breakpoints": DENSITY}
+# Kind of file and the quantities of its two columns, by the key.
+TABLES = {
+    "force_table": ("table of force", ("displacement", "force")),
+    "breakpoints": ("spectrum", ("frequency", "density")),
+}
 
 
 def with_points(tables: dict[str, Any], origin: str) -> dict[str, Any]:
@@ -62,49 +55,13 @@ def _read(table, key, scaled, where):
 
 def _points(file, key, unit, scaled):
     """The points of a file in SI units, and `unit` where a heading says that of densities."""
-    kind, pair, quantities = TABLES[key]
-    content = read_input(file, kind, LARGEST_FILE)
-    text = content.decode("utf-8-sig", "replace")
-    text = content.decode("latin-1") if "\ufffd" in text else text
-    # Trailing commas make columns of no numbers.
-    lines = [INLINE.sub("", line.strip()).rstrip(" \t,;") for line in text.splitlines()]
-    few = f"lines with {pair}: must be at least 2 for a {kind}"
-    if not any(lines):
-        raise SceneError(f"{named(file)}: 0 {few}")
-    measured = MeasuredFile(file, "\n".join([*lines, ""]).encode(), quantities)
-    table = measured.table
-    titles = [quantity_of(heading.title, "") for heading in measured.headings]
-    if titles == [*reversed(quantities)]:
-        raise SceneError(f"{named(file)}: its columns stand in the wrong order: must be {pair}")
-    if line := _wrong_line(table):
-        raise SceneError(f"{named(file)}, line {line}: must be {pair}")
-    columns = table.take([0, 1])
-    if table.rows < 2:
-        raise SceneError(f"{named(file)}: {table.rows} {few}")
-    units = {}
-    for index, quantity in enumerate(quantities):
-        where = f"{named(file)}: {measured.label(index)}"
-        if written := measured.headings[index].unit:
-            square = " (square an amplitude density first)" if quantity == "density" else ""
-            factor_of(quantity, written, where, f"correct it{square}")
-        scene_unit = unit if quantity == "density" and unit != "scaled" else None
-        file_unit = measured.agreed_unit(quantity, index, "unit", scene_unit) if written else ""
-        factor = QUANTITIES[quantity][file_unit] if file_unit else 1.0
-        if scaled and (factor != 1.0 or (file_unit and quantity == "density")):
-            raise SceneError(f'{where}: the scene has units = "scaled": take SI, or scaled values')
-        if quantity == "density" and file_unit:
-            # The scene keeps the densities in one of the units that it knows.
-            units["unit"] = unit or ("g^2/Hz" if "g^2" in file_unit else "(m/s^2)^2/Hz")
-            factor /= QUANTITIES[quantity][units["unit"]]
-        columns[index] = factor * columns[index]
-    return {key: np.column_stack(columns).tolist(), **units}
-
-
-def _wrong_line(table):
-    """Number of a line without two numbers; 0 if there is none."""
-    if table.width != 2:
-        return table.line_of(0)
-    if any(map(NUMBER.fullmatch, table.names)):
-        return table.line_of(0) - 1
-    bad = np.flatnonzero(~np.isfinite(table.take([0, 1])).all(axis=0))
-    return table.line_of(bad[0]) if bad.size else bool(table.remarks) and table.line_of(table.rows)
+    noun, quantities = TABLES[key]
+    stated = (None, unit if key == "breakpoints" and unit != "scaled" else None)
+    points, units = read_points(file, noun, quantities, stated, scaled)
+    factors = [QUANTITIES[q][u] if u else 1.0 for q, u in zip(quantities, units, strict=True)]
+    scene_unit = {}
+    if key == "breakpoints" and units[1]:
+        # The scene keeps the densities in one of the units that it knows.
+        scene_unit = {"unit": unit or ("g^2/Hz" if "g^2" in units[1] else "(m/s^2)^2/Hz")}
+        factors[1] /= QUANTITIES["density"][scene_unit["unit"]]
+    return {key: (points * factors).tolist(), **scene_unit}

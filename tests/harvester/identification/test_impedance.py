@@ -276,7 +276,7 @@ POLAR = "frequency [Hz],impedance [ohm],phase [deg]"
         (POLAR, (FREQUENCY, MAGNITUDE, PHASE), r"if it is in radians, say so \(phase=COLUMN:rad"),
         (POLAR.replace("deg", "rad"), (FREQUENCY, MAGNITUDE, np.degrees(PHASE)),
          r"if it is in degrees, say so \(phase=COLUMN:deg"),
-        (POLAR, (FREQUENCY - 40.0, MAGNITUDE, np.degrees(PHASE)), "-5 Hz: frequencies must be > 0"),
+        (POLAR, (FREQUENCY - 40.0, MAGNITUDE, np.degrees(PHASE)), "frequency: -5: must be > 0"),
         (POLAR, (np.abs(FREQUENCY - 45.0) + 1.0, MAGNITUDE, np.degrees(PHASE)),
          "must rise or fall"),
         (POLAR, (FREQUENCY, MAGNITUDE, -np.degrees(PHASE)), "the sign of the phase"),

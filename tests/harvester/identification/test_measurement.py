@@ -71,7 +71,7 @@ def gap():
         ("time,acceleration [g],voltage [V]", (uneven(), ACCELERATION, VOLTAGE), {},
          "unevenly sampled"),
         ("time,acceleration [g],voltage [V]", (TIMES, ACCELERATION, np.clip(VOLTAGE, -0.5, 0.5)),
-         {}, "voltage is clipped"),
+         {}, "voltage: .* are clipped"),
         ("time,acceleration [g],voltage [V]", (TIMES, ACCELERATION, gap()), {}, "without a number"),
         ("time,acceleration [g],voltage [V]", (TIMES, ACCELERATION, VOLTAGE),
          {"voltge": "2:V"}, "did you mean voltage"),

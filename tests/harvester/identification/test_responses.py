@@ -169,8 +169,11 @@ def test_responses_that_tell_nothing_are_refused():
     ):
         with pytest.raises(IdentificationError, match=words):
             identify(scene, made)
-    with pytest.raises(SceneError, match="rise from line to line"):
-        MeasuredResponse(FREQUENCY[::-1], seen)
+    with pytest.raises(SceneError, match="must rise or fall from line to line"):
+        MeasuredResponse(np.abs(FREQUENCY - FREQUENCY.mean()) + 1.0, seen)
+    downwards = MeasuredResponse(FREQUENCY[::-1], seen[::-1])
+    np.testing.assert_array_equal(downwards.frequency, FREQUENCY)
+    np.testing.assert_array_equal(downwards.response, seen)
 
 
 @pytest.mark.parametrize("turned", [1.0, -1.0, 1j])

@@ -1,7 +1,4 @@
-"""Quantities of measured columns: their units, and what a column's heading says of both.
-
-One reader serves the excitation by a record and the identification from records.
-"""
+"""Quantities of measured columns: their units, and what a column's heading says of both."""
 
 from __future__ import annotations
 
@@ -28,8 +25,8 @@ ACCELERATION = {
 }
 TIME = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9, "min": 60.0, "h": 3600.0}
 QUANTITIES: dict[str, dict[str, float]] = {
-    # A column of sample numbers needs a sampling rate.
-    "time": TIME | {SAMPLES: 1.0},
+    # A column of sample numbers needs a sampling rate; it has no factor.
+    "time": TIME | {SAMPLES: 0.0},
     "acceleration": ACCELERATION,
     "voltage": {"V": 1.0, "mV": 1e-3, "uV": 1e-6, "kV": 1e3},
     "displacement": {"m": 1.0, "cm": 1e-2, "mm": 1e-3, "um": 1e-6, "in": 0.0254},
@@ -60,58 +57,50 @@ QUANTITIES |= POINTS
 # Quantities that a column of complex numbers may hold.
 COMPLEX_QUANTITIES = ("response", "impedance")
 
-# Words for units, such as "volts" for V.
-WORDS: dict[str, dict[str, tuple[str, ...]]] = {
+OHM_WORDS = {"ohm": "ohms ω", "kohm": "kohms kω", "Mohm": "megohm megohms mω"}
+# Words for units, such as "volts" for V, without capitals and blanks.
+WORDS: dict[str, dict[str, str]] = {
     "time": {
-        "s": ("sec", "secs", "second", "seconds"),
-        "ms": ("msec", "msecs", "millis", "millisec", "millisecond", "milliseconds"),
-        "us": ("usec", "usecs", "micros", "microsec", "microsecond", "microseconds"),
-        "ns": ("nsec", "nanos", "nanosecond", "nanoseconds"),
-        "min": ("mins", "minute", "minutes"),
-        "h": ("hr", "hrs", "hour", "hours"),
-        SAMPLES: (
-            *("sample", "#", "index", "idx", "row", "point", "record"),
-            *("samplenumber", "sampleno", "sampleindex", "sample#"),
-        ),
+        "s": "sec secs second seconds",
+        "ms": "msec msecs millis millisec millisecond milliseconds",
+        "us": "usec usecs micros microsec microsecond microseconds",
+        "ns": "nsec nanos nanosecond nanoseconds",
+        "min": "mins minute minutes",
+        "h": "hr hrs hour hours",
+        SAMPLES: "sample # index idx row point record samplenumber sampleno sampleindex sample#",
     },
     "acceleration": {
-        "g": ("gn", "g0", "gee", "gs", "g's"),
-        "mg": ("milli-g", "millig", "mgn"),
-        "ug": ("micro-g", "microg"),
-        "gal": ("gals",),
+        "g": "gn g0 gee gs g's",
+        "mg": "milli-g millig mgn",
+        "ug": "micro-g microg",
+        "gal": "gals",
     },
-    "voltage": {
-        "V": ("volt", "volts"),
-        "mV": ("millivolt", "millivolts"),
-        "uV": ("microvolt", "microvolts"),
-    },
-    "displacement": {"m": ("meter", "meters", "metre", "metres"), "um": ("micron", "microns")},
-    "phase": {"deg": ("degree", "degrees", "°"), "rad": ("radian", "radians")},
-    "force": {"N": ("newton", "newtons"), "lbf": ("lb", "lbs")},
+    "voltage": {"V": "volt volts", "mV": "millivolt millivolts", "uV": "microvolt microvolts"},
+    "displacement": {"m": "meter meters metre metres", "um": "micron microns"},
+    "phase": {"deg": "degree degrees °", "rad": "radian radians"},
+    "force": {"N": "newton newtons", "lbf": "lb lbs"},
     "density": {
-        "(m/s^2)^2/Hz": ("(m/s2)^2/hz", "m^2/s^4/hz", "m2/s4/hz", "m^2/s^3", "m^2s^-3", "m2/s3"),
-        "g^2/Hz": ("g2/hz", "g**2/hz", "gn^2/hz", "grms^2/hz", "g^2hz^-1"),
-        "mg^2/Hz": ("mg2/hz", "mgn^2/hz"),
+        "(m/s^2)^2/Hz": "(m/s2)^2/hz m^2/s^4/hz m2/s4/hz m^2/s^3 m^2s^-3 m2/s3",
+        "g^2/Hz": "g2/hz g**2/hz gn^2/hz grms^2/hz g^2hz^-1",
+        "mg^2/Hz": "mg2/hz mgn^2/hz",
     },
+    **dict.fromkeys(IMPEDANCES, OHM_WORDS),
 }
-OHM_WORDS = {"ohm": ("ohms", "ω"), "kohm": ("kohms", "kω"), "Mohm": ("megohm", "megohms", "mω")}
-WORDS |= {name: OHM_WORDS for name in IMPEDANCES}
 LENGTHS = ("m", "cm", "mm", "ft", "in")
-# The ways in which "per second squared" and "per second" are written behind a length.
-PER_SECOND_SQUARED = (
-    *("/s2", "/s/s", "/(s^2)", "/sec^2", "/sec2", "/sec/sec", "s^-2", "s-2", "s^(-2)", "/s**2"),
-    *("_s2", "_s^2", "_s-2", "s2", "ps2", "ps^2", "pers2", "_per_s2", "_per_s^2"),
-)
-PER_SECOND = ("/sec", "s^-1", "s-1", "_s", "ps")
-# A unit with two readings is refused, and both are named.
-AMBIGUOUS = {
-    ("time", "m"): "minutes (min) or milliseconds (ms)",
-    ("voltage", "MV"): "millivolts (mV) or megavolts (1e3 kV)",
+# How "per second squared" and "per second" are written behind a length; the usual way first.
+PER_TIME = {
+    "acceleration": "/s^2 /s2 /s/s /(s^2) /sec^2 /sec2 /sec/sec s^-2 s-2 s^(-2) /s**2 "
+    "_s2 _s^2 _s-2 s2 ps2 ps^2 pers2 _per_s2 _per_s^2",
+    "velocity": "/s /sec s^-1 s-1 _s ps",
 }
-AMBIGUOUS |= {
-    (quantity, unit): "megaohms (Mohm) or milliohms (1e-3 ohm)"
-    for quantity in IMPEDANCES
-    for unit in ("mohm", "mohms", "mOhm", "mΩ", "mΩ")
+# A unit with two readings is refused, and both are named.
+MEGA_OR_MILLI = "megaohms (Mohm) or milliohms (1e-3 ohm)"
+AMBIGUOUS = {
+    "time": {"m": "minutes (min) or milliseconds (ms)"},
+    "voltage": {"MV": "millivolts (mV) or megavolts (1e3 kV)"},
+    **dict.fromkeys(
+        IMPEDANCES, dict.fromkeys(("mohm", "mohms", "mOhm", "mΩ", "mΩ"), MEGA_OR_MILLI)
+    ),
 }
 
 
@@ -119,12 +108,11 @@ def _spellings(quantity: str) -> dict[str, str]:
     """Usual spelling of a quantity's units by every spelling without capitals."""
     spellings = {unit.lower(): unit for unit in QUANTITIES[quantity]}
     for unit, words in WORDS.get(quantity, {}).items():
-        spellings |= dict.fromkeys(words, unit)
-    ends = {"acceleration": PER_SECOND_SQUARED, "velocity": PER_SECOND}.get(quantity, ())
-    usual = {"acceleration": "/s^2", "velocity": "/s"}.get(quantity, "")
+        spellings |= dict.fromkeys(words.split(), unit)
+    usual, *others = PER_TIME.get(quantity, "none").split()
     for length in LENGTHS:
         if f"{length}{usual}" in QUANTITIES[quantity]:
-            spellings |= dict.fromkeys((f"{length}{end}" for end in ends), f"{length}{usual}")
+            spellings |= dict.fromkeys((f"{length}{end}" for end in others), f"{length}{usual}")
     return spellings
 
 
@@ -143,29 +131,28 @@ def unit_named(quantity: str, text: str) -> str | None:
     ('m/s^2', 'us', None)
     """
     plain = "".join(text.translate(SIGNS).split()).replace("^-^2", "^-2")
-    if plain in QUANTITIES[quantity] or (quantity, plain) in AMBIGUOUS:
+    if plain in QUANTITIES[quantity] or plain in AMBIGUOUS.get(quantity, ()):
         return plain if plain in QUANTITIES[quantity] else None
     return SPELLINGS[quantity].get(plain.lower())
 
 
-def factor_of(quantity: str, unit: str, where: str, cure: str) -> float:
-    """Factor of a unit to SI.
+def usual_unit(quantity: str, unit: str, where: str, cure: str) -> str:
+    """Usual spelling of a unit of a quantity in `QUANTITIES`.
 
-    `quantity`: a name in `QUANTITIES`. `unit`: the unit, in any spelling. `where`, `cure`: for the
-    message: file and column; what to do. Raises SceneError if the quantity has no such unit, or the
-    unit has two readings.
+    `where`, `cure`: for the message: file and column; what to do. Raises SceneError if the quantity
+    has no such unit, or the unit has two readings.
     """
     usual = unit_named(quantity, unit)
-    if usual is not None:
-        return QUANTITIES[quantity][usual]
-    factors = QUANTITIES[quantity]
-    both = AMBIGUOUS.get((quantity, unit.strip()))
-    if both:
-        raise SceneError(f"{where}: {named(unit)} is ambiguous: {both}? {cure}")
-    raise SceneError(
-        f"{where}: unknown unit {named(unit)}{nearest(unit, factors)}; units of {quantity} are "
-        f"{', '.join(factors)}: {cure}"
-    )
+    if usual is None:
+        both = AMBIGUOUS.get(quantity, {}).get(unit.strip())
+        units = QUANTITIES[quantity]
+        raise SceneError(
+            f"{where}: {named(unit)} is ambiguous: {both}? {cure}"
+            if both
+            else f"{where}: unknown unit {named(unit)}{nearest(unit, units)}; units of {quantity} "
+            f"are {', '.join(units)}: {cure}"
+        )
+    return usual
 
 
 class Heading(NamedTuple):
@@ -308,7 +295,7 @@ def column_named(column: str, names: Collection[str]) -> int | None:
     None where there is no such column.
     """
     listed = list(names)
-    if column in listed:
+    if column and column in listed:
         return listed.index(column)
     titles = [heading(name).title for name in listed]
-    return titles.index(column) if titles.count(column) == 1 else None
+    return titles.index(column) if column and titles.count(column) == 1 else None

@@ -13,10 +13,10 @@ from scipy.io import savemat, wavfile
 
 from harvester.base.errors import SceneError
 from harvester.cli.command_line import main
-from harvester.excitation import mat_file
-from harvester.excitation.quantities import ACCELERATION, QUANTITIES, heading, unit_named
 from harvester.excitation.recorded import RecordedMotion
 from harvester.identification.measurement import read_measurement
+from harvester.records import mat
+from harvester.records.quantities import ACCELERATION, QUANTITIES, heading, unit_named
 from harvester.scene.model import Scene
 from harvester.scene.prepared import prepared
 from harvester.scene.source import BUILT_IN
@@ -118,7 +118,7 @@ def test_accelerations_are_read_in_the_unit_of_their_heading(tmp_path, name, per
     own = unit_named("acceleration", heading(name).unit)
     assert_read(path, unit=own, column=1, time_column=0)
     other = "g" if own != "g" else "m/s^2"
-    refused(path, f'excitation.unit = "{other}"', "the heading says", unit=other)
+    refused(path, f"excitation.unit = {other!r}", "the heading of column", unit=other)
 
 
 def test_every_unit_of_the_page_has_a_row_here():
@@ -133,7 +133,7 @@ def test_what_the_file_does_not_say_the_scene_says(tmp_path):
     assert_read(plain, unit="g", column=1, time_column=0, time_unit="ms")
     # Milliseconds taken for seconds: 0.125 Hz at most.
     refused(plain, "time_unit", "0.125 Hz", "moves at 9", unit="g", column=1, time_column=0)
-    refused(plain, "unit is missing", "says none", column=1, time_column=0, time_unit="ms")
+    refused(plain, "has no unit", "give excitation.unit", column=1, time_column=0, time_unit="ms")
     refused(plain, "no column of times", unit="g", column=1, sampling_rate=RATE, time_unit="ms")
     numbered = written(tmp_path, ["sample,acc [g]"], rows(np.arange(7, COUNT + 7), MOTION / G))
     assert_read(numbered, sampling_rate=RATE)
@@ -154,7 +154,7 @@ def test_what_the_file_does_not_say_the_scene_says(tmp_path):
         ("time [m],acc [g]", {}, ["minutes (min) or milliseconds (ms)", "time_unit"]),
         ("time [sx],acc [g]", {}, ["unknown unit sx", "did you mean s", "time_unit"]),
         ("time,acc [gg]", {}, ["gg", "did you mean g", "scale"]),
-        ("time,acc [mV]", {"unit": "g"}, ["mV", "no unit of acceleration", "scale"]),
+        ("time,acc [mV]", {"unit": "g"}, ["unknown unit mV", "units of acceleration", "scale"]),
         ("time,acc [counts]", {"unit": "g"}, ["counts", "excitation.scale"]),
         ("time,elapsed,acc [g]", {}, ["several columns may be the time", "time, elapsed"]),
         ("time,ax [g],ay [g]", {}, ["excitation.column is missing", "ax [g], ay [g]"]),
@@ -411,7 +411,7 @@ def test_structures_that_claim_more_than_they_hold_are_refused(tmp_path):
     savemat(path, {"data": np.array([(TIMES, MOTION)], dtype=[("t", object), ("a", object)])})
     content = bytearray(path.read_bytes())
     # The structure's shape stands behind its flags.
-    place = mat_file.HEADER_BYTES + 8 + 16 + 8
+    place = mat.HEADER_BYTES + 8 + 16 + 8
     assert content[place : place + 8] == np.array([1, 1], "<i4").tobytes()
     content[place : place + 8] = np.array([90_000, 90_000], "<i4").tobytes()
     path.write_bytes(content)

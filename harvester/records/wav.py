@@ -3,12 +3,10 @@
 from __future__ import annotations
 
 import struct
-from collections.abc import Sequence
-from typing import Any
 
 import numpy as np
 
-from harvester.excitation.table import Table
+from harvester.records.table import Format, Table
 
 PCM, FLOAT, EXTENSIBLE = 1, 3, 0xFFFE
 # Programs that do not know the size yet write this.
@@ -16,42 +14,38 @@ UNKNOWN_SIZE = 0xFFFFFFFF
 MOST_CHUNKS = 1000
 
 
-class WavTable(Table):
+def read(content: bytes) -> Table:
     """Channels as columns; full scale of whole numbers is 1, and unsigned bytes are centred.
 
     Raises ValueError if a part is missing, is cut short or contradicts another.
     """
+    order, form, start, size = _parts(content)
+    channels, rate, stride, dtype = _layout(order, form)
+    if size > len(content) - start:
+        raise ValueError(
+            f"it claims {size} bytes of samples and holds {len(content) - start}: it is cut "
+            "short; record it again or repair its header"
+        )
+    rows = size // stride
+    samples = np.frombuffer(content, np.uint8, rows * stride, start if rows else 0)
+    samples = samples.reshape(rows, channels, stride // channels)
+    # Integers of 3, 5, 6 or 7 bytes become the upper bytes of a longer one.
+    upper = slice(-samples.shape[2], None) if order == "<" else slice(samples.shape[2])
 
-    def __init__(self, content: bytes) -> None:
-        self.names: list[str] = []
-        order, form, start, size = _parts(content)
-        channels, rate, stride, dtype = _layout(order, form)
-        if size > len(content) - start:
-            raise ValueError(
-                f"it claims {size} bytes of samples and holds {len(content) - start}: it is cut "
-                "short; record it again or repair its header"
-            )
-        self.width, self.rows, self.rate = channels, size // stride, float(rate)
-        self._dtype, self._order = dtype, order
-        count = self.rows * stride
-        self._bytes = np.frombuffer(content, np.uint8, count, start if count else 0)
-        self._bytes = self._bytes.reshape(self.rows, channels, stride // channels)
-
-    def take(self, places: Sequence[int]) -> Any:
-        return [self._column(self._bytes[:, channel]) for channel in places]
-
-    def _column(self, raw):
-        size = self._dtype.itemsize
-        padded = np.zeros((self.rows, size), np.uint8)
-        # Integers of 3, 5, 6 or 7 bytes become the upper bytes of a longer one.
-        padded[:, slice(-raw.shape[1], None) if self._order == "<" else slice(raw.shape[1])] = raw
-        samples = padded.view(self._dtype)[:, 0]
-        if self._dtype.kind == "u":
-            return (samples.astype(float) - 128.0) / 128.0
-        if self._dtype.kind == "i":
-            return samples / -float(np.iinfo(self._dtype).min)
+    def column(channel):
+        padded = np.zeros((rows, dtype.itemsize), np.uint8)
+        padded[:, upper] = samples[:, channel]
+        values = padded.view(dtype)[:, 0]
+        if dtype.kind == "u":
+            return (values.astype(float) - 128.0) / 128.0
         with np.errstate(invalid="ignore"):
-            return samples.astype(float)
+            full_scale = -float(np.iinfo(dtype).min) if dtype.kind == "i" else 1.0
+            return values.astype(float) / full_scale
+
+    def take(indices):
+        return [column(channel) for channel in indices]
+
+    return Table([""] * channels, rows, take, rate=float(rate))
 
 
 def _parts(content):
@@ -99,3 +93,6 @@ def _layout(order, form):
         )
     integer = "u1" if size == 1 else f"{order}i{next(n for n in (2, 4, 8) if n >= size)}"
     return channels, rate, stride, np.dtype(integer if tag == PCM else f"{order}f{size}")
+
+
+FORMAT = Format(read)

@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 from harvester.base.errors import SceneError
-from harvester.excitation.decimal_marks import marks_of
 from harvester.excitation.recorded import RecordedMotion
+from harvester.records.decimal_marks import marks_of
 
 TIMES = np.arange(200) / 1000.0
 MOTION = 2.0 * np.sin(2.0 * np.pi * 46.0 * TIMES + 0.4)

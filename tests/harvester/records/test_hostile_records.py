@@ -17,8 +17,8 @@ from scipy.io import wavfile
 
 from harvester.base import reading
 from harvester.base.errors import SceneError
-from harvester.excitation import readers
-from harvester.excitation.wav_file import WavTable
+from harvester.records import formats
+from harvester.records import wav as wav_format
 from harvester.scene.model import Scene
 
 SAMPLES = np.sin(0.37 * np.arange(200))
@@ -196,7 +196,7 @@ def test_a_record_never_takes_more_than_its_share_of_the_memory(tmp_path, monkey
     assert reading.memory_limit() <= reading.MEMORY_SHARE * physical
     path = tmp_path / "motion.npy"
     np.save(path, SAMPLES)
-    monkeypatch.setattr(readers, "memory_limit", lambda: 250 * readers.BYTES_PER_SAMPLE)
+    monkeypatch.setattr(formats, "memory_limit", lambda: 250 * formats.BYTES_PER_SAMPLE)
     assert read(path).size == 200
     refused(path, "knot_spacing", "allows 250", knot_spacing=1e-3)
     np.save(path, np.tile(SAMPLES, 2).astype(np.float32))
@@ -274,7 +274,7 @@ def test_three_bytes_a_sample_either_way_round(order):
         int(n).to_bytes(3, "little" if order == "<" else "big", signed=True) for n in whole
     )
     content = wav(bits=24, stride=3, claimed=600, size=0, order=order) + data
-    (found,) = WavTable(content).take([0])
+    (found,) = wav_format.read(content).take([0])
     np.testing.assert_allclose(found, whole / 2.0**23, rtol=1e-15)
 
 

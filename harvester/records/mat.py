@@ -10,8 +10,16 @@ from typing import Any
 
 import numpy as np
 
-from harvester.excitation.arrays import NUMBER_KINDS, REAL_KINDS, ArraysTable, rate_of
-from harvester.excitation.table import Unreadable, broken_file
+from harvester.records.table import (
+    NUMBER_KINDS,
+    REAL_KINDS,
+    Format,
+    Table,
+    Unreadable,
+    broken_file,
+    rate_of,
+    table_of_longest,
+)
 
 # MATLAB's classes of plain numbers. At the top level no cells, objects or code are read.
 NUMBER_CLASSES = {
@@ -29,7 +37,7 @@ CELL, STRUCTURE, OBJECT = 1, 2, 3
 HEADER_BYTES, HEAD_BYTES = 128, 64
 
 
-class MatTable(ArraysTable):
+def read(content: bytes) -> Table:
     """Samples by columns; names are those of the variables, `data.y` for a field of a structure.
 
     A single number `fs` or `dt` is the sampling rate or its inverse.
@@ -37,37 +45,33 @@ class MatTable(ArraysTable):
     `content`: bytes of the whole file, in MATLAB's formats 4 to 7.2; scipy reads its numbers and
     structures of them, and nothing else. Raises Unreadable if it holds no such array.
     """
+    listed = _read("whosmat", content)
+    arrays = {
+        name: shape
+        for name, shape, kind in listed
+        if kind in NUMBER_CLASSES and len(shape) <= 2 and min(shape) > 0
+    }
+    structures = [name for name, _, kind in listed if kind == "struct"]
+    fields: dict[str, np.ndarray] = {}
+    if structures:
+        _refuse_claims(content)
+        loaded = _read("loadmat", content, variable_names=structures, simplify_cells=True)
+        fields = dict(_fields("", {name: loaded[name] for name in structures}))
 
-    def __init__(self, content: bytes) -> None:
-        listed = _read("whosmat", content)
-        arrays = {
-            name: shape
-            for name, shape, kind in listed
-            if kind in NUMBER_CLASSES and len(shape) <= 2 and min(shape) > 0
+    def load(names):
+        return _load(content, [name for name in names if name in arrays]) | {
+            name: fields[name] for name in names if name in fields
         }
-        structures = [name for name, _, kind in listed if kind == "struct"]
-        fields: dict[str, np.ndarray] = {}
-        if structures:
-            _refuse_claims(content)
-            loaded = _read("loadmat", content, variable_names=structures, simplify_cells=True)
-            fields = dict(_fields("", {name: loaded[name] for name in structures}))
-        single = [name for name, shape in arrays.items() if max(shape) == 1]
-        scalars = {name: value for name, value in fields.items() if value.ndim == 0}
-        self.rate = rate_of(
-            {
-                name: float(value.ravel()[0])
-                for name, value in (_load(content, single) | scalars).items()
-                if value.dtype.kind in REAL_KINDS
-            }
-        )
 
-        def load(names: list[str]) -> dict[str, np.ndarray]:
-            variables = [name for name in names if name in arrays]
-            return _load(content, variables) | {
-                name: fields[name] for name in names if name in fields
-            }
-
-        super().__init__(arrays | {name: value.shape for name, value in fields.items()}, load)
+    shapes = arrays | {name: value.shape for name, value in fields.items()}
+    single = load(
+        [n for n, shape in shapes.items() if shape == () or (n in arrays and max(shape) == 1)]
+    )
+    table = table_of_longest(shapes, load)
+    table.rate = rate_of(
+        {n: float(v.ravel()[0]) for n, v in single.items() if v.dtype.kind in REAL_KINDS}
+    )
+    return table
 
 
 def _load(content, names):
@@ -171,3 +175,6 @@ def _count_parts(data, order, depth):
         if total > MOST_PARTS:
             raise Unreadable(f"its structures have more than {MOST_PARTS} parts")
     return total
+
+
+FORMAT = Format(read)

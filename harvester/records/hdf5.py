@@ -9,8 +9,16 @@ from typing import Any
 import numpy as np
 
 from harvester.base.libraries import optional_library
-from harvester.excitation.arrays import NUMBER_KINDS, REAL_KINDS, ArraysTable, rate_of
-from harvester.excitation.table import Unreadable, broken_file
+from harvester.records.table import (
+    NUMBER_KINDS,
+    REAL_KINDS,
+    Format,
+    Table,
+    Unreadable,
+    broken_file,
+    rate_of,
+    table_of_longest,
+)
 
 # Filters that HDF5 and h5py have built in (deflate, shuffle, Fletcher's sum, szip, nbit,
 # scale-offset, LZF); for others HDF5 would load a plug-in, which is code.
@@ -26,7 +34,7 @@ MATLAB_COMPLEX = ("real", "imag")
 NUMBER_CLASSES = ("double", "single", "int", "uint")
 
 
-class Hdf5Table(ArraysTable):
+def read(content: bytes) -> Table:
     """Samples by columns; names are the data sets' paths, `path.field` for a compound one.
 
     A unit is the data set's attribute `units`; a sampling rate is an attribute or a data set of one
@@ -36,56 +44,69 @@ class Hdf5Table(ArraysTable):
     `content`: bytes of the whole file; links to other files, data in them and plug-ins are refused.
     Raises Unreadable if it holds no such array, or leads out of the file.
     """
-
-    def __init__(self, content: bytes) -> None:
-        h5py = optional_library("h5py", "an HDF5 record", "loggers")
-        broken = broken_file("HDF5 file of numbers", "save the samples as .csv or .npy")
-        with broken, h5py.File(io.BytesIO(content), "r") as file:
-            self._read(h5py, file)
-
-    def _read(self, h5py, file):
-        shapes, places, units, numbers = {}, {}, {}, {}
-        for path, dataset in _datasets(h5py, file):
-            fields = dataset.dtype.names or ("",)
-            # MATLAB writes a complex number as two fields; h5py has a type for it.
-            fields = ("",) if fields == MATLAB_COMPLEX else fields
-            for field in fields:
-                kind = dataset.dtype[field] if field else dataset.dtype
-                if kind.names != MATLAB_COMPLEX and kind.kind not in NUMBER_KINDS:
-                    continue
-                # Where MATLAB wrote the data set, it says whether these are numbers or a text.
-                sort = _text_attribute(dataset, (MATLAB_CLASS,))
-                if len(dataset.shape) > 2 or (sort and not sort.startswith(NUMBER_CLASSES)):
-                    continue
-                name = f"{path}.{field}" if field else path
-                shapes[name], places[name] = dataset.shape, (dataset, field)
-                # "seconds since 2026-03-01" are seconds.
-                units[name] = _text_attribute(dataset, UNITS).partition(" since ")[0]
-                if dataset.size == 1 and kind.kind in REAL_KINDS:
-                    value = dataset[field][()] if field else dataset[()]
-                    numbers[path] = float(np.ravel(value)[0])
-        longest = max((max(shape, default=1) for shape in shapes.values()), default=0)
-        for name, (dataset, _) in places.items():
-            if longest in shapes[name]:
-                numbers |= _number_attributes(dataset, f"{name}/")
-        numbers |= _number_attributes(file)
-        self.rate = rate_of(numbers)
-
-        def load(names: list[str]) -> dict[str, np.ndarray]:
-            pairs = {name: places[name] for name in names}
-            return {
-                name: _decoded(name, holder[field] if field else holder[()], holder.attrs)
-                for name, (holder, field) in pairs.items()
-            }
-
-        filled = {name: shape for name, shape in shapes.items() if 0 not in shape}
-        super().__init__(filled, load, units)
+    h5py = optional_library("h5py", "an HDF5 record", "loggers")
+    broken = broken_file("HDF5 file of numbers", "save the samples as .csv or .npy")
+    with broken, h5py.File(io.BytesIO(content), "r") as file:
+        return _table(h5py, file)
 
 
-def _decoded(name, values, attributes):
+def _table(h5py, file):
+    arrays = {
+        f"{path}.{field}" if field else path: (dataset, field)
+        for path, dataset in _datasets(h5py, file)
+        for field in _number_fields(dataset)
+    }
+    shapes = {name: dataset.shape for name, (dataset, _) in arrays.items()}
+    # "seconds since 2026-03-01" are seconds.
+    units = {
+        name: _text_attribute(dataset, UNITS).partition(" since ")[0]
+        for name, (dataset, _) in arrays.items()
+    }
+
+    def load(names):
+        return {name: _decoded(name, *arrays[name]) for name in names}
+
+    numbers = {
+        name: float(np.ravel(_values(dataset, field))[0].real)
+        for name, (dataset, field) in arrays.items()
+        if dataset.size == 1
+    }
+    longest = max((max(shape, default=1) for shape in shapes.values()), default=0)
+    for name, (dataset, _) in arrays.items():
+        if longest in shapes[name]:
+            numbers |= _number_attributes(dataset, f"{name}/")
+    table = table_of_longest(
+        {n: shape for n, shape in shapes.items() if 0 not in shape}, load, units
+    )
+    table.rate = rate_of(numbers | _number_attributes(file))
+    return table
+
+
+def _number_fields(dataset):
+    """Fields of a data set that hold numbers; "" for the data set itself."""
+    # Where MATLAB wrote the data set, it says whether these are numbers or a text.
+    sort = _text_attribute(dataset, (MATLAB_CLASS,))
+    if len(dataset.shape) > 2 or (sort and not sort.startswith(NUMBER_CLASSES)):
+        return []
+    # MATLAB writes a complex number as two fields; h5py has a type for it.
+    if dataset.dtype.names == MATLAB_COMPLEX:
+        return [""]
+    kinds = dataset.dtype.fields or {"": (dataset.dtype,)}
+    return [
+        field
+        for field, (kind, *_) in kinds.items()
+        if kind.names == MATLAB_COMPLEX or kind.kind in NUMBER_KINDS
+    ]
+
+
+def _values(dataset, field):
+    values = dataset[field] if field else dataset[()]
+    return values["real"] + 1j * values["imag"] if values.dtype.names == MATLAB_COMPLEX else values
+
+
+def _decoded(name, dataset, field):
     """Values that a data set's attributes scale, with NaN for those that they call missing."""
-    if values.dtype.names == MATLAB_COMPLEX:
-        values = values["real"] + 1j * values["imag"]
+    values, attributes = _values(dataset, field), dataset.attrs
     if "true" in str(attributes.get("_Unsigned", "")).lower():
         raise Unreadable(f"{name}: _Unsigned gives the numbers another type: save them in it")
     packing = {key: np.ravel(attributes[key]).astype(float) for key in PACKING & {*attributes}}
@@ -161,3 +182,6 @@ def _number_attributes(holder, path=""):
         for name, value in attributes.items()
         if value.size == 1 and value.dtype.kind in REAL_KINDS
     }
+
+
+FORMAT = Format(read, (b"\x89HDF\r\n\x1a\n", b"MATLAB 7.3 MAT-file"))

@@ -90,16 +90,11 @@ def _refuse(text, mark):
     )
 
 
-def plain(text: str, decimal: str, group: str) -> str:
-    """A number as Python writes it."""
-    return text.replace(group, "").replace(decimal, ".") if group else text.replace(decimal, ".")
-
-
 def ungrouped(text: str) -> str:
     """A text that is certainly a number with thousands separators, without them; others as is."""
     if APART.fullmatch(text.strip()):
         return re.sub("['’\u00a0\u202f]", "", text).replace(",", ".")
     for group, decimal in MARKS:
         if shape(text) == f"{group}+":
-            return plain(text, decimal, group)
+            return text.replace(group, "").replace(decimal, ".")
     return text

@@ -5,8 +5,8 @@ import pytest
 from scipy.io import savemat
 
 from harvester.base.errors import SceneError
-from harvester.excitation.quantities import heading
 from harvester.identification.measurement import read_measurement
+from harvester.records.quantities import heading
 
 FREQUENCY = np.linspace(10.0, 60.0, 40)
 RESPONSE = 1.0 / (1.0 - (FREQUENCY / 30.0) ** 2 + 0.1j)

@@ -1,4 +1,4 @@
-"""Files of recorded motion: their size, their kind, and the reader of each kind."""
+"""Measured files: their size, their format, and the reader of each format."""
 
 from __future__ import annotations
 
@@ -6,37 +6,34 @@ import contextlib
 import hashlib
 from collections.abc import Iterator
 from pathlib import Path
-from typing import Any
 
 from harvester.base.errors import SceneError
 from harvester.base.plain_text import named
 from harvester.base.reading import memory_limit, read_input
-from harvester.excitation.hdf5_file import Hdf5Table
-from harvester.excitation.ide_file import IdeTable
-from harvester.excitation.lvm_file import LvmTable
-from harvester.excitation.mat_file import MatTable
-from harvester.excitation.npy_file import NpyTable
-from harvester.excitation.table import Table
-from harvester.excitation.tdms_file import TdmsTable
-from harvester.excitation.text_file import TextTable
-from harvester.excitation.wav_file import WavTable
+from harvester.base.registry import Registry
+from harvester.records import hdf5, ide, lvm, mat, npy, tdms, text, touchstone, wav
+from harvester.records.table import Format, Table
 
-# Largest record and largest text file, in bytes. A text takes seconds to read; .npy is smaller.
-LARGEST_RECORD, LARGEST_TEXT = 2**29, 2**27
+# Formats by the ending of their files. An ending that is not here is that of a text, unless an
+# installed package has an entry point of its name. First bytes go before the ending.
+FORMATS: Registry[Format] = Registry(
+    "harvester.record_formats",
+    {
+        **dict.fromkeys((".csv", ".txt", ".dat", ".tsv", ".asc", ".lvm"), text.FORMAT),
+        ".npy": npy.FORMAT,
+        ".wav": wav.FORMAT,
+        ".mat": mat.FORMAT,
+        **dict.fromkeys((".h5", ".hdf5", ".hdf", ".nc"), hdf5.FORMAT),
+        ".tdms": tdms.FORMAT,
+        ".ide": ide.FORMAT,
+        ".s1p": touchstone.FORMAT,
+        "LabVIEW": lvm.FORMAT,
+    },
+)
 # Share of the memory limit for the file itself; it is held a second time when decoded.
 FILE_SHARE = 0.25
 # Memory per sample that reading and conditioning take, in bytes (92 were measured).
 BYTES_PER_SAMPLE = 100
-READERS: dict[str, Any] = {".npy": NpyTable, ".wav": WavTable, ".mat": MatTable}
-# Readers by the first bytes of a file, whatever its ending.
-READERS_BY_START: dict[bytes, Any] = {
-    b"\x89HDF\r\n\x1a\n": Hdf5Table,
-    b"MATLAB 7.3 MAT-file": Hdf5Table,
-    b"TDSm": TdmsTable,
-    b"\x1aE\xdf\xa3": IdeTable,
-    b"LabVIEW Measurement": LvmTable,
-}
-BINARY_ENDINGS = (*READERS, ".h5", ".hdf5", ".hdf", ".nc", ".tdms", ".ide")
 # First bytes of files that are often taken for records, and what to do with them.
 UNPACK = "unpack it"
 EXPORT = "export the samples as .csv from the program that wrote it"
@@ -66,14 +63,20 @@ FOREIGN = {
 }
 
 
-def read_record(file: str) -> tuple[bytes, str]:
-    """(content, SHA-256) of a record's file.
+def read_content(file: str) -> tuple[bytes, str]:
+    """(content, SHA-256) of a measured file.
 
     Raises SceneError if it is no plain file, is too large, or cannot be read.
     """
-    largest = LARGEST_RECORD if Path(file).suffix.lower() in BINARY_ENDINGS else LARGEST_TEXT
-    content = read_input(file, "record", int(min(largest, FILE_SHARE * memory_limit())))
+    largest = int(min(format_of(file).largest, FILE_SHARE * memory_limit()))
+    content = read_input(file, "record", largest)
     return content, hashlib.sha256(content).hexdigest()
+
+
+def format_of(file: str, content: bytes = b"") -> Format:
+    """The format of a file, by its first bytes if any are given, else by its ending."""
+    starts = (kind for kind in FORMATS.values() if content.startswith(kind.starts))
+    return next(starts, None) or FORMATS.get(Path(file).suffix.lower(), text.FORMAT)
 
 
 def most_samples() -> int:
@@ -103,10 +106,8 @@ def read_table(file: str, content: bytes) -> Table:
             raise ValueError(f"it is {sort}: {cure}")
     if not content:
         raise ValueError("it is empty")
-    by_start = (sort for start, sort in READERS_BY_START.items() if content.startswith(start))
-    reader = next(by_start, None) or READERS.get(Path(file).suffix.lower(), TextTable)
-    table: Table = reader(content)
-    if table.width == 0 or table.rows == 0:
+    table = format_of(file, content).read(content)
+    if not table.names or not table.rows:
         raise ValueError("it holds no samples")
     if table.rows > most_samples():
         raise ValueError(

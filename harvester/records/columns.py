@@ -1,0 +1,325 @@
+"""Columns of a measured file: chosen by quantity, name or number, with their units and times."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Collection, Mapping, Sequence
+
+import numpy as np
+
+from harvester.base.errors import SceneError
+from harvester.base.plain_text import named, nearest, shown
+from harvester.records.formats import read_table, refused_as_record
+from harvester.records.quantities import (
+    COMPLEX_QUANTITIES,
+    QUANTITIES,
+    SAMPLES,
+    Heading,
+    column_named,
+    heading,
+    unit_named,
+    usual_unit,
+)
+
+SHOWN_NAMES = 12
+# Quantities that may be measured as volts or counts, which a scale and an offset convert.
+SCALABLE = ("acceleration", "voltage", "displacement", "velocity")
+# Quantities that have their own units in a scaled scene, too.
+UNSCALED = ("time", "frequency", "phase")
+# What stands in the place of a unit where a scaled scene has none.
+UNITLESS = (None, "", "scaled", "1")
+# Largest factor between the mean rate of a time column and another rate. The second applies to
+# records that may be brought to another rate.
+RATE_TOLERANCE, RATE_FACTOR = 1.01, 5.0
+
+
+def setting_of(key: str, quantity: str) -> str:
+    """The setting behind a file on a command line for a quantity's "column", "unit" or "scale"."""
+    if not quantity:
+        return f"{key}=HZ"
+    return f"{quantity}_scale=NUMBER" if key == "scale" else f"{quantity}=COLUMN:UNIT"
+
+
+class MeasuredFile:
+    """A file's columns with what their headings say.
+
+    `file`: name of the file: for messages, and its ending selects the format. `expected`: quantity
+    of each column of a table of points; empty: any, as the headings say. `setting`: the name, for
+    messages, of the setting that gives a quantity's "column", "unit" or "scale", or (with "" as the
+    quantity) the "sampling_rate"; `behind` says where it is given. Raises SceneError if it is no
+    record.
+
+    Attributes
+    ----------
+    where : str
+        The file's name in messages.
+    table : harvester.records.table.Table
+    headings : list of harvester.records.quantities.Heading
+        Heading of each column; without a title where the file has no names.
+    """
+
+    def __init__(
+        self,
+        file: str,
+        content: bytes,
+        expected: Sequence[str] = (),
+        setting: Callable[[str, str], str] = setting_of,
+        behind: str = " behind the file",
+    ) -> None:
+        self.where, self.setting, self._behind = named(file), setting, behind
+        self._expected = expected
+        with refused_as_record(self.where):
+            self.table = read_table(file, content)
+        names = self.table.names
+        quantities = expected if len(expected) == len(names) else [""] * len(names)
+        self.headings = [heading(*pair) for pair in zip(names, quantities, strict=True)]
+        # A unit that stands apart from the heading goes before its own.
+        for index, unit in enumerate(self.table.units):
+            if unit:
+                title, _, quantity = self.headings[index]
+                quantity = quantity or heading(f"{title} [{unit}]").quantity
+                self.headings[index] = Heading(title, unit, quantity)
+        self._columns: dict[int, np.ndarray] = {}
+
+    def take(self, indices: Sequence[int]) -> list[np.ndarray]:
+        """The columns at `indices`, each of shape (n,), as the file has them. Raises SceneError.
+
+        Columns that are taken together are read in one pass.
+        """
+        missing = [index for index in indices if index not in self._columns]
+        if missing:
+            with refused_as_record(self.where):
+                self._columns |= zip(missing, self.table.take(missing), strict=True)
+        return [self._columns[index] for index in indices]
+
+    def of(self, quantity: str) -> list[int]:
+        """Indices of the columns of numbers whose headings name a quantity.
+
+        Columns of sample numbers are times only if there is no other.
+        """
+        columns = [
+            index
+            for index, head in enumerate(self.headings)
+            if head.quantity == quantity
+            and index not in self.table.texts
+            and (index not in self.table.complexes or quantity in COMPLEX_QUANTITIES)
+        ]
+        clocks = [k for k in columns if unit_named(quantity, self.headings[k].unit) != SAMPLES]
+        return clocks or columns
+
+    def column(
+        self, quantity: str, stated: str | int | None, candidates: Sequence[int] | None = None
+    ) -> int | None:
+        """Index of a quantity's column: the stated one, else the only candidate, else None.
+
+        `stated`: the column's name, its title, or its number from 0. `candidates`: indices; None:
+        those whose headings name the quantity. Raises SceneError if there is no such column, or
+        several candidates.
+        """
+        names, key = self.table.names, self.setting("column", quantity)
+        if stated is None:
+            candidates = self.of(quantity) if candidates is None else candidates
+            if len(candidates) > 1:
+                listed = ", ".join(named(names[index]) for index in candidates)
+                raise SceneError(
+                    f"{self.where}: several columns may be the {quantity} ({listed}): name one by "
+                    f"{key}{self._behind}"
+                )
+            return candidates[0] if candidates else None
+        index = column_named(stated, names) if isinstance(stated, str) else stated
+        if index is None or not 0 <= index < len(names):
+            listed = self.listed() if any(names) else f"no header, only columns {self.listed()}"
+            raise SceneError(
+                f"{self.where}: {key.partition('=')[0]} = {shown(stated)}: no such column"
+                f"{nearest(stated, names) if index is None else ''}; the file has {listed}"
+            )
+        if index in self.table.complexes and quantity not in COMPLEX_QUANTITIES:
+            raise SceneError(
+                f"{self.where}: {quantity}: {self.label(index)} holds complex numbers, as a "
+                "frequency response does (response=COLUMN:UNIT): name a column of real ones"
+            )
+        return index
+
+    def stated(self, text: str | None) -> tuple[str | int | None, str | None]:
+        """Name or number of a column, and its unit, from a text COLUMN:UNIT or COLUMN."""
+        if text is None:
+            return None, None
+        names = self.table.names
+        column, colon, unit = text.rpartition(":")
+        bare = not colon or text in names
+        column = text if bare else column
+        number = column.isdigit() and column not in names
+        return int(column) if number else column, None if bare else unit
+
+    def columns(
+        self,
+        quantities: Collection[str],
+        settings: Mapping[str, str],
+        candidates: Callable[[MeasuredFile, str], Sequence[int]],
+    ) -> dict[str, tuple[int, str | None]]:
+        """Index and stated unit of the column of each quantity that the file has.
+
+        `settings`: texts COLUMN:UNIT or COLUMN by quantity; others are found by their headings,
+        among the `candidates`. Raises SceneError.
+        """
+        stated = {quantity: self.stated(settings.get(quantity)) for quantity in quantities}
+        indices = {q: self.column(q, pair[0], candidates(self, q)) for q, pair in stated.items()}
+        return {q: (index, stated[q][1]) for q, index in indices.items() if index is not None}
+
+    def listed(self) -> str:
+        """The columns' names, or their numbers."""
+        names = self.table.names
+        ellipsis = f", … ({len(names)} in all)" if len(names) > SHOWN_NAMES else ""
+        shown_names = ", ".join(named(name) for name in names[:SHOWN_NAMES] if name)
+        return shown_names + ellipsis if shown_names else f"0 … {len(names) - 1}"
+
+    def label(self, index: int) -> str:
+        """A column in messages: its name, or its number."""
+        name = self.table.names[index]
+        return f"column {named(name) if name else index}"
+
+    def unit(
+        self,
+        quantity: str,
+        index: int,
+        stated: str | None = None,
+        scaled: bool = False,
+        raw: bool = False,
+        hint: str = "",
+    ) -> str:
+        """Unit of a column in its usual spelling, by its heading or as stated, which must agree.
+
+        `scaled`: the scene is, and so are the columns: they have no units ("") but those of time,
+        frequency and phase. `raw`: a scale is given: the heading's unit is that of the raw column
+        and the stated one that of the scaled values. `hint`: for messages.
+        "" for a time without a unit. Raises SceneError.
+        """
+        key, written = self.setting("unit", quantity), self.headings[index].unit
+        usual, label = unit_named(quantity, written), f"{self.where}: {self.label(index)}"
+        if scaled and quantity not in UNSCALED and (usual or stated not in UNITLESS):
+            raise SceneError(
+                f"{label} is in {named(written or stated)}, and the scene has units = "
+                '"scaled": take one with units = "SI", or columns in scaled units'
+            )
+        if scaled and stated in UNITLESS:
+            stated = None
+            if raw or written in UNITLESS:
+                return ""
+        unit = usual
+        if stated:
+            where = f"{self.where}: {key.partition('=')[0]}"
+            unit = usual_unit(quantity, stated, where, "write it in one of them")
+            if raw:
+                return unit
+            factors = QUANTITIES[quantity]
+            if usual and factors[usual] != factors[unit]:
+                raise SceneError(
+                    f"{where} = {shown(stated)}: the heading of {self.label(index)} says "
+                    f"{named(written)}: leave the unit out, or correct the one that is wrong"
+                )
+        scalable = quantity in SCALABLE and not self._expected
+        if written and not usual and (not stated or scalable or self._expected):
+            cure = f"correct the header{hint}"
+            if not self._expected:
+                scale = f" and {self.setting('scale', quantity)}" if scalable else ""
+                meaning = f": the {quantity} of one {named(written)}" if scalable else ""
+                cure = f"{cure}, or give {key}{scale}{self._behind}{meaning}"
+            usual_unit(quantity, written, label, cure)
+        if not unit and quantity != "time":
+            units = QUANTITIES[quantity]
+            raise SceneError(
+                f"{self.where}: {quantity} has no unit{hint}: write {quantity} "
+                f"[{next(iter(units))}] in the header, or give {key}{self._behind}; units are "
+                f"{', '.join(units)}"
+            )
+        return unit or ""
+
+    def times(
+        self,
+        column: str | int | None = None,
+        unit: str | None = None,
+        rate: float | None = None,
+        beside: Sequence[int] = (),
+        always: bool = False,
+    ) -> tuple[np.ndarray | None, float | None]:
+        """Times (s after the first, shape (n,)) or None, and the sampling rate (Hz) or None.
+
+        A rate that is stated, one of the file, and one of the only time column must agree. A time
+        column is read if it is stated, if there is no rate, or `always`. A stated column goes
+        before the rate of the file.
+
+        `column`, `unit`, `rate`: as stated; the unit may be "samples". `beside`: indices of columns
+        that are to be read in the same pass. Raises SceneError.
+        """
+        key, file_rate = self.setting("sampling_rate", ""), self.table.rate
+        name = key.partition("=")[0]
+        if rate and file_rate and not np.isclose(rate, file_rate, rtol=1e-6):
+            raise SceneError(
+                f"{self.where}: {name} = {rate:g}: the file says {file_rate:g} Hz: leave it out"
+            )
+        stated, rate = rate is not None, file_rate if rate is None else rate
+        says = f"{name} = {rate:g}" if stated else f"the file's sampling rate = {rate or 0.0:g}"
+        needed = always or column is not None or rate is None
+        clocks = self.of("time") if needed or len(self.of("time")) == 1 else []
+        index = self.column("time", column, clocks) if needed else None
+        if index is None and unit is not None:
+            raise SceneError(
+                f"{self.where}: {self.setting('unit', 'time')} = {shown(unit)}: no column of times "
+                f"is read: name it by {self.setting('column', 'time')}"
+            )
+        if index is None and rate is None:
+            raise SceneError(
+                f"{self.where}: {name} is missing (Hz), and no heading names a time: give {key}, "
+                f"or the time column by {self.setting('column', 'time')}{self._behind}"
+            )
+        if index is None and not clocks:
+            return None, rate
+        clock = clocks[0] if index is None else index
+        numbers = self.take([*beside, clock])[-1]
+        if index is None:
+            # A column without a unit may be in any, also in samples.
+            written = self.headings[clock].unit
+            units = [unit_named("time", written)] if written else [*QUANTITIES["time"]]
+        else:
+            units = [self.unit("time", index, unit) or "s"]
+            if column is not None and not stated and units != [SAMPLES]:
+                rate = None
+        columns = [self._seconds(numbers, clock, said, rate, key) for said in units if said]
+        if rate is not None:
+            factor = RATE_TOLERANCE if index is None or always else RATE_FACTOR
+            rates = [_other_rate(times, rate, factor) for times in columns]
+            if rates and all(rates):
+                raise SceneError(
+                    f"{self.where}: {says}: {self.label(clock)} says {rates[0]:.6g} Hz: leave "
+                    f"{name} out, say in which unit the column is, or name it by "
+                    f"{self.setting('column', 'time')} to read the rate from it"
+                )
+        return None if index is None else columns[0], rate
+
+    def _seconds(self, numbers, index, unit, rate, key):
+        """A column of times in a unit as seconds after the first; sample numbers need a rate."""
+        if unit == SAMPLES and rate is None:
+            raise SceneError(
+                f"{self.where}: {self.label(index)} counts samples, and their rate is not known: "
+                f"give {key}{self._behind}"
+            )
+        finite = np.flatnonzero(np.isfinite(numbers))
+        # The first time is subtracted before scaling, so that the milliseconds of an epoch are
+        # kept.
+        with np.errstate(all="ignore"):
+            since = numbers - numbers[finite[0]] if finite.size else numbers
+            return since * (1.0 / rate if unit == SAMPLES else QUANTITIES["time"][unit])
+
+
+def _other_rate(times, rate, factor):
+    """The rate (Hz) of times where it differs from a rate by more than a factor, else None."""
+    steps = np.diff(times[np.isfinite(times)])
+    rising = steps[steps > 0.0]
+    span = float(steps.sum())
+    if not rising.size or not np.isfinite(span):
+        return None
+    # Time stamps in whole seconds give the time of many samples only to within a second.
+    unsure = float(rising.min()) if rising.size < steps.size else 0.0
+    low, high = (steps.size / max(span + part, 1e-300) for part in (unsure, -unsure))
+    if low <= rate * factor and high >= rate / factor:
+        return None
+    return steps.size / span if span else np.inf

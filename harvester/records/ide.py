@@ -1,0 +1,94 @@
+"""Columns of an .IDE file, as enDAQ's and Mide's vibration loggers write."""
+
+from __future__ import annotations
+
+import io
+import logging
+import re
+from collections.abc import Iterator
+from typing import Any
+
+import numpy as np
+
+from harvester.base.libraries import optional_library
+from harvester.records.table import Format, Table, Unreadable, broken_file, table_of_longest
+
+SCHEMA = "mide_ide.xml"
+# The reader evaluates these texts of the file. Only numbers and ratios are allowed in them.
+EVALUATED = ("SampleRate", "TimeCodeScale", "ValuePrecision")
+NUMBER = re.compile(rb"\s*[\d.]{1,30}(e[+-]?\d{1,3})?\s*(/\s*[\d.]{1,30}\s*)?")
+ACCELERATION, MICROSECONDS = "Acceleration", 1e-6
+
+
+def read(content: bytes) -> Table:
+    """The channel of acceleration with the most samples; times, axes and their units.
+
+    `content`: bytes of the whole file; calibrated as it says. Raises Unreadable if it holds no
+    acceleration.
+    """
+    importer = optional_library("idelib.importer", "an .IDE record", "loggers")
+    logger = logging.getLogger("idelib")
+    silent, logger.disabled = logger.disabled, True
+    try:
+        with broken_file(".IDE file", "export it as .csv"):
+            _refuse_expressions(content)
+            data = importer.openFile(io.BytesIO(content), quiet=True)
+            importer.readData(data)
+            return _table(data)
+    finally:
+        logger.disabled = silent
+
+
+def _table(data):
+    sessions = {}
+    for channel in data.channels.values():
+        if any(_kind(axis.units)[0] == ACCELERATION for axis in channel.subchannels):
+            events = channel.getSession()
+            sessions[channel.name] = len(events), events, channel
+    if not sessions:
+        raise Unreadable("it holds no channel of acceleration")
+    chosen = max(sessions, key=lambda name: sessions[name][0])
+    count, events, channel = sessions.pop(chosen)
+    names = ["time", *(axis.name for axis in channel.subchannels)]
+    units = ["s", *(_kind(axis.units)[1] for axis in channel.subchannels)]
+
+    def load(names):
+        times, *axes = events.arraySlice() if names else [np.empty(0)]
+        return dict(zip(names, [MICROSECONDS * times, *axes], strict=bool(names)))
+
+    table = table_of_longest(
+        dict.fromkeys(names, (count,)), load, dict(zip(names, units, strict=True))
+    )
+    if sessions:
+        others = ", ".join(sessions)
+        table.remarks = (f"channel {chosen} is read, and not {others} of the same file",)
+    return table
+
+
+def _kind(units):
+    """(quantity, unit) of an axis."""
+    return units if isinstance(units, tuple) else ("", "")
+
+
+def _refuse_expressions(content):
+    """Refuse a text in the place of a number, which the reader would evaluate."""
+    core = optional_library("ebmlite", "an .IDE record", "loggers")
+    document = core.loadSchema(SCHEMA).load(io.BytesIO(content))
+    for name, value in _texts(document):
+        if not NUMBER.fullmatch(value):
+            raise Unreadable(f"its {name} is no number: export it as .csv")
+
+
+def _texts(document: Any) -> Iterator[tuple[str, bytes]]:
+    """(name, text) of all that the reader evaluates."""
+    left = [part for part in document if part.name == "RecordingProperties"]
+    while left:
+        element = left.pop()
+        if element.name in EVALUATED:
+            text = element.value
+            yield element.name, text.encode() if isinstance(text, str) else bytes(text)
+        elif isinstance(element.value, list):
+            left.extend(element.value)
+
+
+FORMAT = Format(read, (b"\x1aE\xdf\xa3",))

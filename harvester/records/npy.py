@@ -1,0 +1,44 @@
+"""Columns of a .npy file: one array of numbers, or of records with named fields."""
+
+from __future__ import annotations
+
+import io
+
+import numpy as np
+
+from harvester.records.table import NUMBER_KINDS, Format, Table, broken_file, table_of
+
+
+def read(content: bytes) -> Table:
+    """Samples by columns; the fields of a structured array are columns with names.
+
+    `content`: bytes of the whole file; pickled objects in it are not read. Raises ValueError if it
+    holds no such array.
+    """
+    if not content.startswith(b"\x93NUMPY"):
+        raise ValueError("it does not begin as a .npy file does: save the array with numpy.save")
+    # The header is a Python literal: numpy passes on any exception that evaluating it raises. What
+    # it claims to hold may exceed the memory.
+    with broken_file(".npy file of numbers", "save the array with numpy.save", ()):
+        array = np.load(io.BytesIO(content), allow_pickle=False)
+    names = array.dtype.names
+    if array.ndim not in ((1,) if names else (1, 2)):
+        raise ValueError(f"an array of shape {array.shape} is no table of samples by columns")
+    columns = [array[name] for name in names or ()] or list(np.atleast_2d(array.T))
+    table = table_of(columns, names or [""] * len(columns))
+    take = table.take
+
+    def take_numbers(indices):
+        for index in indices:
+            column = columns[index]
+            if column.dtype.kind not in NUMBER_KINDS or column.ndim != 1:
+                raise ValueError(
+                    f"column {index} holds {column.dtype.name} and not one real number per sample"
+                )
+        return take(indices)
+
+    table.take = take_numbers
+    return table
+
+
+FORMAT = Format(read)

@@ -1,0 +1,79 @@
+"""Files of points: two columns of numbers, with or without a heading."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Sequence
+
+import numpy as np
+
+from harvester.base.errors import SceneError
+from harvester.base.plain_text import named
+from harvester.base.reading import read_input
+from harvester.records import text
+from harvester.records.columns import MeasuredFile
+from harvester.records.formats import format_of
+from harvester.records.quantities import QUANTITIES, quantity_of
+
+LARGEST_FILE = 1_000_000
+# A comment behind numbers.
+INLINE = re.compile(r"(?<=[\d \t])#.*")
+NUMBER = re.compile(r"[-+\d.,eE\s]+")
+
+
+def read_points(
+    file: str,
+    noun: str,
+    quantities: Sequence[str],
+    stated: Sequence[str | None] = (None, None),
+    scaled: bool = False,
+) -> tuple[np.ndarray, list[str]]:
+    """Points of shape (n, 2) as the file has them, and their units; "" where no heading says one.
+
+    `noun`: kind of file, for messages. `quantities`: those of the two columns. `stated`: units
+    that a heading must not contradict. `scaled`: whether the points are of a scaled scene, which
+    take no units. Raises SceneError if the file cannot be read, a line of it holds no two numbers,
+    or a heading names other quantities or a wrong unit.
+    """
+    content = read_input(file, noun, LARGEST_FILE)
+    pair = " and ".join(f"a {quantity}" for quantity in quantities).replace("cy", "cy (Hz)")
+    few = f"lines with {pair}: must be at least 2 for a {noun}"
+    if format_of(file, content) is text.FORMAT:
+        decoded = content.decode("utf-8-sig", "replace")
+        decoded = content.decode("latin-1") if "\ufffd" in decoded else decoded
+        # Trailing commas make columns of no numbers.
+        lines = [INLINE.sub("", line.strip()).rstrip(" \t,;") for line in decoded.splitlines()]
+        if not any(lines):
+            raise SceneError(f"{named(file)}: 0 {few}")
+        content = "\n".join([*lines, ""]).encode()
+    measured = MeasuredFile(file, content, quantities, lambda key, _: key, "")
+    titles = [quantity_of(heading.title, "") for heading in measured.headings]
+    if titles == [*reversed(quantities)]:
+        raise SceneError(f"{named(file)}: its columns stand in the wrong order: must be {pair}")
+    if line := _wrong_line(measured):
+        raise SceneError(f"{named(file)}, line {line}: must be {pair}")
+    points = np.column_stack(measured.take([0, 1]))
+    if len(points) < 2:
+        raise SceneError(f"{named(file)}: {len(points)} {few}")
+    units = ["", ""]
+    for index, quantity in enumerate(quantities):
+        if measured.headings[index].unit:
+            square = " (square an amplitude density first)" if quantity == "density" else ""
+            unit = units[index] = measured.unit(quantity, index, stated[index], hint=square)
+            if scaled and (quantity == "density" or QUANTITIES[quantity][unit] != 1.0):
+                raise SceneError(
+                    f'{named(file)}: {measured.label(index)}: the scene has units = "scaled": take '
+                    "SI, or scaled values"
+                )
+    return points, units
+
+
+def _wrong_line(measured):
+    """Number of a line without two numbers; 0 if there is none."""
+    table = measured.table
+    if len(table.names) != 2:
+        return table.line_of(0)
+    if any(map(NUMBER.fullmatch, table.names)):
+        return table.line_of(0) - 1
+    bad = np.flatnonzero(~np.isfinite(measured.take([0, 1])).all(axis=0))
+    return table.line_of(bad[0]) if bad.size else bool(table.remarks) and table.line_of(table.rows)

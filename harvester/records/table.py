@@ -1,0 +1,166 @@
+"""What the reader of a format returns: the columns of one file."""
+
+from __future__ import annotations
+
+import contextlib
+import re
+import warnings
+from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+
+from harvester.base.errors import HarvesterError
+
+REAL_KINDS, NUMBER_KINDS = "iuf", "iufc"
+# Largest file of a format, in bytes: binary ones, and texts, which take seconds to read.
+LARGEST_BINARY, LARGEST_TEXT = 2**29, 2**27
+# Most numbers in a file. A compressed file may claim more than it has bytes.
+MOST_NUMBERS = 2**26
+# A single number with one of these names is the sampling rate (Hz), or the time between samples
+# (s).
+RATES = ("fs", "sampling_rate", "samplingrate", "sample_rate", "samplerate", "sampling_frequency")
+INTERVALS = ("dt", "tinterval", "wf_increment")
+
+
+class Unreadable(ValueError):
+    """A fault that a reader finds in a file; the message is for the user."""
+
+
+@contextlib.contextmanager
+def broken_file(
+    sort: str, cure: str, others: tuple[type[Exception], ...] = (MemoryError,)
+) -> Iterator[None]:
+    """Within the block, turn any exception of a library's parser into `Unreadable`.
+
+    Those of the classes in `others` are passed on. Raises Unreadable.
+    """
+    try:
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")
+            yield
+    except Exception as error:
+        if isinstance(error, (Unreadable, HarvesterError, *others)):
+            raise
+        raise Unreadable(f"not a whole {sort} ({type(error).__name__}: {error}); {cure}") from None
+
+
+@dataclass
+class Table:
+    """Columns of samples.
+
+    Attributes
+    ----------
+    names
+        Name of each column; "" for a column without a name.
+    rows
+        Samples in each column.
+    take
+        Gives the columns at some indices, each of shape (rows,): float64 with NaN where there is no
+        number, or complex128 of the columns in `complexes`.
+    units
+        Units of the columns if the file has them apart from the names; "" for none.
+    rate
+        Sampling rate (Hz) if the file itself says it.
+    texts
+        Indices of columns that hold words.
+    complexes
+        Indices of columns of complex numbers.
+    remarks
+        Remarks on the file that go into a result's notes.
+    line_of
+        Number of the line, from 1, that holds a row.
+    """
+
+    names: Sequence[str]
+    rows: int
+    take: Callable[[Sequence[int]], list[np.ndarray]]
+    units: Sequence[str] = ()
+    rate: float | None = None
+    texts: Collection[int] = ()
+    complexes: Sequence[int] = ()
+    remarks: tuple[str, ...] = ()
+    line_of: Callable[[int], int] = (1).__add__
+
+
+class Format(NamedTuple):
+    """A file format.
+
+    Attributes
+    ----------
+    read
+        Function of the file's bytes. Raises ValueError, with a message for the user, for a file
+        that it cannot read.
+    starts
+        First bytes of a file, any of which select this format whatever the file's ending.
+    largest
+        Largest file, in bytes.
+    """
+
+    read: Callable[[bytes], Table]
+    starts: tuple[bytes, ...] = ()
+    largest: int = LARGEST_BINARY
+
+
+def table_of(
+    columns: Sequence[np.ndarray], names: Sequence[str], units: Sequence[str] = ()
+) -> Table:
+    """A table of arrays of shape (n,), of real or complex numbers."""
+
+    def take(indices):
+        with np.errstate(over="ignore"):
+            return [
+                columns[k].astype(complex) if k in complexes else columns[k].real.astype(float)
+                for k in indices
+            ]
+
+    # Beside complex columns, a column such as that of frequencies has no imaginary part.
+    complexes = [k for k, c in enumerate(columns) if np.iscomplexobj(c) and c.imag.any()]
+    return Table(names, len(columns[0]) if columns else 0, take, units, complexes=complexes)
+
+
+def table_of_longest(
+    shapes: Mapping[str, tuple[int, ...]],
+    load: Callable[[list[str]], Mapping[str, np.ndarray]],
+    units: Mapping[str, str] | None = None,
+) -> Table:
+    """A table of the longest arrays of a file, each a column or a table of columns.
+
+    A table's columns are named `y[0]`, `y[1]`, … .
+
+    `shapes`: shapes of the arrays of numbers in one or two dimensions. `load`: function of the
+    names of the longest arrays; gives them by name, as ndarrays of those shapes. `units`: units of
+    arrays whose units the file says. Raises Unreadable if they hold too many numbers.
+    """
+    sizes = {name: max(shape, default=1) for name, shape in shapes.items()}
+    # A single number is no series of samples.
+    rows = max((size for size in sizes.values() if size > 1), default=0)
+    longest = [name for name, size in sizes.items() if size == rows]
+    if sum(int(np.prod(shapes[name], dtype=float)) for name in longest) > MOST_NUMBERS:
+        raise Unreadable(f"its arrays hold more than {MOST_NUMBERS} numbers: shorten it")
+    columns: dict[str, np.ndarray] = {}
+    column_units = []
+    for name, values in load(longest).items():
+        array = values[:, None] if values.ndim == 1 else values
+        array = array.T if len(array) != rows else array
+        labels = [f"{name}[{k}]" for k in range(array.shape[1])] if array.shape[1] > 1 else [name]
+        columns |= zip(labels, array.T, strict=True)
+        column_units += [(units or {}).get(name, "")] * len(labels)
+    return table_of([*columns.values()], [*columns], column_units)
+
+
+def rate_of(numbers: Mapping[str, float]) -> float | None:
+    """Sampling rate (Hz) that single numbers of a file say by their names, None where none does.
+
+    `numbers`: single numbers by their names, also behind those of groups or structures. Raises
+    Unreadable if two of them say different rates.
+    """
+    last = {name: re.split(r"[./]", name)[-1].lower() for name in numbers}
+    rates = {name: value for name, value in numbers.items() if last[name] in RATES}
+    rates |= {name: 1.0 / dt for name, dt in numbers.items() if last[name] in INTERVALS and dt > 0}
+    usable = {name: float(rate) for name, rate in rates.items() if 0.0 < rate < np.inf}
+    if usable and max(usable.values()) > min(usable.values()) * (1.0 + 1e-6):
+        listed = ", ".join(f"{name}: {rate:g} Hz" for name, rate in usable.items())
+        raise Unreadable(f"it says several sampling rates ({listed}): keep one of them")
+    return next(iter(usable.values()), None)

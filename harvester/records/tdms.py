@@ -1,0 +1,83 @@
+"""Columns of a TDMS file, as LabVIEW and other programs of its maker write."""
+
+from __future__ import annotations
+
+import importlib
+import io
+import logging
+
+import numpy as np
+
+from harvester.base.libraries import optional_library
+from harvester.records.table import (
+    REAL_KINDS,
+    Format,
+    Table,
+    Unreadable,
+    broken_file,
+    rate_of,
+    table_of_longest,
+)
+
+
+def read(content: bytes) -> Table:
+    """Channels as columns, scaled as the file says; names are `group/channel`.
+
+    Raises Unreadable if it holds no channel of numbers, or the longest have several rates.
+    """
+    nptdms = optional_library("nptdms", "a TDMS record", "loggers")
+    # The library's log would repeat on the console what the error says.
+    importlib.import_module("nptdms.log").log_manager.set_level(logging.ERROR)
+    broken = broken_file("TDMS file", "save the samples as .csv")
+    with broken, nptdms.TdmsFile.open(io.BytesIO(content)) as file:
+        table = _table(file, len(content))
+        if file.file_status.incomplete_final_segment:
+            table.remarks = ("the file ends within its last part",)
+    return table
+
+
+def _table(file, most):
+    groups = file.groups()
+    channels = {
+        channel.name if len(groups) == 1 else f"{group.name}/{channel.name}": channel
+        for group in groups
+        for channel in group.channels()
+    }
+    # Samples are not compressed: a file cannot hold more of them than bytes.
+    if any(len(channel) > most for channel in channels.values()):
+        raise Unreadable("it claims more samples than it holds: it is cut short")
+    channels = {
+        name: channel
+        for name, channel in channels.items()
+        if channel.dtype is not None and channel.dtype.kind in REAL_KINDS + "M" and len(channel)
+    }
+    longest = max(map(len, channels.values()), default=0)
+    steps = {
+        float(channel.properties.get("wf_increment", 0.0))
+        for channel in channels.values()
+        if len(channel) == longest
+    } - {0.0}
+    if len(steps) > 1:
+        raise Unreadable("its longest channels have several sampling rates: save one by itself")
+    units = {
+        name: "s" if channel.dtype.kind == "M" else str(channel.properties.get("unit_string", ""))
+        for name, channel in channels.items()
+    }
+
+    def load(names):
+        return {name: _numbers(channels[name][:]) for name in names}
+
+    table = table_of_longest({name: (len(c),) for name, c in channels.items()}, load, units)
+    table.rate = rate_of({"wf_increment": max(steps, default=0.0)})
+    return table
+
+
+def _numbers(values):
+    """Samples; time stamps as seconds after the first."""
+    values = np.asarray(values)
+    if values.dtype.kind != "M":
+        return values
+    return (values - values[0]) / np.timedelta64(1, "s")
+
+
+FORMAT = Format(read, (b"TDSm",))
