@@ -26,8 +26,8 @@ import matplotlib.pyplot as plt
 import harvester
 from harvester.results import figures
 from harvester.validation import MEANS
-from harvester.validation.accuracy.methods import ComparedMethod
-from harvester.validation.accuracy.work_precision import judged, work_precision
+from harvester.validation.accuracy_methods import ComparedMethod
+from harvester.validation.work_precision import judged, work_precision
 
 plt.style.use(figures.STYLE)
 

@@ -8,14 +8,16 @@ from harvester.engines.opening import open_runner
 from harvester.scene.model import Scene
 from harvester.studies.optimum import line
 from harvester.studies.public import frequency_response, load_study, optimum, sensitivity
-from harvester.validation.accuracy import measurement, throughput, timed
-from harvester.validation.accuracy.methods import ComparedMethod
-from harvester.validation.accuracy.work_precision import work_precision
-from harvester.validation.paper import claims, reproduce, runs
-from harvester.validation.paper.claim_tests import Trend
-from harvester.validation.paper.claims_list import Claim
-from harvester.validation.paper.figures_list import FIGURES
-from harvester.validation.stability import cases, matrix
+from harvester.validation import accuracy_measurement as measurement
+from harvester.validation import claims, reproduce, throughput, timed
+from harvester.validation import paper_runs as runs
+from harvester.validation import stability as matrix
+from harvester.validation import stability_cases as cases
+from harvester.validation.accuracy_methods import ComparedMethod
+from harvester.validation.claim_tests import Trend
+from harvester.validation.claims_list import Claim
+from harvester.validation.paper_figures import FIGURES
+from harvester.validation.work_precision import work_precision
 
 PAPER = Scene.read("paper", ["run.settle=5"])
 BRIEF = Scene.read("linear", ["run.realizations=4", "run.duration=600", "run.settle=50"])

@@ -17,7 +17,7 @@ from harvester.cli.new import new
 from harvester.cli.parsing import about
 from harvester.studies import LOAD_STUDY_FILES, SENSITIVITY_FILES
 from harvester.studies.public import TIME_BUDGET
-from harvester.validation.stability import TIME_LIMIT
+from harvester.validation import TIME_LIMIT
 from harvester.version import __version__
 
 SHELLS = ("bash", "zsh", "fish")

@@ -28,10 +28,10 @@ from harvester.cli.shown import say
 if TYPE_CHECKING:
     from harvester.scene.calling import SceneOrName
     from harvester.scene.model import Scene
-    from harvester.validation.accuracy.work_precision import WorkPrecision
-    from harvester.validation.known_results.verify import Verification
-    from harvester.validation.paper.claims import Judgement
-    from harvester.validation.stability.matrix import StabilityMatrix
+    from harvester.validation.claims import Judgement
+    from harvester.validation.stability import StabilityMatrix
+    from harvester.validation.verify import Verification
+    from harvester.validation.work_precision import WorkPrecision
 
 # Default scenes: the source paper's device at an intensity at which it jumps, and one with a
 # rectifier.
@@ -46,7 +46,7 @@ def verify(**running: Unpack[RunnerOptions]) -> Verification:
     Closed forms, limits, published powers and other integrators stand beside the circuit, Monte
     Carlo and the stationary solver; exit code 1 where one disagrees.
     """
-    from harvester.validation.known_results.verify import verify
+    from harvester.validation.verify import verify
 
     return verify(**running)
 
@@ -64,7 +64,7 @@ def stability(
     time_limit : float
         Wall-clock limit of one case by one method (default: 120).
     """
-    from harvester.validation.stability.matrix import stability
+    from harvester.validation.stability import stability
 
     return stability(scene, step=step, **running)
 
@@ -80,7 +80,7 @@ def work_precision(
     thorough : bool
         More paths, steps and realizations.
     """
-    from harvester.validation.accuracy.work_precision import work_precision
+    from harvester.validation.work_precision import work_precision
 
     return work_precision(scene, thorough=thorough, **running)
 
@@ -104,7 +104,7 @@ def accuracy(
     """
     from harvester.base.writing import in_folder, write_json
     from harvester.results import figures
-    from harvester.validation.accuracy.both import accuracy
+    from harvester.validation.accuracy import accuracy
 
     output, name = os.fspath(running.get("output") or ""), f"{scene.name}-accuracy.json"
     pictures = {picture: f"{scene.name}-{picture}.png" for picture in PICTURES}
@@ -139,7 +139,7 @@ def claims(
     thorough : bool
         Longer runs, the circuit at every condition.
     """
-    from harvester.validation.paper.claims import claims
+    from harvester.validation.claims import claims
 
     return claims(_paper(seed), thorough=thorough, **running)
 
@@ -172,9 +172,9 @@ def reproduce(
         Folder for results, and for every finished piece: run the same command again to go on
         after a kill (default: results).
     """
-    from harvester.validation.paper import orbit_maps
-    from harvester.validation.paper.figures_list import FIGURES
-    from harvester.validation.paper.reproduce import reproduce
+    from harvester.validation import orbit_maps
+    from harvester.validation.paper_figures import FIGURES
+    from harvester.validation.reproduce import reproduce
 
     output = running.setdefault("output", "results")
     without_noise = {"fig2": orbit_maps.surfaces, "fig3": orbit_maps.orbit_voltages}
@@ -256,8 +256,8 @@ def time_to_accuracy(
     from harvester.base.writing import in_folder, write_json
     from harvester.results import figures
     from harvester.scene.model import Scene
-    from harvester.validation.accuracy.drawing import draw
-    from harvester.validation.accuracy.time_to_accuracy import SECONDS, time_to_accuracy
+    from harvester.validation.accuracy_drawing import draw
+    from harvester.validation.time_to_accuracy import SECONDS, time_to_accuracy
 
     named = [(scene, ()) for scene in scenes] or SCENES
     output = os.fspath(running.get("output") or "")

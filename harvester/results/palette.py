@@ -12,7 +12,7 @@ LINES = {
     "spectral": ("#332288", "-."),
 }
 CLOSURE_MARKERS = dict(zip(LINES, "*Xhp", strict=False))
-# Colour and marker of each family of methods in `harvester.validation.accuracy.methods`.
+# Colour and marker of each family of methods in `harvester.validation.accuracy_methods`.
 _FAMILIES = {
     "PWL in the netlist, trapezoidal": ("#E69F00", "v"),
     "PWL in the netlist, gear": ("#CC79A7", "d"),

@@ -8,3 +8,5 @@ EFFICIENCY = "power_conversion_efficiency"
 MEANS = (VOLTAGE, VELOCITY, EFFICIENCY)
 # A difference counts from so many standard errors on. By chance alone one in 370 does.
 SIGNIFICANT_SIGMAS = 3.0
+# Wall-clock limit of one case of `stability` by one engine or closure, in seconds.
+TIME_LIMIT = 120.0

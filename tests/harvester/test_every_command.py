@@ -12,14 +12,11 @@ import worker_calls
 from harvester.averaging import closures
 from harvester.base.process import Worker
 from harvester.engines.task import Task
-from harvester.validation.accuracy import (
-    measurement,
-    throughput,
-    timed,
-)
-from harvester.validation.accuracy.methods import ComparedMethod
-from harvester.validation.stability import matrix
-from harvester.validation.stability.cases import Case
+from harvester.validation import accuracy_measurement as measurement
+from harvester.validation import stability as matrix
+from harvester.validation import throughput, timed
+from harvester.validation.accuracy_methods import ComparedMethod
+from harvester.validation.stability_cases import Case
 
 # Words of Python about a fault of ours.
 FAULT = re.compile(r"Traceback|\b(?!Memory)[A-Z]\w*(?:Error|Exception|Warning)\b: ")
@@ -74,8 +71,8 @@ def briefly():
         patch.setattr(measurement, "TIMED_LOAD_METHODS", FEW_LOAD_METHODS)
         patch.setattr(measurement, "MOST_REALIZATIONS", 1)
         patch.setattr(timed, "NOISE_CLOSURES", ("consistent",))
-        patch.setattr("harvester.validation.stability.cases.STEP_BUDGET", 4000)
-        patch.setattr("harvester.validation.stability.path_deviation.PATH_STEPS", 2000)
+        patch.setattr("harvester.validation.stability_cases.STEP_BUDGET", 4000)
+        patch.setattr("harvester.validation.path_deviation.PATH_STEPS", 2000)
         patch.setattr(measurement, "METHODS", FEW_METHODS)
         patch.setattr(measurement, "LOAD_METHODS", FEW_LOAD_METHODS)
         patch.setattr(measurement, "PERIODS", 1)

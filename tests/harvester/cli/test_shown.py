@@ -13,13 +13,13 @@ from harvester.studies.loads.study import LoadStudy
 from harvester.studies.optimum.result import Optimum
 from harvester.studies.sensitivity.study import Sensitivity
 from harvester.studies.sweep import Sweep
-from harvester.validation.accuracy.time_to_accuracy import TimeToAccuracy
-from harvester.validation.accuracy.work_precision import WorkPrecision
-from harvester.validation.known_results.verify import Verification
-from harvester.validation.paper import orbit_maps
-from harvester.validation.paper.claims import Judgement
-from harvester.validation.paper.reproduce import Reproduction
-from harvester.validation.stability.matrix import StabilityMatrix
+from harvester.validation import orbit_maps
+from harvester.validation.claims import Judgement
+from harvester.validation.reproduce import Reproduction
+from harvester.validation.stability import StabilityMatrix
+from harvester.validation.time_to_accuracy import TimeToAccuracy
+from harvester.validation.verify import Verification
+from harvester.validation.work_precision import WorkPrecision
 
 SHOWN = [
     Comparison,
