@@ -103,6 +103,11 @@ def gibbs_mean(
     return float(np.sum(weight * value(x)) / np.sum(weight))
 
 
+def double_well_square(temperature: float) -> float:
+    """E[X²] under exp(−U/T) in U = −X²/2 + X⁴/4 (scaled)."""
+    return gibbs_mean(lambda x: -(x**2) / 2 + x**4 / 4, temperature, lambda x: x * x)
+
+
 def kramers_rate(
     damping: float, well_frequency: float, barrier_frequency: float, barrier_over_temperature: float
 ) -> float:
@@ -132,9 +137,29 @@ class Driven(NamedTuple):
     capacitance: float
 
 
-def resistor_power(unit: float, share: float) -> float:
-    """Power of a resistor R on a prescribed sine: θ²u²ω/C = `unit` (W), ωCR = `share`."""
-    return 0.5 * unit * share / (1.0 + share**2)
+def ideal_load(kind: str, unit: float, share: float, quality: float) -> tuple[float, float]:
+    """ωCR and power of a load on a prescribed sine, θ²u²ω/C = `unit` (W).
+
+    Parameters
+    ----------
+    kind : str
+        A resistor, with ωCR = `share`; an ideal bridge with smoothing, R `share` times its best
+        one; parallel or series SSHI at its best R, γ = e^(−π/2Q); synchronous charge extraction
+        (sece) without loss, which takes its power at any R.
+    quality : float
+        Q of the switched coil.
+    """
+    left = math.exp(-math.pi / (2.0 * quality))
+    return {
+        "resistor": (share, 0.5 * unit * share / (1.0 + share**2)),
+        "bridge": (share * math.pi / 2.0, 2.0 * unit / math.pi * share / (1.0 + share) ** 2),
+        "sshi_parallel": (math.pi / (1.0 - left), unit / (math.pi * (1.0 - left))),
+        "sshi_series": (
+            math.pi / 2.0 * (1.0 - left) / (1.0 + left),
+            unit / (2.0 * math.pi) * (1.0 + left) / (1.0 - left),
+        ),
+        "sece": (math.pi / 2.0, 2.0 / math.pi * unit),
+    }[kind]
 
 
 def resistor_power_at(omega: float, resistance: float, device: Driven) -> float:
@@ -146,27 +171,6 @@ def resistor_power_at(omega: float, resistance: float, device: Driven) -> float:
     admittance = 1.0 / resistance + 1j * omega * capacitance
     x = force / (1.0 - omega**2 + 1j * omega * (damping + coupling**2 / admittance))
     return abs(omega * coupling * x / admittance) ** 2 / (2.0 * resistance)
-
-
-def bridge_power(unit: float, share: float) -> float:
-    """Power of an ideal bridge rectifier with smoothing, R = `share` times its best one, π/2ωC."""
-    return 2.0 * unit / math.pi * share / (1.0 + share) ** 2
-
-
-def switched_load(kind: str, unit: float, quality: float) -> tuple[float, float]:
-    """Best resistance of a switched load, times ωC, and the power there; γ = e^(−π/2Q).
-
-    Synchronous charge extraction (sece) is without loss, and takes its power at any resistance.
-    """
-    left = math.exp(-math.pi / (2.0 * quality))
-    return {
-        "sshi_parallel": (math.pi / (1.0 - left), unit / (math.pi * (1.0 - left))),
-        "sshi_series": (
-            math.pi / 2.0 * (1.0 - left) / (1.0 + left),
-            unit / (2.0 * math.pi) * (1.0 + left) / (1.0 - left),
-        ),
-        "sece": (math.pi / 2.0, 2.0 / math.pi * unit),
-    }[kind]
 
 
 def coupled_bridge_power(omega: float, resistance: float, device: Driven) -> float:

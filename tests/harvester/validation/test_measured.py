@@ -9,27 +9,31 @@ import numpy as np
 import pytest
 
 from harvester.engines.runner import Runner
-from harvester.validation.downloaded import downloaded
-from harvester.validation.measured import (
-    DEVICES,
-    GRAVITY,
-    linear_scatter,
-    measured,
+from harvester.validation import entries
+from harvester.validation.known_results import downloaded, linear_scatter, measured, points_of
+from harvester.validation.verify import (
+    HOLDS,
+    MISSES,
+    NOT_HERE,
+    TruthRow,
+    Verification,
+    measured_page,
+    verify,
 )
-from harvester.validation.truth import HOLDS, MISSES, NOT_HERE, TruthRow
-from harvester.validation.verify import Verification, measured_page, verify
 
+DEVICES = entries("known_results")["device"]
 BARE, TIPPED, BRIDGE = DEVICES
 
 
-def closed_form(lumped, frequency, resistance, acceleration):
+def closed_form(device, frequency, resistance):
     """Mean power of a linear device: (K − M ω² + iω C) x + θ V = −μ M a, Y V = iω θ x."""
-    rate = 2j * math.pi * frequency
-    damping = 2.0 * lumped.damping_ratio * math.sqrt(lumped.stiffness * lumped.mass)
-    volts = rate * lumped.coupling / (1.0 / resistance + rate * lumped.capacitance)
-    mechanical = lumped.stiffness + lumped.mass * rate**2 + damping * rate
-    force = lumped.base_factor * lumped.mass * acceleration
-    return abs(volts * force / (mechanical + lumped.coupling * volts)) ** 2 / (2.0 * resistance)
+    mass, stiffness, coupling, capacitance, base_factor, ratio = device["lumped"].values()
+    rate = 2j * math.pi * float(frequency)
+    damping = 2.0 * ratio * math.sqrt(stiffness * mass)
+    volts = rate * coupling / (1.0 / resistance + rate * capacitance)
+    mechanical = stiffness + mass * rate**2 + damping * rate
+    force = base_factor * mass * device["acceleration"]
+    return abs(volts * force / (mechanical + coupling * volts)) ** 2 / (2.0 * resistance)
 
 
 def test_the_scatter_is_that_of_the_measurement_alone():
@@ -44,38 +48,37 @@ def test_the_scatter_is_that_of_the_measurement_alone():
     # An rms of 9 free residuals scatters by a quarter, that of 40 of them by a twentieth.
     assert math.sqrt(np.mean(np.square(found))) == pytest.approx(0.03, rel=0.15)
     # Whatever its numbers, a linear device lies on such a curve.
-    kilo = TIPPED.series[45.6][0]
-    ours = [closed_form(TIPPED.lumped, 45.6, 1e3 * each, GRAVITY) for each in kilo]
+    kilo = TIPPED["series"]["45.6"][0]
+    ours = [closed_form(TIPPED, 45.6, 1e3 * each) for each in kilo]
     assert linear_scatter(kilo, ours) < 1e-6
 
 
 def test_limits_come_from_the_measurement():
     for device in DEVICES:
-        for frequency, (_, powers) in device.series.items():
-            own = [
-                each
-                for each in device.truths()
-                if each.title.startswith(f"{device.name}, {frequency:g} Hz")
-            ]
-            assert [each.exact for each in own] == list(powers)
-            share = device.reading + 3.0 * device.own_scatter(frequency)
-            assert [each.allowance / each.exact for each in own] == pytest.approx(
-                [share] * len(own)
-            )
+        for frequency, (resistances, powers) in device["series"].items():
+            name = f"{device['name']}, {frequency} Hz"
+            own = [each for each in points_of(device) if each.title.startswith(name)]
+            exact = [device["scale"] * power for power in powers]
+            assert [each.exact for each in own] == exact
+            scatter = device.get("scatter") or linear_scatter(resistances, exact)
+            share = device["reading"] + 3.0 * scatter
+            shares = [each.allowance / each.exact for each in own]
+            assert shares == pytest.approx([share] * len(own))
     # As the papers' coupling says.
-    square = BRIDGE.lumped.coupling**2 / BRIDGE.lumped.capacitance / BRIDGE.lumped.stiffness
+    lumped = BRIDGE["lumped"]
+    square = lumped["coupling"] ** 2 / lumped["capacitance"] / lumped["stiffness"]
     assert square == pytest.approx(0.0289, rel=2e-3)
 
 
 @pytest.mark.slow
 def test_a_row_is_what_the_closed_form_gives_and_a_miss_is_no_failure(pool):
-    truths = BARE.truths()
+    truths = list(points_of(BARE))
     chosen = [truths[5], dataclasses.replace(truths[17], exact=2.0 * truths[17].exact)]
     told = verify(chosen=chosen, runner=Runner(pool))
     for row, place in zip(told.rows, (5, 17), strict=True):
-        frequency = (502.5, 524.7)[place // 12]
-        resistance = 1e3 * BARE.series[frequency][0][place % 12]
-        exact = closed_form(BARE.lumped, frequency, resistance, GRAVITY)
+        frequency = ("502.5", "524.7")[place // 12]
+        resistance = 1e3 * BARE["series"][frequency][0][place % 12]
+        exact = closed_form(BARE, frequency, resistance)
         assert row.value == pytest.approx(exact, rel=2e-3)
     assert [row.verdict for row in told.rows] == [HOLDS, MISSES]
     assert told.failed == []
@@ -116,7 +119,7 @@ def test_the_page_of_the_site_has_every_point():
 
 
 @pytest.mark.exhaustive
-@pytest.mark.parametrize("device", DEVICES[:2], ids=lambda each: each.name)
+@pytest.mark.parametrize("device", DEVICES[:2], ids=lambda each: each["name"])
 def test_every_resistor_lies_within_its_limit(device):
-    told = verify(chosen=device.truths())
+    told = verify(chosen=list(points_of(device)))
     assert [row.verdict for row in told.rows] == [HOLDS] * len(told.rows)

@@ -12,20 +12,20 @@ import pytest
 from harvester.base.errors import ProgramNotFound
 from harvester.cli.command_line import main
 from harvester.engines.runner import Runner
-from harvester.validation import formulas, tasks
-from harvester.validation import known_results as catalogue_module
-from harvester.validation import measured as measured_module
+from harvester.validation import entries, formulas, tasks
+from harvester.validation import verify as module
 from harvester.validation.known_results import catalogue
 from harvester.validation.paths import ignore
-from harvester.validation.truth import (
+from harvester.validation.verify import (
     BLUNT,
     FAILS,
     HOLDS,
     NOT_HERE,
     TruthRow,
+    Verification,
     row_of,
+    verify,
 )
-from harvester.validation.verify import Verification, verify
 
 # By title, of each kind that takes no second: a drop, loads on a prescribed sine, an orbit.
 QUICK = ("e = 0.7", "resistor on a prescribed sine, omega C R = 1", "sece", "f = 0.0922")
@@ -40,11 +40,11 @@ def quick():
 @pytest.mark.parametrize("share", [0.5, 1.0, 2.0])
 def test_the_closed_forms_know_their_own_limits(share):
     """Best loads are where they are said to be; SSHI without inversion is the bridge."""
-    best = formulas.bridge_power(1.0, 1.0)
+    best = formulas.ideal_load("bridge", 1.0, 1.0, 8.0)[1]
     assert best == pytest.approx(1.0 / (2.0 * math.pi))
-    assert formulas.bridge_power(1.0, 1.0 + share) < best
-    assert formulas.resistor_power(1.0, share) <= 0.25
-    assert formulas.switched_load("sshi_series", 1.0, 1e-3)[1] == pytest.approx(best)
+    assert formulas.ideal_load("bridge", 1.0, 1.0 + share, 8.0)[1] < best
+    assert formulas.ideal_load("resistor", 1.0, share, 8.0)[1] <= 0.25
+    assert formulas.ideal_load("sshi_series", 1.0, 1.0, 1e-3)[1] == pytest.approx(best)
     assert formulas.rebound_speed(share / 2.0) <= 1.0
     # White noise: E[P] = D less what the damper takes, of D in all.
     white = formulas.linear_piezo_power(0.2, 4.0, 1.0, share, 0.02)
@@ -122,8 +122,8 @@ def test_the_command_ends_with_one_where_a_row_fails(tmp_path, monkeypatch, caps
     drop = [each for each in quick() if "e = 0.7" in each.title]
     off = dataclasses.replace(drop[0], title="made up", exact=0.9)
     for chosen, code in ((drop, 0), ([*drop, off], 1)):
-        monkeypatch.setattr(catalogue_module, "catalogue", lambda chosen=chosen: chosen)
-        monkeypatch.setattr(measured_module, "measured", list)
+        monkeypatch.setattr(module, "catalogue", lambda chosen=chosen: chosen)
+        monkeypatch.setattr(module, "measured", list)
         folder = tmp_path / str(code)
         assert main(["verify", "--output", str(folder), "--workers", "1"]) == code
         rows = json.loads((folder / "verify.json").read_text())["rows"]
@@ -174,3 +174,15 @@ def test_the_whole_catalogue_holds():
     told = verify(chosen=catalogue())
     assert len(told.rows) >= 65
     assert [row.cells() for row in told.rows if row.verdict not in {HOLDS, NOT_HERE}] == []
+
+
+def test_every_key_of_an_entry_is_explained_and_read():
+    """A misspelt one would be passed over in silence: the head of the file names all."""
+    text = (Path(module.__file__).parent / "known_results.toml").read_text("utf-8")
+    head = text.partition("[[result]]\ntitle")[0]
+    keys = {key for entry in entries("known_results")["result"] for key in entry}
+    keys |= {
+        k for entry in entries("known_results")["result"] for e in entry.get("each", ()) for k in e
+    }
+    unexplained = {key for key in keys if not re.search(rf"\b{key}\b", head)}
+    assert unexplained - {"title", "source"} == set()
