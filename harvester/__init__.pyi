@@ -30,8 +30,6 @@ from harvester.identification.measured_response import MeasuredResponse as Measu
 from harvester.identification.measurement import read_measurement as read_measurement
 from harvester.identification.measured_impedance import read_impedance as read_impedance
 from harvester.validation.accuracy import accuracy as accuracy
-from harvester.validation.work_precision import work_precision as work_precision
-from harvester.validation.time_to_accuracy import time_to_accuracy as time_to_accuracy
 from harvester.validation.stability import stability as stability
 from harvester.validation.verify import verify as verify
 from harvester.validation.reproduce import reproduce as reproduce

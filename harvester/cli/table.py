@@ -98,13 +98,9 @@ COMMANDS = (
         title=lambda result: f"spectrum of {result.name}",
         stem="spectrum",
     ),
-    Command(verification.accuracy, "accuracy paper --output results"),
     StudyCommand(
-        verification.work_precision,
-        "work-precision paper --output results",
-        title="error against run time",
+        verification.accuracy, "accuracy paper --output results", title="error against run time"
     ),
-    Command(verification.time_to_accuracy, "time-to-accuracy --output results"),
     StudyCommand(
         verification.stability,
         "stability paper --output results",
@@ -188,9 +184,7 @@ COMMANDS = (
 FIRST = (
     "average", "validate", "new", "simulate", "load-study", "optimum", "schematic", "identify"
 )  # fmt: skip
-PROOF = (
-    "verify", "claims", "reproduce", "accuracy", "stability", "work-precision", "time-to-accuracy"
-)  # fmt: skip
+PROOF = ("verify", "claims", "reproduce", "accuracy", "stability")
 
 
 class CommandParser(argparse.ArgumentParser):

@@ -5,39 +5,27 @@ Each imports its study when it is called, since the help of a command must not i
 
 from __future__ import annotations
 
-import os
 from collections.abc import Sequence
-from typing import TYPE_CHECKING, Annotated, Any, Unpack
+from typing import TYPE_CHECKING, Annotated, Unpack
 
 from harvester.base.errors import HarvesterError
 from harvester.base.plain_text import nearest
 from harvester.base.signatures import (
-    File,
     Kind,
-    Overrides,
     RunnerOptions,
-    Seconds,
     Seed,
     Share,
     Step,
 )
 from harvester.cli.output import check_places, result_files, show, study_runner, write_result
 from harvester.cli.parsing import overrides_of
-from harvester.cli.shown import say
 
 if TYPE_CHECKING:
     from harvester.scene.calling import SceneOrName
-    from harvester.scene.model import Scene
+    from harvester.validation.accuracy import Accuracy
     from harvester.validation.claims import Judgement
     from harvester.validation.stability import StabilityMatrix
     from harvester.validation.verify import Verification
-    from harvester.validation.work_precision import WorkPrecision
-
-# Default scenes: the source paper's device at an intensity at which it jumps, and one with a
-# rectifier.
-SCENES = (("paper", ("excitation.intensity=0.1",)), ("device", ("load.netlist=bridge",)))
-ACCURACY = "time-to-accuracy"
-PICTURES = ("work-precision", "time-to-accuracy")
 
 
 def verify(**running: Unpack[RunnerOptions]) -> Verification:
@@ -69,10 +57,10 @@ def stability(
     return stability(scene, step=step, **running)
 
 
-def work_precision(
+def accuracy(
     scene: SceneOrName, *, thorough: bool = False, **running: Unpack[RunnerOptions]
-) -> WorkPrecision:
-    """Error against run time of every method on one scene.
+) -> Accuracy:
+    """Error of every method: against its run time, and how long it takes to 10, 3 and 1 %.
 
     Parameters
     ----------
@@ -80,48 +68,9 @@ def work_precision(
     thorough : bool
         More paths, steps and realizations.
     """
-    from harvester.validation.work_precision import work_precision
-
-    return work_precision(scene, thorough=thorough, **running)
-
-
-def accuracy(
-    scene: Scene,
-    *,
-    thorough: bool = False,
-    json: File | None = None,
-    **running: Unpack[RunnerOptions],
-) -> None:
-    """Error of every method: against its run time, and how long it takes to 10, 3 and 1 %.
-
-    Parameters
-    ----------
-    scene : Scene
-    thorough : bool
-        More paths, steps and realizations.
-    json : str or None
-        Write JSON; - for standard output.
-    """
-    from harvester.base.writing import in_folder, write_json
-    from harvester.results import figures
     from harvester.validation.accuracy import accuracy
 
-    output, name = os.fspath(running.get("output") or ""), f"{scene.name}-accuracy.json"
-    pictures = {picture: f"{scene.name}-{picture}.png" for picture in PICTURES}
-    check_places(json, output, files=[name, *pictures.values()])
-    with study_runner("accuracy", **running) as runner:
-        measured = accuracy(scene, thorough=thorough, runner=runner)
-        pair = measured.work_precision, measured.time_to_accuracy
-        views: dict[str, Any] = dict(zip(PICTURES, pair, strict=True))
-        for title, view in views.items():
-            show(view, title.replace("-", " "), json)
-        if json:
-            write_json(json, measured.to_dict())
-        if output:
-            write_json(in_folder(output, name), measured.to_dict())
-            for title, view in views.items():
-                figures.write(view.figure(), in_folder(output, pictures[title]))
-            say(f"written to {output}: {name}, {scene.name}-*.png")
+    return accuracy(scene, thorough=thorough, **running)
 
 
 def claims(
@@ -224,56 +173,3 @@ def _chosen(figures, names):
                 f"{name}: no such figure{nearest(name, names)}; there are {', '.join(names)}, all"
             )
     return [name for name in names if name in figures or "all" in figures]
-
-
-def time_to_accuracy(
-    scenes: Annotated[Sequence[str], Kind("scene")] = (),
-    /,
-    *,
-    overrides: Overrides = (),
-    seed: Seed | None = None,
-    seconds: Seconds | None = None,
-    json: File | None = None,
-    **running: Unpack[RunnerOptions],
-) -> None:
-    """How long every method takes to an error of 10, 3 and 1 %.
-
-    Parameters
-    ----------
-    scenes : list of str
-        TOML files or names of built-in scenes (default: paper with excitation.intensity=0.1 and
-        device with load.netlist=bridge).
-    overrides : list of str
-        Override a value of every scene; TABLE=none removes a table.
-    seed : int or None
-        Same as --set run.seed=SEED.
-    seconds : float or None
-        Time on one core for each method's run (default: 10). A longer run gives smaller error bars
-        of the biases.
-    json : str or None
-        Write JSON; - for standard output.
-    """
-    from harvester.base.writing import in_folder, write_json
-    from harvester.results import figures
-    from harvester.scene.model import Scene
-    from harvester.validation.accuracy_drawing import draw
-    from harvester.validation.time_to_accuracy import SECONDS, time_to_accuracy
-
-    named = [(scene, ()) for scene in scenes] or SCENES
-    output = os.fspath(running.get("output") or "")
-    changes = overrides_of(overrides, seed)
-    loaded = [Scene.read(scene, [*values, *changes]) for scene, values in named]
-    check_places(json, output, files=[f"{ACCURACY}.json", f"{ACCURACY}.png"])
-    with study_runner(ACCURACY.replace("-", " "), **running) as runner:
-        results = [
-            time_to_accuracy(scene, seconds=seconds or SECONDS, runner=runner) for scene in loaded
-        ]
-        for result in results:
-            show(result, "time to accuracy", json)
-        content = {"results": [result.to_dict() for result in results]}
-        if json:
-            write_json(json, content)
-        if output:
-            write_json(in_folder(output, f"{ACCURACY}.json"), content)
-            figures.save(draw, results, in_folder(output, f"{ACCURACY}.png"))
-            say(f"written to {output}: {ACCURACY}.*")

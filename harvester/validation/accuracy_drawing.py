@@ -1,9 +1,12 @@
-"""Two pictures of every method's error: over its run time, and over the wall time of an answer."""
+"""One measurement, two pictures: every method's error over its run time, and over that to an error.
+
+Legend entries are groups of methods, at most eight; closures are named at their points, and the
+sampling error at its line.
+"""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -11,216 +14,212 @@ import numpy as np
 from harvester.base.symbols import SYMBOLS
 from harvester.results.palette import CLOSURE_MARKERS, LINES, styles
 from harvester.results.panels import thin_ticks
+from harvester.validation import MEANS
+from harvester.validation.accuracy_measurement import LIMITS
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-# Range of the errors that are drawn, in percent. A line begins at an error below the second.
-LEAST_ERROR, GREATEST_ERROR = 0.2, 300.0
 POINTS = 200
-# Widths and marker sizes of the first and the last line: thin over thick shows both where they
-# coincide.
-WIDTHS, MARKS = (3.0, 1.0), (8.0, 4.0)
-# Smallest bias that is drawn, in percent.
-LEAST_BIAS = 1e-3
-TICKS = {1e-3: "1 ms", 1e-2: "", 1e-1: "0.1 s", 1.0: "1 s", 10.0: "10 s", 60.0: "1 min"}
-TICKS |= {600.0: "10 min", 3600.0: "1 h", 36000.0: "10 h", 864000.0: "10 d"}
+# Smallest and largest error that is drawn, in percent.
+LEAST, GREATEST = 1e-2, 300.0
+# Opacity of a point without an error bar.
+FADED = 0.4
+TICKS = {1e-6: "1 µs", 1e-3: "1 ms", 1.0: "1 s", 60.0: "1 min", 3600.0: "1 h", 86400.0: "1 d"}
+SAMPLING = {"color": "0.3", "linewidth": 0.9, "linestyle": "-."}
+SMALL = 6.5
 
 
-def draw(results: Sequence[Any]) -> Figure:
-    """Total error over wall time: one row of panels for each of some `TimeToAccuracy`."""
+def draw(study: Any) -> Figure:
+    """Draw an `Accuracy`: strong error and bias over run time, total error over wall time."""
     from matplotlib.figure import Figure
 
-    rows, columns = len(results), max(len(study.quantities) for study in results)
-    figure = Figure(figsize=(3.6 * columns, 2.8 * rows + 1.4))
-    panels = figure.subplots(rows, columns, squeeze=False)
-    marks = styles(line.name for study in results for line in study.lines)
-    legend: dict[str, Any] = {}
-    for row, result in zip(panels, results, strict=True):
-        for axes, name in zip(row, result.quantities, strict=False):
-            _draw_panel(axes, result, name, marks)
-            handles, labels = axes.get_legend_handles_labels()
-            legend |= dict(zip(labels, handles, strict=True))
-        row[0].set_ylabel("total error [%]")
-    for axes in panels[-1]:
-        axes.set_xlabel("wall time of one core")
+    figure = Figure(figsize=(11.0, 6.6))
+    grid = figure.add_gridspec(6, 3, width_ratios=(1.0, 1.0, 1.15))
+    marks = styles(row.method.group for row in study.rows)
+    _draw_strong_errors(figure.add_subplot(grid[:, 0]), study, marks)
+    axes: Any = None
+    for number, name in enumerate(MEANS):
+        axes = figure.add_subplot(grid[2 * number : 2 * number + 2, 1], sharex=axes)
+        _draw_biases(axes, study, name, marks)
+        axes.tick_params(labelbottom=name == MEANS[-1])
+    _label_seconds(axes, study)
+    for number, name in enumerate(study.quantities):
+        last = number == len(study.quantities) - 1
+        axes = figure.add_subplot(grid[3 * number : 3 * number + 3, 2])
+        _draw_total_errors(axes, study, name, marks)
+        axes.set_xlabel("wall time of one core" if last else "")
+    machine = study.measured.speeds["machine"]
+    load = study.scene.to_tables().get("load", {})
+    device = study.scene.name + (f" with {load['netlist']}" if "netlist" in load else "")
     figure.suptitle(
-        "How long until 1 %? Bias and sampling error together. Dashed: the bias is not known so "
-        "well;\nband: two standard errors of a bias that shows",
+        f"{device}: error against run time, and the time to an error "
+        f"({machine['date']}, {machine['cores']} cores)\n"
+        "bars and bands: two standard errors; hollow: Gear's formula; faded: no error bar; on the "
+        "right default settings, dashed where the bias is not known so well",
         x=0.01,
         ha="left",
         fontsize=9,
     )
-    figure.legend(list(legend.values()), list(legend), loc="outside lower center", ncols=2)
+    _add_legend(figure, study, marks)
     return figure
 
 
-def _draw_panel(axes, result, name, marks):
-    first, last = _span(result, name)
-    seconds = np.geomspace(first, last, POINTS)
-    drawn = [
-        line
-        for line in result.lines
-        if line.errors and math.isfinite(line.errors[name].resolved_bias)
-    ]
-    sizes = [np.linspace(*ends, len(drawn)) for ends in (WIDTHS, MARKS)]
-    for line, width, size in zip(drawn, *sizes, strict=True):
-        _draw_line(axes, line, name, seconds, (*marks[line.name], width, size), result.limits)
-    for point in result.points:
-        deviation = point.deviations[name]
-        size, reach = 100.0 * abs(deviation.estimate), 200.0 * (deviation.standard_error or 0.0)
-        axes.errorbar(
-            point.seconds,
-            max(size, LEAST_ERROR),
-            [[min(reach, 0.999 * max(size, LEAST_ERROR))], [reach]],
-            fmt=CLOSURE_MARKERS[point.name],
-            markersize=8,
-            color=LINES[point.name][0],
-            elinewidth=0.8,
-            label=f"averaging, {point.name}",
-        )
-    for limit in result.limits:
-        axes.axhline(100.0 * limit, color="0.7", linewidth=0.8, zorder=0)
-    axes.set(xscale="log", yscale="log", xlim=(first, last), ylim=(LEAST_ERROR, GREATEST_ERROR))
-    axes.set_yticks([1.0, 3.0, 10.0, 100.0], ["1", "3", "10", "100"])
-    ticks = {at: text for at, text in TICKS.items() if first <= at <= last}
-    axes.set_xticks(list(ticks), list(ticks.values()))
-    axes.tick_params(which="minor", bottom=False, labelbottom=False, labelleft=False)
-    load = result.scene.to_tables().get("load", {})
-    device = (
-        f"{result.scene.name} with {load['netlist']}" if "netlist" in load else result.scene.name
-    )
-    axes.set_title(f"{device}: {SYMBOLS[name]}")
+def _add_legend(figure, study, marks):
+    from matplotlib.lines import Line2D
+
+    handles = []
+    for group, (colour, marker) in marks.items():
+        families = dict.fromkeys(r.method.family for r in study.rows if r.method.group == group)
+        theory = next(row.method.order for row in study.rows if row.method.group == group)
+        orders = [study.orders[family]["displacement"] for family in families]
+        found = ", ".join(f"{order:.1f}" for order in orders if math.isfinite(order))
+        label = f"{group}: order {found} ({theory})" if found else group
+        handles.append(Line2D([], [], color=colour, marker=marker, markersize=5, label=label))
+    if study.measured.closures:
+        handles.append(Line2D([], [], ls="none", color="0.4", marker="*", label="averaging"))
+    figure.legend(handles=handles, loc="outside lower center", ncols=4, fontsize=8)
 
 
-def _draw_line(axes, line, name, seconds, mark, limits):
-    """Solid where the bias is known below the total error, dashed beyond; markers at the limits."""
-    colour, marker, width, size = mark
-    error = line.errors[name]
-    total = 100.0 * error.after(seconds)
-    uncertainty = 2.0 * (error.bias.standard_error if error.bias.standard_error else math.inf)
-    if error.bias.estimate == error.bias.standard_error == 0.0:
-        uncertainty = 0.0
-    solid = total >= 100.0 * min(uncertainty, 1e3)
-    axes.plot(seconds, np.where(solid, total, np.nan), color=colour, linewidth=width)
-    dashed = {"linestyle": (0, (2, 2)), "linewidth": width}
-    axes.plot(seconds, np.where(solid, np.nan, total), color=colour, **dashed)
-    if abs(error.bias.estimate) > uncertainty:
-        sampling = 1e4 * error.scatter**2 * error.cost / seconds
-        high = np.sqrt(sampling + (100.0 * error.largest_bias) ** 2)
-        low = max(abs(error.bias.estimate) - uncertainty, 0.0)
-        low = np.sqrt(sampling + (100.0 * low) ** 2)
-        axes.fill_between(seconds, low, high, color=colour, alpha=0.08, linewidth=0)
-    read = [(error.seconds_to(limit), 100.0 * limit) for limit in limits]
-    read = [pair for pair in read if math.isfinite(pair[0])]
-    places = tuple(zip(*read, strict=True)) or ((), ())
-    axes.plot(*places, marker, color=colour, markersize=size)
-    key = {"marker": marker, "markersize": size, "linewidth": width}
-    axes.plot([], [], color=colour, label=line.name, **key)
-
-
-def _span(result, name):
-    """The axis' range of times (s), a little beyond all times that are read off or belong to
-    closures."""
-    errors = [line.errors[name] for line in result.lines if line.errors]
-    times = [error.seconds_to(limit) for error in errors for limit in result.limits]
-    times += [point.seconds for point in result.points]
-    times = [time for time in times if math.isfinite(time) and time > 0.0] or [1.0]
-    return 0.3 * min(times), 5.0 * max(times)
-
-
-def draw_work_precision(diagram: Any) -> Figure:
-    """Strong error and bias of every method over its seconds per simulated unit."""
-    from matplotlib.figure import Figure
-
-    figure = Figure(figsize=(7.2, 6.2))
-    grid = figure.add_gridspec(3, 2, width_ratios=(1.0, 1.15))
-    left = figure.add_subplot(grid[:, 0])
-    marks = styles(row.method.family for row in diagram.rows)
-    _draw_strong_errors(left, diagram, marks)
-    right: Any = None
-    for grid_row, name in enumerate(diagram.means):
-        right = figure.add_subplot(grid[grid_row, 1], sharex=right)
-        _draw_biases(right, diagram, name, marks)
-        right.tick_params(labelbottom=grid_row == 2)
-    right.set_xlabel("seconds per simulated second, one core")
-    machine = diagram.measured.speeds["machine"]
-    figure.suptitle(
-        f"{diagram.scene.name}: error against run time "
-        f"({machine['date']}, {machine['cores']} cores; bars: two standard errors)",
-        x=0.01,
-        ha="left",
-        fontsize=9,
-    )
-    handles = [*zip(*left.get_legend_handles_labels(), strict=True)]
-    handles += zip(*right.get_legend_handles_labels(), strict=True)
-    figure.legend(*zip(*handles, strict=True), loc="outside lower center", ncols=2)
-    return figure
-
-
-def _draw_strong_errors(axes, diagram, marks):
-    for family, (colour, marker) in marks.items():
-        rows = [row for row in diagram.rows if row.method.family == family]
-        order, theory = diagram.orders[family]["displacement"], rows[0].method.order
-        label = f"{family}: order {order:.1f} ({theory})" if np.isfinite(order) else family
-        axes.plot(
-            [row.seconds_per_unit for row in rows],
-            [row.strong["displacement"] for row in rows],
-            marker=marker,
-            markersize=5,
-            color=colour,
-            label=label,
-        )
-    axes.set_xscale("log")
-    axes.set_yscale("log")
+def _cut(axes, xs, ys):
+    """Logarithmic axes that end a little beyond the data."""
+    axes.set(xscale="log", yscale="log")
+    for values, set_limits in ((xs, axes.set_xlim), (ys, axes.set_ylim)):
+        finite = [value for value in values if math.isfinite(value) and value > 0.0]
+        if finite:
+            set_limits(min(finite) / 2.0, max(finite) * 2.0)
     thin_ticks(axes)
+
+
+def _mark(row, marks):
+    """Look of a method's points."""
+    colour, marker = marks[row.method.group]
+    face = "white" if row.method.scheme == "gear" else colour
+    return {"color": colour, "marker": marker, "markersize": 4.5, "markerfacecolor": face}
+
+
+def _label_seconds(axes, study):
+    axes.set_xlabel(f"seconds of one core for {study.measured.answer.simulated_time:.3g} s")
+
+
+def _draw_strong_errors(axes, study, marks):
+    for family in dict.fromkeys(row.method.family for row in study.rows):
+        rows = [row for row in study.rows if row.method.family == family]
+        seconds = [study.run_seconds(row) for row in rows]
+        axes.plot(seconds, [r.strong["displacement"] for r in rows], **_mark(rows[0], marks))
+    errors = [row.strong["displacement"] for row in study.rows]
+    _cut(axes, map(study.run_seconds, study.rows), errors)
     axes.grid(alpha=0.2)
-    axes.set_xlabel("seconds per simulated second, one core")
+    _label_seconds(axes, study)
     axes.set_ylabel("RMS error of X [scaled]")
-    measured = diagram.measured
+    measured = study.measured
     axes.set_title(f"strong error over {measured.horizon:.3g} s, {measured.paths} paths")
 
 
-def _draw_biases(axes, diagram, name, marks):
-    """One mean's |bias| with two standard errors, over what its run's length can show."""
-    axes.set_xscale("log")
-    axes.set_yscale("log")
-    axes.set_ylim(LEAST_BIAS, 1e3)
-    for row in diagram.rows:
-        bias = row.bias.get(name)
-        if bias is None or bias.estimate == 0.0:
-            continue
-        colour, marker = marks[row.method.family]
-        size, reach = 100.0 * abs(bias.estimate), 200.0 * (bias.standard_error or 0.0)
-        axes.errorbar(
-            row.seconds_per_unit,
-            size,
-            [[min(reach, 0.999 * size)], [reach]],
-            fmt=marker,
-            markersize=4,
-            color=colour,
-            elinewidth=0.8,
-            # A hollow marker has no error bar.
-            markerfacecolor=colour if reach else "none",
-        )
-    _draw_sampling_error(axes, diagram, name)
-    for closure in diagram.measured.closures:
-        colour, style = LINES[closure]
-        deviation = 100.0 * abs(diagram.deviation(closure, name).estimate)
-        axes.axhline(
-            deviation, color=colour, linestyle=style, linewidth=0.9, label=f"averaging, {closure}"
-        )
+def _draw_biases(axes, study, name, marks):
+    """One mean's |bias| over run time, and what so long a run can show of it."""
+    points = [
+        (study.run_seconds(row), row.bias[name], _mark(row, marks))
+        for row in study.rows
+        if name in row.bias and row.bias[name].estimate
+    ]
+    xs = [seconds for seconds, *_ in points]
+    ys = [_draw_point(axes, *point) for point in points]
+    for closure, answer in study.measured.closures.items():
+        xs.append(answer["seconds"])
+        ys.append(_draw_closure(axes, closure, xs[-1], study.deviation(closure, name)))
+    level = 100.0 * study.sampling_error(name)
+    _cut(axes, xs, [*ys, level])
+    if math.isfinite(level):
+        axes.axhspan(axes.get_ylim()[0], level, color="0.5", alpha=0.12, lw=0)
+        axes.axhline(level, **SAMPLING)
+        where = axes.get_yaxis_transform()
+        axes.text(0.99, level, "sampling error of the run", fontsize=SMALL, ha="right", va="bottom",
+                  transform=where)  # fmt: skip
     axes.set_ylabel("|bias| [%]")
-    axes.set_title(name.replace("_", " "))
+    axes.set_title(f"bias of {SYMBOLS[name]}")
 
 
-def _draw_sampling_error(axes, diagram, name):
-    """σ/√N of the runs of each length, over the methods that had it: below is noise."""
-    for label, brief in (("sampling error σ/√N of the run", False), (None, True)):
-        rows = [row for row in diagram.rows if row.method.brief == brief and row.sampling]
-        if not rows:
-            continue
-        times = [row.seconds_per_unit for row in rows]
-        span, level = [min(times) / 1.4, max(times) * 1.4], 100.0 * rows[0].sampling[name]
-        axes.fill_between(span, LEAST_BIAS, level, color="0.5", alpha=0.15, lw=0)
-        axes.plot(span, [level, level], color="0.3", linewidth=0.9, label=label)
+def _draw_point(axes, seconds, bias, look):
+    """A bias with its error bar; returns its size in percent."""
+    size, reach = 100.0 * abs(bias.estimate), 200.0 * (bias.standard_error or 0.0)
+    size = min(max(size, LEAST), GREATEST)
+    opacity = 1.0 if reach else FADED
+    bars = [[min(reach, 0.999 * size)], [reach]]
+    axes.errorbar(seconds, size, bars, linestyle="none", elinewidth=0.8, alpha=opacity, **look)
+    return size
+
+
+def _draw_closure(axes, closure, seconds, deviation):
+    look = {"color": LINES[closure][0], "marker": CLOSURE_MARKERS[closure], "markersize": 7}
+    size = _draw_point(axes, seconds, deviation, look)
+    axes.annotate(
+        closure, (seconds, size), (4, 3), textcoords="offset points", fontsize=SMALL,
+        color=LINES[closure][0],
+    )  # fmt: skip
+    return size
+
+
+def _defaults(rows):
+    """Of each family the row at its default step, or at the first of its tolerances."""
+    first: dict[str, Any] = {}
+    for row in rows:
+        if row.errors and row.method.refinement == 1:
+            first.setdefault(row.method.family, row)
+    return list(first.values())
+
+
+def _draw_total_errors(axes, study, name, marks):
+    rows, data = _defaults(study.rows), study.measured
+    rows = [row for row in rows if math.isfinite(row.errors[name].resolved_bias)]
+    errors = [*(row.errors[name] for row in rows), data.errors[name]]
+    times = [error.seconds_to(limit) for error in errors for limit in LIMITS]
+    times += [answer["seconds"] for answer in data.closures.values()]
+    times = [seconds for seconds in times if math.isfinite(seconds) and seconds > 0.0] or [1.0]
+    seconds = np.geomspace(min(times) / 3.0, max(times) * 3.0, POINTS)
+    sizes = [_draw_line(axes, row.errors[name], seconds, _mark(row, marks)) for row in rows]
+    for closure, answer in data.closures.items():
+        deviation = study.total_deviation(closure, name)
+        sizes.append(_draw_closure(axes, closure, answer["seconds"], deviation))
+    for limit in LIMITS:
+        axes.axhline(100.0 * limit, color="0.7", linewidth=0.8, zorder=0)
+    _cut(axes, seconds, [100.0 * LIMITS[-1], 100.0 * LIMITS[0], *sizes])
+    sampling = 100.0 * data.errors[name].after(seconds)
+    axes.plot(seconds, sampling, zorder=1, **SAMPLING)
+    inside = (sampling > axes.get_ylim()[0]) & (sampling < axes.get_ylim()[1])
+    if inside.any():
+        last = np.flatnonzero(inside)[-1]
+        axes.annotate(
+            "sampling error alone (reference)", (seconds[last], sampling[last]), (3, 3),
+            textcoords="offset points", fontsize=SMALL, va="bottom",
+        )  # fmt: skip
+    axes.set_yticks([1.0, 3.0, 10.0, 100.0], ["1", "3", "10", "100"])
+    ticks = {at: text for at, text in TICKS.items() if seconds[0] <= at <= seconds[-1]}
+    axes.set_xticks(list(ticks), list(ticks.values()))
+    axes.tick_params(which="minor", labelbottom=False, labelleft=False)
+    axes.set_ylabel("total error [%]")
+    axes.set_title(f"√(bias² + sampling variance) of {SYMBOLS[name]}")
+
+
+def _draw_line(axes, error, seconds, look):
+    """Solid where the bias is known below the total error, dashed beyond; markers at the limits.
+
+    Returns the smallest error drawn, in percent.
+    """
+    total = 100.0 * error.after(seconds)
+    known = error.bias.estimate == error.bias.standard_error == 0.0
+    uncertainty = 0.0 if known else 2.0 * (error.bias.standard_error or math.inf)
+    solid = total >= 100.0 * min(uncertainty, 1e3)
+    colour = look["color"]
+    axes.plot(seconds, np.where(solid, total, np.nan), color=colour)
+    axes.plot(seconds, np.where(solid, np.nan, total), color=colour, linestyle=(0, (2, 2)))
+    if abs(error.bias.estimate) > uncertainty:
+        sampling = 1e4 * error.scatter**2 * error.cost / seconds
+        ends = abs(error.bias.estimate) - uncertainty, error.largest_bias
+        low, high = (np.sqrt(sampling + (100.0 * end) ** 2) for end in ends)
+        axes.fill_between(seconds, low, high, color=colour, alpha=0.08, linewidth=0)
+    times = [error.seconds_to(limit) for limit in LIMITS]
+    read = [(at, 100.0 * limit) for at, limit in zip(times, LIMITS, strict=True) if at < math.inf]
+    if read:
+        axes.plot(*zip(*read, strict=True), linestyle="none", **look)
+    return max(float(total.min()), LEAST)

@@ -3,28 +3,55 @@
 *Strong* error: the path itself, against scipy's integrator on the same noise (with a netlist as
 load, against the compiled engine at a 32nd of its step), over a time in which paths do not
 separate. *Weak* error: the bias of means against a fine Monte Carlo run on the same noise.
+
+*Total* error: after a wall time t a mean is off by √(b² + s² c/t). b is the method's bias, s²/T the
+sampling variance of a run of T simulated seconds, c the wall seconds that one of them costs: time
+of one processor, which is the wall time on a machine that does nothing else.
 """
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
+from functools import cached_property
 from typing import Any
 
 import numpy as np
 
 from circuits.kernel.engine import circuit_of
-from harvester.base.errors import HarvesterError, LoadError, OutOfTime
-from harvester.base.serialising import LEFT_OUT, key
+from harvester.averaging.closures import NOISE_CLOSURES
+from harvester.base.errors import HarvesterError, OutOfTime
+from harvester.base.serialising import LEFT_OUT, key, plain
 from harvester.device import timescales
-from harvester.engines.request import Answer, Request, answers_before_failure, told
+from harvester.engines.methods import engine_of
+from harvester.engines.realization import run
+from harvester.engines.realizations import averages
+from harvester.engines.request import (
+    Answer,
+    Request,
+    answers_before_failure,
+    relative_error,
+    told,
+)
 from harvester.engines.runner import Runner
 from harvester.engines.task import Task
-from harvester.results.paired import paired_difference
+from harvester.results.paired import deviations, paired_difference
 from harvester.scene.model import Scene
 from harvester.scene.prepared import prepared
 from harvester.scene.steps import knot_spacing
-from harvester.scene.units import require_resistor
-from harvester.validation import MEANS, STATES, exact_paths, throughput
+from harvester.statistics.batch_means import standard_error
+from harvester.statistics.estimate import TOO_SHORT, Estimate
+from harvester.statistics.means import estimate_all
+from harvester.statistics.moments import Moments
+from harvester.statistics.output_side import estimate_output
+from harvester.validation import (
+    EFFICIENCY,
+    MEANS,
+    OUTPUT_POWER,
+    STATES,
+    VOLTAGE,
+    exact_paths,
+    throughput,
+)
 from harvester.validation.accuracy_methods import (
     LOAD_METHODS,
     LOAD_PATHS,
@@ -32,13 +59,10 @@ from harvester.validation.accuracy_methods import (
     METHODS,
     REFERENCE,
     THOROUGH_METHODS,
-    TIMED_LOAD_METHODS,
-    TIMED_METHODS,
     ComparedMethod,
     with_compiled,
 )
-from harvester.validation.paths import from_rest
-from harvester.validation.timed import Timed, closures, paths_at_knots, realizations_task
+from harvester.validation.paths import from_rest, recorded, states_at_knots
 
 # Number of paths from which the errors of paths are measured.
 PATHS = 4
@@ -51,19 +75,152 @@ BRIEF_REALIZATIONS = 8
 BRIEF_KNOTS = 4000
 # `thorough` multiplies the numbers of paths and of realizations by this.
 THOROUGH = 8
-# Monte Carlo is timed by tasks of this many realizations: a single one is too short for the clock.
-REALIZATIONS_TOGETHER = 16
-# Most realizations of a timed run.
-MOST_REALIZATIONS = 4096
-# The circuit runs as many copies side by side as are fastest in a run of this many realizations.
-LONG_RUN = 1000
-# The reference runs for this multiple of a method's time.
-REFERENCE_SHARE = 5.0
-# Fewest tasks of each method, however long they take.
-FEWEST_TASKS = 2
-# Each realization has as many batches as in a run of so many realizations. Few realizations then
-# still give an error bar.
-BATCHED_AS = 8
+# Before the clock starts a run of this many knots compiles and loads everything.
+WARM_UP_KNOTS = 20
+# Relative errors for which the time is given.
+LIMITS = (0.1, 0.03, 0.01)
+# A bias within this number of standard errors may be zero, and may be larger by as many.
+BIAS_SIGMAS = 2.0
+
+
+class Timed:
+    """The realizations of a scene by one method, and the time that they took.
+
+    Attributes
+    ----------
+    scene : Scene
+    moments : list of Moments
+    measured_time, simulated_time : float
+        Summed over realizations, without and with settling (s).
+    seconds : float
+        Summed over tasks, of one core.
+    cost : float
+        Seconds of one core for a measured one, of the fastest task: other work on the machine only
+        slows a task down.
+    """
+
+    def __init__(self, scene: Scene, answers: Sequence[dict[str, Any]]) -> None:
+        self.moments: list[Moments] = [
+            moments for answer in answers for moments in answer["moments"]
+        ]
+        self.measured_time = _measured_time(self.moments)
+        self.simulated_time = sum(moments.time_reached for moments in self.moments)
+        self.seconds = sum(answer["seconds"] for answer in answers)
+        self.cost = min(answer["seconds"] / _measured_time(answer["moments"]) for answer in answers)
+        self.scene = scene
+        self._estimates: dict[int, dict[str, Estimate]] = {}
+
+    def quantities(self, count: int | None = None) -> dict[str, Estimate]:
+        """Estimates from all realizations, or from the first few."""
+        moments = self.moments[:count]
+        if len(moments) not in self._estimates:
+            estimates = estimate_all(moments, self._system) | estimate_output(moments)
+            self._estimates[len(moments)] = estimates
+        return self._estimates[len(moments)]
+
+    @cached_property
+    def _system(self):
+        return prepared(self.scene).system
+
+
+def _measured_time(moments):
+    return sum(realization.time_reached - realization.start for realization in moments)
+
+
+@dataclass(frozen=True)
+class TotalError:
+    """One method's error in one quantity over wall time.
+
+    Attributes
+    ----------
+    bias : Estimate
+        Bias as a share of the reference's mean; no standard error where the runs are too short.
+    scatter : float
+        Relative standard error of the mean times the root of the simulated time (√s).
+    cost : float
+        Seconds of one core for one measured second, settling included.
+    """
+
+    bias: Estimate
+    scatter: float
+    cost: float
+
+    @property
+    def resolved_bias(self) -> float:
+        """|bias| without what its own error bar explains: √(b² − σ²), 0 where that is all.
+
+        nan without an error bar.
+        """
+        error = self.bias.standard_error
+        if error is None:
+            return math.nan
+        return math.sqrt(max(self.bias.estimate**2 - error**2, 0.0))
+
+    @property
+    def largest_bias(self) -> float:
+        """Upper bound of |bias|: two standard errors above it; infinite without an error bar."""
+        error = self.bias.standard_error
+        return math.inf if error is None else abs(self.bias.estimate) + BIAS_SIGMAS * error
+
+    def after(self, seconds: float | np.ndarray) -> float | np.ndarray:
+        """Total error after a wall time; `seconds` a float or an array of any shape."""
+        return np.sqrt(self.resolved_bias**2 + self.scatter**2 * self.cost / seconds)
+
+    def seconds_to(self, limit: float) -> float:
+        """Wall time to a total error; infinite where the bias alone is larger, nan if unknown."""
+        left = limit**2 - self.resolved_bias**2
+        if math.isnan(left):
+            return math.nan
+        return self.scatter**2 * self.cost / left if left > 0.0 else math.inf
+
+    def is_shown(self, limit: float) -> bool:
+        """Whether even the upper bound of the bias is within this error."""
+        return self.largest_bias <= limit
+
+    def to_dict(self) -> dict[str, Any]:
+        """Plain values for JSON, with what is read off at each of `LIMITS`."""
+        content = {
+            "bias": self.bias.estimate,
+            "standard_error": self.bias.standard_error,
+            "scatter": self.scatter,
+            "seconds_to": {f"{limit:g}": self.seconds_to(limit) for limit in LIMITS},
+            "shown": {f"{limit:g}": self.is_shown(limit) for limit in LIMITS},
+        }
+        return plain(content)
+
+
+def bias_of(name: str, run: Timed, reference: Timed) -> Estimate:
+    """A method's bias, from its own run and the reference's longer one on the same noise.
+
+    The reference's realizations on the noise of the method's own serve as control variate: with α
+    the slope of the batches of one on the other's, m − α m' + (α − 1) M estimates the bias, m' the
+    reference's mean over these realizations and M that over all of its own. α is 1 while paths
+    stay together, and 0 where they part at once.
+
+    Parameters
+    ----------
+    name : str
+        Name of the quantity.
+
+    Returns
+    -------
+    Estimate
+        As a share of the reference's mean.
+    """
+    count = min(len(run.moments), len(reference.moments))
+    estimates = (run.quantities(count), reference.quantities(count), reference.quantities())
+    mean, paired, overall = (quantities[name] for quantities in estimates)
+    run_deviations = deviations(run.moments[:count], name)
+    common = deviations(reference.moments[:count], name)
+    square = float(np.sum(common**2))
+    slope = float(np.sum(run_deviations * common)) / square if square > 0.0 else 0.0
+    slope = min(max(slope, 0.0), 1.0)
+    bias = mean.estimate - slope * paired.estimate - (1.0 - slope) * overall.estimate
+    error, far = standard_error(run_deviations - slope * common), overall.standard_error
+    if error is None or far is None:
+        return Estimate(bias / overall.estimate, None, None, "1", TOO_SHORT)
+    error = math.hypot(error, (1.0 - slope) * far)
+    return Estimate(bias / overall.estimate, error / abs(overall.estimate), None, "1")
 
 
 @dataclass(frozen=True)
@@ -79,12 +236,13 @@ class MethodRow:
     mean_step : float
         Mean step of the runs for the strong errors (s); nan when they failed.
     strong : dict of str to float
-        RMS error of each state over knots and paths, scaled; nan when a path failed, empty for
-        runs by time.
+        RMS error of each state over knots and paths, scaled; nan when a path failed.
     bias : dict of str to Estimate
         Bias of each mean as a share, paired with the reference; empty without a run.
     sampling : dict of str to float
         Standard error of each mean itself in a run of this length, as a share: σ/√N.
+    errors : dict of str to TotalError
+        Total errors of the quantities that are timed; empty without a run.
     """
 
     method: ComparedMethod = field(metadata=LEFT_OUT)
@@ -94,6 +252,7 @@ class MethodRow:
     strong: dict = field(default_factory=dict, metadata=key("strong_error"))
     bias: dict = field(default_factory=dict, metadata=LEFT_OUT)
     sampling: dict = field(default_factory=dict, metadata=key("sampling_error"))
+    errors: dict = field(default_factory=dict, metadata=LEFT_OUT)
 
     @property
     def simulated_time(self) -> float:
@@ -114,14 +273,16 @@ class Measured:
     ----------
     reference : ComparedMethod
         The method from whose runs biases are measured.
-    references : dict of bool to Timed
-        The reference's runs, by `ComparedMethod.brief`.
+    run : Timed
+        The reference's long run.
+    answer : Answer
+        The same with its evidence.
+    errors : dict of str to TotalError
+        Total errors of the reference, which hold no bias.
     closures : dict of str to dict
         For each closure that holds `quantities`, scaled, and `seconds`.
     refused : dict of str to str
         Closures that do not hold, with the reason.
-    answer : Answer or None
-        The reference's long run with its evidence; None for runs by time, as is all that follows.
     exact_paths : str
         Name of the solution from which strong errors are measured.
     horizon : float
@@ -134,22 +295,19 @@ class Measured:
     scene: Scene
     rows: list[MethodRow]
     reference: ComparedMethod
-    references: dict[bool, Timed]
+    run: Timed
+    answer: Answer
+    errors: dict[str, TotalError]
     closures: dict
     refused: dict
-    answer: Answer | None = None
-    exact_paths: str = ""
-    horizon: float = math.nan
-    paths: int = 0
-    speeds: dict = field(default_factory=dict)
+    exact_paths: str
+    horizon: float
+    paths: int
+    speeds: dict
 
 
-def by_own_length(
-    scene: Scene,
-    runner: Runner,
-    *,
-    thorough: bool = False,
-    methods: Sequence[ComparedMethod] | None = None,
+def measure(
+    scene: Scene, runner: Runner, thorough: bool, methods: Sequence[ComparedMethod] | None
 ) -> Measured:
     """Measure the methods by paths, and by the means of the scene's own run.
 
@@ -192,18 +350,26 @@ def by_own_length(
         brief: Timed(scenes[brief], [{"moments": answer.moments, "seconds": answer.seconds}])
         for brief, answer in answers.items()
     }
+    exact, answer = references[False], answers[False]
+    last = OUTPUT_POWER if OUTPUT_POWER in exact.quantities() else VOLTAGE
+    scatter = {
+        name: relative_error(exact.quantities()[name]) * math.sqrt(exact.measured_time)
+        for name in (last, EFFICIENCY)
+    }
+    none = Estimate(0.0, 0.0, None, "1")
     rows = [
-        _row(method, run, errors, references[method.brief], answers[False])
+        _row(method, run, errors, references[method.brief], answer, scatter)
         for method, run, errors in zip(methods, runs, strong, strict=True)
     ]
     return Measured(
         scene=scene,
         rows=rows,
         reference=reference,
-        references=references,
+        run=exact,
+        answer=answer,
+        errors={name: TotalError(none, spread, exact.cost) for name, spread in scatter.items()},
         closures=averaged,
         refused=refused,
-        answer=answers[False],
         exact_paths=LOAD_PATHS.family if with_load else "scipy's DOP853",
         horizon=short.run.duration,
         paths=short.run.realizations,
@@ -211,65 +377,28 @@ def by_own_length(
     )
 
 
-def _row(method, run, errors, reference, answer):
+def _row(method, run, path_errors, reference, answer, scatter):
     """A method's row; `answer` is the reference's longest run, which knows its means best."""
-    mean_step, strong = errors
+    mean_step, strong = path_errors
     if not isinstance(run, Timed):
         return MethodRow(method, None, run, mean_step, strong)
     differences = paired_difference(run, reference)
     # The sampling error is the same in every run of this length.
     shorter = math.sqrt(answer.simulated_time / run.simulated_time)
     bias = {name: differences[name] for name in MEANS if name in differences}
-    sampling = {name: sampling_error(answer, name) * shorter for name in MEANS}
-    return MethodRow(method, run, "", mean_step, strong, bias, sampling)
-
-
-def sampling_error(reference: Answer, name: str) -> float:
-    """Standard error of a mean as a share of it; nan without an error bar."""
-    estimate = reference.quantities[name]
-    if estimate.standard_error is None or not estimate.estimate:
-        return math.nan
-    return estimate.standard_error / abs(estimate.estimate)
-
-
-def by_time(scene: Scene, runner: Runner, seconds: float) -> Measured:
-    """Measure one setting of each family by the means of runs that take so long on one core.
-
-    Raises
-    ------
-    HarvesterError
-        The reference failed.
-    OutOfTime
-        The time budget was spent before it was there.
-    """
-    try:
-        require_resistor(scene, "Monte Carlo")
-        reference, methods = REFERENCE, with_compiled(TIMED_METHODS, runner)
-    except LoadError:
-        reference, methods = LOAD_REFERENCE, TIMED_LOAD_METHODS
-    batched = scene.replace({"run.realizations": BATCHED_AS})
-    exact, *runs = _runs_by_time(batched, (reference, *methods), seconds, runner)
-    averaged, refused = closures(scene, runner)
-    if not isinstance(exact, Timed):
-        raise exact or _out_of_time()
-    rows = [
-        MethodRow(method, run) if isinstance(run, Timed) else MethodRow(method, None, told(run))
-        for method, run in zip(methods, runs, strict=True)
-        if run is not None
-    ]
-    references = {False: exact, True: exact}
-    return Measured(scene, rows, reference, references, averaged, refused)
-
-
-def _out_of_time():
-    return OutOfTime("the time budget was spent before the reference was there")
+    sampling = {name: relative_error(answer.quantities[name]) * shorter for name in MEANS}
+    errors = {
+        name: TotalError(bias_of(name, run, reference), spread, run.cost)
+        for name, spread in scatter.items()
+    }
+    return MethodRow(method, run, "", mean_step, strong, bias, sampling, errors)
 
 
 def _there(outcomes):
     """The outcomes; raises the error of one that failed, or OutOfTime for a missing one."""
     for outcome in outcomes:
         if outcome is None or isinstance(outcome, HarvesterError):
-            raise outcome or _out_of_time()
+            raise outcome or OutOfTime("the time budget was spent before the reference was there")
     return outcomes
 
 
@@ -365,50 +494,66 @@ def _runs(scenes, methods, runner):
     return runs
 
 
-def _runs_by_time(scene, methods, seconds, runner):
-    """`Timed`, the HarvesterError or None of each method; the first is the reference.
+def timed(
+    scene: Scene, method: dict[str, Any], indices: list[int], report: Callable
+) -> dict[str, Any]:
+    """Moments of a few realizations, and the seconds of this core that they took.
 
-    The time of each method's first task decides how many more are run.
+    In a worker process; `method` holds what `ComparedMethod.options` gives.
     """
-    sizes = [_together(scene, method) for method in methods]
-
-    def answers(spans):
-        """For each method the answers of a span of tasks, with as many realizations as its size."""
-        groups = [
-            [
-                realizations_task(scene, method, range(k * size, (k + 1) * size), runner)
-                for k in span
-            ]
-            for method, size, span in zip(methods, sizes, spans, strict=True)
-        ]
-        return _answers(groups, runner)
-
-    first = answers([range(1)] * len(methods))
-    counts = _counts(sizes, [outcome for (outcome,) in first], seconds)
-    remaining = answers([range(1, count) for count in counts])
-    outcomes: list[Any] = []
-    for first_outcomes, others in zip(first, remaining, strict=True):
-        good, ended = answers_before_failure([*first_outcomes, *others])
-        failed = ended if isinstance(ended, HarvesterError) else None
-        outcomes.append(Timed(scene, good) if good else failed)
-    return outcomes
+    brief = scene.replace(
+        {"run.settle": 0.0, "run.duration": WARM_UP_KNOTS * knot_spacing(prepared(scene))}
+    )
+    settings = dict(method)
+    engine = engine_of(settings.pop("engine"), **settings)
+    run(brief, engine, indices[:1], None, report)
+    realizations = run(scene, engine, indices, None, report)
+    return {
+        "moments": [realization.moments for realization in realizations],
+        "seconds": sum(realization.seconds for realization in realizations),
+    }
 
 
-def _counts(sizes, first, seconds):
-    """Number of tasks for each method within its time, from the seconds of its first task."""
-    counts = []
-    for index, (size, outcome) in enumerate(zip(sizes, first, strict=True)):
-        budget = seconds * (1.0 if index else REFERENCE_SHARE)
-        task_seconds = outcome["seconds"] if isinstance(outcome, dict) else math.inf
-        most = max(MOST_REALIZATIONS // size, 1)
-        counts.append(min(max(int(budget / max(task_seconds, 1e-9)), FEWEST_TASKS), most))
-    # The reference has every realization of the other methods, on the same noise.
-    needed = max(count * size for count, size in zip(counts, sizes, strict=True))
-    counts[0] = max(counts[0], math.ceil(needed / sizes[0]))
-    return counts
+def paths_at_knots(
+    scene: Scene, method: dict[str, Any], indices: list[int], report: Callable
+) -> dict[str, Any]:
+    """States of a few realizations at the knots, and the number of points of all their records."""
+    realizations = recorded(scene, indices=indices, **method)
+    points = sum(realization.moments.points for realization in realizations)
+    return {"states": states_at_knots(scene, realizations), "points": points}
 
 
-def _together(scene, method):
-    if method.engine == "monte-carlo":
-        return REALIZATIONS_TOGETHER
-    return method.together(scene.replace({"run.realizations": LONG_RUN}))
+def realizations_task(
+    scene: Scene,
+    method: ComparedMethod,
+    indices: Sequence[int],
+    runner: Runner,
+    function: Callable = timed,
+) -> Task:
+    """The task of some realizations that run together; `function` takes what `timed` takes."""
+    arguments = {"scene": scene, "method": method.options(scene), "indices": list(indices)}
+    version = runner.version(method.engine)
+    return Task(function, arguments, version, method.family, len(indices))
+
+
+def averages_once_more(scene: Scene, closure: str, report: Callable) -> dict[str, Any]:
+    """A scene by a closure, timed with its code compiled (in a worker process)."""
+    for _ in range(2):
+        answer = averages(scene, closure, None, False, report)
+    return answer
+
+
+def closures(scene: Scene, runner: Runner) -> tuple[dict[str, dict], dict[str, str]]:
+    """Answers of the closures that hold, and the other closures' reasons for refusal, by their
+    names.
+
+    An answer holds `quantities`, scaled, and the `seconds` of one core.
+    """
+    tasks = [
+        Task(averages_once_more, {"scene": scene, "closure": closure}, label=closure)
+        for closure in NOISE_CLOSURES
+    ]
+    outcomes = dict(zip(NOISE_CLOSURES, runner.run(tasks), strict=True))
+    answers = {name: outcome for name, outcome in outcomes.items() if isinstance(outcome, dict)}
+    refused = {name: str(e) for name, e in outcomes.items() if isinstance(e, HarvesterError)}
+    return answers, refused

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Any
 
 from harvester.base.serialising import LEFT_OUT, key
@@ -43,6 +43,11 @@ class ComparedMethod:
     copies: int | None = 1
     brief: bool = field(default=False, metadata=LEFT_OUT)
 
+    @property
+    def group(self) -> str:
+        """The family without its scheme, if that is the trapezoidal rule or Gear's formula."""
+        return self.family.removesuffix(", trapezoidal").removesuffix(", gear")
+
     def step(self, scene: Scene) -> float:
         """Longest step (s)."""
         model = prepared(scene)
@@ -66,109 +71,73 @@ class ComparedMethod:
 
     def options(self, scene: Scene) -> dict[str, Any]:
         """The engine's name and what it is set to, as `harvester.simulate` takes them."""
-        return {
-            "engine": self.engine,
-            "step": self.step(scene),
-            "source": self.source,
-            "scheme": self.scheme,
-            "tolerance": self.tolerance,
-            "device": self.device,
-        }
+        names = ("engine", "source", "scheme", "tolerance", "device")
+        return {"step": self.step(scene), **{name: getattr(self, name) for name in names}}
 
 
-def _own_steps(scheme, *tolerances):
-    family = f"PWL in the netlist, {scheme}"
-    return tuple(
-        ComparedMethod(
-            family, "circuit", 2, source="pwl", scheme=scheme, tolerance=tolerance, brief=True
-        )
-        for tolerance in tolerances
+def _steps(method, *refinements, **changes):
+    return tuple(replace(method, refinement=refinement, **changes) for refinement in refinements)
+
+
+def _tolerances(method, *tolerances, **changes):
+    return tuple(replace(method, tolerance=tolerance, **changes) for tolerance in tolerances)
+
+
+_SCHEMES = ("trapezoidal", "gear")
+PWL, PWL_GEAR = (
+    ComparedMethod(f"PWL in the netlist, {s}", "circuit", 2, source="pwl", scheme=s, brief=True)
+    for s in _SCHEMES
+)
+TRAPEZOIDAL, GEAR = (
+    ComparedMethod(f"external source, {s}", "circuit", 2, scheme=s) for s in _SCHEMES
+)
+LOCAL_ERROR = ComparedMethod("external source, local error", "circuit", 2)
+SIDE_BY_SIDE, COMPILED = (
+    ComparedMethod(
+        f"{name}, trapezoidal", "circuit", 2, scheme="trapezoidal", device=device, copies=None
     )
-
-
-def _fixed_steps(scheme, *refinements, brief=False):
-    family = f"external source, {scheme}"
-    return tuple(
-        ComparedMethod(family, "circuit", 2, refinement, scheme=scheme, brief=brief)
-        for refinement in refinements
-    )
-
-
-def _local_error(*tolerances, brief=False):
-    family = "external source, local error"
-    return tuple(
-        ComparedMethod(family, "circuit", 2, tolerance=tolerance, brief=brief)
-        for tolerance in tolerances
-    )
-
-
-def _batched(name, device):
-    return ComparedMethod(name, "circuit", 2, scheme="trapezoidal", device=device, copies=None)
-
-
-def _monte_carlo(scheme, *refinements):
-    orders = {"Runge–Kutta": 4, "Heun": 2, "TR-BDF2": 2}
-    option = "heun" if scheme == "Heun" else None
-    return tuple(
-        ComparedMethod(
-            f"Monte Carlo, {scheme}", "monte-carlo", orders[scheme], refinement, scheme=option
-        )
-        for refinement in refinements
-    )
-
+    for name, device in (("side by side", "behavioural"), ("compiled device", "compiled"))
+)
+RUNGE_KUTTA = ComparedMethod("Monte Carlo, Runge–Kutta", "monte-carlo", 4)
+HEUN = ComparedMethod("Monte Carlo, Heun", "monte-carlo", 2, scheme="heun")
+TR_BDF2 = ComparedMethod("Monte Carlo, TR-BDF2", "monte-carlo", 2)
 
 METHODS = (
-    *_own_steps("trapezoidal", 1e-3, 1e-6),
-    *_own_steps("gear", 1e-3, 1e-6),
-    *_fixed_steps("trapezoidal", 0.5, 1),
-    *_fixed_steps("trapezoidal", 2, 4, brief=True),
-    *_fixed_steps("gear", 0.5, 1, 2, brief=True),
-    _batched("side by side, trapezoidal", "behavioural"),
-    *_local_error(1e-4),
-    *_local_error(1e-5, 1e-6, brief=True),
-    *_monte_carlo("Runge–Kutta", 1, 2, 4),
-    *_monte_carlo("Heun", 1, 2, 4),
+    *_tolerances(PWL, 1e-3, 1e-6),
+    *_tolerances(PWL_GEAR, 1e-3, 1e-6),
+    *_steps(TRAPEZOIDAL, 0.5, 1),
+    *_steps(TRAPEZOIDAL, 2, 4, brief=True),
+    *_steps(GEAR, 0.5, 1, 2, brief=True),
+    SIDE_BY_SIDE,
+    *_tolerances(LOCAL_ERROR, 1e-4),
+    *_tolerances(LOCAL_ERROR, 1e-5, 1e-6, brief=True),
+    *_steps(RUNGE_KUTTA, 1, 2, 4),
+    *_steps(HEUN, 1, 2, 4),
 )
 THOROUGH_METHODS = (
     *METHODS,
-    *_fixed_steps("trapezoidal", 8, brief=True),
-    *_fixed_steps("gear", 4, brief=True),
-    *_local_error(1e-7, brief=True),
-    *_monte_carlo("Heun", 8),
+    *_steps(TRAPEZOIDAL, 8, brief=True),
+    *_steps(GEAR, 4, brief=True),
+    *_tolerances(LOCAL_ERROR, 1e-7, brief=True),
+    *_steps(HEUN, 8),
 )
 # Methods that are added if the compiled device is available.
-COMPILED_METHODS = (_batched("compiled device, trapezoidal", "compiled"),)
+COMPILED_METHODS = (COMPILED,)
 # Methods for scenes with a netlist as load. The PWL source is left out, since it is slow there.
 LOAD_METHODS = (
-    *_fixed_steps("trapezoidal", 1),
-    *_fixed_steps("trapezoidal", 0.5, 2, brief=True),
-    *_fixed_steps("gear", 0.5, 1, brief=True),
-    *_local_error(1e-4, 1e-6, brief=True),
-    *_monte_carlo("TR-BDF2", 1, 2, 4),
-)
-# `time-to-accuracy` measures one setting of each family: ngspice's own tolerance and the default
-# steps.
-TIMED_METHODS = (
-    *_own_steps("trapezoidal", 1e-3),
-    *_own_steps("gear", 1e-3),
-    *_fixed_steps("trapezoidal", 1),
-    *_fixed_steps("gear", 1),
-    *_local_error(1e-4),
-    _batched("side by side, trapezoidal", "behavioural"),
-    *_monte_carlo("Runge–Kutta", 1),
-    *_monte_carlo("Heun", 1),
-)
-TIMED_LOAD_METHODS = (
-    *_fixed_steps("trapezoidal", 1),
-    *_fixed_steps("gear", 1),
-    *_local_error(1e-4),
-    *_monte_carlo("TR-BDF2", 1),
+    *_steps(TRAPEZOIDAL, 1),
+    *_steps(TRAPEZOIDAL, 0.5, 2, brief=True),
+    *_steps(GEAR, 0.5, 1, brief=True),
+    *_tolerances(LOCAL_ERROR, 1e-4, 1e-6, brief=True),
+    *_steps(TR_BDF2, 1, 2, 4),
 )
 # The reference of all biases.
-REFERENCE = ComparedMethod("Monte Carlo, Runge–Kutta, a quarter of the step", "monte-carlo", 4, 4)
-LOAD_REFERENCE = ComparedMethod("Monte Carlo, TR-BDF2, a quarter of the step", "monte-carlo", 2, 4)
+REFERENCE, LOAD_REFERENCE = (
+    replace(method, family=f"{method.family}, a quarter of the step", refinement=4)
+    for method in (RUNGE_KUTTA, TR_BDF2)
+)
 # The reference of paths with a netlist as load, which no independent integrator runs.
-LOAD_PATHS = ComparedMethod("Monte Carlo, TR-BDF2, a 32nd of the step", "monte-carlo", 2, 32)
+LOAD_PATHS = replace(TR_BDF2, family=f"{TR_BDF2.family}, a 32nd of the step", refinement=32)
 
 
 def with_compiled(methods: Sequence[ComparedMethod], runner: Runner) -> tuple[ComparedMethod, ...]:

@@ -14,14 +14,14 @@ from harvester.studies.optimum.result import Optimum
 from harvester.studies.sensitivity.study import Sensitivity
 from harvester.studies.sweep import Sweep
 from harvester.validation import orbit_maps
+from harvester.validation.accuracy import Accuracy
 from harvester.validation.claims import Judgement
 from harvester.validation.reproduce import Reproduction
 from harvester.validation.stability import StabilityMatrix
-from harvester.validation.time_to_accuracy import TimeToAccuracy
 from harvester.validation.verify import Verification
-from harvester.validation.work_precision import WorkPrecision
 
 SHOWN = [
+    Accuracy,
     Comparison,
     FrequencyResponse,
     Identification,
@@ -33,9 +33,7 @@ SHOWN = [
     StabilityMatrix,
     LoadStudy,
     Sweep,
-    TimeToAccuracy,
     Verification,
-    WorkPrecision,
     orbit_maps.OrbitVoltages,
     orbit_maps.Surfaces,
 ]
