@@ -33,7 +33,6 @@ from harvester.validation.accuracy import accuracy as accuracy
 from harvester.validation.stability import stability as stability
 from harvester.validation.verify import verify as verify
 from harvester.validation.reproduce import reproduce as reproduce
-from harvester.validation.claims import claims as claims
 from circuits.equivalent.schematic.drawing import schematic as schematic
 from harvester.base.errors import HarvesterError as HarvesterError
 from harvester.base.errors import SceneError as SceneError

@@ -10,14 +10,13 @@ from harvester.studies.optimum import line
 from harvester.studies.public import frequency_response, load_study, optimum, sensitivity
 from harvester.validation import accuracy_measurement as measurement
 from harvester.validation import claims, reproduce, throughput
-from harvester.validation import paper_runs as runs
+from harvester.validation import paper_figures as runs
 from harvester.validation import stability as matrix
 from harvester.validation import stability_cases as cases
 from harvester.validation.accuracy import accuracy
 from harvester.validation.accuracy_methods import ComparedMethod
-from harvester.validation.claim_tests import Trend
-from harvester.validation.claims_list import Claim
 from harvester.validation.paper_figures import FIGURES
+from harvester.validation.statements import Claim, Trend
 
 PAPER = Scene.read("paper", ["run.settle=5"])
 BRIEF = Scene.read("linear", ["run.realizations=4", "run.duration=600", "run.settle=50"])

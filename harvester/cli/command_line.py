@@ -40,7 +40,7 @@ harvester simulates vibration energy harvesters. What to try first:
   harvester schematic device    the circuit that a scene builds, drawn
   harvester identify device     a scene from measured records
 
-What proves the program: verify, claims, stability, accuracy, reproduce.
+What proves the program: verify, stability, accuracy, reproduce.
 `harvester --help` lists all commands; each has an example in its own --help."""
 
 

@@ -171,7 +171,6 @@ COMMANDS = (
         stem="identified",
     ),
     Command(verification.reproduce, "reproduce fig6 fig9 --quick --output results"),
-    StudyCommand(verification.claims, "claims --output results", title="the paper's statements"),
     Command(circuit.schematic, "schematic device --set load.netlist=bridge --output bridge.svg"),
     Command(circuit.load, "load rectifier.net --nodes N001,N002,out,0 --output rectifier.lib"),
     Command(circuit.netlist, "netlist paper --set run.duration=100 --output paper.cir"),
@@ -184,7 +183,7 @@ COMMANDS = (
 FIRST = (
     "average", "validate", "new", "simulate", "load-study", "optimum", "schematic", "identify"
 )  # fmt: skip
-PROOF = ("verify", "claims", "reproduce", "accuracy", "stability")
+PROOF = ("verify", "reproduce", "accuracy", "stability")
 
 
 class CommandParser(argparse.ArgumentParser):

@@ -23,7 +23,6 @@ from harvester.cli.parsing import overrides_of
 if TYPE_CHECKING:
     from harvester.scene.calling import SceneOrName
     from harvester.validation.accuracy import Accuracy
-    from harvester.validation.claims import Judgement
     from harvester.validation.stability import StabilityMatrix
     from harvester.validation.verify import Verification
 
@@ -73,26 +72,6 @@ def accuracy(
     return accuracy(scene, thorough=thorough, **running)
 
 
-def claims(
-    *, seed: Seed | None = None, thorough: bool = False, **running: Unpack[RunnerOptions]
-) -> Judgement:
-    """The paper's statements on trends, judged.
-
-    Every statement is judged by Monte Carlo, by the circuit and by each closure; in the folder of
-    `reproduce` its simulations are found.
-
-    Parameters
-    ----------
-    seed : int or None
-        Seed of the noise (default: the scene's).
-    thorough : bool
-        Longer runs, the circuit at every condition.
-    """
-    from harvester.validation.claims import claims
-
-    return claims(_paper(seed), thorough=thorough, **running)
-
-
 def reproduce(
     figures: Annotated[Sequence[str], Kind("FIGURE")] = ("all",),
     /,
@@ -100,36 +79,42 @@ def reproduce(
     quick: bool = False,
     seed: Seed | None = None,
     precision: Share | None = None,
+    thorough: bool = False,
     **running: Unpack[RunnerOptions],
 ) -> int:
-    """The paper's figures, computed again.
+    """The paper's figures, computed again, and its statements on trends, judged.
 
-    By averaging, Monte Carlo and circuit; one PNG and one JSON each, written as soon as the
-    figure is done.
+    By averaging, Monte Carlo and circuit; one PNG and one JSON for each figure, written as soon as
+    it is done. `claims` are the statements, which find the figures' simulations in the folder.
 
     Parameters
     ----------
     figures : list of str
-        fig2 … fig10, or all.
+        fig2 … fig10, claims, or all.
     quick : bool
         All figures in minutes: fewer points, error bars up to 5 % (circuit: more).
     seed : int or None
         Seed of the noise (default: the scene's).
     precision : float or None
-        Relative standard error of E[V²] and PCE that simulations are run for.
+        Relative standard error of E[V²] and PCE that the figures' simulations are run for.
+    thorough : bool
+        Claims by longer runs, and by the circuit at every condition.
     output : str or Path
         Folder for results, and for every finished piece: run the same command again to go on
         after a kill (default: results).
     """
-    from harvester.validation import orbit_maps
-    from harvester.validation.paper_figures import FIGURES
-    from harvester.validation.reproduce import reproduce
+    from harvester.scene.model import Scene
+    from harvester.validation.reproduce import NAMES, reproduce
 
     output = running.setdefault("output", "results")
-    without_noise = {"fig2": orbit_maps.surfaces, "fig3": orbit_maps.orbit_voltages}
-    names = _chosen(figures, [*without_noise, *FIGURES])
+    for name in figures:
+        if name not in (*NAMES, "all"):
+            raise HarvesterError(
+                f"{name}: no such figure{nearest(name, NAMES)}; there are {', '.join(NAMES)}, all"
+            )
+    names = [name for name in NAMES if name in figures or "all" in figures]
     check_places(None, output, files=[file for name in names for file in result_files(name)])
-    scene, finished = _paper(seed), {}
+    scene, finished = Scene.read("paper", overrides_of(seed=seed)), {}
 
     def keep(content):
         write_result(None, output, content.name, content)
@@ -137,13 +122,12 @@ def reproduce(
 
     try:
         with study_runner("figures", **running) as runner:
-            for name in (name for name in names if name in without_noise):
-                keep(without_noise[name](scene))
-            drawn = reproduce(
+            reproduce(
                 scene,
-                [name for name in names if name in FIGURES],
+                names,
                 quick=quick,
                 precision=precision,
+                thorough=thorough,
                 runner=runner,
                 on_figure=keep,
             )
@@ -155,21 +139,4 @@ def reproduce(
     finally:
         for name in (name for name in names if name in finished):
             show(finished[name], f"the paper's {name}")
-    return 1 if any(content.failed_runs for content in drawn) else 0
-
-
-def _paper(seed):
-    """The source paper's scene with another seed."""
-    from harvester.scene.model import Scene
-
-    return Scene.read("paper", overrides_of(seed=seed))
-
-
-def _chosen(figures, names):
-    """Names of figures in the paper's order."""
-    for name in figures:
-        if name not in (*names, "all"):
-            raise HarvesterError(
-                f"{name}: no such figure{nearest(name, names)}; there are {', '.join(names)}, all"
-            )
-    return [name for name in names if name in figures or "all" in figures]
+    return 1 if any(getattr(content, "failed_runs", 0) for content in finished.values()) else 0

@@ -1,4 +1,4 @@
-"""`claims`: the paper's statements, judged by Monte Carlo, by the circuit and by each closure."""
+"""The paper's statements, judged by Monte Carlo, by the circuit and by each closure."""
 
 import time
 from collections.abc import Sequence
@@ -13,9 +13,15 @@ from harvester.scene.calling import takes_scene
 from harvester.scene.model import Scene
 from harvester.scene.steps import with_knots
 from harvester.validation import SIGNIFICANT_SIGMAS
-from harvester.validation.claim_tests import FEATURES, Finding, Trend, name_of
-from harvester.validation.claims_list import CLAIMS, JUMPING, Claim
-from harvester.validation.paper_runs import answered, costly_first, reason, request
+from harvester.validation.paper_figures import (
+    answered,
+    costly_first,
+    name_of,
+    reason,
+    request,
+    told_of,
+)
+from harvester.validation.statements import CLAIMS, FEATURES, JUMPING, Claim, Finding, Trend
 
 HOLDS, IN_PART, FAILS = "holds", "holds in part", "does not hold"
 UNDECIDED, UNTESTED = "not significant", "not tested"
@@ -62,10 +68,9 @@ class Opinion:
         """Where it holds, where not, and where nothing can be said, in words."""
         pro, contra, open_ = self.speaking
         pro = [f for f in pro if f.decisive] or pro
-        parts = (("holds", pro), ("fails", contra), ("undecided", open_))
         return "; ".join(
             f"{word}: {', '.join(f'{f.where} ({f.effect:+.1%})' for f in findings)}"
-            for word, findings in parts
+            for word, findings in (("holds", pro), ("fails", contra), ("undecided", open_))
             if findings
         )
 
@@ -89,7 +94,7 @@ def judge(findings: Sequence[Finding]) -> Opinion:
 
 @dataclass(frozen=True)
 class Judgement:
-    """All statements with what each method says of them; `harvester claims` shows it.
+    """All statements with what each method says of them; `harvester reproduce claims` shows it.
 
     Attributes
     ----------
@@ -105,6 +110,7 @@ class Judgement:
     answers: dict
     thorough: bool
     wall_seconds: float
+    name = "claims"
 
     @property
     def judged(self) -> list[tuple[Claim, dict[str, Opinion]]]:
@@ -115,22 +121,25 @@ class Judgement:
         return header, [[c.section, c.says, *_texts(verdicts)] for c, verdicts in self.judged]
 
     def sentences(self) -> list[str]:
-        """Details of everything that does not simply hold."""
-        lines = [
-            f"{claim.says}: {method} {verdict.word}: {verdict.where()}"
-            for claim, verdicts in self.judged
-            for method, verdict in verdicts.items()
-            if verdict.word not in (HOLDS, UNTESTED)
-        ]
+        return [line for lines in self._details().values() for line in lines]
+
+    def _details(self):
+        """Sentences by the statement that they are about, "" for those on the whole."""
+        details: dict[str, list[str]] = {}
+        for claim, verdicts in self.judged:
+            for method, verdict in verdicts.items():
+                if verdict.word not in (HOLDS, UNTESTED):
+                    line = f"{claim.says}: {method} {verdict.word}: {verdict.where()}"
+                    details.setdefault(claim.says, []).append(line)
         for claim, verdicts in self.judged:
             parted = disagreements(verdicts)
             if parted:
                 pairs = (f"{where}: {p:+.1%} and {s:+.1%}" for where, p, s in parted)
-                lines.append(
+                details.setdefault(claim.says, []).append(
                     f"{claim.says}: the printed formulas (paper) and simulation of the printed "
                     f"equations (monte-carlo) disagree: {'; '.join(pairs)}"
                 )
-        lines += [
+        lines = [
             f"{method} refused at {name_of(changes)}: {reason(outcome)}"
             for (method, changes), outcome in self.answers.items()
             if not answered(outcome)
@@ -144,28 +153,22 @@ class Judgement:
             f"a finding counts from {SIGNIFICANT_SIGMAS:g} standard errors on (by chance one in "
             f"370); seed {self.scene.run.seed}; {self.wall_seconds:.0f} s"
         )
-        return lines
+        return {**details, "": lines}
 
     def markdown(self) -> str:
-        """The table with the sentences quoted, and the details, as Markdown."""
+        """The table with the sentences quoted, and the details, one fold for each statement."""
         header = ["section", "sentence", "tested", *METHODS]
         rows = [[c.section, c.sentence, c.says, *_texts(verdicts)] for c, verdicts in self.judged]
-        return f"{markdown_table([header, *rows])}\n\n{self._folded()}"
-
-    def _folded(self) -> str:
-        """The details as Markdown, one fold for each statement."""
-        folds: dict[str, list[str]] = {}
-        for line in self.sentences():
-            says = next((c.says for c in self.claims if line.startswith(f"{c.says}: ")), "")
-            folds.setdefault(says, []).append(line.removeprefix(f"{says}: "))
-        plain_lines = "".join(f"- {line}\n" for line in folds.pop("", []))
-        parts = "\n".join(
+        details = self._details()
+        plain_lines = "".join(f"- {line}\n" for line in details.pop(""))
+        folds = "\n".join(
             f"<details><summary>{says}</summary>\n\n"
-            + "".join(f"- {line}\n" for line in lines)
+            + "".join(f"- {line.removeprefix(f'{says}: ')}\n" for line in lines)
             + "\n</details>\n"
-            for says, lines in folds.items()
+            for says, lines in details.items()
         )
-        return f"{plain_lines}\n## Where a statement does not simply hold\n\n{parts}"
+        head = f"{markdown_table([header, *rows])}\n\n{plain_lines}"
+        return f"{head}\n## Where a statement does not simply hold\n\n{folds}"
 
     def figure(self) -> None:
         """None: statements have no figure."""
@@ -191,9 +194,8 @@ class Judgement:
                 for claim, verdicts in self.judged
             ],
             "points": [
-                {"method": method, "changes": dict(changes)}
-                | (a.to_dict() if answered(a) else {"refused": reason(a)})
-                for (method, changes), a in self.answers.items()
+                {"method": method, "changes": dict(changes), **told_of(outcome)}
+                for (method, changes), outcome in self.answers.items()
             ],
         }
 
@@ -231,11 +233,11 @@ def claims(
         Longer runs, and the circuit at every condition.
     chosen : sequence of Claim
     **running
-        See `harvester.engines.open_runner`; in the folder of `reproduce` its answers are found.
+        See `harvester.engines.open_runner`; in the folder of the figures its answers are found.
     """
     clock = time.perf_counter()
     chosen = tuple(chosen)
-    request_of_point = _requests_by_point(with_knots(scene), chosen, thorough)
+    request_of_point = requests_by_point(with_knots(scene), chosen, thorough)
     requests = costly_first(dict.fromkeys(request_of_point.values()))
     with open_runner(**running) as runner:
         outcomes = dict(zip(requests, runner.answer(requests), strict=True))
@@ -244,27 +246,23 @@ def claims(
     return Judgement(scene, chosen, verdicts, answers, thorough, time.perf_counter() - clock)
 
 
-def _requests_by_point(scene, chosen, thorough):
+def requests_by_point(scene: Scene, chosen: Sequence[Claim], thorough: bool) -> dict:
     """{(method, changes): Request} of everything that the statements need."""
     needed, dense = {}, set()
     for claim in chosen:
         for method in METHODS:
             for changes in _changes_of(claim, method, thorough):
                 needed[method, changes] = scene.replace(dict(changes))
-                if getattr(claim.test, "quantity", None) in FEATURES:
+                if claim.test.quantity in FEATURES:
                     dense.add((method, needed[method, changes]))
     count = THOROUGH if thorough else REALIZATIONS
+    # Closures have no time series of moments.
+    options: dict[str, Any] = {engine: {"moments": True} for engine in count}
     return {
-        (method, changes): request(
-            changed,
-            method,
-            count,
-            (method, changed) in dense,
-            # Closures have no time series of moments.
-            **({"moments": True} if method in count else {}),
-        )
-        for (method, changes), changed in needed.items()
-    }
+        point: request(changed, point[0], count, (point[0], changed) in dense,
+                       **options.get(point[0], {}))
+        for point, changed in needed.items()
+    }  # fmt: skip
 
 
 def _changes_of(claim, method, thorough):

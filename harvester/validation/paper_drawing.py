@@ -8,8 +8,7 @@ import numpy as np
 
 from harvester.averaging.closures import NOISE_CLOSURES
 from harvester.results.drawing import WORTH_DRAWING
-from harvester.validation.paper_figures import KEY_SYMBOLS
-from harvester.validation.paper_runs import answered
+from harvester.validation.paper_figures import KEY_SYMBOLS, answered
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -42,7 +41,7 @@ HEADROOM = 2.2
 
 def draw(content: Any) -> Figure:
     """Figure of a `Reproduction`."""
-    return _draw_densities(content) if content.layout.kind == "density" else _draw_sweeps(content)
+    return _draw_densities(content) if content.is_density else _draw_sweeps(content)
 
 
 def titled_figure(content: Any, title: str, width: float, height: float) -> Figure:
@@ -164,7 +163,7 @@ def _curve_legend(axes, panel):
     handles = [
         Line2D([], [], color=colour, label=f"${_tex(key)} = {value:g}$")
         for colour, curve in zip(COLOURS, panel.curves, strict=False)
-        for key, value in curve.changes
+        for key, value in curve
     ]
     axes.legend(handles=handles, fontsize=8, handlelength=1.2)
 

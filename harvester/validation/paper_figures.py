@@ -1,43 +1,49 @@
-"""The source paper's Figs. 4 to 10 as data: what is swept, where, and what is drawn.
+"""The source paper's Figs. 4 to 10 as data of paper.toml, and requests for its scenes.
 
-Values are those of the captions and of Sect. 4; whatever a curve does not change is the scene's
-(D = 0.02, τ1 = 0.4). Figs. 2 and 3 show orbits without noise, see `orbit_maps`.
+`reproduce` and `claims` cut the same realizations, so that either finds those of the other.
 """
 
+from collections.abc import Iterable
 from dataclasses import dataclass
-from typing import Any, TypeAlias
+from typing import Any, TypeAlias, TypeGuard
 
 import numpy as np
 
-from harvester.validation import EFFICIENCY, POWER, VOLTAGE
+from harvester.base.errors import HarvesterError
+from harvester.engines.methods import ENGINES
+from harvester.engines.request import Answer, Request
+from harvester.scene.model import Scene
+from harvester.scene.steps import resolving
+from harvester.validation import entries
 
 # Keys of a scene, with the values that they get.
 Changes: TypeAlias = tuple[tuple[str, Any], ...]
 
-GAP, RESTITUTION, STIFFNESS = "stoppers.gap", "stoppers.restitution", "stoppers.stiffness"
-COUPLING, DECAY_RATE = "piezo.coupling", "load.decay_rate"
-INTENSITY, CORRELATION_TIME = "excitation.intensity", "excitation.correlation_time"
-KEY_SYMBOLS = {
-    GAP: "δr",
-    RESTITUTION: "e",
-    STIFFNESS: "K",
-    COUPLING: "β",
-    DECAY_RATE: "λ",
-    INTENSITY: "D",
-    CORRELATION_TIME: "τ1",
+SYMBOL_KEYS = {
+    "δr": "stoppers.gap",
+    "e": "stoppers.restitution",
+    "K": "stoppers.stiffness",
+    "β": "piezo.coupling",
+    "λ": "load.decay_rate",
+    "D": "excitation.intensity",
+    "τ1": "excitation.correlation_time",
 }
+KEY_SYMBOLS = {key: symbol for symbol, key in SYMBOL_KEYS.items()}
+# Averaging time of one realization, in seconds.
+DURATIONS = {"monte-carlo": 5_000.0, "circuit": 1_200.0}
+# Largest numerical error of a closure. A smaller one would not be visible in a figure.
+CLOSURE_ERRORS = {"paper": 5e-3, "consistent": 5e-3, "fokker_planck": 2e-2}
+# Rough cost of a request, in units of a closure's point.
+COSTS = {"circuit": 20.0, "monte-carlo": 2.0, "fokker_planck": 5.0}
+NOT_RUN = "not run: the time budget was spent"
+# The outcome of a point: its answer, the reason why there is none, or None if it is not computed
+# yet.
+Outcome: TypeAlias = Answer | HarvesterError | None
 
 
-@dataclass(frozen=True)
-class Curve:
-    """Values that one line of a panel stands for, none for the scene's own."""
-
-    changes: Changes
-
-    @property
-    def label(self) -> str:
-        """ "τ1 = 0.4"."""
-        return ", ".join(f"{KEY_SYMBOLS[key]} = {value:g}" for key, value in self.changes)
+def name_of(changes: Changes) -> str:
+    """ "δr = 1.1, D = 0.02"; "defaults" without changes."""
+    return ", ".join(f"{KEY_SYMBOLS[key]} = {value:g}" for key, value in changes) or "defaults"
 
 
 @dataclass(frozen=True)
@@ -48,6 +54,8 @@ class FigurePanel:
     ----------
     swept : str
         The scene's key along the axis; for densities the one in which the curves differ.
+    curves : tuple of Changes
+        Values that each line stands for.
     first, last : float
         Ends of the axis; not used for densities.
     quick, full : int
@@ -56,9 +64,9 @@ class FigurePanel:
     """
 
     swept: str
-    first: float
-    last: float
-    curves: tuple[Curve, ...]
+    curves: tuple[Changes, ...]
+    first: float = 0.0
+    last: float = 0.0
     quick: int = 4
     full: int = 7
 
@@ -67,87 +75,71 @@ class FigurePanel:
         number = self.quick if quick else self.full
         simulated = np.linspace(self.first, self.last, number)
         lines = simulated if quick else np.linspace(self.first, self.last, 2 * number - 1)
-        return [_rounded(v) for v in lines], [_rounded(v) for v in simulated]
+        # Rounded in their last bits, so that curves with equal scenes share them.
+        closures, simulations = ([float(f"{v:.12g}") for v in some] for some in (lines, simulated))
+        return closures, simulations
 
 
 @dataclass(frozen=True)
 class PaperFigure:
-    """One figure.
-
-    Attributes
-    ----------
-    kind : str
-        "density" or "sweep".
-    quantities : tuple of str
-        One row of panels each; empty for densities.
-    """
+    """One figure; each of its `quantities` has a row of panels, densities have none."""
 
     title: str
-    kind: str
-    quantities: tuple[str, ...]
     panels: tuple[FigurePanel, ...]
+    quantities: tuple[str, ...] = ()
 
 
-def _rounded(value):
-    """Values rounded in their last bits, so that curves with equal scenes share them."""
-    return float(f"{value:.12g}")
+def _figure(title, panels, quantities=()):
+    def panel(swept, curves, values, **ends):
+        changes = tuple(((SYMBOL_KEYS[curves], value),) for value in values)
+        return FigurePanel(SYMBOL_KEYS[swept], changes, **ends)
 
+    return PaperFigure(title, tuple(panel(**table) for table in panels), tuple(quantities))
 
-def _curves(key, *values):
-    return tuple(Curve(((key, value),)) for value in values)
-
-
-def _density(key, *values):
-    return FigurePanel(key, min(values), max(values), _curves(key, *values))
-
-
-def _efficiency_panels(swept, first, last, points):
-    curves = (
-        _curves(GAP, 1.1, 1.2, 1.3),
-        _curves(RESTITUTION, 0.4, 0.7, 1.0),
-        _curves(STIFFNESS, 1.0, 7.0, 13.0),
-    )
-    return tuple(FigurePanel(swept, first, last, three, *points) for three in curves)
-
-
-TWO_NOISES = _curves(CORRELATION_TIME, 0.4, 1.0)
-
-STOPPERS = "Density of the displacement: stoppers"
-MEANS_OF = "Mean square voltage and mean power"
-OF_STOPPERS = (
-    _density(GAP, 1.0, 1.2),
-    _density(RESTITUTION, 0.5, 0.9),
-    _density(STIFFNESS, 5.0, 13.0),
-)
-OF_NOISE = (_density(INTENSITY, 0.03, 0.1), _density(CORRELATION_TIME, 0.4, 1.0))
-OVER_STOPPERS = (
-    FigurePanel(GAP, 0.95, 1.25, TWO_NOISES),
-    FigurePanel(RESTITUTION, 0.3, 1.0, TWO_NOISES),
-    FigurePanel(STIFFNESS, 5.0, 13.0, TWO_NOISES, 5, 5),
-)
-OVER_LOAD = (
-    FigurePanel(DECAY_RATE, 0.03, 0.09, TWO_NOISES),
-    FigurePanel(COUPLING, 0.3, 0.95, TWO_NOISES),
-)
-OVER_INTENSITY = (FigurePanel(INTENSITY, 0.005, 0.125, TWO_NOISES, 5, 9),)
-PCE = "Power conversion efficiency"
 
 FIGURES = {
-    "fig4": PaperFigure(STOPPERS, "density", (), OF_STOPPERS),
-    "fig5": PaperFigure("Density of the displacement: noise", "density", (), OF_NOISE),
-    "fig6": PaperFigure(f"{MEANS_OF}: stoppers", "sweep", (VOLTAGE, POWER), OVER_STOPPERS),
-    "fig7": PaperFigure(f"{MEANS_OF}: noise intensity", "sweep", (VOLTAGE, POWER), OVER_INTENSITY),
-    "fig8": PaperFigure(f"{MEANS_OF}: load and coupling", "sweep", (VOLTAGE, POWER), OVER_LOAD),
-    "fig9": PaperFigure(
-        f"{PCE}: noise intensity",
-        "sweep",
-        (EFFICIENCY,),
-        _efficiency_panels(INTENSITY, 0.005, 0.125, (5, 9)),
-    ),
-    "fig10": PaperFigure(
-        f"{PCE}: correlation time",
-        "sweep",
-        (EFFICIENCY,),
-        _efficiency_panels(CORRELATION_TIME, 0.1, 1.1, (4, 6)),
-    ),
+    entry["name"]: _figure(**{name: entry[name] for name in entry if name != "name"})
+    for entry in entries("paper")["figure"]
 }
+
+
+def request(
+    scene: Scene, method: str, realizations: dict[str, int], density: bool = False, **options: Any
+) -> Request:
+    """One scene by one method.
+
+    Parameters
+    ----------
+    realizations : dict of str to int
+        Number for each engine, at first.
+    **options
+        Of `harvester.engines.Request`, for simulations alone.
+    """
+    if method not in ENGINES:
+        return Request(scene, method, tolerance=CLOSURE_ERRORS[method], density=density)
+    run = resolving(scene).replace({"run.duration": DURATIONS[method]})
+    return Request(run, method, realizations=realizations[method], density=density, **options)
+
+
+def costly_first(requests: Iterable[Request]) -> list[Request]:
+    """The requests with the long ones in front: no process is left alone with one at the end."""
+
+    def cost(one):
+        return COSTS.get(one.method.name, 1.0) + 2.0 * (one.density and one.is_averaged)
+
+    return sorted(requests, key=cost, reverse=True)
+
+
+def answered(outcome: Outcome) -> TypeGuard[Answer]:
+    """Whether a point has an answer, and neither a reason nor nothing."""
+    return outcome is not None and not isinstance(outcome, HarvesterError)
+
+
+def told_of(outcome: Outcome) -> dict[str, Any]:
+    """A point for JSON: its answer, or why it has none."""
+    return outcome.to_dict() if answered(outcome) else {"refused": reason(outcome)}
+
+
+def reason(outcome: Outcome) -> str:
+    """Why a point has no answer."""
+    return NOT_RUN if outcome is None else str(outcome)

@@ -1,10 +1,10 @@
-"""`reproduce`: the paper's Figs. 4 to 10 by closures, Monte Carlo and circuit."""
+"""`reproduce`: the paper's figures by closures, Monte Carlo and circuit, and its statements."""
 
 import itertools
 import time
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, Unpack
+from typing import TYPE_CHECKING, Any, NamedTuple, Unpack
 
 import numpy as np
 
@@ -18,21 +18,27 @@ from harvester.engines.simulate import check_name
 from harvester.scene.calling import takes_scene
 from harvester.scene.model import Scene
 from harvester.scene.steps import with_knots
+from harvester.validation import claims, orbit_maps
 from harvester.validation.paper_figures import (
     FIGURES,
     KEY_SYMBOLS,
-    Curve,
+    Changes,
     FigurePanel,
+    Outcome,
     PaperFigure,
+    answered,
+    costly_first,
+    name_of,
+    reason,
+    request,
+    told_of,
 )
-from harvester.validation.paper_runs import Outcome, answered, costly_first, reason, request
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 
-@dataclass(frozen=True)
-class Effort:
+class Effort(NamedTuple):
     """How much is computed: realizations at first, the relative standard error that more are
     added for, and how many there may be."""
 
@@ -43,6 +49,9 @@ class Effort:
 
 QUICK = {"monte-carlo": Effort(16, 0.05, 32), "circuit": Effort(8, 0.10, 8)}
 DEFAULT = {"monte-carlo": Effort(40, 0.02, 1600), "circuit": Effort(48, 0.02, 336)}
+WITHOUT_NOISE = {"fig2": orbit_maps.surfaces, "fig3": orbit_maps.orbit_voltages}
+# All that can be reproduced, in the order in which it is.
+NAMES = (*WITHOUT_NOISE, *FIGURES, "claims")
 
 
 @dataclass(frozen=True)
@@ -68,7 +77,11 @@ class Reproduction:
     quick: bool
     wall_seconds: float
 
-    def points(self) -> Iterator[tuple[FigurePanel, Curve, str, float, Outcome]]:
+    @property
+    def is_density(self) -> bool:
+        return not self.layout.quantities
+
+    def points(self) -> Iterator[tuple[FigurePanel, Changes, str, float, Outcome]]:
         """(panel, curve, method, value, outcome) of every point."""
         for panel, lines in zip(self.layout.panels, self.lines, strict=True):
             for curve, line in zip(panel.curves, lines, strict=True):
@@ -92,7 +105,7 @@ class Reproduction:
     def table(self) -> tuple[list[str], list[list[str]]]:
         """Header and rows: how far each method is from Monte Carlo, and its error bars."""
         header = ["figure", "panel", "method", "points", "refused", "largest error bar"]
-        what = "∫|p − p'| dX to" if self.layout.kind == "density" else "deviation from"
+        what = "∫|p − p'| dX to" if self.is_density else "deviation from"
         header += [f"{what} Monte Carlo: median", "largest"]
         rows = []
         for letter, panel, lines in zip("abc", self.layout.panels, self.lines, strict=False):
@@ -123,6 +136,9 @@ class Reproduction:
         return drawn(draw, self)
 
     def to_dict(self) -> dict[str, Any]:
+        def told(points):
+            return [{"value": plain(value), **told_of(outcome)} for value, outcome in points]
+
         return {
             "figure": self.name,
             "title": self.layout.title,
@@ -134,8 +150,8 @@ class Reproduction:
                     "swept": panel.swept,
                     "curves": [
                         {
-                            "changes": dict(curve.changes),
-                            "methods": {m: _points_to_dict(p) for m, p in line.items()},
+                            "changes": dict(curve),
+                            "methods": {m: told(points) for m, points in line.items()},
                         }
                         for curve, line in zip(panel.curves, lines, strict=True)
                     ],
@@ -148,18 +164,10 @@ class Reproduction:
         """Header and rows of numbers, one a point and quantity."""
         header = ["panel", "curve", "method", "value", "quantity", "estimate", "standard_error"]
         rows = [
-            [
-                panel.swept,
-                curve.label,
-                method,
-                value,
-                name,
-                estimate.estimate,
-                estimate.standard_error,
-            ]
+            [panel.swept, name_of(curve), method, value, name, e.estimate, e.standard_error]
             for panel, curve, method, value, outcome in self.points()
             if answered(outcome)
-            for name, estimate in outcome.quantities.items()
+            for name, e in outcome.quantities.items()
         ]
         return header, rows
 
@@ -173,7 +181,7 @@ class Reproduction:
                 if not (answered(reference) and answered(outcome)):
                     continue
                 if outcome.density is not None:
-                    shares.append(_distance(outcome.density, reference.density))
+                    shares.append(distance(outcome.density, reference.density))
                 for name in self.layout.quantities:
                     mean = reference.quantities[name].estimate
                     shares.append(outcome.quantities[name].estimate / mean - 1.0)
@@ -187,50 +195,62 @@ def reproduce(
     *,
     quick: bool = False,
     precision: float | None = None,
-    on_figure: Callable[[Reproduction], object] | None = None,
+    thorough: bool = False,
+    on_figure: Callable[[Any], object] | None = None,
     **running: Unpack[RunnerOptions],
-) -> list[Reproduction]:
-    """Compute figures; scenes that several share are computed once.
+) -> list[Any]:
+    """Compute figures and judge statements; scenes that several share are computed once.
 
     Parameters
     ----------
     scene : Scene, str or Path
         The paper's device.
     names : sequence of str
-        Keys of `FIGURES`.
+        fig2 … fig10, claims.
     quick : bool
-        Fewer points and shorter runs.
+        Figures with fewer points and shorter runs.
     precision : float or None
-        Relative standard error of E[V²] and PCE that simulations are run for, instead of that of
-        `QUICK` or `DEFAULT`.
+        Relative standard error of E[V²] and PCE that the figures' simulations are run for, instead
+        of that of `QUICK` or `DEFAULT`.
+    thorough : bool
+        Statements by longer runs, and by the circuit at every condition.
     on_figure : callable or None
-        Given each Reproduction as soon as its last point is there.
+        Given each result as soon as its last point is there.
     **running
         See `harvester.engines.open_runner`.
 
     Returns
     -------
-    list of Reproduction
+    list of Surfaces, OrbitVoltages, Reproduction or Judgement
         Where the time budget was spent, points that are not there yet are None.
     """
     clock = time.perf_counter()
-    names = listed(names, "names", f'["{next(iter(FIGURES))}"]')
+    names = listed(names, "names", '["fig4"]')
     for name in names:
-        check_name("figure", name, FIGURES)
-    plans = {name: _plan(scene, FIGURES[name], quick, precision) for name in names}
+        check_name("figure", name, NAMES)
+    contents = {}
+
+    def keep(name, content):
+        contents[name] = content
+        if on_figure:
+            on_figure(content)
+
+    for name in [name for name in names if name in WITHOUT_NOISE]:
+        keep(name, WITHOUT_NOISE[name](scene))
+    plans = {n: plan(scene, FIGURES[n], quick, precision) for n in names if n in FIGURES}
     requests = {
         name: costly_first(
             request
-            for panel in plan
+            for panel in planned
             for line in panel
             for points in line.values()
             for _, request in points
         )
-        for name, plan in plans.items()
+        for name, planned in plans.items()
     }
     missing = {name: set(needed) for name, needed in requests.items()}
     ordered = list(dict.fromkeys(itertools.chain(*requests.values())))
-    answers, contents = {}, {}
+    answers = {}
 
     def collect(index, outcome):
         one = ordered[index]
@@ -239,36 +259,41 @@ def reproduce(
             missing[name].remove(one)
             if not missing[name]:
                 lines, seconds = _answered(plans[name], answers), time.perf_counter() - clock
-                contents[name] = Reproduction(name, FIGURES[name], scene, lines, quick, seconds)
-                if on_figure:
-                    on_figure(contents[name])
+                keep(name, Reproduction(name, FIGURES[name], scene, lines, quick, seconds))
 
     with open_runner(**running) as runner:
-        runner.answer(ordered, collect, in_turn=True)
+        if ordered:
+            runner.answer(ordered, collect, in_turn=True)
+        if "claims" in names:
+            keep("claims", claims.claims(scene, thorough=thorough, runner=runner))
     return [contents[name] for name in names]
 
 
-def point_name(panel: FigurePanel, curve: Curve, value: float) -> str:
+def point_name(panel: FigurePanel, curve: Changes, value: float) -> str:
     """ "δr = 1.1, D = 0.02": where a point lies."""
     swept = f"{KEY_SYMBOLS[panel.swept]} = {value:g}"
-    return swept if dict(curve.changes).get(panel.swept) == value else f"{curve.label}, {swept}"
+    return swept if dict(curve).get(panel.swept) == value else f"{name_of(curve)}, {swept}"
 
 
-def _plan(scene, figure, quick, precision=None):
-    """Per panel and curve {method: [(value, Request), …]}."""
+def plan(scene: Scene, figure: PaperFigure, quick: bool, precision: float | None = None) -> list:
+    """Per panel and curve of a figure {method: [(value, Request), …]}."""
     scene = with_knots(scene)
-    is_density = figure.kind == "density"
-    efforts = QUICK if quick else DEFAULT
+    efforts, is_density = QUICK if quick else DEFAULT, not figure.quantities
+    first = {engine: effort.realizations for engine, effort in efforts.items()}
 
-    def planned(device, panel, value, method):
+    def asked(device, panel, value, method):
         changed = device if is_density else device.replace({panel.swept: value})
-        return _request(changed, method, efforts, precision, is_density)
+        options = {}
+        if method in efforts:
+            effort = efforts[method]
+            options = {"precision": precision or effort.precision, "most": effort.most}
+        return request(changed, method, first, is_density, **options)
 
     def line(panel, index, curve):
-        device = scene.replace(dict(curve.changes))
+        device = scene.replace(dict(curve))
         values_by_method = _values(panel, index, curve, quick, is_density)
         return {
-            method: [(value, planned(device, panel, value, method)) for value in values]
+            method: [(value, asked(device, panel, value, method)) for value in values]
             for method, values in values_by_method.items()
         }
 
@@ -285,27 +310,17 @@ def _values(panel, index, curve, quick, is_density):
     """
     if is_density:
         methods = [*NOISE_CLOSURES, "monte-carlo", *(["circuit"] if index == 0 else [])]
-        return {method: [dict(curve.changes)[panel.swept]] for method in methods}
+        return {method: [dict(curve)[panel.swept]] for method in methods}
     fine, coarse = panel.values(quick)
     circuit = [coarse[len(coarse) // 2]] if index == 0 or not quick else []
     return {**dict.fromkeys(NOISE_CLOSURES, fine), "monte-carlo": coarse, "circuit": circuit}
 
 
-def _request(scene, method, efforts, precision, density):
-    """The request for a scene, with as many realizations as the effort asks for."""
-    first = {engine: effort.realizations for engine, effort in efforts.items()}
-    options = {}
-    if method in efforts:
-        effort = efforts[method]
-        options = {"precision": precision or effort.precision, "most": effort.most}
-    return request(scene, method, first, density, **options)
-
-
-def _answered(plan, answers):
+def _answered(planned, answers):
     """The plan with answers in the place of its requests."""
     return [
         [{m: [(v, answers[r]) for v, r in points] for m, points in line.items()} for line in lines]
-        for lines in plan
+        for lines in planned
     ]
 
 
@@ -324,16 +339,8 @@ def _summary(points, deviations):
     return [*cells, f"{np.median(deviations):+.1%}", f"{worst:+.1%}"]
 
 
-def _distance(density, reference):
+def distance(density: Any, reference: Any) -> float:
     """∫|p − p'| dX on the bins of the reference."""
     values = np.interp(reference.centre, density.centre, density.density, 0.0, 0.0)
     width = reference.centre[1] - reference.centre[0]
     return float(np.sum(np.abs(values - reference.density)) * width)
-
-
-def _points_to_dict(points):
-    return [
-        {"value": plain(value)}
-        | (outcome.to_dict() if answered(outcome) else {"refused": reason(outcome)})
-        for value, outcome in points
-    ]

@@ -47,8 +47,7 @@ OPTIONS = {
     f"{RUN} {SCENE}",
     "identify": "--alone --free --impedance --json --keep-aside --output --posterior --record "
     f"--report {SCENE}",
-    "reproduce": f"--output --precision --quick --seed {RUN} FIGURE",
-    "claims": f"--json --output --report --seed --thorough {RUN}",
+    "reproduce": f"--output --precision --quick --seed --thorough {RUN} FIGURE",
     "schematic": f"--output {SCENE}",
     "netlist": f"--dialect --output --realization --step {SCENE}",
     "export": "--as --data --dialect --displacement-unit --duration --output --rate "

@@ -17,12 +17,26 @@ from harvester.scene.prepared import prepared
 from harvester.scene.steps import knot_spacing
 from harvester.statistics.estimate import Density, Estimate
 from harvester.validation import claims as module
-from harvester.validation import paper_runs as runs
+from harvester.validation import paper_figures as runs
 from harvester.validation import reproduce as figures
-from harvester.validation.claim_tests import (
+from harvester.validation.claims import (
+    FAILS,
+    HOLDS,
+    IN_PART,
+    UNDECIDED,
+    UNTESTED,
+    claims,
+    disagreements,
+    judge,
+)
+from harvester.validation.paper_figures import FIGURES
+from harvester.validation.reproduce import Effort
+from harvester.validation.statements import (
     BEYOND,
+    CLAIMS,
     Bimodal,
     Changed,
+    Claim,
     Finding,
     InteriorMaximum,
     LargerEffect,
@@ -34,19 +48,6 @@ from harvester.validation.claim_tests import (
     reach_of,
     relative_change,
 )
-from harvester.validation.claims import (
-    FAILS,
-    HOLDS,
-    IN_PART,
-    UNDECIDED,
-    UNTESTED,
-    claims,
-    disagreements,
-    judge,
-)
-from harvester.validation.claims_list import CLAIMS, Claim
-from harvester.validation.paper_figures import FIGURES
-from harvester.validation.reproduce import Effort
 
 D, E = "excitation.intensity", "stoppers.restitution"
 SCENE = Scene.read("paper")
@@ -125,19 +126,23 @@ def test_comparisons_of_two_parameters():
     def function(c):
         return 5.0 + 3.0 * c.get(D, 1.0) + c.get(E, 0.0)
 
-    ends = (1.0, 2.0)
-    assert verdict(LargerEffect("mean_power", ((D, ends),), ((E, ends),)), function) == HOLDS
-    assert verdict(LargerEffect("mean_power", ((E, ends),), ((D, ends),)), function) == FAILS
-    assert verdict(Unchanged("mean_power", ((E, ends),), 0.2), function) == HOLDS
-    assert verdict(Unchanged("mean_power", ((E, ends), (D, ends)), 0.2), function) == IN_PART
-    assert verdict(Changed("mean_power", ((D, ends),), 0.2), function) == HOLDS
-    assert verdict(Changed("mean_power", ((E, ends),), 0.2), function) == FAILS
-    assert verdict(OppositeTrends("mean_power", ((D, ends),), "other"), function) == HOLDS
-    assert verdict(OppositeTrends("mean_power", ((D, ends),), "mean_power"), function) == FAILS
+    of_d, of_e = ((D, (1.0, 2.0)),), ((E, (1.0, 2.0)),)
+
+    def word(test, **values):
+        return verdict(test("mean_power", **values), function)
+
+    assert word(LargerEffect, ranges=of_d, weak=of_e) == HOLDS
+    assert word(LargerEffect, ranges=of_e, weak=of_d) == FAILS
+    assert word(Unchanged, ranges=of_e, limit=0.2) == HOLDS
+    assert word(Unchanged, ranges=(*of_e, *of_d), limit=0.2) == IN_PART
+    assert word(Changed, ranges=of_d, limit=0.2) == HOLDS
+    assert word(Changed, ranges=of_e, limit=0.2) == FAILS
+    assert word(OppositeTrends, ranges=of_d, other="other") == HOLDS
+    assert word(OppositeTrends, ranges=of_d, other="mean_power") == FAILS
 
 
 def test_a_change_below_a_limit_is_told_as_it_is_and_judged_by_what_is_left():
-    (finding,) = Unchanged("mean_power", ((D, (1.0, 2.0)),), 0.2).findings(
+    (finding,) = Unchanged("mean_power", ranges=((D, (1.0, 2.0)),), limit=0.2).findings(
         (), answers(lambda c: 9.0 + c[D], error=0.1)
     )
     assert finding.effect == pytest.approx(0.1)
@@ -247,7 +252,7 @@ def brief(monkeypatch):
 
 @pytest.mark.slow
 def test_the_command_judges_and_writes(tmp_path, capsys, brief):
-    assert main(["claims", "--output", str(tmp_path)]) == 0
+    assert main(["reproduce", "claims", "--output", str(tmp_path)]) == 0
     shown = capsys.readouterr().out
     for word in ("statement", "E[V²] rises with D", "monte-carlo", "circuit", "consistent"):
         assert word in shown

@@ -18,7 +18,7 @@ from harvester.scene.model import Scene
 from harvester.statistics.estimate import Density, Estimate
 from harvester.validation import paper_drawing as drawing
 from harvester.validation import paper_figures as figures_list
-from harvester.validation import paper_runs as runs
+from harvester.validation import paper_figures as runs
 from harvester.validation import reproduce as module
 from harvester.validation.paper_figures import FIGURES
 from harvester.validation.reproduce import Effort, Reproduction, reproduce
@@ -77,7 +77,7 @@ def test_figures_share_the_scenes_that_they_have_in_common():
     requests = [
         request
         for name in ("fig7", "fig9")
-        for lines in module._plan(SCENE, FIGURES[name], quick=True)
+        for lines in module.plan(SCENE, FIGURES[name], quick=True)
         for line in lines
         for _, request in line["monte-carlo"]
     ]
@@ -90,7 +90,7 @@ def test_the_distance_of_densities_is_that_of_two_uniform_ones():
     centre = 0.5 * (edges[1:] + edges[:-1])
     wide = Density(centre, np.where(abs(centre) < 1.0, 0.5, 0.0), None, "displacement")
     narrow = Density(centre, np.where(abs(centre) < 0.5, 1.0, 0.0), None, "displacement")
-    assert module._distance(narrow, wide) == pytest.approx(1.0, abs=0.02)
+    assert module.distance(narrow, wide) == pytest.approx(1.0, abs=0.02)
 
 
 def constant(value, simulated_time=0.0):
@@ -110,7 +110,7 @@ def synthetic(name, outcome=lambda method, value: constant(0.2)):
             {m: [(v, outcome(m, v)) for v, _ in points] for m, points in line.items()}
             for line in panel
         ]
-        for panel in module._plan(SCENE, FIGURES[name], quick=True)
+        for panel in module.plan(SCENE, FIGURES[name], quick=True)
     ]
     return Reproduction(name, FIGURES[name], SCENE, lines, True, 0.0)
 
@@ -169,7 +169,7 @@ def test_an_interrupt_leaves_the_figures_that_were_done(tiny, tmp_path, capsys, 
 
     first = {
         request
-        for panel in module._plan(SCENE, FIGURES["fig5"], quick=True)
+        for panel in module.plan(SCENE, FIGURES["fig5"], quick=True)
         for line in panel
         for points in line.values()
         for _, request in points

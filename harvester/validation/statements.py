@@ -1,4 +1,4 @@
-"""Tests of the paper's statements: each turns one method's answers into findings.
+"""The paper's statements on trends, as data of paper.toml, and what tests them.
 
 A test lists the changes of the scene that it needs at a condition (`scenes`), and judges them
 (`findings`) from `read(changes)`, which gives the method's answer there, or None where it has
@@ -8,19 +8,21 @@ valid whether or not the paths stay together: the error is that of the differenc
 
 import itertools
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 from typing import Any, TypeAlias
 
 import numpy as np
 
-from harvester.base.serialising import LEFT_OUT, fields_of
+from harvester.base.serialising import LEFT_OUT, fields_of, key
 from harvester.base.writing import finite
 from harvester.engines.request import Answer
 from harvester.results.paired import paired_difference
 from harvester.scene.model import Scene
 from harvester.statistics.estimate import Density
-from harvester.validation.paper_figures import KEY_SYMBOLS, Changes
+from harvester.validation import entries
+from harvester.validation.orbit_maps import orbit_voltages
+from harvester.validation.paper_figures import KEY_SYMBOLS, SYMBOL_KEYS, Changes, name_of
 
 # The peak of a density is its mean over this width of X.
 PEAK_WIDTH = 0.1
@@ -28,6 +30,8 @@ PEAK_WIDTH = 0.1
 BEYOND = 0.01
 # Gives a method's answer for some changes of the scene, or None if it has none.
 Read: TypeAlias = Callable[[Changes], Answer | None]
+# At this noise jumps between the wells are frequent.
+JUMPING = ((SYMBOL_KEYS["D"], 0.08),)
 
 
 @dataclass(frozen=True)
@@ -65,18 +69,25 @@ class Finding:
         return {**fields_of(self), "standard_errors": finite(self.sigmas)}
 
 
-def name_of(changes: Changes) -> str:
-    """ "δr = 1.1, D = 0.02"; "defaults" without changes."""
-    return ", ".join(f"{KEY_SYMBOLS[key]} = {value:g}" for key, value in changes) or "defaults"
-
-
+@dataclass(frozen=True)
 class StatementTest:
-    """A test that each method is put to; `places` are the keys and values that it needs.
-
-    Most have a `quantity`: that of an answer, or one of `FEATURES` of its density.
+    """A test that each method is put to.
 
     Attributes
     ----------
+    quantity : str
+        Of an answer, or one of `FEATURES` of its density.
+    swept : str
+        Key along whose `values` the quantity is followed.
+    ranges, weak : tuple of (key, ends)
+        Ranges of keys, from the first to the last end of which the quantity changes.
+    rises : bool
+        Direction of a trend.
+    limit : float
+        Share that a change is compared with.
+    other : str
+        A second quantity.
+    quantities : tuple of str
     compares : bool
         `findings` takes a second `read`: that of Monte Carlo.
     of_orbits : bool
@@ -84,33 +95,28 @@ class StatementTest:
         is asked.
     """
 
+    quantity: str = ""
+    swept: str = ""
+    values: tuple[float, ...] = ()
+    ranges: tuple = ()
+    weak: tuple = ()
+    rises: bool = True
+    limit: float = 0.0
+    other: str = ""
+    quantities: tuple[str, ...] = ()
     compares, of_orbits = False, False
 
-    def places(self) -> Sequence[tuple[str, float]]:
-        """None: the condition itself is what is needed."""
-        return ()
-
     def scenes(self, condition: Changes) -> list[Changes]:
-        """The changes of the scene whose answers this test needs."""
-        return [with_value(condition, *setting) for setting in self.places()] or [condition]
+        """The changes of the scene whose answers this test needs; without any the condition."""
+        places = [(self.swept, value) for value in self.values]
+        places += [(key, value) for key, ends in (*self.ranges, *self.weak) for value in ends]
+        return [with_value(condition, *place) for place in places] or [condition]
 
     def findings(self, *arguments: Any) -> list[Finding]:
         """Findings from the answers of one method at a condition."""
         raise NotImplementedError
 
-
-@dataclass(frozen=True)
-class AlongKey(StatementTest):
-    """A quantity along values of one key."""
-
-    quantity: str
-    swept: str
-    values: tuple[float, ...]
-
-    def places(self) -> list[tuple[str, float]]:
-        return [(self.swept, value) for value in self.values]
-
-    def answered_points(self, condition: Changes, read: Read) -> list[tuple[float, Answer]]:
+    def points(self, condition: Changes, read: Read) -> list[tuple[float, Answer]]:
         """(value, answer) of the values for which there is an answer that has the quantity."""
         answers = [read(changes) for changes in self.scenes(condition)]
         pairs = zip(self.values, answers, strict=True)
@@ -118,81 +124,13 @@ class AlongKey(StatementTest):
             (value, answer) for value, answer in pairs if answer and _has(answer, self.quantity)
         ]
 
-    def change(
+    def step(
         self, condition: Changes, first: Any, last: Any, favours: int = 1, decisive: bool = True
     ) -> list[Finding]:
-        """A finding on the change between two answers; none without both."""
+        """A finding on the change between two points; none without both."""
         change = relative_change(first[1], last[1], self.quantity)
         where = _range(condition, self.swept, first[0], last[0])
         return [Finding(where, *change, favours, decisive)] if change else []
-
-
-@dataclass(frozen=True)
-class Trend(AlongKey):
-    """A quantity rises (or falls) along values of one key."""
-
-    rises: bool = True
-
-    def findings(self, condition: Changes, read: Read) -> list[Finding]:
-        """Every step between neighbours, and the whole."""
-        points, favours = self.answered_points(condition, read), 1 if self.rises else -1
-        if len(points) < 2:
-            return []
-        steps = itertools.pairwise(points) if len(points) > 2 else ()
-        findings = [self.change(condition, *step, favours, decisive=False) for step in steps]
-        return [
-            *itertools.chain(*findings),
-            *self.change(condition, points[0], points[-1], favours),
-        ]
-
-
-@dataclass(frozen=True)
-class InteriorMaximum(AlongKey):
-    """A quantity is higher somewhere inside a range than at both ends.
-
-    The highest interior point is chosen from the same data, which favours the statement by less
-    than a standard error.
-    """
-
-    def findings(self, condition: Changes, read: Read) -> list[Finding]:
-        """The best interior point against either end."""
-        points = self.answered_points(condition, read)
-        if len(points) < 3:
-            return []
-        best = max(points[1:-1], key=lambda point: point[1].quantities[self.quantity].estimate)
-        ends = (self.change(condition, end, best) for end in (points[0], points[-1]))
-        return [*itertools.chain(*ends)]
-
-
-@dataclass(frozen=True)
-class SingleHump(AlongKey):
-    """A quantity rises from the first value on to one maximum and falls after it."""
-
-    def findings(self, condition: Changes, read: Read) -> list[Finding]:
-        """Every step, in the direction it should have."""
-        points = self.answered_points(condition, read)
-        if len(points) < 3:
-            return []
-        values = [answer.quantities[self.quantity].estimate for _, answer in points]
-        # A rise up to the edge is no maximum either: the last step before the edge has to fall.
-        top = min(max(int(np.argmax(values)), 1), len(points) - 2)
-        steps = (
-            self.change(condition, *step, 1 if k < top else -1)
-            for k, step in enumerate(itertools.pairwise(points))
-        )
-        return [*itertools.chain(*steps)]
-
-
-@dataclass(frozen=True)
-class Ranges(StatementTest):
-    """Changes of a quantity from the first to the last value of the `ranges` of some keys."""
-
-    quantity: str
-    ranges: tuple
-
-    def places(self) -> list[tuple[str, float]]:
-        """Both ends of every range."""
-        return [(key, value) for key, ends in self.ranges for value in ends]
 
     def change(
         self, condition: Changes, read: Read, key: str, ends: Any, quantity: str = ""
@@ -204,14 +142,57 @@ class Ranges(StatementTest):
         return relative_change(first, last, quantity or self.quantity)
 
 
-@dataclass(frozen=True)
-class LargerEffect(Ranges):
+class Trend(StatementTest):
+    """A quantity rises (or falls) along values of one key."""
+
+    def findings(self, condition: Changes, read: Read) -> list[Finding]:
+        """Every step between neighbours, and the whole."""
+        points, favours = self.points(condition, read), 1 if self.rises else -1
+        if len(points) < 2:
+            return []
+        steps = itertools.pairwise(points) if len(points) > 2 else ()
+        findings = [self.step(condition, *step, favours, decisive=False) for step in steps]
+        findings.append(self.step(condition, points[0], points[-1], favours))
+        return [*itertools.chain(*findings)]
+
+
+class InteriorMaximum(StatementTest):
+    """A quantity is higher somewhere inside a range than at both ends.
+
+    The highest interior point is chosen from the same data, which favours the statement by less
+    than a standard error.
+    """
+
+    def findings(self, condition: Changes, read: Read) -> list[Finding]:
+        """The best interior point against either end."""
+        points = self.points(condition, read)
+        if len(points) < 3:
+            return []
+        best = max(points[1:-1], key=lambda point: point[1].quantities[self.quantity].estimate)
+        ends = (self.step(condition, end, best) for end in (points[0], points[-1]))
+        return [*itertools.chain(*ends)]
+
+
+class SingleHump(StatementTest):
+    """A quantity rises from the first value on to one maximum and falls after it."""
+
+    def findings(self, condition: Changes, read: Read) -> list[Finding]:
+        """Every step, in the direction it should have."""
+        points = self.points(condition, read)
+        if len(points) < 3:
+            return []
+        values = [answer.quantities[self.quantity].estimate for _, answer in points]
+        # A rise up to the edge is no maximum either: the last step before the edge has to fall.
+        top = min(max(int(np.argmax(values)), 1), len(points) - 2)
+        steps = (
+            self.step(condition, *step, 1 if k < top else -1)
+            for k, step in enumerate(itertools.pairwise(points))
+        )
+        return [*itertools.chain(*steps)]
+
+
+class LargerEffect(StatementTest):
     """Each key of `ranges` changes a quantity more than each of `weak`."""
-
-    weak: tuple
-
-    def places(self) -> list[tuple[str, float]]:
-        return [(key, value) for key, ends in (*self.ranges, *self.weak) for value in ends]
 
     def findings(self, condition: Changes, read: Read) -> list[Finding]:
         """For every strong and every weak key: the difference of the sizes of their changes."""
@@ -220,31 +201,26 @@ class LargerEffect(Ranges):
             ours = self.change(condition, read, strong, ends)
             theirs = self.change(condition, read, weak, others)
             if ours and theirs:
-                where = f"{KEY_SYMBOLS[strong]} against {KEY_SYMBOLS[weak]}"
-                where += f" at {name_of(condition)}" if condition else ""
+                where = f"{KEY_SYMBOLS[strong]} against {KEY_SYMBOLS[weak]}{_at(condition)}"
                 effect = abs(ours[0]) - abs(theirs[0])
                 findings.append(Finding(where, effect, math.hypot(ours[1], theirs[1])))
         return findings
 
 
-@dataclass(frozen=True)
-class Unchanged(Ranges):
+class Unchanged(StatementTest):
     """A quantity changes by less than a share over the ranges of some keys."""
-
-    limit: float
 
     def findings(self, condition: Changes, read: Read) -> list[Finding]:
         """A finding for each key, with the margin by which its change stays below the limit."""
         findings = []
-        for key, ends in self.ranges:
-            change = self.change(condition, read, key, ends)
+        for varied, ends in self.ranges:
+            change = self.change(condition, read, varied, ends)
             if change:
                 margin = self.limit - abs(change[0])
-                findings.append(Finding(_range(condition, key, *ends), *change, margin=margin))
+                findings.append(Finding(_range(condition, varied, *ends), *change, margin=margin))
         return findings
 
 
-@dataclass(frozen=True)
 class Changed(Unchanged):
     """A quantity changes by more than a share over the ranges of some keys."""
 
@@ -253,11 +229,8 @@ class Changed(Unchanged):
         return [replace(finding, favours=-1) for finding in super().findings(condition, read)]
 
 
-@dataclass(frozen=True)
-class OppositeTrends(Ranges):
+class OppositeTrends(StatementTest):
     """The quantity `other` rises where `quantity` falls, over ranges of some keys."""
-
-    other: str
 
     def findings(self, condition: Changes, read: Read) -> list[Finding]:
         """The other's change, for the statement when it is against the first one's.
@@ -265,22 +238,19 @@ class OppositeTrends(Ranges):
         As sure as the less sure of the two signs.
         """
         findings = []
-        for key, ends in self.ranges:
-            one = self.change(condition, read, key, ends)
-            other = self.change(condition, read, key, ends, self.other)
+        for varied, ends in self.ranges:
+            one = self.change(condition, read, varied, ends)
+            other = self.change(condition, read, varied, ends, self.other)
             if one and other:
                 sure = min(abs(Finding("", *change).sigmas) for change in (one, other))
                 error = abs(other[0]) / sure if sure > 0.0 else math.inf
                 favours = -1 if one[0] > 0.0 else 1
-                findings.append(Finding(_range(condition, key, *ends), other[0], error, favours))
+                findings.append(Finding(_range(condition, varied, *ends), other[0], error, favours))
         return findings
 
 
-@dataclass(frozen=True)
 class Bimodal(StatementTest):
     """The density of X is lower at 0 than at its peak."""
-
-    quantity = "peak"
 
     def findings(self, condition: Changes, read: Read) -> list[Finding]:
         """Findings: by how much the density at 0 is below its peak, as a share of the peak."""
@@ -292,12 +262,9 @@ class Bimodal(StatementTest):
         return [Finding(name_of(condition), 1.0 - middle / peak, error)]
 
 
-@dataclass(frozen=True)
 class Agreement(StatementTest):
     """Quantities are within a share of Monte Carlo's."""
 
-    quantities: tuple[str, ...]
-    limit: float
     compares = True
 
     def findings(self, condition: Changes, read: Read, reference: Read) -> list[Finding]:
@@ -314,7 +281,6 @@ class Agreement(StatementTest):
         return findings
 
 
-@dataclass(frozen=True)
 class WiderBand(StatementTest):
     """Orbits up to one energy reach higher frequencies with stoppers than without: Fig. 3."""
 
@@ -325,11 +291,45 @@ class WiderBand(StatementTest):
 
     def findings(self, scene: Scene) -> list[Finding]:
         """Highest frequency of the orbits around both wells."""
-        from harvester.validation.orbit_maps import orbit_voltages
-
         responses = orbit_voltages(scene).responses
         highest = [responses[d]["outer"].frequency.max() for d in ("with stoppers", "without")]
         return [Finding("outer orbits", highest[0] / highest[1] - 1.0, 0.0)]
+
+
+@dataclass(frozen=True)
+class Claim:
+    """One statement of a section of the paper.
+
+    Attributes
+    ----------
+    sentence : str
+        Quoted, shortened.
+    says : str
+        The tested statement in a few words.
+    conditions : tuple of tuple of (key, value)
+        Changes of the scene; the statement must hold under each of them.
+    """
+
+    section: str
+    sentence: str
+    says: str = field(metadata=key("tested"))
+    test: StatementTest = field(metadata=LEFT_OUT)
+    conditions: tuple[Changes, ...] = field(default=((),), metadata=LEFT_OUT)
+
+
+def _claim(section, sentence, tested, test, conditions=({},), **values):
+    if isinstance(conditions, str):
+        conditions = entries("paper")["conditions"][conditions]
+    changes = tuple(tuple((SYMBOL_KEYS[s], v) for s, v in each.items()) for each in conditions)
+    if "swept" in values:
+        values["swept"] = SYMBOL_KEYS[values["swept"]]
+    for name in {"ranges", "weak"} & values.keys():
+        values[name] = tuple((SYMBOL_KEYS[s], tuple(ends)) for s, *ends in values[name])
+    values = {n: tuple(v) if isinstance(v, list) else v for n, v in values.items()}
+    return Claim(section, sentence, tested, globals()[test](**values), changes)
+
+
+CLAIMS = tuple(_claim(**entry) for entry in entries("paper")["statement"])
 
 
 def with_value(condition: Changes, key: str, value: float) -> Changes:
@@ -370,8 +370,11 @@ def _value(answer, quantity):
 
 
 def _range(condition, key, first, last):
-    text = f"{KEY_SYMBOLS[key]} {first:g} → {last:g}"
-    return f"{text} at {name_of(condition)}" if condition else text
+    return f"{KEY_SYMBOLS[key]} {first:g} → {last:g}{_at(condition)}"
+
+
+def _at(condition):
+    return f" at {name_of(condition)}" if condition else ""
 
 
 def _smooth(density):
