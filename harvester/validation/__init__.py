@@ -18,6 +18,6 @@ TIME_LIMIT = 120.0
 
 
 @cache
-def entries(name: str) -> dict[str, list[dict[str, Any]]]:
+def entries(name: str) -> dict[str, Any]:
     """The tables of one of the TOML files in this folder."""
     return tomllib.loads((Path(__file__).parent / f"{name}.toml").read_text("utf-8"))

@@ -119,14 +119,19 @@ class StabilityMatrix:
         return lines
 
     def figure(self) -> Figure:
-        from harvester.results.figures import drawn
-
-        return drawn(_draw, self)
+        """All rows, in two blocks side by side."""
+        depth = math.ceil(len(self.rows) / BLOCKS)
+        return self._drawn([slice(k * depth, (k + 1) * depth) for k in range(BLOCKS)], depth)
 
     def figures(self) -> list[Figure]:
+        """Figures of `PAGE` rows that can be read in print."""
+        firsts = range(0, len(self.rows), PAGE)
+        return [self._drawn([slice(k, k + PAGE)], min(PAGE, len(self.rows) - k)) for k in firsts]
+
+    def _drawn(self, parts, depth):
         from harvester.results.figures import drawn
 
-        return drawn(_draw_pages, self)
+        return drawn(lambda matrix: _drawn(matrix, parts, depth), self)
 
     def to_dict(self) -> dict[str, Any]:
         return {
@@ -197,22 +202,6 @@ def stability(
             answers = dict.fromkeys(METHODS, changed_scene)
         rows.append(judged(case, changed_scene, answers))
     return StabilityMatrix(scene, rows, time.perf_counter() - clock)
-
-
-def _draw(matrix):
-    """Judge and margin of each cell: all rows, in two blocks side by side."""
-    depth = math.ceil(len(matrix.rows) / BLOCKS)
-    parts = [slice(block * depth, (block + 1) * depth) for block in range(BLOCKS)]
-    return _drawn(matrix, parts, depth)
-
-
-def _draw_pages(matrix):
-    """Judge and margin of each cell, in figures of `PAGE` rows that can be read in print."""
-    count = len(matrix.rows)
-    return [
-        _drawn(matrix, [slice(first, first + PAGE)], min(PAGE, count - first))
-        for first in range(0, count, PAGE)
-    ]
 
 
 def _drawn(matrix, parts, depth):

@@ -6,6 +6,7 @@ one matrix serves scaled and SI scenes.
 
 import math
 from dataclasses import dataclass, field
+from typing import Any
 
 from harvester.base.errors import SceneError
 from harvester.base.serialising import key
@@ -16,6 +17,7 @@ from harvester.scene.model import Scene
 from harvester.scene.prepared import prepared
 from harvester.scene.steps import knot_spacing, steps_per_sample
 from harvester.scene.units import length_scale
+from harvester.validation import entries
 
 # Realizations of Monte Carlo's run. Few realizations are long enough for the slowest time scale.
 REALIZATIONS = 4
@@ -54,48 +56,15 @@ class Case:
 
 
 def default_cases() -> list[Case]:
-    """The whole matrix, a list of `Case`."""
-    cases = [Case("scene", "as it is", {})]
-    cases += _decades("stiffness", "K", 2, 8)
-    cases += [Case("restitution", f"e = {e:g}", {"restitution": e}) for e in (0.0, 0.05, 1.0)]
-    cases += [
-        Case("gap", f"δ = {gap:g} wells", {"gap_in_wells": gap})
-        for gap in (0.5, 0.8, 0.95, 1.0, 1.05, 1.3, 2.0, 10.0)
+    """The whole matrix: the cases of stability_cases.toml."""
+    families = entries("stability_cases").items()
+    return [
+        Case(
+            family, name, {key: None if value == "none" else value for key, value in values.items()}
+        )
+        for family, cases in families
+        for name, values in cases.items()
     ]
-    cases += _decades("intensity", "D", -6, 2)
-    cases += _decades("correlation_time", "τ1", -3, 3)
-    cases += _decades("decay_rate", "λ", -4, 4)
-    cases += [Case("coupling", f"β = {b:g}", {"coupling": b}) for b in (0.0, 0.1, 1, 3, 10, 100)]
-    cases += [
-        Case("structure", "no stoppers", {"stoppers": None}),
-        Case("structure", "monostable", {"monostable": True}),
-        Case("structure", "monostable, no stoppers", {"monostable": True, "stoppers": None}),
-        Case("structure", "v0 held", {"impact_velocity": "event"}),
-    ]
-    return cases + [Case("corner", name, values) for name, values in _CORNERS.items()]
-
-
-_CORNERS: dict[str, dict] = {
-    "K = 1e8, D = 1, e = 0.05": {"stiffness": 1e8, "intensity": 1.0, "restitution": 0.05},
-    "K = 1e8, D = 100": {"stiffness": 1e8, "intensity": 100.0},
-    "K = 1e6, δ = 0.5 wells": {"stiffness": 1e6, "gap_in_wells": 0.5},
-    "K = 1e8, δ = 1 well, e = 0": {"stiffness": 1e8, "gap_in_wells": 1.0, "restitution": 0.0},
-    "K = 1e6, τ1 = 1e-3": {"stiffness": 1e6, "correlation_time": 1e-3},
-    "K = 1e6, v0 held, e = 0.3": {"stiffness": 1e6, "impact_velocity": "event", "restitution": 0.3},
-    "λ = 1e4, β = 100": {"decay_rate": 1e4, "coupling": 100.0},
-    "λ = 1e-4, β = 100": {"decay_rate": 1e-4, "coupling": 100.0},
-    "D = 1e-6, β = 100": {"intensity": 1e-6, "coupling": 100.0},
-    "D = 100, no stoppers": {"intensity": 100.0, "stoppers": None},
-    "D = 100, τ1 = 1e-3": {"intensity": 100.0, "correlation_time": 1e-3},
-    "D = 100, λ = 1e4, e = 1": {"intensity": 100.0, "decay_rate": 1e4, "restitution": 1.0},
-    "β = 0, e = 1, c = 1, τ1 = 0.01": {
-        "coupling": 0.0,
-        "restitution": 1.0,
-        "damping": 1.0,
-        "correlation_time": 0.01,
-        "intensity": 0.1,
-    },
-}
 
 
 def changed(scene: Scene, case: Case) -> Scene:
@@ -106,32 +75,22 @@ def changed(scene: Scene, case: Case) -> Scene:
     SceneError
         The case is none for this scene.
     """
-    changes = {
-        "excitation.knot_spacing": None,
-        "run.realizations": REALIZATIONS,
-        **_changes(scene, case),
-    }
+    changes: dict[str, Any] = {"excitation.knot_spacing": None, "run.realizations": REALIZATIONS}
+    stopped = {name: value for name, value in case.values.items() if name in _OF_STOPPERS}
+    if "stoppers" in case.values:
+        changes["stoppers"] = case.values["stoppers"]
+    elif stopped:
+        changes["stoppers"] = _stoppers(scene, stopped)
+    for name, scaled in case.values.items():
+        if name not in ("stoppers", *_OF_STOPPERS):
+            dotted, value = _scene_value(scene, name, scaled)
+            changes[dotted] = value
     if scene.units == "SI":
         # The unit of length stays that of the unchanged scene, and so do the scaled values.
         changes["length_scale"] = length_scale(scene)
     new = scene.replace(changes)
     settle, duration = run_length(new)
     return new.replace({"run.settle": settle, "run.duration": duration})
-
-
-def _changes(scene, case):
-    """The case's overrides by dotted keys or tables, in the scene's units."""
-    stopped = {name: value for name, value in case.values.items() if name in _OF_STOPPERS}
-    changes = {}
-    if "stoppers" in case.values:
-        changes["stoppers"] = case.values["stoppers"]
-    elif stopped:
-        changes["stoppers"] = _stoppers(scene, stopped)
-    for name, value in case.values.items():
-        if name not in ("stoppers", *_OF_STOPPERS):
-            dotted, changes_to = _scene_value(scene, name, value)
-            changes[dotted] = changes_to
-    return changes
 
 
 _OF_STOPPERS = ("stiffness", "gap_in_wells", "restitution", "impact_velocity")
@@ -147,16 +106,15 @@ def _stoppers(scene, values):
         values = {"stiffness": STIFFNESS, "gap_in_wells": GAP, "restitution": RESTITUTION, **values}
     length, mass = _units(scene)
     tables = scene.to_tables().get("stoppers", {})
+    new = {name: values[name] for name in values if name != "gap_in_wells"}
+    if "gap_in_wells" in values:
+        new["gap"] = values["gap_in_wells"] * _reference_length(scene) * length
     changed_tables = []
     for table in tables if isinstance(tables, list) else [tables]:
-        values_there = dict(values)
-        if "gap_in_wells" in values:
-            gap = values_there.pop("gap_in_wells") * _reference_length(scene)
-            values_there["gap"] = gap * length
-        if "stiffness" in values:
+        changed_tables.append({**table, **new})
+        if "stiffness" in new:
             exponent = table.get("exponent", HERTZ_EXPONENT)
-            values_there["stiffness"] = values["stiffness"] * mass / length ** (exponent - 1.0)
-        changed_tables.append({**table, **values_there})
+            changed_tables[-1]["stiffness"] = new["stiffness"] * mass / length ** (exponent - 1.0)
     return changed_tables
 
 
@@ -188,14 +146,14 @@ def _scene_value(scene, name, value):
             return "excitation.intensity", value * length**2
         case "correlation_time":
             return "excitation.correlation_time", value
-        case "decay_rate" if in_si:
-            resistance = 1.0 / (value * _capacitance(scene, "λ"))
-            return "load", {"kind": "resistor", "resistance": resistance}
         case "decay_rate":
-            return "load", {"kind": "resistor", "decay_rate": value}
-        case "coupling" if in_si:
-            return "piezo.coupling", math.sqrt(value * mass * _capacitance(scene, "β"))
+            rate = {"decay_rate": value}
+            if in_si:
+                rate = {"resistance": 1.0 / (value * _capacitance(scene, "λ"))}
+            return "load", {"kind": "resistor", **rate}
         case "coupling":
+            if in_si:
+                value = math.sqrt(value * mass * _capacitance(scene, "β"))
             return "piezo.coupling", value
     raise KeyError(name)
 
@@ -229,10 +187,3 @@ def slowest_time(scene: Scene) -> float:
     period = 2.0 * math.pi / timescales.angular_frequency(system)
     relaxation, decay = timescales.relaxation_time(system), system.transducer.decay_rate()
     return max(relaxation, period, system.noise.correlation_time, 1.0 / decay if decay else 0.0)
-
-
-def _decades(name, symbol, first, last):
-    return [
-        Case(name.replace("_", " "), f"{symbol} = 1e{n}", {name: 10.0**n})
-        for n in range(first, last + 1)
-    ]

@@ -13,16 +13,16 @@ from harvester.identification.measurement import Measurement, read_measurement
 from harvester.scene.model import Scene
 from harvester.scene.prepared import prepared
 from harvester.statistics.of_run import run_estimates
-from harvester.validation import STATES, exact_paths, radau, simulators
+from harvester.validation import STATES, exact_paths, other_programs
 from harvester.validation.paths import recorded, states_at_knots
 
 # Other programs that run a scene's first path. Each gives X and the terminal voltage, scaled, at
 # the knots 1, 2, …
 OTHERS: dict[str, Callable[[Scene], np.ndarray]] = {
     "DOP853": lambda scene: exact_paths.run(scene, 0)[:, [0, 2]],
-    "Radau": radau.bridge_path,
-    "ngspice -b": simulators.plain_ngspice,
-    "VACASK": simulators.vacask,
+    "Radau": other_programs.bridge_path,
+    "ngspice -b": other_programs.plain_ngspice,
+    "VACASK": other_programs.vacask,
 }
 COLUMNS = ("displacement", "voltage")
 # Of the Silverbox the sampling rate (Hz) and the published split (nonlinear_benchmarks), which
