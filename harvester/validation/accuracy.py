@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from functools import cached_property
 from typing import TYPE_CHECKING, Any, Unpack
 
 import numpy as np
@@ -35,56 +35,52 @@ LEAST_RATIO = 2.0
 UNITS = ((86400.0, "d"), (3600.0, "h"), (60.0, "min"), (1.0, "s"), (1e-3, "ms"))
 
 
-@dataclass(frozen=True)
-class Accuracy:
-    """Errors and run times of all methods on one scene.
+class Accuracy(Measured):
+    """Errors and run times of all methods on one scene."""
 
-    Attributes
-    ----------
-    orders : dict of str to dict of str to float
-        Measured order in each state of each family.
-    """
-
-    measured: Measured
-    orders: dict[str, dict[str, float]]
-
-    @property
-    def rows(self) -> list[MethodRow]:
-        return self.measured.rows
-
-    @property
-    def scene(self) -> Scene:
-        return self.measured.scene
+    @cached_property
+    def orders(self) -> dict[str, dict[str, float]]:
+        """Measured order in each state of each family: of log error over log mean step."""
+        orders = {}
+        for family in dict.fromkeys(row.method.family for row in self.rows):
+            ours = [row for row in self.rows if row.method.family == family and row.mean_step > 0.0]
+            steps = np.log([row.mean_step for row in ours])
+            orders[family] = dict.fromkeys(STATES, math.nan)
+            if len(ours) < 2 or np.ptp(steps) < math.log(LEAST_RATIO):
+                continue
+            for name in STATES:
+                errors = np.log([row.strong[name] for row in ours])
+                orders[family][name] = float(np.polyfit(steps, errors, 1)[0])
+        return orders
 
     @property
     def quantities(self) -> tuple[str, ...]:
         """The quantities whose total errors are timed."""
-        return tuple(self.measured.errors)
+        return tuple(self.errors)
 
     def needed_time(self) -> float:
         """Simulated time to a standard error of 1 % of E[V²] (s); infinite without an error bar."""
-        answer = self.measured.answer
-        return answer.simulated_time * (self.sampling_error(VOLTAGE) / WANTED_ERROR) ** 2
+        return self.answer.simulated_time * (self.sampling_error(VOLTAGE) / WANTED_ERROR) ** 2
 
     def sampling_error(self, name: str) -> float:
         """Standard error of a mean in the long run, as a share of it."""
-        return relative_error(self.measured.answer.quantities[name])
+        return relative_error(self.answer.quantities[name])
 
     def run_seconds(self, row: MethodRow) -> float:
         """Seconds of one core for as long a run as the reference's."""
-        return row.seconds_per_unit * self.measured.answer.simulated_time
+        return row.seconds_per_unit * self.answer.simulated_time
 
     def deviation(self, closure: str, name: str) -> Estimate:
         """A closure's deviation from the reference as a share, with the reference's error."""
-        value = self.measured.closures[closure]["quantities"][name].estimate
-        mean, share = self.measured.answer.quantities[name].estimate, self.sampling_error(name)
+        value = self.closures[closure]["quantities"][name].estimate
+        mean, share = self.answer.quantities[name].estimate, self.sampling_error(name)
         error = share * value / mean if math.isfinite(share) else None
         return Estimate(value / mean - 1.0, error, None, "1")
 
     def total_deviation(self, closure: str, name: str) -> Estimate:
         """A closure's deviation from the reference, as a share with both errors."""
-        ours = self.measured.closures[closure]["quantities"][name]
-        theirs = self.measured.run.quantities()[name]
+        ours = self.closures[closure]["quantities"][name]
+        theirs = self.run.quantities()[name]
         ratio = ours.estimate / theirs.estimate
         errors = (ours.standard_error or 0.0), abs(ratio) * (theirs.standard_error or 0.0)
         error = math.hypot(*(error / abs(theirs.estimate) for error in errors))
@@ -98,7 +94,7 @@ class Accuracy:
             f"{SYMBOLS[name]} to {limit:.0%}" for name in self.quantities for limit in LIMITS
         ]
         rows = [self._cells(row) for row in self.rows]
-        for closure, answer in self.measured.closures.items():
+        for closure, answer in self.closures.items():
             biases = [_percent(self.deviation(closure, name)) for name in MEANS]
             rows.append([f"averaging, {closure}", *5 * [""], *biases, ""])
             for name in self.quantities:
@@ -122,15 +118,14 @@ class Accuracy:
 
     def sentences(self) -> list[str]:
         """Whether the default step does, and what is behind the numbers."""
-        data, answer = self.measured, self.measured.answer
-        machine, speeds = data.speeds["machine"], data.speeds["rows"]
+        answer, machine, speeds = self.answer, self.speeds["machine"], self.speeds["rows"]
         sampling = ", ".join(f"{SYMBOLS[n]} {self.sampling_error(n):.2%}" for n in MEANS)
         lines = [
             *self.verdicts(),
-            f"error: root mean square over {data.paths} paths of {data.horizon:g} s against "
-            f"{data.exact_paths}, in scaled units; order: least squares over the mean steps, none "
+            f"error: root mean square over {self.paths} paths of {self.horizon:g} s against "
+            f"{self.exact_paths}, in scaled units; order: least squares over the mean steps, none "
             "where these follow the restarts of a PWL run",
-            f"bias: against {data.reference.family} ({data.reference.step(answer.scene):g} s), on "
+            f"bias: against {self.reference.family} ({self.reference.step(answer.scene):g} s), on "
             f"the same noise, with the error of the paired difference; {answer.realizations} × "
             f"{answer.simulated_time / answer.realizations:g} s, brief runs for "
             f"{'; '.join(self._brief_settings())}",
@@ -145,7 +140,7 @@ class Accuracy:
             f"{machine['date']}, {machine['cores']} cores, {machine['processor']}",
         ]
         lines += [f"{row.method.family}: {row.note}" for row in self.rows if row.note]
-        return [*lines, *(f"closure {name} refused: {why}" for name, why in data.refused.items())]
+        return [*lines, *(f"closure {name} refused: {why}" for name, why in self.refused.items())]
 
     def verdicts(self) -> list[str]:
         """Whether the circuit's default step keeps every bias below 1 %, and which step does."""
@@ -190,12 +185,12 @@ class Accuracy:
 
     def to_dict(self) -> dict[str, Any]:
         """Plain values for JSON, by picture; NaN becomes null."""
-        data, speeds = self.measured, self.measured.speeds
+        speeds = self.speeds
         work_precision = {
-            "scene": data.answer.scene.to_dict(),
+            "scene": self.answer.scene.to_dict(),
             "machine": speeds["machine"],
-            "strong": {"paths": data.paths, "duration": data.horizon, "orders": self.orders},
-            "reference": data.answer,
+            "strong": {"paths": self.paths, "duration": self.horizon, "orders": self.orders},
+            "reference": self.answer,
             "needed_time": self.needed_time(),
             "methods": [self._entry(row) for row in self.rows],
             "closures": {
@@ -203,16 +198,16 @@ class Accuracy:
                     "seconds": answer["seconds"],
                     "bias": {name: self.deviation(closure, name).to_dict("1") for name in MEANS},
                 }
-                for closure, answer in data.closures.items()
+                for closure, answer in self.closures.items()
             },
-            "refused": data.refused,
+            "refused": self.refused,
             "verdicts": self.verdicts(),
             "throughput": {"rows": speeds["rows"], "ratios": ratios(speeds["rows"])},
         }
         time_to_accuracy = {
             "scene": self.scene,
             "quantities": self.quantities,
-            "reference": _line(data.reference, data.errors, data.run),
+            "reference": _line(self.reference, self.errors, self.run),
             "methods": [_line(row.method, row.errors, row.run, row.note) for row in self.rows],
             "closures": [
                 {
@@ -220,9 +215,9 @@ class Accuracy:
                     "seconds": answer["seconds"],
                     "deviation": {n: self.total_deviation(closure, n) for n in self.quantities},
                 }
-                for closure, answer in data.closures.items()
+                for closure, answer in self.closures.items()
             ],
-            "refused": data.refused,
+            "refused": self.refused,
         }
         return plain({"work_precision": work_precision, "time_to_accuracy": time_to_accuracy})
 
@@ -279,24 +274,7 @@ def accuracy(
     """
     require_noise(scene, "accuracy")
     with open_runner(**running) as runner:
-        measured = measure(scene, runner, thorough, methods)
-    return Accuracy(measured, _orders(measured.rows))
-
-
-def _orders(rows):
-    """Least-squares slope of log error over log mean step, by family and state."""
-    orders = {}
-    for family in dict.fromkeys(row.method.family for row in rows):
-        ours = [row for row in rows if row.method.family == family and row.mean_step > 0.0]
-        steps = np.log([row.mean_step for row in ours])
-        if len(ours) < 2 or np.ptp(steps) < math.log(LEAST_RATIO):
-            orders[family] = dict.fromkeys(STATES, math.nan)
-            continue
-        orders[family] = {
-            name: float(np.polyfit(steps, np.log([row.strong[name] for row in ours]), 1)[0])
-            for name in STATES
-        }
-    return orders
+        return Accuracy(**vars(measure(scene, runner, thorough, methods)))
 
 
 def judged(row: MethodRow) -> str:

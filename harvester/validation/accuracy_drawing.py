@@ -49,7 +49,7 @@ def draw(study: Any) -> Figure:
         axes = figure.add_subplot(grid[3 * number : 3 * number + 3, 2])
         _draw_total_errors(axes, study, name, marks)
         axes.set_xlabel("wall time of one core" if last else "")
-    machine = study.measured.speeds["machine"]
+    machine = study.speeds["machine"]
     load = study.scene.to_tables().get("load", {})
     device = study.scene.name + (f" with {load['netlist']}" if "netlist" in load else "")
     figure.suptitle(
@@ -76,13 +76,13 @@ def _add_legend(figure, study, marks):
         found = ", ".join(f"{order:.1f}" for order in orders if math.isfinite(order))
         label = f"{group}: order {found} ({theory})" if found else group
         handles.append(Line2D([], [], color=colour, marker=marker, markersize=5, label=label))
-    if study.measured.closures:
+    if study.closures:
         handles.append(Line2D([], [], ls="none", color="0.4", marker="*", label="averaging"))
     figure.legend(handles=handles, loc="outside lower center", ncols=4, fontsize=8)
 
 
 def _cut(axes, xs, ys):
-    """Logarithmic axes that end a little beyond the data."""
+    """Logarithmic axes that end a little beyond the study."""
     axes.set(xscale="log", yscale="log")
     for values, set_limits in ((xs, axes.set_xlim), (ys, axes.set_ylim)):
         finite = [value for value in values if math.isfinite(value) and value > 0.0]
@@ -99,7 +99,7 @@ def _mark(row, marks):
 
 
 def _label_seconds(axes, study):
-    axes.set_xlabel(f"seconds of one core for {study.measured.answer.simulated_time:.3g} s")
+    axes.set_xlabel(f"seconds of one core for {study.answer.simulated_time:.3g} s")
 
 
 def _draw_strong_errors(axes, study, marks):
@@ -112,8 +112,7 @@ def _draw_strong_errors(axes, study, marks):
     axes.grid(alpha=0.2)
     _label_seconds(axes, study)
     axes.set_ylabel("RMS error of X [scaled]")
-    measured = study.measured
-    axes.set_title(f"strong error over {measured.horizon:.3g} s, {measured.paths} paths")
+    axes.set_title(f"strong error over {study.horizon:.3g} s, {study.paths} paths")
 
 
 def _draw_biases(axes, study, name, marks):
@@ -125,7 +124,7 @@ def _draw_biases(axes, study, name, marks):
     ]
     xs = [seconds for seconds, *_ in points]
     ys = [_draw_point(axes, *point) for point in points]
-    for closure, answer in study.measured.closures.items():
+    for closure, answer in study.closures.items():
         xs.append(answer["seconds"])
         ys.append(_draw_closure(axes, closure, xs[-1], study.deviation(closure, name)))
     level = 100.0 * study.sampling_error(name)
@@ -170,21 +169,20 @@ def _defaults(rows):
 
 
 def _draw_total_errors(axes, study, name, marks):
-    rows, data = _defaults(study.rows), study.measured
-    rows = [row for row in rows if math.isfinite(row.errors[name].resolved_bias)]
-    errors = [*(row.errors[name] for row in rows), data.errors[name]]
+    rows = [row for row in _defaults(study.rows) if math.isfinite(row.errors[name].resolved_bias)]
+    errors = [*(row.errors[name] for row in rows), study.errors[name]]
     times = [error.seconds_to(limit) for error in errors for limit in LIMITS]
-    times += [answer["seconds"] for answer in data.closures.values()]
+    times += [answer["seconds"] for answer in study.closures.values()]
     times = [seconds for seconds in times if math.isfinite(seconds) and seconds > 0.0] or [1.0]
     seconds = np.geomspace(min(times) / 3.0, max(times) * 3.0, POINTS)
     sizes = [_draw_line(axes, row.errors[name], seconds, _mark(row, marks)) for row in rows]
-    for closure, answer in data.closures.items():
+    for closure, answer in study.closures.items():
         deviation = study.total_deviation(closure, name)
         sizes.append(_draw_closure(axes, closure, answer["seconds"], deviation))
     for limit in LIMITS:
         axes.axhline(100.0 * limit, color="0.7", linewidth=0.8, zorder=0)
     _cut(axes, seconds, [100.0 * LIMITS[-1], 100.0 * LIMITS[0], *sizes])
-    sampling = 100.0 * data.errors[name].after(seconds)
+    sampling = 100.0 * study.errors[name].after(seconds)
     axes.plot(seconds, sampling, zorder=1, **SAMPLING)
     inside = (sampling > axes.get_ylim()[0]) & (sampling < axes.get_ylim()[1])
     if inside.any():

@@ -19,8 +19,7 @@ from harvester.engines.task import Task
 from harvester.scene.calling import takes_scene
 from harvester.scene.model import Scene
 from harvester.validation import TIME_LIMIT
-from harvester.validation.case_answers import METHODS, answer
-from harvester.validation.stability_cases import Case, changed, default_cases
+from harvester.validation.stability_cases import METHODS, Case, answer, changed, default_cases
 from harvester.validation.verdicts import (
     LARGEST_RESIDUAL,
     LARGEST_SIGMAS,

@@ -18,9 +18,8 @@ from harvester.engines.methods import ENGINES
 from harvester.scene.model import Scene
 from harvester.scene.prepared import prepared
 from harvester.validation import MEANS
-from harvester.validation.case_answers import CaseAnswer
 from harvester.validation.closed_forms import closed_forms
-from harvester.validation.stability_cases import Case
+from harvester.validation.stability_cases import Case, CaseAnswer
 
 RIGHT, REFUSED, WRONG = "right", "refused", "wrong"
 NOT_JUDGED, UNFINISHED = "not judged", "unfinished"

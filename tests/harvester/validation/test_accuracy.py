@@ -106,7 +106,7 @@ def test_the_cost_of_a_method_is_that_of_its_own_tasks(diagram):
 
 def test_table_sentences_and_json_tell_the_same(diagram):
     header, cells = diagram.table()
-    assert len(cells) == len(FEW) + len(diagram.measured.closures)
+    assert len(cells) == len(FEW) + len(diagram.closures)
     assert {len(line) for line in cells} == {len(header)}
     content = json.loads(json.dumps(diagram.to_dict(), allow_nan=False))
     assert list(content) == ["work_precision", "time_to_accuracy"]
@@ -180,7 +180,7 @@ def test_a_method_that_fails_leaves_the_others_and_says_why(monkeypatch, pool):
     assert diagram.rows[0].note == "SimulatorAborted: timestep too small at 0"
     assert math.isnan(diagram.rows[0].seconds_per_unit)
     assert diagram.rows[1].bias
-    assert set(diagram.measured.closures) == set(NOISE_CLOSURES)
+    assert set(diagram.closures) == set(NOISE_CLOSURES)
     json.dumps(diagram.to_dict(), allow_nan=False)
 
 
@@ -198,7 +198,7 @@ def test_what_was_measured_is_kept_with_its_times_and_goes_on_after_an_early_end
     for computed in (True, False):
         with open_runner(tmp_path, executor=pool) as runner:
             diagram = accuracy(scene, runner=runner)
-        assert diagram.measured.speeds["rows"]
+        assert diagram.speeds["rows"]
         assert bool(runner.computed) == computed
         assert runner.reused >= early > 0
         told.append(json.dumps(diagram.to_dict(), allow_nan=False))
@@ -221,7 +221,7 @@ def test_a_netlist_is_measured_against_the_compiled_engines_finest_paths(pool, t
         assert rows[0].strong["voltage"] < 0.3 * rows[-1].strong["voltage"]
         assert diagram.orders[family]["displacement"] > 1.5
     assert "TR-BDF2, a 32nd of the step" in " ".join(diagram.sentences())
-    assert "resistor" in diagram.measured.refused["fokker_planck"]
+    assert "resistor" in diagram.refused["fokker_planck"]
     json.dumps(diagram.to_dict(), allow_nan=False)
 
 
@@ -344,7 +344,7 @@ def test_a_rectifier_is_timed_by_its_output_power(pool):
     overrides = ["load.netlist=bridge", "run.duration=2", "run.settle=0.5", "run.realizations=2"]
     found = accuracy(Scene.read("device", overrides), methods=LOAD_METHODS[:1], executor=pool)
     assert found.quantities == ("mean_output_power", "power_conversion_efficiency")
-    assert set(found.measured.refused) == {"consistent"}
+    assert set(found.refused) == {"consistent"}
 
 
 @pytest.mark.slow

@@ -18,9 +18,8 @@ from harvester.scene.prepared import prepared
 from harvester.scene.steps import knot_spacing, steps_per_sample
 from harvester.statistics.estimate import Estimate
 from harvester.validation import MEANS
-from harvester.validation.case_answers import CaseAnswer
 from harvester.validation.path_deviation import PathDeviation, path_deviation
-from harvester.validation.stability_cases import Case
+from harvester.validation.stability_cases import Case, CaseAnswer
 from harvester.validation.verdicts import judged
 
 CASE = Case("scene", "as it is", {})
