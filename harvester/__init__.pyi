@@ -29,13 +29,10 @@ from harvester.identification.measured_impedance import MeasuredImpedance as Mea
 from harvester.identification.measured_response import MeasuredResponse as MeasuredResponse
 from harvester.identification.measurement import read_measurement as read_measurement
 from harvester.identification.measured_impedance import read_impedance as read_impedance
-from harvester.validation.accuracy.both import accuracy as accuracy
-from harvester.validation.accuracy.work_precision import work_precision as work_precision
-from harvester.validation.accuracy.time_to_accuracy import time_to_accuracy as time_to_accuracy
-from harvester.validation.stability.matrix import stability as stability
-from harvester.validation.known_results.verify import verify as verify
-from harvester.validation.paper.reproduce import reproduce as reproduce
-from harvester.validation.paper.claims import claims as claims
+from harvester.validation.accuracy import accuracy as accuracy
+from harvester.validation.stability import stability as stability
+from harvester.validation.verify import verify as verify
+from harvester.validation.reproduce import reproduce as reproduce
 from circuits.equivalent.schematic.drawing import schematic as schematic
 from harvester.base.errors import HarvesterError as HarvesterError
 from harvester.base.errors import SceneError as SceneError

@@ -22,12 +22,12 @@
 # %%
 # %matplotlib inline
 import matplotlib.pyplot as plt
+from harvester.validation.work_precision import judged, work_precision
 
 import harvester
 from harvester.results import figures
 from harvester.validation import MEANS
-from harvester.validation.accuracy.methods import ComparedMethod
-from harvester.validation.accuracy.work_precision import judged, work_precision
+from harvester.validation.accuracy_methods import ComparedMethod
 
 plt.style.use(figures.STYLE)
 

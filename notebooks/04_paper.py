@@ -24,13 +24,13 @@
 from dataclasses import replace
 
 import matplotlib.pyplot as plt
+from harvester.validation.claims_list import CLAIMS, JUMPING
 
 import harvester
 from harvester.results import figures
-from harvester.validation.paper.claims import METHODS, claims
-from harvester.validation.paper.claims_list import CLAIMS, JUMPING
-from harvester.validation.paper.drawing import draw
-from harvester.validation.paper.reproduce import reproduce
+from harvester.validation.claims import METHODS, claims
+from harvester.validation.paper_drawing import draw
+from harvester.validation.reproduce import reproduce
 
 plt.style.use(figures.STYLE)
 scene = harvester.Scene.read("paper")

@@ -32,7 +32,7 @@ import harvester
 from harvester.interop.block import block_of
 from harvester.interop.formats import write
 from harvester.results import figures
-from harvester.validation.known_results.simulators import find_ngspice, find_vacask, read_raw
+from harvester.validation.other_programs import find_ngspice, find_vacask, read_raw
 
 plt.style.use(figures.STYLE)
 folder = Path(tempfile.mkdtemp())

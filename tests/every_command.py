@@ -73,8 +73,6 @@ EACH_ONCE = (
     ("sensitivity", "one_sided", "sece", "ornstein-uhlenbeck"),
     ("stability", "paper", "own resistor", "ornstein-uhlenbeck"),
     ("accuracy", "paper", "own resistor", "ornstein-uhlenbeck"),
-    ("work-precision", "paper", "own resistor", "ornstein-uhlenbeck"),
-    ("time-to-accuracy", "electromagnetic", "bridge", "ornstein-uhlenbeck"),
     ("netlist ngspice", "leak and drag", "bridge", "prescribed displacement"),
     ("netlist ltspice", "one_sided", "sshi_parallel", "sine"),
     ("export", "leak and drag", "one resistor in a file", "sum"),
@@ -107,8 +105,6 @@ COMMANDS = {
     ),
     "stability": (("stability",), BRIEFLY),
     "accuracy": (("accuracy",), BRIEFLY),
-    "work-precision": (("work-precision",), BRIEFLY),
-    "time-to-accuracy": (("time-to-accuracy",), BRIEFLY),
     "netlist ngspice": (("netlist",), ("--output", "{folder}/ngspice.cir")),
     "netlist ltspice": (
         ("netlist",),

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from harvester.base.errors import ProgramNotFound
-from harvester.validation.known_results.simulators import find_ngspice, read_raw
+from harvester.validation.other_programs import find_ngspice, read_raw
 
 
 def ngspice_program():

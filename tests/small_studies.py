@@ -8,14 +8,15 @@ from harvester.engines.opening import open_runner
 from harvester.scene.model import Scene
 from harvester.studies.optimum import line
 from harvester.studies.public import frequency_response, load_study, optimum, sensitivity
-from harvester.validation.accuracy import measurement, throughput, timed
-from harvester.validation.accuracy.methods import ComparedMethod
-from harvester.validation.accuracy.work_precision import work_precision
-from harvester.validation.paper import claims, reproduce, runs
-from harvester.validation.paper.claim_tests import Trend
-from harvester.validation.paper.claims_list import Claim
-from harvester.validation.paper.figures_list import FIGURES
-from harvester.validation.stability import cases, matrix
+from harvester.validation import accuracy_measurement as measurement
+from harvester.validation import claims, reproduce, throughput
+from harvester.validation import paper_figures as runs
+from harvester.validation import stability as matrix
+from harvester.validation import stability_cases as cases
+from harvester.validation.accuracy import accuracy
+from harvester.validation.accuracy_methods import ComparedMethod
+from harvester.validation.paper_figures import FIGURES
+from harvester.validation.statements import Claim, Trend
 
 PAPER = Scene.read("paper", ["run.settle=5"])
 BRIEF = Scene.read("linear", ["run.realizations=4", "run.duration=600", "run.settle=50"])
@@ -90,10 +91,10 @@ def precision(**options):
     """A step of either engine on a linear device."""
     throughput.KNOTS, throughput.REPEATS = 200, 1
     measurement.PERIODS, measurement.BRIEF_KNOTS = 1, 400
-    timed.NOISE_CLOSURES = ("paper",)
+    measurement.NOISE_CLOSURES = ("paper",)
     circuit = ComparedMethod("circuit", "circuit", 2, brief=True)
     measurement.METHODS = (circuit, ComparedMethod("MC", "monte-carlo", 4))
-    return work_precision(BRIEF, **options).to_dict()
+    return accuracy(BRIEF, **options).to_dict()
 
 
 STUDIES = {
@@ -103,10 +104,13 @@ STUDIES = {
     "sensitivity": tolerances,
     "optimum": maximum,
     "stability": stiff,
-    "work-precision": precision,
+    "accuracy": precision,
 }
 # Keys of what differs from one run to another: times on the wall, and what is made of them.
-TIMED = ("seconds", "wall_seconds", "seconds_per_unit", "seconds_to_one_percent", "throughput")
+TIMED = (
+    "seconds", "wall_seconds", "seconds_per_unit", "seconds_to_one_percent", "throughput",
+    "wall_seconds_per_second", "seconds_to",
+)  # fmt: skip
 
 
 def timeless(told):

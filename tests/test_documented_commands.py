@@ -22,7 +22,7 @@ PAGES = [
 ]
 # Commands of more than a minute, by their first word or first two.
 LONGER = re.compile(
-    r"harvester (accuracy|work-precision|time-to-accuracy|stability|verify|reproduce|claims|"
+    r"harvester (accuracy|stability|verify|reproduce|"
     r"sensitivity|load-study|identify|bifurcation|residence|"
     r"optimum (paper|device --max|mine.toml --over beam.tip_mass))"
 )

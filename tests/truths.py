@@ -21,7 +21,7 @@ from harvester.scene.model import Scene
 from harvester.scene.paths import noise_path, start_state
 from harvester.scene.prepared import prepared
 from harvester.scene.steps import knot_spacing
-from harvester.validation.known_results.formulas import linear_piezo_power
+from harvester.validation.formulas import linear_piezo_power
 
 # One mass and its stoppers alone, v0 held: what `rebound_speed` is the law of.
 NOTHING_BUT_STOPPERS = [

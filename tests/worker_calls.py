@@ -14,7 +14,7 @@ from harvester.scene.model import Scene
 from harvester.scene.paths import noise_path, start_state
 from harvester.scene.prepared import prepared
 from harvester.scene.steps import steps_per_sample
-from harvester.validation.accuracy import throughput
+from harvester.validation import throughput
 
 
 def say(report, text):

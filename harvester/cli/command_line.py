@@ -40,8 +40,8 @@ harvester simulates vibration energy harvesters. What to try first:
   harvester schematic device    the circuit that a scene builds, drawn
   harvester identify device     a scene from measured records
 
-What proves the program: verify, claims, stability, accuracy, work-precision, time-to-accuracy,
-reproduce. `harvester --help` lists all commands; each has an example in its own --help."""
+What proves the program: verify, stability, accuracy, reproduce.
+`harvester --help` lists all commands; each has an example in its own --help."""
 
 
 def main(arguments: list[str] | None = None) -> int:

@@ -17,7 +17,7 @@ from harvester.cli.new import new
 from harvester.cli.parsing import about
 from harvester.studies import LOAD_STUDY_FILES, SENSITIVITY_FILES
 from harvester.studies.public import TIME_BUDGET
-from harvester.validation.stability import TIME_LIMIT
+from harvester.validation import TIME_LIMIT
 from harvester.version import __version__
 
 SHELLS = ("bash", "zsh", "fish")
@@ -98,13 +98,9 @@ COMMANDS = (
         title=lambda result: f"spectrum of {result.name}",
         stem="spectrum",
     ),
-    Command(verification.accuracy, "accuracy paper --output results"),
     StudyCommand(
-        verification.work_precision,
-        "work-precision paper --output results",
-        title="error against run time",
+        verification.accuracy, "accuracy paper --output results", title="error against run time"
     ),
-    Command(verification.time_to_accuracy, "time-to-accuracy --output results"),
     StudyCommand(
         verification.stability,
         "stability paper --output results",
@@ -175,7 +171,6 @@ COMMANDS = (
         stem="identified",
     ),
     Command(verification.reproduce, "reproduce fig6 fig9 --quick --output results"),
-    StudyCommand(verification.claims, "claims --output results", title="the paper's statements"),
     Command(circuit.schematic, "schematic device --set load.netlist=bridge --output bridge.svg"),
     Command(circuit.load, "load rectifier.net --nodes N001,N002,out,0 --output rectifier.lib"),
     Command(circuit.netlist, "netlist paper --set run.duration=100 --output paper.cir"),
@@ -188,9 +183,7 @@ COMMANDS = (
 FIRST = (
     "average", "validate", "new", "simulate", "load-study", "optimum", "schematic", "identify"
 )  # fmt: skip
-PROOF = (
-    "verify", "claims", "reproduce", "accuracy", "stability", "work-precision", "time-to-accuracy"
-)  # fmt: skip
+PROOF = ("verify", "reproduce", "accuracy", "stability")
 
 
 class CommandParser(argparse.ArgumentParser):

@@ -9,7 +9,7 @@ from harvester.engines.monte_carlo.engine import MOST_TOGETHER
 from harvester.scene.prepared import Prepared
 from harvester.scene.steps import knot_spacing, steps_per_contact, steps_per_sample
 
-# More copies in one netlist are no faster, as `work-precision` measures: behavioural elements soon
+# More copies in one netlist are no faster, as `accuracy` measures: behavioural elements soon
 # exceed the processor's cache.
 MOST_COPIES = {"behavioural": 16, "compiled": 200}
 # The realizations of a run are split into at least so many netlists, to use all cores.

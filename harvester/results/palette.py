@@ -12,23 +12,21 @@ LINES = {
     "spectral": ("#332288", "-."),
 }
 CLOSURE_MARKERS = dict(zip(LINES, "*Xhp", strict=False))
-# Colour and marker of each family of methods in `harvester.validation.accuracy.methods`.
-_FAMILIES = {
-    "PWL in the netlist, trapezoidal": ("#E69F00", "v"),
-    "PWL in the netlist, gear": ("#CC79A7", "d"),
-    "external source, trapezoidal": (CIRCUIT, "o"),
-    "external source, gear": ("#8C564B", "D"),
-    "side by side, trapezoidal": ("#56B4E9", "s"),
+# Colour and marker of each group of methods in `harvester.validation.accuracy_methods`.
+_GROUPS = {
+    "PWL in the netlist": ("#E69F00", "v"),
+    "external source": (CIRCUIT, "o"),
+    "side by side": ("#56B4E9", "s"),
     "external source, local error": ("#117733", "P"),
     "Monte Carlo, Runge–Kutta": (MONTE_CARLO, "^"),
     "Monte Carlo, Heun": ("0.2", "<"),
-    "compiled device, trapezoidal": ("#999933", ">"),
+    "compiled device": ("#999933", ">"),
 }
 _SPARE = tuple(zip(("#44AA99", "#DDCC77", "#AA4499", "#88CCEE"), "8H12", strict=True))
 
 
-def styles(families: Iterable[str]) -> dict[str, tuple[str, str]]:
-    """(colour, marker) of each of these families; those not met before take spare ones in turn."""
-    names = dict.fromkeys(families)
+def styles(groups: Iterable[str]) -> dict[str, tuple[str, str]]:
+    """(colour, marker) of each of these groups; those not met before take spare ones in turn."""
+    names = dict.fromkeys(groups)
     spare = cycle(_SPARE)
-    return {name: _FAMILIES.get(name) or next(spare) for name in names}
+    return {name: _GROUPS.get(name) or next(spare) for name in names}

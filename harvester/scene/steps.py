@@ -23,7 +23,7 @@ if TYPE_CHECKING:
     from harvester.scene.model import Scene
 
 # Steps per period of the fastest oscillation. The trapezoidal rule is of order two, Runge–Kutta of
-# order four; as `work-precision` shows, each then biases the means by less than 1 %.
+# order four; as `accuracy` shows, each then biases the means by less than 1 %.
 STEPS_PER_PERIOD = {"circuit": 80, "monte-carlo": 40}
 # Fewest steps from the beginning of a contact to its end, at the default step and longer ones.
 STEPS_PER_CONTACT = 30

@@ -1,5 +1,10 @@
 """Checks of the program against closed forms, other integrators, the source paper and itself."""
 
+import tomllib
+from functools import cache
+from pathlib import Path
+from typing import Any
+
 # Quantities by which methods are compared: states of a path, and means.
 STATES = ("displacement", "velocity", "voltage")
 VOLTAGE, VELOCITY = "mean_square_voltage", "mean_square_velocity"
@@ -8,3 +13,11 @@ EFFICIENCY = "power_conversion_efficiency"
 MEANS = (VOLTAGE, VELOCITY, EFFICIENCY)
 # A difference counts from so many standard errors on. By chance alone one in 370 does.
 SIGNIFICANT_SIGMAS = 3.0
+# Wall-clock limit of one case of `stability` by one engine or closure, in seconds.
+TIME_LIMIT = 120.0
+
+
+@cache
+def entries(name: str) -> dict[str, Any]:
+    """The tables of one of the TOML files in this folder."""
+    return tomllib.loads((Path(__file__).parent / f"{name}.toml").read_text("utf-8"))

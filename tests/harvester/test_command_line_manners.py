@@ -184,7 +184,7 @@ def test_help_begins_with_the_newcomers_commands_and_ends_with_the_proof(capsys)
     listed = [re.findall(r"^  ([a-z][\w-]*)  ", part, re.MULTILINE) for part in (first, proof)]
     assert len(listed[0]) == 8
     assert {"new", "simulate", "load-study"} < {*listed[0]}
-    assert {"verify", "claims", "stability", "work-precision"} < {*listed[1]}
+    assert {"verify", "stability", "accuracy"} < {*listed[1]}
     lines = "\n".join((first, between, proof))
     assert all(lines.count(f"\n  {name} ") == 1 for name in COMMAND_NAMES)
 

@@ -12,14 +12,11 @@ import worker_calls
 from harvester.averaging import closures
 from harvester.base.worker_process import Worker
 from harvester.engines.task import Task
-from harvester.validation.accuracy import (
-    measurement,
-    throughput,
-    timed,
-)
-from harvester.validation.accuracy.methods import ComparedMethod
-from harvester.validation.stability import matrix
-from harvester.validation.stability.cases import Case
+from harvester.validation import accuracy_measurement as measurement
+from harvester.validation import stability as matrix
+from harvester.validation import throughput
+from harvester.validation.accuracy_methods import ComparedMethod
+from harvester.validation.stability_cases import Case
 
 # Words of Python about a fault of ours.
 FAULT = re.compile(r"Traceback|\b(?!Memory)[A-Z]\w*(?:Error|Exception|Warning)\b: ")
@@ -70,12 +67,9 @@ def briefly():
         patch.setattr("harvester.studies.sensitivity.study.FEWEST_ROWS", 2)
         patch.setattr(matrix, "default_cases", lambda: FEW_CASES)
         patch.setattr(matrix, "METHODS", ("circuit", "monte-carlo", "consistent"))
-        patch.setattr(measurement, "TIMED_METHODS", FEW_METHODS)
-        patch.setattr(measurement, "TIMED_LOAD_METHODS", FEW_LOAD_METHODS)
-        patch.setattr(measurement, "MOST_REALIZATIONS", 1)
-        patch.setattr(timed, "NOISE_CLOSURES", ("consistent",))
-        patch.setattr("harvester.validation.stability.cases.STEP_BUDGET", 4000)
-        patch.setattr("harvester.validation.stability.path_deviation.PATH_STEPS", 2000)
+        patch.setattr(measurement, "NOISE_CLOSURES", ("consistent",))
+        patch.setattr("harvester.validation.stability_cases.STEP_BUDGET", 4000)
+        patch.setattr("harvester.validation.path_deviation.PATH_STEPS", 2000)
         patch.setattr(measurement, "METHODS", FEW_METHODS)
         patch.setattr(measurement, "LOAD_METHODS", FEW_LOAD_METHODS)
         patch.setattr(measurement, "PERIODS", 1)
@@ -112,22 +106,9 @@ def faults(case, folder, capsys):
     return f"{case}: exit code {code}: {said[-600:]}"
 
 
-# `accuracy` shows both of these.
-SHOWN_BY_ACCURACY = ("work-precision", "time-to-accuracy")
-
-
 @pytest.mark.usefixtures("briefly")
-@pytest.mark.parametrize(
-    "case",
-    [
-        pytest.param(
-            case,
-            id=case[0],
-            marks=pytest.mark.exhaustive if case[0] in SHOWN_BY_ACCURACY else pytest.mark.slow,
-        )
-        for case in every_command.EACH_ONCE
-    ],
-)
+@pytest.mark.slow
+@pytest.mark.parametrize("case", every_command.EACH_ONCE, ids=lambda case: case[0])
 def test_each_command_answers(case, folder, capsys):
     """But for `optimum`: it may find none in runs as brief as these."""
     if case[0] == "optimum":

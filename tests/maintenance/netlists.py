@@ -28,7 +28,7 @@ from circuits.netlist.numbers import INFIX
 from harvester.base.worker_pool import WorkerPool
 from harvester.scene.paths import noise_path
 from harvester.scene.prepared import prepared
-from harvester.validation.known_results.simulators import read_raw
+from harvester.validation.other_programs import read_raw
 
 BASE = {
     "units": "SI",

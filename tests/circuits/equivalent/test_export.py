@@ -15,7 +15,7 @@ from harvester.scene.model import Scene
 from harvester.scene.paths import noise_path
 from harvester.scene.prepared import prepared
 from harvester.scene.steps import knot_spacing
-from harvester.validation.known_results.simulators import read_raw
+from harvester.validation.other_programs import read_raw
 
 
 @pytest.fixture(scope="module")

@@ -8,7 +8,7 @@ from raw_files import ngspice_program
 
 from circuits.netlist.expression import ExpressionError, Names, parse, resolved
 from circuits.netlist.expression_graph import ExpressionGraph, evaluate, slopes
-from harvester.validation.known_results.simulators import read_raw
+from harvester.validation.other_programs import read_raw
 
 X, Y = -1.7, 0.6
 EXPRESSIONS = (

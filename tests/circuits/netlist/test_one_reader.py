@@ -30,7 +30,7 @@ from circuits.netlist.vetting import Card
 from harvester.base.errors import NetlistError
 from harvester.scene.model import Scene
 from harvester.scene.prepared import prepared
-from harvester.validation.known_results.simulators import read_raw
+from harvester.validation.other_programs import read_raw
 
 
 def run(folder, deck):

@@ -34,9 +34,7 @@ OPTIONS = {
     "average": f"--fit --json --jump-rates --method --output --report --tolerance {SCENE}",
     "frequency-response": "--amplitude --down --frequencies --json --method --output --step "
     f"--per-g --quantity --report --time-limit {RUN} {SCENE}",
-    "accuracy": f"--json --output --thorough {RUN} {SCENE}",
-    "work-precision": f"--json --output --report --thorough {RUN} {SCENE}",
-    "time-to-accuracy": f"--json --output --seconds {RUN} {SCENE}",
+    "accuracy": f"--json --output --report --thorough {RUN} {SCENE}",
     "stability": f"--json --output --report --step --time-limit {RUN} {SCENE}",
     "verify": f"--json --output --report {RUN}",
     "sweep": "--json --method --output --over --precision --quantity --report --step --time-limit "
@@ -49,8 +47,7 @@ OPTIONS = {
     f"{RUN} {SCENE}",
     "identify": "--alone --free --impedance --json --keep-aside --output --posterior --record "
     f"--report {SCENE}",
-    "reproduce": f"--output --precision --quick --seed {RUN} FIGURE",
-    "claims": f"--json --output --report --seed --thorough {RUN}",
+    "reproduce": f"--output --precision --quick --seed --thorough {RUN} FIGURE",
     "schematic": f"--output {SCENE}",
     "netlist": f"--dialect --output --realization --step {SCENE}",
     "export": "--as --data --dialect --displacement-unit --duration --output --rate "

@@ -13,15 +13,15 @@ from harvester.studies.loads.study import LoadStudy
 from harvester.studies.optimum.result import Optimum
 from harvester.studies.sensitivity.study import Sensitivity
 from harvester.studies.sweep import Sweep
-from harvester.validation.accuracy.time_to_accuracy import TimeToAccuracy
-from harvester.validation.accuracy.work_precision import WorkPrecision
-from harvester.validation.known_results.verify import Verification
-from harvester.validation.paper import orbit_maps
-from harvester.validation.paper.claims import Judgement
-from harvester.validation.paper.reproduce import Reproduction
-from harvester.validation.stability.matrix import StabilityMatrix
+from harvester.validation import orbit_maps
+from harvester.validation.accuracy import Accuracy
+from harvester.validation.claims import Judgement
+from harvester.validation.reproduce import Reproduction
+from harvester.validation.stability import StabilityMatrix
+from harvester.validation.verify import Verification
 
 SHOWN = [
+    Accuracy,
     Comparison,
     FrequencyResponse,
     Identification,
@@ -33,9 +33,7 @@ SHOWN = [
     StabilityMatrix,
     LoadStudy,
     Sweep,
-    TimeToAccuracy,
     Verification,
-    WorkPrecision,
     orbit_maps.OrbitVoltages,
     orbit_maps.Surfaces,
 ]

@@ -47,7 +47,7 @@ def kept(folder):
 
 @pytest.mark.exhaustive
 @pytest.mark.skipif(not os.path.exists("/proc/self/task"), reason="finds workers in /proc")
-@pytest.mark.parametrize("kind", ["load-study", "optimum", "work-precision"])
+@pytest.mark.parametrize("kind", ["load-study", "optimum", "accuracy"])
 def test_killed_at_random_it_says_the_same_in_the_end(kind, tmp_path, undisturbed):
     """Workers, and three times the study itself, at times that chance chooses.
 

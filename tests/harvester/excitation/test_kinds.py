@@ -134,11 +134,11 @@ def test_white_noise_averages_as_the_limit_of_short_correlation():
 
 
 def test_kinds_that_make_no_sense_are_refused_in_one_line():
-    from harvester.validation.accuracy.work_precision import work_precision
-    from harvester.validation.stability.matrix import stability
+    from harvester.validation.accuracy import accuracy
+    from harvester.validation.stability import stability
 
     scene = with_excitation("paper", SINE)
-    for call, word in ((stability, "stability"), (work_precision, "work-precision")):
+    for call, word in ((stability, "stability"), (accuracy, "accuracy")):
         with pytest.raises(HarvesterError, match=rf'"sine": {word}'):
             call(scene)
     for fit in (False, True):

@@ -14,7 +14,7 @@ from harvester.interop.block import block_of, write_subcircuit, write_verilog_a
 from harvester.scene.model import Scene
 from harvester.scene.paths import noise_path
 from harvester.scene.prepared import prepared
-from harvester.validation.known_results.simulators import find_vacask, read_raw
+from harvester.validation.other_programs import find_vacask, read_raw
 
 TABLE = {
     "oscillator": {

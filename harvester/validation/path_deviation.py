@@ -1,0 +1,320 @@
+"""The path of an engine against a fine one on the same noise, for as long as paths can be compared.
+
+Two motions on the same noise diverge in time: a contact or the passage of a saddle amplifies a
+small difference. A second fine path from a slightly different start shows when, and so does the
+engine itself at half its step. Up to there the engine's limit for short steps, extrapolated from
+the two, has to be the fine path: a wrong equation shows there far below what the step itself costs.
+What the step costs is the difference of the mean squares at the step asked for.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from scipy.integrate import cumulative_trapezoid
+
+from harvester.device import spring as springs
+from harvester.device import timescales
+from harvester.device.piezo import Piezo, PiezoTable
+from harvester.device.record import Record
+from harvester.device.system import elastic_force
+from harvester.engines import side_by_side
+from harvester.engines.codec import register
+from harvester.engines.methods import MonteCarlo
+from harvester.engines.realization import Realization, run, start_state
+from harvester.scene.model import Scene
+from harvester.scene.prepared import prepared
+from harvester.scene.steps import knot_spacing, steps_per_sample
+from harvester.validation import STATES
+from harvester.validation.paths import (
+    from_rest,
+    ignore,
+    noise_at_knots,
+    recorded,
+    states_at_knots,
+)
+
+# The circuit takes this many steps along all paths together, if no contact shortens them.
+PATH_STEPS = 20_000
+# Largest and smallest number of paths.
+MOST_PATHS, FEWEST_PATHS = 8, 2
+# Shortest and longest path, in periods of small oscillations.
+FEWEST_PERIODS = 3.0
+MOST_PERIODS = 30.0
+# A mass takes so many steps from rest to a typical state.
+SETTLING_STEPS = 200_000
+# The step is divided by this for the second comparison, which distinguishes a wrong model from a
+# long step.
+FINER = 2
+# A second fine path begins with a velocity that differs by this share of the rms velocity.
+DISPLACED = 1e-4
+# Paths are compared while the two fine ones are at most this many times as far apart as at first.
+LARGEST_GROWTH = 5.0
+# The order of the step is relied on if the paths at the step and at half of it differ by at most
+# this share of the rms.
+LARGEST_STEP_ERROR = 0.05
+# Deviations are taken of X and V. X' changes its sign in a contact, so that close paths may differ
+# much at a knot.
+SMOOTH = (0, 2)
+# An engine's paths are extrapolated to a step of 0. If they then deviate from the fine paths by
+# less than this share of the rms, the deviation does not count.
+LEAST_DEVIATION = 3e-3
+# The same limit where contacts shorten the steps: a step that grazes a contact spoils the order on
+# which the extrapolation relies.
+LEAST_OF_STIFF_CONTACTS = 1e-2
+# Extrapolation may leave this share of the step's error.
+LEFT_OF_STEP_ERROR = 0.25
+
+# The integrator takes so many steps for each of the engine's, and more with stoppers, for which it
+# does not shorten its steps.
+FINER, FINER_IN_CONTACT = 2, 8
+
+
+@register
+@dataclass(frozen=True)
+class PathDeviation:
+    """How far an engine's paths lie from fine ones over the stretch in which they are comparable.
+
+    Attributes
+    ----------
+    reference : str
+        Engine of the fine paths.
+    of_limit : float
+        Root mean square deviation of the limit for short steps, as a share of the state's rms,
+        of X or V, whichever is larger; nan where no stretch can be compared.
+    of_mechanics : float
+        The same of X against the mass under the recorded voltage (`replayed`), where the circuit is
+        its own reference; nan elsewhere.
+    resolution : float
+        Size that both deviations may have in an engine that solves the same equations.
+    of_mean_squares : float
+        Largest deviation of the mean squares of X' and V at the step asked for, as a share.
+    compared_periods, comparable_periods : float
+        Mean length of the stretch in periods of small oscillations, and that of the fine paths
+        alone, whatever the engine does.
+    compared_time : float
+        The former (s).
+    paths : int
+    """
+
+    reference: str
+    of_limit: float
+    of_mechanics: float
+    resolution: float
+    of_mean_squares: float
+    compared_periods: float
+    comparable_periods: float
+    compared_time: float
+    paths: int
+
+
+def path_deviation(
+    scene: Scene, engine: str, step: str | float
+) -> tuple[PathDeviation, list[Realization]]:
+    """Compare an engine's paths with fine ones; also its realizations at the step asked for.
+
+    In a worker process; of the scene's run only the seed counts.
+    """
+    brief = path_scene(scene)
+    model = prepared(brief)
+    reference = reference_engine(scene)
+    fine = states_at_knots(brief, _paths(brief, reference, "fine"))
+    # RMS of each state over paths and knots; 1 where it stays 0.
+    sizes = np.sqrt(np.mean(np.square(fine - fine[:, :1] * (1.0, 0.0, 0.0)), axis=(0, 1)))
+    sizes = np.where(sizes > 0.0, sizes, 1.0)
+    comparable = _comparable(brief, reference, fine, sizes)
+    own_step = knot_spacing(model) / steps_per_sample(model, step, engine)
+    runs = _paths(brief, engine, step), _paths(brief, engine, own_step / FINER)
+    at_step, at_finer = (states_at_knots(brief, realizations) for realizations in runs)
+    step_errors = (at_step - at_finer) / sizes
+    compared = comparable & _close(step_errors, LARGEST_STEP_ERROR)
+    times = [
+        knot_spacing(model) * float(knots.sum(axis=1).mean()) for knots in (compared, comparable)
+    ]
+    stiff = side_by_side.contacts_shorten_steps(model, step)
+    least = LEAST_OF_STIFF_CONTACTS if stiff else LEAST_DEVIATION
+    deviation = PathDeviation(
+        reference=reference,
+        of_limit=_largest((_limit(at_step, at_finer) - fine) / sizes, compared),
+        of_mechanics=_of_mechanics(brief, runs, (at_step, at_finer), compared),
+        resolution=max(least, LEFT_OF_STEP_ERROR * _largest(step_errors, compared)),
+        of_mean_squares=_mean_squares(at_step, fine, compared),
+        compared_periods=times[0] / _period(brief),
+        comparable_periods=times[1] / _period(brief),
+        compared_time=times[0],
+        paths=len(fine),
+    )
+    return deviation, runs[0]
+
+
+def _limit(at_step, at_finer):
+    """Extrapolation of second order to short steps."""
+    return at_finer + (at_finer - at_step) / (FINER**2 - 1.0)
+
+
+def _of_mechanics(scene, runs, states, compared):
+    """Deviation of X from the replayed mass in the limit for short steps; nan where not needed."""
+    system = prepared(scene).system
+    holds_speeds = any(getattr(contact.law, "holds", 0.0) for contact in system.contacts)
+    # State and voltage say what acts on the mass.
+    replayable = isinstance(system.transducer, Piezo) and not holds_speeds
+    if reference_engine(scene) != "circuit" or not replayable or not compared.any():
+        return np.nan
+    apart = [
+        path_states[..., 0] - replayed(scene, [realization.waveform for realization in ours])
+        for ours, path_states in zip(runs, states, strict=True)
+    ]
+    size = np.sqrt(np.mean(np.square(states[1][..., 0] - states[1][:, :1, 0])))
+    return float(np.sqrt(np.mean(np.square(_limit(*apart)[compared]))) / size)
+
+
+def path_scene(scene: Scene) -> Scene:
+    """The scene for so many steps, from a typical state."""
+    model = prepared(scene)
+    spacing, period = knot_spacing(model), _period(scene)
+    step = spacing / steps_per_sample(model)
+    periods = PATH_STEPS * step / (MOST_PATHS * period)
+    length = min(max(periods, FEWEST_PERIODS), MOST_PERIODS) * period
+    paths = min(max(int(PATH_STEPS * step / length), FEWEST_PATHS), MOST_PATHS)
+    brief = from_rest(scene, max(round(length / spacing), 1), paths)
+    return brief.replace(_typical_start(scene))
+
+
+def reference_engine(scene: Scene) -> str:
+    """Monte Carlo, whose scheme is of higher order; the circuit where only it knows the load."""
+    return "monte-carlo" if scene.load.is_resistor else "circuit"
+
+
+def _period(scene):
+    """Period of small oscillations (s)."""
+    return 2.0 * np.pi / timescales.angular_frequency(prepared(scene).system)
+
+
+def _typical_start(scene):
+    """A state in which Monte Carlo is after many steps, in no contact, as keys of the scene."""
+    if scene.start or reference_engine(scene) != "monte-carlo":
+        return {}
+    model = prepared(scene)
+    settling = from_rest(scene, max(round(SETTLING_STEPS / steps_per_sample(model)), 1), 1)
+    stop = settling.run.duration
+    window = (stop - _period(scene), 2.0 * stop)
+    [settled] = run(settling, MonteCarlo(), [0], window, ignore)
+    system, scales = model.system, model.scales
+    last: Any = settled.waveform
+    low, high = timescales.free_zone(system)
+    # A mass that is pressed against a stopper is never free: the last point is taken.
+    free = np.flatnonzero((last.displacement > low) & (last.displacement < high))
+    last_free = free[-1] if free.size else -1
+    start = {
+        "start.displacement": float(last.displacement[last_free] * scales.displacement),
+        "start.velocity": float(last.velocity[last_free] * scales.displacement),
+    }
+    # A coil with inductance has a current, which no scene can start with.
+    if isinstance(scene.transducer, PiezoTable):
+        start["start.voltage"] = float(last.voltage[last_free] * scales.voltage)
+    return start
+
+
+def _paths(scene, engine, step):
+    count = scene.run.realizations
+    shared = engine == "circuit" and side_by_side.share_steps(prepared(scene), step)
+    together = [range(count)] if shared else [[index] for index in range(count)]
+    return [path for some in together for path in recorded(scene, engine, some, step)]
+
+
+def _comparable(scene, engine, fine, sizes):
+    """Knots before a small initial difference has grown by `LARGEST_GROWTH`: bool (paths,
+    knots)."""
+    shift = DISPLACED * sizes[STATES.index("velocity")]
+    start = scene.start.velocity if scene.start else 0.0
+    moved = scene.replace({"start.velocity": start + shift * prepared(scene).scales.displacement})
+    other = states_at_knots(scene, _paths(moved, engine, "fine"))
+    return _close((other - fine) / sizes, LARGEST_GROWTH * DISPLACED)
+
+
+def _close(shares, largest):
+    """Knots of each path before X or V differs by more than this share of its size."""
+    shares = np.abs(shares[..., SMOOTH]).max(axis=2)
+    return np.maximum.accumulate(shares, axis=1) <= largest
+
+
+def _largest(shares, compared):
+    """Root mean square over the compared knots of X or V, whichever is larger."""
+    inside = shares[compared][:, SMOOTH]
+    return float(np.sqrt(np.mean(np.square(inside), axis=0)).max()) if inside.size else np.nan
+
+
+def _mean_squares(paths, fine, compared):
+    """Largest deviation of the mean squares of X' and V over the compared knots, as a share."""
+    if not compared.any():
+        return np.nan
+    ours, theirs = (np.mean(np.square(states[compared][:, 1:]), axis=0) for states in (paths, fine))
+    return float(np.abs(ours / np.where(theirs > 0.0, theirs, 1.0) - 1.0)[theirs > 0.0].max())
+
+
+def replayed(scene: Scene, waveforms: Sequence[Record]) -> np.ndarray:
+    """Displacements at the knots under recorded terminal voltages, shape (realizations, knots).
+
+    Runge–Kutta of fourth order; `waveforms` are those of the realizations 0, 1, … from their
+    beginning.
+    """
+    model = prepared(scene)
+    system = model.system
+    spacing, count = knot_spacing(model), len(waveforms)
+    noise = [noise_at_knots(scene, index) for index in range(count)]
+    knots = noise[0].size - 1
+    finer = FINER_IN_CONTACT if system.contacts else FINER
+    steps = finer * steps_per_sample(model, "default")
+    times = np.linspace(0.0, knots * spacing, 2 * steps * knots + 1)
+    starts = np.array([start_state(model, index) for index in range(count)])
+    drive = np.array([np.interp(times, times[:: 2 * steps], path) for path in noise]).T
+    # A load that switches empties the piezo within a step: the mean of the voltage over the step is
+    # used.
+    voltage = [_means(w, start[2], times[::2]) for w, start in zip(waveforms, starts, strict=True)]
+    push = system.transducer.coupling * np.array(voltage).T
+    x, v = starts[:, 0], starts[:, 1]
+    places = np.empty((count, knots))
+    for step in range(steps * knots):
+        a, b, c = drive[2 * step : 2 * step + 3] - push[step]
+        x, v = _runge_kutta(system, x, v, a, b, c, spacing / steps)
+        if (step + 1) % steps == 0:
+            places[:, (step + 1) // steps - 1] = x
+    return places
+
+
+def _means(waveform, first, ends):
+    """Means of a recorded voltage between these times, `first` being that at the beginning."""
+    recorded_times = np.append(0.0, waveform.time)
+    times = np.union1d(recorded_times, ends)
+    values = np.interp(times, recorded_times, np.append(first, waveform.voltage))
+    gained = cumulative_trapezoid(values, times, initial=0.0)
+    return np.diff(gained[np.searchsorted(times, ends)]) / np.diff(ends)
+
+
+def _runge_kutta(system, x, v, first, middle, last, h):
+    """One step under a drive given at its beginning, middle and end."""
+    half = 0.5 * h
+    a1 = first - _resistance(system, x, v)
+    v2 = v + half * a1
+    a2 = middle - _resistance(system, x + half * v, v2)
+    v3 = v + half * a2
+    a3 = middle - _resistance(system, x + half * v2, v3)
+    v4 = v + h * a3
+    a4 = last - _resistance(system, x + h * v3, v4)
+    x = x + h / 6.0 * (v + 2.0 * (v2 + v3) + v4)
+    return x, v + h / 6.0 * (a1 + 2.0 * (a2 + a3) + a4)
+
+
+def _resistance(system, x, v):
+    """Force of spring, damper and contacts against the drive; arrays of one shape."""
+    force = elastic_force(system, x) + system.damper.force(v)
+    for contact in system.contacts:
+        side = np.sign(x) if contact.side == 0.0 else contact.side
+        depth = np.maximum(side * x - contact.gap, 0.0)
+        if depth.any():
+            gain = springs.energy(system.spring, x) - springs.energy(
+                system.spring, side * contact.gap
+            )
+            force = force + np.where(depth > 0.0, contact.law.damping(depth, v, gain, 0.0), 0.0) * v
+    return force

@@ -1,0 +1,346 @@
+"""`reproduce`: the paper's figures by closures, Monte Carlo and circuit, and its statements."""
+
+import itertools
+import time
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any, NamedTuple, Unpack
+
+import numpy as np
+
+from harvester.averaging.closures import NOISE_CLOSURES
+from harvester.base.arguments import listed
+from harvester.base.errors import SimulationError
+from harvester.base.serialising import plain
+from harvester.engines.opening import RunnerOptions, open_runner
+from harvester.engines.request import relative_error
+from harvester.engines.simulate import check_name
+from harvester.scene.calling import takes_scene
+from harvester.scene.model import Scene
+from harvester.scene.steps import with_knots
+from harvester.validation import claims, orbit_maps
+from harvester.validation.paper_figures import (
+    FIGURES,
+    KEY_SYMBOLS,
+    Changes,
+    FigurePanel,
+    Outcome,
+    PaperFigure,
+    answered,
+    costly_first,
+    name_of,
+    reason,
+    request,
+    told_of,
+)
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+
+class Effort(NamedTuple):
+    """How much is computed: realizations at first, the relative standard error that more are
+    added for, and how many there may be."""
+
+    realizations: int
+    precision: float
+    most: int
+
+
+QUICK = {"monte-carlo": Effort(16, 0.05, 32), "circuit": Effort(8, 0.10, 8)}
+DEFAULT = {"monte-carlo": Effort(40, 0.02, 1600), "circuit": Effort(48, 0.02, 336)}
+WITHOUT_NOISE = {"fig2": orbit_maps.surfaces, "fig3": orbit_maps.orbit_voltages}
+# All that can be reproduced, in the order in which it is.
+NAMES = (*WITHOUT_NOISE, *FIGURES, "claims")
+
+
+@dataclass(frozen=True)
+class Reproduction:
+    """One figure with all that was computed for it.
+
+    Attributes
+    ----------
+    layout : PaperFigure
+        Panels, curves and axes of the figure.
+    scene : Scene
+        The device; curves and axes change it.
+    lines : list of list of dict
+        Per panel and curve: {method: [(value, Outcome), …]}, values increasing.
+    wall_seconds : float
+        Wall time from the call until the figure was done (s); figures share points.
+    """
+
+    name: str
+    layout: PaperFigure
+    scene: Scene
+    lines: list
+    quick: bool
+    wall_seconds: float
+
+    @property
+    def is_density(self) -> bool:
+        return not self.layout.quantities
+
+    def points(self) -> Iterator[tuple[FigurePanel, Changes, str, float, Outcome]]:
+        """(panel, curve, method, value, outcome) of every point."""
+        for panel, lines in zip(self.layout.panels, self.lines, strict=True):
+            for curve, line in zip(panel.curves, lines, strict=True):
+                for method, points in line.items():
+                    for value, outcome in points:
+                        yield panel, curve, method, value, outcome
+
+    @property
+    def refused(self) -> list[tuple[str, str, str]]:
+        """(method, where, reason) of every point without an answer."""
+        return [
+            (method, point_name(panel, curve, value), reason(outcome))
+            for panel, curve, method, value, outcome in self.points()
+            if not answered(outcome)
+        ]
+
+    @property
+    def failed_runs(self) -> int:
+        return sum(isinstance(outcome, SimulationError) for *_, outcome in self.points())
+
+    def table(self) -> tuple[list[str], list[list[str]]]:
+        """Header and rows: how far each method is from Monte Carlo, and its error bars."""
+        header = ["figure", "panel", "method", "points", "refused", "largest error bar"]
+        what = "∫|p − p'| dX to" if self.is_density else "deviation from"
+        header += [f"{what} Monte Carlo: median", "largest"]
+        rows = []
+        for letter, panel, lines in zip("abc", self.layout.panels, self.lines, strict=False):
+            for method in lines[0]:
+                points = [point for line in lines for point in line.get(method, ())]
+                rows.append([self.name, f"{letter}: {KEY_SYMBOLS[panel.swept]}", method])
+                rows[-1] += _summary(points, self._deviations(method, lines))
+        return header, rows
+
+    def sentences(self) -> list[str]:
+        """Notes that belong to the figure."""
+        lines = [f"{self.name}: refused by {m} at {where}: {why}" for m, where, why in self.refused]
+        short: dict[tuple[str, str], list[str]] = {}
+        for panel, curve, method, value, outcome in self.points():
+            for note in outcome.notes if answered(outcome) else ():
+                # The note on the interpolation of the noise stands once, in the caption's JSON.
+                if not note.startswith("noise linear"):
+                    short.setdefault((method, note), []).append(point_name(panel, curve, value))
+        return lines + [
+            f"{self.name}: {method} at {'; '.join(places)}: {note}"
+            for (method, note), places in short.items()
+        ]
+
+    def figure(self) -> "Figure":
+        from harvester.results.figures import drawn
+        from harvester.validation.paper_drawing import draw
+
+        return drawn(draw, self)
+
+    def to_dict(self) -> dict[str, Any]:
+        def told(points):
+            return [{"value": plain(value), **told_of(outcome)} for value, outcome in points]
+
+        return {
+            "figure": self.name,
+            "title": self.layout.title,
+            "scene": self.scene.to_dict(),
+            "quick": self.quick,
+            "wall_seconds": self.wall_seconds,
+            "panels": [
+                {
+                    "swept": panel.swept,
+                    "curves": [
+                        {
+                            "changes": dict(curve),
+                            "methods": {m: told(points) for m, points in line.items()},
+                        }
+                        for curve, line in zip(panel.curves, lines, strict=True)
+                    ],
+                }
+                for panel, lines in zip(self.layout.panels, self.lines, strict=True)
+            ],
+        }
+
+    def data(self) -> tuple[list[str], list[list[Any]]]:
+        """Header and rows of numbers, one a point and quantity."""
+        header = ["panel", "curve", "method", "value", "quantity", "estimate", "standard_error"]
+        rows = [
+            [panel.swept, name_of(curve), method, value, name, e.estimate, e.standard_error]
+            for panel, curve, method, value, outcome in self.points()
+            if answered(outcome)
+            for name, e in outcome.quantities.items()
+        ]
+        return header, rows
+
+    def _deviations(self, method, lines):
+        """Relative to Monte Carlo, at each value that both have; of densities the L1 distance."""
+        shares = []
+        for line in lines:
+            simulated = dict(line["monte-carlo"])
+            for value, outcome in line.get(method, ()):
+                reference = simulated.get(value)
+                if not (answered(reference) and answered(outcome)):
+                    continue
+                if outcome.density is not None:
+                    shares.append(distance(outcome.density, reference.density))
+                for name in self.layout.quantities:
+                    mean = reference.quantities[name].estimate
+                    shares.append(outcome.quantities[name].estimate / mean - 1.0)
+        return np.array(shares)
+
+
+@takes_scene
+def reproduce(
+    scene: Scene,
+    names: Sequence[str],
+    *,
+    quick: bool = False,
+    precision: float | None = None,
+    thorough: bool = False,
+    on_figure: Callable[[Any], object] | None = None,
+    **running: Unpack[RunnerOptions],
+) -> list[Any]:
+    """Compute figures and judge statements; scenes that several share are computed once.
+
+    Parameters
+    ----------
+    scene : Scene, str or Path
+        The paper's device.
+    names : sequence of str
+        fig2 … fig10, claims.
+    quick : bool
+        Figures with fewer points and shorter runs.
+    precision : float or None
+        Relative standard error of E[V²] and PCE that the figures' simulations are run for, instead
+        of that of `QUICK` or `DEFAULT`.
+    thorough : bool
+        Statements by longer runs, and by the circuit at every condition.
+    on_figure : callable or None
+        Given each result as soon as its last point is there.
+    **running
+        See `harvester.engines.open_runner`.
+
+    Returns
+    -------
+    list of Surfaces, OrbitVoltages, Reproduction or Judgement
+        Where the time budget was spent, points that are not there yet are None.
+    """
+    clock = time.perf_counter()
+    names = listed(names, "names", '["fig4"]')
+    for name in names:
+        check_name("figure", name, NAMES)
+    contents = {}
+
+    def keep(name, content):
+        contents[name] = content
+        if on_figure:
+            on_figure(content)
+
+    for name in [name for name in names if name in WITHOUT_NOISE]:
+        keep(name, WITHOUT_NOISE[name](scene))
+    plans = {n: plan(scene, FIGURES[n], quick, precision) for n in names if n in FIGURES}
+    requests = {
+        name: costly_first(
+            request
+            for panel in planned
+            for line in panel
+            for points in line.values()
+            for _, request in points
+        )
+        for name, planned in plans.items()
+    }
+    missing = {name: set(needed) for name, needed in requests.items()}
+    ordered = list(dict.fromkeys(itertools.chain(*requests.values())))
+    answers = {}
+
+    def collect(index, outcome):
+        one = ordered[index]
+        answers[one] = outcome
+        for name in [name for name, unanswered in missing.items() if one in unanswered]:
+            missing[name].remove(one)
+            if not missing[name]:
+                lines, seconds = _answered(plans[name], answers), time.perf_counter() - clock
+                keep(name, Reproduction(name, FIGURES[name], scene, lines, quick, seconds))
+
+    with open_runner(**running) as runner:
+        if ordered:
+            runner.answer(ordered, collect, in_turn=True)
+        if "claims" in names:
+            keep("claims", claims.claims(scene, thorough=thorough, runner=runner))
+    return [contents[name] for name in names]
+
+
+def point_name(panel: FigurePanel, curve: Changes, value: float) -> str:
+    """ "δr = 1.1, D = 0.02": where a point lies."""
+    swept = f"{KEY_SYMBOLS[panel.swept]} = {value:g}"
+    return swept if dict(curve).get(panel.swept) == value else f"{name_of(curve)}, {swept}"
+
+
+def plan(scene: Scene, figure: PaperFigure, quick: bool, precision: float | None = None) -> list:
+    """Per panel and curve of a figure {method: [(value, Request), …]}."""
+    scene = with_knots(scene)
+    efforts, is_density = QUICK if quick else DEFAULT, not figure.quantities
+    first = {engine: effort.realizations for engine, effort in efforts.items()}
+
+    def asked(device, panel, value, method):
+        changed = device if is_density else device.replace({panel.swept: value})
+        options = {}
+        if method in efforts:
+            effort = efforts[method]
+            options = {"precision": precision or effort.precision, "most": effort.most}
+        return request(changed, method, first, is_density, **options)
+
+    def line(panel, index, curve):
+        device = scene.replace(dict(curve))
+        values_by_method = _values(panel, index, curve, quick, is_density)
+        return {
+            method: [(value, asked(device, panel, value, method)) for value in values]
+            for method, values in values_by_method.items()
+        }
+
+    return [
+        [line(panel, index, curve) for index, curve in enumerate(panel.curves)]
+        for panel in figure.panels
+    ]
+
+
+def _values(panel, index, curve, quick, is_density):
+    """{method: values that it computes of a curve}; the circuit, a hundred times as slow, has few.
+
+    A density has the one value of its curve.
+    """
+    if is_density:
+        methods = [*NOISE_CLOSURES, "monte-carlo", *(["circuit"] if index == 0 else [])]
+        return {method: [dict(curve)[panel.swept]] for method in methods}
+    fine, coarse = panel.values(quick)
+    circuit = [coarse[len(coarse) // 2]] if index == 0 or not quick else []
+    return {**dict.fromkeys(NOISE_CLOSURES, fine), "monte-carlo": coarse, "circuit": circuit}
+
+
+def _answered(planned, answers):
+    """The plan with answers in the place of its requests."""
+    return [
+        [{m: [(v, answers[r]) for v, r in points] for m, points in line.items()} for line in lines]
+        for lines in planned
+    ]
+
+
+def _summary(points, deviations):
+    outcomes = [outcome for _, outcome in points if answered(outcome)]
+    bars = [
+        relative_error(outcome.quantities["mean_square_voltage"])
+        for outcome in outcomes
+        if outcome.simulated_time > 0.0
+    ]
+    cells = [str(len(points)), str(len(points) - len(outcomes))]
+    cells.append(f"{max(bars):.1%}" if bars else "—")
+    if not deviations.size:
+        return [*cells, "—", "—"]
+    worst = deviations[np.argmax(np.abs(deviations))]
+    return [*cells, f"{np.median(deviations):+.1%}", f"{worst:+.1%}"]
+
+
+def distance(density: Any, reference: Any) -> float:
+    """∫|p − p'| dX on the bins of the reference."""
+    values = np.interp(reference.centre, density.centre, density.density, 0.0, 0.0)
+    width = reference.centre[1] - reference.centre[0]
+    return float(np.sum(np.abs(values - reference.density)) * width)

@@ -1,0 +1,250 @@
+"""`stability`: stiff and extreme cases of a scene, each judged by what was computed.
+
+Every case of `cases` is run by every engine and every closure; `verdicts` says what judges them.
+"""
+
+from __future__ import annotations
+
+import math
+import time
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any, Unpack
+
+from harvester.base.errors import SceneError
+from harvester.base.serialising import plain
+from harvester.engines.opening import RunnerOptions, open_runner
+from harvester.engines.simulate import check_step, require_noise
+from harvester.engines.task import Task
+from harvester.scene.calling import takes_scene
+from harvester.scene.model import Scene
+from harvester.validation import TIME_LIMIT
+from harvester.validation.stability_cases import METHODS, Case, answer, changed, default_cases
+from harvester.validation.verdicts import (
+    LARGEST_RESIDUAL,
+    LARGEST_SIGMAS,
+    LARGEST_STEP_BIAS,
+    NOT_JUDGED,
+    REFUSED,
+    RIGHT,
+    SHARP_ENOUGH,
+    UNFINISHED,
+    WORDS,
+    WRONG,
+    CaseRow,
+    CaseVerdict,
+    judged,
+)
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+FACE = {
+    RIGHT: "#A8DDB5",
+    REFUSED: "#D0D0D0",
+    NOT_JUDGED: "#FEE8A0",
+    UNFINISHED: "#FDAE6B",
+    WRONG: "#CB181D",
+}
+INK = {WRONG: "white", REFUSED: "0.25"}
+BLOCKS = 2
+# Rows of a page, and the width of a block in inches.
+PAGE, WIDTH = 30, 12.0
+# Share of a block's width for the names of cases, and the fewest letters of a column.
+NAME, SHORTEST = 0.22, 14
+
+
+@dataclass(frozen=True)
+class StabilityMatrix:
+    """All rows of one scene; `harvester stability` shows it."""
+
+    scene: Scene
+    rows: list[CaseRow]
+    wall_seconds: float
+
+    @property
+    def methods(self) -> list[str]:
+        return list(self.rows[0].cells)
+
+    def cells(self, word: str) -> list[tuple[str, str, CaseVerdict]]:
+        """(case title, method, verdict) of every cell with this word."""
+        return [
+            (row.case.title, method, verdict)
+            for row in self.rows
+            for method, verdict in row.cells.items()
+            if verdict.word == word
+        ]
+
+    @property
+    def wrong(self) -> list[tuple[str, str, str]]:
+        """(case title, method, reason) of every wrong cell."""
+        return [(title, method, verdict.reason) for title, method, verdict in self.cells(WRONG)]
+
+    def table(self) -> tuple[list[str], list[list[str]]]:
+        header = ["case", *self.methods, "residuals", "seconds"]
+        return header, [self._cells_of(row) for row in self.rows]
+
+    def _cells_of(self, row):
+        answers = [row.answer(method) for method in self.methods]
+        residuals = [
+            answer.residual for answer in answers if answer and answer.residual is not None
+        ]
+        return [
+            row.case.title,
+            *(row.cells[method].text() for method in self.methods),
+            " | ".join(f"{residual:+.2%}" for residual in residuals) or "—",
+            f"{sum(answer.seconds for answer in answers if answer):.1f}",
+        ]
+
+    def sentences(self) -> list[str]:
+        """Sentences on the verdicts, one line each; a reason is stated once for all cells
+        that share it."""
+        counts = ", ".join(f"{len(self.cells(word))} {word}" for word in WORDS)
+        lines = [
+            f"{counts} in {self.wall_seconds:.0f} s",
+            "a cell names its judges and how sharply they judge: path: against a fine one on the "
+            "same noise; a method or a closed form: E[V²] against its own; grid: a closure against "
+            "its coarser grid",
+        ]
+        lines += [f"WRONG {title}, {method}: {reason}" for title, method, reason in self.wrong]
+        for word in (UNFINISHED, NOT_JUDGED, REFUSED):
+            shared: dict[tuple[str, str], list[str]] = {}
+            for title, method, verdict in self.cells(word):
+                shared.setdefault((method, verdict.reason), []).append(title)
+            lines += [
+                f"{word}: {method} for {'; '.join(titles)}: {reason}"
+                for (method, reason), titles in shared.items()
+            ]
+        return lines
+
+    def figure(self) -> Figure:
+        """All rows, in two blocks side by side."""
+        depth = math.ceil(len(self.rows) / BLOCKS)
+        return self._drawn([slice(k * depth, (k + 1) * depth) for k in range(BLOCKS)], depth)
+
+    def figures(self) -> list[Figure]:
+        """Figures of `PAGE` rows that can be read in print."""
+        firsts = range(0, len(self.rows), PAGE)
+        return [self._drawn([slice(k, k + PAGE)], min(PAGE, len(self.rows) - k)) for k in firsts]
+
+    def _drawn(self, parts, depth):
+        from harvester.results.figures import drawn
+
+        return drawn(lambda matrix: _drawn(matrix, parts, depth), self)
+
+    def to_dict(self) -> dict[str, Any]:
+        return {
+            "scene": self.scene.to_dict(),
+            "seed": self.scene.run.seed,
+            "wall_seconds": self.wall_seconds,
+            "limits": {
+                "deviation_in_standard_errors": LARGEST_SIGMAS,
+                "sharpness": SHARP_ENOUGH,
+                "mean_squares_along_the_path": LARGEST_STEP_BIAS,
+                "energy_balance_residual": LARGEST_RESIDUAL,
+            },
+            "counts": {word: len(self.cells(word)) for word in WORDS},
+            "cases": plain(self.rows),
+        }
+
+
+@takes_scene
+def stability(
+    scene: Scene,
+    *,
+    cases: Sequence[Case] | None = None,
+    step: str | float = "default",
+    **running: Unpack[RunnerOptions],
+) -> StabilityMatrix:
+    """Run and judge the matrix of one scene, by every engine and closure.
+
+    Parameters
+    ----------
+    scene : Scene, str or Path
+        Device that the cases are variations of; its seed is kept, its run length is not.
+    cases : sequence of Case or None
+        None: `default_cases`.
+    step : str or float
+        See `harvester.simulate`.
+    **running
+        See `harvester.engines.open_runner`; the time limit is that of one case by one method.
+
+    Raises
+    ------
+    HarvesterError
+        The excitation is no noise.
+    """
+    step = check_step(step)
+    require_noise(scene, "stability")
+    clock = time.perf_counter()
+    cases = default_cases() if cases is None else tuple(cases)
+    scenes: list[Any] = []
+    for case in cases:
+        try:
+            scenes.append(changed(scene, case))
+        except SceneError as error:
+            scenes.append(error)
+    running.setdefault("time_limit", TIME_LIMIT)
+    with open_runner(**running) as runner:
+        tasks = [
+            Task(answer, {"scene": s, "method": m, "step": step}, runner.version(m), m)
+            for s in scenes
+            if isinstance(s, Scene)
+            for m in METHODS
+        ]
+        outcomes = iter(runner.run(tasks))
+    rows = []
+    for case, changed_scene in zip(cases, scenes, strict=True):
+        if isinstance(changed_scene, Scene):
+            answers = {method: next(outcomes) for method in METHODS}
+        else:
+            answers = dict.fromkeys(METHODS, changed_scene)
+        rows.append(judged(case, changed_scene, answers))
+    return StabilityMatrix(scene, rows, time.perf_counter() - clock)
+
+
+def _drawn(matrix, parts, depth):
+    """A figure with a block for each part of the rows, `depth` of which are the most."""
+    from matplotlib.figure import Figure
+
+    texts = [[row.cells[method].text() for method in matrix.methods] for row in matrix.rows]
+    lengths = [max(SHORTEST, *map(len, column)) for column in zip(*texts, strict=True)]
+    widths = [NAME, *((1.0 - NAME) * length / sum(lengths) for length in lengths)]
+    figure = Figure(figsize=(WIDTH * len(parts), 1.4 + 0.25 * depth))
+    for part, axes in zip(parts, figure.subplots(1, len(parts), squeeze=False)[0], strict=True):
+        axes.axis("off")
+        if matrix.rows[part]:
+            _draw_block(axes, matrix, matrix.rows[part], texts[part], widths, depth)
+    counts = ", ".join(f"{len(matrix.cells(word))} {word}" for word in WORDS)
+    figure.suptitle(
+        f"{matrix.scene.name}: stiff and extreme cases ({counts}; {matrix.wall_seconds:.0f} s)\n"
+        "in each cell its judges and how sharply they judge: the path against a fine one, E[V²] "
+        "against another\nmethod or a closed form, a closure against its coarser grid",
+        x=0.01,
+        ha="left",
+        fontsize=10,
+    )
+    return figure
+
+
+def _draw_block(axes, matrix, rows, texts, widths, depth):
+    header = [method.replace("_", " ") for method in matrix.methods]
+    words = [[row.cells[method].word for method in matrix.methods] for row in rows]
+    table = axes.table(
+        [["", *header], *([row.case.title, *line] for row, line in zip(rows, texts, strict=True))],
+        cellColours=[["none"] * len(widths), *(["none", *map(FACE.get, line)] for line in words)],
+        colWidths=widths,
+        cellLoc="center",
+        bbox=(0.0, 1.0 - (len(rows) + 1) / (depth + 1), 1.0, (len(rows) + 1) / (depth + 1)),
+        edges="closed",
+    )
+    table.auto_set_font_size(False)
+    for (line, column), cell in table.get_celld().items():
+        cell.set(edgecolor="white", linewidth=1.0)
+        cell.set_fontsize(7 if line and column else 8)
+        if line and column:
+            cell.set_text_props(color=INK.get(words[line - 1][column - 1], "black"))
+        elif column:
+            cell.set_text_props(weight="bold")
+        else:
+            cell.set_text_props(ha="left")

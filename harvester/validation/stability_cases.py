@@ -1,0 +1,308 @@
+"""The stiff and extreme cases of `harvester stability`, and the answer of a method to one.
+
+Values are those of the scaled equations (Eqs. 4–6) and are turned to the scene's units, so that
+one matrix serves scaled and SI scenes.
+"""
+
+import math
+import time
+import warnings
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from typing import Any
+
+from harvester.averaging.closures import NOISE_CLOSURES, average
+from harvester.averaging.of_scene import averaged_device, estimates_of
+from harvester.base.errors import SceneError
+from harvester.base.serialising import fields_of, key
+from harvester.device import timescales
+from harvester.device.hertz import HERTZ_EXPONENT
+from harvester.device.piezo import PiezoTable
+from harvester.engines.codec import register
+from harvester.engines.methods import ENGINES, MonteCarlo, engine_of
+from harvester.engines.realization import run
+from harvester.scene.model import Scene
+from harvester.scene.prepared import prepared
+from harvester.scene.steps import knot_spacing, steps_per_sample
+from harvester.scene.units import length_scale
+from harvester.statistics.balance import energy_balance_residual
+from harvester.statistics.run_quantities import estimate_all
+from harvester.validation import entries
+from harvester.validation.path_deviation import PathDeviation, path_deviation
+from harvester.validation.paths import ignore
+
+# Realizations of Monte Carlo's run. Few realizations are long enough for the slowest time scale.
+REALIZATIONS = 4
+# All realizations of a run together take about this many steps.
+STEP_BUDGET = 12_000_000
+# A realization settles for this many times the slowest time scale, but at most for this share of
+# the time that the steps allow.
+SETTLED_TIMES = 5.0
+LARGEST_SETTLED_SHARE = 0.2
+# Stoppers for a scene without: gap in units of the wells' distance, stiffness K, restitution e.
+GAP, STIFFNESS, RESTITUTION = 1.1, 10.0, 0.7
+
+METHODS = (*ENGINES, *NOISE_CLOSURES)
+# A run's means count if it has settled for at least this share of `SETTLED_TIMES` slow times.
+LEAST_SETTLED_SHARE = 0.5
+# Steps of the trial run that measures the number of steps per second.
+TRIAL_STEPS = 100_000
+
+
+@dataclass(frozen=True)
+class Case:
+    """One variation of a scene.
+
+    Attributes
+    ----------
+    family : str
+        Name of what is varied.
+    name : str
+        Value or values, as text.
+    values : dict of str to float, bool, str or None
+        Scaled values by the names in `_scene_value` and, of all stoppers alike, `_OF_STOPPERS`;
+        {"stoppers": None} takes the stoppers away.
+    """
+
+    family: str
+    name: str = field(metadata=key("case"))
+    values: dict = field(metadata=key("changes"))
+
+    @property
+    def title(self) -> str:
+        return f"{self.family}: {self.name}" if self.family != "corner" else self.name
+
+
+def default_cases() -> list[Case]:
+    """The whole matrix: the cases of stability_cases.toml."""
+    families = entries("stability_cases").items()
+    return [
+        Case(
+            family, name, {key: None if value == "none" else value for key, value in values.items()}
+        )
+        for family, cases in families
+        for name, values in cases.items()
+    ]
+
+
+def changed(scene: Scene, case: Case) -> Scene:
+    """The scene of one case, with its run length chosen.
+
+    Raises
+    ------
+    SceneError
+        The case is none for this scene.
+    """
+    changes: dict[str, Any] = {"excitation.knot_spacing": None, "run.realizations": REALIZATIONS}
+    stopped = {name: value for name, value in case.values.items() if name in _OF_STOPPERS}
+    if "stoppers" in case.values:
+        changes["stoppers"] = case.values["stoppers"]
+    elif stopped:
+        changes["stoppers"] = _stoppers(scene, stopped)
+    for name, scaled in case.values.items():
+        if name not in ("stoppers", *_OF_STOPPERS):
+            dotted, value = _scene_value(scene, name, scaled)
+            changes[dotted] = value
+    if scene.units == "SI":
+        # The unit of length stays that of the unchanged scene, and so do the scaled values.
+        changes["length_scale"] = length_scale(scene)
+    new = scene.replace(changes)
+    settle, duration = run_length(new)
+    return new.replace({"run.settle": settle, "run.duration": duration})
+
+
+_OF_STOPPERS = ("stiffness", "gap_in_wells", "restitution", "impact_velocity")
+
+
+def _stoppers(scene, values):
+    """Tables of all stoppers with these scaled values; a scene without any gets a pair."""
+    if not scene.stoppers:
+        if values.keys() == {"impact_velocity"}:
+            raise SceneError(
+                f"{scene.name}: it has no stoppers whose impact_velocity could be held"
+            )
+        values = {"stiffness": STIFFNESS, "gap_in_wells": GAP, "restitution": RESTITUTION, **values}
+    length, mass = _units(scene)
+    tables = scene.to_tables().get("stoppers", {})
+    new = {name: values[name] for name in values if name != "gap_in_wells"}
+    if "gap_in_wells" in values:
+        new["gap"] = values["gap_in_wells"] * _reference_length(scene) * length
+    changed_tables = []
+    for table in tables if isinstance(tables, list) else [tables]:
+        changed_tables.append({**table, **new})
+        if "stiffness" in new:
+            exponent = table.get("exponent", HERTZ_EXPONENT)
+            changed_tables[-1]["stiffness"] = new["stiffness"] * mass / length ** (exponent - 1.0)
+    return changed_tables
+
+
+def _units(scene):
+    """One scaled unit of length and of mass, in the scene's."""
+    return (length_scale(scene), scene.oscillator.mass) if scene.units == "SI" else (1.0, 1.0)
+
+
+def _reference_length(scene):
+    """The farthest well's distance in scaled units; without wells the gap, or one unit."""
+    system = prepared(scene).system
+    bare = system.spring
+    wells = [abs(x) for x in bare.roots() if bare.slope(x) > 0.0]
+    if any(wells):
+        return float(max(wells))
+    return min((contact.gap for contact in system.contacts), default=1.0)
+
+
+def _scene_value(scene, name, value):
+    """Key of the scene, and its value in the scene's units, of a scaled value (Eq. 3)."""
+    length, mass = _units(scene)
+    in_si = scene.units == "SI"
+    match name:
+        case "monostable":
+            return _monostable(scene.oscillator)
+        case "damping":
+            return "oscillator.damping", value * mass
+        case "intensity":
+            return "excitation.intensity", value * length**2
+        case "correlation_time":
+            return "excitation.correlation_time", value
+        case "decay_rate":
+            rate = {"decay_rate": value}
+            if in_si:
+                rate = {"resistance": 1.0 / (value * _capacitance(scene, "λ"))}
+            return "load", {"kind": "resistor", **rate}
+        case "coupling":
+            if in_si:
+                value = math.sqrt(value * mass * _capacitance(scene, "β"))
+            return "piezo.coupling", value
+    raise KeyError(name)
+
+
+def _monostable(oscillator):
+    """The spring with its odd powers alone, all of them stiffening."""
+    if oscillator.restoring_force is None:
+        return "oscillator.linear_stiffness", abs(oscillator.linear_stiffness)
+    powers = enumerate(oscillator.restoring_force)
+    return "oscillator.restoring_force", [abs(k) if n % 2 else 0.0 for n, k in powers]
+
+
+def _capacitance(scene, symbol):
+    if not isinstance(scene.transducer, PiezoTable):
+        raise SceneError(f"{scene.name}: cases of {symbol} want a [piezo]; this device has none")
+    return scene.transducer.capacitance
+
+
+def run_length(scene: Scene) -> tuple[float, float]:
+    """Settling and measured time (s) of Monte Carlo's realizations within the budget of steps."""
+    model = prepared(scene)
+    step = knot_spacing(model) / steps_per_sample(model, engine="monte-carlo")
+    affordable = STEP_BUDGET * step / scene.run.realizations
+    settle = min(SETTLED_TIMES * slowest_time(scene), LARGEST_SETTLED_SHARE * affordable)
+    return settle, affordable - settle
+
+
+def slowest_time(scene: Scene) -> float:
+    """The longest of relaxation time, period, correlation time of the noise and 1/λ (s)."""
+    system = prepared(scene).system
+    period = 2.0 * math.pi / timescales.angular_frequency(system)
+    relaxation, decay = timescales.relaxation_time(system), system.transducer.decay_rate()
+    return max(relaxation, period, system.noise.correlation_time, 1.0 / decay if decay else 0.0)
+
+
+@register
+@dataclass(frozen=True)
+class CaseAnswer:
+    """The answer of one engine or closure to one case, in scaled units.
+
+    Attributes
+    ----------
+    estimates : dict of str to Estimate
+        Means: Monte Carlo's with their standard errors, a closure's with its numerical ones; none
+        of the circuit, whose run is too short for them.
+    residual : float or None
+        Residual of the energy balance; None for a closure.
+    seconds : float
+        Processor time of one core (s), for the simulation or the closure.
+    steps, realizations : int
+        0 for a closure.
+    duration, settle, step : float or None
+        Times of each realization as it was run, and its longest step (s); None for a closure.
+    settled : bool
+        The transient had passed before the means were taken.
+    path : PathDeviation or None
+        None for a closure.
+    """
+
+    estimates: dict = field(metadata=key("scaled_quantities"))
+    residual: float | None = field(metadata=key("energy_balance_residual"))
+    seconds: float
+    steps: int = 0
+    realizations: int = 0
+    duration: float | None = None
+    settle: float | None = None
+    step: float | None = field(default=None, metadata=key("longest_step"))
+    settled: bool = True
+    path: PathDeviation | None = None
+
+    def to_dict(self) -> dict:
+        content = fields_of(self)
+        return {**content, "path": content["path"] or {}}
+
+
+def answer(scene: Scene, method: str, step: str | float, report: Callable) -> CaseAnswer:
+    """One case by one engine or closure; a warning counts as an error."""
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        case_answer = (
+            _simulated(scene, method, step) if method in ENGINES else _averaged(scene, method)
+        )
+    report(1.0)
+    return case_answer
+
+
+def _simulated(scene, engine, step):
+    engine_of(engine).check(scene)
+    path, realizations = path_deviation(scene, engine, step)
+    system = prepared(scene).system
+    estimates, settled = {}, True
+    if engine == "monte-carlo":
+        scene = _affordable(scene, step)
+        realizations = _run(scene, step)
+        settled = scene.run.settle > LEAST_SETTLED_SHARE * SETTLED_TIMES * slowest_time(scene)
+    moments = [realization.moments for realization in realizations]
+    if engine == "monte-carlo":
+        estimates = estimate_all(moments, system)
+    return CaseAnswer(
+        estimates=estimates,
+        residual=energy_balance_residual(moments, system),
+        seconds=sum(realization.seconds for realization in realizations),
+        steps=sum(record.points for record in moments),
+        realizations=len(moments),
+        duration=moments[0].time_reached - moments[0].start,
+        settle=moments[0].start,
+        step=knot_spacing(prepared(scene)) / steps_per_sample(prepared(scene), step, engine),
+        settled=settled,
+        path=path,
+    )
+
+
+def _run(scene, step):
+    return run(scene, MonteCarlo(step), range(scene.run.realizations), None, ignore)
+
+
+def _affordable(scene, step):
+    """The scene with a run so short that its contacts, too, keep to the budget of steps."""
+    length = scene.run.settle + scene.run.duration
+    model = prepared(scene)
+    engine_step = knot_spacing(model) / steps_per_sample(model, step, "monte-carlo")
+    brief = min(TRIAL_STEPS * engine_step, length)
+    one = {"run.settle": 0.0, "run.duration": brief, "run.realizations": 1}
+    [first] = _run(scene.replace(one), step)
+    points = first.moments.points * length / brief * scene.run.realizations
+    share = min(STEP_BUDGET / points, 1.0)
+    times = {"run.duration": scene.run.duration, "run.settle": scene.run.settle}
+    return scene.replace({name: share * value for name, value in times.items()})
+
+
+def _averaged(scene, closure):
+    clock = time.process_time()
+    averages = average(averaged_device(scene), closure)
+    return CaseAnswer(estimates_of(averages), None, time.process_time() - clock)

@@ -1,0 +1,424 @@
+"""The paper's statements on trends, as data of paper.toml, and what tests them.
+
+A test lists the changes of the scene that it needs at a condition (`scenes`), and judges them
+(`findings`) from `read(changes)`, which gives the method's answer there, or None where it has
+none. Differences of two simulations are paired batch by batch on their common noise, which is
+valid whether or not the paths stay together: the error is that of the difference itself.
+"""
+
+import itertools
+import math
+from collections.abc import Callable
+from dataclasses import dataclass, field, replace
+from typing import Any, TypeAlias
+
+import numpy as np
+
+from harvester.base.serialising import LEFT_OUT, fields_of, key
+from harvester.base.writing import finite
+from harvester.engines.request import Answer
+from harvester.results.paired import paired_difference
+from harvester.scene.model import Scene
+from harvester.statistics.estimate import Density
+from harvester.validation import entries
+from harvester.validation.orbit_maps import orbit_voltages
+from harvester.validation.paper_figures import KEY_SYMBOLS, SYMBOL_KEYS, Changes, name_of
+
+# The peak of a density is its mean over this width of X.
+PEAK_WIDTH = 0.1
+# |X| is beyond the reach of the motion with this probability.
+BEYOND = 0.01
+# Gives a method's answer for some changes of the scene, or None if it has none.
+Read: TypeAlias = Callable[[Changes], Answer | None]
+# At this noise jumps between the wells are frequent.
+JUMPING = ((SYMBOL_KEYS["D"], 0.08),)
+
+
+@dataclass(frozen=True)
+class Finding:
+    """One comparison.
+
+    Attributes
+    ----------
+    effect : float
+        A share, with the sign of what was found.
+    error : float
+        Standard error of the effect, or its numerical error.
+    favours : int
+        Sign of an effect that speaks for the statement.
+    decisive : bool
+        Whether the statement needs it; steps of a trend only may speak against it.
+    margin : float or None
+        Margin below a limit, which decides in place of the effect.
+    """
+
+    where: str
+    effect: float
+    error: float
+    favours: int = field(default=1, metadata=LEFT_OUT)
+    decisive: bool = field(default=True, metadata=LEFT_OUT)
+    margin: float | None = None
+
+    @property
+    def sigmas(self) -> float:
+        """Evidence in standard errors: > 0 supports the statement, < 0 contradicts it."""
+        signed = self.favours * (self.effect if self.margin is None else self.margin)
+        return signed / self.error if self.error > 0.0 else math.copysign(math.inf, signed)
+
+    def to_dict(self) -> dict[str, Any]:
+        return {**fields_of(self), "standard_errors": finite(self.sigmas)}
+
+
+@dataclass(frozen=True)
+class StatementTest:
+    """A test that each method is put to.
+
+    Attributes
+    ----------
+    quantity : str
+        Of an answer, or one of `FEATURES` of its density.
+    swept : str
+        Key along whose `values` the quantity is followed.
+    ranges, weak : tuple of (key, ends)
+        Ranges of keys, from the first to the last end of which the quantity changes.
+    rises : bool
+        Direction of a trend.
+    limit : float
+        Share that a change is compared with.
+    other : str
+        A second quantity.
+    quantities : tuple of str
+    compares : bool
+        `findings` takes a second `read`: that of Monte Carlo.
+    of_orbits : bool
+        It is about orbits without noise: `findings` takes the scene, and only the paper's closure
+        is asked.
+    """
+
+    quantity: str = ""
+    swept: str = ""
+    values: tuple[float, ...] = ()
+    ranges: tuple = ()
+    weak: tuple = ()
+    rises: bool = True
+    limit: float = 0.0
+    other: str = ""
+    quantities: tuple[str, ...] = ()
+    compares, of_orbits = False, False
+
+    def scenes(self, condition: Changes) -> list[Changes]:
+        """The changes of the scene whose answers this test needs; without any the condition."""
+        places = [(self.swept, value) for value in self.values]
+        places += [(key, value) for key, ends in (*self.ranges, *self.weak) for value in ends]
+        return [with_value(condition, *place) for place in places] or [condition]
+
+    def findings(self, *arguments: Any) -> list[Finding]:
+        """Findings from the answers of one method at a condition."""
+        raise NotImplementedError
+
+    def points(self, condition: Changes, read: Read) -> list[tuple[float, Answer]]:
+        """(value, answer) of the values for which there is an answer that has the quantity."""
+        answers = [read(changes) for changes in self.scenes(condition)]
+        pairs = zip(self.values, answers, strict=True)
+        return [
+            (value, answer) for value, answer in pairs if answer and _has(answer, self.quantity)
+        ]
+
+    def step(
+        self, condition: Changes, first: Any, last: Any, favours: int = 1, decisive: bool = True
+    ) -> list[Finding]:
+        """A finding on the change between two points; none without both."""
+        change = relative_change(first[1], last[1], self.quantity)
+        where = _range(condition, self.swept, first[0], last[0])
+        return [Finding(where, *change, favours, decisive)] if change else []
+
+    def change(
+        self, condition: Changes, read: Read, key: str, ends: Any, quantity: str = ""
+    ) -> tuple[float, float] | None:
+        """Relative change over one range and its error, None without both answers."""
+        first, last = (read(with_value(condition, key, value)) for value in ends)
+        if first is None or last is None:
+            return None
+        return relative_change(first, last, quantity or self.quantity)
+
+
+class Trend(StatementTest):
+    """A quantity rises (or falls) along values of one key."""
+
+    def findings(self, condition: Changes, read: Read) -> list[Finding]:
+        """Every step between neighbours, and the whole."""
+        points, favours = self.points(condition, read), 1 if self.rises else -1
+        if len(points) < 2:
+            return []
+        steps = itertools.pairwise(points) if len(points) > 2 else ()
+        findings = [self.step(condition, *step, favours, decisive=False) for step in steps]
+        findings.append(self.step(condition, points[0], points[-1], favours))
+        return [*itertools.chain(*findings)]
+
+
+class InteriorMaximum(StatementTest):
+    """A quantity is higher somewhere inside a range than at both ends.
+
+    The highest interior point is chosen from the same data, which favours the statement by less
+    than a standard error.
+    """
+
+    def findings(self, condition: Changes, read: Read) -> list[Finding]:
+        """The best interior point against either end."""
+        points = self.points(condition, read)
+        if len(points) < 3:
+            return []
+        best = max(points[1:-1], key=lambda point: point[1].quantities[self.quantity].estimate)
+        ends = (self.step(condition, end, best) for end in (points[0], points[-1]))
+        return [*itertools.chain(*ends)]
+
+
+class SingleHump(StatementTest):
+    """A quantity rises from the first value on to one maximum and falls after it."""
+
+    def findings(self, condition: Changes, read: Read) -> list[Finding]:
+        """Every step, in the direction it should have."""
+        points = self.points(condition, read)
+        if len(points) < 3:
+            return []
+        values = [answer.quantities[self.quantity].estimate for _, answer in points]
+        # A rise up to the edge is no maximum either: the last step before the edge has to fall.
+        top = min(max(int(np.argmax(values)), 1), len(points) - 2)
+        steps = (
+            self.step(condition, *step, 1 if k < top else -1)
+            for k, step in enumerate(itertools.pairwise(points))
+        )
+        return [*itertools.chain(*steps)]
+
+
+class LargerEffect(StatementTest):
+    """Each key of `ranges` changes a quantity more than each of `weak`."""
+
+    def findings(self, condition: Changes, read: Read) -> list[Finding]:
+        """For every strong and every weak key: the difference of the sizes of their changes."""
+        findings = []
+        for (strong, ends), (weak, others) in itertools.product(self.ranges, self.weak):
+            ours = self.change(condition, read, strong, ends)
+            theirs = self.change(condition, read, weak, others)
+            if ours and theirs:
+                where = f"{KEY_SYMBOLS[strong]} against {KEY_SYMBOLS[weak]}{_at(condition)}"
+                effect = abs(ours[0]) - abs(theirs[0])
+                findings.append(Finding(where, effect, math.hypot(ours[1], theirs[1])))
+        return findings
+
+
+class Unchanged(StatementTest):
+    """A quantity changes by less than a share over the ranges of some keys."""
+
+    def findings(self, condition: Changes, read: Read) -> list[Finding]:
+        """A finding for each key, with the margin by which its change stays below the limit."""
+        findings = []
+        for varied, ends in self.ranges:
+            change = self.change(condition, read, varied, ends)
+            if change:
+                margin = self.limit - abs(change[0])
+                findings.append(Finding(_range(condition, varied, *ends), *change, margin=margin))
+        return findings
+
+
+class Changed(Unchanged):
+    """A quantity changes by more than a share over the ranges of some keys."""
+
+    def findings(self, condition: Changes, read: Read) -> list[Finding]:
+        """Findings of `Unchanged` with opposite sign: a change below the limit refutes it."""
+        return [replace(finding, favours=-1) for finding in super().findings(condition, read)]
+
+
+class OppositeTrends(StatementTest):
+    """The quantity `other` rises where `quantity` falls, over ranges of some keys."""
+
+    def findings(self, condition: Changes, read: Read) -> list[Finding]:
+        """The other's change, for the statement when it is against the first one's.
+
+        As sure as the less sure of the two signs.
+        """
+        findings = []
+        for varied, ends in self.ranges:
+            one = self.change(condition, read, varied, ends)
+            other = self.change(condition, read, varied, ends, self.other)
+            if one and other:
+                sure = min(abs(Finding("", *change).sigmas) for change in (one, other))
+                error = abs(other[0]) / sure if sure > 0.0 else math.inf
+                favours = -1 if one[0] > 0.0 else 1
+                findings.append(Finding(_range(condition, varied, *ends), other[0], error, favours))
+        return findings
+
+
+class Bimodal(StatementTest):
+    """The density of X is lower at 0 than at its peak."""
+
+    def findings(self, condition: Changes, read: Read) -> list[Finding]:
+        """Findings: by how much the density at 0 is below its peak, as a share of the peak."""
+        answer = read(condition)
+        if answer is None or answer.density is None:
+            return []
+        (peak, error), (middle, its_error) = peak_of(answer.density), middle_of(answer.density)
+        error = math.hypot(error, its_error) / peak
+        return [Finding(name_of(condition), 1.0 - middle / peak, error)]
+
+
+class Agreement(StatementTest):
+    """Quantities are within a share of Monte Carlo's."""
+
+    compares = True
+
+    def findings(self, condition: Changes, read: Read, reference: Read) -> list[Finding]:
+        """The deviations, by how far they stay below the limit."""
+        ours, theirs = read(condition), reference(condition)
+        if ours is None or theirs is None:
+            return []
+        findings = []
+        for name in self.quantities:
+            change = independent_change(theirs, ours, name)
+            if change:
+                where = f"{name.replace('_', ' ')} at {name_of(condition)}"
+                findings.append(Finding(where, *change, margin=self.limit - abs(change[0])))
+        return findings
+
+
+class WiderBand(StatementTest):
+    """Orbits up to one energy reach higher frequencies with stoppers than without: Fig. 3."""
+
+    of_orbits = True
+
+    def scenes(self, condition: Changes) -> list[Changes]:
+        return []
+
+    def findings(self, scene: Scene) -> list[Finding]:
+        """Highest frequency of the orbits around both wells."""
+        responses = orbit_voltages(scene).responses
+        highest = [responses[d]["outer"].frequency.max() for d in ("with stoppers", "without")]
+        return [Finding("outer orbits", highest[0] / highest[1] - 1.0, 0.0)]
+
+
+@dataclass(frozen=True)
+class Claim:
+    """One statement of a section of the paper.
+
+    Attributes
+    ----------
+    sentence : str
+        Quoted, shortened.
+    says : str
+        The tested statement in a few words.
+    conditions : tuple of tuple of (key, value)
+        Changes of the scene; the statement must hold under each of them.
+    """
+
+    section: str
+    sentence: str
+    says: str = field(metadata=key("tested"))
+    test: StatementTest = field(metadata=LEFT_OUT)
+    conditions: tuple[Changes, ...] = field(default=((),), metadata=LEFT_OUT)
+
+
+def _claim(section, sentence, tested, test, conditions=({},), **values):
+    if isinstance(conditions, str):
+        conditions = entries("paper")["conditions"][conditions]
+    changes = tuple(tuple((SYMBOL_KEYS[s], v) for s, v in each.items()) for each in conditions)
+    if "swept" in values:
+        values["swept"] = SYMBOL_KEYS[values["swept"]]
+    for name in {"ranges", "weak"} & values.keys():
+        values[name] = tuple((SYMBOL_KEYS[s], tuple(ends)) for s, *ends in values[name])
+    values = {n: tuple(v) if isinstance(v, list) else v for n, v in values.items()}
+    return Claim(section, sentence, tested, globals()[test](**values), changes)
+
+
+CLAIMS = tuple(_claim(**entry) for entry in entries("paper")["statement"])
+
+
+def with_value(condition: Changes, key: str, value: float) -> Changes:
+    """The condition with one key set, sorted: equal changes are equal."""
+    return tuple(sorted({**dict(condition), key: value}.items()))
+
+
+def relative_change(first: Answer, second: Answer, quantity: str) -> tuple[float, float] | None:
+    """Change from the first answer to the second as a share of the first, and its error.
+
+    Paired on the common noise where both have their moments; None of nothing.
+    """
+    if first.moments and second.moments:
+        paired = paired_difference(second, first).get(quantity)
+        if paired is not None and paired.standard_error is not None:
+            return paired.estimate, paired.standard_error
+    return independent_change(first, second, quantity)
+
+
+def independent_change(first: Answer, second: Answer, quantity: str) -> tuple[float, float] | None:
+    """Relative change and its error, if both errors are independent."""
+    (a, error_a), (b, error_b) = _value(first, quantity), _value(second, quantity)
+    if not a:
+        return None
+    return b / a - 1.0, math.hypot(error_b, error_a * b / a) / abs(a)
+
+
+def _has(answer, quantity):
+    return quantity in answer.quantities or (quantity in FEATURES and answer.density is not None)
+
+
+def _value(answer, quantity):
+    if quantity in FEATURES:
+        return FEATURES[quantity](answer.density)
+    estimate = answer.quantities[quantity]
+    error = estimate.standard_error
+    return estimate.estimate, math.inf if error is None else error
+
+
+def _range(condition, key, first, last):
+    return f"{KEY_SYMBOLS[key]} {first:g} → {last:g}{_at(condition)}"
+
+
+def _at(condition):
+    return f" at {name_of(condition)}" if condition else ""
+
+
+def _smooth(density):
+    """Averages over `PEAK_WIDTH`."""
+    reach, step = max(np.abs(density.centre).max(), 2.0 * PEAK_WIDTH), PEAK_WIDTH / 16
+    centre = np.arange(-reach, reach + step, step)
+    errors = density.standard_error
+    errors = np.zeros_like(density.density) if errors is None else errors
+    window = np.full(16, 1.0 / 16)
+    return centre, *(
+        np.convolve(np.interp(centre, density.centre, column, 0.0, 0.0), window, "same")
+        for column in (density.density, errors)
+    )
+
+
+# Numbers that statements read off a density p(X), each with its error. Bins that are summed count
+# as fully correlated, which is cautious.
+def peak_of(density: Density) -> tuple[float, float]:
+    """(highest average of p(X) over a width of X, its error), whatever the grid."""
+    centre, values, errors = _smooth(density)
+    top = int(np.argmax(np.where(centre >= 0.0, values, 0.0)))
+    return values[top], errors[top]
+
+
+def middle_of(density: Density) -> tuple[float, float]:
+    """(average of p(X) about X = 0, its error)."""
+    centre, values, errors = _smooth(density)
+    middle = int(np.argmin(np.abs(centre)))
+    return values[middle], errors[middle]
+
+
+def reach_of(density: Density) -> tuple[float, float]:
+    """(distance from X = 0 that the motion exceeds for `BEYOND` of the time, its error)."""
+    centre = density.centre
+    order = np.argsort(-np.abs(centre))
+    width = np.gradient(centre)[order]
+    beyond = np.cumsum(density.density[order] * width)
+    last = int(np.searchsorted(beyond, BEYOND))
+    distance = np.interp(BEYOND, beyond, np.abs(centre[order]))
+    if density.standard_error is None:
+        return distance, 0.0
+    error = (density.standard_error[order] * width)[: last + 1].sum()
+    # The two sides together give the slope of the tail's probability.
+    return distance, error / (2.0 * density.density[order][last])
+
+
+FEATURES = {"peak": peak_of, "reach": reach_of}

@@ -1,0 +1,278 @@
+"""Verdicts of `harvester stability`: each cell is judged by independent comparisons of known
+sharpness.
+
+A judge compares one answer with something that does not share its faults: the path with a fine one,
+Monte Carlo's means with the stationary solution or a closed form, a closure with its coarser grid.
+Each says how sharply it judges. A cell is *right* where none of its judges objects and one at least
+judges to 2 % or better; else it is *not judged*.
+"""
+
+import math
+from dataclasses import dataclass, field
+from typing import Any
+
+from harvester.base.errors import AveragingError, LoadError, SceneError, SimulatorTimeout
+from harvester.base.serialising import fields_of, key, plain
+from harvester.device.piezo import BaseForcedPiezo
+from harvester.engines.methods import ENGINES
+from harvester.scene.model import Scene
+from harvester.scene.prepared import prepared
+from harvester.validation import MEANS
+from harvester.validation.closed_forms import closed_forms
+from harvester.validation.stability_cases import Case, CaseAnswer
+
+RIGHT, REFUSED, WRONG = "right", "refused", "wrong"
+NOT_JUDGED, UNFINISHED = "not judged", "unfinished"
+WORDS = (RIGHT, REFUSED, NOT_JUDGED, UNFINISHED, WRONG)
+REFUSALS = (SceneError, LoadError, AveragingError)
+# Largest residual of the energy balance, as a share of the energy.
+LARGEST_RESIDUAL = 0.01
+# A judge counts if it judges to this relative error or better.
+SHARP_ENOUGH = 0.02
+# Largest deviation of means in joint standard errors: were all of some 200 comparisons independent
+# and normal, one matrix in eighty would have a false alarm.
+LARGEST_SIGMAS = 4.0
+# Relative error of the stationary solution beside its stated numerical error (one standard
+# deviation), as long simulations showed.
+SOLVER_ERROR = 5e-3
+# Largest deviation of the mean squares along comparable paths, at the step asked for.
+LARGEST_STEP_BIAS = 0.03
+# Paths must be comparable for so many periods, and an engine must follow this share of them.
+FEWEST_PERIODS = 1.0
+LEAST_FOLLOWED = 0.1
+# Largest deviation of a closure from its own coarser grid. The stationary solution has a limit of
+# its own.
+LARGEST_NUMERICAL_ERROR = {"fokker_planck": 2e-2}
+USUAL_NUMERICAL_ERROR = 1e-3
+SOLVER = "fokker_planck"
+SHORT_NAMES = {
+    "coarser grid": "grid",
+    "fokker_planck": "stationary",
+    "the mass under the recorded voltage": "mass",
+}
+
+
+@dataclass(frozen=True)
+class Evidence:
+    """One judge's finding: a deviation and its limit, as shares.
+
+    Attributes
+    ----------
+    of : str
+        Name of the compared quantity.
+    sharpness : float
+        Joint standard error of means; of a path the deviation that its step explains.
+    largest : float
+        Deviation up to which the judge agrees.
+    """
+
+    judge: str
+    of: str
+    deviation: float
+    sharpness: float
+    largest: float = field(metadata=key("limit"))
+
+    @property
+    def agrees(self) -> bool:
+        """True if the deviation is within the limit; NaN counts as exceeding it."""
+        return abs(self.deviation) <= self.largest
+
+    @property
+    def sharp(self) -> bool:
+        """Whether the judge is good enough to call a cell right."""
+        return self.sharpness <= SHARP_ENOUGH
+
+    def __str__(self):
+        return f"{self.of} is {self.deviation:+.2%} off {self.judge} (limit {self.largest:.2%})"
+
+
+@dataclass(frozen=True)
+class CaseVerdict:
+    """The verdict on one case by one method: one of `WORDS`, why, and what it rests on."""
+
+    word: str = field(metadata=key("verdict"))
+    reason: str = ""
+    evidence: tuple[Evidence, ...] = ()
+
+    @property
+    def judges(self) -> list[Evidence]:
+        """The first evidence of each judge that is sharp enough (on E[V²] if there is any),
+        sharpest first."""
+        first: dict[str, Evidence] = {}
+        for evidence in self.evidence:
+            first.setdefault(evidence.judge, evidence)
+        return sorted((e for e in first.values() if e.sharp), key=lambda e: e.sharpness)
+
+    def text(self) -> str:
+        """The verdict's word, or who judged and how sharply."""
+        if self.word != RIGHT:
+            return self.word
+        return ", ".join(f"{_short(e.judge)} {_percent(e.sharpness)}" for e in self.judges)
+
+
+@dataclass(frozen=True)
+class CaseRow:
+    """One case: what every engine and closure said of it, and the verdict on each.
+
+    Attributes
+    ----------
+    answers : dict of str to CaseAnswer, HarvesterError or None
+        Answers by engine and closure; None if time ran out before one.
+    cells : dict of str to CaseVerdict
+    """
+
+    case: Case
+    answers: dict[str, Any]
+    cells: dict[str, CaseVerdict]
+
+    def answer(self, method: str) -> CaseAnswer | None:
+        answer = self.answers[method]
+        return answer if isinstance(answer, CaseAnswer) else None
+
+    def to_dict(self) -> dict[str, Any]:
+        answered = {method: self.answer(method) for method in self.answers}
+        return {
+            **fields_of(self.case),
+            "verdicts": plain(self.cells),
+            "answers": plain({method: answer for method, answer in answered.items() if answer}),
+        }
+
+
+def judged(case: Case, scene: Scene | None, answers: dict[str, Any]) -> CaseRow:
+    """The row of one case from what engines and closures said; `scene` is that of the case."""
+    cells = {method: _without_answer(outcome) for method, outcome in answers.items()}
+    answered = {method: answers[method] for method, cell in cells.items() if cell is None}
+    for method, answer in answered.items():
+        evidence = _of_engine(answer) if method in ENGINES else _of_closure(method, answer)
+        cells[method] = _weighed(answer, (*evidence, *_of_means(method, scene, answered)))
+    return CaseRow(case, answers, cells)
+
+
+def _without_answer(outcome):
+    """The verdict where there is no answer; None where there is one."""
+    if isinstance(outcome, CaseAnswer):
+        return None
+    if outcome is None:
+        return CaseVerdict(UNFINISHED, "the time budget ended before it")
+    if isinstance(outcome, SimulatorTimeout):
+        return CaseVerdict(UNFINISHED, str(outcome))
+    if isinstance(outcome, REFUSALS):
+        return CaseVerdict(REFUSED, str(outcome))
+    return CaseVerdict(WRONG, f"{type(outcome).__name__}: {outcome}")
+
+
+def _weighed(answer, evidence):
+    if answer.residual is not None and not abs(answer.residual) < LARGEST_RESIDUAL:
+        return CaseVerdict(WRONG, f"energy balance residual {answer.residual:.2%}", evidence)
+    objections = [str(comparison) for comparison in evidence if not comparison.agrees]
+    if objections:
+        return CaseVerdict(WRONG, "; ".join(objections), evidence)
+    cell = CaseVerdict(RIGHT, "", evidence)
+    return cell if cell.judges else CaseVerdict(NOT_JUDGED, _why_not(answer, evidence), evidence)
+
+
+def _why_not(answer, evidence):
+    if evidence:
+        return f"known to {min(comparison.sharpness for comparison in evidence):.0%} only"
+    if answer.path and answer.path.comparable_periods < FEWEST_PERIODS:
+        return f"paths can be compared for {answer.path.comparable_periods:.1f} periods only"
+    if answer.path:
+        return f"its path can be compared for {answer.path.compared_periods:.1f} periods only"
+    return "nothing to compare it with"
+
+
+def _of_engine(answer):
+    """Evidence on an engine, from its paths compared with fine ones."""
+    path = answer.path
+    if not path.comparable_periods >= FEWEST_PERIODS:
+        return ()
+    judge = f"fine {path.reference} path"
+    followed = path.compared_periods / path.comparable_periods
+    if followed < LEAST_FOLLOWED:
+        return (Evidence(judge, "length of the path followed", followed - 1.0, 1.0, 0.0),)
+    if path.compared_periods < FEWEST_PERIODS:
+        return ()
+    limits = {judge: path.of_limit}
+    if not math.isnan(path.of_mechanics):
+        limits["the mass under the recorded voltage"] = path.of_mechanics
+    words, allowed = "limit for short steps", path.resolution
+    evidence = [Evidence(name, words, of, allowed, allowed) for name, of in limits.items()]
+    squares = "mean squares along the path"
+    bias = Evidence(judge, squares, path.of_mean_squares, LARGEST_STEP_BIAS, LARGEST_STEP_BIAS)
+    return (*evidence, bias)
+
+
+def _of_closure(closure, answer):
+    """Evidence from the coarser grid: how well the closure solves its own equations."""
+    largest = LARGEST_NUMERICAL_ERROR.get(closure, USUAL_NUMERICAL_ERROR)
+    evidence = []
+    for name in MEANS:
+        estimate = answer.estimates[name]
+        share = _share(estimate.standard_error, estimate.estimate)
+        evidence.append(Evidence("coarser grid", _words(name), share, share, largest))
+    return evidence
+
+
+def _of_means(method, scene, answered):
+    """Evidence on means: Monte Carlo against the stationary solution, and against closed forms.
+
+    Only these two claim to solve the equations themselves.
+    """
+    simulated, solved = answered.get("monte-carlo"), answered.get(SOLVER)
+    if isinstance(prepared(scene).system.transducer, BaseForcedPiezo):
+        # The stationary solution omits the charge that the base's motion moves.
+        solved = None
+    if method not in ("monte-carlo", SOLVER) or not simulated or not simulated.settled:
+        return []
+    if method == SOLVER:
+        return list(_of_pair(simulated, solved, "Monte Carlo")) if solved else []
+    evidence = [
+        comparison
+        for form, means in closed_forms(scene, simulated.realizations).items()
+        for name, (value, error) in means.items()
+        for comparison in _of_mean(form, name, simulated.estimates[name], value, error)
+    ]
+    if solved:
+        # If circuit and Monte Carlo follow the same path, the stationary solution is the one that
+        # is wrong.
+        by_path = _of_engine(answered["circuit"]) if "circuit" in answered else ()
+        same_path = bool(by_path) and all(comparison.agrees for comparison in by_path)
+        pair = _of_pair(simulated, solved, SOLVER)
+        evidence += [comparison for comparison in pair if comparison.agrees or not same_path]
+    return evidence
+
+
+def _of_pair(simulated, solved, judge):
+    for name in MEANS:
+        ours, theirs = simulated.estimates[name], solved.estimates[name]
+        error = max(theirs.standard_error, SOLVER_ERROR * abs(theirs.estimate))
+        yield from _of_mean(judge, name, ours, theirs.estimate, error)
+
+
+def _of_mean(judge, name, ours, value, error):
+    """Evidence on one mean, none without an error bar or where nothing is harvested."""
+    if ours.standard_error is None or ours.estimate == value == 0.0:
+        return
+    joint = _share(math.hypot(ours.standard_error, error), value)
+    deviation = _share(ours.estimate - value, value)
+    yield Evidence(judge, _words(name), deviation, joint, LARGEST_SIGMAS * joint)
+
+
+def _share(part, total):
+    """part/total, and 0 if both vanish."""
+    if part == 0.0:
+        return 0.0
+    return part / abs(total) if total else math.inf
+
+
+def _words(name):
+    return name.replace("_", " ")
+
+
+def _short(judge):
+    return "path" if judge.endswith("path") else SHORT_NAMES.get(judge, judge)
+
+
+def _percent(share):
+    """A percentage with one digit, or two if the first is 1."""
+    return f"{100.0 * share:.2g} %" if share >= 1e-4 else "<0.01 %"

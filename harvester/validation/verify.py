@@ -1,0 +1,332 @@
+"""`verify`: exact, published and measured results beside this project's, with their two pages."""
+
+from __future__ import annotations
+
+import datetime
+import itertools
+import math
+import time
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any, Unpack
+
+from harvester.base.arguments import checked_options, usual_arithmetic
+from harvester.base.errors import HarvesterError, ProgramNotFound
+from harvester.base.serialising import plain
+from harvester.base.tables import markdown_table
+from harvester.engines.opening import RunnerOptions, open_runner
+from harvester.engines.request import Request, told
+from harvester.engines.task import Task
+from harvester.validation import SIGNIFICANT_SIGMAS, entries
+from harvester.validation.known_results import Truth, catalogue, measured, scatter_of
+from harvester.version import __version__
+
+# Agreement is meaningful if the error of a result is at most this share of the exact value.
+SHARPEST_NEEDED = 0.15
+HOLDS, FAILS, BLUNT, REFUSED, NOT_HERE, UNFINISHED = (
+    "holds", "FAILS", "not known well enough", "refused", "not here", "unfinished",
+)  # fmt: skip
+# Verdict on a measured device whose values are partly inferred, if a prediction lies beyond the
+# limit.
+MISSES = "misses"
+OPENING = (
+    "Devices that others built and measured, and what this program predicts of them. Nothing is "
+    "fitted but what is said. A point that lies beyond its limit is a miss and stays here. The "
+    "limit is the error of reading the point and three times the measurement's own scatter. At one "
+    "frequency every linear device, whatever its numbers, gives a resistor R the power "
+    "R/(a + b R + c R²). The points' deviations from the best such curve are their scatter."
+)
+DOWNLOADED = (
+    "Sets that are not ours to ship. A variable of the environment names the place; `harvester "
+    "verify` then has its row, and says *not here* without it."
+)
+
+
+@dataclass(frozen=True)
+class TruthRow:
+    """One method beside one truth.
+
+    Attributes
+    ----------
+    value, standard_error : float
+        nan where there is none.
+    reason : str
+        Why there is none.
+    skipped : bool
+        It needs another program, which is not installed.
+    """
+
+    truth: Truth
+    method: str
+    value: float = math.nan
+    standard_error: float = math.nan
+    reason: str = ""
+    skipped: bool = False
+
+    @property
+    def limit(self) -> float:
+        """Largest difference that is no disagreement."""
+        return SIGNIFICANT_SIGMAS * self.standard_error + self.truth.allowance
+
+    @property
+    def verdict(self) -> str:
+        """holds, FAILS, misses, not known well enough, refused, not here or unfinished."""
+        if self.skipped:
+            return NOT_HERE
+        if self.reason:
+            return UNFINISHED if self.reason == UNFINISHED else REFUSED
+        if not abs(self.value - self.truth.exact) <= self.limit:
+            return MISSES if self.truth.device else FAILS
+        blunt = SIGNIFICANT_SIGMAS * self.standard_error > SHARPEST_NEEDED * abs(self.truth.exact)
+        return BLUNT if blunt else HOLDS
+
+    @property
+    def deviation(self) -> float:
+        return self.value / self.truth.exact - 1.0
+
+    def cells(self) -> list[str]:
+        """Cells of the table: result, by, verdict, exact, ours, difference, allowed."""
+        named = [self.truth.title, self.method, self.verdict, f"{self.truth.exact:.5g}"]
+        if self.reason:
+            return [*named, "", "", ""]
+        error = f" ± {self.standard_error:.1g}" if self.standard_error else ""
+        difference = self._of_exact(self.value - self.truth.exact, "+")
+        return [*named, f"{self.value:.5g}{error}", difference, f"± {self._of_exact(self.limit)}"]
+
+    def _of_exact(self, difference, sign=""):
+        if not self.truth.exact:
+            return f"{difference:{sign}.1g}"
+        return f"{difference / abs(self.truth.exact):{sign}.2%}"
+
+    def to_dict(self) -> dict[str, Any]:
+        ours = ("method", "value", "standard_error", "verdict", "reason")
+        theirs = ("source", "unit", "exact", "allowance", "device")
+        return {
+            "result": self.truth.title,
+            **{name: getattr(self.truth, name) for name in theirs},
+            **{name: plain(getattr(self, name)) for name in ours},
+        }
+
+
+def row_of(truth: Truth, method: str, outcome: Any) -> TruthRow:
+    """A method beside a truth: its answer, the error it ended with, or None."""
+    if outcome is None:
+        return TruthRow(truth, method, reason=UNFINISHED)
+    if isinstance(outcome, ProgramNotFound):
+        return TruthRow(truth, method, reason=str(outcome), skipped=True)
+    if isinstance(outcome, HarvesterError):
+        return TruthRow(truth, method, reason=told(outcome))
+    if isinstance(outcome, (tuple, list)):
+        return TruthRow(truth, method, *outcome)
+    estimate = outcome.in_units()[truth.quantity]
+    error = estimate.standard_error if outcome.scene.excitation.random else 0.0
+    if error is None:
+        return TruthRow(truth, method, reason=f"no error bar: {'; '.join(outcome.notes)}")
+    return TruthRow(truth, method, estimate.estimate, error)
+
+
+@dataclass(frozen=True)
+class Verification:
+    """All rows; `harvester verify` shows it. `date` is that of the day, in ISO 8601."""
+
+    rows: list[TruthRow]
+    wall_seconds: float
+    date: str
+
+    @property
+    def scene(self) -> None:
+        """None: every result has a scene of its own."""
+
+    @property
+    def failed(self) -> list[TruthRow]:
+        """Rows that disagree; a measured device that is missed is no fault of the program."""
+        return [row for row in self.rows if row.verdict == FAILS]
+
+    @property
+    def exact(self) -> list[TruthRow]:
+        """Rows of truths that were derived or computed, not measured."""
+        return [row for row in self.rows if not row.truth.device]
+
+    @property
+    def measured(self) -> list[TruthRow]:
+        return [row for row in self.rows if row.truth.device]
+
+    def table(self) -> tuple[list[str], list[list[str]]]:
+        header = ["result", "by", "verdict", "exact", "ours", "difference", "allowed"]
+        return header, [row.cells() for row in self.rows]
+
+    def sentences(self) -> list[str]:
+        """How many rows hold, and everything about those that do not."""
+        lines = self._exact_sentences()
+        if self.measured:
+            within = sum(row.verdict == HOLDS for row in self.measured)
+            lines.append(
+                f"measured devices: {within} of {len(self.measured)} rows within what reading and "
+                "scatter of the measurement allow"
+            )
+        for name, rows in _by_device(self.measured):
+            reason = next((row.reason for row in rows if row.reason), "")
+            # A set that was downloaded is one row.
+            single = f"{rows[0].value:.2%} {rows[0].truth.unit}, {rows[0].verdict}"
+            prediction = f"predicted {summary(rows)}" if len(rows) > 1 else single
+            lines.append(f"{name}: {reason or prediction}")
+        return lines
+
+    def _exact_sentences(self):
+        if not self.exact:
+            return []
+        others = [row for row in self.exact if row.verdict != HOLDS]
+        count = len(self.exact) - len(others)
+        return [
+            f"{count} of {len(self.exact)} rows hold ({self.wall_seconds:.0f} s). A row may be "
+            f"{SIGNIFICANT_SIGMAS:g} standard errors off, which one in 370 exceeds by chance, and "
+            "as much more as the simulated device differs from that of the exact result.",
+            *(f"{row.truth.title}, {row.method}: {row.reason or row.verdict}" for row in others),
+        ]
+
+    def markdown(self) -> str:
+        """A page with the table, numbered sources and everything about rows that do not hold."""
+        sources = list(dict.fromkeys(row.truth.source for row in self.exact))
+        lines, before = [[*self.table()[0], "source"]], None
+        for row in self.exact:
+            cells = row.cells()
+            # The truth is printed once if several methods are compared with it.
+            named = cells if row.truth is not before else ["", *cells[1:3], "", *cells[4:]]
+            lines.append([*named, str(1 + sources.index(row.truth.source))])
+            before = row.truth
+        return _page(
+            "# Verified against others",
+            "*For whoever asks why to believe a number.*",
+            f"Written by `harvester verify`, harvester {__version__}, {self.date}: closed forms, "
+            "exact limits, published powers and other integrators beside this project's results.",
+            _listed(self._exact_sentences()),
+            markdown_table(lines),
+            "## Sources",
+            "\n".join(f"{number}. {source}" for number, source in enumerate(sources, 1)),
+        )
+
+    def texts(self) -> dict[str, str]:
+        """The page of the measured devices."""
+        if not self.measured:
+            return {}
+        return {"-measured.md": measured_page(self.measured, self.date)}
+
+    def figure(self) -> None:
+        """The table says it all."""
+
+    def to_dict(self) -> dict[str, Any]:
+        return {
+            "agreeing_sigmas": SIGNIFICANT_SIGMAS,
+            "wall_seconds": self.wall_seconds,
+            "version": __version__,
+            "date": self.date,
+            "rows": plain(self.rows),
+        }
+
+
+def verify(
+    *, chosen: Sequence[Truth] | None = None, **running: Unpack[RunnerOptions]
+) -> Verification:
+    """Exact and published results beside this project's.
+
+    Parameters
+    ----------
+    chosen : sequence of Truth or None
+        Truths out of `catalogue` and `measured` of `harvester.validation.known_results`; None: all.
+    **running
+        See `harvester.engines.open_runner`.
+    """
+    clock = time.perf_counter()
+    truths = [*catalogue(), *measured()] if chosen is None else chosen
+    asked = [(truth, *question) for truth in truths for question in truth.asked.items()]
+    questions = [question for *_, question in asked]
+    with usual_arithmetic(), open_runner(**checked_options(dict(running))) as runner:
+        answers = iter(runner.answer([q for q in questions if isinstance(q, Request)]))
+        results = iter(runner.run([q for q in questions if isinstance(q, Task)]))
+    rows = [
+        row_of(truth, method, next(answers if isinstance(question, Request) else results))
+        for truth, method, question in asked
+    ]
+    today = datetime.date.today().isoformat()
+    return Verification(rows, time.perf_counter() - clock, today)
+
+
+def measured_page(rows: Sequence[TruthRow], date: str) -> str:
+    """Markdown of the rows of measured devices: every point, what is inferred, and the misses."""
+    known, by_device = entries("known_results"), dict(_by_device(rows))
+    parts = []
+    for device in known["device"]:
+        device_rows, name = by_device.get(device["name"], []), device["name"]
+        if device_rows:
+            scatters = ", ".join(f"{scatter_of(device, f):.2%} at {f} Hz" for f in device["series"])
+            remarks = [*device["remarks"], f"Scatter: {scatters}.", f"Source: {device['source']}."]
+            parts.append(f"## {name[0].upper()}{name[1:]}")
+            parts.append(_listed([*remarks, f"Predicted: {summary(device_rows)}"]))
+            parts.append(markdown_table(_points(device_rows)))
+    cures = {entry["device"]: entry["cure"] for entry in known["set"]}
+    lines = [
+        [row.truth.device, row.truth.title, row.method, _expected(row.truth),
+         "" if row.reason else f"{row.value:.2%}", row.verdict]
+        for name in cures
+        for row in by_device.get(name, ())
+    ]  # fmt: skip
+    if lines:
+        head = ["set", "result", "by", "expected", "ours", "verdict"]
+        parts += ["## Sets to download", DOWNLOADED, markdown_table([head, *lines])]
+        parts.append(_listed(f"{name}: {cure}" for name, cure in cures.items()))
+    return _page(
+        "# Measured against",
+        "*For whoever asks how far predictions lie from measurements. Misses stay on the page.*",
+        f"Written by `harvester verify --output DIR`, harvester {__version__}, {date}.",
+        OPENING,
+        *parts,
+    )
+
+
+def _expected(truth):
+    """An exact share, or no more than what others published."""
+    return f"{truth.exact:.0%}" if truth.exact else f"{truth.allowance:.2%} and below"
+
+
+def _points(rows):
+    """The table of one device, a line for each point."""
+    methods = list(dict.fromkeys(row.method for row in rows))
+    lines = [["point", "measured, mean power [µW]", *methods, "allowed", "verdict"]]
+    for title, group in itertools.groupby(rows, lambda row: row.truth.title):
+        point_rows = list(group)
+        truth = point_rows[0].truth
+        cells = [
+            row.verdict if row.reason else f"{1e6 * row.value:.4g} ({row.deviation:+.1%})"
+            for row in point_rows
+        ]
+        named = [title.partition(", ")[2], f"{1e6 * truth.exact:.4g}", *cells]
+        verdicts = ", ".join(dict.fromkeys(row.verdict for row in point_rows))
+        lines.append([*named, f"± {truth.allowance / truth.exact:.1%}", verdicts])
+    return lines
+
+
+def summary(rows: Sequence[TruthRow]) -> str:
+    """Mean and range of the deviations of one device, and how many of its points are missed."""
+    deviations = [row.deviation for row in rows if not row.reason]
+    if not deviations:
+        return "nothing yet."
+    missed = sum(row.verdict == MISSES for row in rows)
+    return (
+        f"from {min(deviations):+.1%} to {max(deviations):+.1%}, "
+        f"{sum(deviations) / len(deviations):+.1%} in the mean; {missed} of {len(rows)} miss."
+    )
+
+
+def _by_device(rows):
+    """(device, its rows), in the order of the rows."""
+    return [
+        (name, list(group)) for name, group in itertools.groupby(rows, lambda r: r.truth.device)
+    ]
+
+
+def _page(*parts):
+    return "\n\n".join(parts) + "\n"
+
+
+def _listed(lines):
+    return "\n".join(f"- {line}" for line in lines)
