@@ -284,8 +284,8 @@ FAULTS = [
     Fault(
         "moments: the load's stores are emptied where they are filled",
         OUTPUT_SIDE,
-        "held = (volts * (energy @ volts)).sum(axis=0)",
-        "held = -(volts * (energy @ volts)).sum(axis=0)",
+        "held += factor * one * other",
+        "held -= factor * one * other",
         ("harvester/statistics/test_output_moments.py", "circuits/netlist/test_supplies.py"),
     ),
     Fault(

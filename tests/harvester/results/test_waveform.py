@@ -4,6 +4,7 @@ import csv
 
 import numpy as np
 import pytest
+from matplotlib.backends.backend_agg import FigureCanvasAgg
 
 from harvester.base.errors import HarvesterError, LoadError, NetlistError, UnknownQuantity
 from harvester.engines.simulate import simulate
@@ -146,7 +147,7 @@ def test_equal_columns_share_a_panel_and_a_small_ripple_is_drawn_as_deviation():
     units = {"velocity": "m/s", "output_voltage": "V", "out": "V", "a": "V"}
     scene = Scene.read("device")
     figure = Waveform(scene, "engine", time, columns, units, None).figure()
-    figure.canvas.draw()
+    FigureCanvasAgg(figure).draw()
     output, node = figure.axes
     assert output.get_ylabel() == "output voltage, out\n− 2.00913 V\n[nV]"
     (line,) = output.lines
@@ -159,7 +160,7 @@ def test_equal_columns_share_a_panel_and_a_small_ripple_is_drawn_as_deviation():
 def test_no_axis_has_an_offset():
     panel = Panel("x", "y", [Series((0.0, 1.0), (2.00913, 2.00914))])
     figure = figures.drawn(lambda panels: draw_panels(panels, "title"), [panel])
-    figure.canvas.draw()
+    FigureCanvasAgg(figure).draw()
     assert not figure.axes[0].yaxis.get_offset_text().get_text()
 
 
