@@ -122,8 +122,8 @@ def shortfalls(
     """All reasons for which a run was too short; none for a transient or a sweep.
 
     Their means are those of that event. `balance` is that of the jumps between wells where these
-    differ; `stores` are the load's at the end of the run, and `memory` is the least correlation time
-    in batches.
+    differ; `stores` are the load's at the end of the run. `memory` is the least correlation time in
+    batches.
     """
     scene, p, excitation = ready.scene, ready.system, ready.scene.excitation
     measured = math.isfinite(excitation.highest_frequency)

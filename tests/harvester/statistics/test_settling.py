@@ -177,7 +177,7 @@ def test_short_settled_runs_do_not_drift():
 
 
 def disc(folder, settle, duration, **changes):
-    """A disc of Q = 120 at 50 Hz under a recorded sine and noise, whose amplitude time is 0.76 s."""
+    """A disc of Q = 120 at 50 Hz under a recorded sine and noise: its amplitude time is 0.76 s."""
     time = np.arange(round(1000 * (settle + duration)) + 2) / 1000.0
     noise = np.random.default_rng(3).standard_normal(time.size)
     values = np.sin(2.0 * np.pi * 50.0 * time + 1.0) + 0.15 * noise
