@@ -224,27 +224,27 @@ def _ripple(moments, output, time, error_of):
 
 def _start_up(times, moments, final):
     """When the output started, with a note if it has not by the end of the run."""
-    estimate, change = _single(times, "time"), output_ramp(moments)
-    if not abs(change) > (1.0 - STARTED_SHARE) * final:
+    estimate, ends = _single(times, "time"), output_ramp(moments)
+    if ends is None or abs(abs(ends[1]) - final) <= (1.0 - STARTED_SHARE) * final:
         return estimate
     note = "the output voltage still ramps when the run ends: raise run.settle or run.duration"
     return replace(estimate, standard_error=None, effective_sample_size=None, note=note)
 
 
-def output_ramp(moments: Sequence[Any]) -> float:
-    """Change of an output voltage that rises or falls throughout the measured time; 0 of others.
+def output_ramp(moments: Sequence[Any]) -> tuple[float, float] | None:
+    """First and last voltage of an output that ramps throughout the measured time; None of others.
 
-    From the first to the last of eight stretches, whose means are in order. By chance they are in
-    one run of 20 000.
+    They are the means of the first and the last of eight stretches, whose means are in order. By
+    chance they are in one run of 20 000.
     """
     batches = complete_batches(moments)
     if batches is None or batches.shape[1] < RAMP_STRETCHES or not moments[0].has_output:
-        return 0.0
+        return None
     output = _output_series(moments, batches)
     voltage = output["voltage"].sum(axis=0) / output["time"].sum(axis=0)
     means = np.array([part.mean() for part in np.array_split(voltage, RAMP_STRETCHES)])
-    change = float(means[-1] - means[0])
-    return change if np.all(np.diff(means) * change > 0.0) else 0.0
+    steps = np.diff(means)
+    return (float(means[0]), float(means[-1])) if (steps > 0).all() or (steps < 0).all() else None
 
 
 def _single(values, dimension="voltage"):

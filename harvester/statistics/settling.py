@@ -122,8 +122,8 @@ def shortfalls(
     """All reasons for which a run was too short; none for a transient or a sweep.
 
     Their means are those of that event. `balance` is that of the jumps between wells where these
-    differ; `stores` are the load's at the end of the run, and `memory` is the least correlation
-    time in batches.
+    differ; `stores` are the load's at the end of the run. `memory` is the least correlation time in
+    batches.
     """
     scene, p, excitation = ready.scene, ready.system, ready.scene.excitation
     measured = math.isfinite(excitation.highest_frequency)
@@ -519,10 +519,11 @@ def _drift(moments, balance, memory):
 
 def _ramp(moments, estimates):
     """The shortfall of an output that rises or falls throughout the measured time, or None."""
-    change = output_ramp(moments)
-    if not change or abs(change) <= SMALLEST_DRIFT * abs(estimates["output_voltage"].estimate):
+    ends = output_ramp(moments)
+    mean = estimates["output_voltage"].estimate if ends else 0.0
+    if ends is None or abs(ends[1] - ends[0]) <= SMALLEST_DRIFT * abs(mean):
         return None
-    share = change / estimates["output_voltage"].estimate
+    share = (ends[1] - ends[0]) / mean
     return Shortfall(
         f"the output voltage {'rises' if share > 0.0 else 'falls'} throughout the measured time",
         f"it changes by {share:+.2g} of its mean from the first to the last eighth; raise "

@@ -319,8 +319,8 @@ FAULTS = [
     Fault(
         "error bars: a ratio's denominator is taken for certain",
         BATCH_MEANS,
-        "error_of((upper - ratio * lower) / lower.mean())",
-        "error_of(upper / lower.mean())",
+        "deviations = (upper - ratio * lower) / lower.mean()",
+        "deviations = upper / lower.mean()",
         (f"{OF_MEANS}::test_a_ratio_that_never_varies_has_no_error",),
     ),
     Fault(

@@ -3,6 +3,7 @@ import pytest
 
 from circuits.netlist.kinds import LEVEL, LOSS, OUTPUT, STATE
 from harvester.device.record import Record
+from harvester.statistics.estimate import UNRESOLVED
 from harvester.statistics.moments import Moments
 from harvester.statistics.output_moments import OutputMoments
 from harvester.statistics.output_side import estimate_output
@@ -11,14 +12,14 @@ from harvester.statistics.output_side import estimate_output
 PASSAGE = 5e-3
 
 
-def charging(chunk, settle=0.0):
+def charging(chunk, settle=0.0, course=lambda time: 1.0 - np.exp(-time)):
     """v = 1 − exp(−t) to t = 16, in chunks, with a piezo giving power 1 and an input of 2."""
     moments = Moments.empty(settle, 16.0, (-np.inf, np.inf), (), False, 32, 1, 0.1)
     moments.output = OutputMoments.beside(moments, ((LEVEL, "out"),))
     moments.output.conductance = 0.5
     energy = np.array([[1.5]])
     time = np.linspace(1e-3, 16.0, 16_000)
-    voltage = 1.0 - np.exp(-time)
+    voltage = course(time)
     one = np.ones_like(time)
     record = np.array([time, one, one, one, one, 2.0 * one, one, 0.0 * one, voltage])
     for start in range(0, time.size, chunk):
@@ -52,6 +53,26 @@ def test_start_up_counts_from_the_beginning_and_means_from_the_settled_time():
     estimates = estimate_output([charging(500, settle=8.0)])
     assert estimates["start_up_time"].estimate == pytest.approx(np.log(10.0), abs=PASSAGE)
     assert estimates["output_voltage"].estimate == pytest.approx(1.0, abs=1e-3)
+
+
+def test_a_start_up_time_says_that_the_output_still_ramps():
+    ramp = estimate_output([charging(500, course=lambda time: 0.1 * time)])["start_up_time"]
+    assert "still ramps" in ramp.note
+    assert ramp.estimate == pytest.approx(0.9 * 12.0, rel=1e-2)
+    started = estimate_output([charging(500)])["start_up_time"]
+    assert "ramps" not in started.note
+
+
+@pytest.mark.parametrize(("ripple", "resolved"), [(2e-9, False), (2e-3, True)])
+def test_a_ripple_on_a_steady_voltage_is_no_rounding(ripple, resolved):
+    """In the squares of 1.8 V rounding is 1e-8 V: more than the whole range of the smaller one."""
+    course = lambda time: 1.8 + np.sqrt(2.0) * ripple * np.sin(20.0 * time)  # noqa: E731
+    found = estimate_output([charging(77, 4.0, course)])
+    assert found["output_ripple"].estimate == pytest.approx(ripple, rel=0.01)
+    assert found["output_peak_to_peak"].estimate == pytest.approx(np.sqrt(8.0) * ripple, rel=0.01)
+    for name in ("output_ripple", "output_peak_to_peak"):
+        assert (found[name].note == UNRESOLVED) is not resolved
+    assert found["output_voltage"].effective_sample_size is None or resolved
 
 
 def test_error_bars_follow_the_batches():

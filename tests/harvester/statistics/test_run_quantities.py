@@ -91,8 +91,18 @@ def energies(seed, rows, times, batches):
     return (0.5 * (real**2 + imaginary**2)).reshape(rows, batches, 16).mean(axis=2)
 
 
-@pytest.mark.parametrize(("rows", "times"), [(1, 22.0), (2, 12.0), (2, 30.0), (4, 50.0)])
-def test_short_runs_are_covered_where_their_correlation_time_is_known(rows, times):
+@pytest.mark.parametrize(
+    ("error_of", "rows", "times"),
+    [
+        (standard_error, 1, 22.0),
+        (standard_error, 2, 12.0),
+        (standard_error, 2, 30.0),
+        (standard_error, 4, 50.0),
+        (standard_error_of_drift, 1, 30.0),
+        (standard_error_of_drift, 1, 60.0),
+    ],
+)
+def test_short_runs_are_covered_where_their_correlation_time_is_known(error_of, rows, times):
     """Of 400 seeds 95 % are inside: fewer than 91 or more than 98 % have a false-alarm rate of
     0.1 %. From their own correlations alone half of the shortest have an error, and some 70 % of
     these are inside."""
@@ -100,7 +110,7 @@ def test_short_runs_are_covered_where_their_correlation_time_is_known(rows, time
     inside = []
     for seed in range(400):
         series = energies(seed, rows, times, batches)
-        error = standard_error(series, memory=batches / times)
+        error = error_of(series, memory=batches / times)
         if error is not None:
             inside.append(abs(series.mean() - 1.0) < 1.96 * error)
     assert len(inside) > 0.9 * 400

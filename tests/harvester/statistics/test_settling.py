@@ -5,12 +5,14 @@ import warnings
 
 import numpy as np
 import pytest
+from scipy.signal import lfilter
 
 from harvester.averaging.closures import average
 from harvester.engines.methods import ENGINES
 from harvester.engines.simulate import simulate
 from harvester.scene.model import Scene
 from harvester.scene.prepared import prepared
+from harvester.statistics.estimate import UNRESOLVED
 from harvester.statistics.moments import QUANTITIES, Moments
 from harvester.statistics.settling import left_of_start, shortfalls, withheld
 
@@ -107,14 +109,14 @@ def series(scene, values):
     return found
 
 
-def judged(values):
+def judged(values, memory=0.0):
     from harvester.statistics.run_quantities import estimate_all
 
     scene = Scene.read("linear", ["run.settle=1000", f"run.realizations={len(values)}"])
     ready = prepared(scene)
     moments = series(scene, values)
     estimates = estimate_all(moments, ready.system)
-    found = shortfalls(ready, moments, estimates)
+    found = shortfalls(ready, moments, estimates, memory=memory)
     return found, withheld(estimates, found)["mean_square_voltage"]
 
 
@@ -155,3 +157,85 @@ def test_rates_too_far_apart_to_be_compared_are_no_trouble(pool):
     with warnings.catch_warnings():
         warnings.simplefilter("error")
         assert simulate(scene, method="monte-carlo", runner=pool).steps > 0
+
+
+def test_short_settled_runs_do_not_drift():
+    """100 runs of 14 correlation times and 50 cycles: batches alone show a drift in eight."""
+    steps, times = 4096, 14.0
+    alarms = 0
+    for seed in range(100):
+        random = np.random.default_rng(seed)
+        keep = np.exp(-0.5 * times / steps)
+        white = np.sqrt(1.0 - keep**2) * random.standard_normal((2, steps))
+        white[:, 0] /= np.sqrt(1.0 - keep**2)
+        real, imaginary = lfilter([1.0], [1.0, -keep], white)
+        phase = 2.0 * np.pi * 50.0 * np.arange(steps) / steps
+        square = (real * np.cos(phase) + imaginary * np.sin(phase)) ** 2
+        values = square.reshape(1, 256, -1).mean(axis=2)
+        alarms += bool(judged(values, memory=256 / times)[0])
+    assert alarms == 0
+
+
+def disc(folder, settle, duration, **changes):
+    """A disc of Q = 120 at 50 Hz under a recorded sine and noise: its amplitude time is 0.76 s."""
+    time = np.arange(round(1000 * (settle + duration)) + 2) / 1000.0
+    noise = np.random.default_rng(3).standard_normal(time.size)
+    values = np.sin(2.0 * np.pi * 50.0 * time + 1.0) + 0.15 * noise
+    file = folder / f"{settle}_{duration}.csv"
+    heading = "time [s],acceleration [m/s^2]"
+    np.savetxt(file, np.c_[time, values], delimiter=",", header=heading, comments="")
+    return Scene.from_tables(
+        {
+            "units": "SI",
+            "oscillator": {"mass": 4e-3, "frequency": 50.0, "quality_factor": 120.0},
+            "piezo": {"coupling": 1e-4, "capacitance": 30e-9},
+            "load": {"resistance": 1e5},
+            "excitation": {"kind": "record", "file": str(file)},
+            "run": {"duration": duration, "settle": settle, "realizations": 1},
+        }
+    ).replace(changes)
+
+
+def test_a_device_that_rings_up_under_a_record_has_no_bar_and_a_settled_one_does(pool, tmp_path):
+    """The ring-up lowers the mean by a fifth; batches alone show an error of a percent."""
+    unsettled = simulate(disc(tmp_path, 0.1, 6.0), method="monte-carlo", runner=pool)
+    assert unsettled["mean_power"].standard_error is None
+    (note,) = (note for note in unsettled.notes if "relaxation" in note)
+    assert "raise run.settle to at least 5.8 s, which takes a record of 12 s" in note
+    settled = simulate(disc(tmp_path, 6.0, 20.0), method="monte-carlo", runner=pool)
+    assert not any("relaxation" in note for note in settled.notes)
+    power = settled["mean_power"]
+    assert 0.0 < power.standard_error < 0.05 * power.estimate
+    assert unsettled["mean_power"].estimate < 0.85 * power.estimate
+
+
+def test_effective_samples_are_at_most_the_correlation_times_of_a_record(pool, tmp_path):
+    found = simulate(disc(tmp_path, 6.0, 20.0), method="monte-carlo", runner=pool)
+    energy_time = 120.0 / (2.0 * np.pi * 50.0)
+    for name in ("mean_power", "mean_square_velocity", "power_conversion_efficiency"):
+        assert 7.0 < found[name].effective_sample_size < 20.0 / energy_time
+
+
+def test_what_a_regulator_holds_keeps_its_own_bar_while_the_device_rings_up(pool, tmp_path):
+    load = tmp_path / "regulated.lib"
+    load.write_text(
+        ".subckt regulated p n out ref\n.model d d(is=200n rs=10)\nD1 p rail d\nD2 ref p d\n"
+        "D3 n rail d\nD4 ref n d\nCstray ref n 10p\nCbuffer rail ref 1m ic=2.5\n"
+        "Bout out ref V=0.9*(1+tanh((v(rail,ref)-1.9)*50))\nRload out ref 100k\n.ends\n"
+    )
+    scene = disc(tmp_path, 0.1, 1.5, **{"load.netlist": str(load), "piezo.coupling": 1e-3})
+    found = simulate(scene, method="monte-carlo", runner=pool)
+    assert found["mean_power"].standard_error is None
+    output = found["output_voltage"]
+    assert output.estimate == pytest.approx(1.8, abs=1e-6)
+    assert output.standard_error < 1e-6
+    assert found["output_ripple"].note == UNRESOLVED
+
+
+def test_an_output_that_ramps_under_a_record_says_so(pool, tmp_path):
+    scene = disc(tmp_path, 6.0, 6.0, **{"load.netlist": "bridge", "piezo.coupling": 1e-3})
+    scene = scene.replace({"load.parameters": {"storage": 1e-3, "resistance": 1e6}})
+    found = simulate(scene, method="monte-carlo", runner=pool)
+    assert "rises throughout" in found["output_voltage"].note
+    assert found["mean_square_velocity"].standard_error > 0.0
+    assert any("raise run.settle, or start its stores" in note for note in found.notes)
