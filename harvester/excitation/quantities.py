@@ -107,6 +107,7 @@ PER_SECOND = ("/sec", "s^-1", "s-1", "_s", "ps")
 AMBIGUOUS = {
     ("time", "m"): "minutes (min) or milliseconds (ms)",
     ("voltage", "MV"): "millivolts (mV) or megavolts (1e3 kV)",
+    ("force", "MN"): "millinewtons (mN) or meganewtons (1e3 kN)",
 }
 AMBIGUOUS |= {
     (quantity, unit): "megaohms (Mohm) or milliohms (1e-3 ohm)"

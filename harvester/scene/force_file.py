@@ -76,9 +76,9 @@ def _points(file, key, unit, scaled):
     titles = [quantity_of(heading.title, "") for heading in measured.headings]
     if titles == [*reversed(quantities)]:
         raise SceneError(f"{named(file)}: its columns stand in the wrong order: must be {pair}")
-    if line := _wrong_line(table):
+    if line := _wrong_line(measured):
         raise SceneError(f"{named(file)}, line {line}: must be {pair}")
-    columns = table.take([0, 1])
+    columns = measured.take([0, 1])
     if table.rows < 2:
         raise SceneError(f"{named(file)}: {table.rows} {few}")
     units = {}
@@ -100,11 +100,12 @@ def _points(file, key, unit, scaled):
     return {key: np.column_stack(columns).tolist(), **units}
 
 
-def _wrong_line(table):
+def _wrong_line(measured):
     """Number of a line without two numbers; 0 if there is none."""
+    table = measured.table
     if table.width != 2:
         return table.line_of(0)
     if any(map(NUMBER.fullmatch, table.names)):
         return table.line_of(0) - 1
-    bad = np.flatnonzero(~np.isfinite(table.take([0, 1])).all(axis=0))
+    bad = np.flatnonzero(~np.isfinite(measured.take([0, 1])).all(axis=0))
     return table.line_of(bad[0]) if bad.size else bool(table.remarks) and table.line_of(table.rows)
