@@ -34,10 +34,16 @@ _CURRENT = re.compile(r"(?i)\bi\(([^()]*)\)")
 
 
 class Imported(NamedTuple):
-    """A load's file, and what was rewritten for it, one line each."""
+    """A load's statements, each with its place in the schematic's netlist, and what was rewritten
+    for it, one line each."""
 
-    text: str
+    cards: tuple[Card, ...]
     rewritten: tuple[str, ...]
+
+    @property
+    def text(self) -> str:
+        """The load's file."""
+        return "\n".join(card.text for card in self.cards) + "\n"
 
 
 def candidates(text: str) -> list[str]:
@@ -47,7 +53,13 @@ def candidates(text: str) -> list[str]:
     return list(dict.fromkeys([*driven, *(node for part in parts for node in part.nodes)]))
 
 
-def imported(text: str, name: str, nodes: Sequence[str], remove: Sequence[str] = ()) -> Imported:
+def imported(
+    text: str,
+    name: str,
+    nodes: Sequence[str],
+    remove: Sequence[str] = (),
+    file: str = "netlist",
+) -> Imported:
     """The sub-circuit of a top-level netlist.
 
     Parameters
@@ -60,12 +72,14 @@ def imported(text: str, name: str, nodes: Sequence[str], remove: Sequence[str] =
         The harvester's two, then the output's two where there is one.
     remove : sequence of str
         Elements that stand for the harvester, beside the sources between its nodes.
+    file : str
+        Name of the netlist's file, for messages.
 
     Raises
     ------
     NetlistError
     """
-    topology = _topology(text, name)
+    topology = _topology(text, file)
     node_names = list(dict.fromkeys(node for part in topology.parts for node in part.nodes))
     pins = _pins(nodes, node_names)
     nodes = [*map(_key, nodes)]
@@ -84,33 +98,34 @@ def imported(text: str, name: str, nodes: Sequence[str], remove: Sequence[str] =
     _check_ground(topology, pins)
     currents = _currents(topology, gone)
     functions: list[str] = []
-    outside: list[str] = []
-    inside: list[str] = []
-    dialects: list[str] = []
+    outside: list[Card] = []
+    inside: list[Card] = []
+    dialects: list[Card] = []
     # Nodes that all sub-circuits share: the load's reader refuses them.
     kept = (*KEPT, ".global") if any(part.calls for part in topology.parts) else KEPT
     depth = 0
-    for card in statements(_body(text), name):
+    for card in statements(_body(text), file):
         first = card.text.split()[0].lower()
         depth += first == ".subckt"
         if first == DIALECT:
-            dialects.append(card.text)
+            dialects.append(card)
         elif not depth and first in (MEASURE, NEEDS):
-            inside.append(_rewritten(card.text, pins, currents))
+            inside.append(card._replace(text=_rewritten(card.text, pins, currents)))
         elif not depth and first == ".func":
             rewritten = _rewritten(card.text, pins, currents)
             if rewritten.lower() != card.text.lower():
                 functions.append(re.split(r"[\s(]+", card.text)[1])
-            outside.append(rewritten)
+            outside.append(card._replace(text=rewritten))
         elif depth or first in kept or (first in INCLUDES and not re.search(r"[\\/:]", card.text)):
-            outside.append(card.text)
+            outside.append(card)
         elif first.startswith("."):
             notes += [f"{card.text[:60]}: left out"] if first not in IGNORED else []
         elif first not in gone:
             across = {*map(_key, card.text.split()[1:3])}
             output = first[0] in "rc" and len(nodes) == 4 and across == {*nodes[2:]}
             own_pins = pins | {nodes[3]: "ref"} if output else pins
-            inside += _element(card, own_pins, currents, notes)
+            lines = _element(card, own_pins, currents, notes)
+            inside += [card._replace(text=line) for line in lines]
         depth -= depth and first == ".ends"
     _check_functions(topology, functions)
     notes += [
@@ -122,16 +137,17 @@ def imported(text: str, name: str, nodes: Sequence[str], remove: Sequence[str] =
             notes.append(f"{part.name}: stays, a source of its own: --remove it if it drives")
     if len(nodes) == 4 and nodes[3] in nodes[:2]:
         # A node cannot have two names: a source of 0 V joins the two pins.
-        inside.append(f"Vcommon ref {pins[nodes[3]]} 0")
+        inside.append(Card(f"Vcommon ref {pins[nodes[3]]} 0", file))
         notes.append(f"Vcommon: joins ref to {pins[nodes[3]]}, as node {nodes[3]} was both")
     head = f".subckt {name} {' '.join(PINS[: len(nodes)])}"
     if not dialects:
-        dialects.append("* dialect: ltspice")
+        dialects.append(Card("* dialect: ltspice", file))
         notes.append("* dialect: ltspice: switches and expressions mean what they mean there")
-    lines = [*dialects, *outside, head, *inside, f".ends {name}"]
-    return Imported(
-        "\n".join([f"* {name}, from a schematic's netlist", *lines]) + "\n", tuple(notes)
+    title, head, end = (
+        Card(text, file)
+        for text in (f"* {name}, from a schematic's netlist", head, f".ends {name}")
     )
+    return Imported((title, *dialects, *outside, head, *inside, end), tuple(notes))
 
 
 def _body(text):

@@ -117,9 +117,16 @@ def load(file: File, /, *, nodes: str | None = None, remove: str = "", output: F
     text = read_text(Path(file))
     node_names = nodes or _asked(candidates(text))
     stem = Path(file if is_stream(output) else output).stem
-    converted = imported(text, re.sub(r"\W", "_", stem).lower(), _words(node_names), _words(remove))
+    name = re.sub(r"\W", "_", stem).lower()
+    converted = imported(text, name, _words(node_names), _words(remove), Path(file).name)
     target = Path(file).with_suffix(".lib") if is_stream(output) else Path(output)
-    cards = [tidy(card) for card in read_cards(target, converted.text)]
+    # Messages name the lines of the netlist, as the load is not written yet.
+    lines = enumerate(converted.cards, start=1)
+    places = {f"{target.name}:{number}": card.where for number, card in lines}
+    cards = [
+        tidy(card._replace(where=places.get(card.where, card.where)))
+        for card in read_cards(target, converted.text)
+    ]
     notes = following_notes(read_load(target, cards=cards), RECORD)
     write_text(output, converted.text)
     for line in (*converted.rewritten, *notes):

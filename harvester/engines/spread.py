@@ -104,6 +104,8 @@ def stretch_of(
         from circuits.netlist.measurement import probes_of
 
         probes = probes_of(scene.load.circuit, nodes)
+    prepared_scene = prepared(scene)
+    end = stop_time(prepared_scene)
     if window == "all":
         window = (0.0, math.inf)
     if window is not None:
@@ -113,9 +115,10 @@ def stretch_of(
             raise HarvesterError(f"window = {shown(window)}: must be two times in s") from None
         if not 0.0 <= start < stop:
             raise HarvesterError(f"--window {start:g}:{stop:g}: must be 0 ≤ START < END, in s")
+        if start >= end:
+            raise HarvesterError(f"--window {start:g}:{stop:g}: the run ends at {end:g} s")
         return WaveformWindow(start, stop, probes=probes)
-    prepared_scene = prepared(scene)
-    start, stop = scene.run.settle, stop_time(prepared_scene)
+    start, stop = scene.run.settle, end
     rate = timescales.angular_frequency(prepared_scene.system)
     if rate > 0.0:
         stop = min(stop, start + SHOWN_PERIODS * 2.0 * math.pi / rate)

@@ -98,6 +98,7 @@ MEGA_OR_MILLI = "megaohms (Mohm) or milliohms (1e-3 ohm)"
 AMBIGUOUS = {
     "time": {"m": "minutes (min) or milliseconds (ms)"},
     "voltage": {"MV": "millivolts (mV) or megavolts (1e3 kV)"},
+    "force": {"MN": "millinewtons (mN) or meganewtons (1e3 kN)"},
     **dict.fromkeys(
         IMPEDANCES, dict.fromkeys(("mohm", "mohms", "mOhm", "mΩ", "mΩ"), MEGA_OR_MILLI)
     ),

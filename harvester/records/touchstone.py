@@ -6,7 +6,14 @@ import io
 import re
 
 from harvester.base.libraries import optional_library
-from harvester.records.table import LARGEST_TEXT, Format, Table, broken_file, table_of
+from harvester.records.table import (
+    LARGEST_TEXT,
+    Format,
+    Table,
+    Unreadable,
+    broken_file,
+    table_of,
+)
 
 
 def read(content: bytes) -> Table:
@@ -17,9 +24,11 @@ def read(content: bytes) -> Table:
     skrf = optional_library("skrf", "a Touchstone file", "analyser")
     text, scale = content.decode("utf-8", errors="replace"), 1.0
     option = re.search(r"^[ \t]*#[^!\n]*", text, re.MULTILINE)
-    words = option[0].upper().split() if option else []
+    if not option:
+        raise Unreadable("without an option line: write its first line as # Hz S RI R 50")
+    words = option[0].upper().split()
     with broken_file("Touchstone file of one port", "export it as .csv"):
-        if option and "Y" in words and "[version]" not in text.lower():
+        if "Y" in words and "[version]" not in text.lower():
             # Version 1 divides Y by the conductance of the reference; scikit-rf 2.2 multiplies
             # by it. With a reference of 1 ohm both agree.
             index = words.index("R") if "R" in words else len(words)

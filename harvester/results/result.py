@@ -445,6 +445,7 @@ def _result_of(kind, content, folder):
         for name in _IN_JSON
         if name not in ("quantities", "seed", "step_error")
     }
+    values["step_error"] = read(float | None, content.get("step_error"), "step_error")
     for name, estimate in values["scaled_quantities"].items():
         # A known quantity and a whole power of it, such as "voltage^2".
         base, power, exponent = estimate.dimension.partition("^")
@@ -459,7 +460,7 @@ def _result_of(kind, content, folder):
     for name, estimate in values["scaled_quantities"].items():
         for key in ("standard_error", "effective_sample_size"):
             _check_size(getattr(estimate, key), f"scaled_quantities.{name}.{key}")
-    for name in ("simulated_time", "wall_seconds", "engine_seconds", "step"):
+    for name in ("simulated_time", "wall_seconds", "engine_seconds", "step", "step_error"):
         _check_size(values[name], name)
     if math.isnan(values["simulated_time"]) or values["error_kind"] not in ERROR_KINDS:
         raise NotAValue("simulated_time or error_kind is none")
@@ -473,7 +474,6 @@ def _result_of(kind, content, folder):
     result = kind(
         **values,
         scene=scene,
-        step_error=read(float | None, content.get("step_error"), "step_error"),
         spectrum_fit=SpectrumFit.from_dict(fit) if fit else None,
     )
     again = result.to_dict()

@@ -332,6 +332,9 @@ def test_what_an_impedance_alone_does_not_take(tmp_path, monkeypatch):
     (tmp_path / "z.s1p").write_text("# HZ Z RI R 50\n1 2\n")
     with pytest.raises(SceneError, match="not a whole Touchstone file"):
         read_impedance(tmp_path / "z.s1p")
+    (tmp_path / "z.s1p").write_text("40 1 2\n50 1 2\n")
+    with pytest.raises(SceneError, match="without an option line: write its first line as #"):
+        read_impedance(tmp_path / "z.s1p")
     monkeypatch.setitem(sys.modules, "skrf", None)
     with pytest.raises(HarvesterError, match=r"pip install 'vibration-harvester\[analyser\]'"):
         read_impedance(tmp_path / "z.s1p")

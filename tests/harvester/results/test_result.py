@@ -121,6 +121,7 @@ def test_what_is_no_result_is_refused(content):
         (("scales", "power"), 2.0),
         (("wall_seconds",), math.nan),
         (("step",), -1.0),
+        (("step_error",), -0.1),
         (("error_kind",), "guess"),
     ],
 )

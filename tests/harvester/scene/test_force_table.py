@@ -8,6 +8,7 @@ from device_scenes import MAGNETS
 from harvester.averaging.of_scene import average
 from harvester.base.errors import AveragingError, SceneError, SpringRangeLeft
 from harvester.engines.simulate import simulate
+from harvester.scene.force_file import with_points
 from harvester.scene.model import Scene
 from harvester.scene.numbers import numbers
 
@@ -76,6 +77,20 @@ def test_a_file_that_is_no_table_is_refused_by_its_line(tmp_path, text, words):
     file.write_text(text)
     with pytest.raises(SceneError, match=words):
         scene_of(str(file))
+
+
+@pytest.mark.parametrize(
+    ("text", "words"),
+    [
+        ("x [um];F [mN]\n-1,000;-2\n1,000;2\n", "1000 and -1.000: save it without"),
+        ("x [mm],F [MN]\n-1,-1\n1,1\n", r"column F \[MN\]: MN is ambiguous: millinewtons"),
+    ],
+)
+def test_a_number_or_a_unit_with_two_readings_is_refused(tmp_path, text, words):
+    (tmp_path / "two.csv").write_text(text)
+    tables = {"units": "SI", "oscillator": {"force_table": str(tmp_path / "two.csv")}}
+    with pytest.raises(SceneError, match=words):
+        with_points(tables, "a")
 
 
 def test_a_file_that_is_not_there_is_named():
