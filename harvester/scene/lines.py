@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import functools
+import itertools
 import math
 from typing import TYPE_CHECKING, Any
 
@@ -23,6 +24,8 @@ COUNTING_RESPONSE = 0.1
 # A nonlinear spring or a stopper is assumed to change the square of the frequency by this share.
 # Fourteen devices with Q from 12 to 340 showed a tenth of it against steps 32 times shorter.
 NONLINEAR_SPREAD = 0.05
+# Overtones count within so many half widths of the resonance; those of so many lines are combined.
+NEAR_RESONANCE, MOST_COMBINED = 10.0, 4
 
 # If the half width of a resonance is below this share of its frequency, noise is treated like a
 # line: at Q = 370 and 410 default steps cost one path 1 % in 100 periods.
@@ -50,7 +53,8 @@ def line_frequency(ready: Prepared) -> float:
 def spread(ready: Prepared) -> float:
     """Largest relative difference of ω² between the lines' motions and `line_frequency`.
 
-    An integrator that is exact at `line_frequency` leaves this share of its error.
+    An integrator that is exact at `line_frequency` leaves this share of its error. A nonlinear
+    device or load also moves at overtones, which count if they meet the resonance.
     """
     answers = _responses(ready)
     if not answers:
@@ -58,8 +62,25 @@ def spread(ready: Prepared) -> float:
     system = ready.system
     greatest, tuned = max(answers)
     counting = [omega for size, omega in answers if size > COUNTING_RESPONSE * greatest]
+    linear = _linear(system)
+    if not (linear and ready.scene.load.is_resistor):
+        counting += _overtones_at_resonance(system, counting)
     away = max(abs(omega**2 / tuned**2 - 1.0) for omega in counting)
-    return max(away, 0.0 if _linear(system) else NONLINEAR_SPREAD)
+    return max(away, 0.0 if linear else NONLINEAR_SPREAD)
+
+
+def _overtones_at_resonance(system, counting):
+    """The resonance's frequency (rad/s), where overtones and combination tones meet it."""
+    resonance = timescales.angular_frequency(system)
+    near = NEAR_RESONANCE * _half_width(system, resonance) * resonance
+    sides = [side * omega for omega in counting[:MOST_COMBINED] for side in (1.0, -1.0)]
+    tones = [
+        abs(sum(lines))
+        for count in (2, 3)
+        for lines in itertools.combinations_with_replacement(sides, count)
+    ]
+    tones = [tone for tone in tones if min(abs(tone - line) for line in counting) > near]
+    return [resonance] * any(abs(tone - resonance) < near for tone in tones)
 
 
 def half_width(ready: Prepared) -> float:

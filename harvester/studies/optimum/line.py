@@ -278,7 +278,8 @@ class Search:
         place = self.axis.value(coordinate)
         if isinstance(self.method, Engine) and not self.scene.excitation.random:
             # Steps that cost more at one place than at another move the maximum by such a share.
-            cost = step_error(prepared(self.scene), self.method.step, self.method.name)
+            there = self.scene.replace({self.axis.key: place})
+            cost = step_error(prepared(there), self.method.step, self.method.name)
             error = math.hypot(error, cost * place)
         return Estimate(place, error, None, "1"), fitted
 
@@ -357,7 +358,7 @@ class CubicFit:
         beyond = [x for x, e in zip(off, errors, strict=True) if e is not None and x > MISFIT * e]
         self.bias, self.misfit = 0.0, False
         if beyond and self.peaked:
-            fine = np.linspace(-1.0, 1.0, 2001)
+            fine = np.linspace(-1.0, 1.0, 20001)
             self.bias = float(abs(fine[np.argmax(CubicSpline(places, values)(fine))] - self.place))
             fall = values.max() - max(values[0], values[-1])
             narrow = fall <= NARROWED * values.max()

@@ -44,10 +44,11 @@ if TYPE_CHECKING:
 
 # Number of values in one task: a killed run loses at most this many.
 PLACES_TOGETHER = 25
-# The section jumps between two values if its mean or deviation changes by more than this share of
-# its greatest displacement, and by more than this multiple of the largest of the next two changes
-# before or behind, whichever is less. Chaos changes everywhere and so is no jump.
-JUMP_SHARE, JUMP_RATIO, NEARBY = 0.1, 4.0, 2
+# A jump between two values: the section's mean or deviation changes by more than this share of its
+# greatest displacement, or the power's logarithm by more than this. Either is more than this
+# multiple of the largest of the next two changes before or behind, whichever is less. Chaos changes
+# everywhere and so is no jump.
+JUMP_SHARE, JUMP_OF_POWER, JUMP_RATIO, NEARBY = 0.1, 0.4, 4.0, 2
 # Most values of one direction that the table shows; files hold all.
 MOST_VALUES_SHOWN = 25
 # Tables of a scene that do not affect the section, so their keys cannot be varied.
@@ -389,26 +390,33 @@ def _branch(scenes, engine, direction, samples):
 
 
 def jumps_of(values: np.ndarray, branch: Branch) -> list[Jump]:
-    """Jumps of the section between neighbouring values: changes far larger than those next
+    """Jumps of section or power between neighbouring values: changes far larger than those next
     to them."""
     section = branch.displacement
-    size = float(np.nanmax(np.abs(section), initial=0.0))
+    size = float(np.nanmax(np.abs(section), initial=0.0)) or 1.0
     shape = np.stack([section.mean(axis=1), section.std(axis=1)])
-    change = np.abs(np.diff(shape, axis=1)).max(axis=0)
+    moved = np.abs(np.diff(shape, axis=1)).max(axis=0) / size
+    power = np.where(branch.mean_power > 0.0, branch.mean_power, np.nan)
+    grown = np.abs(np.diff(np.log(power)))
     jumps = []
-    for k in np.flatnonzero(change > JUMP_SHARE * size):
-        sides = change[max(k - NEARBY, 0) : k], change[k + 1 : k + 1 + NEARBY]
-        # Next to a value without a steady motion there is no change to compare with.
-        nearby = [float(np.nanmax(changes)) for changes in sides if np.isfinite(changes).any()]
+    for k in range(values.size - 1):
         # Sections without a period differ because they sample different parts of the motion.
-        wandering = branch.period[k] == 0 and branch.period[k + 1] == 0
-        if wandering or (nearby and change[k] < JUMP_RATIO * min(nearby)):
+        if branch.period[k] == 0 and branch.period[k + 1] == 0:
             continue
-        ends = (k, k + 1) if branch.direction == "up" else (k + 1, k)
-        before, after = (float(values[end]) for end in ends)
-        powers = (float(branch.mean_power[end]) for end in ends)
-        jumps.append(Jump(branch.direction, before, after, *powers))
+        if _stands_out(moved, k, JUMP_SHARE) or _stands_out(grown, k, JUMP_OF_POWER):
+            ends = (k, k + 1) if branch.direction == "up" else (k + 1, k)
+            before, after = (float(values[end]) for end in ends)
+            powers = (float(branch.mean_power[end]) for end in ends)
+            jumps.append(Jump(branch.direction, before, after, *powers))
     return jumps
+
+
+def _stands_out(change, k, least):
+    """Whether a change is more than `least`, and far more than those on one side of it."""
+    sides = change[max(k - NEARBY, 0) : k], change[k + 1 : k + 1 + NEARBY]
+    # Next to a value without a steady motion there is no change to compare with.
+    nearby = [float(np.nanmax(changes)) for changes in sides if np.isfinite(changes).any()]
+    return change[k] > least and not (nearby and change[k] < JUMP_RATIO * min(nearby))
 
 
 def _draw(result):

@@ -163,3 +163,38 @@ def test_runge_kutta_in_a_well_stiffer_than_the_line_is_within_its_error():
     )
     off = abs(default.estimate - fine.estimate)
     assert off < 2.0 * default.standard_error < 1e-3 * fine.estimate
+
+
+@pytest.mark.usefixtures("shared_workers")
+def test_overtones_of_a_load_that_meet_the_resonance_are_in_the_error_of_the_steps():
+    """A bridge makes odd harmonics: at a third of the resonance default steps misplaced it."""
+    omega, quality, mass, capacitance = 80.0, 120.0, 0.0125, 6e-9
+    scene = Scene.from_tables(
+        {
+            "units": "SI",
+            "oscillator": {
+                "mass": mass,
+                "damping": mass * omega / quality,
+                "restoring_force": [0.0, mass * omega**2],
+            },
+            "piezo": {"coupling": 1e-4, "capacitance": capacitance},
+            "load": {
+                "netlist": "bridge",
+                "parameters": {"resistance": 8e6, "storage": 6e-8},
+            },
+            "excitation": {
+                "kind": "sine", "amplitude": 9.0, "frequency": 1.013 * omega / (6.0 * math.pi),
+            },
+            "run": {"seed": 1, "settle": 25.0, "duration": 5.0, "realizations": 1},
+        },
+        name="bridge",
+    )  # fmt: skip
+    elsewhere = scene.replace({"excitation.frequency": 0.4 * omega / (2.0 * math.pi)})
+    assert spread(prepared(elsewhere)) == 0.0
+    assert spread(prepared(scene)) == pytest.approx(8.0, rel=0.05)
+    default, finest = (
+        simulate(scene, method="monte-carlo", step=step, workers=1)["mean_output_power"]
+        for step in ("default", "finest")
+    )
+    off = abs(default.estimate - finest.estimate)
+    assert off < 2.0 * default.standard_error < 0.03 * finest.estimate
