@@ -152,11 +152,9 @@ def _uneven(times, rate, steps, where, mend):
     usual = float(single.mean())
     remark = "" if mend is None else _bridged(times, steps, usual, where)
     if mend is None or "uneven" not in mend:
-        cure = (
-            "resample the record, or cut it at its gaps"
-            if mend is None
-            else ('mend = ["uneven"] interpolates')
-        )
+        cure = 'mend = ["uneven"] interpolates'
+        if mend is None:
+            cure = "resample the record, or cut it at its gaps"
         raise SceneError(
             f"{where}: unevenly sampled: the time column leaves an even grid: its steps differ by "
             f"{np.ptp(steps) / usual:.2g} spacings of {usual:.6g} s; {cure}"
