@@ -141,13 +141,15 @@ def _refuse(fault, samples, detail, where, mend):
         "clipped": ("clipped", "measure in a wider range"),
     }[fault]
     count = int(np.count_nonzero(samples))
-    said = f"{where}: {count} of {samples.size} samples are {name} ({detail})"
+    message = f"{where}: {count} of {samples.size} samples are {name} ({detail})"
     if mend is None:
-        raise SceneError(f"{said}: {cure}")
+        raise SceneError(f"{message}: {cure}")
     if count > LARGEST_MENDED_SHARE * samples.size:
-        raise SceneError(f"{said}: more than {LARGEST_MENDED_SHARE:.0%} cannot be mended: {cure}")
+        raise SceneError(
+            f"{message}: more than {LARGEST_MENDED_SHARE:.0%} cannot be mended: {cure}"
+        )
     if fault not in mend:
-        raise SceneError(f'{said}; mend = ["{fault}"] mends them')
+        raise SceneError(f'{message}; mend = ["{fault}"] mends them')
 
 
 def refuse_constant(values: np.ndarray, where: str) -> None:
