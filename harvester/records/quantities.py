@@ -259,7 +259,7 @@ def heading(text: str, expected: str = "") -> Heading:
 def _bracketed(text):
     """A text before a bracket at its end, and what is within; None without a bracket."""
     match = BRACKET.fullmatch(text.strip())
-    return (match[1].strip(), match[match.lastindex].strip()) if match else (text, None)
+    return (match[1].strip(), match[match.lastindex or 0].strip()) if match else (text, None)
 
 
 def quantity_of(title: str, unit: str) -> str:
