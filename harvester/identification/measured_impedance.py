@@ -124,8 +124,7 @@ def read_impedance(
 def _columns(measured, given):
     """Frequency (Hz) and Z (Ω) by the columns that a file has."""
     columns = measured.columns(SETTINGS, given, _candidates)
-    available = set(columns)
-    if "frequency" not in available:
+    if "frequency" not in columns:
         raise SceneError(
             f"{measured.where}: no column of frequencies: write frequency [Hz] in its header, or "
             f"frequency=COLUMN:UNIT behind the file; the file has {measured.listed()}"
@@ -133,9 +132,9 @@ def _columns(measured, given):
     is_complex = columns.get("impedance", (None,))[0] in measured.table.complexes
     polar = {"impedance"} if is_complex else {"impedance", "phase"}
     parts = {"resistance", "reactance"}
+    forms = [form for form in (polar, parts) if form <= set(columns)]
     # Columns that the user named come before those found by their headings.
-    form = next((kind for kind in (polar, parts) if kind & set(given) and kind <= available), None)
-    form = form or next((kind for kind in (polar, parts) if kind <= available), None)
+    form = max(forms, key=lambda form: bool(form & set(given)), default=None)
     if form is None:
         raise SceneError(
             f"{measured.where}: no columns of an impedance: write {COLUMNS_NEEDED}; the file has "

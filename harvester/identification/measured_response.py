@@ -44,11 +44,12 @@ class MeasuredResponse:
 
     def __post_init__(self) -> None:
         descends = self.frequency[0] > self.frequency[-1]
-        for quantity in ("frequency", "response", "acceleration"):
-            values = getattr(self, quantity)
+        for quantity in ("frequency", "response", "acceleration", "background"):
+            values = getattr(self, quantity, None)
             if values is None:
                 continue
-            checked = np.asarray(values) * 1.0
+            checked = np.atleast_1d(values)[:: -1 if descends else 1] * 1.0
+            object.__setattr__(self, quantity, checked)
             if checked.shape != self.frequency.shape or checked.ndim != 1:
                 raise SceneError(
                     f"{self.name}: {quantity} has the shape {checked.shape}, not "
@@ -56,7 +57,6 @@ class MeasuredResponse:
                 )
             if not np.isfinite(checked).all():
                 raise SceneError(f"{self.name}: {quantity}: lines without a number: leave them out")
-            object.__setattr__(self, quantity, checked[::-1] if descends else checked)
         for quantity in ("frequency", "acceleration"):
             least = np.inf if getattr(self, quantity) is None else getattr(self, quantity).min()
             if least <= 0.0:

@@ -173,19 +173,19 @@ def read_measurement(
     settings = {key: value for key, value in settings.items() if key not in free_keys}
     absolute = _taken_absolute(where, stated)
     measured = MeasuredFile(path, read_content(path)[0])
-    found = measured.columns([name for name in COLUMNS if name != "time"], stated, _plainest)
-    indices = [index for index, _ in found.values()]
+    chosen = measured.columns([name for name in COLUMNS if name != "time"], stated, _plainest)
+    indices = [index for index, _ in chosen.values()]
     scaled, unit_of = units != "SI", {}
-    for name, (index, unit) in found.items():
+    for name, (index, unit) in chosen.items():
         raw = any(f"{name}_{end}" in lines for end in LINE_ENDS)
         unit_of[name] = measured.unit(name, index, unit, scaled, raw)
-    is_response = "frequency" in found or "response" in found
+    is_response = "frequency" in chosen or "response" in chosen
     if is_response and free_keys:
         raise SceneError(
             f"{where}: {named(free_keys[0])} = free: only a record of a motion can free a "
             "value for itself, and this is a frequency response: give the value"
         )
-    if not is_response and "acceleration" not in found:
+    if not is_response and "acceleration" not in chosen:
         raise SceneError(
             f"{where}: no column of the base's acceleration: write acceleration [m/s^2] in its "
             "header, or acceleration=COLUMN:UNIT behind the file"
@@ -196,7 +196,7 @@ def read_measurement(
         times, rate = measured.times(clock, unit, rate, indices, always=True)
         rate = rate if times is None else None
         base = time_base(times, rate, where, "correct it, or cut the record there")
-    columns = dict(zip(found, measured.take(indices), strict=True))
+    columns = dict(zip(chosen, measured.take(indices), strict=True))
     # Markers are found in the numbers of the file, before units and scales.
     remarks = _marker_remarks({k: v for k, v in columns.items() if k in ("acceleration", *OUTPUTS)})
     for name, values in columns.items():

@@ -283,7 +283,7 @@ class MeasuredFile:
             units = [self.unit("time", index, unit) or "s"]
             if column is not None and not stated and units != [SAMPLES]:
                 rate = None
-        columns = [self._seconds(numbers, clock, said, rate, key) for said in units if said]
+        columns = [self._seconds(numbers, clock, u, rate, key) for u in units if u]
         if rate is not None:
             factor = RATE_TOLERANCE if index is None or always else RATE_FACTOR
             rates = [_other_rate(times, rate, factor) for times in columns]

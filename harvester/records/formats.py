@@ -15,7 +15,8 @@ from harvester.records import hdf5, ide, lvm, mat, npy, tdms, text, touchstone, 
 from harvester.records.table import Format, Table
 
 # Formats by the ending of their files. An ending that is not here is that of a text, unless an
-# installed package has an entry point of its name. First bytes go before the ending.
+# installed package has an entry point of its name. First bytes go before the ending; those of
+# LabVIEW alone select its format, as some .lvm files have no headers.
 FORMATS: Registry[Format] = Registry(
     "harvester.record_formats",
     {

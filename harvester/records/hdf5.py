@@ -66,11 +66,8 @@ def _table(h5py, file):
     def load(names):
         return {name: _decoded(name, *arrays[name]) for name in names}
 
-    numbers = {
-        name: float(np.ravel(_values(dataset, field))[0].real)
-        for name, (dataset, field) in arrays.items()
-        if dataset.size == 1
-    }
+    single = {name: _values(*array) for name, array in arrays.items() if array[0].size == 1}
+    numbers = {name: float(np.ravel(v)[0]) for name, v in single.items() if np.isrealobj(v)}
     longest = max((max(shape, default=1) for shape in shapes.values()), default=0)
     for name, (dataset, _) in arrays.items():
         if longest in shapes[name]:
@@ -89,12 +86,13 @@ def _number_fields(dataset):
     if len(dataset.shape) > 2 or (sort and not sort.startswith(NUMBER_CLASSES)):
         return []
     # MATLAB writes a complex number as two fields; h5py has a type for it.
-    if dataset.dtype.names == MATLAB_COMPLEX:
+    names = dataset.dtype.names
+    if names == MATLAB_COMPLEX:
         return [""]
-    kinds = dataset.dtype.fields or {"": (dataset.dtype,)}
+    kinds = {name: dataset.dtype[name] for name in names} if names else {"": dataset.dtype}
     return [
         field
-        for field, (kind, *_) in kinds.items()
+        for field, kind in kinds.items()
         if kind.names == MATLAB_COMPLEX or kind.kind in NUMBER_KINDS
     ]
 

@@ -28,7 +28,9 @@ def read(content: bytes) -> Table:
     """
     importer = optional_library("idelib.importer", "an .IDE record", "loggers")
     logger = logging.getLogger("idelib")
-    silent, logger.disabled = logger.disabled, True
+    # The level holds for the loggers of its modules, too.
+    level = logger.level
+    logger.setLevel(logging.CRITICAL + 1)
     try:
         with broken_file(".IDE file", "export it as .csv"):
             _refuse_expressions(content)
@@ -36,7 +38,7 @@ def read(content: bytes) -> Table:
             importer.readData(data)
             return _table(data)
     finally:
-        logger.disabled = silent
+        logger.setLevel(level)
 
 
 def _table(data):

@@ -36,7 +36,7 @@ def read_points(
     or a heading names other quantities or a wrong unit.
     """
     content = read_input(file, noun, LARGEST_FILE)
-    pair = " and ".join(f"a {quantity}" for quantity in quantities).replace("cy", "cy (Hz)")
+    pair = " and ".join(f"a {q} (Hz)" if q == "frequency" else f"a {q}" for q in quantities)
     few = f"lines with {pair}: must be at least 2 for a {noun}"
     if format_of(file, content) is text.FORMAT:
         decoded = content.decode("utf-8-sig", "replace")

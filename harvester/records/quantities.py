@@ -209,11 +209,8 @@ LETTERS = {
     "resistance": re.compile(r"rs?"),
     "reactance": re.compile(r"xs?"),
 }
-BRACKETS = (
-    re.compile(r"(.*?)\[([^\[\]]*)\]\s*"),
-    re.compile(r"(.*?)\{([^{}]*)\}\s*"),
-    re.compile(r"(.*?)\(((?:[^()]|\([^()]*\))*)\)\s*"),
-)
+# A name, and a text in brackets behind it.
+BRACKET = re.compile(r"(.*?)(?:\[([^\[\]]*)\]|\{([^{}]*)\}|\(((?:[^()]|\([^()]*\))*)\))\s*")
 # A text in brackets behind a name that gives a place or a channel.
 LABEL = re.compile(
     r"[xyznew]|[+-]?[xyz][ -]?axis|[+-]?\d+([ ,;:]+\d+)*|"
@@ -240,11 +237,9 @@ def heading(text: str, expected: str = "") -> Heading:
     Heading(title='F', unit='mN', quantity='force')
     """
     text = text.strip()
-    for bracket in BRACKETS:
-        match = bracket.fullmatch(text)
-        if match and not LABEL.fullmatch(match[2].strip()):
-            title, unit = match[1].strip(), match[2].strip()
-            return Heading(title, unit, expected or quantity_of(title, unit))
+    title, within = _bracketed(text)
+    if within is not None and not LABEL.fullmatch(within):
+        return Heading(title, within, expected or quantity_of(title, within))
     quantity = quantity_of(text, "")
     if quantity and not expected:
         return Heading(text, SAMPLES if unit_named("time", text) == SAMPLES else "", quantity)
@@ -262,15 +257,20 @@ def heading(text: str, expected: str = "") -> Heading:
     return Heading(text, "", expected)
 
 
+def _bracketed(text):
+    """A text before a bracket at its end, and what is within; None without a bracket."""
+    match = BRACKET.fullmatch(text.strip())
+    return (match[1].strip(), match[match.lastindex or 0].strip()) if match else (text, None)
+
+
 def quantity_of(title: str, unit: str) -> str:
     """The quantity that a title names, empty where it names none.
 
     Letters such as "a" name an acceleration only beside one of its units.
     """
     # A place or a channel in brackets behind the title is left out.
-    matches = (bracket.fullmatch(title.strip()) for bracket in BRACKETS)
-    labels = (match for match in matches if match and LABEL.fullmatch(match[2].strip()))
-    bare = next((match[1] for match in labels), title)
+    before, within = _bracketed(title)
+    bare = before if LABEL.fullmatch(within or "") else title
     # The quantity may stand behind the names of groups and structures: "data.time", "run
     # 1/acceleration".
     for name in (bare, re.split(r"[./](?=\w)", bare)[-1]):

@@ -106,11 +106,7 @@ def mended(
     "clipped" by a cubic spline through what was not clipped; None: none can be. Raises SceneError
     for too few samples, and for a fault that was not to be mended, or cannot be.
     """
-    if values.size < FEWEST_SAMPLES:
-        raise SceneError(
-            f"{where}: the record is too short: {values.size} samples, and {FEWEST_SAMPLES} are "
-            "the fewest"
-        )
+    refuse_short(values, where)
     remarks: tuple[str, ...] = ()
     lost = ~np.isfinite(values)
     if times is not None:
@@ -141,13 +137,24 @@ def _refuse(fault, samples, detail, where, mend):
         "clipped": ("clipped", "measure in a wider range"),
     }[fault]
     count = int(np.count_nonzero(samples))
-    said = f"{where}: {count} of {samples.size} samples are {name} ({detail})"
+    message = f"{where}: {count} of {samples.size} samples are {name} ({detail})"
     if mend is None:
-        raise SceneError(f"{said}: {cure}")
+        raise SceneError(f"{message}: {cure}")
     if count > LARGEST_MENDED_SHARE * samples.size:
-        raise SceneError(f"{said}: more than {LARGEST_MENDED_SHARE:.0%} cannot be mended: {cure}")
+        raise SceneError(
+            f"{message}: more than {LARGEST_MENDED_SHARE:.0%} cannot be mended: {cure}"
+        )
     if fault not in mend:
-        raise SceneError(f'{said}; mend = ["{fault}"] mends them')
+        raise SceneError(f'{message}; mend = ["{fault}"] mends them')
+
+
+def refuse_short(values: np.ndarray, where: str) -> None:
+    """Refuse too few samples or times, shape (n,). Raises SceneError."""
+    if values.size < FEWEST_SAMPLES:
+        raise SceneError(
+            f"{where}: the record is too short: {values.size} samples, and {FEWEST_SAMPLES} are "
+            "the fewest"
+        )
 
 
 def refuse_constant(values: np.ndarray, where: str) -> None:

@@ -66,7 +66,7 @@ class Form(NamedTuple):
         pairs = zip(fields, self.kinds, strict=True)
         kinds = [(_kind(field), kind) for field, kind in pairs if field.strip() and kind != TEXT]
         return bool(kinds) and all(
-            found in (kind, kind == COMPLEX and NUMBER) for found, kind in kinds
+            written in (kind, kind == COMPLEX and NUMBER) for written, kind in kinds
         )
 
 

@@ -14,7 +14,7 @@ import numpy as np
 
 from harvester.base.errors import SceneError
 from harvester.records.formats import most_samples
-from harvester.records.samples import LARGEST_MENDED_SHARE
+from harvester.records.samples import LARGEST_MENDED_SHARE, refuse_short
 
 # Limits of a time column, in seconds.
 LARGEST_TIME, SHORTEST_STEP = 1e20, 1e-20
@@ -57,10 +57,12 @@ def time_base(
     `times`: shape (n,); s, finite; None: the rate counts alone. `rate`: Hz, as given. `where`,
     `cure`: for messages: the file; what to do about times that do not rise. `mend`: with "uneven",
     samples that are missing or were taken unevenly are interpolated; None: they cannot be. Raises
-    SceneError for times that do not rise, are no seconds, or leave an even grid.
+    SceneError for too few times, for times that do not rise or are no seconds, and for those that
+    leave an even grid.
     """
     if times is None:
         return TimeBase(cast(float, rate))
+    refuse_short(times, where)
     largest = float(np.abs(times).max())
     if not largest <= LARGEST_TIME:
         raise SceneError(f"{where}: the time column reaches {largest:g} s: it must be in seconds")
@@ -152,11 +154,9 @@ def _uneven(times, rate, steps, where, mend):
     usual = float(single.mean())
     remark = "" if mend is None else _bridged(times, steps, usual, where)
     if mend is None or "uneven" not in mend:
-        cure = (
-            "resample the record, or cut it at its gaps"
-            if mend is None
-            else ('mend = ["uneven"] interpolates')
-        )
+        cure = 'mend = ["uneven"] interpolates'
+        if mend is None:
+            cure = "resample the record, or cut it at its gaps"
         raise SceneError(
             f"{where}: unevenly sampled: the time column leaves an even grid: its steps differ by "
             f"{np.ptp(steps) / usual:.2g} spacings of {usual:.6g} s; {cure}"

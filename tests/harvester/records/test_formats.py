@@ -45,6 +45,12 @@ def test_a_time_column_that_ends_where_it_begins_is_refused(tmp_path):
         assert record.samples.size
 
 
+def test_a_record_of_one_line_is_too_short_for_identify(tmp_path):
+    (tmp_path / "a.csv").write_text("time [s],acc [g],voltage [V]\n0.1,2,3\n")
+    with pytest.raises(SceneError, match="too short: 1 samples"):
+        read_measurement(tmp_path / "a.csv")
+
+
 def test_points_are_read_from_any_format(tmp_path):
     points = np.column_stack([TIMES, COUNTS])
     np.save(tmp_path / "a.npy", points)

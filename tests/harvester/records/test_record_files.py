@@ -406,6 +406,16 @@ def test_a_text_in_place_of_a_number_is_not_evaluated(tmp_path):
     refused(tmp_path / "a.ide", "TimeCodeScale is no number")
 
 
+def test_a_broken_file_of_a_logger_is_refused_without_a_log(tmp_path, caplog):
+    pytest.importorskip("idelib")
+    ide(tmp_path / "a.ide")
+    content = (tmp_path / "a.ide").read_bytes()
+    # The identifier of the axis' unit is broken.
+    (tmp_path / "a.ide").write_bytes(content.replace(b"R\xa6\x81g", b"R\xf3\x81g"))
+    refused(tmp_path / "a.ide", "not a whole .IDE file", "export it as .csv")
+    assert not caplog.records
+
+
 def test_structures_that_claim_more_than_they_hold_are_refused(tmp_path):
     path = tmp_path / "a.mat"
     savemat(path, {"data": np.array([(TIMES, MOTION)], dtype=[("t", object), ("a", object)])})
