@@ -17,9 +17,8 @@ if TYPE_CHECKING:
 COLOURS = ("#0077BB", "#CC3311", "#009988")
 # Line styles of the closures from the last, which is the default, to the first.
 STYLES = ("-", "--", ":", "-.")
-# Names and marks of the two engines. The smaller circle lies inside the square, so that both are
+# Marks of the two engines. The smaller circle lies inside the square, so that both are
 # visible where they agree.
-ENGINE_NAMES = {"monte-carlo": "Monte Carlo", "circuit": "circuit"}
 MARKS = {"monte-carlo": "o", "circuit": "s"}
 SIZES = {"monte-carlo": 4.0, "circuit": 6.0}
 NAMES = {
@@ -163,7 +162,7 @@ def _method_legend(figure, content):
     handles = []
     for method in content.lines[0][0]:
         if method in MARKS:
-            label = ENGINE_NAMES[method]
+            label = "circuit" if method == "circuit" else "Monte Carlo"
             mark: dict[str, Any] = {"marker": MARKS[method], "linestyle": "none"}
             mark["markerfacecolor"] = "0.2" if method == "circuit" else "white"
         else:
