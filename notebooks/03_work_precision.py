@@ -27,6 +27,7 @@ from harvester.validation.work_precision import judged, work_precision
 import harvester
 from harvester.results import figures
 from harvester.validation import MEANS
+from harvester.validation.accuracy import judged
 from harvester.validation.accuracy_methods import ComparedMethod
 
 plt.style.use(figures.STYLE)
@@ -34,7 +35,7 @@ plt.style.use(figures.STYLE)
 # %% [markdown]
 # ## A small diagram
 #
-# `harvester work-precision paper --output results` measures every method. Here are two families:
+# `harvester accuracy paper --output results` measures every method. Here are two families:
 # the circuit at four steps, and Runge–Kutta at two. `refinement` divides the engine's default step.
 # The noise is weak, so that the motion stays inside the wells and short runs tell the bias; with
 # jumps between the wells take a longer `run.duration`, or `--thorough`.
@@ -55,7 +56,7 @@ circuit = [
     for refinement in (0.5, 1, 2, 4)
 ]
 monte_carlo = [ComparedMethod("Monte Carlo", "monte-carlo", 4, refinement) for refinement in (1, 2)]
-diagram = work_precision(scene, methods=[*circuit, *monte_carlo])
+diagram = harvester.accuracy(scene, methods=[*circuit, *monte_carlo])
 
 # %% [markdown]
 # ## Reading it

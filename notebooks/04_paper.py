@@ -17,7 +17,7 @@
 #
 # The paper derives its curves by stochastic averaging and compares them with its own Monte Carlo.
 # Here the same equations go through the closures, Monte Carlo and the circuit. Everything is data:
-# `figures_list.FIGURES` and `claims_list.CLAIMS` of `harvester.validation.paper`.
+# `harvester/validation/paper.toml`.
 
 # %%
 # %matplotlib inline
@@ -31,6 +31,7 @@ from harvester.results import figures
 from harvester.validation.claims import METHODS, claims
 from harvester.validation.paper_drawing import draw
 from harvester.validation.reproduce import reproduce
+from harvester.validation.statements import CLAIMS, JUMPING
 
 plt.style.use(figures.STYLE)
 scene = harvester.Scene.read("paper")
@@ -52,7 +53,8 @@ for row in [header, *rows]:
 # ## Three statements
 #
 # Each statement is tested at its conditions, and counts from three standard errors on. Here are
-# three of them at D = 0.08, where the mass jumps between the wells; `harvester claims` judges all.
+# three of them at D = 0.08, where the mass jumps between the wells. `harvester reproduce claims`
+# judges all.
 
 # %%
 chosen = [

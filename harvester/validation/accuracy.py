@@ -31,6 +31,8 @@ WANTED_ERROR = WANTED_BIAS = 0.01
 # An order is fitted if the longest mean step is at least twice the shortest. A tolerance changes
 # the steps of a PWL run little, since these follow the restarts at its corners.
 LEAST_RATIO = 2.0
+# A bias and its error below this are rounding.
+ROUNDING = 1e-12
 # Units of time in seconds, from the longest down.
 UNITS = ((86400.0, "d"), (3600.0, "h"), (60.0, "min"), (1.0, "s"), (1e-3, "ms"))
 
@@ -315,6 +317,11 @@ def duration(seconds: float) -> str:
     return f"{float(f'{1e6 * seconds:.2g}'):g} µs"
 
 
+def is_reference(bias: Estimate) -> bool:
+    """Whether a bias is that of the reference itself: nothing but rounding."""
+    return abs(bias.estimate) + (bias.standard_error or 0.0) < ROUNDING
+
+
 def _number(value, form):
     return format(value, form) if math.isfinite(value) else "—"
 
@@ -322,8 +329,7 @@ def _number(value, form):
 def _percent(estimate):
     if estimate is None or not math.isfinite(estimate.estimate):
         return "—"
-    if estimate.estimate == 0.0 == estimate.standard_error:
-        # This method is the reference itself.
+    if is_reference(estimate):
         return "reference"
     if estimate.standard_error is None:
         return f"{estimate.estimate:+.1%} (no error bar)"

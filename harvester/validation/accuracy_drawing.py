@@ -15,6 +15,7 @@ from harvester.base.symbols import SYMBOLS
 from harvester.results.palette import CLOSURE_MARKERS, LINES, styles
 from harvester.results.panels import thin_ticks
 from harvester.validation import MEANS
+from harvester.validation.accuracy import is_reference
 from harvester.validation.accuracy_measurement import LIMITS
 
 if TYPE_CHECKING:
@@ -27,7 +28,8 @@ LEAST, GREATEST = 1e-2, 300.0
 FADED = 0.4
 TICKS = {1e-6: "1 µs", 1e-3: "1 ms", 1.0: "1 s", 60.0: "1 min", 3600.0: "1 h", 86400.0: "1 d"}
 SAMPLING = {"color": "0.3", "linewidth": 0.9, "linestyle": "-."}
-SMALL = 6.5
+LABEL: dict[str, Any] = {"fontsize": 6.5, "zorder": 5}
+LABEL["bbox"] = {"facecolor": "white", "alpha": 0.6, "pad": 0.3, "lw": 0}
 
 
 def draw(study: Any) -> Figure:
@@ -99,7 +101,7 @@ def _mark(row, marks):
 
 
 def _label_seconds(axes, study):
-    axes.set_xlabel(f"seconds of one core for {study.answer.simulated_time:.3g} s")
+    axes.set_xlabel(f"core seconds for {study.answer.simulated_time:.3g} simulated ones")
 
 
 def _draw_strong_errors(axes, study, marks):
@@ -120,7 +122,7 @@ def _draw_biases(axes, study, name, marks):
     points = [
         (study.run_seconds(row), row.bias[name], _mark(row, marks))
         for row in study.rows
-        if name in row.bias and row.bias[name].estimate
+        if name in row.bias and not is_reference(row.bias[name])
     ]
     xs = [seconds for seconds, *_ in points]
     ys = [_draw_point(axes, *point) for point in points]
@@ -132,9 +134,8 @@ def _draw_biases(axes, study, name, marks):
     if math.isfinite(level):
         axes.axhspan(axes.get_ylim()[0], level, color="0.5", alpha=0.12, lw=0)
         axes.axhline(level, **SAMPLING)
-        where = axes.get_yaxis_transform()
-        axes.text(0.99, level, "sampling error of the run", fontsize=SMALL, ha="right", va="bottom",
-                  transform=where)  # fmt: skip
+        look = {"ha": "right", "va": "bottom", "transform": axes.get_yaxis_transform(), **LABEL}
+        axes.text(0.99, level, "sampling error of the run", **look)
     axes.set_ylabel("|bias| [%]")
     axes.set_title(f"bias of {SYMBOLS[name]}")
 
@@ -152,10 +153,8 @@ def _draw_point(axes, seconds, bias, look):
 def _draw_closure(axes, closure, seconds, deviation):
     look = {"color": LINES[closure][0], "marker": CLOSURE_MARKERS[closure], "markersize": 7}
     size = _draw_point(axes, seconds, deviation, look)
-    axes.annotate(
-        closure, (seconds, size), (4, 3), textcoords="offset points", fontsize=SMALL,
-        color=LINES[closure][0],
-    )  # fmt: skip
+    look = {"textcoords": "offset points", "color": LINES[closure][0], **LABEL}
+    axes.annotate(closure, (seconds, size), (6, 4), **look)
     return size
 
 
@@ -175,22 +174,24 @@ def _draw_total_errors(axes, study, name, marks):
     times += [answer["seconds"] for answer in study.closures.values()]
     times = [seconds for seconds in times if math.isfinite(seconds) and seconds > 0.0] or [1.0]
     seconds = np.geomspace(min(times) / 3.0, max(times) * 3.0, POINTS)
-    sizes = [_draw_line(axes, row.errors[name], seconds, _mark(row, marks)) for row in rows]
+    for row in rows:
+        _draw_line(axes, row.errors[name], seconds, _mark(row, marks))
+    # What is below the smallest of these errors is of no interest.
+    sizes = [100.0 * limit for limit in LIMITS]
     for closure, answer in study.closures.items():
         deviation = study.total_deviation(closure, name)
         sizes.append(_draw_closure(axes, closure, answer["seconds"], deviation))
     for limit in LIMITS:
         axes.axhline(100.0 * limit, color="0.7", linewidth=0.8, zorder=0)
-    _cut(axes, seconds, [100.0 * LIMITS[-1], 100.0 * LIMITS[0], *sizes])
+    _cut(axes, seconds, sizes)
     sampling = 100.0 * study.errors[name].after(seconds)
     axes.plot(seconds, sampling, zorder=1, **SAMPLING)
-    inside = (sampling > axes.get_ylim()[0]) & (sampling < axes.get_ylim()[1])
-    if inside.any():
-        last = np.flatnonzero(inside)[-1]
-        axes.annotate(
-            "sampling error alone (reference)", (seconds[last], sampling[last]), (3, 3),
-            textcoords="offset points", fontsize=SMALL, va="bottom",
-        )  # fmt: skip
+    line = {"arrowstyle": "-", "color": "0.3", "linewidth": 0.6}
+    k = int(np.argmin(np.abs(sampling - 200.0 * LIMITS[-1])))
+    look = {"textcoords": "axes fraction", "arrowprops": line, **LABEL}
+    axes.annotate(
+        "sampling error alone\n(reference)", (seconds[k], sampling[k]), (0.02, 0.05), **look
+    )
     axes.set_yticks([1.0, 3.0, 10.0, 100.0], ["1", "3", "10", "100"])
     ticks = {at: text for at, text in TICKS.items() if seconds[0] <= at <= seconds[-1]}
     axes.set_xticks(list(ticks), list(ticks.values()))
@@ -200,10 +201,7 @@ def _draw_total_errors(axes, study, name, marks):
 
 
 def _draw_line(axes, error, seconds, look):
-    """Solid where the bias is known below the total error, dashed beyond; markers at the limits.
-
-    Returns the smallest error drawn, in percent.
-    """
+    """Solid where the bias is known below the total error, dashed beyond; markers at the limits."""
     total = 100.0 * error.after(seconds)
     known = error.bias.estimate == error.bias.standard_error == 0.0
     uncertainty = 0.0 if known else 2.0 * (error.bias.standard_error or math.inf)
@@ -220,4 +218,3 @@ def _draw_line(axes, error, seconds, look):
     read = [(at, 100.0 * limit) for at, limit in zip(times, LIMITS, strict=True) if at < math.inf]
     if read:
         axes.plot(*zip(*read, strict=True), linestyle="none", **look)
-    return max(float(total.min()), LEAST)

@@ -1,4 +1,4 @@
-"""The methods that are compared: a new one is one more entry in `METHODS`."""
+"""The methods that are compared: a new one is one more entry in accuracy_methods.toml."""
 
 from __future__ import annotations
 
@@ -10,6 +10,7 @@ from harvester.base.serialising import LEFT_OUT, key
 from harvester.engines import side_by_side
 from harvester.scene.prepared import prepared
 from harvester.scene.steps import knot_spacing, steps_per_sample
+from harvester.validation import entries
 
 if TYPE_CHECKING:
     from harvester.engines.runner import Runner
@@ -75,69 +76,24 @@ class ComparedMethod:
         return {"step": self.step(scene), **{name: getattr(self, name) for name in names}}
 
 
-def _steps(method, *refinements, **changes):
-    return tuple(replace(method, refinement=refinement, **changes) for refinement in refinements)
+def _listed(name):
+    """The settings of all families in one of the lists."""
+    methods = []
+    for entry in entries("accuracy_methods")["method"]:
+        common = {key: value for key, value in entry.items() if not isinstance(value, list)}
+        for setting in entry.get(name, ()):
+            method = ComparedMethod(**(common | setting))
+            methods.append(method if method.copies else replace(method, copies=None))
+    return tuple(methods)
 
 
-def _tolerances(method, *tolerances, **changes):
-    return tuple(replace(method, tolerance=tolerance, **changes) for tolerance in tolerances)
-
-
-_SCHEMES = ("trapezoidal", "gear")
-PWL, PWL_GEAR = (
-    ComparedMethod(f"PWL in the netlist, {s}", "circuit", 2, source="pwl", scheme=s, brief=True)
-    for s in _SCHEMES
-)
-TRAPEZOIDAL, GEAR = (
-    ComparedMethod(f"external source, {s}", "circuit", 2, scheme=s) for s in _SCHEMES
-)
-LOCAL_ERROR = ComparedMethod("external source, local error", "circuit", 2)
-SIDE_BY_SIDE, COMPILED = (
-    ComparedMethod(
-        f"{name}, trapezoidal", "circuit", 2, scheme="trapezoidal", device=device, copies=None
-    )
-    for name, device in (("side by side", "behavioural"), ("compiled device", "compiled"))
-)
-RUNGE_KUTTA = ComparedMethod("Monte Carlo, Runge–Kutta", "monte-carlo", 4)
-HEUN = ComparedMethod("Monte Carlo, Heun", "monte-carlo", 2, scheme="heun")
-TR_BDF2 = ComparedMethod("Monte Carlo, TR-BDF2", "monte-carlo", 2)
-
-METHODS = (
-    *_tolerances(PWL, 1e-3, 1e-6),
-    *_tolerances(PWL_GEAR, 1e-3, 1e-6),
-    *_steps(TRAPEZOIDAL, 0.5, 1),
-    *_steps(TRAPEZOIDAL, 2, 4, brief=True),
-    *_steps(GEAR, 0.5, 1, 2, brief=True),
-    SIDE_BY_SIDE,
-    *_tolerances(LOCAL_ERROR, 1e-4),
-    *_tolerances(LOCAL_ERROR, 1e-5, 1e-6, brief=True),
-    *_steps(RUNGE_KUTTA, 1, 2, 4),
-    *_steps(HEUN, 1, 2, 4),
-)
-THOROUGH_METHODS = (
-    *METHODS,
-    *_steps(TRAPEZOIDAL, 8, brief=True),
-    *_steps(GEAR, 4, brief=True),
-    *_tolerances(LOCAL_ERROR, 1e-7, brief=True),
-    *_steps(HEUN, 8),
-)
-# Methods that are added if the compiled device is available.
-COMPILED_METHODS = (COMPILED,)
-# Methods for scenes with a netlist as load. The PWL source is left out, since it is slow there.
-LOAD_METHODS = (
-    *_steps(TRAPEZOIDAL, 1),
-    *_steps(TRAPEZOIDAL, 0.5, 2, brief=True),
-    *_steps(GEAR, 0.5, 1, brief=True),
-    *_tolerances(LOCAL_ERROR, 1e-4, 1e-6, brief=True),
-    *_steps(TR_BDF2, 1, 2, 4),
-)
-# The reference of all biases.
-REFERENCE, LOAD_REFERENCE = (
-    replace(method, family=f"{method.family}, a quarter of the step", refinement=4)
-    for method in (RUNGE_KUTTA, TR_BDF2)
-)
-# The reference of paths with a netlist as load, which no independent integrator runs.
-LOAD_PATHS = replace(TR_BDF2, family=f"{TR_BDF2.family}, a 32nd of the step", refinement=32)
+METHODS, COMPILED_METHODS, LOAD_METHODS = map(_listed, ("all", "compiled", "load"))
+THOROUGH_METHODS = (*METHODS, *_listed("thorough"))
+# The references of all biases, and that of paths with a netlist as load, which no independent
+# integrator runs.
+REFERENCE = ComparedMethod("Monte Carlo, Runge–Kutta, a quarter of the step", "monte-carlo", 4, 4)
+LOAD_REFERENCE = ComparedMethod("Monte Carlo, TR-BDF2, a quarter of the step", "monte-carlo", 2, 4)
+LOAD_PATHS = ComparedMethod("Monte Carlo, TR-BDF2, a 32nd of the step", "monte-carlo", 2, 32)
 
 
 def with_compiled(methods: Sequence[ComparedMethod], runner: Runner) -> tuple[ComparedMethod, ...]:

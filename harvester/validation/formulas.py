@@ -5,10 +5,10 @@ None of them uses a part of the simulated device: a fault there shows as a diffe
 
 import math
 from collections.abc import Callable
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
-from scipy.optimize import brentq, minimize
+from scipy.optimize import brentq
 
 # Points of a quadrature over displacements. For a smooth function that vanishes at both ends the
 # trapezoidal sum is exact to rounding.
@@ -128,58 +128,59 @@ def rebound_speed(restitution: float) -> float:
     return brentq(lambda r: h * (1 + r) - math.log((1 + h) / (1 - h * r)), 0.0, 1.0, xtol=1e-14)
 
 
-class Driven(NamedTuple):
-    """A mass and spring of 1 under F0 sin ωt: F0, η, θ, Cp."""
-
-    force: float
-    damping: float
-    coupling: float
-    capacitance: float
-
-
-def ideal_load(kind: str, unit: float, share: float, quality: float) -> tuple[float, float]:
-    """ωCR and power of a load on a prescribed sine, θ²u²ω/C = `unit` (W).
+def ideal_load_power(
+    kind: str, coupling: float, capacitance: float, amplitude: float, frequency: float,
+    resistance: float, quality: float = 1.0,
+) -> float:  # fmt: skip
+    """Power of a load on a piezo in prescribed motion (SI): θ, C; u sin 2πft; R.
 
     Parameters
     ----------
     kind : str
-        A resistor, with ωCR = `share`; an ideal bridge with smoothing, R `share` times its best
-        one; parallel or series SSHI at its best R, γ = e^(−π/2Q); synchronous charge extraction
-        (sece) without loss, which takes its power at any R.
+        A resistor; an ideal bridge with smoothing; parallel or series SSHI at its best R,
+        γ = e^(−π/2Q); synchronous charge extraction (sece) without loss, which takes its power at
+        any R.
     quality : float
         Q of the switched coil.
     """
-    left = math.exp(-math.pi / (2.0 * quality))
+    omega = 2.0 * math.pi * frequency
+    unit = coupling**2 * amplitude**2 * omega / capacitance
+    ratio, left = omega * capacitance * resistance, math.exp(-math.pi / (2.0 * quality))
+    share = ratio / (0.5 * math.pi)
     return {
-        "resistor": (share, 0.5 * unit * share / (1.0 + share**2)),
-        "bridge": (share * math.pi / 2.0, 2.0 * unit / math.pi * share / (1.0 + share) ** 2),
-        "sshi_parallel": (math.pi / (1.0 - left), unit / (math.pi * (1.0 - left))),
-        "sshi_series": (
-            math.pi / 2.0 * (1.0 - left) / (1.0 + left),
-            unit / (2.0 * math.pi) * (1.0 + left) / (1.0 - left),
-        ),
-        "sece": (math.pi / 2.0, 2.0 / math.pi * unit),
+        "resistor": 0.5 * unit * ratio / (1.0 + ratio**2),
+        "bridge": 2.0 * unit / math.pi * share / (1.0 + share) ** 2,
+        "sshi_parallel": unit / (math.pi * (1.0 - left)),
+        "sshi_series": unit / (2.0 * math.pi) * (1.0 + left) / (1.0 - left),
+        "sece": 2.0 / math.pi * unit,
     }[kind]
 
 
-def resistor_power_at(omega: float, resistance: float, device: Driven) -> float:
+# The following are of a mass and a spring of 1 under F0 sin 2πft: F0, η, θ, Cp (SI).
+def resistor_power(
+    frequency: float, resistance: float, force: float, damping: float, coupling: float,
+    capacitance: float,
+) -> float:  # fmt: skip
     """Power of a resistor on a driven device.
 
     x = F0/[1 − ω² + iω (η + θ²/(1/R + iωCp))], P = |ωθx/(1/R + iωCp)|²/2R.
     """
-    force, damping, coupling, capacitance = device
+    omega = 2.0 * math.pi * frequency
     admittance = 1.0 / resistance + 1j * omega * capacitance
     x = force / (1.0 - omega**2 + 1j * omega * (damping + coupling**2 / admittance))
     return abs(omega * coupling * x / admittance) ** 2 / (2.0 * resistance)
 
 
-def coupled_bridge_power(omega: float, resistance: float, device: Driven) -> float:
+def coupled_bridge_power(
+    frequency: float, resistance: float, force: float, damping: float, coupling: float,
+    capacitance: float,
+) -> float:  # fmt: skip
     """Power of an ideal bridge on a driven device, by Shu and Lien (2006).
 
     The form that balances energy, of one harmonic: a = ωCpR + π/2,
     u0 = F0/√{[ηω + 2ωθ²R/a²]² + [1 − ω² + ωθ²R/a]²}, P = ω²θ²R u0²/a².
     """
-    force, damping, coupling, capacitance = device
+    omega = 2.0 * math.pi * frequency
     a = omega * capacitance * resistance + 0.5 * math.pi
     back = omega * coupling**2 * resistance
     lossy = damping * omega + 2.0 * back / a**2
@@ -187,22 +188,10 @@ def coupled_bridge_power(omega: float, resistance: float, device: Driven) -> flo
     return (omega * coupling * size / a) ** 2 * resistance
 
 
-def best_coupled_bridge(device: Driven) -> tuple[float, float, float]:
-    """(ω, R, P) where `coupled_bridge_power` is largest."""
-    capacitance = device.capacitance
-    optimum = minimize(
-        lambda z: -coupled_bridge_power(z[0], math.exp(z[1]) / capacitance, device),
-        [1.02, 0.5],
-        method="Nelder-Mead",
-        options={"xatol": 1e-8, "fatol": 1e-16},
-    )
-    return float(optimum.x[0]), math.exp(optimum.x[1]) / capacitance, float(-optimum.fun)
+def coupled_sece_power(figure_of_merit: float, force: float, damping: float) -> float:
+    """Power that SECE takes at the best frequency, by Lefeuvre (2006): 4x/(1 + x)² of F0²/8η.
 
-
-def coupled_sece_share(figure_of_merit: float) -> float:
-    """Share of F0²/8η that SECE takes at the best frequency, by Lefeuvre (2006).
-
-    4x/(1 + x)², x = 4k²Q/π; k²Q is the figure of merit.
+    x = 4k²Q/π; k²Q is the figure of merit.
     """
     x = 4.0 * figure_of_merit / math.pi
-    return 4.0 * x / (1.0 + x) ** 2
+    return 4.0 * x / (1.0 + x) ** 2 * force**2 / (8.0 * damping)

@@ -1,13 +1,15 @@
-"""The results that `verify` compares with: known_results.toml, and loads on driven devices.
+"""The results that `verify` compares with: the entries of known_results.toml.
 
 A measured point's limit follows from how well it was read and from the measurement's own scatter:
 at one frequency every linear device with any source impedance gives a resistor R the power
 R/(a + b R + c R²), and what the points leave of the best such curve is their scatter.
 """
 
+import functools
 import hashlib
 import itertools
 import math
+import operator
 import os
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
@@ -26,24 +28,6 @@ from harvester.scene.prepared import prepared
 from harvester.scene.steps import knot_spacing
 from harvester.validation import SIGNIFICANT_SIGMAS, entries, formulas, tasks
 
-# Near-ideal diodes and coils, and the ripple of the storage, deviate from the closed form by this
-# share; the steps of circuit and Monte Carlo; and the theory of one harmonic.
-IDEAL_PARTS, STEPS, ONE_HARMONIC = 0.03, 0.005, 0.02
-ENGINES = ("circuit", "monte-carlo")
-# Amplitude (m) and frequency (Hz) of a piezo in prescribed motion.
-AMPLITUDE, FREQUENCY = 0.005, 12.0
-# Quality factor of the coil of a switched load.
-QUALITIES = {"sshi_parallel": 8.0, "sshi_series": 8.0, "sece": 1000.0}
-IDEAL_LOADS = (
-    ("resistor", "Ohm's law", (0.3, 1.0, 4.0)),
-    ("bridge", "standard interface, Ottman et al. 2002", (0.25, 1.0, 4.0)),
-    ("sshi_parallel", "Guyomar et al. 2005", (1.0,)),
-    ("sshi_series", "Lefeuvre et al. 2006", (1.0,)),
-    ("sece", "Lefeuvre et al. 2005", (1.0,)),
-)
-# Distances from the resonance, in half widths, and their names.
-FLANKS = ((-1.0, "on the lower flank"), (0.0, "on resonance"), (1.0, "on the upper flank"))
-COUPLING = 1e-3
 # A run on a measured device settles for this number of the device's time constants, and averages
 # this number of periods.
 SETTLING, PERIODS = 12.0, 100.0
@@ -83,8 +67,7 @@ class Truth:
 
 def catalogue() -> list[Truth]:
     """All results that were derived, published or computed by other programs."""
-    derived = [truth for entry in entries("known_results")["result"] for truth in _results(entry)]
-    return [*derived, *_ideal_loads(), *_coupled_bridges(), *_coupled_sece(), *_flanks()]
+    return [truth for entry in entries("known_results")["result"] for truth in _results(entry)]
 
 
 def measured() -> list[Truth]:
@@ -97,17 +80,6 @@ def _by(scene, methods):
     return {method: Request(scene, method) for method in methods}
 
 
-def _within(share, title, source, exact, scene, methods, quantity="mean_power", unit="W"):
-    """A truth that is met within a share of itself."""
-    return Truth(title, source, exact, share * exact, _by(scene, methods), quantity, unit)
-
-
-def _highest(scenes, engine, quantity):
-    """The task of the largest value of a quantity among some scenes."""
-    call = {"scenes": scenes, "engine": engine, "quantity": quantity}
-    return {engine: Task(tasks.highest, call, label="highest", time_limits=len(scenes))}
-
-
 def _results(entry):
     """The truths of one `result`, one for each of its cases."""
     for case in entry.get("each", [{}]):
@@ -116,27 +88,42 @@ def _results(entry):
             {**entry.get(name, {}), **case.get(name, {})}
             for name in ("changes", "arguments", "settings")
         )
-        scene = Scene.read(values["scene"]).replace(changes)
-        if "formula" in values:
-            values["exact"] = getattr(formulas, values["formula"])(**arguments)
-        exact, quantity = values["exact"], values.get("quantity", "")
-        asked: dict[str, Any] = _by(scene, values["by"])
-        if "task" in values:
-            function = getattr(tasks, values["task"])
-            for method in asked:
-                call = {"scene": scene, "engine": method, **settings}
-                asked[method] = Task(function, call, label=values["task"])
-        elif "starts" in values:
-            starts = itertools.product(*values["starts"].values())
-            names = [f"start.{name}" for name in values["starts"]]
-            scenes = [scene.replace(dict(zip(names, start, strict=True))) for start in starts]
-            (method,) = asked
-            asked = _highest(scenes, method, quantity)
-        allowance = values.get(
-            "allowance", (values.get("within", 0.0) + _lost(values, scene)) * exact
+        base, quantity = values["scene"], values.get("quantity", "")
+        scene: Any = (
+            Scene.read(base)
+            if isinstance(base, str)
+            else Scene.from_tables(base, name="unit device")
         )
-        title, unit = values["title"] + values.get("case", ""), values.get("unit", "scaled")
+        scene = scene.replace({key: None if v == "none" else v for key, v in changes.items()})
+        asked: dict[str, Any] = _by(scene, values["by"])
+        for method in asked:
+            if "task" in values:
+                call = {"scene": scene, "engine": method, **settings}
+                asked[method] = Task(getattr(tasks, values["task"]), call, label=values["task"])
+            elif "among" in values:
+                keys, cases = values["among"].keys(), itertools.product(*values["among"].values())
+                scenes = [scene.replace(dict(zip(keys, case, strict=True))) for case in cases]
+                call = {"scenes": scenes, "engine": method, "quantity": quantity}
+                limits = len(scenes)
+                asked[method] = Task(tasks.highest, call, label="highest", time_limits=limits)
+        exact = values["exact"] if "exact" in values else _by_formula(values, arguments, scene)
+        share = values.get("within", 0.0) + _lost(values, scene)
+        allowance, unit = values.get("allowance", share * exact), values.get("unit", "scaled")
+        title = values["title"] + values.get("case", "")
         yield Truth(title, values["source"], exact, allowance, asked, quantity, unit)
+
+
+def _by_formula(values, arguments, scene):
+    """The number by a formula, whose arguments are numbers or keys of the scene."""
+    tables = scene.to_tables()
+
+    def number(value):
+        if not isinstance(value, str):
+            return value
+        return functools.reduce(operator.getitem, value.split("."), tables)
+
+    formula = getattr(formulas, values["formula"])
+    return formula(**{name: number(value) for name, value in arguments.items()})
 
 
 def _lost(values, scene):
@@ -151,117 +138,6 @@ def _lost(values, scene):
     damping = system.damper.damping + system.transducer.damping()
     lost = kernel_loss(spacing, timescales.angular_frequency(system))
     return lost + damping * spacing / math.sqrt(6.0)
-
-
-def _ideal_loads():
-    """Loads on a piezo in prescribed motion, the switched ones at their best resistance."""
-    base: Any = Scene.read("device").replace({"length_scale": None})
-    piezo, period = base.transducer, 1.0 / FREQUENCY
-    omega = 2.0 * math.pi * FREQUENCY
-    unit = piezo.coupling**2 * AMPLITUDE**2 * omega / piezo.capacitance
-    excitation = {
-        "kind": "prescribed_displacement", "amplitude": AMPLITUDE, "frequency": FREQUENCY
-    }  # fmt: skip
-    run = {"run.duration": 10 * period, "run.settle": 40 * period, "run.realizations": 1}
-    base = base.replace({"excitation": excitation, **run})
-    for name, source, shares in IDEAL_LOADS:
-        for share in shares:
-            # ωCR, and the power there.
-            ratio, exact = formulas.ideal_load(name, unit, share, QUALITIES["sshi_series"])
-            resistance = ratio / (omega * piezo.capacitance)
-            values: dict[str, Any] = {"resistance": resistance}
-            if name in QUALITIES:
-                times = {"inversion_time": period / 400.0, "sense_time": period / 1000.0}
-                values |= {"quality": QUALITIES[name], "capacitance": piezo.capacitance, **times}
-            ideal, quantity = STEPS, "mean_power"
-            if name != "resistor":
-                values |= {"diode": 0, "storage": 10.0 * period / resistance}
-                values["initial"] = math.sqrt(exact * resistance)
-                ideal, quantity = IDEAL_PARTS, "mean_output_power"
-            scene = base.replace({"load.netlist": name, "load.parameters": values})
-            ratio = resistance * omega * piezo.capacitance
-            title = f"{name} on a prescribed sine, omega C R = {ratio:.3g}"
-            yield _within(ideal, title, source, exact, scene, ["circuit"], quantity)
-
-
-def _unit_device(device, omega, load, settle, duration=None):
-    """The scene of a `Driven` device, in SI with units of 1, measured for 100 periods."""
-    frequency = omega / (2.0 * math.pi)
-    duration = duration or 200.0 * math.pi / omega
-    tables = {
-        "units": "SI",
-        "length_scale": 1.0,
-        "oscillator": {"mass": 1.0, "damping": device.damping, "linear_stiffness": 1.0},
-        "piezo": {"coupling": device.coupling, "capacitance": device.capacitance},
-        "excitation": {"kind": "sine", "amplitude": device.force, "frequency": frequency},
-        "load": load,
-        "run": {"seed": 1, "realizations": 1, "settle": settle, "duration": duration},
-    }
-    return Scene.from_tables(tables, name="unit device")
-
-
-def _ideal_bridge(resistance):
-    values = {"diode": 0, "resistance": resistance, "storage": 60.0 / resistance}
-    return {"netlist": "bridge", "parameters": values}
-
-
-def _coupled_bridges():
-    for ratio in (0.01, 0.09, 0.3):
-        device = formulas.Driven(3.0, 0.08, COUPLING, COUPLING**2 / ratio)
-        omega, resistance, exact = formulas.best_coupled_bridge(device)
-        scene = _unit_device(device, omega, _ideal_bridge(resistance), 600.0)
-        title = f"coupled bridge at its best frequency and resistance, theta^2/(k Cp) = {ratio:g}"
-        by, quantity = ["monte-carlo"], "mean_output_power"
-        yield _within(ONE_HARMONIC, title, "Shu and Lien 2006", exact, scene, by, quantity)
-
-
-def _coupled_sece():
-    share = 0.005
-    capacitance = COUPLING**2 / share
-    values = {
-        "diode": 0, "resistance": 0.1 / capacitance, "storage": 400.0 * capacitance,
-        "capacitance": capacitance, "inversion_time": 0.02, "sense_time": 0.005, "quality": 1000,
-        "threshold": 1e-6, "residual": 0.5,
-    }  # fmt: skip
-    load = {"netlist": "sece", "parameters": values}
-    for figure in (0.1, math.pi / 4.0, math.pi):
-        quality = figure / share
-        device = formulas.Driven(100.0 / quality, 1.0 / quality, COUPLING, capacitance)
-        omegas = [math.sqrt(1.0 + share * shift) for shift in (0.6, 0.8, 1.0, 1.2, 1.4)]
-        scenes = [
-            _unit_device(device, omega, load, 10.0 * quality, 100.0 * math.pi) for omega in omegas
-        ]
-        exact = formulas.coupled_sece_share(figure) * device.force**2 / (8.0 * device.damping)
-        title = f"SECE at its best frequency, k^2 Q = {figure:.3g}"
-        asked = _highest(scenes, "monte-carlo", "mean_power")
-        source, allowance = "Lefeuvre et al. 2006", ONE_HARMONIC * exact
-        yield Truth(title, source, exact, allowance, asked, "mean_power", "W")
-
-
-def _flanks():
-    """A resistor and a bridge on resonance and at half power beside it: steps must not shift it."""
-    device = formulas.Driven(force=1e-3, damping=1e-3, coupling=COUPLING, capacitance=2e-3)
-    resistance, damping = 0.2 / device.capacitance, device.damping
-    for side, words in FLANKS:
-        omega = 1.0 + side * 0.5 * damping
-        scene = _unit_device(device, omega, {"resistance": resistance}, 25.0 / damping)
-        exact = formulas.resistor_power_at(omega, resistance, device)
-        title = f"resistor at Q = 1000, {words}"
-        yield _within(STEPS, title, "linear circuit", exact, scene, ENGINES)
-    ratio = 0.01
-    device = formulas.Driven(3.0, 0.01, COUPLING, COUPLING**2 / ratio)
-    resistance, damping = 0.5 * math.pi / device.capacitance, device.damping
-
-    def power(omega):
-        return formulas.coupled_bridge_power(omega, resistance, device)
-
-    peak = max((1.0 + ratio * k / 1000.0 for k in range(1001)), key=power)
-    for side, words in FLANKS:
-        omega = peak * (1.0 + side * 0.5 * damping)
-        scene = _unit_device(device, omega, _ideal_bridge(resistance), 40.0 / damping)
-        title, quantity = f"bridge at Q = 100, {words}", "mean_output_power"
-        exact, source = power(omega), "Shu and Lien 2006"
-        yield _within(ONE_HARMONIC, title, source, exact, scene, ENGINES, quantity)
 
 
 def points_of(device: dict[str, Any]) -> Iterator[Truth]:
@@ -347,5 +223,5 @@ def _set(entry):
     }
     function = getattr(tasks, entry["task"])
     task = Task(function, call, label=entry["task"], time_limits=entry["time_limits"])
-    values = [entry[name] for name in ("title", "source", "exact", "allowance")]
-    return Truth(*values, {"identify": task}, unit=entry["unit"], device=entry["device"])
+    names = ("title", "source", "exact", "allowance", "unit", "device")
+    return Truth(asked={"identify": task}, **{name: entry[name] for name in names})

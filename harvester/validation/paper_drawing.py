@@ -17,9 +17,8 @@ if TYPE_CHECKING:
 COLOURS = ("#0077BB", "#CC3311", "#009988")
 # Line styles of the closures from the last, which is the default, to the first.
 STYLES = ("-", "--", ":", "-.")
-# Names and marks of the two engines. The smaller circle lies inside the square, so that both are
+# Marks of the two engines. The smaller circle lies inside the square, so that both are
 # visible where they agree.
-ENGINE_NAMES = {"monte-carlo": "Monte Carlo", "circuit": "circuit"}
 MARKS = {"monte-carlo": "o", "circuit": "s"}
 SIZES = {"monte-carlo": 4.0, "circuit": 6.0}
 NAMES = {
@@ -88,9 +87,7 @@ def _draw_curves(axes, panel, lines, quantity):
                 ]
                 axes.plot([value for value, _ in points], y, _style(method), color=colour)
                 continue
-            for value, answer in points:
-                if not answered(answer):
-                    continue
+            for value, answer in filter(lambda point: answered(point[1]), points):
                 estimate = answer.quantities[quantity]
                 bar = 2.0 * factor * (estimate.standard_error or np.nan)
                 opacity = FADED if answer.misses_jumps else 1.0
@@ -100,21 +97,12 @@ def _draw_curves(axes, panel, lines, quantity):
 
 def _symbols(axes, method, x, y, errors, colour, opacity=1.0):
     """Hollow circles for Monte Carlo, filled squares for the circuit, bars of ± `errors`."""
-    filled = method == "circuit"
-    axes.errorbar(
-        x,
-        y,
-        errors,
-        fmt=MARKS[method],
-        color=colour,
-        markersize=SIZES[method],
-        markerfacecolor=colour if filled else "white",
-        markeredgecolor="black" if filled else colour,
-        elinewidth=0.9,
-        capsize=2,
-        alpha=opacity,
-        zorder=3 if filled else 4,
-    )
+    look: dict[str, Any] = {"fmt": MARKS[method], "markersize": SIZES[method], "color": colour}
+    if method == "circuit":
+        look |= {"markerfacecolor": colour, "markeredgecolor": "black", "zorder": 3}
+    else:
+        look |= {"markerfacecolor": "white", "markeredgecolor": colour, "zorder": 4}
+    axes.errorbar(x, y, errors, elinewidth=0.9, capsize=2, alpha=opacity, **look)
 
 
 def _draw_densities(content):
@@ -174,7 +162,7 @@ def _method_legend(figure, content):
     handles = []
     for method in content.lines[0][0]:
         if method in MARKS:
-            label = ENGINE_NAMES[method]
+            label = "circuit" if method == "circuit" else "Monte Carlo"
             mark: dict[str, Any] = {"marker": MARKS[method], "linestyle": "none"}
             mark["markerfacecolor"] = "0.2" if method == "circuit" else "white"
         else:

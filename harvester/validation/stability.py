@@ -1,6 +1,6 @@
 """`stability`: stiff and extreme cases of a scene, each judged by what was computed.
 
-Every case of `cases` is run by every engine and every closure; `verdicts` says what judges them.
+Every case is run by every engine and every closure; `verdicts` says what judges them.
 """
 
 from __future__ import annotations
@@ -26,7 +26,6 @@ from harvester.validation.verdicts import (
     LARGEST_STEP_BIAS,
     NOT_JUDGED,
     REFUSED,
-    RIGHT,
     SHARP_ENOUGH,
     UNFINISHED,
     WORDS,
@@ -39,13 +38,7 @@ from harvester.validation.verdicts import (
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-FACE = {
-    RIGHT: "#A8DDB5",
-    REFUSED: "#D0D0D0",
-    NOT_JUDGED: "#FEE8A0",
-    UNFINISHED: "#FDAE6B",
-    WRONG: "#CB181D",
-}
+FACE = dict(zip(WORDS, ("#A8DDB5", "#D0D0D0", "#FEE8A0", "#FDAE6B", "#CB181D"), strict=True))
 INK = {WRONG: "white", REFUSED: "0.25"}
 BLOCKS = 2
 # Rows of a page, and the width of a block in inches.

@@ -29,17 +29,6 @@ HOLDS, FAILS, BLUNT, REFUSED, NOT_HERE, UNFINISHED = (
 # Verdict on a measured device whose values are partly inferred, if a prediction lies beyond the
 # limit.
 MISSES = "misses"
-OPENING = (
-    "Devices that others built and measured, and what this program predicts of them. Nothing is "
-    "fitted but what is said. A point that lies beyond its limit is a miss and stays here. The "
-    "limit is the error of reading the point and three times the measurement's own scatter. At one "
-    "frequency every linear device, whatever its numbers, gives a resistor R the power "
-    "R/(a + b R + c R²). The points' deviations from the best such curve are their scatter."
-)
-DOWNLOADED = (
-    "Sets that are not ours to ship. A variable of the environment names the place; `harvester "
-    "verify` then has its row, and says *not here* without it."
-)
 
 
 @dataclass(frozen=True)
@@ -272,13 +261,17 @@ def measured_page(rows: Sequence[TruthRow], date: str) -> str:
     ]  # fmt: skip
     if lines:
         head = ["set", "result", "by", "expected", "ours", "verdict"]
-        parts += ["## Sets to download", DOWNLOADED, markdown_table([head, *lines])]
+        parts += [
+            "## Sets to download",
+            known["page"]["downloaded"],
+            markdown_table([head, *lines]),
+        ]
         parts.append(_listed(f"{name}: {cure}" for name, cure in cures.items()))
     return _page(
         "# Measured against",
         "*For whoever asks how far predictions lie from measurements. Misses stay on the page.*",
         f"Written by `harvester verify --output DIR`, harvester {__version__}, {date}.",
-        OPENING,
+        known["page"]["opening"],
         *parts,
     )
 

@@ -359,7 +359,7 @@ def test_the_figure_has_few_entries_names_its_lines_and_ends_at_the_data(steady)
     strong, *panels = figure.axes
     texts = [text.get_text() for axes in panels for text in axes.texts]
     assert texts.count("sampling error of the run") == len(MEANS)
-    assert texts.count("sampling error alone (reference)") == len(steady.quantities)
+    assert texts.count("sampling error alone\n(reference)") == len(steady.quantities)
     # Averaging is a point at its own run time, with its name.
     assert texts.count("consistent") == len(panels)
     errors = [row.strong["displacement"] for row in steady.rows]

@@ -40,11 +40,17 @@ def quick():
 @pytest.mark.parametrize("share", [0.5, 1.0, 2.0])
 def test_the_closed_forms_know_their_own_limits(share):
     """Best loads are where they are said to be; SSHI without inversion is the bridge."""
-    best = formulas.ideal_load("bridge", 1.0, 1.0, 8.0)[1]
+
+    def power(kind, resistance, quality=8.0):
+        """At ω = θ = u = C = 1."""
+        values = (1.0, 1.0, 1.0, 1.0 / (2.0 * math.pi), resistance, quality)
+        return formulas.ideal_load_power(kind, *values)
+
+    best = power("bridge", math.pi / 2.0)
     assert best == pytest.approx(1.0 / (2.0 * math.pi))
-    assert formulas.ideal_load("bridge", 1.0, 1.0 + share, 8.0)[1] < best
-    assert formulas.ideal_load("resistor", 1.0, share, 8.0)[1] <= 0.25
-    assert formulas.ideal_load("sshi_series", 1.0, 1.0, 1e-3)[1] == pytest.approx(best)
+    assert power("bridge", math.pi / 2.0 * (1.0 + share)) < best
+    assert power("resistor", share) <= 0.25
+    assert power("sshi_series", 1.0, 1e-3) == pytest.approx(best)
     assert formulas.rebound_speed(share / 2.0) <= 1.0
     # White noise: E[P] = D less what the damper takes, of D in all.
     white = formulas.linear_piezo_power(0.2, 4.0, 1.0, share, 0.02)
@@ -186,3 +192,24 @@ def test_every_key_of_an_entry_is_explained_and_read():
     }
     unexplained = {key for key in keys if not re.search(rf"\b{key}\b", head)}
     assert unexplained - {"title", "source"} == set()
+
+
+def test_a_coupled_bridge_is_at_its_best_frequency_and_resistance():
+    [entry] = [
+        e
+        for e in entries("known_results")["result"]
+        if "its best freq" in e["title"] and "bridge" in e["title"]
+    ]
+    for case, truth in zip(
+        entry["each"], (t for t in catalogue() if entry["title"] in t.title), strict=True
+    ):
+        values = {
+            name: case["changes"][key]
+            for name, key in entry["arguments"].items()
+            if key in case["changes"]
+        }
+        values |= {"force": 3.0, "damping": 0.08, "coupling": 1e-3}
+        for name in ("frequency", "resistance"):
+            for share in (0.999, 1.001):
+                moved = values | {name: share * values[name]}
+                assert formulas.coupled_bridge_power(**moved) < truth.exact
