@@ -22,7 +22,6 @@
 # %%
 # %matplotlib inline
 import matplotlib.pyplot as plt
-from harvester.validation.work_precision import judged, work_precision
 
 import harvester
 from harvester.results import figures

@@ -24,7 +24,6 @@
 from dataclasses import replace
 
 import matplotlib.pyplot as plt
-from harvester.validation.claims_list import CLAIMS, JUMPING
 
 import harvester
 from harvester.results import figures

@@ -139,13 +139,17 @@ def imported(
         # A node cannot have two names: a source of 0 V joins the two pins.
         inside.append(Card(f"Vcommon ref {pins[nodes[3]]} 0", file))
         notes.append(f"Vcommon: joins ref to {pins[nodes[3]]}, as node {nodes[3]} was both")
-    head = f".subckt {name} {' '.join(PINS[: len(nodes)])}"
+    pin_list = " ".join(PINS[: len(nodes)])
     if not dialects:
         dialects.append(Card("* dialect: ltspice", file))
         notes.append("* dialect: ltspice: switches and expressions mean what they mean there")
     title, head, end = (
         Card(text, file)
-        for text in (f"* {name}, from a schematic's netlist", head, f".ends {name}")
+        for text in (
+            f"* {name}, from a schematic's netlist",
+            f".subckt {name} {pin_list}",
+            f".ends {name}",
+        )
     )
     return Imported((title, *dialects, *outside, head, *inside, end), tuple(notes))
 
