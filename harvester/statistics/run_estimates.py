@@ -286,11 +286,12 @@ def with_steps(
     if excitation.random:
         return estimate
     error, size = estimate.standard_error, estimate.effective_sample_size
-    steady = excitation.period is not None
-    if steady or excitation.transient(scene.run):
+    # The bars of these do not hold the scatter of batches.
+    unvarying = excitation.period is not None or excitation.transient(scene.run)
+    if unvarying:
         size = None
     # What is constant while the motion changes does not depend on how it is stepped.
-    if error is not None and (steady or not constant(estimate.estimate, error)):
+    if error is not None and (unvarying or not constant(estimate.estimate, error)):
         whole = math.hypot(error, path_error * abs(estimate.estimate))
         if size is not None and whole > 0.0:
             size *= (error / whole) ** 2
