@@ -24,8 +24,8 @@ COUNTING_RESPONSE = 0.1
 # A nonlinear spring or a stopper is assumed to change the square of the frequency by this share.
 # Fourteen devices with Q from 12 to 340 showed a tenth of it against steps 32 times shorter.
 NONLINEAR_SPREAD = 0.05
-# Overtones count within so many half widths of the resonance; those of so many lines are combined.
-NEAR_RESONANCE, MOST_COMBINED = 10.0, 4
+# Overtones of so many lines are combined.
+MOST_COMBINED = 4
 
 # If the half width of a resonance is below this share of its frequency, noise is treated like a
 # line: at Q = 370 and 410 default steps cost one path 1 % in 100 periods.
@@ -62,25 +62,25 @@ def spread(ready: Prepared) -> float:
     system = ready.system
     greatest, tuned = max(answers)
     counting = [omega for size, omega in answers if size > COUNTING_RESPONSE * greatest]
+    away = max(abs(omega**2 / tuned**2 - 1.0) for omega in counting)
     linear = _linear(system)
     if not (linear and ready.scene.load.is_resistor):
-        counting += _overtones_at_resonance(system, counting)
-    away = max(abs(omega**2 / tuned**2 - 1.0) for omega in counting)
+        away = max(away, _met_by_overtones(system, counting, tuned))
     return max(away, 0.0 if linear else NONLINEAR_SPREAD)
 
 
-def _overtones_at_resonance(system, counting):
-    """The resonance's frequency (rad/s), where overtones and combination tones meet it."""
+def _met_by_overtones(system, counting, tuned):
+    """The resonance's part in `spread`, by how near overtones and combination tones come to it."""
     resonance = timescales.angular_frequency(system)
-    near = NEAR_RESONANCE * _half_width(system, resonance) * resonance
+    width = _half_width(system, resonance) * resonance
     sides = [side * omega for omega in counting[:MOST_COMBINED] for side in (1.0, -1.0)]
-    tones = [
-        abs(sum(lines))
+    nearest = min(
+        abs(abs(sum(tones)) - resonance)
         for count in (2, 3)
-        for lines in itertools.combinations_with_replacement(sides, count)
-    ]
-    tones = [tone for tone in tones if min(abs(tone - line) for line in counting) > near]
-    return [resonance] * any(abs(tone - resonance) < near for tone in tones)
+        for tones in itertools.combinations_with_replacement(sides, count)
+    )
+    met = width**2 / (width**2 + nearest**2 or 1.0)
+    return met * abs(resonance**2 / tuned**2 - 1.0)
 
 
 def half_width(ready: Prepared) -> float:
