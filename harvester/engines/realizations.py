@@ -75,9 +75,13 @@ def realizations(
     if not density:
         # Histograms are by far the largest part of an answer.
         moments = [dataclasses.replace(m, histograms=np.zeros((1, 0, 0))) for m in moments]
+    shown, columns = None, solutions[0].waveform
+    if columns is not None:
+        times = np.linspace(columns.time[0], columns.time[-1], WAVEFORM_POINTS)
+        shown = np.array([np.interp(times, columns.time, column) for column in columns])
     return {
         "moments": moments,
-        "waveform": _even(solutions[0].waveform) if waveform else None,
+        "waveform": shown,
         "stroboscope": np.array(samples)[:, -SAMPLES:] if samples else None,
         "seconds": time.process_time() - clock,
     }
@@ -230,11 +234,6 @@ def _window(scene):
 def periods_of(scene: Scene) -> float:
     """Time of `PERIODS` periods of the small oscillations, in the scene's units."""
     return PERIODS * 2.0 * math.pi / timescales.angular_frequency(prepared(scene).system)
-
-
-def _even(waveform):
-    time_points = np.linspace(waveform.time[0], waveform.time[-1], WAVEFORM_POINTS)
-    return np.array([np.interp(time_points, waveform.time, column) for column in waveform])
 
 
 def _fits(moments, template, rows, density):

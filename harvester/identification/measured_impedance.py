@@ -161,17 +161,14 @@ def _candidates(measured, quantity):
 def _values(measured, quantity, index, stated):
     """The values of a column, converted to SI units."""
     (values,) = measured.take([index])
-    hint = _looks(values) if quantity == "phase" else ""
+    hint = ""
+    if quantity == "phase":
+        sort = "radians" if np.abs(values).max() <= math.radians(LARGEST_PHASE) else "degrees"
+        hint = f" (from {values.min():.3g} to {values.max():.3g}, as {sort} would be)"
     unit = measured.unit(quantity, index, stated, hint=hint)
     if quantity == "phase":
         _check_phase(measured, index, values, unit)
     return values * QUANTITIES[quantity][unit]
-
-
-def _looks(values):
-    """A hint for a message: whether a phase column without a unit looks like degrees or radians."""
-    sort = "radians" if np.abs(values).max() <= math.radians(LARGEST_PHASE) else "degrees"
-    return f" (from {values.min():.3g} to {values.max():.3g}, as {sort} would be)"
 
 
 def _check_phase(measured, place, values, unit):

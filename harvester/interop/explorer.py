@@ -196,7 +196,8 @@ def explore(
     HarvesterError
         No such number, no range; or the scene itself cannot be simulated.
     """
-    keys = _usual(scene) if over is None else [over] if isinstance(over, str) else over
+    usual = [key for key in numbers(scene) if key.rpartition(".")[2] in USUAL_KEYS]
+    keys = usual if over is None else [over] if isinstance(over, str) else over
     ranges = dict(keys) if isinstance(keys, Mapping) else {}
     return Explorer(scene, {key: _range(scene, key, ranges.get(key)) for key in keys})
 
@@ -241,11 +242,6 @@ def _answer(solving):
     except HarvesterError as error:
         answer = error
     return ({}, str(answer)) if isinstance(answer, HarvesterError) else (answer, "")
-
-
-def _usual(scene):
-    """The keys of the sliders where none are named."""
-    return [key for key in numbers(scene) if key.rpartition(".")[2] in USUAL_KEYS]
 
 
 def _range(scene, key, ends):
