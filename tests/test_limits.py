@@ -9,8 +9,8 @@ from circuits.netlist import expansion, expression, reader, vetting
 from harvester.base import plain_text
 from harvester.device import keys
 from harvester.engines import codec, simulate
-from harvester.excitation import arrays, hdf5_file, mat_file
-from harvester.scene import schema, steps, toml
+from harvester.excitation import arrays, base, hdf5_file, mat_file
+from harvester.scene import steps, toml
 
 SAFETY = Path(__file__).parents[1] / "docs" / "safety.md"
 ROWS = [
@@ -26,7 +26,7 @@ ROWS = [
     ("**scene**: a file", (toml.LARGEST_SCENE,)),
     ("values; tables", (toml.MOST_VALUES, toml.DEEPEST)),
     ("a text", (toml.LONGEST_TEXT,)),
-    ("realizations", (int(schema.OTHER_KEYS["run"]["realizations"].high),)),
+    ("realizations", (int(base.Run.KEYS["realizations"].high),)),
     ("numbers in a `.mat`", (arrays.MOST_NUMBERS,)),
     ("structures of a `.mat`", (mat_file.LARGEST_STRUCTURE // 10**6,)),
     ("objects of an HDF5", (hdf5_file.MOST_OBJECTS,)),

@@ -129,12 +129,12 @@ class Network(NamedTuple):
 
 
 class TransducerTable:
-    """Base of the tables: frozen dataclasses with a field for each key.
+    """Base of the tables: classes by `harvester.device.keys.table`, with a field for each key.
 
     Attributes
     ----------
     KEYS
-        The keys that the table may hold.
+        The keys that the table may hold; made by `table`.
     takes_voltage
         Whether a run can start with `start.voltage`, because the state is a voltage.
     """

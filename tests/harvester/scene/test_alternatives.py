@@ -36,7 +36,10 @@ def test_frequency_and_quality_factor_are_kept_and_the_others_follow():
 @pytest.mark.parametrize(
     ("overrides", "words"),
     [
-        (["oscillator.damping=none"], "damping is missing; it takes a number ≥ 0, or give"),
+        (
+            ["oscillator.damping=none"],
+            r"missing; it takes a number ≥ 0 \(N s/m\), or give",
+        ),
         (["oscillator={mass=1,frequency=2,linear_stiffness=3,damping=1}"], "same thing twice"),
         (["oscillator={mass=1,frequency=2,damping=1,quality_factor=3}"], "same thing twice"),
         (["oscillator.restoring_force=[0,0,0,5]", "oscillator.quality_factor=9"], "no stiffness"),
