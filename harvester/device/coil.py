@@ -135,7 +135,7 @@ class CoilTable(TransducerTable):
 
     coupling: float = positive("coupling of the coil: Φ", "V s/m", usual=(1e-4, 1e4))
     resistance: float = positive(
-        "resistance of the coil: of its winding", "Ω", units=(SI,), required=True, usual=(1e-2, 1e6)
+        "resistance of the coil: of its winding", "Ω", required=True, usual=(1e-2, 1e6)
     )
     inductance: float = not_negative("inductance of the coil", "H", default=0.0)
     k2: float | None = positive(

@@ -87,6 +87,11 @@ class Key:
         """A short name of the quantity."""
         return self.text.partition(":")[0]
 
+    @property
+    def is_number(self) -> bool:
+        """Whether it is one real number."""
+        return self.kind is float and not self.element
+
     def unit_in(self, units: str) -> str:
         """The unit in a scene with these `units`; empty where it is scaled."""
         return self.unit if units == SI or self.unit in ALWAYS else ""
@@ -151,10 +156,7 @@ class OneOf(NamedTuple):
 def key(text: str, unit: str = "", scaled: str = "", **more: Any) -> Any:
     """A field of a table: see `Key`. Without `default` it is None where the key is left out."""
     declared = Key(text, unit, scaled, **more)
-    metadata = {"key": declared}
-    if declared.required and declared.units == BOTH:
-        return field(metadata=metadata)
-    return field(default=declared.default, metadata=metadata)
+    return field(default=declared.default, metadata={"key": declared})
 
 
 def positive(text: str, unit: str = "", scaled: str = "", **more: Any) -> Any:
@@ -195,14 +197,21 @@ def table(cls: type[Table]) -> type[Table]:
     return made
 
 
-def keys_of(tables: Any, values: Mapping[str, Any] | None = None) -> dict[str, Key]:
-    """Keys of a table's class; of a table with a `kind`, of the kind that `values` name, or all."""
+def class_of(tables: Any, values: Mapping[str, Any]) -> Any:
+    """The class of a table: of several, the one of its `kind`, which is the first unless given."""
+    if not isinstance(tables, Mapping):
+        return tables
+    kind = values.get("kind", next(iter(tables)))
+    return tables[kind] if is_word(kind, tables) else None
+
+
+def every_key(tables: Any) -> dict[str, Key]:
+    """Keys of a table's class, or of all classes by the table's `kind`."""
     if not isinstance(tables, Mapping):
         return tables.KEYS
     merged = {"kind": Key("kind", kind=str, words=tables)}
-    kinds = [*tables] if values is None else [values.get("kind", next(iter(tables)))]
-    for kind in kinds:
-        merged = tables[kind].KEYS | merged
+    for cls in tables.values():
+        merged = cls.KEYS | merged
     return merged
 
 
@@ -272,11 +281,12 @@ def check_table(where: str, values: dict[str, Any], tables: Any, units: str, ori
     missing or misplaced key, a wrong type or a value out of range.
     """
     prefix = f"{where}." if where else ""
-    keys, cls = {}, tables
+    keys = {}
     if isinstance(tables, Mapping):
-        spec = Key(kind=str, words=tables)
-        kind = check_value(f"{prefix}kind", values.get("kind", next(iter(tables))), spec, origin)
-        keys, cls = {"kind": spec}, tables[kind]
+        keys["kind"] = Key(kind=str, words=tables)
+        kind = values.get("kind", next(iter(tables)))
+        check_value(f"{prefix}kind", kind, keys["kind"], origin)
+    cls = class_of(tables, values)
     keys |= cls.KEYS
     checked = {}
     for name, value in values.items():
@@ -312,16 +322,16 @@ def _faults(group: OneOf, prefix: str, given: Collection, keys: Any, units: str)
     if len(present) > 1:
         first, second = present[:2]
         yield f"{prefix}{first} and {prefix}{second} say the same thing twice; take one out"
-    for name, needed in group.needs.items():
-        if name in given and not {*needed} & {*given}:
-            listed = f" or {prefix}".join(n for n in needed if units in keys[n].units)
-            other = f", and there is {prefix}{present[0]}: take one out"
-            but = other if present and present[0] != name else ""
-            yield f"{prefix}{name} needs {prefix}{listed}{but}"
     if group.required and not present:
         first, *others = (prefix + name for name in fitting)
         instead = f", or give {' or '.join(others)}" if others else ""
         yield f"{first} is missing; it takes {keys[fitting[0]].allowed(units)}{instead}"
+    for name, needed in group.needs.items():
+        if name in given and not {*needed} & {*given}:
+            listed = f" or {prefix}".join(n for n in needed if units in keys[n].units)
+            other = [n for n in present if n != name]
+            but = f", and there is {prefix}{other[0]}: take one out" if other else ""
+            yield f"{prefix}{name} needs {prefix}{listed}{but}"
 
 
 class NamedValues(dict):

@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, ClassVar
 
 import numpy as np
 
 from harvester.base.errors import SceneError
-from harvester.device.keys import positive, table
+from harvester.device.keys import OneOf, positive, table
 from harvester.excitation.base import Excitation, ExcitationPath, Run, knots
 from harvester.excitation.normals import NormalSequence
 
@@ -25,16 +25,22 @@ KNOTS_PER_CORRELATION_TIME = 8
 class OrnsteinUhlenbeck(Excitation):
     """Ornstein–Uhlenbeck base acceleration, Eq. 6."""
 
-    intensity: float = positive(
-        "noise intensity D: the variance is D/τ1", "m²/s³", "D", required=True
-    )
+    intensity: float = positive("noise intensity D: the variance is D/τ1", "m²/s³", "D")
     correlation_time: float = positive(
         "correlation time of the noise: τ1", "s", "τ1", required=True, usual=(1e-6, 10.0)
     )
     kind: str = "ornstein-uhlenbeck"
     knot_spacing: float | None = knots("an eighth of τ1 or a fortieth of the device's period")
+    rms: float | None = positive(
+        "base acceleration, rms: √(D/τ1)", "m/s²", "of η", usual=(1e-4, 1e4)
+    )
 
+    ALTERNATIVES: ClassVar = (OneOf(("intensity", "rms")),)
     endless = True
+
+    def __post_init__(self) -> None:
+        if self.rms is not None:
+            object.__setattr__(self, "intensity", self.rms**2 * self.correlation_time)
 
     def spacing(self, longest: float) -> float:
         if self.knot_spacing is None:

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 from harvester.base.errors import HarvesterError
 from harvester.base.plain_text import named, nearest
 from harvester.device.beam.table import Beam
-from harvester.device.keys import NUMBER, Key, keys_of
+from harvester.device.keys import NUMBER, Key, class_of
 from harvester.scene.tables import Oscillator, all_tables
 
 if TYPE_CHECKING:
@@ -63,7 +63,7 @@ def _collect(collected, name, values, classes):
         for index, table in enumerate(values):
             _collect(collected, f"{name}[{index}]", table, classes)
         return
-    for key, spec in keys_of(classes, values).items():
+    for key, spec in class_of(classes, values).KEYS.items():
         if key not in values or key in NOT_VARIED:
             continue
         if spec.element and spec.element.kind is dict:
@@ -72,5 +72,5 @@ def _collect(collected, name, values, classes):
             collected |= {
                 f"{name}.{key}[{n}]": (value, spec.element) for n, value in enumerate(values[key])
             }
-        elif spec.kind is float and not spec.words and not spec.element:
+        elif spec.is_number:
             collected[f"{name}.{key}"] = values[key], spec

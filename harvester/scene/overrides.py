@@ -11,7 +11,7 @@ from typing import Any
 
 from harvester.base.errors import SceneError
 from harvester.base.plain_text import named, nearest, shown
-from harvester.device.keys import NAMED_VALUES
+from harvester.device.keys import NAMED_VALUES, class_of
 from harvester.excitation import KINDS
 from harvester.scene.tables import SEVERAL, all_tables, key_named
 from harvester.scene.toml import NotToml, read_toml
@@ -104,7 +104,8 @@ def put(tables: dict[str, Any], dotted: str, value: Any, origin: str) -> None:
             del table[key]
     if value is not None and len(path) == 1:
         # Another key for the same property, or a digest of another file.
-        groups = getattr(all_tables().get(path[0]), "ALTERNATIVES", ())
+        cls = class_of(all_tables()[path[0]], table) if path[0] in all_tables() else None
+        groups = getattr(cls, "ALTERNATIVES", ())
         for other in set().union(*(group.replaced_by(last) for group in groups)):
             table.pop(other, None)
     if last == "file":

@@ -11,7 +11,7 @@ from typing import Any
 from harvester.base.arguments import listed, table
 from harvester.base.errors import HarvesterError, SceneError
 from harvester.base.plain_text import name, nearest, shown
-from harvester.device.keys import keys_of
+from harvester.device.keys import every_key
 from harvester.scene.model import Scene
 from harvester.scene.numbers import numbers
 from harvester.scene.prepared import prepared
@@ -160,7 +160,7 @@ def _check_sweep(scene, key, values, any_key):
 def _every_key():
     """All keys that a scene may hold, whatever its tables."""
     tables = all_tables().items()
-    return {f"{name}.{key}" for name, classes in tables for key in keys_of(classes)}
+    return {f"{name}.{key}" for name, classes in tables for key in every_key(classes)}
 
 
 def _at(scene, values):
