@@ -1,7 +1,7 @@
 """Keys of a scene, each declared once: at the field of its table's class.
 
     @table
-    class Start:
+    class Start(Table):
         velocity: float = key("velocity at the beginning", "m/s", default=0.0)
 
 From the declaration follow the check of a scene, its TOML and JSON, `--set`, the file of
@@ -13,13 +13,13 @@ from __future__ import annotations
 import math
 from collections.abc import Collection, Iterator, Mapping
 from dataclasses import FrozenInstanceError, dataclass, field, replace
-from typing import Any, NamedTuple, TypeVar, dataclass_transform
+from typing import Any, ClassVar, NamedTuple, TypeVar, dataclass_transform
 
 from harvester.base.errors import SceneError
 from harvester.base.numbers import NotANumber, number
 from harvester.base.plain_text import named, nearest, shown
 
-Table = TypeVar("Table")
+Declared = TypeVar("Declared", bound="Table")
 
 SCALED, SI = "scaled", "SI"
 BOTH = (SCALED, SI)
@@ -174,12 +174,29 @@ def word(text: str, words: Collection[str], **more: Any) -> Any:
     return key(text, kind=str, words=words, **more)
 
 
+class Table:
+    """Base of the classes of tables; `table` fills `KEYS`.
+
+    Attributes
+    ----------
+    KEYS
+        Keys that the table may hold.
+    UNITS
+        Units of scenes that may have the table; empty: as the keys say.
+    ALTERNATIVES
+        Groups of keys that give the same property.
+    """
+
+    KEYS: ClassVar[dict[str, Key]] = {}
+    UNITS: ClassVar[tuple[str, ...]] = ()
+    ALTERNATIVES: ClassVar[tuple[OneOf, ...]] = ()
+
+
 @dataclass_transform(frozen_default=True)
-def table(cls: type[Table]) -> type[Table]:
+def table(cls: type[Declared]) -> type[Declared]:
     """Make a frozen dataclass of a table whose fields are declared by `key` and the like.
 
-    `cls.KEYS` then holds its keys. `UNITS` of the class are the units of scenes that may have the
-    table, `ALTERNATIVES` its groups `OneOf`. The refusal of an assignment names `Scene.replace`.
+    The refusal of an assignment names `Scene.replace`.
     """
 
     def refuse(self: object, name: str, value: object) -> None:
@@ -190,10 +207,8 @@ def table(cls: type[Table]) -> type[Table]:
 
     made: Any = dataclass(frozen=True)(cls)
     made.__setattr__ = refuse
-    units = getattr(cls, "UNITS", None)
     keys = {n: f.metadata["key"] for n, f in made.__dataclass_fields__.items() if f.metadata}
-    made.KEYS = {n: replace(spec, units=units) if units else spec for n, spec in keys.items()}
-    made.ALTERNATIVES = getattr(cls, "ALTERNATIVES", ())
+    made.KEYS = {n: replace(spec, units=cls.UNITS or spec.units) for n, spec in keys.items()}
     return made
 
 

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any, NoReturn
 import numpy as np
 
 from harvester.base.errors import SceneError
-from harvester.device.keys import key, not_negative, positive, table, word
+from harvester.device.keys import Table, key, not_negative, positive, table, word
 
 if TYPE_CHECKING:
     from numpy.random.bit_generator import SeedSequence
@@ -20,7 +20,7 @@ LARGEST_SEED = 2**128 - 1
 
 
 @table
-class Run:
+class Run(Table):
     """Length and number of the realizations, and the seed.
 
     With `starts` each realization has a start drawn evenly over the device's energy range; without
@@ -99,7 +99,7 @@ class ExcitationPath:
         samples[:] = self.read(samples.size)
 
 
-class Excitation(ABC):
+class Excitation(Table, ABC):
     """One kind of the right-hand side η of Eq. 4a, linear between equally spaced knots.
 
     A kind is a class by `harvester.device.keys.table`: its fields are the keys of the scene's table
@@ -179,7 +179,7 @@ class Excitation(ABC):
         """Whether the displacement is given and nothing moves by forces."""
         return False
 
-    def check(self, units: str, run: Run, origin: str) -> None:  # noqa: B027
+    def check(self, units: str, run: Run, origin: str) -> None:
         """Refuse values that are valid one by one but not together, or not with this run.
 
         `origin` is the file's or the scene's name, for the message of the SceneError.

@@ -17,7 +17,7 @@ from harvester.base.plain_text import named, shown
 from harvester.device import timescales
 from harvester.device.beam.magnets import Magnets
 from harvester.device.beam.table import Beam
-from harvester.device.keys import SI, computed, table
+from harvester.device.keys import SI, Table, computed, table
 from harvester.device.terminals import TransducerTable
 from harvester.excitation.base import Excitation, Run
 from harvester.scene.drawn import with_drawing, without_drawn
@@ -34,7 +34,7 @@ SCALED_LOADS = {"bridge_ideal": ("resistance", "storage", "conductance")}
 
 
 @table
-class Scene:
+class Scene(Table):
     """One device, its load, its excitation and its run: the input of every engine.
 
     `Scene.read(source)` reads one, `replace` gives a changed copy; both raise `SceneError`.

@@ -21,6 +21,7 @@ from harvester.device.keys import (
     Key,
     NamedValues,
     OneOf,
+    Table,
     every_key,
     key,
     not_negative,
@@ -44,7 +45,7 @@ OPTIONAL, SEVERAL = ("beam", "magnets", "stoppers", "start"), {"stoppers": 16}
 
 
 @table
-class Top:
+class Top(Table):
     """Keys outside the tables."""
 
     units: str = word("units: of all values", BOTH, required=True)
@@ -55,7 +56,7 @@ class Top:
 
 
 @table
-class Oscillator:
+class Oscillator(Table):
     """Mass, spring and damper. A scene keeps the keys that it was given.
 
     `restoring_force` holds F0, k1, k2, … of F(x) = F0 + k1 x + k2 x² + …; `linear_stiffness` and
@@ -138,7 +139,7 @@ class Oscillator:
 
 
 @table
-class Stopper:
+class Stopper(Table):
     """A Hertz-damp stopper at a distance from x = 0, on one side or on both (Eq. 5)."""
 
     gap: float = positive("gap to the stoppers: from x = 0", "m", "δr", required=True)
@@ -159,7 +160,7 @@ class Stopper:
 
 
 @table
-class Start:
+class Start(Table):
     """The state in which every realization starts, at rest in the wells in turn without it."""
 
     displacement: float | None = key("displacement: in the wells in turn unless given", "m", "l")
@@ -168,7 +169,7 @@ class Start:
 
 
 @table
-class Load:
+class Load(Table):
     """The load of the transducer: the built-in resistor, or a netlist.
 
     `circuit` is what was read of the netlist (circuits.netlist.load_circuit.LoadCircuit).

@@ -17,7 +17,7 @@ import numpy as np
 from harvester.base.compilation import compiled
 from harvester.base.errors import SceneError
 from harvester.device.beam.table import Beam, lumped
-from harvester.device.keys import SI, Key, key, not_negative, positive, table, word
+from harvester.device.keys import SI, Key, Table, key, not_negative, positive, table, word
 
 VACUUM_PERMEABILITY = 1.25663706212e-6
 # Sizes that parts have, and the unit that is often given in place of the key's.
@@ -41,7 +41,7 @@ GREATEST_REMANENCE = 1.5
 
 
 @table
-class Magnets:
+class Magnets(Table):
     """Magnets along the beam: one at its tip, one or two on the frame ahead of it, in SI.
 
     "repelling": one on the frame in the beam's line, its dipole against the tip's. "attracting":

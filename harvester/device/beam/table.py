@@ -12,7 +12,7 @@ from typing import ClassVar, NamedTuple
 from harvester.base.errors import SceneError
 from harvester.device.beam.materials import ACTIVE, PASSIVE, VACUUM_PERMITTIVITY, clamped
 from harvester.device.beam.modes import Piece, Tip, clamp_compliance, modes, rest
-from harvester.device.keys import SI, OneOf, key, not_negative, positive, table, word
+from harvester.device.keys import SI, OneOf, Table, key, not_negative, positive, table, word
 
 # Thickness over length that is refused, and that gets a note: shear is no longer small. A fifth
 # costs 4 % of the frequency (Timoshenko's first correction), a tenth 1 %.
@@ -45,7 +45,7 @@ FATIGUE = ("fatigue_strain", "fatigue_cycles", "fatigue_exponent")
 
 
 @table
-class Beam:
+class Beam(Table):
     """A cantilever of a substrate with one or two piezoelectric layers and a tip mass, in SI."""
 
     length: float = positive(
