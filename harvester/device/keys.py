@@ -139,7 +139,7 @@ class OneOf(NamedTuple):
     required
         Whether one must be given.
     hint
-        Put behind a refusal.
+        Put behind a refusal of keys that do not go together.
     """
 
     keys: tuple[str, ...]
@@ -326,7 +326,7 @@ def check_table(where: str, values: dict[str, Any], tables: Any, units: str, ori
             raise SceneError(f"{origin}: {prefix}{name} is missing; it takes {spec.allowed(units)}")
     for group in cls.ALTERNATIVES:
         for fault in _faults(group, prefix, checked, cls.KEYS, units):
-            raise SceneError(f"{origin}: {fault}{group.hint}")
+            raise SceneError(f"{origin}: {fault}")
     return cls(**checked)
 
 
@@ -336,7 +336,7 @@ def _faults(group: OneOf, prefix: str, given: Collection, keys: Any, units: str)
     present = [name for name in group.keys if name in given]
     if len(present) > 1:
         first, second = present[:2]
-        yield f"{prefix}{first} and {prefix}{second} say the same thing twice; take one out"
+        yield f"{prefix}{first} and {prefix}{second} say the same thing twice; take one out{group.hint}"
     if group.required and not present:
         first, *others = (prefix + name for name in fitting)
         instead = f", or give {' or '.join(others)}" if others else ""
@@ -346,7 +346,7 @@ def _faults(group: OneOf, prefix: str, given: Collection, keys: Any, units: str)
             listed = f" or {prefix}".join(n for n in needed if units in keys[n].units)
             other = [n for n in present if n != name]
             but = f", and there is {prefix}{other[0]}: take one out" if other else ""
-            yield f"{prefix}{name} needs {prefix}{listed}{but}"
+            yield f"{prefix}{name} needs {prefix}{listed}{but}{group.hint}"
 
 
 class NamedValues(dict):

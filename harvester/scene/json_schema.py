@@ -6,7 +6,7 @@ from collections.abc import Iterator, Mapping
 from itertools import combinations
 from typing import Any
 
-from harvester.device.keys import LARGEST, NAMED_VALUES, SCALED, SI, SMALLEST, Key
+from harvester.device.keys import LARGEST, NAMED_VALUES, SCALED, SI, SMALLEST, Key, OneOf
 from harvester.excitation.base import Excitation
 from harvester.scene.drawn import DRAWN
 from harvester.scene.tables import KINDS, SEVERAL, TRANSDUCERS, Top, all_tables
@@ -84,7 +84,7 @@ def _rules(cls, units):
     }
 
 
-def _one_of(group, usable) -> Iterator[dict]:
+def _one_of(group: OneOf, usable: list[str]) -> Iterator[dict]:
     """One key of several at most, or exactly; and keys that need one of them."""
     keys = [name for name in group.keys if name in usable]
     if group.required:

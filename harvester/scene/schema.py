@@ -8,7 +8,7 @@ from typing import Any
 from harvester.base.errors import SceneError
 from harvester.base.plain_text import named, nearest
 from harvester.device.force_table import MOST_PIECES, POINTS_PER_PIECE, force_table
-from harvester.device.keys import BOTH, SCALED, SI, check_table, is_word
+from harvester.device.keys import SI, check_table, check_value
 from harvester.scene.tables import OPTIONAL, SEVERAL, TRANSDUCERS, Top, all_tables
 
 
@@ -35,8 +35,10 @@ def check_tables(tables: dict[str, Any], origin: str) -> dict[str, Any]:
         elif (name in classes) != isinstance(value, dict):
             noun = "a table" if name in classes else "a value, not a table"
             raise SceneError(f"{origin}: {name} must be {noun}")
-    units = tables.get("units", SCALED)
-    units = units if is_word(units, BOTH) else SCALED
+    spec = Top.KEYS["units"]
+    if "units" not in tables:
+        raise SceneError(f"{origin}: units is missing; it takes {spec.allowed()}")
+    units = check_value("units", tables["units"], spec, origin)
     top = {name: value for name, value in tables.items() if name in Top.KEYS}
     parts: dict[str, Any] = {"": check_table("", top, Top, units, origin)}
     for name, cls in classes.items():
@@ -166,11 +168,10 @@ def _check_bounded(oscillator, stoppers, origin):
     for side, sign in (("right", 1.0), ("left", -1.0)):
         if (order and force[order] * sign ** (order + 1) > 0.0) or _stopped(stoppers, side, order):
             continue
-        key, value = "restoring_force", list(force)
-        if oscillator.restoring_force is None:
-            key, value = "linear_stiffness", f"{force[1]:g}"
+        short = f"linear_stiffness = {force[1]:g}"
+        value = short if oscillator.is_short_form else f"restoring_force = {list(force)}"
         raise SceneError(
-            f"{origin}: oscillator.{key} = {value} leaves the motion unbounded on the {side}: the "
+            f"{origin}: oscillator.{value} leaves the motion unbounded on the {side}: the "
             "highest power must be odd with a coefficient > 0 (cubic_stiffness > 0 in the short "
             f"form), a stopper with a greater exponent must stand on the {side}, or "
             "oscillator.restoring_force_range must say between which displacements it is meant"

@@ -193,8 +193,8 @@ class Load(Table):
                 "subcircuit": ("netlist",),
                 "parameters": ("netlist",),
             },
-            hint=" (the built-in resistor has kind, resistance, decay_rate; a netlist has "
-            "load.parameters, and a load study's --load has --sweep load.parameters.NAME=VALUE)",
+            hint=" (a netlist's values: load.parameters; of a load study's --load: --sweep "
+            "load.parameters.NAME=VALUE)",
         ),
     )
 

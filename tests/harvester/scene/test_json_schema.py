@@ -3,6 +3,7 @@
 import json
 import re
 import tomllib
+from importlib.util import module_from_spec, spec_from_file_location
 from pathlib import Path
 
 import pytest
@@ -163,6 +164,14 @@ def test_alternatives_and_suffixes_are_valid():
         'device piezo={k2=0.1,capacitance="40n"}',
     ):
         assert VALIDATOR.is_valid(changed(*right.split(" ", 1))), right
+
+
+def test_the_list_of_keys_in_the_docs_is_up_to_date():
+    path = ROOT / "docs" / "scene_keys.py"
+    spec = spec_from_file_location("scene_keys", path)
+    module = module_from_spec(spec)
+    spec.loader.exec_module(module)
+    assert module.PAGE.read_text("utf-8") == module.page(), "run python docs/scene_keys.py"
 
 
 def test_the_command_prints_it(capsys):

@@ -85,7 +85,10 @@ def test_a_file_is_found_beside_the_scene_and_then_here(tmp_path, monkeypatch):
         (["load.netlist=resistor", "load.parameters=3"], ["load.parameters", "table"]),
         (["load.netlist=resistor", "load.netlst=3"], ["load.netlst", "did you mean netlist"]),
         (["load.netlist=3"], ["load.netlist", "text"]),
-        (["load.netlist=resistor", "load.kind=resistor"], ["load.kind", "built-in resistor"]),
+        (
+            ["load.netlist=resistor", "load.kind=resistor"],
+            ["load.kind needs load.decay_rate, and there is load.netlist", "take one out"],
+        ),
         (
             ["load.parameters.resistance=1"],
             ["load.parameters needs load.netlist", "--sweep load.parameters.NAME"],
