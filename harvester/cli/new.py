@@ -56,11 +56,18 @@ class Question(NamedTuple):
         return words + (f" ({', '.join(self.spec.words)})" if self.spec.words else "")
 
 
-def schema() -> None:
-    """Print the JSON Schema of scenes, for editors that complete and check TOML."""
+def schema(file: File | None = None, /) -> None:
+    """Write the JSON Schema of scenes, for editors that complete and check TOML.
+
+    Parameters
+    ----------
+    file : str or None
+        A file for it (default: standard output).
+    """
+    from harvester.base.writing import write_text
     from harvester.scene.json_schema import json_schema
 
-    print(json.dumps(json_schema(), indent=2, ensure_ascii=False))
+    write_text(file or "-", json.dumps(json_schema(), indent=2, ensure_ascii=False) + "\n")
 
 
 def new(

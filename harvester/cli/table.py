@@ -66,7 +66,7 @@ def completion(shell: Annotated[str, Kind("SHELL")], /) -> None:
 # All commands, each with the example of its help. A text names a public function of `harvester`.
 COMMANDS = (
     Command(new, "new beam.toml --from asymmetric"),
-    Command(schema, "schema"),
+    Command(schema, "schema scene.schema.json"),
     StudyCommand(
         "validate",
         "validate paper --output results --report paper.html",

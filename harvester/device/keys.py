@@ -335,8 +335,8 @@ def _faults(group: OneOf, prefix: str, given: Collection, keys: Any, units: str)
     fitting = [name for name in group.keys if units in keys[name].units]
     present = [name for name in group.keys if name in given]
     if len(present) > 1:
-        first, second = present[:2]
-        yield f"{prefix}{first} and {prefix}{second} say the same thing twice; take one out{group.hint}"
+        twice = " and ".join(prefix + name for name in present[:2])
+        yield f"{twice} say the same thing twice; take one out{group.hint}"
     if group.required and not present:
         first, *others = (prefix + name for name in fitting)
         instead = f", or give {' or '.join(others)}" if others else ""

@@ -87,7 +87,7 @@ def test_a_file_is_found_beside_the_scene_and_then_here(tmp_path, monkeypatch):
         (["load.netlist=3"], ["load.netlist", "text"]),
         (
             ["load.netlist=resistor", "load.kind=resistor"],
-            ["load.kind needs load.decay_rate, and there is load.netlist", "take one out"],
+            ["load.kind needs load.resistance, and there is load.netlist"],
         ),
         (
             ["load.parameters.resistance=1"],
