@@ -67,6 +67,11 @@ device piezo.coupling=none
 device piezo.coupling="strong"
 device piezo.capacitance=43
 device piezo.capacitance=none
+device piezo.k2=0.1
+device oscillator.frequency=12
+device oscillator.quality_factor=12
+device load.netlist="bridge"
+bimorph beam.quality_factor=3
 device piezo=none
 device coil={coupling=1,resistance=2}
 device load.kind="bulb"
