@@ -12,7 +12,7 @@ from harvester.scene.drawn import DRAWN
 from harvester.scene.tables import KINDS, SEVERAL, TRANSDUCERS, Top, all_tables
 from harvester.scene.toml import LONGEST_TEXT
 
-TEXT = {"type": "string", "maxLength": LONGEST_TEXT}
+TEXT = {"type": "string", "maxLength": LONGEST_TEXT, "pattern": r"^[^\x00]*$"}
 # A number in quotes has a suffix.
 SUFFIXED = r"(\d+\.?\d*|\.\d+)([eE][+-]?\d{1,3})? ?([kKuUµμnNpPm]|[mM][eE][gG])$"
 

@@ -95,6 +95,7 @@ device excitation={kind="sum",parts=[]}
 device excitation={kind="sum",parts=[{kind="sine"}]}
 device excitation={kind="record"}
 device excitation={kind="record",file=3}
+device excitation={kind="record",file="a\\u0000b"}
 device excitation={kind="record",file="a.csv",mend=["all"]}
 device excitation={kind="record",file="a.csv",band=[1]}
 device run.seed=-1
