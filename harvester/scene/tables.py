@@ -64,6 +64,17 @@ class Oscillator(Table):
     """
 
     mass: Any = positive("mass", "kg", units=(SI,), required=True, usual=(1e-7, 100.0), drawn=True)
+    damping: float = not_negative("damping: C", "N s/m", "c", drawn=True)
+    quality_factor: float | None = positive(
+        "quality factor Q: 1/(2ζ) at the stiffest rest position", "1",
+        units=(SI,), usual=(1.0, 1e6), drawn=True,
+    )  # fmt: skip
+    damping_ratio: float | None = not_negative(
+        "damping ratio: ζ at the stiffest rest position", "1", units=(SI,), drawn=True
+    )
+    quadratic_damping: float = not_negative(
+        "quadratic damping: C2, air drag", "N s²/m²", "C2 l/M", default=0.0, rare=True
+    )
     linear_stiffness: float | None = key(
         "linear stiffness: −K1, negative: bistable", "N/m", "−ω0²", drawn=True
     )
@@ -78,6 +89,10 @@ class Oscillator(Table):
         "restoring force: [F0, k1, k2, …] up to the seventh power", "N, N/m, N/m², …",
         "each kₙ lⁿ⁻¹/M", element=NUMBER, count=(2, 8), drawn=True,
     )  # fmt: skip
+    base_factor: float = positive(
+        "base factor: μ, 1 if all mass is at the tip; the base's acceleration counts μ times", "1",
+        default=1.0, rare=True, usual=(0.5, 2.0), drawn=True,
+    )  # fmt: skip
     force_table: tuple | None = key(
         "table of the force: displacement and force of each point, or a file of two columns",
         "m, N", "l, F/(M l)", element=Key(element=NUMBER, count=(2, 2)), count=(2, MOST_POINTS),
@@ -90,21 +105,6 @@ class Oscillator(Table):
     restoring_force_range: tuple | None = key(
         "range of the spring: displacements between which it is known", "m", "l",
         element=NUMBER, count=(2, 2),
-    )  # fmt: skip
-    damping: float = not_negative("damping: C", "N s/m", "c", drawn=True)
-    quality_factor: float | None = positive(
-        "quality factor Q: 1/(2ζ) at the stiffest rest position", "1",
-        units=(SI,), usual=(1.0, 1e6), drawn=True,
-    )  # fmt: skip
-    damping_ratio: float | None = not_negative(
-        "damping ratio: ζ at the stiffest rest position", "1", units=(SI,), drawn=True
-    )
-    quadratic_damping: float = not_negative(
-        "quadratic damping: C2, air drag", "N s²/m²", "C2 l/M", default=0.0, rare=True
-    )
-    base_factor: float = positive(
-        "base factor: μ, 1 if all mass is at the tip; the base's acceleration counts μ times", "1",
-        default=1.0, rare=True, usual=(0.5, 2.0), drawn=True,
     )  # fmt: skip
 
     ALTERNATIVES: ClassVar = (

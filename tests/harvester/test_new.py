@@ -111,7 +111,7 @@ def test_what_is_asked_for_is_found_in_the_scene_it_belongs_to(name, answers, ca
 
 def test_no_answer_is_taken_for_another_question(answers, capsys):
     """Mass, frequency, Q, capacitance and k² as makers know them; 42 and 46 Hz are no coupling."""
-    answers("cantilever\n14 g\n120\n25\n1\n42\n46 Hz\nk2=0.2\n60n\n200k\n\n0.5 g\n")
+    answers("cantilever\n14 g\n25\n120\n1\n42\n46 Hz\nk2=0.2\n60n\n200k\n\n0.5 g\n")
     assert main(["new", "mine.toml"]) == 0
     said = capsys.readouterr().err
     assert "'42': such devices have" in said

@@ -52,7 +52,7 @@ def test_the_length_scale_is_the_wells_distance_where_none_is_given():
     [
         ("oscilator.damping=1", ["oscilator", "oscillator"]),
         ("oscillator.dampng=1", ["oscillator.dampng", "damping"]),
-        ("oscillator.Q=20", ["oscillator.Q; there are linear_stiffness, cubic_stiffness"]),
+        ("oscillator.Q=20", ["oscillator.Q; there are damping, quadratic_damping"]),
         ("excitation.intensity=0.5g", ["4.90332 (m/s²) for 0.5 g of acceleration"]),
         ("excitation.intensity=-20 g", ["-196.133 (m/s²)", "-0.02 (kg)"]),
         ("oscillator.damping=-1", ["oscillator.damping", "≥ 0"]),
