@@ -4,10 +4,9 @@ Cp V' = θ x' − i, terminal voltage u = V − R_s i, force θ V. Into a resist
 i = V/(R_s + R), and the electrodes take R_s i².
 """
 
-from dataclasses import dataclass
 from typing import ClassVar, NamedTuple
 
-from harvester.device.keys import SI, positive
+from harvester.device.keys import SI, positive, table
 from harvester.device.linear_transducer import LinearTransducer
 from harvester.device.terminals import GROUND, Component, Network, TransducerTable
 
@@ -40,18 +39,15 @@ class SeriesPiezo(LinearTransducer, Numbers):
         return self.coupling * self.electrode_time * current * current
 
 
-@dataclass(frozen=True)
+@table
 class SeriesPiezoTable(TransducerTable):
-    """SI: N/V, F, Ω."""
+    """A piezo with electrodes that have a resistance."""
 
-    coupling: float
-    capacitance: float
-    electrode_resistance: float
+    coupling: float = positive("coupling", "N/V", required=True)
+    capacitance: float = positive("capacitance", "F", required=True)
+    electrode_resistance: float = positive("resistance of the electrodes", "Ω", required=True)
 
-    KEYS: ClassVar[dict] = {
-        name: positive(units=(SI,), required=True)
-        for name in ("coupling", "capacitance", "electrode_resistance")
-    }
+    UNITS: ClassVar = (SI,)
     takes_voltage: ClassVar[bool] = True
 
     def voltage_unit(self, setting):

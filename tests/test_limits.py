@@ -9,8 +9,9 @@ from circuits.netlist import expansion, expression, reader, vetting
 from harvester.base import plain_text
 from harvester.device import keys
 from harvester.engines import codec, simulate
+from harvester.excitation import base
 from harvester.records import hdf5, mat, table
-from harvester.scene import schema, steps, toml
+from harvester.scene import steps, toml
 
 SAFETY = Path(__file__).parents[1] / "docs" / "safety.md"
 ROWS = [
@@ -26,7 +27,7 @@ ROWS = [
     ("**scene**: a file", (toml.LARGEST_SCENE,)),
     ("values; tables", (toml.MOST_VALUES, toml.DEEPEST)),
     ("a text", (toml.LONGEST_TEXT,)),
-    ("realizations", (int(schema.OTHER_KEYS["run"]["realizations"].high),)),
+    ("realizations", (int(base.Run.KEYS["realizations"].high),)),
     ("numbers in a `.mat`", (table.MOST_NUMBERS,)),
     ("structures of a `.mat`", (mat.LARGEST_STRUCTURE // 10**6,)),
     ("objects of an HDF5", (hdf5.MOST_OBJECTS,)),

@@ -1,22 +1,17 @@
 """An excitation of a test: white noise by its height."""
 
-from dataclasses import dataclass
-from typing import ClassVar
-
-from harvester.device.keys import positive
+from harvester.device.keys import positive, table
 from harvester.excitation.base import Excitation
 from harvester.excitation.white import WhitePath
 
 
-@dataclass(frozen=True)
+@table
 class Steps(Excitation):
     """A toy kind: what the recipe in CONTRIBUTING asks for, and no more."""
 
-    height: float
+    height: float = positive("height", "m/s²", required=True)
     kind: str = "steps"
     knot_spacing: float | None = None
-
-    KEYS: ClassVar[dict] = {"height": positive(required=True)}
 
     def spacing(self, longest):
         return longest

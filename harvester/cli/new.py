@@ -1,102 +1,73 @@
-"""`harvester new`: a commented scene of one's own, copied from a built-in one."""
+"""`harvester new`: a commented scene of one's own; `harvester schema`: the form of all scenes."""
 
 from __future__ import annotations
 
 import json
-import math
 import os
-import re
 import sys
-from typing import TYPE_CHECKING, Annotated, Any, NamedTuple
+from collections.abc import Iterator
+from typing import TYPE_CHECKING, Annotated, NamedTuple
 
 from harvester.base.errors import OutputError, SceneError
 from harvester.base.numbers import NotANumber, number
 from harvester.base.plain_text import named, nearest, one_line
 from harvester.base.signatures import File, Kind
 from harvester.cli.shown import say
-from harvester.device.beam.materials import ACTIVE, PASSIVE
 
 if TYPE_CHECKING:
+    from harvester.device.keys import Key
     from harvester.scene.model import Scene
 
 DEFAULT = "cantilever"
-HEAD = """\
-# A scene of your own, copied from the built-in scene `{scene}`, whose comments follow.
-# Change what you like: an unknown key or a value that no device has is refused in one line.
-# docs/scenes.md lists every key with its unit. Quickest look: `harvester average` and this file.
-
-"""
-OWN_HEAD = """\
-# A scene of your own: your answers, and elsewhere the values of the built-in scene `{scene}`.
-# An unknown key or a value that no device has is refused in one line. docs/scenes.md lists every
-# key with its unit. Quickest look: `harvester average` and this file.
-
-"""
-# A value with its comment: the unit after one space, and a remark after more.
-COMMENTED = re.compile(
-    r"^(?P<value>[^#\n]*?\S) *#(?: (?P<unit>[^\s,]+)(?=$|,|  ))?[^\n]*$", re.MULTILINE
-)
+HINT = """\
+An unknown key or a value that no device has is refused in one line. docs/scene-keys.md lists every
+key with its unit. Quickest look: `harvester average` and this file."""
+HEAD = "A scene of your own, copied from the built-in scene `{}`, whose comments follow."
+OWN_HEAD = "A scene of your own: your answers, and elsewhere the values of the built-in scene `{}`."
+# Factors of units that may be typed in place of a key's unit.
+UNITS = {
+    "m": {"mm": 1e-3}, "kg": {"g": 1e-3}, "Ω": {"Ohm": 1.0}, "V s/m": {"N/A": 1.0},
+    "m/s²": {"m/s^2": 1.0, "g": 9.80665},
+}  # fmt: skip
 
 
 class Question(NamedTuple):
-    """A question at the terminal, asked if the scene has its key.
+    """A question at the terminal for one of several keys that give the same property.
 
     Attributes
     ----------
     keys
-        Of the scene; a bare number is the first, the others are answered as NAME=VALUE. `k2` and
-        `rms` stand for coupling and intensity, which are computed from them.
-    words : str
-    units
-        Factor by the unit that may stand behind a bare number; the first is the key's own.
-    low, high
-        Between which such devices lie in SI; a bare number beyond was meant for something
+        `table.key`: a bare number is the first, the others are answered as NAME=VALUE.
+    spec : Key
+        Declaration of the first key. A bare number outside its usual range was meant for something
         else, such as another question, and is taken only with its unit.
-    names
-        What may be answered in place of a number.
     """
 
     keys: tuple[str, ...]
-    words: str
-    units: dict[str, float]
-    low: float = -math.inf
-    high: float = math.inf
-    names: tuple[str, ...] = ()
+    spec: Key
+
+    @property
+    def words(self) -> str:
+        """The question."""
+        unit = self.spec.unit
+        words = f"{self.keys[0].partition('.')[0]}: {self.spec.name}"
+        words += f" in {unit}" if unit not in ("", "1") and self.spec.usual else ""
+        words += "".join(f", or {key.partition('.')[2]}=" for key in self.keys[1:])
+        return words + (f" ({', '.join(self.spec.words)})" if self.spec.words else "")
 
 
-OHM = {"Ohm": 1.0, "Ω": 1.0}
-METRE = {"m": 1.0, "mm": 1e-3}
-QUESTIONS = (
-    Question(("beam.length",), "length from the clamp", METRE, 1e-4, 1.0),
-    Question(("beam.width",), "width", METRE, 1e-5, 1.0),
-    Question(("beam.thickness",), "thickness of the substrate", METRE, 1e-6, 0.02),
-    Question(("beam.piezo_thickness",), "thickness of a piezo layer", METRE, 1e-7, 0.01),
-    Question(("beam.material",), "substrate", {}, names=tuple(PASSIVE)),
-    Question(("beam.piezo",), "piezo layers", {}, names=tuple(ACTIVE)),
-    Question(("beam.connection",), "the two layers", {}, names=("series", "parallel")),
-    Question(("beam.tip_mass",), "tip mass", {"kg": 1.0, "g": 1e-3}, 0.0, 10.0),
-    Question(("beam.quality_factor", "beam.damping_ratio"), "quality factor Q", {}, 1.0, 1e6),
-    Question(("oscillator.mass",), "mass", {"kg": 1.0, "g": 1e-3}, 1e-7, 100.0),
-    Question(
-        ("oscillator.frequency", "oscillator.linear_stiffness"),
-        "frequency, terminals shorted", {"Hz": 1.0}, 0.1, 1e5,
-    ),
-    Question(
-        ("oscillator.quality_factor", "oscillator.damping_ratio", "oscillator.damping"),
-        "quality factor Q", {}, 1.0, 1e6,
-    ),
-    Question(("oscillator.base_factor",), "base factor, 1 if all mass is at the tip", {}, 0.5, 2.0),
-    Question(("piezo.capacitance",), "capacitance", {"F": 1.0}, 1e-13, 1e-3),
-    Question(("piezo.coupling", "piezo.k2"), "coupling", {"N/V": 1.0}, 1e-8, 1.0),
-    Question(("coil.coupling",), "coupling", {"N/A": 1.0, "V s/m": 1.0}, 1e-4, 1e4),
-    Question(("coil.resistance",), "resistance of the winding", OHM, 1e-2, 1e6),
-    Question(("load.resistance",), "load", OHM, 0.1, 1e12),
-    Question(("excitation.correlation_time",), "correlation time", {"s": 1.0}, 1e-6, 10.0),
-    Question(
-        ("excitation.rms", "excitation.intensity"),
-        "base acceleration, rms", {"m/s^2": 1.0, "g": 9.80665}, 1e-4, 1e4,
-    ),
-)  # fmt: skip
+def schema(file: File | None = None, /) -> None:
+    """Write the JSON Schema of scenes, for editors that complete and check TOML.
+
+    Parameters
+    ----------
+    file : str or None
+        A file for it (default: standard output).
+    """
+    from harvester.base.writing import write_text
+    from harvester.scene.json_schema import json_schema
+
+    write_text(file or "-", json.dumps(json_schema(), indent=2, ensure_ascii=False) + "\n")
 
 
 def new(
@@ -124,7 +95,7 @@ def new(
     )
     name = scene or (_chosen() if asking else DEFAULT)
     text = _copied(name)
-    write_text(file, _changed(text, name) if asking else text)
+    write_text(file, _answered(text, name) if asking else text)
     if to_file:
         from harvester.scene.described import device_line
         from harvester.scene.model import Scene
@@ -151,7 +122,8 @@ def _copied(name):
         raise SceneError(
             f"{named(name)}: no built-in scene{nearest(name, names)}; there are {', '.join(names)}"
         )
-    return HEAD.format(scene=name) + (BUILT_IN / f"{name}.toml").read_text("utf-8")
+    heading = "".join(f"# {line}\n" for line in [HEAD.format(name), *HINT.splitlines()])
+    return f"{heading}\n" + (BUILT_IN / f"{name}.toml").read_text("utf-8")
 
 
 def _chosen():
@@ -168,72 +140,63 @@ def _chosen():
     return answer
 
 
-def _changed(text, name):
-    """The text with the values that were given for those asked for."""
+def _answered(text, name):
+    """The scene's text with the answers to all questions; unchanged without any."""
     from harvester.scene.model import Scene
+    from harvester.scene.text import key_comments, scene_text
 
-    scene, answered = Scene.read(name), False
-    for question in QUESTIONS:
-        # A scaled scene has damping and intensity alone of the alternatives to them.
-        scaled = {"oscillator.damping", "excitation.intensity"} & {*question.keys}
-        keys = tuple(scaled) if scaled and scene.units != "SI" else question.keys
-        line = next(filter(None, (_line_of(text, key) for key in keys)), None)
-        stiffness = scene.oscillator.linear_stiffness
-        is_bistable = not stiffness or stiffness < 0.0
-        if line is None or ("oscillator.frequency" in keys and is_bistable):
+    scene = begun = Scene.read(name)
+    for question in questions(scene):
+        scene = _accepted(scene, question)
+    if scene == begun:
+        return text
+    return scene_text(scene, key_comments(scene), [OWN_HEAD.format(name), *HINT.splitlines()])
+
+
+def questions(scene: Scene) -> Iterator[Question]:
+    """The questions for a scene: the keys of its tables that a device's maker knows."""
+    from harvester.device.keys import class_of
+    from harvester.scene.tables import all_tables
+
+    for table, values in scene.to_tables().items():
+        if not isinstance(values, dict):
             continue
-        key, value, scene = _accepted(scene, question, keys, line)
-        if key is not None:
-            # The comment holds the key's unit, so another key does without.
-            end = line.end("value") if key == line["key"] else line.end()
-            text = f"{text[: line.start('key')]}{key} = {json.dumps(value)}{text[end:]}"
-            answered = True
-    return _with_units_only(text, name) if answered else text
+        cls = class_of(all_tables()[table], values)
+        for name, spec in cls.KEYS.items():
+            groups = [group.keys for group in cls.ALTERNATIVES if name in group.keys]
+            others = [other for keys in groups for other in keys if other != name]
+            names = [
+                other
+                for other in (name, *others)
+                if scene.units in cls.KEYS[other].units
+                and (other == name or cls.KEYS[other].is_number)
+            ]
+            # A bistable device has no one frequency, and a scaled one no quality factor.
+            several_wells = name == "frequency" and not (scene.oscillator.linear_stiffness or 0) > 0
+            if (spec.usual or spec.asked) and {*names} & {*values} and not several_wells:
+                yield Question(tuple(f"{table}.{other}" for other in names), cls.KEYS[names[0]])
 
 
-def _with_units_only(text, name):
-    """The text without what the comments of the built-in scene say of its own device."""
-    body = re.sub(r"^#.*\n+", "", text, flags=re.MULTILINE)
-    return OWN_HEAD.format(scene=name) + COMMENTED.sub(
-        lambda line: line["value"] + (f"  # {line['unit']}" if line["unit"] else ""), body
-    )
-
-
-def _line_of(text, key):
-    """Match of the line of "table.key", with `key` and `value`."""
-    table, _, name = key.partition(".")
-    above = rf"^\[{table}\]\n(?:(?!\[).*\n)*?"
-    line = rf"(?P<key>{name}) *= *(?P<value>\S+)[^\n]*$"
-    return re.search(above + line, text, re.MULTILINE)
-
-
-def _accepted(scene, question, keys, line):
-    """Ask until the scene accepts the answer: (key without table, value, scene); Nones if
-    unchanged.
-    """
-    table = keys[0].partition(".")[0]
-    words = f"{table}: {question.words}"
-    if scene.units == "SI" and question.units:
-        words += f" in {next(iter(question.units))}"
-    words += "".join(f", or {key.partition('.')[2]}=" for key in keys[1:])
-    words += f" ({', '.join(question.names)})" if question.names else ""
-    while True:
-        answer = _answer(words, f"{line['key']} = {line['value']}")
-        if answer == f"{line['key']} = {line['value']}":
-            return None, None, scene
+def _accepted(scene, question):
+    """The scene with an answer that it accepts, or unchanged."""
+    table = question.keys[0].partition(".")[0]
+    values = scene.to_tables()[table]
+    key = next(key for key in question.keys if key.partition(".")[2] in values).partition(".")[2]
+    usual = f"{key} = {json.dumps(values[key])}"
+    while (answer := _answer(question.words, usual)) != usual:
         try:
-            key, value = _read(answer, question, keys, scene.units)
-            key, value = _in_scene(key, value, scene)
-            return key.partition(".")[2], value, scene.replace({key: value})
+            return scene.replace(dict([_read(answer, question, scene.units)]))
         except NotANumber as reason:
-            print(f"{answer!r}: {reason}; this asks for: {words}", file=sys.stderr)
+            print(f"{answer!r}: {reason}; this asks for: {question.words}", file=sys.stderr)
         except SceneError as error:
             print(error, file=sys.stderr)
+    return scene
 
 
-def _read(answer, question, keys, units):
+def _read(answer, question, units):
     """The key that an answer is for, and its number in the key's unit, or its name."""
-    if question.names:
+    keys, spec = question
+    if spec.words:
         return keys[0], answer.strip("\"'")
     name, equals, number_text = (part.strip() for part in answer.partition("="))
     if equals:
@@ -241,30 +204,16 @@ def _read(answer, question, keys, units):
         if name not in key_by_name:
             raise NotANumber(f"no {name} here{nearest(name, key_by_name)}")
         return key_by_name[name], number(number_text)
-    for unit, factor in sorted(question.units.items(), key=lambda item: -len(item[0])):
+    factors = {} if spec.unit == "1" else {spec.unit: 1.0, **UNITS.get(spec.unit, {})}
+    for unit in sorted(factors, key=len, reverse=True):
         if units == "SI" and answer.endswith(unit):
-            return keys[0], factor * number(answer.removesuffix(unit).replace(" ", ""))
+            return keys[0], factors[unit] * number(answer.removesuffix(unit).replace(" ", ""))
     value = number(answer)
-    if units == "SI" and not question.low <= value <= question.high:
-        spelling = f"{answer} {next(iter(question.units))}" if question.units else f"NAME={answer}"
-        raise NotANumber(
-            f"such devices have {question.low:g} to {question.high:g}; write {spelling} if it is "
-            "meant"
-        )
+    low, high = spec.usual or (-sys.float_info.max, sys.float_info.max)
+    if units == "SI" and not low <= value <= high:
+        spelling = f"NAME={answer}" if spec.unit in ("", "1") else f"{answer} {spec.unit}"
+        raise NotANumber(f"such devices have {low:g} to {high:g}; write {spelling} if it is meant")
     return keys[0], value
-
-
-def _in_scene(key: str, value: Any, scene: Scene) -> tuple[str, Any]:
-    """The key and value that set an answer in the scene: k² and rms are converted."""
-    if key == "piezo.k2":
-        from harvester.scene.units import rest_stiffness
-
-        capacitance: Any = getattr(scene.transducer, "capacitance", None)
-        return "piezo.coupling", math.sqrt(value * rest_stiffness(scene.oscillator) * capacitance)
-    if key == "excitation.rms":
-        time = getattr(scene.excitation, "correlation_time", 1.0)
-        return "excitation.intensity", value**2 * time
-    return key, value
 
 
 def _answer(question, usual):

@@ -13,7 +13,7 @@ from harvester.cli import circuit, verification
 from harvester.cli.beam import beam
 from harvester.cli.cite import cite
 from harvester.cli.command import Command, StudyCommand
-from harvester.cli.new import new
+from harvester.cli.new import new, schema
 from harvester.cli.parsing import about
 from harvester.studies import LOAD_STUDY_FILES, SENSITIVITY_FILES
 from harvester.studies.public import TIME_BUDGET
@@ -66,6 +66,7 @@ def completion(shell: Annotated[str, Kind("SHELL")], /) -> None:
 # All commands, each with the example of its help. A text names a public function of `harvester`.
 COMMANDS = (
     Command(new, "new beam.toml --from asymmetric"),
+    Command(schema, "schema scene.schema.json"),
     StudyCommand(
         "validate",
         "validate paper --output results --report paper.html",

@@ -7,11 +7,11 @@ integrate.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+import math
 from typing import ClassVar, NamedTuple
 
 from harvester.device.dispatch import Values
-from harvester.device.keys import SI, names_replace, not_negative, positive
+from harvester.device.keys import SI, OneOf, not_negative, positive, table
 from harvester.device.linear_transducer import LinearTransducer, NoBaseForce, TransducerRates
 from harvester.device.terminals import (
     GROUND,
@@ -129,20 +129,25 @@ def coil(
     return Coil(constant**2 / (mass * inductance), load, resistance / inductance)
 
 
-@names_replace
-@dataclass(frozen=True)
+@table
 class CoilTable(TransducerTable):
-    """An electromagnetic transducer, SI: N/A, Ω, H."""
+    """An electromagnetic transducer. `k2` may stand for `coupling`, which is computed from it."""
 
-    coupling: float
-    resistance: float
-    inductance: float = 0.0
+    coupling: float = positive("coupling of the coil: Φ", "V s/m", usual=(1e-4, 1e4))
+    resistance: float = positive(
+        "resistance of the coil: of its winding", "Ω", required=True, usual=(1e-2, 1e6)
+    )
+    inductance: float = not_negative("inductance of the coil", "H", default=0.0)
+    k2: float | None = positive(
+        "electromechanical coupling k²: Φ²/(K L), K at the stiffest rest position", "1"
+    )
 
-    KEYS: ClassVar[dict] = {
-        "coupling": positive(required=True, units=(SI,)),
-        "resistance": positive(required=True, units=(SI,)),
-        "inductance": not_negative(units=(SI,)),
-    }
+    UNITS: ClassVar = (SI,)
+    ALTERNATIVES: ClassVar = (OneOf(("coupling", "k2"), {"k2": ("inductance",)}),)
+
+    def coupling_at(self, stiffness: float) -> float:
+        """The coupling (N/A) that `k2` is with the spring's stiffness at rest (N/m)."""
+        return math.sqrt(self.k2 * stiffness * self.inductance) if self.k2 else self.coupling
 
     def voltage_unit(self, setting: Setting) -> float:
         """The scaled unit of voltage, Φ l."""

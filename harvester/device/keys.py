@@ -1,36 +1,33 @@
-"""Keys of a scene: the kind, range and units of the values that each accepts, and their check."""
+"""Keys of a scene, each declared once: at the field of its table's class.
+
+    @table
+    class Start(Table):
+        velocity: float = key("velocity at the beginning", "m/s", default=0.0)
+
+From the declaration follow the check of a scene, its TOML and JSON, `--set`, the file of
+`harvester new`, the JSON Schema of `harvester schema` and the list of keys in the docs.
+"""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Collection
-from dataclasses import FrozenInstanceError, dataclass
-from typing import Any, TypeVar
+from collections.abc import Collection, Iterator, Mapping
+from dataclasses import FrozenInstanceError, dataclass, field, replace
+from typing import Any, ClassVar, NamedTuple, TypeVar, dataclass_transform
 
 from harvester.base.errors import SceneError
 from harvester.base.numbers import NotANumber, number
-from harvester.base.plain_text import nearest, shown
+from harvester.base.plain_text import named, nearest, shown
 
-Table = TypeVar("Table")
+Declared = TypeVar("Declared", bound="Table")
 
 SCALED, SI = "scaled", "SI"
 BOTH = (SCALED, SI)
 NAMED_VALUES = "named values"
 # Products of a few numbers beyond these limits overflow or vanish.
 SMALLEST, LARGEST = 1e-30, 1e30
-
-
-def names_replace(table: type[Table]) -> type[Table]:
-    """Let the refusal of an assignment to a frozen table name `Scene.replace`."""
-
-    def refuse(self: object, name: str, value: object) -> None:
-        raise FrozenInstanceError(
-            f"cannot assign to {name}: a scene is frozen; its copy with another value is "
-            f'scene.replace({{"TABLE.{name}": {value!r}}})'
-        )
-
-    table.__setattr__ = refuse  # type: ignore[method-assign]
-    return table
+# These units are the same in scaled scenes.
+ALWAYS = ("s", "1/s", "Hz", "1")
 
 
 @dataclass(frozen=True)
@@ -38,12 +35,35 @@ class Key:
     """Values that one key accepts: a number in a range, a text, one of a few words, a list, named
     values.
 
-    `kind` is float, int, str, (str, int), `NAMED_VALUES` for a table of numbers or texts, or dict
-    for a table with a `kind` of its own. With `element`, a list of `count` (fewest, most) values of
-    that kind. `likely` is the range of sizes that a part can have, with the unit that is often
-    given in place of the key's: its factor and name.
+    Attributes
+    ----------
+    text
+        Describes it, first by a short name up to a colon.
+    unit, scaled
+        Unit in SI; what it is in scaled scenes.
+    kind
+        float, int, str, (str, int), `NAMED_VALUES` for a table of numbers or texts, or dict for a
+        table with a `kind`.
+    element, count
+        Of a list: what each value is, and the fewest and the most of them.
+    likely
+        Sizes that a part can have, with the unit that is often given in place of the key's: its
+        factor and name.
+    usual, asked
+        Range of common devices (SI). `harvester new` asks for keys that have one or are `asked`.
+    default
+        Value of a key that is left out.
+    rare, written
+        A scene is written without rare keys at their default, and without keys never written.
+    drawn
+        Whether it follows from a drawing.
+    file
+        Whether the name of a file is accepted.
     """
 
+    text: str = ""
+    unit: str = ""
+    scaled: str = ""
     kind: Any = float
     low: float = -math.inf
     high: float = math.inf
@@ -54,13 +74,38 @@ class Key:
     element: Key | None = None
     count: tuple = (0, 0)
     likely: tuple[float, float, float, str] | None = None
+    usual: tuple = ()
+    asked: bool = False
+    default: Any = None
+    rare: bool = False
+    written: bool = True
+    drawn: bool = False
+    file: bool = False
 
-    def allowed(self) -> str:
-        """The accepted values, in words."""
+    @property
+    def name(self) -> str:
+        """A short name of the quantity."""
+        return self.text.partition(":")[0]
+
+    @property
+    def is_number(self) -> bool:
+        """Whether it is one real number."""
+        return self.kind is float and not self.element
+
+    def unit_in(self, units: str) -> str:
+        """The unit in a scene with these `units`; empty where it is scaled."""
+        return self.unit if units == SI or self.unit in ALWAYS else ""
+
+    def allowed(self, units: str = SCALED) -> str:
+        """The accepted values, in words, with their unit."""
+        unit = self.unit_in(units)
+        return self._allowed() + (f" ({unit})" if unit not in ("", "1") else "")
+
+    def _allowed(self):
         if self.element:
             few, many = self.count
-            number = few if few == many else f"{few} to {many}"
-            return f"a list of {number}, each {self.element.allowed()}"
+            count = few if few == many else f"{few} to {many}"
+            return f"a list of {count}, each {self.element.allowed()}"
         if self.words:
             return "one of " + ", ".join(f'"{word}"' for word in self.words)
         if self.kind in _NOUNS:
@@ -79,27 +124,129 @@ _NOUNS = {
     dict: "a table",
     NAMED_VALUES: 'a table of numbers, or of texts like "100k"',
 }
+NUMBER, POSITIVE = Key(), Key(low=0.0, low_allowed=False)
 
 
-def positive(**more: Any) -> Key:
-    """A key for a number > 0."""
-    return Key(low=0.0, low_allowed=False, **more)
+class OneOf(NamedTuple):
+    """Keys of a table that give the same property: a scene holds one of them.
+
+    Attributes
+    ----------
+    keys
+        The first is computed if another one is given for it.
+    needs
+        Keys that belong to some of them: {key: those}.
+    required
+        Whether one must be given.
+    hint
+        Put behind a refusal of keys that do not go together.
+    """
+
+    keys: tuple[str, ...]
+    needs: Mapping[str, tuple[str, ...]] = {}
+    required: bool = True
+    hint: str = ""
+
+    def replaced_by(self, name: str) -> set[str]:
+        """Keys that go when the key is set."""
+        others = {other for other, needed in self.needs.items() if name not in needed}
+        return ({*self.keys} | others) - {name} if name in self.keys else set()
 
 
-def not_negative(**more: Any) -> Key:
-    """A key for a number ≥ 0."""
-    return Key(low=0.0, **more)
+def key(text: str, unit: str = "", scaled: str = "", **more: Any) -> Any:
+    """A field of a table: see `Key`. Without `default` it is None where the key is left out."""
+    declared = Key(text, unit, scaled, **more)
+    return field(default=declared.default, metadata={"key": declared})
 
 
-def check_value(where: str, value: Any, spec: Key, origin: str) -> Any:
+def positive(text: str, unit: str = "", scaled: str = "", **more: Any) -> Any:
+    """A field for a number > 0."""
+    return key(text, unit, scaled, low=0.0, low_allowed=False, **more)
+
+
+def not_negative(text: str, unit: str = "", scaled: str = "", **more: Any) -> Any:
+    """A field for a number ≥ 0."""
+    return key(text, unit, scaled, low=0.0, **more)
+
+
+def word(text: str, words: Collection[str], **more: Any) -> Any:
+    """A field for one of a few words."""
+    return key(text, kind=str, words=words, **more)
+
+
+class Table:
+    """Base of the classes of tables; `table` fills `KEYS`.
+
+    Attributes
+    ----------
+    KEYS
+        Keys that the table may hold.
+    UNITS
+        Units of scenes that may have the table; empty: as the keys say.
+    ALTERNATIVES
+        Groups of keys that give the same property.
+    """
+
+    KEYS: ClassVar[dict[str, Key]] = {}
+    UNITS: ClassVar[tuple[str, ...]] = ()
+    ALTERNATIVES: ClassVar[tuple[OneOf, ...]] = ()
+
+
+@dataclass_transform(frozen_default=True)
+def table(cls: type[Declared]) -> type[Declared]:
+    """Make a frozen dataclass of a table whose fields are declared by `key` and the like.
+
+    The refusal of an assignment names `Scene.replace`.
+    """
+
+    def refuse(self: object, name: str, value: object) -> None:
+        raise FrozenInstanceError(
+            f"cannot assign to {name}: a scene is frozen; its copy with another value is "
+            f'scene.replace({{"TABLE.{name}": {value!r}}})'
+        )
+
+    made: Any = dataclass(frozen=True)(cls)
+    made.__setattr__ = refuse
+    keys = {n: f.metadata["key"] for n, f in made.__dataclass_fields__.items() if f.metadata}
+    made.KEYS = {n: replace(spec, units=cls.UNITS or spec.units) for n, spec in keys.items()}
+    return made
+
+
+def class_of(tables: Any, values: Mapping[str, Any]) -> Any:
+    """The class of a table: of several, the one of its `kind`, which is the first unless given."""
+    if not isinstance(tables, Mapping):
+        return tables
+    kind = values.get("kind", next(iter(tables)))
+    return tables[kind] if is_word(kind, tables) else None
+
+
+def every_key(tables: Any) -> dict[str, Key]:
+    """Keys of a table's class, or of all classes by the table's `kind`."""
+    if not isinstance(tables, Mapping):
+        return tables.KEYS
+    merged = {"kind": Key("kind", kind=str, words=tables)}
+    for cls in tables.values():
+        merged = cls.KEYS | merged
+    return merged
+
+
+def computed(part: Any) -> list[str]:
+    """Names of the values of a table that others were given for."""
+    groups = (group.keys for group in part.ALTERNATIVES)
+    return [first for first, *others in groups if any(getattr(part, n) for n in others)]
+
+
+def check_value(where: str, value: Any, spec: Key, origin: str, units: str = SCALED) -> Any:
     """The value of one key, numbers as float or int.
 
     Raises SceneError if it is not what the key accepts.
     """
 
-    def refuse():
+    def refuse(reason=""):
         hint = nearest(value, spec.words) if isinstance(value, str) else ""
-        raise SceneError(f"{origin}: {where} = {shown(value)}: must be {spec.allowed()}{hint}")
+        raise SceneError(
+            f"{origin}: {where} = {shown(value)}: must be {spec.allowed(units)}{hint}{reason}"
+        ) from None
 
     if spec.element:
         few, many = spec.count
@@ -110,7 +257,7 @@ def check_value(where: str, value: Any, spec: Key, origin: str) -> Any:
             for index, part in enumerate(value)
         )
     if spec.kind is NAMED_VALUES:
-        return dict(value) if isinstance(value, dict) and _named_values(value) else refuse()
+        return NamedValues(value) if isinstance(value, dict) and _named_values(value) else refuse()
     if spec.words:
         return value if is_word(value, spec.words) else refuse()
     if spec.kind in _NOUNS:
@@ -121,9 +268,7 @@ def check_value(where: str, value: Any, spec: Key, origin: str) -> Any:
         try:
             value = number(value)
         except NotANumber as reason:
-            raise SceneError(
-                f"{origin}: {where} = {shown(value)}: must be {spec.allowed()}: {reason}"
-            ) from None
+            refuse(f": {reason}")
     if isinstance(value, bool) or not isinstance(value, (int, float)):
         refuse()
     if spec.kind is int and not isinstance(value, int):
@@ -132,19 +277,96 @@ def check_value(where: str, value: Any, spec: Key, origin: str) -> Any:
     if not value <= spec.high or too_low:
         refuse()
     if spec.kind is float and value != 0.0 and not SMALLEST <= abs(value) <= LARGEST:
-        raise SceneError(
-            f"{origin}: {where} = {shown(value)}: must be {spec.allowed()}, and of a size that "
-            f"can be computed with: {SMALLEST:g} to {LARGEST:g}"
-        )
+        refuse(f", and of a size that can be computed with: {SMALLEST:g} to {LARGEST:g}")
     if spec.likely and value and not spec.likely[0] <= abs(value) <= spec.likely[1]:
         least, most, factor, unit = spec.likely
         meant = value * factor
         reading = f"; {value:g} {unit} is {meant:g}" if least <= abs(meant) <= most else ""
         raise SceneError(
             f"{origin}: {where} = {shown(value)}: no part has such a size: {least:g} to "
-            f"{most:g}{reading}"
+            f"{most:g}{spec.unit and ' '}{spec.unit}{reading}"
         )
     return spec.kind(value)
+
+
+def check_table(where: str, values: dict[str, Any], tables: Any, units: str, origin: str) -> Any:
+    """A table of a scene from its values, each checked by its key.
+
+    `tables`: the table's class, or classes by the table's `kind`. Raises SceneError for an unknown,
+    missing or misplaced key, a wrong type or a value out of range.
+    """
+    prefix = f"{where}." if where else ""
+    keys = {}
+    if isinstance(tables, Mapping):
+        keys["kind"] = Key(kind=str, words=tables)
+        kind = values.get("kind", next(iter(tables)))
+        check_value(f"{prefix}kind", kind, keys["kind"], origin)
+    cls = class_of(tables, values)
+    keys |= cls.KEYS
+    checked = {}
+    for name, value in values.items():
+        if name not in keys:
+            fitting = [k for k, spec in keys.items() if units in spec.units and spec.written]
+            hint = nearest(name, fitting) or f"; there are {', '.join(fitting)}"
+            raise SceneError(f"{origin}: unknown key {prefix}{named(name)}{hint}")
+        spec = keys[name]
+        if units not in spec.units:
+            raise SceneError(
+                f'{origin}: {prefix}{name} belongs to scenes with units = "{spec.units[0]}", '
+                f'and this one has "{units}"'
+            )
+        checked[name] = check_value(f"{prefix}{name}", value, spec, origin, units)
+        if spec.element and spec.element.kind is dict:
+            checked[name] = tuple(
+                check_table(f"{prefix}{name}[{index}]", part, tables, units, origin)
+                for index, part in enumerate(checked[name])
+            )
+    for name, spec in keys.items():
+        if spec.required and units in spec.units and name not in checked:
+            raise SceneError(f"{origin}: {prefix}{name} is missing; it takes {spec.allowed(units)}")
+    for group in cls.ALTERNATIVES:
+        for fault in _faults(group, prefix, checked, cls.KEYS, units):
+            raise SceneError(f"{origin}: {fault}")
+    return cls(**checked)
+
+
+def _faults(group: OneOf, prefix: str, given: Collection, keys: Any, units: str) -> Iterator[str]:
+    """What is wrong with the alternatives that a table holds."""
+    fitting = [name for name in group.keys if units in keys[name].units]
+    present = [name for name in group.keys if name in given]
+    if len(present) > 1:
+        twice = " and ".join(prefix + name for name in present[:2])
+        yield f"{twice} say the same thing twice; take one out{group.hint}"
+    if group.required and not present:
+        first, *others = (prefix + name for name in fitting)
+        instead = f", or give {' or '.join(others)}" if others else ""
+        yield f"{first} is missing; it takes {keys[fitting[0]].allowed(units)}{instead}"
+    for name, needed in group.needs.items():
+        if name in given and not {*needed} & {*given}:
+            listed = f" or {prefix}".join(n for n in needed if units in keys[n].units)
+            other = [n for n in present if n != name]
+            but = f", and there is {prefix}{other[0]}: take one out" if other else ""
+            yield f"{prefix}{name} needs {prefix}{listed}{but}{group.hint}"
+
+
+class NamedValues(dict):
+    """A dictionary that cannot be changed; equal to any with the same names and values.
+
+    >>> {NamedValues(resistance=1e5): "a load"}[NamedValues({"resistance": 1e5})]
+    'a load'
+    """
+
+    def __hash__(self) -> int:  # type: ignore[override]
+        return hash(frozenset(self.items()))
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        return NamedValues, (dict(self),)
+
+    def _refuse(self, *_, **__):
+        raise TypeError("these values are fixed: make a changed copy, dict(values)")
+
+    __setitem__ = __delitem__ = __ior__ = _refuse
+    clear = pop = popitem = setdefault = update = _refuse
 
 
 def is_word(value: object, words: Collection[str]) -> bool:
@@ -153,10 +375,10 @@ def is_word(value: object, words: Collection[str]) -> bool:
     return isinstance(value, str) and value in words
 
 
-def _named_values(table):
+def _named_values(values):
     """Whether all values are numbers of a sane size, or texts; the load refuses others of them."""
     return all(
         isinstance(v, str)
         or (isinstance(v, (int, float)) and not isinstance(v, bool) and not abs(v) > LARGEST)
-        for v in table.values()
+        for v in values.values()
     )

@@ -7,12 +7,12 @@ that are left out follow it at once (`base_charge`); η = −μ a/l, so that κ 
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+import math
 from typing import Any, ClassVar, NamedTuple
 
 from harvester.base.errors import LoadError
 from harvester.device.dispatch import Values
-from harvester.device.keys import SCALED, SI, Key, names_replace, not_negative, positive
+from harvester.device.keys import SCALED, SI, OneOf, key, not_negative, positive, table
 from harvester.device.linear_transducer import LinearTransducer, TransducerRates
 from harvester.device.terminals import GROUND, Component, Network, Setting, TransducerTable
 
@@ -93,30 +93,42 @@ def piezo(
     return BaseForcedPiezo(*rates, float(base_share)) if base_share else Piezo(*rates)
 
 
-@names_replace
-@dataclass(frozen=True)
+@table
 class PiezoTable(TransducerTable):
     """A piezoelectric transducer.
 
-    SI: θ in N/V, the clamped capacitance in F, the resistance of its dielectric loss in Ω, the
-    charge that 1 m/s² of the base moves in C. Scaled: β, 1/(R_leak Cp) as `leakage_rate`, and what
-    a unit of the excitation adds to V at constant charge in s².
+    In SI `k2` may stand for `coupling`: θ is then computed from it.
     """
 
-    coupling: float
-    capacitance: Any = None
-    leakage_resistance: float | None = None
-    leakage_rate: float | None = None
-    base_charge: float = 0.0
+    coupling: float = not_negative(
+        "piezoelectric coupling: θ", "N/V", "β", usual=(1e-8, 1.0), drawn=True
+    )
+    capacitance: Any = positive(
+        "capacitance of the piezo: Cp, clamped", "F",
+        units=(SI,), required=True, likely=(1e-15, 10.0, 1e-9, "nF"), usual=(1e-13, 1e-3),
+        drawn=True,
+    )  # fmt: skip
+    leakage_resistance: float | None = positive(
+        "leakage resistance of the piezo: R_leak, its dielectric loss", "Ω", units=(SI,)
+    )
+    leakage_rate: float | None = not_negative(
+        "leakage rate", scaled="1/(R_leak Cp), 1/s", units=(SCALED,)
+    )
+    base_charge: float = key(
+        "charge that the base moves: Q, by 1 m/s²", "C s²/m", "Q/θ at μ = 1, s²",
+        default=0.0, rare=True, drawn=True,
+    )  # fmt: skip
+    k2: float | None = positive(
+        "electromechanical coupling k²: θ²/(K Cp), K at the stiffest rest position", "1",
+        units=(SI,), drawn=True,
+    )  # fmt: skip
 
-    KEYS: ClassVar[dict] = {
-        "coupling": not_negative(required=True),
-        "capacitance": positive(units=(SI,), required=True, likely=(1e-15, 10.0, 1e-9, "nF")),
-        "leakage_resistance": positive(units=(SI,)),
-        "leakage_rate": not_negative(units=(SCALED,)),
-        "base_charge": Key(),
-    }
+    ALTERNATIVES: ClassVar = (OneOf(("coupling", "k2")),)
     takes_voltage: ClassVar[bool] = True
+
+    def coupling_at(self, stiffness: float) -> float:
+        """The coupling (N/V) that `k2` is with the spring's stiffness at rest (N/m)."""
+        return math.sqrt(self.k2 * stiffness * self.capacitance) if self.k2 else self.coupling
 
     def voltage_unit(self, setting: Setting) -> float:
         """The scaled unit of voltage, θ l/Cp."""

@@ -11,6 +11,8 @@ from __future__ import annotations
 
 from typing import Any, ClassVar, NamedTuple
 
+from harvester.device.keys import Table
+
 # The terminal's voltage is measured against this node.
 GROUND = "0"
 # Name of the ammeter (0 V) between terminal and load. Its current leaves the transducer.
@@ -128,18 +130,15 @@ class Network(NamedTuple):
         return next(element.value for element in self.elements if element.name == name)
 
 
-class TransducerTable:
-    """Base of the tables: frozen dataclasses with a field for each key.
+class TransducerTable(Table):
+    """Base of the tables: classes by `harvester.device.keys.table`, with a field for each key.
 
     Attributes
     ----------
-    KEYS
-        The keys that the table may hold.
     takes_voltage
         Whether a run can start with `start.voltage`, because the state is a voltage.
     """
 
-    KEYS: ClassVar[dict] = {}
     takes_voltage: ClassVar[bool] = False
 
     def voltage_unit(self, setting: Setting) -> float:

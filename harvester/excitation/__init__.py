@@ -2,9 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from typing import Any
-
 from harvester.base.registry import Registry
 from harvester.excitation.base import Excitation
 from harvester.excitation.ornstein_uhlenbeck import OrnsteinUhlenbeck
@@ -30,12 +27,3 @@ KINDS: Registry[type[Excitation]] = Registry(
         "prescribed_displacement": PrescribedDisplacement,
     },
 )
-
-
-def build(
-    kind: str = "ornstein-uhlenbeck", parts: Sequence[dict[str, Any]] = (), **values: Any
-) -> Excitation:
-    """An excitation from the checked values of its table."""
-    if parts:
-        values["parts"] = tuple(build(**part) for part in parts)
-    return KINDS[kind](**values)

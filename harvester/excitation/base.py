@@ -4,39 +4,47 @@ from __future__ import annotations
 
 import math
 from abc import ABC, abstractmethod
-from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, ClassVar, NoReturn
+from typing import TYPE_CHECKING, Any, NoReturn
 
 import numpy as np
 
 from harvester.base.errors import SceneError
-from harvester.device.keys import names_replace
+from harvester.device.keys import Table, key, not_negative, positive, table, word
 
 if TYPE_CHECKING:
     from numpy.random.bit_generator import SeedSequence
 
 
-@names_replace
-@dataclass(frozen=True)
-class Run:
-    """Length of each realization and what is discarded before it (s); seed; how many.
+# Largest seed: numpy draws seeds of 128 bits.
+LARGEST_SEED = 2**128 - 1
 
-    With `starts` there are as many realizations, each from a start of its own, drawn evenly over
-    the device's energy range; without it they begin in the wells in turn. `orbit` is the one that
-    studies take their quantities from if starts reach different ones: "rest", "best" or "weighted"
-    by the starts (None: "rest").
+
+@table
+class Run(Table):
+    """Length and number of the realizations, and the seed.
+
+    With `starts` each realization has a start drawn evenly over the device's energy range; without
+    it they begin in the wells in turn.
     """
 
-    duration: float
-    settle: float = 0.0
-    seed: int = 0
-    realizations: int = 1
-    starts: int | None = None
-    orbit: str | None = None
+    duration: float = positive("duration: measured time of each; of a record: all of it", "s")
+    settle: float = not_negative("settling time: discarded before the duration", "s", default=0.0)
+    seed: int = key("seed of the random numbers", kind=int, low=0, high=LARGEST_SEED, default=0)
+    realizations: int = key("number of realizations", kind=int, low=1, high=1_000_000, default=1)
+    starts: int | None = key("number of drawn starts", kind=int, low=1, high=1_000_000)
+    orbit: str | None = word(
+        "orbit: whose quantities studies take if starts reach several; rest unless given",
+        ("rest", "best", "weighted"),
+    )
 
     def __post_init__(self) -> None:
         if self.starts is not None:
             object.__setattr__(self, "realizations", self.starts)
+
+
+def knots(usual: str) -> Any:
+    """A field for the spacing of the knots, by the spacing that is usual."""
+    return positive(f"spacing of the knots: {usual} unless given", "s")
 
 
 def realization_seed(seed: int, index: int) -> SeedSequence:
@@ -91,19 +99,13 @@ class ExcitationPath:
         samples[:] = self.read(samples.size)
 
 
-class Excitation(ABC):
+class Excitation(Table, ABC):
     """One kind of the right-hand side η of Eq. 4a, linear between equally spaced knots.
 
-    A kind is a frozen dataclass: its fields are the keys of the scene's table `[excitation]`,
-    in the scene's units. Accelerations there are divided by the length unit to give η.
-
-    Attributes
-    ----------
-    KEYS
-        The keys that the table may hold besides `kind`.
+    A kind is a class by `harvester.device.keys.table`: its fields are the keys of the scene's table
+    `[excitation]`, in the scene's units. Accelerations are divided by the length unit to give η.
     """
 
-    KEYS: ClassVar[dict] = {}
     kind: str
 
     @property
@@ -184,7 +186,7 @@ class Excitation(ABC):
         """Whether the displacement is given and nothing moves by forces."""
         return False
 
-    def check(self, units: str, run: Run, origin: str) -> None:  # noqa: B027
+    def check(self, units: str, run: Run, origin: str) -> None:
         """Refuse values that are valid one by one but not together, or not with this run.
 
         `origin` is the file's or the scene's name, for the message of the SceneError.

@@ -3,14 +3,13 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
 from typing import TYPE_CHECKING, ClassVar
 
 import numpy as np
 
 from harvester.base.errors import SceneError
-from harvester.device.keys import names_replace, positive
-from harvester.excitation.base import Excitation, ExcitationPath, Run
+from harvester.device.keys import OneOf, positive, table
+from harvester.excitation.base import Excitation, ExcitationPath, Run, knots
 from harvester.excitation.correlated_normals import NormalSequence
 
 if TYPE_CHECKING:
@@ -22,26 +21,26 @@ if TYPE_CHECKING:
 KNOTS_PER_CORRELATION_TIME = 8
 
 
-@names_replace
-@dataclass(frozen=True)
+@table
 class OrnsteinUhlenbeck(Excitation):
-    """Ornstein–Uhlenbeck base acceleration, Eq. 6.
+    """Ornstein–Uhlenbeck base acceleration, Eq. 6."""
 
-    `intensity` is D, m²/s³ in SI; `correlation_time` and `knot_spacing` in s.
-    `knot_spacing` left out: an eighth of τ1 or a fortieth of the device's period.
-    """
-
-    intensity: float
-    correlation_time: float
+    intensity: float = positive("noise intensity D: the variance is D/τ1", "m²/s³", "D")
+    correlation_time: float = positive(
+        "correlation time of the noise: τ1", "s", "τ1", required=True, usual=(1e-6, 10.0)
+    )
     kind: str = "ornstein-uhlenbeck"
-    knot_spacing: float | None = None
+    knot_spacing: float | None = knots("an eighth of τ1 or a fortieth of the device's period")
+    rms: float | None = positive(
+        "base acceleration, rms: √(D/τ1)", "m/s²", "of η", usual=(1e-4, 1e4)
+    )
 
+    ALTERNATIVES: ClassVar = (OneOf(("intensity", "rms")),)
     endless = True
-    KEYS: ClassVar[dict] = {
-        "intensity": positive(required=True),
-        "correlation_time": positive(required=True),
-        "knot_spacing": positive(),
-    }
+
+    def __post_init__(self) -> None:
+        if self.rms is not None:
+            object.__setattr__(self, "intensity", self.rms**2 * self.correlation_time)
 
     def spacing(self, longest: float) -> float:
         if self.knot_spacing is None:

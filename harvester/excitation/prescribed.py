@@ -4,40 +4,34 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import Any, ClassVar
+from typing import Any
 
 import numpy as np
 
-from harvester.device.keys import names_replace, positive
-from harvester.excitation.base import Excitation, ExcitationPath, Run
+from harvester.device.keys import positive, table
+from harvester.excitation.base import Excitation, ExcitationPath, Run, knots
 from harvester.excitation.sine import DETERMINISTIC_NOTE
 
 # Knots per cycle: so many resolve the switching of a rectifier, not only the sine.
 KNOTS_PER_CYCLE = 200
 
 
-@names_replace
-@dataclass(frozen=True)
+@table
 class PrescribedDisplacement(Excitation):
-    """X = amplitude · sin(2π frequency t), whatever the load does; `amplitude` in m in SI.
+    """X = amplitude · sin(2π frequency t), whatever the load does.
 
     η is then the force that moves a mass with neither spring nor damper so: what drives the piezo
     is the power put in. Closed forms of loads are stated for this motion.
     """
 
-    amplitude: float
-    frequency: float
+    amplitude: float = positive("amplitude: of the displacement", "m", "l", required=True)
+    frequency: float = positive("frequency", "Hz", required=True)
     kind: str = "prescribed_displacement"
-    knot_spacing: float | None = None
+    knot_spacing: float | None = knots("a two-hundredth of the period")
 
     prescribes_displacement = True
     symmetric = False
     random = False
-    KEYS: ClassVar[dict] = {
-        "amplitude": positive(required=True),
-        "frequency": positive(required=True),
-        "knot_spacing": positive(),
-    }
 
     @property
     def period(self) -> float | None:

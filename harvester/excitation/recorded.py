@@ -3,17 +3,17 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, field, replace
+from dataclasses import replace
 from functools import lru_cache
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
 from harvester.base import plain_text
 from harvester.base.errors import SceneError
 from harvester.base.plain_text import named
-from harvester.device.keys import Key, names_replace, not_negative, positive
+from harvester.device.keys import Key, key, not_negative, positive, table, word
 from harvester.excitation import conditioning
 from harvester.excitation.base import Excitation, ExcitationPath, Run, kernel_loss
 from harvester.records import samples
@@ -54,100 +54,66 @@ EVENT_STRETCHES, MOST_EVENTS = 256, 32.0
 SHORTEST_STRETCH, LONGEST_STRETCH = 128, 1024
 
 
-@names_replace
-@dataclass(frozen=True)
+@table
 class RecordedMotion(Excitation):
     """Base acceleration from a file (docs/excitations.md lists its kinds), linear between samples.
 
     η is minus the base acceleration, as it acts on the displacement relative to the base; in a
     scaled scene (`unit = "scaled"`) the column is η itself.
 
-    Attributes
-    ----------
-    file
-        Relative to the scene's folder in a scene file, else to the working folder.
-    unit
-        Unit of the column after scaling: a name in `UNITS`; left out where the column's heading
-        says it, with which it must agree.
-    column, time_column
-        Name or number from 0; left out where the headings
-        say it.
-    time_unit
-        Unit of the time column; left out where its heading says it.
-    sampling_rate
-        Hz; left out where the time column or the file itself says it.
-    start
-        S after the record's first sample: what is before is left out.
-    scale, offset
-        The acceleration in `unit` is scale · column + offset: volts or raw counts. Left
-        out: 1, 0.
-    full_scale
-        Value of full scale in a .wav file, in `unit`.
-    detrend : "mean" takes the constant part off, such as gravity; "none" or "linear".
-    band
-        Its two ends (Hz), see `conditioning.conditioned`.
-    mend
-        Faults to mend: see `samples.mended` and `time_base.time_base`.
-    repetition : "none": the run is one pass from the record's beginning. "periodic": the record's
-        ends are faded into each other over a twentieth of it, and each realization starts at an
-        offset of its own, drawn from the seed.
-    interpolation
-        Between samples: "linear", or "smooth": band-limited, `SMOOTH_KNOTS` knots for a
-        sample.
-    fade_in
-        Time (s) in which the acceleration rises from nothing, so that its first sample is no blow.
-    knot_spacing
-        S; closer than the samples: band-limited interpolation, rounded down to a whole
-        fraction.
-    sha256
-        SHA-256 of the file when the scene was made: each worker process reads the file for
-        itself, and refuses one that has changed.
+    `harvester.records` reads and mends the samples, `conditioning` filters them.
+    Of a periodic record the ends are faded into each other over a twentieth of it, and each
+    realization starts at an offset of its own, drawn from the seed. A worker process reads the file
+    for itself, and refuses one that has another digest.
     """
 
-    file: str
-    unit: str | None = None
-    column: str | int | None = None
-    time_column: str | int | None = None
-    time_unit: str | None = None
-    sampling_rate: float | None = None
-    start: float | None = None
-    scale: float | None = None
-    offset: float | None = None
-    full_scale: float = 1.0
-    detrend: str = "mean"
-    band: tuple | None = None
-    mend: tuple = ()
-    repetition: str = "none"
-    interpolation: str = "linear"
-    fade_in: float | None = None
+    file: str = key(
+        "file of the record: relative to the scene's folder, in Python to the working folder",
+        kind=str, required=True, file=True,
+    )  # fmt: skip
+    unit: str | None = word("unit of the column: after scaling; of its heading unless given", UNITS)
+    column: str | int | None = key("column: its title, or its number from 0", kind=(str, int))
+    time_column: str | int | None = key("time column: its title or number", kind=(str, int))
+    time_unit: str | None = word(
+        "unit of the time column: of its heading unless given", tuple(QUANTITIES["time"])
+    )
+    sampling_rate: float | None = positive("sampling rate: where the file does not say it", "Hz")
+    start: float | None = not_negative("start: time after the first sample; earlier ones go", "s")
+    scale: float | None = key("scale: the acceleration is scale · column + offset; 1 unless given")
+    offset: float | None = key("offset: 0 unless given, in the unit")
+    full_scale: float = positive("full scale: its value in a .wav file, in the unit", default=1.0)
+    detrend: str = word(
+        "detrend: takes off the mean, such as gravity, or a line", ("none", "mean", "linear"),
+        default="mean",
+    )  # fmt: skip
+    band: tuple | None = key(
+        "band: the ends of a filter without phase shift", "Hz", element=Key(low=0.0), count=(2, 2)
+    )
+    mend: tuple = key(
+        "mend: faults of the record that are mended", default=(),
+        element=Key(kind=str, words=samples.FAULTS), count=(0, 3),
+    )  # fmt: skip
+    repetition: str = word(
+        "repetition: one pass, or again and again", ("none", "periodic"), default="none"
+    )
+    interpolation: str = word(
+        "interpolation between samples: straight lines, or band-limited", ("linear", "smooth"),
+        default="linear",
+    )  # fmt: skip
+    fade_in: float | None = positive("fade-in: time in which the acceleration rises from 0", "s")
     kind: str = "record"
-    knot_spacing: float | None = None
-    sha256: str = field(init=False)
+    knot_spacing: float | None = positive(
+        "spacing of the knots: closer than the samples, band-limited, down to a whole fraction", "s"
+    )
+    sha256: str = key(
+        "SHA-256 of the file: another content is refused", kind=str, default="", written=False
+    )
 
     symmetric = False
-    KEYS: ClassVar[dict] = {
-        "file": Key(kind=str, required=True),
-        "unit": Key(kind=str, words=UNITS),
-        "column": Key(kind=(str, int)),
-        "time_column": Key(kind=(str, int)),
-        "time_unit": Key(kind=str, words=tuple(QUANTITIES["time"])),
-        "sampling_rate": positive(),
-        "start": not_negative(),
-        "scale": Key(),
-        "offset": Key(),
-        "full_scale": positive(),
-        "detrend": Key(kind=str, words=("none", "mean", "linear")),
-        "band": Key(element=not_negative(), count=(2, 2)),
-        "mend": Key(element=Key(kind=str, words=samples.FAULTS), count=(0, 3)),
-        "repetition": Key(kind=str, words=("none", "periodic")),
-        "interpolation": Key(kind=str, words=("linear", "smooth")),
-        "fade_in": positive(),
-        "knot_spacing": positive(),
-    }
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "file", str(Path(self.file).absolute()))
-        object.__setattr__(self, "sha256", read_content(self.file)[1])
+        object.__setattr__(self, "sha256", self.sha256 or read_content(self.file)[1])
 
     @property
     def interval(self) -> float:

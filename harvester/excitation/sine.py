@@ -4,13 +4,12 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
-from typing import Any, ClassVar
+from typing import Any
 
 import numpy as np
 
-from harvester.device.keys import Key, names_replace, not_negative, positive
-from harvester.excitation.base import Excitation, ExcitationPath, Run
+from harvester.device.keys import key, not_negative, positive, table
+from harvester.excitation.base import Excitation, ExcitationPath, Run, knots
 
 KNOTS_PER_PERIOD = 40
 # Straight lines through fewer points per period do not resemble a sine.
@@ -41,29 +40,19 @@ class Harmonic(Excitation):
         )
 
 
-@names_replace
-@dataclass(frozen=True)
+@table
 class Sine(Harmonic):
     """η = amplitude · sin(2π frequency t + phase).
 
-    `amplitude` in m/s² in SI; `frequency` in Hz; `phase` in rad. `knot_spacing` (s) left out:
-    a whole fraction of the period, at most its fortieth and a fortieth of the device's.
     Between knots η is linear; its knots are raised by 1/sinc²(ω spacing/2), so that the
     component at the frequency itself has the amplitude asked for.
     """
 
-    amplitude: float
-    frequency: float
-    phase: float = 0.0
+    amplitude: float = not_negative("amplitude", "m/s²", "η", required=True)
+    frequency: float = positive("frequency", "Hz", required=True)
+    phase: float = key("phase: at the beginning", "rad", default=0.0)
     kind: str = "sine"
-    knot_spacing: float | None = None
-
-    KEYS: ClassVar[dict] = {
-        "amplitude": not_negative(required=True),
-        "frequency": positive(required=True),
-        "phase": Key(),
-        "knot_spacing": positive(),
-    }
+    knot_spacing: float | None = knots("a fortieth of the period, or of the device's")
 
     @property
     def lines(self) -> tuple[tuple[float, float], ...]:
@@ -90,8 +79,7 @@ class Sine(Harmonic):
         return (DETERMINISTIC_NOTE,)
 
 
-@names_replace
-@dataclass(frozen=True)
+@table
 class SteppedSine(Harmonic):
     """One frequency after another without a jump in phase, for frequency responses.
 

@@ -4,14 +4,14 @@ from __future__ import annotations
 
 import itertools
 import math
-from dataclasses import dataclass
 from typing import TYPE_CHECKING, ClassVar
 
 import numpy as np
 
 from harvester.base.errors import SceneError
-from harvester.device.keys import Key, names_replace, positive
-from harvester.excitation.base import Excitation, ExcitationPath, Run
+from harvester.device.keys import POSITIVE, Key, OneOf, key, positive, table, word
+from harvester.excitation.base import Excitation, ExcitationPath, Run, knots
+from harvester.excitation.profiles import PROFILES
 from harvester.excitation.shaped import (
     ShapedPath,
     density_between,
@@ -41,50 +41,39 @@ NOTED_LOSS = 0.01
 PERIODS_PER_BURST = 20.0
 
 
-@names_replace
-@dataclass(frozen=True)
+@table
 class Spectrum(Excitation):
     """Stationary vibration of a given one-sided density, straight between breakpoints on log axes.
 
-    Attributes
-    ----------
-    breakpoints
-        Frequency (Hz, ascending) and density of each; nothing lies beyond the first and
-        the last. In a scene also the name of a CSV file with two columns; or `profile`, a name in
-        `harvester.excitation.profiles`, stands in place of these, the unit and the source.
-    unit
-        Unit of the densities: a name in `UNITS`.
-    kurtosis
-        3 is Gaussian. Above, the Gaussian path is multiplied by factors exp(σ z − σ²) that
-        change from one burst to the next; see `harvester.excitation.shaped.Bursts`.
-    burst_time
-        S; left out, 20 periods of the lowest frequency.
-    source
-        The publication that the values come from; results quote it.
-    knot_spacing
-        S; left out, a twelfth of the highest frequency's period; for a slower device a
-        fortieth of its own period, at most a quarter of the highest frequency's.
+    Nothing lies beyond the first and the last breakpoint. With a kurtosis above 3 the Gaussian path
+    is multiplied by factors exp(σ z − σ²) that change from one burst to the next; see
+    `harvester.excitation.shaped.Bursts`.
     """
 
-    breakpoints: tuple
-    unit: str | None = None
-    kurtosis: float = 3.0
-    burst_time: float | None = None
-    source: str = ""
+    breakpoints: tuple = key(
+        "breakpoints: frequency (Hz, ascending) and density of each, or a file of two columns",
+        element=Key(element=POSITIVE, count=(2, 2)), count=(2, 10000), file=True,
+    )  # fmt: skip
+    unit: str | None = word("unit of the densities", tuple(UNITS))
+    kurtosis: float = key(
+        "kurtosis: 3 is Gaussian, above are bursts", low=3.0, high=30.0, default=3.0
+    )
+    burst_time: float | None = positive(
+        "duration of a burst: 20 periods of the lowest frequency unless given", "s"
+    )
+    source: str = key(
+        "source: the publication of the values, quoted by results", kind=str, default=""
+    )
     kind: str = "spectrum"
-    knot_spacing: float | None = None
+    knot_spacing: float | None = knots(
+        "a twelfth of the highest frequency's period; for a slower device a fortieth of its own"
+    )
+    profile: str | None = word(
+        "named spectrum: written out as breakpoints, unit and source", PROFILES
+    )
 
     endless = True
-    KEYS: ClassVar[dict] = {
-        "breakpoints": Key(
-            element=Key(element=positive(), count=(2, 2)), count=(2, 10000), required=True
-        ),
-        "unit": Key(kind=str, words=tuple(UNITS)),
-        "kurtosis": Key(low=3.0, high=30.0),
-        "burst_time": positive(),
-        "source": Key(kind=str),
-        "knot_spacing": positive(),
-    }
+    ALTERNATIVES: ClassVar = (OneOf(("breakpoints", "profile")),)
 
     @property
     def points(self) -> tuple[tuple[float, float], ...]:

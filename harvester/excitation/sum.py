@@ -5,15 +5,15 @@ from __future__ import annotations
 import cmath
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from fractions import Fraction
-from typing import TYPE_CHECKING, Any, ClassVar
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from harvester.base.errors import SceneError
-from harvester.device.keys import Key, names_replace, positive
-from harvester.excitation.base import Excitation, ExcitationPath, Run, child_seed
+from harvester.device.keys import Key, key, table
+from harvester.excitation.base import Excitation, ExcitationPath, Run, child_seed, knots
 from harvester.excitation.sine import DETERMINISTIC_NOTE, Sine
 from harvester.records.formats import most_samples
 
@@ -38,23 +38,19 @@ def common_period(periods: Sequence[float]) -> float | None:
     return first * upper / math.gcd(*(ratio.denominator for ratio in ratios))
 
 
-@names_replace
-@dataclass(frozen=True)
+@table
 class Sum(Excitation):
     """Several excitations at once, each with random numbers of its own.
 
-    `parts` holds tables like `[excitation]` itself. Knots are as close as the part with the
-    closest asks for, or `knot_spacing` (s) apart; white noise is as wide as the common knots.
+    White noise is as wide as the common knots.
     """
 
-    parts: tuple
+    parts: tuple = key(
+        "parts: tables like [excitation] itself",
+        element=Key(kind=dict), count=(1, 100), required=True,
+    )  # fmt: skip
     kind: str = "sum"
-    knot_spacing: float | None = None
-
-    KEYS: ClassVar[dict] = {
-        "parts": Key(element=Key(kind=dict), count=(1, 100), required=True),
-        "knot_spacing": positive(),
-    }
+    knot_spacing: float | None = knots("as close as any part asks for")
 
     @property
     def kept_samples(self) -> int:

@@ -3,44 +3,34 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
-from typing import Any, ClassVar
+from typing import Any
 
 import numpy as np
 
 from harvester.base.errors import SceneError
-from harvester.device.keys import names_replace, not_negative, positive
-from harvester.excitation.base import ExcitationPath, Run
+from harvester.device.keys import not_negative, positive, table
+from harvester.excitation.base import ExcitationPath, Run, knots
 from harvester.excitation.sine import FEWEST_KNOTS_PER_PERIOD, KNOTS_PER_PERIOD, Harmonic
 
 # The choice of the step examines the resonance at so many frequencies of the sweep.
 LINES = 24
 
 
-@names_replace
-@dataclass(frozen=True)
+@table
 class SweptSine(Harmonic):
     """η = amplitude · sin(φ), φ' = 2π f, f from `frequency` to `end_frequency` and back, again.
 
-    `amplitude` in m/s² in SI; frequencies in Hz; `octaves_per_minute` as in standards. Between
-    knots η is linear, and they are raised as those of `Sine`.
+    Between knots η is linear, and they are raised as those of `Sine`.
     """
 
-    amplitude: float
-    frequency: float
-    end_frequency: float
-    octaves_per_minute: float = 1.0
+    amplitude: float = not_negative("amplitude", "m/s²", "η", required=True)
+    frequency: float = positive("frequency: where the sweep begins", "Hz", required=True)
+    end_frequency: float = positive("end frequency: where it turns back", "Hz", required=True)
+    octaves_per_minute: float = positive("octaves per minute", "1/min", default=1.0)
     kind: str = "swept-sine"
-    knot_spacing: float | None = None
+    knot_spacing: float | None = knots("a fortieth of the shortest period, or of the device's")
 
     drifts = True
-    KEYS: ClassVar[dict] = {
-        "amplitude": not_negative(required=True),
-        "frequency": positive(required=True),
-        "end_frequency": positive(required=True),
-        "octaves_per_minute": positive(),
-        "knot_spacing": positive(),
-    }
 
     @property
     def lines(self) -> tuple[tuple[float, float], ...]:

@@ -3,22 +3,20 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
-from typing import TYPE_CHECKING, ClassVar
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from harvester.base.errors import SceneError
-from harvester.device.keys import names_replace, positive
-from harvester.excitation.base import Excitation, ExcitationPath, Run, kernel_loss
+from harvester.device.keys import positive, table
+from harvester.excitation.base import Excitation, ExcitationPath, Run, kernel_loss, knots
 from harvester.excitation.correlated_normals import NormalSequence
 
 if TYPE_CHECKING:
     from numpy.random.bit_generator import SeedSequence
 
 
-@names_replace
-@dataclass(frozen=True)
+@table
 class White(Excitation):
     """White base acceleration of two-sided density D/π, up to the knots' own band.
 
@@ -26,16 +24,14 @@ class White(Excitation):
     give the density D/π · sinc⁴(ω spacing/2): D/π at low frequency, half of it at 0.32/spacing
     hertz, and an autocorrelation of area 2 D.
 
-    `intensity` is D, m²/s³ in SI; `knot_spacing` (s) left out: a fortieth of the device's
-    period, where 0.4 % of the density is lost.
+    With `knot_spacing` left out, 0.4 % of the density is lost at the device's frequency.
     """
 
-    intensity: float
+    intensity: float = positive("noise intensity D: density D/π", "m²/s³", "D", required=True)
     kind: str = "white"
-    knot_spacing: float | None = None
+    knot_spacing: float | None = knots("a fortieth of the device's period")
 
     endless = True
-    KEYS: ClassVar[dict] = {"intensity": positive(required=True), "knot_spacing": positive()}
 
     def spacing(self, longest: float) -> float:
         if self.knot_spacing is not None:

@@ -17,8 +17,8 @@ from harvester.identification.fitting import responses_of
 from harvester.identification.intervals import HALF_INTERVAL, interval
 from harvester.identification.proof import ResponseStretch, sensor_noise
 from harvester.identification.response import FINE_STEPS
-from harvester.identification.scene_file import scene_text
 from harvester.identification.unknowns import BASE_FACTOR
+from harvester.scene.text import scene_text
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure

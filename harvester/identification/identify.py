@@ -100,6 +100,7 @@ def identify(
     IdentificationError
         The records do not determine the values asked for.
     """
+    from harvester.device.keys import computed
     from harvester.identification import checks
     from harvester.identification.candidates import Candidate, candidates
     from harvester.identification.consistency import misfits, worst
@@ -120,9 +121,11 @@ def identify(
     clock = time.perf_counter()
     # Records determine the lumped values, not the drawing's dimensions: the drawing is left out.
     scene = scene.without_drawing()
-    # Nor do they determine a frequency and a damping ratio in place of stiffness and damping.
-    lumped = {f"oscillator.{k}": getattr(scene.oscillator, k) for k in scene.oscillator.computed}
-    scene = scene.replace(lumped)
+    # Nor do they determine a frequency, a damping ratio or k² in place of what follows from them.
+    tables = ("oscillator", scene.oscillator), (scene.transducer_name, scene.transducer)
+    scene = scene.replace(
+        {f"{name}.{key}": getattr(part, key) for name, part in tables for key in computed(part)}
+    )
     follow = progress or (lambda share, text: None)
     measurements = _measurements(scene, records)
     analysed, begun = None, scene

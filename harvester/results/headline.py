@@ -6,7 +6,7 @@ from pathlib import PurePath
 from typing import TYPE_CHECKING, Any
 
 from harvester.base.formatting import quantity, with_error
-from harvester.base.symbols import key_words
+from harvester.scene.tables import key_words
 
 if TYPE_CHECKING:
     from harvester.scene.model import Scene

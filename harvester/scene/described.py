@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 from harvester.base.formatting import quantity
 from harvester.device import timescales
 from harvester.scene.prepared import prepared
+from harvester.scene.tables import key_words
 from harvester.scene.units import rest_stiffness
 
 if TYPE_CHECKING:
@@ -62,7 +63,6 @@ def _wells(scene):
 
 def scene_rows(scene: Scene) -> list[tuple[str, str]]:
     """Every key with its value, as text, for a table; with its unit where that is known."""
-    from harvester.base.symbols import key_words
 
     rows = []
     for table, values in scene.to_tables().items():

@@ -7,17 +7,15 @@ from typing import Any
 from harvester.base.errors import SceneError
 from harvester.device.beam.lumped import Beam, lumped
 from harvester.device.beam.magnets import Magnets, spring_points
-from harvester.device.keys import SI
-from harvester.scene.schema import OTHER_KEYS, check_table
+from harvester.device.keys import SI, check_table
+from harvester.device.piezo import PiezoTable
+from harvester.scene.tables import Oscillator
 
-# Keys that follow from the drawing. A scene with [beam] may not hold them.
+# The tables that a drawing gives. A scene with [beam] may not hold their `drawn` keys.
 DRAWN = {
-    "oscillator": (
-        "mass", "damping", "quality_factor", "damping_ratio", "base_factor", "linear_stiffness",
-        "frequency", "cubic_stiffness", "restoring_force", "force_table", "force_interpolation",
-    ),
-    "piezo": ("coupling", "capacitance", "base_charge"),
-}  # fmt: skip
+    name: [key for key, spec in cls.KEYS.items() if spec.drawn]
+    for name, cls in (("oscillator", Oscillator), ("piezo", PiezoTable))
+}
 
 
 def with_drawing(tables: dict[str, Any], origin: str) -> dict[str, Any]:
@@ -32,14 +30,14 @@ def with_drawing(tables: dict[str, Any], origin: str) -> dict[str, Any]:
         return tables
     if tables.get("units") != SI:
         raise SceneError(f'{origin}: [beam] is a drawing in metres and needs units = "SI"')
-    beam = Beam(**_checked("beam", tables, origin))
+    beam = _checked("beam", Beam, tables, origin)
     values = lumped(beam, origin)
     extra = {name: _beside(name, tables, origin) for name in DRAWN}
     oscillator: dict[str, Any] = {
         "mass": values.mass, "damping": values.damping, "base_factor": values.base_factor,
     }  # fmt: skip
     if "magnets" in tables:
-        magnets = Magnets(**_checked("magnets", tables, origin))
+        magnets = _checked("magnets", Magnets, tables, origin)
         points = spring_points(magnets, beam, origin)
         oscillator |= {"force_table": points, "force_interpolation": "smooth"}
     else:
@@ -55,11 +53,21 @@ def with_drawing(tables: dict[str, Any], origin: str) -> dict[str, Any]:
     }
 
 
-def _checked(name, tables, origin):
+def without_drawn(tables: dict[str, Any]) -> dict[str, Any]:
+    """A scene's tables without the keys that its drawing gives."""
+    left = {
+        name: {key: value for key, value in tables[name].items() if key not in keys}
+        for name, keys in DRAWN.items()
+    }
+    others = {name: content for name, content in tables.items() if name not in DRAWN}
+    return others | {name: content for name, content in left.items() if content}
+
+
+def _checked(name, cls, tables, origin):
     """The table of a drawing with its keys checked."""
     if not isinstance(tables[name], dict):
         raise SceneError(f"{origin}: {name} must be a table")
-    return check_table(name, tables[name], OTHER_KEYS[name], SI, origin)
+    return check_table(name, tables[name], cls, SI, origin)
 
 
 def _beside(name, tables, origin):

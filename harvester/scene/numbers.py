@@ -6,9 +6,9 @@ from typing import TYPE_CHECKING, Any
 
 from harvester.base.errors import HarvesterError
 from harvester.base.plain_text import named, nearest
-from harvester.device.keys import Key
-from harvester.excitation import KINDS
-from harvester.scene.schema import OTHER_KEYS, table_keys
+from harvester.device.beam.lumped import Beam
+from harvester.device.keys import NUMBER, Key, class_of
+from harvester.scene.tables import Oscillator, all_tables
 
 if TYPE_CHECKING:
     from harvester.scene.model import Scene
@@ -26,20 +26,20 @@ def numbers(scene: Scene) -> dict[str, Any]:
     """
     tables = scene.to_tables()
     values: dict[str, Any] = {}
-    for name, keys in {**table_keys(), "excitation": scene.excitation.KEYS}.items():
+    for name, classes in all_tables().items():
         if name != "run":
-            _collect(values, name, tables.get(name, {}), lambda _, keys=keys: keys)
+            _collect(values, name, tables.get(name, {}), classes)
     # Every scene without a drawing has this key. It is left out where it is 1.
     if scene.beam:
         for name, value in scene.beam.default_values().items():
-            values.setdefault(f"beam.{name}", (value, OTHER_KEYS["beam"][name]))
+            values.setdefault(f"beam.{name}", (value, Beam.KEYS[name]))
     else:
-        factor = scene.oscillator.base_factor, OTHER_KEYS["oscillator"]["base_factor"]
+        factor = scene.oscillator.base_factor, Oscillator.KEYS["base_factor"]
         values.setdefault("oscillator.base_factor", factor)
     circuit = scene.load.circuit
     if circuit:
         for name, value in {**dict(circuit.defaults), **dict(circuit.parameters)}.items():
-            values[f"load.parameters.{name}"] = value, Key()
+            values[f"load.parameters.{name}"] = value, NUMBER
     return values
 
 
@@ -57,25 +57,20 @@ def number(scene: Scene, key: str, option: str) -> tuple[float, Key]:
     return available[key]
 
 
-def _collect(collected, name, values, keys_of):
-    """Add what a table, or each of several, holds; `keys_of` gives the keys of one."""
+def _collect(collected, name, values, classes):
+    """Add what a table, or each of several, holds."""
     if isinstance(values, (list, tuple)):
         for index, table in enumerate(values):
-            _collect(collected, f"{name}[{index}]", table, keys_of)
+            _collect(collected, f"{name}[{index}]", table, classes)
         return
-    for key, spec in keys_of(values).items():
+    for key, spec in class_of(classes, values).KEYS.items():
         if key not in values or key in NOT_VARIED:
             continue
         if spec.element and spec.element.kind is dict:
-            _collect(collected, f"{name}.{key}", values[key], lambda part: KINDS[part["kind"]].KEYS)
-        elif (
-            spec.element
-            and spec.element.kind is float
-            and not spec.element.element
-            and name == "oscillator"
-        ):
+            _collect(collected, f"{name}.{key}", values[key], classes)
+        elif spec.element == NUMBER and name == "oscillator":
             collected |= {
                 f"{name}.{key}[{n}]": (value, spec.element) for n, value in enumerate(values[key])
             }
-        elif spec.kind is float and not spec.words and not spec.element:
+        elif spec.is_number:
             collected[f"{name}.{key}"] = values[key], spec

@@ -11,8 +11,9 @@ from typing import Any
 
 from harvester.base.errors import SceneError
 from harvester.base.plain_text import named, nearest, shown
+from harvester.device.keys import NAMED_VALUES, class_of
 from harvester.excitation import KINDS
-from harvester.scene.schema import NESTED_TABLES, REPLACED_KEYS, SEVERAL, table_keys
+from harvester.scene.tables import SEVERAL, all_tables, key_named
 from harvester.scene.toml import NotToml, read_toml
 
 # A table's name, with an index in brackets if there are several.
@@ -90,7 +91,8 @@ def put(tables: dict[str, Any], dotted: str, value: Any, origin: str) -> None:
         raise SceneError(f"{origin} {shown(dotted)}: a key is a text, table.key")
     where = f"{origin} {named(dotted)}"
     *path, last = dotted.split(".")
-    if len(path) > 1 and ".".join(path) not in NESTED_TABLES and "[" not in dotted:
+    nested = key_named(".".join(path)).kind is NAMED_VALUES
+    if len(path) > 1 and not nested and "[" not in dotted:
         raise SceneError(f"{where}: too many dots; write it as table.key=value")
     table = tables
     for part in path:
@@ -100,8 +102,14 @@ def put(tables: dict[str, Any], dotted: str, value: Any, origin: str) -> None:
         # The keys that the new kind does not have go.
         for key in {*table} - {"kind", *KINDS[value].KEYS}:
             del table[key]
-    for other in REPLACED_KEYS.get(dotted, ()) if value is not None else ():
-        table.pop(other, None)
+    if value is not None and len(path) == 1:
+        # Another key for the same property, or a digest of another file.
+        cls = class_of(all_tables()[path[0]], table) if path[0] in all_tables() else None
+        groups = getattr(cls, "ALTERNATIVES", ())
+        for other in set().union(*(group.replaced_by(last) for group in groups)):
+            table.pop(other, None)
+    if last == "file":
+        table.pop("sha256", None)
     match = PLACED.fullmatch(last)
     name, index = (match[1], int(match[2])) if match else (last, 0)
     values = table.get(name)
@@ -141,7 +149,7 @@ def _table(tables, part, where):
             f"{where}: {named(part)} is several tables, {_listed(part, len(value))}; say which"
         )
     if not isinstance(value, dict):
-        raise SceneError(f"{where}: {named(part)} is not a table{nearest(part, table_keys())}")
+        raise SceneError(f"{where}: {named(part)} is not a table{nearest(part, all_tables())}")
     return value
 
 

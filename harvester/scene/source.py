@@ -10,9 +10,15 @@ from typing import Any
 from harvester.base.errors import SceneError
 from harvester.base.plain_text import named, nearest, shown
 from harvester.base.reading import read_input
+from harvester.device.keys import every_key
 from harvester.scene.overrides import parsed, put, texts
+from harvester.scene.tables import all_tables
 from harvester.scene.toml import LARGEST_SCENE, read_toml
 
+# Keys that may name a file.
+FILES = {
+    name for cls in all_tables().values() for name, spec in every_key(cls).items() if spec.file
+}
 BUILT_IN = Path(__file__).parent / "scenes"
 
 
@@ -45,7 +51,7 @@ def _locate_files(table, folder):
     """Make the files that a scene names relative to its own folder; faults are left alone."""
     if not isinstance(table, dict):
         return
-    for key in ("file", "force_table", "breakpoints"):
+    for key in FILES:
         if isinstance(table.get(key), str):
             table[key] = str(folder / table[key])
     parts = table.get("parts")

@@ -11,12 +11,12 @@ from typing import Any
 from harvester.base.arguments import listed, table
 from harvester.base.errors import HarvesterError, SceneError
 from harvester.base.plain_text import name, nearest, shown
-from harvester.excitation import KINDS
+from harvester.device.keys import every_key
 from harvester.scene.model import Scene
 from harvester.scene.numbers import numbers
 from harvester.scene.prepared import prepared
-from harvester.scene.schema import table_keys
 from harvester.scene.steps import knot_spacing
+from harvester.scene.tables import all_tables
 
 # Either key names the load's resistor, be it the built-in one or a netlist's parameter.
 RESISTANCES = ("load.parameters.resistance", "load.resistance")
@@ -159,11 +159,8 @@ def _check_sweep(scene, key, values, any_key):
 
 def _every_key():
     """All keys that a scene may hold, whatever its tables."""
-    kinds = {
-        "excitation.kind",
-        *(f"excitation.{key}" for kind in KINDS.values() for key in kind.KEYS),
-    }
-    return kinds | {f"{table}.{key}" for table, keys in table_keys().items() for key in keys or ()}
+    tables = all_tables().items()
+    return {f"{name}.{key}" for name, classes in tables for key in every_key(classes)}
 
 
 def _at(scene, values):

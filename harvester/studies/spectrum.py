@@ -55,13 +55,11 @@ def of_record(
     breakpoints: int,
 ) -> SpectrumAnalysis:
     """Analysis of a record, read with these keys of a scene's [excitation]."""
+    from harvester.device.keys import check_table
     from harvester.excitation.recorded import RecordedMotion, one_pass
-    from harvester.scene.schema import check_table
 
     keys = {"file": file} | {key: value for key, value in keys.items() if value is not None}
-    record = RecordedMotion(
-        **check_table("excitation", keys, RecordedMotion.KEYS, "SI", plain_text.named(file))
-    )
+    record = check_table("excitation", keys, RecordedMotion, "SI", plain_text.named(file))
     values, interval, _ = one_pass(record)
     values = values - values.mean()
     units = "scaled" if record.unit == "scaled" else "SI"

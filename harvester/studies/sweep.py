@@ -15,13 +15,13 @@ from harvester.base.errors import HarvesterError
 from harvester.base.formatting import is_share, number, prefixed, with_error
 from harvester.base.plain_text import json_text
 from harvester.base.serialising import plain
-from harvester.base.symbols import key_column, key_label
 from harvester.base.tables import Tabular, require_xarray
 from harvester.engines.request import COMPLETE, OUT_OF_TIME, told
 from harvester.results.orbit import Attractor
 from harvester.results.palette import CIRCUIT, LINES, MONTE_CARLO, styles
 from harvester.results.panels import Panel, Series, draw_panels, is_wide
 from harvester.scene.model import Scene
+from harvester.scene.tables import key_column, key_label
 from harvester.statistics.estimate import Estimate
 from harvester.statistics.units import unit_of
 

@@ -17,7 +17,7 @@ from harvester.engines.simulate import simulate
 from harvester.scene.model import Scene
 from harvester.scene.paths import noise_path
 from harvester.scene.prepared import prepared
-from harvester.scene.schema import TRANSDUCERS
+from harvester.scene.tables import TRANSDUCERS
 
 MASS, DAMPING, STIFFNESS = 0.02, 0.05, 120.0
 THETA, CAPACITANCE, ELECTRODE, LOAD, INTENSITY = 8e-4, 4e-8, 1.5e5, 3e5, 0.4

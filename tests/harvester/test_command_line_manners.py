@@ -151,6 +151,7 @@ def test_bash_completes_commands_scenes_and_options(capsys):
     assert main(["completion", "bash"]) == 0
     script = capsys.readouterr().out
     assert set(completed(script, "harvester s")) == {
+        "schema",
         "schematic",
         "sensitivity",
         "simulate",

@@ -7,7 +7,8 @@ import pickle
 import numpy as np
 import pytest
 
-from harvester.scene.model import NamedValues, Scene
+from harvester.device.keys import NamedValues
+from harvester.scene.model import Scene
 
 ONE = '{{side = "{}", gap = {}, stiffness = 10.0, restitution = 0.7}}'
 VARIED = [

@@ -4,6 +4,7 @@ import io
 import math
 import re
 import sys
+from pathlib import Path
 
 import pytest
 
@@ -78,9 +79,9 @@ def test_what_is_there_stays_and_mistakes_are_one_line(
 
 
 def test_answers_take_the_place_of_values_and_the_others_stay(answers, capsys):
-    # Scene at the second try, mass, damping and capacitance kept, a coupling after three that are
+    # Scene at the second try, mass, damping kept, a coupling after three that are
     # none; input ends.
-    answers("asymetric\nasymmetric\n30 g\n\n\nmuch\n-1\ncoupling=-1\n4e-4\n")
+    answers("asymetric\nasymmetric\n30 g\n\nmuch\n-1\ncoupling=-1\n4e-4\n")
     assert main(["new", "beam.toml"]) == 0
     changes = {"oscillator.mass": 0.03, "piezo.coupling": 4e-4}
     expected = Scene.read("asymmetric").replace(changes)
@@ -92,7 +93,7 @@ def test_answers_take_the_place_of_values_and_the_others_stay(answers, capsys):
     assert "piezo.coupling = -1.0: must be" in asked
     with open("beam.toml", encoding="utf-8") as file:
         text = file.read()
-    assert re.search(r"^mass = 0.03 +# kg$", text, re.MULTILINE)
+    assert re.search(r"^mass = 0.03 +# kg  mass$", text, re.MULTILINE)
     for other_device in ("Norenberg", "STONEHENGE", "0.022", "√(χ κ Cp", "126.9"):
         assert other_device not in text
 
@@ -103,14 +104,14 @@ def test_what_is_asked_for_is_found_in_the_scene_it_belongs_to(name, answers, ca
     assert main(["new", "mine.toml"]) == 0
     assert Scene.read("mine.toml").digest() == Scene.read(name).digest()
     asked = capsys.readouterr().err.split("]: ")[1:]
-    questions = [each.words for each in new.QUESTIONS]
-    assert all(any(words in each for words in questions) for each in asked if "[" in each)
-    assert len(asked) >= 4
+    questions = [question.words for question in new.questions(Scene.read(name))]
+    assert all(any(words in text for words in questions) for text in asked if "[" in text)
+    assert len(questions) >= 4
 
 
 def test_no_answer_is_taken_for_another_question(answers, capsys):
     """Mass, frequency, Q, capacitance and k² as makers know them; 42 and 46 Hz are no coupling."""
-    answers("cantilever\n14 g\n120\n25\n1\n60n\n42\n46 Hz\nk2=0.2\n200k\n\n0.5 g\n")
+    answers("cantilever\n14 g\n25\n120\n1\n42\n46 Hz\nk2=0.2\n60n\n200k\n\n0.5 g\n")
     assert main(["new", "mine.toml"]) == 0
     said = capsys.readouterr().err
     assert "'42': such devices have" in said
@@ -123,6 +124,14 @@ def test_no_answer_is_taken_for_another_question(answers, capsys):
     assert scene.oscillator.base_factor == 1.0
     assert scene.load.resistance == 200e3
     assert scene.excitation.intensity == pytest.approx((0.5 * 9.80665) ** 2 * 2e-3)
+    # The scene keeps the keys that were answered.
+    assert scene.transducer.k2 == 0.2
+    assert scene.excitation.rms == pytest.approx(0.5 * 9.80665)
+    heavier = scene.replace({"oscillator.mass": 0.028})
+    assert heavier.transducer.coupling == pytest.approx(math.sqrt(0.2 * 2 * stiffness * 60e-9))
+    text = Path("mine.toml").read_text("utf-8")
+    assert "k2 = 0.2" in text
+    assert "\ncoupling" not in text
     assert "120 Hz at rest" in said
     assert "Q = 25" in said
     assert f"matched load about {1e-3 / (2 * math.pi * 120 * 60e-9):.1f} kΩ" in said

@@ -438,8 +438,8 @@ FAULTS = [
     Fault(
         "store: the key does not tell seeds apart",
         "harvester/scene/model.py",
-        'lambda field: field.name != "file")',
-        'lambda field: field.name not in ("file", "seed"))',
+        'without=("circuit", "file"))',
+        'without=("circuit", "file", "seed"))',
         KEY,
     ),
     Fault(

@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 from measured_records import band_noise, measured, scene_of
 
-from harvester.identification.scene_file import scene_text
+from harvester.scene.text import scene_text
 
 RATE, SAMPLES = 1000.0, 1200
 MASS, DAMPING, LOAD = 0.01, 0.03, 2e5

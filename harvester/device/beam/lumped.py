@@ -7,13 +7,12 @@ from __future__ import annotations
 
 import functools
 import math
-from dataclasses import dataclass
-from typing import Any, ClassVar, NamedTuple
+from typing import ClassVar, NamedTuple
 
 from harvester.base.errors import SceneError
 from harvester.device.beam.materials import ACTIVE, PASSIVE, VACUUM_PERMITTIVITY, clamped
 from harvester.device.beam.modes import Piece, Tip, clamp_compliance, modes, rest
-from harvester.device.keys import SI, Key, names_replace, not_negative, positive
+from harvester.device.keys import SI, OneOf, Table, key, not_negative, positive, table, word
 
 # Thickness over length that is refused, and that gets a note: shear is no longer small. A fifth
 # costs 4 % of the frequency (Timoshenko's first correction), a tenth 1 %.
@@ -45,79 +44,90 @@ STRAIN = (1e-7, 0.3, 1e-6, "ppm")
 FATIGUE = ("fatigue_strain", "fatigue_cycles", "fatigue_exponent")
 
 
-def _size(likely: Any = None, **more: Any) -> Key:
-    return positive(units=(SI,), likely=likely, **more)
+@table
+class Beam(Table):
+    """A cantilever of a substrate with one or two piezoelectric layers and a tip mass, in SI."""
 
+    length: float = positive(
+        "length from the clamp", "m", required=True, likely=LONG, usual=(1e-4, 1.0)
+    )
+    width: float = positive("width", "m", required=True, likely=LONG, usual=(1e-5, 1.0))
+    thickness: float = positive(
+        "thickness of the substrate", "m", required=True, likely=THIN, usual=(1e-6, 0.02)
+    )
+    piezo_thickness: float = positive(
+        "thickness of a piezo layer", "m", required=True, likely=THIN, usual=(1e-7, 0.01)
+    )
+    material: str = word("substrate", PASSIVE, default="brass", asked=True)
+    modulus: float | None = positive("modulus of the substrate", "Pa", likely=MODULUS)
+    density: float | None = positive("density of the substrate", "kg/m³", likely=DENSITY)
+    piezo: str = word("piezo layers", ACTIVE, default="PZT-5A", asked=True)
+    piezo_modulus: float | None = positive(
+        "modulus of the layers: 1/s11 at constant field", "Pa", likely=MODULUS
+    )
+    piezo_density: float | None = positive("density of the layers", "kg/m³", likely=DENSITY)
+    piezo_d31: float | None = key(
+        "d31 of the layers: d33 with electrode_spacing", "m/V", likely=(1e-14, 1e-8, 1e-12, "pm/V")
+    )
+    piezo_permittivity: float | None = positive(
+        "permittivity of the layers: relative, at constant strain", "1", likely=PERMITTIVITY
+    )
+    piezo_free_permittivity: float | None = positive(
+        "free permittivity of the layers: relative, at constant stress", "1", likely=PERMITTIVITY
+    )
+    piezo_start: float = not_negative(
+        "beginning of the patch: from the clamp", "m", likely=LONG, default=0.0
+    )
+    piezo_length: float | None = positive(
+        "length of the patch: to the beam's end unless given", "m", likely=LONG
+    )
+    electrode_spacing: float | None = positive(
+        "spacing of electrode fingers: the field is then along the beam", "m", likely=THIN
+    )
+    layers: int = key("number of layers", kind=int, low=1, high=2, default=2)
+    connection: str = word(
+        "connection of two layers", ("series", "parallel"), default="series", asked=True
+    )
+    tip_mass: float = not_negative(
+        "tip mass", "kg", likely=(1e-15, 10.0, 1e-3, "g"), usual=(0.0, 10.0), default=0.0
+    )
+    tip_inertia: float = not_negative(
+        "inertia of the tip's body: about its own centre", "kg m²",
+        likely=(1e-30, 1.0, 1e-9, "g mm²"), default=0.0,
+    )  # fmt: skip
+    tip_offset: float = key(
+        "offset of the tip's centre: beyond the beam's end", "m", likely=LONG, default=0.0
+    )
+    tip_material: str | None = word("material of a block on the end", PASSIVE)
+    tip_length: float | None = positive("length of the block", "m", likely=LONG)
+    tip_height: float | None = positive("height of the block", "m", likely=LONG)
+    tip_width: float | None = positive(
+        "width of the block: that of the beam unless given", "m", likely=LONG
+    )
+    damping_ratio: float | None = not_negative("damping ratio: ζ of the first mode", "1")
+    quality_factor: float | None = positive("quality factor: Q = 1/(2ζ)", "1", usual=(1.0, 1e6))
+    measured_frequency: float | None = positive(
+        "measured frequency: short-circuited; softens the clamp", "Hz",
+        likely=(1e-2, 1e7, 1e3, "kHz"),
+    )  # fmt: skip
+    measured_capacitance: float | None = positive(
+        "measured capacitance: far below resonance; scales the permittivity", "F",
+        likely=(1e-15, 1e-3, 1e-9, "nF"),
+    )  # fmt: skip
+    strain_limit: float | None = positive(
+        "strain limit: that of the layers' material unless given", "1", likely=STRAIN
+    )
+    fatigue_strain: float | None = positive(
+        "strain amplitude of Basquin's line", "1", likely=STRAIN
+    )
+    fatigue_cycles: float | None = positive("cycles of Basquin's line", "1")
+    fatigue_exponent: float | None = positive("exponent of Basquin's line", "1")
 
-@names_replace
-@dataclass(frozen=True)
-class Beam:
-    """A cantilever of a substrate with one or two piezoelectric layers and a tip mass, in SI.
-
-    `piezo_start` and `piezo_length` place a patch that is shorter than the beam. The tip's body is
-    `tip_mass` with `tip_inertia` about its own centre, or a block of `tip_material`;
-    `tip_offset` is how far its centre lies beyond the beam's end. `strain_limit` is the greatest
-    strain that the layers bear, else their material's; see `FATIGUE` for their life.
-    """
-
-    length: float
-    width: float
-    thickness: float
-    piezo_thickness: float
-    material: str = "brass"
-    modulus: float | None = None
-    density: float | None = None
-    piezo: str = "PZT-5A"
-    piezo_modulus: float | None = None
-    piezo_density: float | None = None
-    piezo_d31: float | None = None
-    piezo_permittivity: float | None = None
-    piezo_free_permittivity: float | None = None
-    piezo_start: float = 0.0
-    piezo_length: float | None = None
-    electrode_spacing: float | None = None
-    layers: int = 2
-    connection: str = "series"
-    tip_mass: float = 0.0
-    tip_inertia: float = 0.0
-    tip_offset: float = 0.0
-    tip_material: str | None = None
-    tip_length: float | None = None
-    tip_height: float | None = None
-    tip_width: float | None = None
-    damping_ratio: float | None = None
-    quality_factor: float | None = None
-    measured_frequency: float | None = None
-    measured_capacitance: float | None = None
-    strain_limit: float | None = None
-    fatigue_strain: float | None = None
-    fatigue_cycles: float | None = None
-    fatigue_exponent: float | None = None
-
-    KEYS: ClassVar[dict] = {
-        **dict.fromkeys(("length", "width"), _size(LONG, required=True)),
-        **dict.fromkeys(("thickness", "piezo_thickness"), _size(THIN, required=True)),
-        "material": Key(kind=str, words=PASSIVE, units=(SI,)),
-        "piezo": Key(kind=str, words=ACTIVE, units=(SI,)),
-        **dict.fromkeys(("modulus", "piezo_modulus"), _size(MODULUS)),
-        **dict.fromkeys(("density", "piezo_density"), _size(DENSITY)),
-        **dict.fromkeys(("piezo_permittivity", "piezo_free_permittivity"), _size(PERMITTIVITY)),
-        **dict.fromkeys(("piezo_length", "tip_length", "tip_height", "tip_width"), _size(LONG)),
-        "electrode_spacing": _size(THIN),
-        "measured_frequency": _size((1e-2, 1e7, 1e3, "kHz")),
-        "measured_capacitance": _size((1e-15, 1e-3, 1e-9, "nF")),
-        **dict.fromkeys(("strain_limit", "fatigue_strain"), _size(STRAIN)),
-        **dict.fromkeys(("quality_factor", "fatigue_cycles", "fatigue_exponent"), _size()),
-        "piezo_d31": Key(units=(SI,), likely=(1e-14, 1e-8, 1e-12, "pm/V")),
-        "piezo_start": not_negative(units=(SI,), likely=LONG),
-        "tip_mass": not_negative(units=(SI,), likely=(1e-15, 10.0, 1e-3, "g")),
-        "tip_inertia": not_negative(units=(SI,), likely=(1e-30, 1.0, 1e-9, "g mm²")),
-        "tip_offset": Key(units=(SI,), likely=LONG),
-        "layers": Key(kind=int, low=1, high=2, units=(SI,)),
-        "connection": Key(kind=str, words=("series", "parallel"), units=(SI,)),
-        "tip_material": Key(kind=str, words=PASSIVE, units=(SI,)),
-        "damping_ratio": not_negative(units=(SI,)),
-    }
+    UNITS: ClassVar = (SI,)
+    ALTERNATIVES: ClassVar = (
+        OneOf(("damping_ratio", "quality_factor"), required=False),
+        OneOf(("piezo_permittivity", "piezo_free_permittivity"), required=False),
+    )
 
     @property
     def ratio(self) -> float:
@@ -476,12 +486,6 @@ def _check(beam, origin):
             f"{origin}: beam.piezo_thickness = {beam.piezo_thickness:g}: {beam.piezo} is sold "
             f"{sold:g} m thick, for which its values hold"
         )
-    for one, other in (
-        ("damping_ratio", "quality_factor"),
-        ("piezo_permittivity", "piezo_free_permittivity"),
-    ):
-        if getattr(beam, one) is not None and getattr(beam, other) is not None:
-            raise SceneError(f"{origin}: beam.{one} and beam.{other} say the same thing twice")
     keys = [name for name in FATIGUE if getattr(beam, name) is not None]
     if 0 < len(keys) < len(FATIGUE):
         missing = ", ".join(f"beam.{name}" for name in FATIGUE if name not in keys)

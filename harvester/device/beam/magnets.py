@@ -10,7 +10,6 @@ from __future__ import annotations
 
 import functools
 import math
-from dataclasses import dataclass
 from typing import Any, ClassVar
 
 import numpy as np
@@ -18,12 +17,12 @@ import numpy as np
 from harvester.base.compilation import compiled
 from harvester.base.errors import SceneError
 from harvester.device.beam.lumped import Beam, lumped
-from harvester.device.keys import SI, Key, names_replace, not_negative, positive
+from harvester.device.keys import SI, Key, Table, key, not_negative, positive, table, word
 
 VACUUM_PERMEABILITY = 1.25663706212e-6
 # Sizes that parts have, and the unit that is often given in place of the key's.
 LENGTH, VOLUME = (1e-6, 1.0, 1e-3, "mm"), (1e-15, 1e-2, 1e-9, "mm³")
-SIZE = Key(element=positive(likely=LENGTH), count=(2, 3), units=(SI,))
+SIZE = Key(low=0.0, low_allowed=False, likely=LENGTH)
 # Points of the table of force. A smooth table has at most 32 pieces, whatever the number of points.
 POINTS = 513
 # Points of quadrature along a face's radius, refined until the force changes by less than this
@@ -41,43 +40,45 @@ NEAR = 8.0
 GREATEST_REMANENCE = 1.5
 
 
-@names_replace
-@dataclass(frozen=True)
-class Magnets:
+@table
+class Magnets(Table):
     """Magnets along the beam: one at its tip, one or two on the frame ahead of it, in SI.
 
     "repelling": one on the frame in the beam's line, its dipole against the tip's. "attracting":
     two on the frame, `spacing` apart across the beam's line, their dipoles as the tip's.
-    `distance` is between the centres along the beam. A size is (diameter, length) of a disc, or
+    A size is (diameter, length) of a disc, or
     (height, width, length) of a block, the length along the beam and the height along the motion.
-    A moment (A m²) is given, or is `remanence` (T) times the volume (m³) over μ0. `offset` is how
-    far the tip's magnet lies beyond the beam's end; None: as far as the tip's body. `reach` is the
-    displacement up to which the force is tabled on both sides.
+    A moment is given, or is `remanence` times the volume over μ0.
     """
 
-    distance: float
-    reach: float
-    arrangement: str = "repelling"
-    tip_moment: float | None = None
-    frame_moment: float | None = None
-    remanence: float | None = None
-    tip_volume: float | None = None
-    frame_volume: float | None = None
-    tip_size: tuple[float, ...] | None = None
-    frame_size: tuple[float, ...] | None = None
-    offset: float | None = None
-    spacing: float = 0.0
+    distance: float = positive(
+        "distance: of the magnets' centres along the beam", "m", required=True, likely=LENGTH
+    )
+    reach: float = positive(
+        "reach: displacement up to which the force is tabled", "m", required=True, likely=LENGTH
+    )
+    arrangement: str = word("arrangement", ("repelling", "attracting"), default="repelling")
+    tip_moment: float | None = positive("moment of the tip's magnet", "A m²")
+    frame_moment: float | None = positive("moment of a magnet on the frame", "A m²")
+    remanence: float | None = positive("remanence", "T", likely=(0.05, 2.0, 1e-3, "mT"))
+    tip_volume: float | None = positive("volume of the tip's magnet", "m³", likely=VOLUME)
+    frame_volume: float | None = positive("volume of a magnet on the frame", "m³", likely=VOLUME)
+    tip_size: tuple | None = key(
+        "size of the tip's magnet: diameter and length of a disc, or height, width and length", "m",
+        element=SIZE, count=(2, 3),
+    )  # fmt: skip
+    frame_size: tuple | None = key(
+        "size of a magnet on the frame: as tip_size", "m", element=SIZE, count=(2, 3)
+    )
+    offset: float | None = key(
+        "offset: of the tip's magnet beyond the beam's end; of the tip's body unless given", "m",
+        likely=LENGTH,
+    )  # fmt: skip
+    spacing: float = not_negative(
+        "spacing: of two attracting magnets, across the beam", "m", likely=LENGTH, default=0.0
+    )
 
-    KEYS: ClassVar[dict] = {
-        **dict.fromkeys(("distance", "reach"), positive(units=(SI,), required=True, likely=LENGTH)),
-        "arrangement": Key(kind=str, words=("repelling", "attracting"), units=(SI,)),
-        **dict.fromkeys(("tip_moment", "frame_moment"), positive(units=(SI,))),
-        "remanence": positive(units=(SI,), likely=(0.05, 2.0, 1e-3, "mT")),
-        **dict.fromkeys(("tip_volume", "frame_volume"), positive(units=(SI,), likely=VOLUME)),
-        **dict.fromkeys(("tip_size", "frame_size"), SIZE),
-        "offset": Key(units=(SI,), likely=LENGTH),
-        "spacing": not_negative(units=(SI,), likely=LENGTH),
-    }
+    UNITS: ClassVar = (SI,)
 
     def moment(self, end: str, origin: str = "magnets") -> float:
         """The dipole of "tip" or "frame" (A m²). Raises SceneError if it is not given, or twice."""

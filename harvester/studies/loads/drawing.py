@@ -10,9 +10,9 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from harvester.base.formatting import prefixed
-from harvester.base.symbols import key_label
 from harvester.device.record import Record
 from harvester.results.panels import Panel, Series, draw_panels, is_wide, set_title
+from harvester.scene.tables import key_label
 from harvester.statistics.units import unit_of
 
 if TYPE_CHECKING:

@@ -18,7 +18,7 @@ from harvester.base.formatting import NOT_KNOWN, number, quantity, share_with_er
 from harvester.base.method import Method
 from harvester.base.plain_text import json_text
 from harvester.base.serialising import fields_of, plain
-from harvester.base.symbols import definitions, key_column, key_words
+from harvester.base.symbols import definitions
 from harvester.base.tables import Tabular, require_xarray, write_netcdf
 from harvester.base.writing import in_folder
 from harvester.device.record import Record
@@ -28,6 +28,7 @@ from harvester.engines.realizations import PERIODS
 from harvester.engines.request import COMPLETE
 from harvester.engines.runner import Runner
 from harvester.scene.model import Scene
+from harvester.scene.tables import key_column, key_words
 from harvester.scene.units import require_resistor
 from harvester.statistics.estimate import NOT_SHARP, Estimate
 from harvester.statistics.units import unit_of

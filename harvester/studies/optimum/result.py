@@ -9,13 +9,14 @@ from typing import TYPE_CHECKING, Any
 
 from harvester.base.formatting import NOT_KNOWN, prefixed, quantity, with_error
 from harvester.base.serialising import fields_of, plain
-from harvester.base.symbols import definitions, key_label, key_words
+from harvester.base.symbols import definitions
 from harvester.engines.methods import method_of
 from harvester.engines.orbits import on_orbits, with_orbit
 from harvester.results.orbit import Attractor
 from harvester.results.palette import CIRCUIT, MONTE_CARLO
 from harvester.results.panels import Panel, Series, draw_panels
 from harvester.scene.model import Scene
+from harvester.scene.tables import key_label, key_words
 from harvester.statistics.estimate import Estimate
 from harvester.studies.answers import is_noisy, missing_from
 from harvester.studies.optimum.axis import INTERVAL, NARROW, OptimalParameter

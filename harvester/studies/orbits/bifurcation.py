@@ -19,7 +19,6 @@ from harvester.base.errors import HarvesterError, SimulationError
 from harvester.base.formatting import prefixed, quantity, value_and_error, with_error
 from harvester.base.plain_text import json_text
 from harvester.base.serialising import plain
-from harvester.base.symbols import key_column, key_label
 from harvester.base.tables import require_xarray
 from harvester.engines.following import follow, forced
 from harvester.engines.methods import Engine
@@ -32,6 +31,7 @@ from harvester.scene.model import Scene
 from harvester.scene.paths import start_state
 from harvester.scene.prepared import prepared
 from harvester.scene.steps import step_error
+from harvester.scene.tables import key_column, key_label
 from harvester.statistics.attractors import QUANTITIES, means_of
 from harvester.statistics.estimate import Estimate
 from harvester.statistics.stroboscope import STATE

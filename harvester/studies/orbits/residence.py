@@ -13,7 +13,6 @@ from harvester.base.errors import HarvesterError
 from harvester.base.formatting import quantity, value_and_error
 from harvester.base.plain_text import json_text
 from harvester.base.serialising import plain
-from harvester.base.symbols import key_column, key_label
 from harvester.base.tables import require_xarray
 from harvester.device import timescales
 from harvester.device.system import potential
@@ -27,6 +26,7 @@ from harvester.results.result import unit_of
 from harvester.scene.model import Scene
 from harvester.scene.prepared import Prepared, prepared
 from harvester.scene.steps import knot_spacing
+from harvester.scene.tables import key_column, key_label
 from harvester.statistics.batch_means import RAISED
 
 if TYPE_CHECKING:

@@ -12,13 +12,14 @@ from harvester.base.errors import HarvesterError, OutOfTime
 from harvester.base.formatting import NOT_KNOWN, prefixed, quantity, share_with_error, with_error
 from harvester.base.method import Method
 from harvester.base.serialising import plain
-from harvester.base.symbols import definitions, key_column, key_words
+from harvester.base.symbols import definitions
 from harvester.engines.folder import StudyFolder
 from harvester.engines.request import Request
 from harvester.engines.runner import Runner
 from harvester.results.palette import CIRCUIT, MONTE_CARLO
 from harvester.results.panels import legend_below, set_title
 from harvester.scene.model import Scene
+from harvester.scene.tables import key_column, key_words
 from harvester.statistics.estimate import Estimate
 from harvester.statistics.units import unit_of
 from harvester.studies import SENSITIVITY_FILES

@@ -10,7 +10,7 @@ from harvester.base.errors import SceneError
 from harvester.device.contact import LAWS
 from harvester.excitation import KINDS
 from harvester.scene.model import Scene
-from harvester.scene.schema import TRANSDUCERS
+from harvester.scene.tables import TRANSDUCERS
 
 
 @pytest.fixture

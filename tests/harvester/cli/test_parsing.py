@@ -53,6 +53,7 @@ OPTIONS = {
     "export": "--as --data --dialect --displacement-unit --duration --output --rate "
     f"--realization --step {SCENE}",
     "cite": "FILE",
+    "schema": "FILE",
     "engine": "--json",
     "completion": "SHELL",
 }

@@ -7,8 +7,8 @@ import pytest
 from measured_records import scene_of
 
 from harvester.cli.command_line import main
-from harvester.identification.scene_file import scene_text
 from harvester.scene.model import Scene
+from harvester.scene.text import scene_text
 
 MASS, COUPLING, COIL, LOAD = 0.01, 9.0, 300.0, 600.0
 STIFFNESS = MASS * (2.0 * np.pi * 30.0) ** 2

@@ -14,9 +14,9 @@ from harvester.identification.impedance_fit import from_impedance
 from harvester.identification.measured_impedance import MeasuredImpedance, read_impedance
 from harvester.identification.measured_response import MeasuredResponse
 from harvester.identification.measurement import Measurement
-from harvester.identification.scene_file import scene_text
 from harvester.scene.model import Scene
 from harvester.scene.numbers import numbers
+from harvester.scene.text import scene_text
 
 MASS, STIFFNESS, COUPLING, CAPACITANCE = 14.04e-3, 1157.9, 2.327e-3, 41.26e-9
 DAMPING = 2.0 * 0.027 * np.sqrt(STIFFNESS * MASS)

@@ -10,6 +10,7 @@ from harvester.excitation.sine import Sine
 from harvester.scene.described import device_line
 from harvester.scene.model import Scene
 from harvester.scene.numbers import numbers
+from harvester.scene.units import rest_stiffness
 
 
 def test_frequency_and_quality_factor_are_kept_and_the_others_follow():
@@ -36,7 +37,10 @@ def test_frequency_and_quality_factor_are_kept_and_the_others_follow():
 @pytest.mark.parametrize(
     ("overrides", "words"),
     [
-        (["oscillator.damping=none"], "damping is missing; it takes a number ≥ 0, or give"),
+        (
+            ["oscillator.damping=none"],
+            r"missing; it takes a number ≥ 0 \(N s/m\), or give",
+        ),
         (["oscillator={mass=1,frequency=2,linear_stiffness=3,damping=1}"], "same thing twice"),
         (["oscillator={mass=1,frequency=2,damping=1,quality_factor=3}"], "same thing twice"),
         (["oscillator.restoring_force=[0,0,0,5]", "oscillator.quality_factor=9"], "no stiffness"),
@@ -107,3 +111,46 @@ def test_the_line_on_the_device_has_wells_and_barriers():
     assert "wells at -10.6 mm, 9.62 mm, barriers out of them 1.07 mJ, 2.39 mJ" in line
     (line,) = device_line(Scene.read("tristable"))
     assert "wells at -12.8 mm, 0 m, 12.8 mm" in line
+
+
+@pytest.mark.parametrize(
+    ("name", "table", "storage", "stiffness"),
+    [("cantilever", "piezo", "capacitance", None), ("electromagnetic", "coil", "inductance", 0.3)],
+)
+def test_k2_stands_for_the_coupling_and_is_kept(name, table, storage, stiffness):
+    changes = {f"{table}.k2": 0.2} | ({f"{table}.{storage}": stiffness} if stiffness else {})
+    scene = Scene.read(name).replace(changes)
+    for copy in (scene, scene.replace({"oscillator.mass": 2.0 * scene.oscillator.mass})):
+        product = rest_stiffness(copy.oscillator) * getattr(copy.transducer, storage)
+        assert copy.transducer.coupling == pytest.approx(math.sqrt(0.2 * product), rel=1e-12)
+        assert copy.to_tables()[table]["k2"] == 0.2
+        assert "coupling" not in copy.to_tables()[table]
+    assert Scene.from_dict(scene.to_dict()) == scene
+    assert scene.replace({f"{table}.coupling": 1.0}).transducer.k2 is None
+
+
+def test_rms_stands_for_the_intensity_and_is_kept():
+    scene = Scene.read("device").replace({"excitation.rms": 6.0})
+    assert scene.excitation.intensity == pytest.approx(0.36)
+    longer = scene.replace({"excitation.correlation_time": 0.02})
+    assert longer.excitation.intensity == pytest.approx(0.72)
+    assert longer.to_tables()["excitation"]["rms"] == 6.0
+    assert scene.replace({"excitation.intensity": 0.1}).excitation.rms is None
+
+
+@pytest.mark.parametrize(
+    ("name", "overrides", "words"),
+    [
+        ("electromagnetic", ["coil.inductance=none", "coil.k2=0.1"], "needs coil.inductance"),
+        (
+            "device",
+            ["oscillator.restoring_force=[0,0,0,5]", "piezo.k2=0.1"],
+            "no stiffness at rest",
+        ),
+        ("device", ["piezo={coupling=1,k2=1,capacitance=1e-9}"], "same thing twice"),
+        ("paper", ["piezo.k2=0.1"], 'units = "SI"'),
+    ],
+)
+def test_k2_is_refused_where_it_means_nothing(name, overrides, words):
+    with pytest.raises(SceneError, match=words):
+        Scene.read(name, overrides)

@@ -85,7 +85,10 @@ def test_a_file_is_found_beside_the_scene_and_then_here(tmp_path, monkeypatch):
         (["load.netlist=resistor", "load.parameters=3"], ["load.parameters", "table"]),
         (["load.netlist=resistor", "load.netlst=3"], ["load.netlst", "did you mean netlist"]),
         (["load.netlist=3"], ["load.netlist", "text"]),
-        (["load.netlist=resistor", "load.kind=resistor"], ["load.kind", "built-in resistor"]),
+        (
+            ["load.netlist=resistor", "load.kind=resistor"],
+            ["load.kind needs load.resistance, and there is load.netlist"],
+        ),
         (
             ["load.parameters.resistance=1"],
             ["load.parameters needs load.netlist", "--sweep load.parameters.NAME"],
@@ -125,12 +128,23 @@ def test_a_scene_keeps_the_text_of_its_netlist(tmp_path):
         Scene.from_dict(scene.to_dict())
 
 
-def test_a_record_that_has_changed_is_refused_by_replace(tmp_path):
+def test_replace_reads_no_record_and_other_samples_of_a_changed_one_are_refused(tmp_path):
     times = np.arange(400) / 100.0
     np.save(tmp_path / "a.npy", np.sin(9.0 * times))
     record = {"kind": "record", "file": str(tmp_path / "a.npy"), "unit": "m/s^2"}
     table = {**record, "sampling_rate": 100.0}
     scene = Scene.read("device").replace({"excitation": table, "run": {"duration": 1.0}})
+    samples = scene.excitation.samples
     np.save(tmp_path / "a.npy", np.sin(8.0 * times))
+    copy = scene.replace({"run.seed": 7})
+    assert copy.excitation == scene.excitation
+    assert np.array_equal(copy.excitation.samples, samples)
     with pytest.raises(SceneError, match="record has changed since the scene was read"):
-        scene.replace({"run.seed": 7})
+        scene.replace({"excitation.fade_in": 0.1})
+    with pytest.raises(SceneError, match="a value or a file that it names has changed"):
+        Scene.from_dict(scene.to_dict())
+    again = scene.replace({"excitation.file": str(tmp_path / "a.npy")})
+    assert again.digest() != scene.digest()
+    (tmp_path / "a.npy").unlink()
+    assert scene.replace({"run.seed": 8}).excitation == scene.excitation
+    assert "sha256" not in scene.to_tables()["excitation"]

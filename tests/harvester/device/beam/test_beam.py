@@ -177,7 +177,7 @@ def test_notes_name_a_layer_that_its_field_stiffens_and_a_strain_in_per_cent():
         ({"beam.measured_capacitance": 2.95e-7}, "of the order of the drawing's 4.76e-08 F"),
         ({"beam.measured_frequency": 12}, "at least 0.5 of the 45.7 Hz of a rigid clamp"),
         ({"beam.tip_mass": 12.0}, "12 g is 0.012$"),
-        ({"beam.tip_mass": 12e3}, "1e-15 to 10$"),
+        ({"beam.tip_mass": 12e3}, "1e-15 to 10 kg$"),
         ({"beam.tip_mass": 5.0}, "under its weight"),
         ({**STEEL_BLOCK, "beam.tip_length": 0.06}, "a block longer than the beam's 0.0508 m"),
         ({"beam": None, "magnets.distance": 0.01}, r"need the table \[beam\]"),

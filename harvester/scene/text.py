@@ -1,4 +1,4 @@
-"""A scene as a TOML file, each identified value with its interval in a comment."""
+"""A scene as a TOML file, each value with a comment."""
 
 from __future__ import annotations
 
@@ -6,6 +6,7 @@ import json
 from typing import TYPE_CHECKING, Any
 
 from harvester.base.plain_text import one_line
+from harvester.scene.tables import key_named
 
 if TYPE_CHECKING:
     from harvester.scene.model import Scene
@@ -34,6 +35,23 @@ def scene_text(scene: Scene, comments: dict[str, str], heading: list[str]) -> st
             for index, row in enumerate(table):
                 lines += ["", f"[[{name}]]", *_entries(f"{name}[{index}]", row, comments)]
     return "\n".join(lines) + "\n"
+
+
+def key_comments(scene: Scene) -> dict[str, str]:
+    """Comments on all keys of a scene: unit and description."""
+    comments = {}
+    for name, content in scene.to_tables().items():
+        rows = {name: content} if isinstance(content, dict) else {}
+        if not rows and _is_table(content):
+            rows = {f"{name}[{index}]": row for index, row in enumerate(content)}
+        for table, row in rows.items():
+            for key in row:
+                spec = scene.excitation.KEYS.get(key) if table == "excitation" else None
+                spec = spec or key_named(f"{table}.{key}")
+                unit = spec.unit_in(scene.units)
+                words = ("" if unit == "1" else unit, spec.text.replace(":", ",", 1))
+                comments[f"{table}.{key}"] = "  ".join(filter(None, words))
+    return comments
 
 
 def _is_table(value):

@@ -1,0 +1,246 @@
+"""The tables of a scene: each key is declared at the field of its table's class."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import field
+from typing import Any, ClassVar
+
+from harvester.base.registry import Registry
+from harvester.device.beam.lumped import Beam
+from harvester.device.beam.magnets import Magnets
+from harvester.device.coil import CoilTable
+from harvester.device.contact import LAWS, SIDES
+from harvester.device.force_table import INTERPOLATIONS
+from harvester.device.keys import (
+    BOTH,
+    NAMED_VALUES,
+    NUMBER,
+    SCALED,
+    SI,
+    Key,
+    NamedValues,
+    OneOf,
+    Table,
+    every_key,
+    key,
+    not_negative,
+    positive,
+    table,
+    word,
+)
+from harvester.device.piezo import PiezoTable
+from harvester.device.terminals import TransducerTable
+from harvester.excitation import KINDS
+from harvester.excitation.base import Run
+
+# The transducers that a scene may have, by the name of their table.
+TRANSDUCERS: Registry[type[TransducerTable]] = Registry(
+    "harvester.transducers", {"piezo": PiezoTable, "coil": CoilTable}
+)
+# Largest number of points in a force table. With more than `MOST_PIECES` + 1 it must be smoothed.
+MOST_POINTS = 2000
+# Tables that may be left out, and those that may stand several times, with the largest number.
+OPTIONAL, SEVERAL = ("beam", "magnets", "stoppers", "start"), {"stoppers": 16}
+
+
+@table
+class Top(Table):
+    """Keys outside the tables."""
+
+    units: str = word("units: of all values", BOTH, required=True)
+    length_scale: float | None = positive(
+        "length unit of the scaled equations: derived from the device unless given", "m",
+        units=(SI,),
+    )  # fmt: skip
+
+
+@table
+class Oscillator(Table):
+    """Mass, spring and damper. A scene keeps the keys that it was given.
+
+    `restoring_force` holds F0, k1, k2, … of F(x) = F0 + k1 x + k2 x² + …; `linear_stiffness` and
+    `cubic_stiffness` are the short form of (0, k1, 0, k3).
+    """
+
+    mass: Any = positive("mass", "kg", units=(SI,), required=True, usual=(1e-7, 100.0), drawn=True)
+    damping: float = not_negative("damping: C", "N s/m", "c", drawn=True)
+    quality_factor: float | None = positive(
+        "quality factor Q: 1/(2ζ) at the stiffest rest position", "1",
+        units=(SI,), usual=(1.0, 1e6), drawn=True,
+    )  # fmt: skip
+    damping_ratio: float | None = not_negative(
+        "damping ratio: ζ at the stiffest rest position", "1", units=(SI,), drawn=True
+    )
+    quadratic_damping: float = not_negative(
+        "quadratic damping: C2, air drag", "N s²/m²", "C2 l/M", default=0.0, rare=True
+    )
+    linear_stiffness: float | None = key(
+        "linear stiffness: −K1, negative: bistable", "N/m", "−ω0²", drawn=True
+    )
+    frequency: float | None = positive(
+        "frequency, terminals shorted: √(K/M)/2π of the mass on a linear spring", "Hz",
+        units=(SI,), usual=(0.1, 1e5), drawn=True,
+    )  # fmt: skip
+    cubic_stiffness: float | None = not_negative(
+        "cubic stiffness: K2, 0 unless given", "N/m³", "κ", drawn=True
+    )
+    restoring_force: tuple | None = key(
+        "restoring force: [F0, k1, k2, …] up to the seventh power", "N, N/m, N/m², …",
+        "each kₙ lⁿ⁻¹/M", element=NUMBER, count=(2, 8), drawn=True,
+    )  # fmt: skip
+    base_factor: float = positive(
+        "base factor: μ, 1 if all mass is at the tip; the base's acceleration counts μ times", "1",
+        default=1.0, rare=True, usual=(0.5, 2.0), drawn=True,
+    )  # fmt: skip
+    force_table: tuple | None = key(
+        "table of the force: displacement and force of each point, or a file of two columns",
+        "m, N", "l, F/(M l)", element=Key(element=NUMBER, count=(2, 2)), count=(2, MOST_POINTS),
+        file=True, drawn=True,
+    )  # fmt: skip
+    force_interpolation: str = word(
+        "interpolation of the table: through every point, or least squares", INTERPOLATIONS,
+        default="monotone", rare=True, drawn=True,
+    )  # fmt: skip
+    restoring_force_range: tuple | None = key(
+        "range of the spring: displacements between which it is known", "m", "l",
+        element=NUMBER, count=(2, 2),
+    )  # fmt: skip
+
+    ALTERNATIVES: ClassVar = (
+        OneOf(("damping", "quality_factor", "damping_ratio")),
+        OneOf(
+            ("linear_stiffness", "frequency", "restoring_force", "force_table"),
+            {
+                "cubic_stiffness": ("linear_stiffness", "frequency"),
+                "force_interpolation": ("force_table",),
+            },
+        ),
+    )
+
+    def __post_init__(self) -> None:
+        if self.frequency is not None:
+            rate = 2.0 * math.pi * self.frequency
+            object.__setattr__(self, "linear_stiffness", self.mass * rate**2)
+        if self.linear_stiffness is not None and self.cubic_stiffness is None:
+            object.__setattr__(self, "cubic_stiffness", 0.0)
+
+    @property
+    def is_short_form(self) -> bool:
+        """Whether the spring is one of `linear_stiffness` and `cubic_stiffness` alone."""
+        return self.linear_stiffness is not None and self.restoring_force_range is None
+
+    @property
+    def coefficients(self) -> tuple[float | None, ...]:
+        """(F0, k1, k2, …) whichever form the scene has; empty of a table."""
+        if self.force_table is not None:
+            return ()
+        return self.restoring_force or (0.0, self.linear_stiffness, 0.0, self.cubic_stiffness)
+
+
+@table
+class Stopper(Table):
+    """A Hertz-damp stopper at a distance from x = 0, on one side or on both (Eq. 5)."""
+
+    gap: float = positive("gap to the stoppers: from x = 0", "m", "δr", required=True)
+    stiffness: float = not_negative(
+        "stiffness of the stoppers: K3, in N/m^exponent", "N/m^1.5", "K", required=True
+    )
+    restitution: float = key(
+        "restitution of the stoppers: e", "1", "e", low=0.0, high=1.0, required=True
+    )
+    impact_velocity: str = word(
+        "impact velocity: by energy, or held from the event", ("energy", "event"), default="energy"
+    )
+    side: str = word("side", tuple(SIDES), default="both", rare=True)
+    exponent: float = key(
+        "exponent of the contact's spring", "1", low=1.0, high=5.0, default=1.5, rare=True
+    )
+    law: str = word("law of the contact", LAWS, default="hertz-damp", rare=True)
+
+
+@table
+class Start(Table):
+    """The state in which every realization starts, at rest in the wells in turn without it."""
+
+    displacement: float | None = key("displacement: in the wells in turn unless given", "m", "l")
+    velocity: float = key("velocity", "m/s", "l/s", default=0.0)
+    voltage: float = key("voltage: of a piezo", "V", "θ l/Cp", default=0.0)
+
+
+@table
+class Load(Table):
+    """The load of the transducer: the built-in resistor, or a netlist.
+
+    `circuit` is what was read of the netlist (circuits.netlist.load_circuit.LoadCircuit).
+    """
+
+    kind: str | None = word("kind: of the built-in load", ("resistor",))
+    resistance: float | None = positive("load resistance", "Ω", units=(SI,), usual=(0.1, 1e12))
+    decay_rate: float | None = positive(
+        "decay rate of the load", "1/s", "λ = 1/(R Cp)", units=(SCALED,)
+    )
+    netlist: str | None = key("netlist: a name in netlists/ or a file", kind=str)
+    subcircuit: str | None = key("sub-circuit of the netlist", kind=str)
+    parameters: NamedValues | None = key("values of the netlist", kind=NAMED_VALUES)
+    circuit: Any = field(default=None, repr=False)
+
+    ALTERNATIVES: ClassVar = (
+        OneOf(
+            ("resistance", "decay_rate", "netlist"),
+            {
+                "kind": ("resistance", "decay_rate"),
+                "subcircuit": ("netlist",),
+                "parameters": ("netlist",),
+            },
+            hint=" (a netlist's values: load.parameters; of a load study's --load: --sweep "
+            "load.parameters.NAME=VALUE)",
+        ),
+    )
+
+    def __post_init__(self) -> None:
+        if self.netlist is None:
+            object.__setattr__(self, "kind", "resistor")
+
+    @property
+    def is_resistor(self) -> bool:
+        """Whether λ describes it: the built-in resistor, or a netlist that holds only one."""
+        return self.circuit is None or self.circuit.resistance is not None
+
+
+def all_tables() -> dict[str, Any]:
+    """The class of every table, in the order in which a scene is written; kinds of excitation."""
+    return {
+        "beam": Beam, "magnets": Magnets, "oscillator": Oscillator, "stoppers": Stopper,
+        **TRANSDUCERS, "load": Load, "start": Start, "excitation": KINDS, "run": Run,
+    }  # fmt: skip
+
+
+def key_named(dotted: str) -> Key:
+    """The declaration of `table.key`, or of `table[k].key`; an empty one where there is none."""
+    name, _, last = dotted.partition(".")
+    tables = all_tables().get(name.partition("[")[0])
+    last = last if tables is not KINDS else last.rpartition(".")[2]
+    return every_key(tables).get(last.partition("[")[0], Key()) if tables else Key()
+
+
+def key_words(dotted: str, units: str) -> tuple[str, str]:
+    """Words for a key of a scene, and its unit: empty where it is not known or scaled."""
+    spec = key_named(dotted)
+    table_name, _, name = dotted.rpartition(".")
+    if dotted == "load.parameters.resistance":
+        return key_words("load.resistance", units)
+    words = spec.name or name.replace("_", " ")
+    return words + (f" ({table_name})" if "[" in table_name else ""), spec.unit_in(units)
+
+
+def key_label(dotted: str, units: str) -> str:
+    """ "load resistance [Ω]": a key on the axis of a figure."""
+    words, unit = key_words(dotted, units)
+    return f"{words} [{unit}]" if unit and unit != "1" else words
+
+
+def key_column(dotted: str, units: str) -> str:
+    """ "load.resistance [Ω]": a key in the header of a table of plain numbers."""
+    unit = key_words(dotted, units)[1]
+    return f"{dotted} [{unit}]" if unit else dotted
