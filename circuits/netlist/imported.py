@@ -143,11 +143,9 @@ def imported(
     if not dialects:
         dialects.append(Card("* dialect: ltspice", file))
         notes.append("* dialect: ltspice: switches and expressions mean what they mean there")
-    title, head, end = (
-        Card(text, file)
-        for text in (f"* {name}, from a schematic's netlist", head, f".ends {name}")
-    )
-    return Imported((title, *dialects, *outside, head, *inside, end), tuple(notes))
+    title = Card(f"* {name}, from a schematic's netlist", file)
+    body = [Card(head, file), *inside, Card(f".ends {name}", file)]
+    return Imported((title, *dialects, *outside, *body), tuple(notes))
 
 
 def _body(text):
