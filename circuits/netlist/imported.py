@@ -139,19 +139,13 @@ def imported(
         # A node cannot have two names: a source of 0 V joins the two pins.
         inside.append(Card(f"Vcommon ref {pins[nodes[3]]} 0", file))
         notes.append(f"Vcommon: joins ref to {pins[nodes[3]]}, as node {nodes[3]} was both")
-    pin_list = " ".join(PINS[: len(nodes)])
+    head = f".subckt {name} {' '.join(PINS[: len(nodes)])}"
     if not dialects:
         dialects.append(Card("* dialect: ltspice", file))
         notes.append("* dialect: ltspice: switches and expressions mean what they mean there")
-    title, head, end = (
-        Card(text, file)
-        for text in (
-            f"* {name}, from a schematic's netlist",
-            f".subckt {name} {pin_list}",
-            f".ends {name}",
-        )
-    )
-    return Imported((title, *dialects, *outside, head, *inside, end), tuple(notes))
+    title = Card(f"* {name}, from a schematic's netlist", file)
+    body = [Card(head, file), *inside, Card(f".ends {name}", file)]
+    return Imported((title, *dialects, *outside, *body), tuple(notes))
 
 
 def _body(text):

@@ -331,8 +331,8 @@ class Session(NgSpiceShared):
         start = 1 if times[0] == 0.0 else 0
         self._time_reached = float(times[-1])
         if growth := self._unbounded(self._time_reached, nodes):
-            # Another option of ngspice may cure what its steps alone make grow.
-            raise SolutionDiverged(growth)
+            # No other option is tried: Gear's rule would damp a real growth away.
+            raise SimulatorAborted(growth)
         chunk = part(self._record, 0, count - start)
         rate, units = self._netlist.rate, units_of(self._netlist)
         device = self._system, self._free
