@@ -95,8 +95,6 @@ def _check_sizes(parts):
                 written = f"{key}={value:g}" if key else f"{value:g}"
                 cure = "leave the part out if it is to have no effect"
                 _refuse(part, f"{written}: no part's value is above {LARGEST_VALUE:g}; {cure}")
-        if part.many < 0.0:
-            _refuse(part, f"m={part.many:g}: parts side by side are not fewer than 0")
         energy = 0.5 * abs(part.size or 0.0) * max(abs(part.get("ic")), 1.0) ** 2
         if part.letter in "cl" and energy > LARGEST_ENERGY:
             _refuse(

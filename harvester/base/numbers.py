@@ -48,7 +48,7 @@ def number(text: str) -> float:
         prefix = suffix.removesuffix(unit)
         if prefix != suffix and prefix in POWERS:
             raise NotANumber(
-                f"write {match[0].removesuffix(suffix)}{prefix}, without the unit {unit}"
+                f"write {match[0].removesuffix(suffix).rstrip()}{prefix}, without the unit {unit}"
             )
     if power is None:
         raise NotANumber(f"no suffix {suffix}: there are {_LISTED}")

@@ -53,7 +53,7 @@ def test_a_record_gives_power_with_error_bars_that_agree(pool, quake):
     comparison = Comparison(circuit, reference, {}, {}, {})
     for result in (circuit, reference):
         power = result.quantity("mean_power")
-        assert 0.0 < power.standard_error < 0.15 * power.estimate
+        assert 0.0 < power.standard_error < 0.2 * power.estimate
         assert abs(result.energy_balance_residual) < 0.01
     assert abs(comparison.difference("mean_power")) < 3.0
     assert abs(comparison.difference("power_conversion_efficiency")) < 3.0

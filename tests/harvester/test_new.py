@@ -115,7 +115,7 @@ def test_no_answer_is_taken_for_another_question(answers, capsys):
     assert main(["new", "mine.toml"]) == 0
     said = capsys.readouterr().err
     assert "'42': such devices have" in said
-    assert "'46 Hz': no suffix Hz" in said
+    assert "'46 Hz': write 46, without the unit Hz" in said
     stiffness = 0.014 * (2 * math.pi * 120) ** 2
     scene = Scene.read("mine.toml")
     assert scene.oscillator.linear_stiffness == pytest.approx(stiffness)

@@ -352,8 +352,3 @@ def test_a_load_whose_voltage_grows_without_an_end_is_stopped(pool, tmp_path, me
 def test_a_diode_between_other_than_two_nodes_is_refused(tmp_path, line):
     with pytest.raises(NetlistError, match=r"d1 p .*too (many|few)"):
         with_load(tmp_path, FEEDBACK.replace("D1 p out junction", line))
-
-
-def test_a_negative_number_of_parts_is_refused(tmp_path):
-    with pytest.raises(NetlistError, match="c1: m=-1: parts side by side"):
-        with_load(tmp_path, FEEDBACK.replace("90n", "90n m=-1"))

@@ -4,12 +4,12 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from harvester.statistics.of_run import with_steps
 from scipy.integrate import solve_ivp
 
 from harvester.engines.realization import RESOLVED
 from harvester.engines.simulate import simulate
 from harvester.scene.model import Scene
+from harvester.statistics.run_estimates import with_steps
 
 pytestmark = pytest.mark.usefixtures("shared_workers")
 
