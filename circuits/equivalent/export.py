@@ -35,12 +35,6 @@ FEWEST_STEPS_PER_CONTACT = 10
 MOST_KNOTS = 1_000_000
 
 
-def saved(ready: Prepared) -> tuple[str, ...]:
-    """Vectors that an exported netlist keeps: motion, terminal voltage, noise."""
-    motion = (f"v({elements.DISPLACEMENT})", f"v({elements.VELOCITY})")
-    return (*motion, f"v({ready.network.terminal})", "@inoise[current]")
-
-
 def stand_alone(
     ready: Prepared,
     path: ExcitationPath,
@@ -68,7 +62,7 @@ def stand_alone(
         See `circuits.equivalent.assembly.assemble`.
     save : sequence of str
         Vectors to keep, those of the load's output with them; empty keeps nothing (for a run that
-        streams), None those of `saved`.
+        streams), None: motion, terminal voltage and noise.
 
     Raises
     ------
@@ -145,7 +139,9 @@ def _assembled(ready, path, start, step, tolerance=None, integrator="trapezoidal
         options, _ = step_options(ready, step, tolerance or LOAD_TOLERANCE)
         if load.switches and not may_jump(load):
             step = knot_spacing(ready) / steps_per_sample(ready, step) / REJECTING_STEPS
-    save = saved(ready) if save is None else save
+    if save is None:
+        nodes = (elements.DISPLACEMENT, elements.VELOCITY, ready.network.terminal)
+        save = (*(f"v({node})" for node in nodes), "@inoise[current]")
     if save and load and load.has_output:
         save = (*save, f"v({elements.OUTPUT})", f"v({elements.REFERENCE})")
     netlist = assemble(

@@ -66,7 +66,14 @@ AT_REST = SelfOscillation()
 
 def self_oscillation(elements: tuple[Element, ...]) -> SelfOscillation:
     """What a load does with the device at rest."""
-    if not any(map(_may_drive, elements)):
+    # Only a source, a gain or a negative part keeps something moving.
+    driving = (
+        element.delivers
+        or element.letter in "begfh"
+        or (element.letter in "rlc" and (element.size or 0.0) < 0.0)
+        for element in elements
+    )
+    if not any(driving):
         return AT_REST
     try:
         circuit = _Circuit(elements)
@@ -127,12 +134,6 @@ def _static(element, rate, error, draw):
     elif element.wave:
         element = element._replace(wave=None, value=draw.uniform(-10.0, 10.0))
     return element._replace(value=(element.value or 0.0) * (1.0 + error * draw.uniform(-1.0, 1.0)))
-
-
-def _may_drive(element):
-    """Whether an element could keep something moving: a source, a gain or what is below 0."""
-    negative = element.letter in "rlc" and (element.size or 0.0) < 0.0
-    return element.delivers or element.letter in "begfh" or negative
 
 
 def _of_sources(circuit, source):

@@ -123,14 +123,6 @@ def stored_energy(s: System, x: float, v: float, state: float) -> float:
     return mechanical + transducer_energy(s.transducer, state)
 
 
-def initial_transducer_state(s: System, kept: float, noise: float) -> float:
-    """The transducer's state at the start, from `kept_state` = `kept` and η = `noise`.
-
-    A base that is shaken from the first moment on has moved its charge by then.
-    """
-    return kept - s.transducer.kept_state(0.0, noise)
-
-
 def held_impact_speed(s: System, x: float, v: float) -> float:
     """Impact speed v0 that a run begins with where v0 is held during contact (`event`).
 

@@ -324,16 +324,16 @@ def _knots(record: RecordedMotion) -> Knots:
     return knots
 
 
-def _setting(key, quantity):
-    """The name of a scene's key for messages, by what it says of a quantity."""
-    return f"excitation.{'time_' if quantity == 'time' else ''}{key}"
-
-
 def _read_knots(record, name):
     content, digest = read_content(record.file)
     if digest != record.sha256:
         raise SceneError(f"{name}: the record has changed since the scene was read")
-    measured = MeasuredFile(record.file, content, setting=_setting, behind="")
+    measured = MeasuredFile(
+        record.file,
+        content,
+        setting=lambda key, of: f"excitation.{'time_' if of == 'time' else ''}{key}",
+        behind="",
+    )
     motion = _motion(measured, record.column, record.time_column)
     times, rate = measured.times(
         record.time_column, record.time_unit, record.sampling_rate, [motion]

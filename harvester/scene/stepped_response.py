@@ -24,7 +24,11 @@ def steady_error(ready: Prepared, spacing: float, steps: int) -> float:
 
     `spacing`: between two samples of the excitation (s), which `steps` divide.
     """
-    s = _linearised(ready.system)
+    # The device linearised in its stiffest well, without drag and stoppers.
+    s = ready.system
+    stiffness = max(timescales.stiffness(s, well) for well in timescales.wells(s))
+    spring, damper = polynomial([0.0, stiffness]), Damper(s.damper.damping)
+    s = s._replace(spring=spring, damper=damper, contacts=())
     length = spacing / steps
     scheme = scheme_of(s, "runge-kutta", length).argument
     step = np.zeros((5, 5))
@@ -56,10 +60,3 @@ def steady_error(ready: Prepared, spacing: float, steps: int) -> float:
         total += exact
         error += np.abs(discrete - exact)
     return float(np.max(error / np.where(total > 0.0, total, 1.0)))
-
-
-def _linearised(s):
-    """A device without drag and stoppers, its spring that of the stiffest well."""
-    stiffness = max(timescales.stiffness(s, well) for well in timescales.wells(s))
-    spring, damper = polynomial([0.0, stiffness]), Damper(s.damper.damping)
-    return s._replace(spring=spring, damper=damper, contacts=())

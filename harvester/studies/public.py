@@ -10,6 +10,7 @@ import math
 import time
 from collections.abc import Mapping
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Unpack
 
@@ -110,6 +111,11 @@ def validate(
         except (AveragingError, LoadError) as error:
             refused[closure] = str(error)
     results = []
+
+    def follow(begin: float, end: float, share: float, words: str) -> None:
+        if progress:
+            progress(begin + (end - begin) * share, words)
+
     with running(runner, executor, scene.run.realizations, workers) as pool:
         for method, (begin, end) in comparison.SHARES.items():
             result = simulate(
@@ -120,7 +126,7 @@ def validate(
                 window=(0.0, until),
                 joint_density=method == "monte-carlo",
                 runner=pool,
-                progress=progress and comparison.part_of_progress(progress, begin, end),
+                progress=partial(follow, begin, end),
             )
             results.append(result)
     circuit, monte_carlo = results

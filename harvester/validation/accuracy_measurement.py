@@ -53,6 +53,7 @@ from harvester.validation import (
     throughput,
 )
 from harvester.validation.accuracy_methods import (
+    COMPILED_METHODS,
     LOAD_METHODS,
     LOAD_PATHS,
     LOAD_REFERENCE,
@@ -60,7 +61,6 @@ from harvester.validation.accuracy_methods import (
     REFERENCE,
     THOROUGH_METHODS,
     ComparedMethod,
-    with_compiled,
 )
 from harvester.validation.paths import from_rest, recorded, states_at_knots
 
@@ -331,7 +331,8 @@ def measure(
     speeds = _speeds(scene, methods is None and not with_load, runner)
     if methods is None:
         every = THOROUGH_METHODS if thorough else METHODS
-        methods = LOAD_METHODS if with_load else with_compiled(every, runner)
+        compiled = COMPILED_METHODS if "compiled" in runner.version("circuit") else ()
+        methods = LOAD_METHODS if with_load else (*every, *compiled)
     methods = tuple(methods)
     short = _short_scene(scene, PATHS * factor)
     strong = _strong_errors(short, methods, _exact_paths(short, with_load, runner), runner)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Any
 
@@ -13,7 +12,6 @@ from harvester.scene.steps import knot_spacing, steps_per_sample
 from harvester.validation import entries
 
 if TYPE_CHECKING:
-    from harvester.engines.runner import Runner
     from harvester.scene.model import Scene
 
 
@@ -94,8 +92,3 @@ THOROUGH_METHODS = (*METHODS, *_listed("thorough"))
 REFERENCE = ComparedMethod("Monte Carlo, Runge–Kutta, a quarter of the step", "monte-carlo", 4, 4)
 LOAD_REFERENCE = ComparedMethod("Monte Carlo, TR-BDF2, a quarter of the step", "monte-carlo", 2, 4)
 LOAD_PATHS = ComparedMethod("Monte Carlo, TR-BDF2, a 32nd of the step", "monte-carlo", 2, 32)
-
-
-def with_compiled(methods: Sequence[ComparedMethod], runner: Runner) -> tuple[ComparedMethod, ...]:
-    """The methods, and those of the compiled device where it is on."""
-    return (*methods, *(COMPILED_METHODS if "compiled" in runner.version("circuit") else ()))

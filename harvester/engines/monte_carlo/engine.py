@@ -22,7 +22,7 @@ import numpy as np
 
 from harvester.base.compilation import numba
 from harvester.base.errors import SolutionDiverged
-from harvester.device import contact, system
+from harvester.device import contact
 from harvester.device.record import Observer, Record
 from harvester.device.schemes import Scheme, scheme_of
 from harvester.device.system import System
@@ -149,8 +149,9 @@ def integrate(
     knots = math.ceil(stop / spacing - 1e-9)
     most = (SEGMENTS_KEPT if keep else SEGMENTS) // len(paths)
     first_knots = [float(path.read(1)[0]) for path in paths]
+    # A base that is shaken from the first moment on has moved its charge by then.
     begun = [
-        (x, v, system.initial_transducer_state(s, state, eta))
+        (x, v, state - s.transducer.kept_state(0.0, eta))
         for (x, v, state), eta in zip(starts, first_knots, strict=True)
     ]
     room, position = BatchWorkspace.of(s, begun, _points(most) if keep else 0), _beginning()

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterable
+from collections.abc import Iterable
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
@@ -356,13 +356,6 @@ class Comparison:
         from harvester.studies.comparison.report import report
 
         return report(self, [Verdict(headline(self.circuit)), *verdicts(self)])
-
-
-def part_of_progress(
-    progress: Callable[[float, str], object], begin: float, end: float
-) -> Callable[[float, str], object]:
-    """Progress of one part of the work, reported as a share of the whole."""
-    return lambda share, words: progress(begin + (end - begin) * share, words)
 
 
 def words(name: str) -> str:
