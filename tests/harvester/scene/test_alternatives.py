@@ -77,7 +77,7 @@ def test_a_range_may_start_below_zero_and_a_unit_is_refused_with_the_number_to_w
         assert grid_of(text, "--over") == pytest.approx(steps, abs=1e-18)
     with pytest.raises(HarvesterError, match=r"-8m:8m:40 .*\(write -8m, without the unit m\)"):
         grid_of("-8mm:8mm:5", "--over")
-    for text, written in (("100kΩ", "100k"), ("5 Hz", "5 "), ("3uF", "3u")):
+    for text, written in (("100kΩ", "100k"), ("5 Hz", "5"), ("3uF", "3u")):
         with pytest.raises(SceneError, match=f"write {written}, without the unit"):
             Scene.read("device", [f"load.resistance={text}"])
     with pytest.raises(HarvesterError, match="write it as"):
