@@ -100,7 +100,7 @@ def flat(scene):
 
 
 def averaged(p, closure="fokker_planck", tolerance=None):
-    """`harvester.averaging.average` of coefficients by name."""
+    """`harvester.averaging.closures.average` of coefficients by name."""
     return average(p.system, closure, tolerance)
 
 

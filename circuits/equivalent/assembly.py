@@ -149,7 +149,7 @@ class Netlist:
         Factor of the motion's clock; the excitation is to be less by it.
     line : float
         Angular frequency at which shortened steps are to be exact too (rad/s); 0: none.
-    course : circuits.netlist.source_schedule.Course or None
+    schedule : circuits.netlist.source_schedule.SourceSchedule or None
         Sources and expressions of the load that change with time alone.
     """
 
@@ -171,7 +171,7 @@ class Netlist:
     watched_energy: tuple[float, float] = (0.0, 0.0)
     pace: float = 1.0
     line: float = 0.0
-    course: SourceSchedule | None = None
+    schedule: SourceSchedule | None = None
 
     @property
     def sha256(self) -> str:
@@ -319,7 +319,7 @@ def assemble(
         watched_energy=(capacitance, capacitance * (SMALL_VOLTAGE * scales.voltage) ** 2),
         pace=pace,
         line=line if slowed else 0.0,
-        course=SourceSchedule(load.elements) if load else None,
+        schedule=SourceSchedule(load.elements) if load else None,
     )
 
 

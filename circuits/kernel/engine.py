@@ -186,7 +186,7 @@ def integrate(
     record = empty_record(CHUNK)
     output = np.zeros((1 + len(circuit.measurement.watched), CHUNK + 72))
     spent, reached, plan = time.thread_time(), 0.0, NO_BREAKPOINTS
-    moves = circuit.course.steps(path.spacing / steps_per_sample) if circuit.course else None
+    moves = circuit.schedule.steps(path.spacing / steps_per_sample) if circuit.schedule else None
     most = max(AHEAD // steps_per_sample, 1) if moves else CHUNK
     for done, block in knot_blocks(path, stop, most):
         segment, count = 0, block.size - 1

@@ -83,7 +83,7 @@ class Circuit(NamedTuple):
     switches, sources : (name, "file:line") of each switch, and of each behavioural source.
     load : circuits.netlist.load_circuit.LoadCircuit
     measurement : of the load, from the unknowns watched.
-    course : what of the load moves by itself in the course of time.
+    schedule : when the sources of the load change.
     """
 
     tables: Tables
@@ -96,4 +96,4 @@ class Circuit(NamedTuple):
     sources: tuple[tuple[str, str], ...]
     load: LoadCircuit
     measurement: Measurement
-    course: SourceSchedule
+    schedule: SourceSchedule

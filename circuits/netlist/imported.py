@@ -23,9 +23,9 @@ from harvester.base.errors import NetlistError
 from harvester.base.plain_text import nearest
 
 PINS = (*PIEZO_PINS, *OUTPUT_PINS)
-# Statements that are kept, outside of the sub-circuit: the load's reader refuses the last three.
-# The others control a simulator's run.
-KEPT = (".model", ".param", ".params", ".func", ".ends", ".if", ".else")
+# Statements that are kept, outside of the sub-circuit. The load's reader refuses an .if block and a
+# stray .ends with their lines. Other statements control a simulator's run.
+KEPT = (".model", ".param", ".params", ".func", ".ends", ".if", ".else", ".elseif", ".endif")
 _WAVE = re.compile(r"(?i)\b(sine?|pulse|exp|sffm|pwl|wavefile)\b")
 # LTspice's parasitic parts within a part. Elements take their place.
 _WITHIN = re.compile(r"(?i)\s+(rser|rpar|cpar|lser)\s*=\s*(\{[^{}]*\}|\S+)")

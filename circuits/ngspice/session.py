@@ -286,10 +286,10 @@ class Session(NgSpiceShared):
 
     def _begin_planning(self, netlist):
         """Plan what the load does by itself, where it does anything."""
-        state, course = self.state[0], netlist.course
-        self._moves = course.steps(netlist.step) if course else None
+        state, schedule = self.state[0], netlist.schedule
+        self._moves = schedule.steps(netlist.step) if schedule else None
         self._next_planned = 0
-        state["planned_to"] = 0.0 if course else np.inf
+        state["planned_to"] = 0.0 if schedule else np.inf
         state["planned_count"] = state["planned_place"] = 0
         state["jumped"] = state["jump_width"] = 0.0
 

@@ -156,7 +156,7 @@ def _left_out(system, closure):
 def averages_of(
     scene: Scene, closure: str, tolerance: float | None = None, memory: bool = False
 ) -> Averages:
-    """Scaled means by a closure for a scene; see `harvester.averaging.average`."""
+    """Scaled means by a closure for a scene; see `harvester.averaging.closures.average`."""
     from harvester.averaging.closures import CLOSURES
     from harvester.averaging.closures import average as average_parameters
     from harvester.scene.prepared import prepared

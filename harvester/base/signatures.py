@@ -252,7 +252,7 @@ Overrides = Annotated[Sequence[str], Kind("TABLE.KEY=VALUE", option="set", again
 
 
 class RunnerOptions(TypedDict, total=False):
-    """Keyword arguments of every study: see `harvester.engines.open_runner`.
+    """Keyword arguments of every study: see `harvester.open_runner`.
 
     Parameters
     ----------

@@ -23,7 +23,7 @@ TEXT_FILES = (".toml", "-proposed.toml", "-measured.md", ".html", "-profile.csv"
 def study_runner(label: str | None, **running: Unpack[RunnerOptions]) -> Iterator[Runner]:
     """A runner for the block, with a progress bar; afterwards says what to do next.
 
-    Without a label the study draws a progress bar of its own. See `harvester.engines.open_runner`.
+    Without a label the study draws a progress bar of its own. See `harvester.open_runner`.
     """
     from harvester.cli.console import progress
     from harvester.engines.opening import open_runner

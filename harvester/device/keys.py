@@ -283,8 +283,8 @@ def check_value(where: str, value: Any, spec: Key, origin: str, units: str = SCA
         meant = value * factor
         reading = f"; {value:g} {unit} is {meant:g}" if least <= abs(meant) <= most else ""
         raise SceneError(
-            f"{origin}: {where} = {shown(value)}: no part has such a size: {least:g} to "
-            f"{most:g}{spec.unit and ' '}{spec.unit}{reading}"
+            f"{origin}: {where} = {shown(value)}: no real part has this size; sizes are {least:g} "
+            f"to {most:g}{spec.unit and ' '}{spec.unit}{reading}"
         )
     return spec.kind(value)
 
@@ -336,7 +336,7 @@ def _faults(group: OneOf, prefix: str, given: Collection, keys: Any, units: str)
     present = [name for name in group.keys if name in given]
     if len(present) > 1:
         twice = " and ".join(prefix + name for name in present[:2])
-        yield f"{twice} say the same thing twice; take one out{group.hint}"
+        yield f"{twice} exclude each other; keep one{group.hint}"
     if group.required and not present:
         first, *others = (prefix + name for name in fitting)
         instead = f", or give {' or '.join(others)}" if others else ""

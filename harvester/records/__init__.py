@@ -1,6 +1,6 @@
 """Measured files: columns with units and a time base, for every reader of measurements.
 
-A file becomes numbers in four steps, each in one module:
+A file becomes even samples in five steps:
 
     file ──> bytes, SHA-256      `formats.read_content`: plain files of a sane size
          ──> Table               `formats.read_table`: the module of the file's format

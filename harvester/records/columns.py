@@ -25,7 +25,7 @@ SHOWN_NAMES = 12
 SCALABLE = ("acceleration", "voltage", "displacement", "velocity")
 # Quantities that have their own units in a scaled scene, too.
 UNSCALED = ("time", "frequency", "phase")
-# What stands in the place of a unit where a scaled scene has none.
+# Spellings of "no unit" in scaled scenes.
 UNITLESS = (None, "", "scaled", "1")
 # Largest factor between the mean rate of a time column and another rate. The second applies to
 # records that may be brought to another rate.
@@ -72,7 +72,7 @@ class MeasuredFile:
         names = self.table.names
         quantities = expected if len(expected) == len(names) else [""] * len(names)
         self.headings = [heading(*pair) for pair in zip(names, quantities, strict=True)]
-        # A unit that stands apart from the heading goes before its own.
+        # A unit in a row of its own takes precedence over one in the heading.
         for index, unit in enumerate(self.table.units):
             if unit:
                 title, _, quantity = self.headings[index]

@@ -18,7 +18,7 @@ from harvester.records.quantities import QUANTITIES, quantity_of
 LARGEST_FILE = 1_000_000
 # A comment behind numbers.
 INLINE = re.compile(r"(?<=[\d \t])#.*")
-NUMBER = re.compile(r"[-+\d.,eE\s]+")
+NUMBER = re.compile(r"[-+\d.,eE\s]*\d[-+\d.,eE\s]*")
 
 
 def read_points(
@@ -49,9 +49,9 @@ def read_points(
     measured = MeasuredFile(file, content, quantities, lambda key, _: key, "")
     titles = [quantity_of(heading.title, "") for heading in measured.headings]
     if titles == [*reversed(quantities)]:
-        raise SceneError(f"{named(file)}: its columns stand in the wrong order: must be {pair}")
+        raise SceneError(f"{named(file)}: its columns are in the wrong order: must be {pair}")
     if line := _wrong_line(measured):
-        raise SceneError(f"{named(file)}, line {line}: must be {pair}")
+        raise SceneError(f"{named(file)}, line {line}: must hold two numbers, {pair}")
     points = np.column_stack(measured.take([0, 1]))
     if len(points) < 2:
         raise SceneError(f"{named(file)}: {len(points)} {few}")

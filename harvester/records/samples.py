@@ -16,8 +16,8 @@ FAULTS = ("nan", "uneven", "clipped")
 FEWEST_SAMPLES = 64
 # Largest share of the samples that may be mended.
 LARGEST_MENDED_SHARE = 0.1
-# Samples are far outside the rest if they leave its middle by more than this multiple of the
-# largest deviation of all others. A shock's samples differ; those of a marker are equal, or it is
+# A sample is an outlier if its distance from the median exceeds the largest distance of all other
+# samples by this factor. A shock's samples differ; those of a marker are equal, or it is
 # one sample alone.
 FAR_RATIO, FAR_RATIO_OF_ONE, SAMPLES_PER_MARKER = 5.0, 20.0, 2
 # The middle half of the samples shows where the centre is and how far the rest reaches.
@@ -116,8 +116,8 @@ def mended(
         _refuse("nan", lost, f"the first is sample {gaps[0]}", where, mend)
         longest = int(np.diff(good, prepend=-1, append=lost.size).max()) - 1
         remarks = (
-            f"{gaps.size} of {values.size} samples were without a number and are on straight "
-            f"lines: the largest gap has {longest} sample{'s' if longest > 1 else ''}",
+            f"{gaps.size} of {values.size} samples had no value and were interpolated "
+            f"linearly: the largest gap has {longest} sample{'s' if longest > 1 else ''}",
         )
         # Bad samples are interpolated over their indices, and so are their times.
         numbers = np.arange(values.size)

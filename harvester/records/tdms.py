@@ -58,7 +58,7 @@ def _table(file, most):
         if len(channel) == longest
     } - {0.0}
     if len(steps) > 1:
-        raise Unreadable("its longest channels have several sampling rates: save one by itself")
+        raise Unreadable("its longest channels have several sampling rates: save one channel alone")
     units = {
         name: "s" if channel.dtype.kind == "M" else str(channel.properties.get("unit_string", ""))
         for name, channel in channels.items()

@@ -74,7 +74,7 @@ def time_base(
         return TimeBase(float(1.0 / spacing))
     rounding = rounded_to(steps)
     grid = None
-    if rising or (steps.min() == 0.0 and (rate or rounding <= RATE_ERROR * length)):
+    if rising or (steps.min() == 0.0 and (rate or 0.0 < rounding <= RATE_ERROR * length)):
         grid = _fitted(times, rate, steps, rounding)
     if grid is None and not rising:
         index = int(np.argmin(steps > SHORTEST_STEP))
@@ -158,8 +158,8 @@ def _uneven(times, rate, steps, where, mend):
         if mend is None:
             cure = "resample the record, or cut it at its gaps"
         raise SceneError(
-            f"{where}: unevenly sampled: the time column leaves an even grid: its steps differ by "
-            f"{np.ptp(steps) / usual:.2g} spacings of {usual:.6g} s; {cure}"
+            f"{where}: unevenly sampled: the time steps vary by {np.ptp(steps) / usual:.2g} "
+            f"times their mean of {usual:.6g} s; {cure}"
         )
     if rate is None:
         # Where only whole samples are missing, the others keep their values.

@@ -83,7 +83,7 @@ def _layout(order, form):
     if tag not in (PCM, FLOAT):
         raise ValueError(f"its samples have the format {tag:#x}: convert it to PCM or float")
     if channels == 0 or rate == 0:
-        raise ValueError(f"its header says {channels} channels at {rate} Hz: export it anew")
+        raise ValueError(f"its header says {channels} channels at {rate} Hz: export it again")
     size = stride // channels
     fits = 0 < bits <= 8 * size if tag == PCM else bits == 8 * size and size in (4, 8)
     if stride % channels or not 1 <= size <= 8 or not fits:

@@ -30,7 +30,7 @@ def paired_difference(result: Any, reference: Any) -> dict[str, Estimate]:
 
     Parameters
     ----------
-    result, reference : harvester.results.result.Result or harvester.engines.Answer
+    result, reference : harvester.results.result.Result or harvester.engines.request.Answer
         Each with its scene and moments; of the same scene, or of scenes with the same seed, knots
         and length of run.
 

@@ -146,7 +146,7 @@ def _value(spec: Key) -> dict[str, Any]:
         return TEXT if spec.kind is str else {"anyOf": [TEXT, named]}
     least, most = spec.likely[:2] if spec.likely else (SMALLEST, LARGEST)
     low = max(spec.low, -most) if spec.low_allowed else max(spec.low, least)
-    sign = "^" if spec.low >= 0.0 else "^[+-]?"
+    sign = r"^\+?" if spec.low >= 0.0 else "^[+-]?"
     return {
         "anyOf": [
             {"type": "number", "minimum": low, "maximum": min(spec.high, most)},

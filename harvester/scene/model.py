@@ -77,6 +77,8 @@ class Scene(Table):
         ------
         SceneError
             The file, a key or a value is not usable.
+        NetlistError
+            The load's netlist cannot be read.
         """
         tables, path = tables_of(source, overrides)
         folder = None if path.parent == BUILT_IN else str(path.parent.absolute())
@@ -206,6 +208,8 @@ class Scene(Table):
         ------
         SceneError
             A value is not usable, a file is missing or holds something else than then.
+        NetlistError
+            The load's netlist cannot be read.
         """
         if not isinstance(content, dict):
             raise SceneError(f"{shown(content)}: no scene: give what Scene.to_dict returned")

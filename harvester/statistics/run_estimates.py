@@ -50,10 +50,11 @@ if TYPE_CHECKING:
     from harvester.statistics.moments import Moments
     from harvester.statistics.well_balance import WellBalance
 
-# Where the device's energy goes, and the points of the integrals over frequency.
-LOSSES = ("load_power", "loss_power", "transducer_loss")
+# Where the device's energy goes; `loss_power` contains the transducer's loss.
+LOSSES = ("load_power", "loss_power")
+# Points of the integrals over frequency.
 POINTS = 2001
-# The density of a record is the mean over stretches of the run's length over this.
+# A record's spectral density is averaged over segments of the run's length over this.
 STRETCHES = 8.0
 
 

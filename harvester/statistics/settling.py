@@ -32,6 +32,7 @@ from harvester.statistics.batch_means import (
 )
 from harvester.statistics.estimate import NO_VALUE, TOO_SHORT, UNRESOLVED
 from harvester.statistics.moments import QUANTITIES
+from harvester.statistics.output_moments import QUANTITIES as OUTPUT_QUANTITIES
 from harvester.statistics.output_side import output_ramp
 from harvester.statistics.well_balance import FEWEST_JUMPS
 
@@ -76,8 +77,6 @@ QUANTITIES_OF_THE_OUTPUT = (
     "start_up_time",
     "output_power",
 )
-# Where the motion's energy goes.
-LOST = ("mean_power", "mean_loss_power", "mean_transducer_loss")
 # Points over which what is left of a coherent motion is averaged.
 COHERENT_POINTS = 50
 DRIFTING_QUANTITIES = {
@@ -200,7 +199,7 @@ def _too_short(scene, time, what, share, names=None):
             'excitation.repetition = "periodic"'
         )
     return Shortfall(
-        f"{_lengths(run)} are short against {what} of {time:.3g} s",
+        f"{_lengths(run)} are too short for {what} of {time:.3g} s",
         f"about {100.0 * share:.2g} % of the way from rest to the stationary means is missing "
         f"in them; raise run.settle to at least {settle:.2g} s{of_record}",
         names,
@@ -226,9 +225,9 @@ def _few_values(scene, time, what, names=None):
     if values >= FEWEST_BATCHES:
         return None
     return Shortfall(
-        f"{_lengths(run)} are short against {what} of {time:.3g} s",
-        f"{run.realizations} realizations see about {values:.0f} independent values of what is so "
-        f"slow; set run.duration = {2.0 * FEWEST_BATCHES * time / run.realizations:.2g} or more",
+        f"{_lengths(run)} are too short for {what} of {time:.3g} s",
+        f"{run.realizations} realizations see about {values:.0f} independent values of it; "
+        f"set run.duration = {2.0 * FEWEST_BATCHES * time / run.realizations:.2g} or more",
         names,
     )
 
@@ -295,7 +294,7 @@ def _linear(p, estimates):
     decay, damping = p.transducer.decay_rate(), p.damper.damping + p.transducer.damping()
     if decay == 0.0:
         total = stiffness + p.transducer.stiffness(stiffness)
-        lost = sum(estimates[name].estimate for name in LOST if name in estimates)
+        lost = sum(estimates[name].estimate for name in ("mean_power", "mean_loss_power"))
         damping = max(damping, lost / estimates["mean_square_velocity"].estimate)
         rows = [[0.0, 1.0, 0.0], [-total, -damping, 1.0], [0.0, 0.0, -memory]]
         return np.array(rows), (1,)
@@ -502,7 +501,7 @@ def _drift(moments, balance, memory):
     time = batches[:, :, QUANTITIES.index("time")]
     if all(m.has_output for m in moments):
         integrals = np.stack([m.output.integrals[: batches.shape[1]] for m in moments])
-        series["the output voltage"] = integrals[:, :, 1]
+        series["the output voltage"] = integrals[:, :, OUTPUT_QUANTITIES.index("voltage")]
     for name, values in series.items():
         values = values / time
         change = _change(balance.without_wells(values) if balance else values, memory)
@@ -523,7 +522,7 @@ def _ramp(moments, estimates):
     mean = estimates["output_voltage"].estimate if ends else 0.0
     if ends is None or abs(ends[1] - ends[0]) <= SMALLEST_DRIFT * abs(mean):
         return None
-    share = (ends[1] - ends[0]) / mean
+    share = (ends[1] - ends[0]) / abs(mean)
     return Shortfall(
         f"the output voltage {'rises' if share > 0.0 else 'falls'} throughout the measured time",
         f"it changes by {share:+.2g} of its mean from the first to the last eighth; raise "

@@ -109,7 +109,7 @@ def on_common_knots(scenes: Sequence[Scene], of: Sequence[Scene] | None = None) 
 
 
 def answers_in_time(runner: Any, requests: Iterable[Request], **options: Any) -> list:
-    """A runner's answers to requests, or OutOfTime; see `harvester.engines.Runner.answer`."""
+    """Answers of `engines.runner.Runner.answer` to requests, or OutOfTime."""
     answers = runner.answer(list(requests), **options)
     if runner.out_of_time:
         raise OutOfTime(

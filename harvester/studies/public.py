@@ -175,7 +175,7 @@ def frequency_response(
     time_limit : float
         Wall-clock limit of one realization (default: 3600).
     **running
-        See `harvester.engines.open_runner`.
+        See `harvester.open_runner`.
 
     Raises
     ------
@@ -323,7 +323,7 @@ def sweep(
     time_limit : float
         Wall-clock limit of one realization (default: 3600).
     **running
-        See `harvester.engines.open_runner`.
+        See `harvester.open_runner`.
 
     Raises
     ------
@@ -405,7 +405,7 @@ def load_study(
     time_limit : float
         Wall-clock limit of one realization (default: 3600).
     **running
-        See `harvester.engines.open_runner`; with a precision the time budget is `TIME_BUDGET`
+        See `harvester.open_runner`; with a precision the time budget is `TIME_BUDGET`
         where none is given.
 
     Raises
@@ -498,7 +498,7 @@ def sensitivity(
         (default: the scene's own run). Noise is taken out at any length of run: few rows of long
         runs and many of short ones cost the same.
     **running
-        See `harvester.engines.open_runner`.
+        See `harvester.open_runner`.
 
     Raises
     ------
@@ -586,7 +586,7 @@ def optimum(
         Relative standard error of the value at the optimum of several parameters (default: the
         scene's own run).
     **running
-        See `harvester.engines.open_runner`.
+        See `harvester.open_runner`.
 
     Returns
     -------

@@ -265,7 +265,7 @@ def accuracy(
     methods : sequence of ComparedMethod or None
         None: all of them, and the throughput of every way to run the circuit.
     **running
-        See `harvester.engines.open_runner`. What is kept holds the times that were measured.
+        See `harvester.open_runner`. What is kept holds the times that were measured.
 
     Raises
     ------

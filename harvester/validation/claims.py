@@ -233,7 +233,7 @@ def claims(
         Longer runs, and the circuit at every condition.
     chosen : sequence of Claim
     **running
-        See `harvester.engines.open_runner`; in the folder of the figures its answers are found.
+        See `harvester.open_runner`; in the folder of the figures its answers are found.
     """
     clock = time.perf_counter()
     chosen = tuple(chosen)

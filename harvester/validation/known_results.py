@@ -211,9 +211,12 @@ def downloaded() -> list[Truth]:
 
 
 def _set(entry):
-    place = Path(os.environ.get(entry["variable"], ""))
-    files = sorted(place.glob(entry["files"])) if "files" in entry else [place]
-    exists = bool(files) and all(file.is_file() for file in files)
+    name = os.environ.get(entry["variable"], "")
+    place = Path(name)
+    files = [place]
+    if "files" in entry:
+        files = sorted(place / file for file in getattr(tasks, entry["files"]).values())
+    exists = bool(name) and all(file.is_file() for file in files)
     content = b"".join(file.read_bytes() for file in files) if exists else b""
     call = {
         "place": os.path.abspath(place) if exists else "",

@@ -66,9 +66,9 @@ LEAST_OF_STIFF_CONTACTS = 1e-2
 # Extrapolation may leave this share of the step's error.
 LEFT_OF_STEP_ERROR = 0.25
 
-# The integrator takes so many steps for each of the engine's, and more with stoppers, for which it
-# does not shorten its steps.
-FINER, FINER_IN_CONTACT = 2, 8
+# Steps of the integrator for each of the engine's, and with stoppers, for which it does not shorten
+# its steps.
+REPLAY_STEPS, REPLAY_STEPS_IN_CONTACT = 2, 8
 
 
 @register
@@ -264,7 +264,7 @@ def replayed(scene: Scene, waveforms: Sequence[Record]) -> np.ndarray:
     spacing, count = knot_spacing(model), len(waveforms)
     noise = [noise_at_knots(scene, index) for index in range(count)]
     knots = noise[0].size - 1
-    finer = FINER_IN_CONTACT if system.contacts else FINER
+    finer = REPLAY_STEPS_IN_CONTACT if system.contacts else REPLAY_STEPS
     steps = finer * steps_per_sample(model, "default")
     times = np.linspace(0.0, knots * spacing, 2 * steps * knots + 1)
     starts = np.array([start_state(model, index) for index in range(count)])

@@ -217,7 +217,7 @@ def reproduce(
     on_figure : callable or None
         Given each result as soon as its last point is there.
     **running
-        See `harvester.engines.open_runner`.
+        See `harvester.open_runner`.
 
     Returns
     -------

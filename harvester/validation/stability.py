@@ -160,7 +160,7 @@ def stability(
     step : str or float
         See `harvester.simulate`.
     **running
-        See `harvester.engines.open_runner`; the time limit is that of one case by one method.
+        See `harvester.open_runner`; the time limit is that of one case by one method.
 
     Raises
     ------

@@ -33,6 +33,13 @@ TRAINED, TESTED, LEFT_OUT = (40_650, 105_712), (105_712, 127_400), 50
 # turned magnets left out. At 9.1 Hz and 200 mV there is one record, of another frequency than its
 # name's.
 TILTS, LEVELS = (0, 10, 25, 45), {6.3: (25, 50, 100, 150, 200), 9.1: (25, 50, 100, 150)}
+BEAM_FILES = {
+    (tilt, frequency, level): f"base_rotation_phi={tilt}/single_freq/freq_{frequency:g}Hz/"
+    f"mag_vr=0_vl=0/amplitude_{level}mV.csv"
+    for tilt in TILTS
+    for frequency, levels in LEVELS.items()
+    for level in levels
+}
 # Records of the upright base that are fitted; all others are kept aside.
 FITTED = ((0, 6.3, 100), (0, 6.3, 150), (0, 9.1, 25), (0, 9.1, 50))
 
@@ -97,16 +104,14 @@ def beam_claims(
         raise ProgramNotFound(missing)
 
     def record(tilt, frequency, level):
-        folder = f"base_rotation_phi={tilt}/single_freq/freq_{frequency:g}Hz/mag_vr=0_vl=0"
-        file = Path(place) / folder / f"amplitude_{level}mV.csv"
+        file = Path(place) / BEAM_FILES[tilt, frequency, level]
         # A resistor's voltage has no mean: what is there is the channel's offset.
         offset = float(np.loadtxt(file, delimiter=",", usecols=3).mean())
         settings = {"time": "0:s", "acceleration": "1:g", "voltage": "3:V"}
         tilt_force = {"oscillator.restoring_force[0]": "free"} if tilt else {}
         return read_measurement(file, {**settings, "sensor.voltage_offset": offset, **tilt_force})
 
-    every = [(tilt, f, level) for tilt in TILTS for f, levels in LEVELS.items() for level in levels]
-    aside = [record(*keys) for keys in every if keys not in FITTED]
+    aside = [record(*keys) for keys in BEAM_FILES if keys not in FITTED]
     fitted = [record(*keys) for keys in FITTED]
     fit = identify(scene, fitted, keep_aside=aside, compare=False)
     claimed = [prediction for prediction in fit.kept_aside if prediction.claimed]

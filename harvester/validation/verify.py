@@ -223,7 +223,7 @@ def verify(
     chosen : sequence of Truth or None
         Truths out of `catalogue` and `measured` of `harvester.validation.known_results`; None: all.
     **running
-        See `harvester.engines.open_runner`.
+        See `harvester.open_runner`.
     """
     clock = time.perf_counter()
     truths = [*catalogue(), *measured()] if chosen is None else chosen
@@ -312,9 +312,10 @@ def summary(rows: Sequence[TruthRow]) -> str:
 
 def _by_device(rows):
     """(device, its rows), in the order of the rows."""
-    return [
-        (name, list(group)) for name, group in itertools.groupby(rows, lambda r: r.truth.device)
-    ]
+    grouped: dict[str, list[TruthRow]] = {}
+    for row in rows:
+        grouped.setdefault(row.truth.device, []).append(row)
+    return list(grouped.items())
 
 
 def _page(*parts):

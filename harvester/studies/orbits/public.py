@@ -61,7 +61,7 @@ def basins(
     step : str or float
         default, fine, finest, or the longest step in seconds.
     **running
-        See `harvester.engines.open_runner`.
+        See `harvester.open_runner`.
 
     Raises
     ------
@@ -141,7 +141,7 @@ def bifurcation(
     step : str or float
         default, fine, finest, or the longest step in seconds.
     **running
-        See `harvester.engines.open_runner`.
+        See `harvester.open_runner`.
 
     Raises
     ------
@@ -225,7 +225,7 @@ def residence(
     step : str or float
         default, fine, finest, or the longest step in seconds.
     **running
-        See `harvester.engines.open_runner`.
+        See `harvester.open_runner`.
 
     Raises
     ------

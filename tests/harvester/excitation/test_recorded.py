@@ -180,7 +180,7 @@ def faulty(kind):
     [
         ("nan", ["3 of 4001 samples", "sample 100"]),
         ("clipped", ["are clipped"]),
-        ("uneven", ["leaves an even grid", "spacings"]),
+        ("uneven", ["the time steps vary by", "times their mean"]),
     ],
 )
 def test_faults_are_refused_in_one_line_and_mended_as_asked(tmp_path, kind, words):

@@ -66,7 +66,7 @@ def test_a_file_of_points_is_read_beside_the_scene(tmp_path, text):
 @pytest.mark.parametrize(
     ("text", "words"),
     [
-        ("1,2\n3,4,5\n", "line 2.*must be a displacement and a force"),
+        ("1,2\n3,4,5\n", "line 2.*must hold two numbers, a displacement and a force"),
         ("1,2\nthree,4\n", "line 2"),
         ("1,nan\n", "line 1"),
         ("", "0 lines with a displacement and a force: must be at least 2"),
@@ -108,7 +108,7 @@ def test_a_file_that_is_not_there_is_named():
         ([[-1, -1], [1, 1]], {"force_interpolation": "smooth"}, "at least 4"),
         ([[-1, 1], [1, -1]], {}, "ends on the left with a slope of -1.*restoring_force_range"),
         ([[-1, -1], [0, 1], [1, 0.5]], {}, "ends on the right with a slope"),
-        (TABLE, {"restoring_force": [0, 1]}, "say the same thing twice"),
+        (TABLE, {"restoring_force": [0, 1]}, "exclude each other"),
         (TABLE, {"restoring_force_range": [0.1, 2.0]}, "a displacement below 0 and one above"),
         (
             [[-2, -3], [-1, 1], [0.5, 2.0], [2, 3]],
