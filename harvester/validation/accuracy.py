@@ -19,7 +19,13 @@ from harvester.scene.calling import takes_scene
 from harvester.scene.model import Scene
 from harvester.statistics.estimate import Estimate
 from harvester.validation import MEANS, SIGNIFICANT_SIGMAS, STATES, VOLTAGE
-from harvester.validation.accuracy_measurement import LIMITS, Measured, MethodRow, measure
+from harvester.validation.accuracy_measurement import (
+    LIMITS,
+    Measured,
+    MethodRow,
+    is_reference,
+    measure,
+)
 from harvester.validation.accuracy_methods import ComparedMethod
 from harvester.validation.throughput import ratios
 
@@ -31,8 +37,6 @@ WANTED_ERROR = WANTED_BIAS = 0.01
 # An order is fitted if the longest mean step is at least twice the shortest. A tolerance changes
 # the steps of a PWL run little, since these follow the restarts at its corners.
 LEAST_RATIO = 2.0
-# A bias and its error below this are rounding.
-ROUNDING = 1e-12
 # Units of time in seconds, from the longest down.
 UNITS = ((86400.0, "d"), (3600.0, "h"), (60.0, "min"), (1.0, "s"), (1e-3, "ms"))
 
@@ -315,11 +319,6 @@ def duration(seconds: float) -> str:
         if seconds >= size:
             return f"{float(f'{seconds / size:.2g}'):g} {unit}"
     return f"{float(f'{1e6 * seconds:.2g}'):g} µs"
-
-
-def is_reference(bias: Estimate) -> bool:
-    """Whether a bias is that of the reference itself: nothing but rounding."""
-    return abs(bias.estimate) + (bias.standard_error or 0.0) < ROUNDING
 
 
 def _number(value, form):

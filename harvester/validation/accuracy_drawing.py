@@ -15,8 +15,7 @@ from harvester.base.symbols import SYMBOLS
 from harvester.results.palette import CLOSURE_MARKERS, LINES, styles
 from harvester.results.panels import thin_ticks
 from harvester.validation import MEANS
-from harvester.validation.accuracy import is_reference
-from harvester.validation.accuracy_measurement import LIMITS
+from harvester.validation.accuracy_measurement import LIMITS, is_reference
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure

@@ -77,6 +77,8 @@ BRIEF_KNOTS = 4000
 THOROUGH = 8
 # Before the clock starts a run of this many knots compiles and loads everything.
 WARM_UP_KNOTS = 20
+# A bias and its error below this are rounding.
+ROUNDING = 1e-12
 # Relative errors for which the time is given.
 LIMITS = (0.1, 0.03, 0.01)
 # A bias within this number of standard errors may be zero, and may be larger by as many.
@@ -558,3 +560,8 @@ def closures(scene: Scene, runner: Runner) -> tuple[dict[str, dict], dict[str, s
     answers = {name: outcome for name, outcome in outcomes.items() if isinstance(outcome, dict)}
     refused = {name: str(e) for name, e in outcomes.items() if isinstance(e, HarvesterError)}
     return answers, refused
+
+
+def is_reference(bias: Estimate) -> bool:
+    """Whether a bias is that of the reference itself: nothing but rounding."""
+    return abs(bias.estimate) + (bias.standard_error or 0.0) < ROUNDING
