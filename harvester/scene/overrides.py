@@ -136,6 +136,23 @@ def put(tables: dict[str, Any], dotted: str, value: Any, origin: str) -> None:
         table[last] = value
 
 
+def check_kept(tables: dict[str, Any], changes: dict[str, Any]) -> None:
+    """Raise SceneError where one override took out the key of another."""
+    for dotted, value in changes.items():
+        name, _, key = dotted.partition(".")
+        table = tables.get(name)
+        if (
+            value is not None
+            and key.isidentifier()
+            and isinstance(table, dict)
+            and key not in table
+        ):
+            others = " or ".join(other for other in changes if other != dotted)
+            raise SceneError(
+                f"--set {named(dotted)} and {named(others)} exclude each other; keep one"
+            )
+
+
 def _table(tables, part, where):
     """The table of a name, or of `name[k]` the k-th of several, one table counting as the first."""
     match = PLACED.fullmatch(part)

@@ -11,7 +11,7 @@ from harvester.base.errors import SceneError
 from harvester.base.plain_text import named, nearest, shown
 from harvester.base.reading import read_input
 from harvester.device.keys import every_key
-from harvester.scene.overrides import parsed, put, texts
+from harvester.scene.overrides import check_kept, parsed, put, texts
 from harvester.scene.tables import all_tables
 from harvester.scene.toml import LARGEST_SCENE, read_toml
 
@@ -41,9 +41,10 @@ def tables_of(source: str | Path, overrides: Iterable[str]) -> tuple[dict[str, A
     tables = read_toml(text, where)
     _locate_files(tables.get("excitation"), path.parent)
     _locate_files(tables.get("oscillator"), path.parent)
-    for override in texts(overrides):
-        key, value = parsed(override)
+    changes = dict(map(parsed, texts(overrides)))
+    for key, value in changes.items():
         put(tables, key, value, "--set")
+    check_kept(tables, changes)
     return tables, path
 
 

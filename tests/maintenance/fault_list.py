@@ -627,8 +627,8 @@ FAULTS = [
     Fault(
         "command line: the first of two values of a key counts",
         "harvester/scene/source.py",
-        "for override in texts(overrides):",
-        "for override in texts(overrides)[::-1]:",
+        "dict(map(parsed, texts(overrides)))",
+        "dict(map(parsed, texts(overrides)[::-1]))",
         ("harvester/scene/test_overrides.py",),
     ),
     Fault(

@@ -26,8 +26,6 @@ from harvester.studies.sweep import orbits_of
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-# Points of print from a place searched to the maximum that was found at it.
-APART = 6.0
 SEARCHED, MAXIMUM, OWN = "0.6", MONTE_CARLO, CIRCUIT
 
 
@@ -348,7 +346,6 @@ def _panel(found, each):
     bars = [INTERVAL * (value.standard_error or 0.0) for value in searched]
     top = found.value.times(factor)
     height = INTERVAL * (top.standard_error or 0.0)
-    # Beside the place searched there, which it would hide.
     maximum = Series(
         x=[each.place],
         y=[top.estimate],
@@ -358,7 +355,6 @@ def _panel(found, each):
         marker="*",
         bars=[height],
         size=8.0,
-        shift=APART,
     )
     return Panel(
         x_label=key_label(key, found.scene.units),

@@ -154,3 +154,11 @@ def test_rms_stands_for_the_intensity_and_is_kept():
 def test_k2_is_refused_where_it_means_nothing(name, overrides, words):
     with pytest.raises(SceneError, match=words):
         Scene.read(name, overrides)
+
+
+def test_overrides_that_take_each_other_out_are_refused():
+    both = ["load.netlist=bridge", "load.resistance=10k"]
+    for overrides in (both, both[::-1]):
+        with pytest.raises(SceneError, match=r"--set load\.\w+ and load\.\w+ exclude each other"):
+            Scene.read("device", overrides)
+    assert Scene.read("device", [*both, "load.netlist=none"]).load.resistance == 1e4
