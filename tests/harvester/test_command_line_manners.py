@@ -193,6 +193,8 @@ def test_help_begins_with_the_newcomers_commands_and_ends_with_the_proof(capsys)
 def test_an_interrupt_that_c_code_loses_ends_the_command(monkeypatch, capsys):
     """No exception passes through a C library from a callback: Python drops it there."""
     waited = []
+    # A shell starts what runs in the background with interrupts ignored.
+    before = signal.signal(signal.SIGINT, signal.default_int_handler)
 
     @functools.wraps(harvester.average)
     def interrupted(*_, **__):
@@ -203,6 +205,9 @@ def test_an_interrupt_that_c_code_loses_ends_the_command(monkeypatch, capsys):
         waited.append("was not interrupted")
 
     monkeypatch.setattr(harvester, "average", interrupted)
-    assert main(["average", "linear"]) == 130
+    try:
+        assert main(["average", "linear"]) == 130
+    finally:
+        signal.signal(signal.SIGINT, before)
     assert waited == ["goes on"]
     assert capsys.readouterr().err == "harvester: interrupted; nothing was written\n"

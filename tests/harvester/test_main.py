@@ -49,6 +49,8 @@ def test_python_without_docstrings_is_refused_in_one_line():
 def test_an_interrupt_that_a_callback_swallows_ends_in_the_code_of_one():
     program = (
         "import os, signal, sys\nimport harvester.cli.command_line\n"
+        # A shell starts what runs in the background with interrupts ignored.
+        "signal.signal(signal.SIGINT, signal.default_int_handler)\n"
         "def run():\n    try:\n        os.kill(os.getpid(), signal.SIGINT)\n"
         "        signal.pause()\n    except KeyboardInterrupt:\n        return 0\n"
         "harvester.cli.command_line.main = run\nfrom harvester.__main__ import main\n"
