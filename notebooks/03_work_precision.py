@@ -26,7 +26,7 @@ import matplotlib.pyplot as plt
 import harvester
 from harvester.results import figures
 from harvester.validation import MEANS
-from harvester.validation.accuracy import judged
+from harvester.validation.accuracy import bias_verdict
 from harvester.validation.accuracy_methods import ComparedMethod
 
 plt.style.use(figures.STYLE)
@@ -70,7 +70,7 @@ for row in diagram.rows:
     print(
         f"{row.method.family:22} step {row.method.step(scene):<8g} "
         f"{row.seconds_per_unit * 1e6:6.1f} µs per simulated second; "
-        f"error of X {row.strong['displacement']:.1e}; bias: {judged(row)}"
+        f"error of X {row.strong['displacement']:.1e}; bias: {bias_verdict(row)}"
     )
 
 # %% [markdown]

@@ -78,8 +78,8 @@ class Runner:
             lines[MOST_NAMED:] = [f"and {len(lines) - MOST_NAMED} more of this kind"]
         if self._store.passing and self._store.on_disk:
             lines.append(
-                f"{self._store.passing} tasks ended by a limit or by the machine and are not kept: "
-                "the same command computes them again"
+                f"{self._store.passing} tasks gave no result that lasts (a limit, the machine, a "
+                "missing program or file): the same command tries them again"
             )
         return [*(self.folder.notes if self.folder else ()), *lines]
 

@@ -158,7 +158,7 @@ class Accuracy(Measured):
             and row.method.scheme == "trapezoidal"
         ]
         default = [row for row in fixed if row.method.refinement == 1]
-        lines = [f"the circuit's default step: {judged(row)}" for row in default if row.bias]
+        lines = [f"the circuit's default step: {bias_verdict(row)}" for row in default if row.bias]
         # A brief run misses rare events, such as jumps between wells, and so does its error bar.
         below = [
             row
@@ -283,7 +283,7 @@ def accuracy(
         return Accuracy(**vars(measure(scene, runner, thorough, methods)))
 
 
-def judged(row: MethodRow) -> str:
+def bias_verdict(row: MethodRow) -> str:
     """Each bias of a row with its verdict against 1 %, as text."""
     return ", ".join(
         f"{SYMBOLS[name]} {_percent(row.bias[name])} ({verdict})"

@@ -78,7 +78,7 @@ class Opinion:
         return {**fields_of(self), "where": self.where()}
 
 
-def judge(findings: Sequence[Finding]) -> Opinion:
+def opinion_of(findings: Sequence[Finding]) -> Opinion:
     """The verdict that some findings add up to."""
     pro, contra, open_ = Opinion("", tuple(findings)).speaking
     if not findings:
@@ -113,12 +113,12 @@ class Judgement:
     name = "claims"
 
     @property
-    def judged(self) -> list[tuple[Claim, dict[str, Opinion]]]:
+    def opinions(self) -> list[tuple[Claim, dict[str, Opinion]]]:
         return list(zip(self.claims, self.verdicts, strict=True))
 
     def table(self) -> tuple[list[str], list[list[str]]]:
         header = ["section", "statement", *METHODS]
-        return header, [[c.section, c.says, *_texts(verdicts)] for c, verdicts in self.judged]
+        return header, [[c.section, c.says, *_texts(verdicts)] for c, verdicts in self.opinions]
 
     def sentences(self) -> list[str]:
         return [line for lines in self._details().values() for line in lines]
@@ -126,12 +126,12 @@ class Judgement:
     def _details(self):
         """Sentences by the statement that they are about, "" for those on the whole."""
         details: dict[str, list[str]] = {}
-        for claim, verdicts in self.judged:
+        for claim, verdicts in self.opinions:
             for method, verdict in verdicts.items():
                 if verdict.word not in (HOLDS, UNTESTED):
                     line = f"{claim.says}: {method} {verdict.word}: {verdict.where()}"
                     details.setdefault(claim.says, []).append(line)
-        for claim, verdicts in self.judged:
+        for claim, verdicts in self.opinions:
             parted = disagreements(verdicts)
             if parted:
                 pairs = (f"{where}: {p:+.1%} and {s:+.1%}" for where, p, s in parted)
@@ -158,7 +158,7 @@ class Judgement:
     def markdown(self) -> str:
         """The table with the sentences quoted, and the details, one fold for each statement."""
         header = ["section", "sentence", "tested", *METHODS]
-        rows = [[c.section, c.sentence, c.says, *_texts(verdicts)] for c, verdicts in self.judged]
+        rows = [[c.section, c.sentence, c.says, *_texts(verdicts)] for c, verdicts in self.opinions]
         details = self._details()
         plain_lines = "".join(f"- {line}\n" for line in details.pop(""))
         folds = "\n".join(
@@ -191,7 +191,7 @@ class Judgement:
                         for disagreement in disagreements(verdicts)
                     ],
                 }
-                for claim, verdicts in self.judged
+                for claim, verdicts in self.opinions
             ],
             "points": [
                 {"method": method, "changes": dict(changes), **told_of(outcome)}
@@ -283,7 +283,7 @@ def _opinion(scene, claim, method, answers):
     if test.of_orbits:
         if method != "paper":
             return Opinion(UNTESTED, reason="a statement on the orbits of Eq. 13, without noise")
-        return judge(test.findings(scene))
+        return opinion_of(test.findings(scene))
     if test.compares and method == "monte-carlo":
         return Opinion(UNTESTED, reason="Monte Carlo is what the others are compared with")
 
@@ -298,4 +298,4 @@ def _opinion(scene, claim, method, answers):
     findings = [f for condition in claim.conditions for f in test.findings(condition, *read)]
     if not findings:
         return Opinion(UNTESTED, reason="no answers: not run, refused, or not a quantity of it")
-    return judge(findings)
+    return opinion_of(findings)

@@ -32,7 +32,7 @@ from harvester.validation.verdicts import (
     WRONG,
     CaseRow,
     CaseVerdict,
-    judged,
+    row_of_case,
 )
 
 if TYPE_CHECKING:
@@ -192,7 +192,7 @@ def stability(
             answers = {method: next(outcomes) for method in METHODS}
         else:
             answers = dict.fromkeys(METHODS, changed_scene)
-        rows.append(judged(case, changed_scene, answers))
+        rows.append(row_of_case(case, changed_scene, answers))
     return StabilityMatrix(scene, rows, time.perf_counter() - clock)
 
 

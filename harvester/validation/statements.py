@@ -317,6 +317,15 @@ class Claim:
     conditions: tuple[Changes, ...] = field(default=((),), metadata=LEFT_OUT)
 
 
+TESTS: dict[str, type[StatementTest]] = {
+    test.__name__: test
+    for test in (
+        Trend, InteriorMaximum, SingleHump, LargerEffect, Unchanged, Changed, OppositeTrends,
+        Bimodal, Agreement, WiderBand,
+    )
+}  # fmt: skip
+
+
 def _claim(section, sentence, tested, test, conditions=({},), **values):
     if isinstance(conditions, str):
         conditions = entries("paper")["conditions"][conditions]
@@ -326,7 +335,7 @@ def _claim(section, sentence, tested, test, conditions=({},), **values):
     for name in {"ranges", "weak"} & values.keys():
         values[name] = tuple((SYMBOL_KEYS[s], tuple(ends)) for s, *ends in values[name])
     values = {n: tuple(v) if isinstance(v, list) else v for n, v in values.items()}
-    return Claim(section, sentence, tested, globals()[test](**values), changes)
+    return Claim(section, sentence, tested, TESTS[test](**values), changes)
 
 
 CLAIMS = tuple(_claim(**entry) for entry in entries("paper")["statement"])

@@ -28,7 +28,7 @@ COLUMNS = ("displacement", "voltage")
 # Of the Silverbox the sampling rate (Hz) and the published split (nonlinear_benchmarks), which
 # leaves out the first samples of the test.
 RATE = 1e7 / 2**14
-TRAINED, TESTED, LEFT_OUT = (40_650, 105_712), (105_712, 127_400), 50
+TRAINED, TESTED, SKIPPED_SAMPLES = (40_650, 105_712), (105_712, 127_400), 50
 # Tilts of the beam's base (degrees) and, by frequency (Hz), the levels of the shaker (mV) with
 # turned magnets left out. At 9.1 Hz and 200 mV there is one record, of another frequency than its
 # name's.
@@ -50,7 +50,7 @@ def rebound(scene: Scene, engine: str, report: Callable) -> tuple[float, float]:
     return -float(path.waveform.velocity[-1]), 0.0  # type: ignore[union-attr]
 
 
-def path_deviation(
+def deviation_from_other_program(
     scene: Scene, engine: str, step: str, other: str, column: str, report: Callable
 ) -> tuple[float, float]:
     """Root mean square difference from another's path at the knots, as a share of its own rms.
@@ -88,8 +88,8 @@ def silverbox_error(
     free.append("sensor.acceleration_scale")
     fit = identify(scene, Measurement(u, RATE, displacement=y), free=free, compare=False)
     seen = fit.simulated(Measurement(tried, RATE, displacement=response))["displacement"]
-    error = (seen - response)[LEFT_OUT:]
-    return float(np.sqrt(np.mean(error**2)) / np.std(response[LEFT_OUT:])), 0.0
+    error = (seen - response)[SKIPPED_SAMPLES:]
+    return float(np.sqrt(np.mean(error**2)) / np.std(response[SKIPPED_SAMPLES:])), 0.0
 
 
 def beam_claims(

@@ -138,7 +138,7 @@ class CaseRow:
         }
 
 
-def judged(case: Case, scene: Scene | None, answers: dict[str, Any]) -> CaseRow:
+def row_of_case(case: Case, scene: Scene | None, answers: dict[str, Any]) -> CaseRow:
     """The row of one case from what engines and closures said; `scene` is that of the case."""
     cells = {method: _without_answer(outcome) for method, outcome in answers.items()}
     answered = {method: answers[method] for method, cell in cells.items() if cell is None}

@@ -27,7 +27,7 @@ from harvester.validation.claims import (
     UNTESTED,
     claims,
     disagreements,
-    judge,
+    opinion_of,
 )
 from harvester.validation.paper_figures import FIGURES
 from harvester.validation.reproduce import Effort
@@ -72,7 +72,7 @@ def answers(function, error=0.01, noise=None):
 
 def verdict(test, function, conditions=((),), **options):
     read = answers(function, **options)
-    return judge([f for c in conditions for f in test.findings(c, read)]).word
+    return opinion_of([f for c in conditions for f in test.findings(c, read)]).word
 
 
 RISE = Trend("mean_power", D, (1.0, 2.0, 3.0))
@@ -152,17 +152,17 @@ def test_a_change_below_a_limit_is_told_as_it_is_and_judged_by_what_is_left():
 
 def test_what_is_undecided_is_told_in_the_verdict():
     read = answers(lambda c: c[D] if c[E] < 0.5 else 5.0)
-    verdict_ = judge([f for c in TWO for f in RISE.findings(c, read)])
+    verdict_ = opinion_of([f for c in TWO for f in RISE.findings(c, read)])
     assert verdict_.word == IN_PART
     assert "1 of 2 undecided" in verdict_.text()
-    against = judge([Finding("a", 1.0, 0.1), Finding("b", -1.0, 0.1)])
+    against = opinion_of([Finding("a", 1.0, 0.1), Finding("b", -1.0, 0.1)])
     assert against.word == IN_PART
     assert "undecided" not in against.text()
 
 
 def test_closure_and_simulation_disagree_where_both_are_sure_of_opposite_signs():
     def parted(printed, found):
-        verdicts = {"paper": judge([printed]), "monte-carlo": judge([found])}
+        verdicts = {"paper": opinion_of([printed]), "monte-carlo": opinion_of([found])}
         return disagreements(verdicts)
 
     rise, fall = Finding("β", 0.5, 0.01), Finding("β", -0.4, 0.01)
@@ -188,7 +188,7 @@ def test_peaks_of_a_density():
     assert error == pytest.approx(1e-3)
     for half, word in ((1.0, HOLDS), (0.1, UNDECIDED)):
         answer = Answer(SCENE, "monte-carlo", {}, 0.0, density=density(half))
-        assert judge(Bimodal().findings((), lambda c, a=answer: a)).word == word
+        assert opinion_of(Bimodal().findings((), lambda c, a=answer: a)).word == word
 
 
 def test_the_reach_of_a_density_is_its_quantile():

@@ -20,7 +20,7 @@ from harvester.statistics.estimate import Estimate
 from harvester.validation import MEANS
 from harvester.validation.path_deviation import PathDeviation, path_deviation
 from harvester.validation.stability_cases import Case, CaseAnswer
-from harvester.validation.verdicts import judged
+from harvester.validation.verdicts import row_of_case
 
 CASE = Case("scene", "as it is", {})
 GOOD_PATH = PathDeviation("monte-carlo", 1e-4, math.nan, 3e-3, 5e-3, 20.0, 25.0, 44.0, 8)
@@ -37,7 +37,7 @@ def closure(value=1.0, error=1e-5):
 
 def verdicts(**answers):
     answers = {name.replace("_carlo", "-carlo"): answer for name, answer in answers.items()}
-    return judged(CASE, Scene.read("paper"), answers).cells
+    return row_of_case(CASE, Scene.read("paper"), answers).cells
 
 
 def with_path(**changes):
