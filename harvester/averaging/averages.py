@@ -12,7 +12,7 @@ class Averages:
     ----------
     mean_square_voltage : E[V²] (Eq. 28).
     mean_power
-        ΒλE[V²] (Eq. 30), s⁻³.
+        βλE[V²] (Eq. 30), s⁻³.
     mechanical_loss : E[(c + contact damping) X'²] (Eq. 36), s⁻³.
     power_conversion_efficiency
         `mean_power` / (`mechanical_loss` + `mean_power`) (Eq. 35).

@@ -50,8 +50,7 @@ class StationaryProblem:
         Named where it takes too much work.
     share
         Share of the usual work.
-    read
-        Transducer's equations, optional
+    read : transducer's equations, optional
         Transducer whose voltage and power are computed from the state; the device's own by default.
     """
 

@@ -269,8 +269,7 @@ class RunnerOptions(TypedDict, total=False):
 
     Other Parameters
     ----------------
-    executor
-        Concurrent.futures.Executor, WorkerPool, ExecutorPool or None
+    executor : concurrent.futures.Executor, WorkerPool, ExecutorPool or None
     time_limit : float
         Wall-clock limit of one realization (s).
     progress : callable or None

@@ -31,7 +31,7 @@ class HertzDamp(NamedTuple):
     ----------
     stiffness : K l^(n−1)/M.
     exponent
-        N.
+        n.
     damping_factor
         ¾ (1 − e²), without unit.
     holds

@@ -54,7 +54,7 @@ class Key:
     default
         Value of a key that is left out.
     rare, written
-        A scene is written without rare keys at their default, and without keys never written.
+        A written scene omits `rare` keys at their default, and always those not `written`.
     drawn
         Whether it follows from a drawing.
     file
@@ -135,11 +135,11 @@ class OneOf(NamedTuple):
     keys
         The first is computed if another one is given for it.
     needs
-        Keys that belong to some of them: {key: those}.
+        Further keys, each with the keys of the group that it requires.
     required
         Whether one must be given.
     hint
-        Put behind a refusal of keys that do not go together.
+        Appended to the message if keys of the group exclude each other.
     """
 
     keys: tuple[str, ...]
@@ -182,7 +182,7 @@ class Table:
     KEYS
         Keys that the table may hold.
     UNITS
-        Units of scenes that may have the table; empty: as the keys say.
+        Units of scenes that may have the table; empty: each key decides.
     ALTERNATIVES
         Groups of keys that give the same property.
     """
@@ -231,7 +231,7 @@ def every_key(tables: Any) -> dict[str, Key]:
 
 
 def computed(part: Any) -> list[str]:
-    """Names of the values of a table that others were given for."""
+    """Names of the values of a table that were computed from an alternative key."""
     groups = (group.keys for group in part.ALTERNATIVES)
     return [first for first, *others in groups if any(getattr(part, n) for n in others)]
 

@@ -95,7 +95,7 @@ class TransducerRates(NamedTuple):
     Attributes
     ----------
     coupling
-        Β, force per state (1/s²).
+        β, force per state (1/s²).
     load_rate
         The load resistor's part of λ (1/s); 0 where a netlist is the load, which only a
         circuit knows.

@@ -63,7 +63,7 @@ class BaseForcedPiezo(PiezoLaw, _ShakenRates):
     Attributes
     ----------
     base_share
-        Κ, the scaled voltage that one unit of η adds while no charge flows (s²).
+        κ, the scaled voltage that one unit of η adds while no charge flows (s²).
     """
 
     __slots__ = ()

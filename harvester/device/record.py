@@ -15,7 +15,7 @@ class Record(NamedTuple):
     Attributes
     ----------
     time
-        S, increasing; the spacing may vary.
+        s, increasing; the spacing may vary.
     displacement, velocity, voltage : X, X', V of Eq. 4.
     load_power
         Power leaving the transducer, β λ V² for a resistor (Eq. 30).

@@ -48,7 +48,7 @@ class Noise(NamedTuple):
     ----------
     intensity : D (scaled length² s⁻³).
     correlation_time
-        Τ1 (s).
+        τ1 (s).
     """
 
     intensity: float

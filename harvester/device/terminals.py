@@ -26,7 +26,7 @@ class Setting(NamedTuple):
     ----------
     units : "SI" or "scaled".
     mass, length
-        Kg and m per scaled length; 1 in scaled scenes.
+        kg and m per scaled length; 1 in scaled scenes.
     resistance
         Of a load that is a resistor (Ω); None for others, taken as an open circuit.
     decay_rate

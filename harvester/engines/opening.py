@@ -41,8 +41,7 @@ def open_runner(
         meanwhile. None: answers are kept in memory.
     workers : int or None
         Processes of our own; None: one per core.
-    executor
-        Concurrent.futures.Executor, WorkerPool, ExecutorPool or None
+    executor : concurrent.futures.Executor, WorkerPool, ExecutorPool or None
         Executor used in place of own workers; the numbers are the same.
     scheduler : str or None
         Address of a Dask scheduler, instead of them.

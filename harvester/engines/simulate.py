@@ -98,8 +98,7 @@ def simulate(
         steps below `step`; None: fixed steps, or ngspice's own tolerance for "pwl".
     joint_density : bool
         Keep p(X, X') as `Result.joint_density`.
-    executor
-        Concurrent.futures.Executor or None
+    executor : concurrent.futures.Executor or None
         Spreads the realizations instead of worker processes of our own: a process pool, Dask's
         `client.get_executor()`, mpi4py's.
     runner : WorkerPool or what has one as its `pool`, or None

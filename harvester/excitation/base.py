@@ -237,8 +237,7 @@ class Excitation(Table, ABC):
         length : float
             The divisor that turns accelerations into η: the length unit (1 in scaled scenes) over
             `oscillator.base_factor`.
-        seed
-            Numpy.random.SeedSequence
+        seed : numpy.random.SeedSequence
             Seed of this realization.
         """
 

@@ -96,8 +96,7 @@ class ShapedPath(ExcitationPath):
         Frequency (Hz) and one-sided density of each breakpoint.
     spacing : float
         Time between knots (s).
-    seed
-        Numpy.random.SeedSequence
+    seed : numpy.random.SeedSequence
     kurtosis : float
         3 for a Gaussian path; above, see `Bursts`.
     burst_time : float

@@ -107,8 +107,7 @@ class Explorer:
     ----------
     view : View
         The view at the last setting that could be shown.
-    picture
-        Bytes
+    picture : bytes
         The picture of the view as PNG.
     """
 

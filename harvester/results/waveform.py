@@ -238,7 +238,7 @@ def _drawn_once(waveform):
 
 
 def _is_long(time):
-    """Whether so many points are drawn as an envelope."""
+    """Whether this number of points is drawn as an envelope."""
     return time.size > BINS * MOST_IN_BIN
 
 

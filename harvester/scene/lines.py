@@ -24,7 +24,7 @@ COUNTING_RESPONSE = 0.1
 # A nonlinear spring or a stopper is assumed to change the square of the frequency by this share.
 # Fourteen devices with Q from 12 to 340 showed a tenth of it against steps 32 times shorter.
 NONLINEAR_SPREAD = 0.05
-# Overtones of so many lines are combined.
+# Number of lines whose overtones are combined.
 MOST_COMBINED = 4
 
 # If the half width of a resonance is below this share of its frequency, noise is treated like a

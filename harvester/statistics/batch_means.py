@@ -214,12 +214,12 @@ def standard_error_of_drift(series: np.ndarray, memory: float = 0.0) -> float | 
 
 
 def _largest_correlation(expected, size):
-    """The largest correlation of neighbours, of so many batches, that the factors hold for."""
+    """The largest correlation of neighbours, for a number of batches, that the factors allow."""
     return max(LARGEST_CORRELATION, expected + 1.0 / math.sqrt(size))
 
 
 def _raised(variance, effective):
-    """Standard error of the mean of so many effective batches, of this variance; None of few."""
+    """Standard error of a mean from its effective number of batches; None if these are few."""
     if effective < FEWEST_EFFECTIVE:
         return None
     return math.sqrt(variance / (effective - 1.0)) * (1.0 + RAISED / effective)

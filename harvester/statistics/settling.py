@@ -45,10 +45,10 @@ if TYPE_CHECKING:
     from harvester.statistics.store_settling import StoreState
     from harvester.statistics.well_balance import WellBalance
 
-# After so many relaxation times the start of a run counts as forgotten: exp(−8) = 3e-4 of it are
+# Relaxation times after which the start of a run counts as forgotten: exp(−8) = 3e-4 of it are
 # left.
 FORGETTING_TIMES = 8.0
-# A drift is reported when it exceeds this share of the mean and so many of its standard errors.
+# A drift is reported if it exceeds this share of the mean and this number of standard errors.
 SMALLEST_DRIFT, DRIFT_IN_STANDARD_ERRORS = 2e-3, 4.5
 # Above this share of what a store holds, the bound of its missing charge is not printed.
 MOST_MISSING = 10.0

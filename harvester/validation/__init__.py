@@ -11,7 +11,7 @@ VOLTAGE, VELOCITY = "mean_square_voltage", "mean_square_velocity"
 POWER, OUTPUT_POWER = "mean_power", "mean_output_power"
 EFFICIENCY = "power_conversion_efficiency"
 MEANS = (VOLTAGE, VELOCITY, EFFICIENCY)
-# A difference counts from so many standard errors on. By chance alone one in 370 does.
+# A difference is significant from this number of standard errors on; by chance one in 370 is.
 SIGNIFICANT_SIGMAS = 3.0
 # Wall-clock limit of one case of `stability` by one engine or closure, in seconds.
 TIME_LIMIT = 120.0

@@ -22,7 +22,7 @@ from harvester.validation.formulas import gibbs_mean
 # A closed form is used if its own error is at most this share of a mean: by the change of the
 # stiffness within the motion, or by the colour of the noise.
 LARGEST_ERROR = {"small motion": 3e-3, "Gibbs": 2e-2}
-# Contacts and saddles have to be at least so many standard deviations of the displacement away.
+# Least distance of contacts and saddles, in standard deviations of the displacement.
 CLEAR = 6.0
 
 # For each quantity its value and its largest error.

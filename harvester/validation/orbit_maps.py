@@ -31,7 +31,7 @@ HIGHEST = 4.0
 LEVELS, NODES = 200, 24
 GRID = 121
 MARGIN = 0.995  # of the rectangle that is drawn, to the outermost orbit
-# Eq. 4b is solved along so many orbits of each edge, at so many points of each.
+# Number of orbits of each edge along which Eq. 4b is solved, and of points on each.
 CHECKED, POINTS = 5, 512
 # In Fig. 2 the frequency falls to 0 at the separatrix. Below this value, in rad/s, the dip is
 # narrower than the grid.

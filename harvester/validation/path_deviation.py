@@ -42,7 +42,7 @@ MOST_PATHS, FEWEST_PATHS = 8, 2
 # Shortest and longest path, in periods of small oscillations.
 FEWEST_PERIODS = 3.0
 MOST_PERIODS = 30.0
-# A mass takes so many steps from rest to a typical state.
+# Steps that a mass takes from rest to a typical state.
 SETTLING_STEPS = 200_000
 # The step is divided by this for the second comparison, which distinguishes a wrong model from a
 # long step.
@@ -170,7 +170,7 @@ def _of_mechanics(scene, runs, states, compared):
 
 
 def path_scene(scene: Scene) -> Scene:
-    """The scene for so many steps, from a typical state."""
+    """The scene for a number of steps, from a typical state."""
     model = prepared(scene)
     spacing, period = knot_spacing(model), _period(scene)
     step = spacing / steps_per_sample(model)

@@ -25,7 +25,7 @@ def noise_at_knots(scene: Scene, index: int) -> np.ndarray:
 
 
 def from_rest(scene: Scene, knots: int, realizations: int) -> Scene:
-    """The scene for so many knots of its noise, measured from its beginning."""
+    """The scene for a number of knots of its noise, measured from its beginning."""
     spacing = knot_spacing(prepared(scene))
     changes = {
         "run.duration": knots * spacing,

@@ -22,7 +22,7 @@ from harvester.validation.paths import from_rest
 # Knots of a realization. The cost of a PWL source depends on their number, since ngspice scans it
 # point by point.
 KNOTS = 20_000
-# The best of so many measurements counts: other work on the machine only slows one down.
+# Measurements of which the fastest counts: other work on the machine only slows one down.
 REPEATS = 5
 
 
@@ -98,7 +98,7 @@ def measure(
         ways += [("compiled device", copies, 1, option) for copies in (1, most, many)]
 
     def rate(name, copies, processes, options):
-        """So many netlists at a time, each with so many copies; fewer knots if there are more."""
+        """Time some netlists at once, each with some copies; the more, the fewer knots."""
         count = math.ceil(knots / math.sqrt(copies))
         call = {
             "scene": from_rest(scene, count, copies * processes),

@@ -37,7 +37,7 @@ LARGEST_SIGMAS = 4.0
 SOLVER_ERROR = 5e-3
 # Largest deviation of the mean squares along comparable paths, at the step asked for.
 LARGEST_STEP_BIAS = 0.03
-# Paths must be comparable for so many periods, and an engine must follow this share of them.
+# Fewest periods for which paths are comparable, and the share of them that an engine follows.
 FEWEST_PERIODS = 1.0
 LEAST_FOLLOWED = 0.1
 # Largest deviation of a closure from its own coarser grid. The stationary solution has a limit of

@@ -190,19 +190,19 @@ class LumpedBeam(NamedTuple):
     ----------
     mass, stiffness, damping : M = 1/φ(L)², K = ω² M, C = 2 ζ ω M.
     base_factor
-        Μ = φ(L) γ.
+        μ = φ(L) γ.
     coupling
-        Θ = χ/φ(L).
+        θ = χ/φ(L).
     material_capacitance : Cp of the layers, free to stretch the beam and kept from bending it.
     rest_capacitance, rest_charge
         What the modes left out add statically, Σ χr²/ωr² and
         Σ χr γr/ωr² over r > 1: a capacitance, and a charge per acceleration of the base.
     damping_ratio
-        Ζ
+        ζ
     tip_slope
-        Φ'(L)/φ(L), the tip's rotation for a displacement (1/m).
+        φ'(L)/φ(L), the tip's rotation for a displacement (1/m).
     curvatures
-        Φ''/φ(L) at the beginning and the end of each piece (1/m²).
+        φ''/φ(L) at the beginning and the end of each piece (1/m²).
     clamp_compliance
         Rotation of the clamp by a moment (rad/(N m)).
     permittivity_factor

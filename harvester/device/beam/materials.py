@@ -44,9 +44,9 @@ class Piezoceramic(NamedTuple):
     modulus
         1/s11 at constant field (Pa).
     density
-        Kg/m³
+        kg/m³
     d31
-        M/V; of layers with the field along the beam d33 in its place.
+        m/V; of layers with the field along the beam d33 in its place.
     permittivity
         Over that of vacuum, at constant strain along the beam.
     source

@@ -44,15 +44,15 @@ class Mode(NamedTuple):
     Attributes
     ----------
     angular_frequency
-        Rad/s, electrodes short-circuited.
+        rad/s, electrodes short-circuited.
     tip, tip_slope
-        Φ(L), φ'(L).
+        φ(L), φ'(L).
     forcing
-        Γ = ∫ m φ + M_t φ(L) + M_t o φ'(L).
+        γ = ∫ m φ + M_t φ(L) + M_t o φ'(L).
     coupling
-        Χ = ∫ ϑ φ'' (N m/V by the mode's slope).
+        χ = ∫ ϑ φ'' (N m/V by the mode's slope).
     curvatures
-        Φ'' at the beginning and the end of each piece.
+        φ'' at the beginning and the end of each piece.
     """
 
     angular_frequency: float

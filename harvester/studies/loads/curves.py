@@ -63,7 +63,7 @@ def optimum_of(
     places
         Swept values, increasing; the fit uses their logarithms if all are > 0.
     powers
-        Nan where there is none.
+        nan where there is none.
     series : sequence of (ndarray of shape (realizations, batches), or None)
         Powers batch by batch on common noise; None: without statistical error.
     """
