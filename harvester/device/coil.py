@@ -147,7 +147,7 @@ class CoilTable(TransducerTable):
 
     def coupling_at(self, stiffness: float) -> float:
         """The coupling (N/A) that `k2` is with the spring's stiffness at rest (N/m)."""
-        return math.sqrt(self.k2 * stiffness * self.inductance) if self.k2 else self.coupling
+        return math.sqrt((self.k2 or 0.0) * stiffness * self.inductance)
 
     def voltage_unit(self, setting: Setting) -> float:
         """The scaled unit of voltage, Φ l."""

@@ -128,7 +128,7 @@ class PiezoTable(TransducerTable):
 
     def coupling_at(self, stiffness: float) -> float:
         """The coupling (N/V) that `k2` is with the spring's stiffness at rest (N/m)."""
-        return math.sqrt(self.k2 * stiffness * self.capacitance) if self.k2 else self.coupling
+        return math.sqrt((self.k2 or 0.0) * stiffness * self.capacitance)
 
     def voltage_unit(self, setting: Setting) -> float:
         """The scaled unit of voltage, θ l/Cp."""

@@ -16,7 +16,7 @@ class Stages:
         self._low, self._high, self._words, self.share = 0.0, 1.0, "", 0.0
 
     def begin(self, low: float, high: float, words: str) -> None:
-        """A stage begins that takes the whole from one share to another."""
+        """Begin a stage in which the share done goes from `low` to `high`."""
         self._low, self._high, self._words = low, high, words
         self(0.0)
 
@@ -33,7 +33,7 @@ class Progress:
     """
 
     def __init__(self, report: Callable[[float, str], object]):
-        self._report = report
+        self.report = report
         self._seconds: dict[str, float] = defaultdict(float)
         self._count: Counter[str] = Counter()
         self._waiting: Counter[str] = Counter()
@@ -85,7 +85,7 @@ class Progress:
             self._share = max(self._share, (self._spent + begun) / (self._spent + left))
         elif not self._waiting.total():
             self._share = 1.0
-        self._report(self._share, f"{self._ended} of {self._plans}")
+        self.report(self._share, f"{self._ended} of {self._plans}")
 
     def _mean(self, label):
         """Seconds that a task takes; of a label not met yet, as those that were, if any were."""

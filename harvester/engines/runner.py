@@ -61,6 +61,10 @@ class Runner:
         self._reused: set[str] = set()
         self._circuit = ""
 
+    def report_to(self, progress: Callable[[float, str], object]) -> None:
+        """Report the share done of each further list of tasks to this function alone."""
+        self._progress.report = progress
+
     @property
     def computed(self) -> int:
         return len(self._computed)

@@ -225,6 +225,8 @@ def _drawn_once(waveform):
     """Words and column of each panel; a column like one before is named with it."""
     drawn: dict[str, str] = {}
     for name, values in waveform.columns.items():
+        if name == "velocity":
+            continue
         words = name.replace("_", " ") if "(" not in name else name
         size = np.abs(values).max(initial=0.0)
         for other, column in drawn.items():
@@ -234,11 +236,11 @@ def _drawn_once(waveform):
                 break
         else:
             drawn[words] = name
-    return {words: name for words, name in drawn.items() if name != "velocity"}
+    return drawn
 
 
 def _is_long(time):
-    """Whether this number of points is drawn as an envelope."""
+    """Whether a record is long enough to be drawn as an envelope."""
     return time.size > BINS * MOST_IN_BIN
 
 

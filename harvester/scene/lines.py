@@ -24,7 +24,7 @@ COUNTING_RESPONSE = 0.1
 # A nonlinear spring or a stopper is assumed to change the square of the frequency by this share.
 # Fourteen devices with Q from 12 to 340 showed a tenth of it against steps 32 times shorter.
 NONLINEAR_SPREAD = 0.05
-# Number of lines whose overtones are combined.
+# Overtones and combination tones are those of this number of lines, of the largest responses.
 MOST_COMBINED = 4
 
 # If the half width of a resonance is below this share of its frequency, noise is treated like a
@@ -61,7 +61,9 @@ def spread(ready: Prepared) -> float:
         return 0.0
     system = ready.system
     greatest, tuned = max(answers)
-    counting = [omega for size, omega in answers if size > COUNTING_RESPONSE * greatest]
+    # The largest first.
+    ordered = sorted(answers, reverse=True)
+    counting = [omega for size, omega in ordered if size > COUNTING_RESPONSE * greatest]
     away = max(abs(omega**2 / tuned**2 - 1.0) for omega in counting)
     linear = _linear(system)
     if not (linear and ready.scene.load.is_resistor):

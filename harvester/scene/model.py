@@ -252,7 +252,10 @@ def _coupled(transducer, name, oscillator, origin):
     if getattr(transducer, "k2", None) is None:
         return transducer
     stiffness = _stiffness_at_rest(oscillator, f"{name}.k2", "coupling", origin)
-    return replace(transducer, coupling=transducer.coupling_at(stiffness))
+    coupling = transducer.coupling_at(stiffness)
+    if not coupling > 0.0:
+        raise SceneError(f"{origin}: {name}.k2 needs {name}.inductance > 0: give {name}.coupling")
+    return replace(transducer, coupling=coupling)
 
 
 def _stiffness_at_rest(oscillator, key, instead, origin):

@@ -10,7 +10,6 @@ import math
 import time
 from collections.abc import Mapping
 from dataclasses import replace
-from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Unpack
 
@@ -97,6 +96,7 @@ def validate(
     from harvester.averaging.closures import CLOSURES
     from harvester.averaging.of_scene import average
     from harvester.device import timescales
+    from harvester.engines.progress import Stages
     from harvester.engines.spread import running
     from harvester.results.paired import paired_difference
     from harvester.scene.prepared import prepared
@@ -110,14 +110,11 @@ def validate(
             closures[closure] = average(scene, method=closure, jump_rates=True)
         except (AveragingError, LoadError) as error:
             refused[closure] = str(error)
-    results = []
-
-    def follow(begin: float, end: float, share: float, words: str) -> None:
-        if progress:
-            progress(begin + (end - begin) * share, words)
-
+    results, stages = [], Stages(progress) if progress else None
     with running(runner, executor, scene.run.realizations, workers) as pool:
         for method, (begin, end) in comparison.SHARES.items():
+            if stages:
+                stages.begin(begin, end, method)
             result = simulate(
                 scene,
                 method=method,
@@ -126,7 +123,7 @@ def validate(
                 window=(0.0, until),
                 joint_density=method == "monte-carlo",
                 runner=pool,
-                progress=partial(follow, begin, end),
+                progress=stages,
             )
             results.append(result)
     circuit, monte_carlo = results
@@ -644,7 +641,8 @@ def optimum(
             raise HarvesterError(f"--{name}: is for several parameters, a second --over")
     if closure is not None and not is_one:
         raise HarvesterError("--closure: is for one parameter by an engine; else use --method")
-    stages = Stages(running.pop("progress", None) or (lambda share, words: None))
+    progress = running.pop("progress", None)
+    stages = Stages(progress or (lambda share, words: None))
     closure = check_name("closure", closure or DEFAULT_CLOSURE, CLOSURES)
     if is_one:
         load = scene.load.circuit
@@ -656,8 +654,9 @@ def optimum(
             "monte-carlo or circuit, or the limit out"
         )
     axes = [Axis.of(scene, key, *interval) for key, interval in ends.items()]
-    running["progress"] = None if running.get("runner") else stages
     with open_runner(**running) as runner:
+        if progress:
+            runner.report_to(stages)
         if is_one:
             found = along(scene, axes[0], maximise, chosen, closure, runner, stages)
         else:

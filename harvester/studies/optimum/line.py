@@ -31,7 +31,6 @@ from harvester.engines.runner import Runner
 from harvester.scene.model import Scene
 from harvester.scene.prepared import prepared
 from harvester.scene.steps import step_error
-from harvester.statistics.batch_means import standard_error
 from harvester.statistics.estimate import Estimate
 from harvester.statistics.run_estimates import error_of
 from harvester.statistics.units import unit_of
@@ -85,7 +84,8 @@ def along(
 
     def begin():
         # The number of windows is not known: each takes half of what is left.
-        stages.begin(max(stages.share, 0.3), 0.5 * (max(stages.share, 0.3) + 0.9), "simulation")
+        low = max(stages.share, 0.3)
+        stages.begin(low, 0.5 * (low + 0.9), "simulation")
 
     search = Search(device, axis, quantity, method, runner, begin)
     maximum, fitted = search.find(None if location is None else axis.coordinate(location))
@@ -167,9 +167,9 @@ class Search:
         quantity: str,
         method: Method,
         runner: Runner,
-        begin: Callable[[], object] = lambda: None,
+        begin: Callable[[], object],
     ):
-        self._begin = begin
+        self._begin, self._error_of = begin, error_of(scene)
         self.scene, self.axis, self.quantity = scene, axis, quantity
         self.method, self._runner = method, runner
         self._more = 1
@@ -187,9 +187,7 @@ class Search:
             centre = min(max(centre, half), 1.0 - half)
             coordinates = centre + half * np.linspace(-1.0, 1.0, PLACES)
             answers = self._answers(coordinates)
-            fit = CubicFit(
-                np.linspace(-1.0, 1.0, PLACES), answers, self.quantity, error_of(self.scene)
-            )
+            fit = CubicFit(np.linspace(-1.0, 1.0, PLACES), answers, self.quantity, self._error_of)
             if not fit.peaked or abs(fit.place) > 1.0:
                 centre = self._moved(centre, half, fit)
             elif (fit.drop > DROP or fit.misfit) and half > NARROWEST:
@@ -326,8 +324,9 @@ class CubicFit:
         places: np.ndarray,
         answers: Sequence[Answer],
         quantity: str,
-        error_of: Callable = standard_error,
+        error_of: Callable,
     ):
+        self._error_of = error_of
         powers = np.vander(places, 4, increasing=True)
         solve = np.linalg.pinv(powers)
         values = np.array([amount(answer, quantity) for answer in answers])
@@ -348,13 +347,13 @@ class CubicFit:
             self.error = error_of(-0.5 * moved)
             top = c0 + t * (c1 + t * (c2 + t * c3))
             self.drop = float(1.0 - (powers @ [c0, c1, c2, c3])[[0, -1]].min() / top)
-        self._look_for_misfit(places, values, series, powers @ solve, error_of)
-        self._look_at_ends(places, values, series, error_of)
+        self._look_for_misfit(places, values, series, powers @ solve)
+        self._look_at_ends(places, values, series)
 
-    def _look_for_misfit(self, places, values, series, fitting, error_of):
+    def _look_for_misfit(self, places, values, series, fitting):
         residual = np.eye(len(places)) - fitting
         off = np.abs(residual @ values)
-        errors = [error_of(row) for row in np.tensordot(residual, series, 1)]
+        errors = [self._error_of(row) for row in np.tensordot(residual, series, 1)]
         beyond = [x for x, e in zip(off, errors, strict=True) if e is not None and x > MISFIT * e]
         self.bias, self.misfit = 0.0, False
         if beyond and self.peaked:
@@ -364,7 +363,7 @@ class CubicFit:
             narrow = fall <= NARROWED * values.max()
             self.misfit = not narrow and max(beyond) > MISFIT_SHARE * np.ptp(values)
 
-    def _look_at_ends(self, places, values, series, error_of):
+    def _look_at_ends(self, places, values, series):
         """Compare the measured values at the window's ends with the highest: a cubic through
         a plateau has a maximum too."""
         self.flat_to, self.noisy_ends = 0, False
@@ -372,7 +371,7 @@ class CubicFit:
         least = STANDS_OUT * abs(values[nearest])
         for end in (0, -1):
             fall = values[nearest] - values[end]
-            error = error_of(series[nearest] - series[end])
+            error = self._error_of(series[nearest] - series[end])
             if error is None or not fall > max(SIGNIFICANT_SIGMAS * error, least):
                 self.flat_to = int(np.sign(places[end]))
                 self.noisy_ends = error is None or SIGNIFICANT_SIGMAS * error > least

@@ -13,7 +13,7 @@ from harvester.engines.request import Request
 from harvester.results.paired import deviations, has_deviations
 from harvester.scene.model import Scene
 from harvester.scene.prepared import prepared
-from harvester.statistics.batch_means import standard_error
+from harvester.statistics.run_estimates import error_of
 from harvester.studies.answers import (
     answers_in_time,
     is_complete,
@@ -110,5 +110,5 @@ class Objective:
             errors = [a.in_units()[self.quantity].standard_error for a in (answer, other)]
             return math.inf if None in errors else math.hypot(*errors)
         series = [series_in_units(compared, self.quantity) for compared in (answer, other)]
-        error = standard_error(series[0] - series[1])
+        error = error_of(self.scene)(series[0] - series[1])
         return math.inf if error is None else error

@@ -162,3 +162,9 @@ def test_overrides_that_take_each_other_out_are_refused():
         with pytest.raises(SceneError, match=r"--set load\.\w+ and load\.\w+ exclude each other"):
             Scene.read("device", overrides)
     assert Scene.read("device", [*both, "load.netlist=none"]).load.resistance == 1e4
+
+
+def test_k2_of_a_coil_without_inductance_is_refused():
+    overrides = ["coil.coupling=none", "coil.k2=0.1", "coil.inductance=0"]
+    with pytest.raises(SceneError, match=r"coil\.k2 needs coil\.inductance > 0"):
+        Scene.read("electromagnetic", overrides)

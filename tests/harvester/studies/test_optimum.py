@@ -17,6 +17,7 @@ from harvester.engines.simulate import simulate
 from harvester.scene.model import Scene
 from harvester.scene.prepared import prepared
 from harvester.scene.steps import knot_spacing, step_error
+from harvester.statistics.batch_means import standard_error
 from harvester.statistics.estimate import Estimate
 from harvester.studies.answers import missing_from
 from harvester.studies.optimum import line as optimum_search
@@ -45,7 +46,7 @@ def best_load(power):
 def test_simulation_finds_the_load_of_a_linear_harvester(runner):
     """Within four standard errors of the closed form: one false alarm in 16 000."""
     axis = Axis("load.decay_rate", 0.5, 10.0)
-    search = Search(LINEAR, axis, "mean_power", MonteCarlo(), runner)
+    search = Search(LINEAR, axis, "mean_power", MonteCarlo(), runner, lambda: None)
     place, fitted = search.find(None)
     closed = best_load(oscillator_power)
     exact = best_load(
@@ -97,7 +98,7 @@ def test_an_edge_is_no_optimum(runner, start):
     scene = Scene.read("linear", ["run.realizations=2", "run.duration=1000"])
     axis = Axis("excitation.intensity", 0.01, 0.04)
     with pytest.raises(OptimumError, match=r"largest at the end of the range, 0\.04"):
-        Search(scene, axis, "mean_power", MonteCarlo(), runner).find(start)
+        Search(scene, axis, "mean_power", MonteCarlo(), runner, lambda: None).find(start)
 
 
 def test_averaging_gives_a_reason_instead_of_an_edge(runner, monkeypatch):
@@ -176,7 +177,12 @@ def test_the_fit_covers_a_known_maximum(monkeypatch):
         batches = 3.0 * noise.normal(size=(2, 64)) + 0.3 * noise.normal(size=(7, 2, 64))
         means = batches.mean(axis=(1, 2))
         series.update({k: batches[k] - means[k] for k in range(7)})
-        fit = CubicFit(places, [Synthetic(k, truth[k] + means[k]) for k in range(7)], "mean_power")
+        fit = CubicFit(
+            places,
+            [Synthetic(k, truth[k] + means[k]) for k in range(7)],
+            "mean_power",
+            standard_error,
+        )
         assert fit.peaked
         covered += abs(fit.place - 0.2) < 2.0 * fit.error
     assert 0.91 * 300 < covered < 300
@@ -201,7 +207,9 @@ def searched(function, own_noise, monkeypatch):
         def in_units(self):
             return {"mean_power": Estimate(self.value, None, None, "power")}
 
-    search = Search(LINEAR, Axis("load.decay_rate", 0.0, 1.0), "mean_power", MonteCarlo(), None)
+    search = Search(
+        LINEAR, Axis("load.decay_rate", 0.0, 1.0), "mean_power", MonteCarlo(), None, lambda: None
+    )
     monkeypatch.setattr(search, "_answers", lambda places: [Synthetic(c) for c in places])
     return search
 
@@ -348,3 +356,19 @@ def test_the_place_without_noise_is_known_as_well_as_its_steps(
     assert abs(found.estimate - place) < 2.0 * found.standard_error < share * place
     there = prepared(scene.replace({"load.decay_rate": place}))
     assert found.standard_error > 0.9 * step_error(there, engine="monte-carlo") * place
+
+
+@pytest.mark.slow
+def test_an_open_runner_reports_each_task_of_an_optimum(pool):
+    """As the command line calls it: with a runner and a progress of its own."""
+    shares = []
+    with open_runner(executor=pool) as runner:
+        optimum(
+            LINEAR,
+            {"load.decay_rate": (0.1, 10.0)},
+            method="monte-carlo",
+            runner=runner,
+            progress=lambda share, words: shares.append(share),
+        )
+    assert shares == sorted(shares)
+    assert len({*shares}) > 20
