@@ -206,7 +206,8 @@ def _pairs(card, text, flags):
         elif word in flags:
             pairs.append((word, ""))
         else:
-            refuse(card, f"{word[:40]!r} is not of the form name=value")
+            cure = "; write an expression in braces, name={2*a}" if "=" in word else ""
+            refuse(card, f"{word[:40]!r} is not of the form name=value{cure}")
     return pairs
 
 
