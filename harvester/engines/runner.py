@@ -83,7 +83,7 @@ class Runner:
         if self._store.passing and self._store.on_disk:
             lines.append(
                 f"{self._store.passing} tasks gave no result that lasts (a limit, the machine, a "
-                "missing program or file): the same command tries them again"
+                "missing program or file): the same command computes them again"
             )
         return [*(self.folder.notes if self.folder else ()), *lines]
 
