@@ -21,6 +21,28 @@ LONGEST = 1e7
 ROUNDED_COUNT = 1000.0
 
 
+class Number(str):
+    """A printed number that keeps its value, its standard error and its unit.
+
+    Tables of results hold them: a terminal prints the text, a data frame takes the value.
+
+    >>> power = quantity(2.5e-3, "W")
+    >>> power, power.value, power.unit
+    ('2.5 mW', 0.0025, 'W')
+    """
+
+    value: float
+    error: float | None
+    unit: str
+
+    def __new__(
+        cls, text: str, value: float = math.nan, error: float | None = None, unit: str = ""
+    ) -> Number:
+        printed = super().__new__(cls, text)
+        printed.value, printed.error, printed.unit = value, error, unit
+        return printed
+
+
 class Estimated(Protocol):
     """A value with its standard error."""
 
@@ -30,15 +52,15 @@ class Estimated(Protocol):
     def standard_error(self) -> float | None: ...
 
 
-def with_error(estimate: Estimated, unit: str = "") -> str:
+def with_error(estimate: Estimated, unit: str = "") -> Number:
     """ "682 ± 12 µW", or the bare value and that it has no error bar."""
-    factor, unit = prefixed(estimate.estimate, unit)
-    error = estimate.standard_error
-    text = value_and_error(factor * estimate.estimate, None if error is None else factor * error)
-    return f"{text} {unit}".rstrip()
+    value, error = estimate.estimate, estimate.standard_error
+    factor, symbol = prefixed(value, unit)
+    text = _value_and_error(factor * value, None if error is None else factor * error)
+    return Number(f"{text} {symbol}".rstrip(), value, error, unit)
 
 
-def value_and_error(value: float, error: float | None) -> str:
+def value_and_error(value: float, error: float | None) -> Number:
     """ "0.02745 ± 0.00012"; an error below the value's last digit is only bounded.
 
     Examples
@@ -50,17 +72,21 @@ def value_and_error(value: float, error: float | None) -> str:
     >>> value_and_error(0.0001177601503556, 1.1e-18)
     '0.000117760 ± <1e-9'
     """
+    return Number(_value_and_error(value, error), value, error)
+
+
+def _value_and_error(value, error):
     if value is None or not math.isfinite(value):
         return NOT_KNOWN
     if error is None or not math.isfinite(error):
-        return f"{number(value, 3)} (no error bar)"
+        return f"{_number(value, 3)} (no error bar)"
     if not value and not error:
         return "0 ± 0"
     size = abs(value) or error
     exponent = math.floor(math.log10(size))
     if not -4 <= exponent < 5:
         scale = 10.0**exponent
-        return f"({value_and_error(value / scale, error / scale)})e{exponent}"
+        return f"({_value_and_error(value / scale, error / scale)})e{exponent}"
     most = max(0, MOST_DIGITS - 1 - exponent)
     if error < 0.5 * 10.0**-most:
         bound = "0" if error == 0.0 else f"<1e-{most}" if most else "<1"
@@ -72,14 +98,15 @@ def value_and_error(value: float, error: float | None) -> str:
     return f"{text.lstrip('-') if float(text) == 0.0 else text} ± {error:.{places}f}"
 
 
-def share_with_error(estimate: Estimated, sign: bool = True) -> str:
+def share_with_error(estimate: Estimated, sign: bool = True) -> Number:
     """A share in percent: "+0.15 ± 0.02 %"."""
-    value, error = 100.0 * estimate.estimate, estimate.standard_error
-    if not math.isfinite(value):
-        return NOT_KNOWN
-    text = f"{value:.2f}" if error is None else value_and_error(value, 100.0 * error)
+    share, error = estimate.estimate, estimate.standard_error
+    if not math.isfinite(share):
+        return Number(NOT_KNOWN)
+    value = 100.0 * share
+    text = f"{value:.2f}" if error is None else _value_and_error(value, 100.0 * error)
     plus = "+" if sign and value > 0.0 and not text.startswith(("0 ", "(")) else ""
-    return f"{plus}{text} %"
+    return Number(f"{plus}{text} %", share, error, "1")
 
 
 def prefixed(value: float, unit: str) -> tuple[float, str]:
@@ -108,13 +135,13 @@ def in_print(unit: str) -> str:
     return "" if unit == "1" else unit.replace("^2", "²").replace("^-1", "⁻¹")
 
 
-def quantity(value: float, unit: str = "", digits: int = 4) -> str:
-    """ "27.3 kΩ": a value without an error, to so many digits."""
-    factor, unit = prefixed(value, unit)
-    return f"{number(factor * value, digits)} {unit}".rstrip()
+def quantity(value: float, unit: str = "", digits: int = 4) -> Number:
+    """ "27.3 kΩ": a value without an error, rounded to `digits` digits."""
+    factor, symbol = prefixed(value, unit)
+    return Number(f"{_number(factor * value, digits)} {symbol}".rstrip(), value, None, unit)
 
 
-def number(value: float, digits: int = 4) -> str:
+def number(value: float, digits: int = 4) -> Number:
     """A plain number; a dash where there is none.
 
     Examples
@@ -122,19 +149,24 @@ def number(value: float, digits: int = 4) -> str:
     >>> number(139247.7), number(1.392e-5), number(2.5e9)
     ('139200', '1.392e-05', '2.5e+09')
     """
+    return Number(_number(value, digits), value)
+
+
+def _number(value, digits):
     if not math.isfinite(value):
         return NOT_KNOWN
     text = f"{value + 0.0:.{digits}g}"
     return f"{float(text):.0f}" if "e+" in text and abs(value) < LONGEST else text
 
 
-def count(size: float | None) -> str:
+def count(size: float | None) -> Number:
     """How many there are: "below 1", 96, 9,100,000."""
     if size is None or not math.isfinite(size):
-        return ""
+        return Number("")
     if size < 1.0:
-        return "below 1"
-    return f"{size:.0f}" if size < ROUNDED_COUNT else f"{float(f'{size:.1e}'):,.0f}"
+        return Number("below 1", size)
+    exact = size < ROUNDED_COUNT
+    return Number(f"{size:.0f}" if exact else f"{float(f'{size:.1e}'):,.0f}", size)
 
 
 def is_share(name: str) -> bool:

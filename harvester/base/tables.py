@@ -5,39 +5,14 @@ from __future__ import annotations
 import csv
 import io
 import math
-from abc import ABC, abstractmethod
 from collections.abc import Iterable, Sequence
 from pathlib import Path
 from types import ModuleType
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from harvester.base.libraries import optional_library
 from harvester.base.plain_text import one_line
 from harvester.base.writing import whole_file, write_text
-
-if TYPE_CHECKING:
-    from pandas import DataFrame
-
-
-class Tabular(ABC):
-    """Base of tabular results: header and rows, which can be a file or a DataFrame."""
-
-    @abstractmethod
-    def data(self) -> tuple[list[str], list[list[Any]]]:
-        """Header and rows."""
-
-    def to_csv(self, path: str | Path) -> None:
-        """Write the rows of `data`. Raises OutputError."""
-        write_csv(path, *self.data())
-
-    def to_pandas(self) -> DataFrame:
-        """The rows of `data` as a DataFrame.
-
-        Raises MissingLibrary without pandas, of the extra `study`.
-        """
-        header, rows = self.data()
-        name = f"{type(self).__name__}.to_pandas"
-        return optional_library("pandas", name, "study").DataFrame(rows, columns=header)
 
 
 def write_csv(path: str | Path, header: Sequence[str], rows: Iterable[Sequence]) -> None:

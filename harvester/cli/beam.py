@@ -6,28 +6,37 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 from harvester.base.errors import SceneError
+from harvester.results.view import Picture, ResultBase, View
 
 if TYPE_CHECKING:
-    from matplotlib.figure import Figure
-
     from harvester.device.beam.lumped import Beam
     from harvester.scene.model import Scene
 
 
-@dataclass(frozen=True)
-class Drawing:
+@dataclass(frozen=True, repr=False)
+class Drawing(ResultBase):
     """A scene's beam with its lumped values, to be shown and written."""
 
     scene: Scene
     beam: Beam
 
-    def table(self) -> tuple[list[str], list[list[str]]]:
+    def view(self) -> View:
+        """Lumped values; side view, first mode, and the spring of the magnets."""
+        from harvester.device.beam.summary import draw
+
+        return View(
+            table=self._table(),
+            findings=self._findings(),
+            pictures=[Picture(lambda beam: draw(beam, self.scene.magnets), self.beam)],
+        )
+
+    def _table(self) -> tuple[list[str], list[list[str]]]:
         header = ["quantity", "equation", "value", "unit"]
         return header, [
             [name, equation, f"{value:.5g}", unit] for name, equation, value, unit in self._rows()
         ]
 
-    def sentences(self) -> list[str]:
+    def _findings(self) -> list[str]:
         """The device with its magnets; where the theory holds only roughly; a polynomial."""
         from harvester.device.beam.summary import remarks
 
@@ -65,14 +74,7 @@ class Drawing:
     def to_dict(self) -> dict[str, Any]:
         keys = ("quantity", "equation", "value", "unit")
         values = [dict(zip(keys, row, strict=True)) for row in self._rows()]
-        return {"scene": self.scene.to_dict(), "values": values, "notes": self.sentences()}
-
-    def figure(self) -> Figure:
-        """Side view, first mode, and the spring of the magnets."""
-        from harvester.device.beam.summary import draw
-        from harvester.results.figures import drawn
-
-        return drawn(lambda beam: draw(beam, self.scene.magnets), self.beam)
+        return {"scene": self.scene.to_dict(), "values": values, "notes": self._findings()}
 
     def _rows(self):
         from harvester.device.beam.summary import rows

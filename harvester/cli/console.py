@@ -6,29 +6,19 @@ import contextlib
 import sys
 import threading
 import time
-from collections.abc import Callable, Iterator, Mapping, Sequence
-from typing import TYPE_CHECKING, Any
+from collections.abc import Callable, Iterator
+from typing import Any
 
-from rich import box
 from rich.console import Console
 from rich.progress import BarColumn, Progress, SpinnerColumn, TextColumn, TimeRemainingColumn
-from rich.table import Table
 
 from harvester.base.plain_text import one_line
-from harvester.cli.shown import Tabled, is_quiet
-
-if TYPE_CHECKING:
-    from harvester.results.result import Result
+from harvester.cli.shown import is_quiet
+from harvester.results.view import Table, View
 
 # A progress bar appears after so many seconds; a shorter one would only flicker.
 SHOW_AFTER_SECONDS = 0.5
 SAY_AFTER_SECONDS = 5.0
-# Width of a line in characters. It is so large that tables are never folded.
-TABLE_WIDTH = 1000
-# A sketch of a density: bars in steps of an eighth of the height, letters of a line, samples of the
-# density within each, and the share of the peak below which its ends are left out.
-HEIGHTS = " ▁▂▃▄▅▆▇█"
-LETTERS, FINER, VISIBLE_SHARE = 56, 32, 0.01
 # Remaining times above this (s) are shown as "centuries".
 LONGEST_TOLD_SECONDS = 1e10
 
@@ -142,61 +132,26 @@ def _duration(seconds):
     return f"{seconds:.0f} s"
 
 
-def show_table(
-    content: Tabled, title: str, to_stderr: bool = False, alarms: Sequence[str] = ()
-) -> None:
-    """Print a result as a table, its alarms in red, and its sentences.
+def show_view(view: View, title: str, to_stderr: bool = False) -> None:
+    """Print a result's table, its alarms in red, and its findings.
 
-    On a terminal that has the letters for it, densities are sketched before the sentences.
+    On a terminal that has the letters for it, densities are sketched before the findings.
     """
-    header, rows = content.table()
-    if content.scene is not None:
-        title = f"{content.scene.name}: {title}"
-    table = Table(title=title, box=box.SIMPLE_HEAD, title_justify="left")
-    for column, name in enumerate(header):
-        words = column < 2
-        table.add_column(one_line(name), justify="left" if words else "right", no_wrap=True)
-    for row in rows:
-        table.add_row(*map(one_line, row))
-    by_method = getattr(content, "results_by_method", None)
-    sketch = density_sketch(by_method()) if by_method else []
-    _print(table, content.sentences(), to_stderr, alarms, sketch)
+    from harvester.results.terminal import density_sketch, laid_out
 
-
-def density_sketch(results: Mapping[str, Result]) -> list[str]:
-    """A line of letters for each method that knows the density of X, and one with the range.
-
-    All lines have the same range and the same height.
-    """
-    import numpy as np
-
-    curves = {
-        name: result.densities["displacement"]
-        for name, result in results.items()
-        if "displacement" in result.densities
-    }
-    if not curves:
-        return []
-    visible = [c.centre[c.density >= VISIBLE_SHARE * c.density.max()] for c in curves.values()]
-    low, high = min(centre[0] for centre in visible), max(centre[-1] for centre in visible)
-    samples = low + (high - low) * (np.arange(LETTERS * FINER) + 0.5) / (LETTERS * FINER)
-    heights = {
-        name: np.interp(samples, c.centre, c.density).reshape(LETTERS, FINER).mean(axis=1)
-        for name, c in curves.items()
-    }
-    top = max(row.max() for row in heights.values())
-    names = max(map(len, heights))
-    first = results[next(iter(curves))]
-    scale, unit = first.scales.of("displacement"), first.unit("displacement")
-    ends = f"{low * scale:.3g}", f"{high * scale:.3g} {unit}"
-    middle = f"{'density of displacement':^{LETTERS - len(ends[0]) - len(ends[1])}}"
-    return [
-        *(
-            f"  {name:{names}}  {''.join(HEIGHTS[round(8 * share)] for share in row / top)}"
-            for name, row in heights.items()
-        ),
-        f"  {'':{names}}  {ends[0]}{middle}{ends[1]}",
-    ]
+    if is_quiet():
+        return
+    console = _console(to_stderr)
+    blocks, footnotes = laid_out(Table(*view.table), console.width)
+    for number, block in enumerate(blocks):
+        console.print(one_line(f"{title}, further columns" if number else title), soft_wrap=True)
+        console.print(block)
+    _print_lines(console, footnotes)
+    for line in view.alarms:
+        console.print(one_line(line), soft_wrap=True, style="bold red")
+    if console.is_terminal and not console.no_color and not console.options.ascii_only:
+        _print_lines(console, density_sketch(view.methods))
+    _print_lines(console, view.findings)
 
 
 def show_engine(engine: dict[str, Any], to_stderr: bool = False) -> None:
@@ -207,19 +162,15 @@ def show_engine(engine: dict[str, Any], to_stderr: bool = False) -> None:
         f"features: {', '.join(features) or 'none of XSPICE, CIDER, OSDI, KLU'}",
         f"compiled device: {engine['compiled_device_off'] or 'on'}",
     ]
-    _print(None, lines, to_stderr)
+    if not is_quiet():
+        _print_lines(_console(to_stderr), lines)
 
 
-def _print(table, lines, to_stderr, alarms=(), sketch=()):
-    if is_quiet():
-        return
+def _console(to_stderr):
     stream = sys.stderr if to_stderr else sys.stdout
-    # As wide as the table needs: a line that runs on is better than a number that is cut off.
-    console = Console(file=stream, highlight=False, markup=False, emoji=False, width=TABLE_WIDTH)
-    if table is not None:
-        console.print(table)
-    for line in alarms:
-        console.print(one_line(line), soft_wrap=True, style="bold red")
-    shows_blocks = stream.isatty() and not console.no_color and not console.options.ascii_only
-    for line in [*(sketch if shows_blocks else ()), *lines]:
+    return Console(file=stream, highlight=False, markup=False, emoji=False)
+
+
+def _print_lines(console, lines):
+    for line in lines:
         console.print(one_line(line), soft_wrap=True)

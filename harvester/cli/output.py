@@ -9,10 +9,11 @@ from collections.abc import Iterable, Iterator
 from typing import TYPE_CHECKING, Unpack
 
 from harvester.base.signatures import RunnerOptions
-from harvester.cli.shown import Shown, Tabled, print_error, say
+from harvester.cli.shown import print_error, say
 
 if TYPE_CHECKING:
     from harvester.engines.runner import Runner
+    from harvester.results.view import ResultBase
 
 # Endings of the files of a result in its folder.
 RESULT_FILES = (".json", "-densities.csv", ".png", "-joint.png", ".csv", ".nc", ".md")
@@ -66,13 +67,14 @@ def check_places(
             in_folder(folder, file)
 
 
-def show(content: Tabled, title: str, json: str | None = None) -> None:
+def show(result: ResultBase, title: str, json: str | None = None) -> None:
     """Show a result's table: on standard error where standard output gets the JSON."""
     from harvester.base.writing import is_standard_output
-    from harvester.cli.console import show_table
+    from harvester.cli.console import show_view
 
-    alarms = content.alarms() if hasattr(content, "alarms") else ()
-    show_table(content, title, to_stderr=is_standard_output(json), alarms=alarms)
+    if result.scene is not None:
+        title = f"{result.scene.name}: {title}"
+    show_view(result.view(), title, to_stderr=is_standard_output(json))
 
 
 def result_files(name: str) -> list[str]:
@@ -81,49 +83,42 @@ def result_files(name: str) -> list[str]:
 
 
 def write_result(
-    json: str | None, output: str | os.PathLike | None, name: str, content: Shown
+    json: str | None, output: str | os.PathLike | None, name: str, result: ResultBase
 ) -> None:
     """Write the files that were asked for.
 
-    The folder gets JSON and the figure, and what else the result has: a CSV table where it has
-    `data()`, NetCDF with `to_xarray()` too, the figure of `joint_figure()`, the page of
-    `markdown()`, and by their endings the files of `texts()`.
+    The folder gets JSON, a CSV table, the figures, the result's own texts and, of a result with
+    axes of its own, NetCDF.
     """
     from harvester.base.writing import write_json
 
     # If one place is full, the other still gets the result.
     try:
         if json:
-            write_json(json, content.to_dict())
+            write_json(json, result.to_dict())
     finally:
         if output:
-            _write_folder(os.fspath(output), name, content)
+            _write_folder(os.fspath(output), name, result)
 
 
-def _write_folder(folder: str, name: str, content: Shown) -> None:
-    from harvester.base.tables import write_csv, write_netcdf
+def _write_folder(folder, name, result):
+    from harvester.base.tables import write_netcdf
     from harvester.base.writing import in_folder, write_json, write_text
     from harvester.results import figures
 
-    places = [in_folder(folder, f"{name}{ending}") for ending in RESULT_FILES]
-    json_file, densities, picture, joint_picture, table, grid, page = places
-    write_json(json_file, content.to_dict())
-    if hasattr(content, "density_table"):
-        write_text(densities, content.density_table())
-    if hasattr(content, "data"):
-        write_csv(table, *content.data())
-        # NetCDF is an extra; the other files hold the same.
-        if hasattr(content, "to_xarray") and importlib.util.find_spec("xarray"):
-            write_netcdf(grid, content.to_xarray())
-    if hasattr(content, "markdown"):
-        write_text(page, content.markdown())
-    for ending, text in content.texts().items() if hasattr(content, "texts") else ():
-        write_text(in_folder(folder, f"{name}{ending}"), text)
-    figure = content.figure()
-    if figure is not None:
-        figures.write(figure, picture)
-    joint = content.joint_figure() if hasattr(content, "joint_figure") else None
-    if joint is not None:
-        figures.write(joint, joint_picture)
-    several = figure is not None or hasattr(content, "markdown")
-    say(f"written to {folder}: {name}.{'*' if several else 'json'}")
+    def place(ending):
+        return in_folder(folder, f"{name}{ending}")
+
+    view = result.view()
+    write_json(place(".json"), result.to_dict())
+    result.to_csv(place(".csv"))
+    # NetCDF is an extra; the other files hold the same.
+    if view.dataset and importlib.util.find_spec("xarray"):
+        write_netcdf(place(".nc"), view.dataset())
+    for ending, text in view.texts().items() if view.texts else ():
+        write_text(place(ending), text)
+    for picture in view.pictures:
+        figure = picture.figure()
+        if figure is not None:
+            figures.write(figure, place(f"{picture.name and '-'}{picture.name}.png"))
+    say(f"written to {folder}: {name}.*")

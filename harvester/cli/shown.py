@@ -1,4 +1,4 @@
-"""What a command shows: the interfaces of results, and lines on standard error."""
+"""Lines on standard error, and whether the command line is quiet."""
 
 from __future__ import annotations
 
@@ -6,40 +6,10 @@ import contextlib
 import sys
 from collections.abc import Iterator
 from contextvars import ContextVar
-from typing import TYPE_CHECKING, Any, Protocol
 
 from harvester.base.plain_text import one_line
 
-if TYPE_CHECKING:
-    from matplotlib.figure import Figure
-
-    from harvester.scene.model import Scene
-
 _QUIET = ContextVar("quiet", default=False)
-
-
-class Tabled(Protocol):
-    """Interface of results that a command shows on the terminal."""
-
-    @property
-    def scene(self) -> Scene | None:
-        """The scene that it is about; None where it is about many."""
-
-    def table(self) -> tuple[list[str], list[list[str]]]:
-        """Header and rows as text; the first two columns are words."""
-
-    def sentences(self) -> list[str]:
-        """Sentences on the findings and on how they were obtained, one line each."""
-
-
-class Shown(Tabled, Protocol):
-    """Interface of results that are also written as JSON and as a figure."""
-
-    def to_dict(self) -> dict[str, Any]:
-        """Plain values for JSON."""
-
-    def figure(self) -> Figure | None:
-        """A drawing in the project's style; None where there is nothing to draw."""
 
 
 @contextlib.contextmanager

@@ -13,16 +13,16 @@ from harvester.base.formatting import share_with_error, with_error
 from harvester.base.serialising import plain
 from harvester.device import timescales
 from harvester.identification.candidates import Candidate, proposed
+from harvester.identification.drawing import draw
 from harvester.identification.fitting import responses_of
 from harvester.identification.intervals import HALF_INTERVAL, interval
 from harvester.identification.proof import ResponseStretch, sensor_noise
 from harvester.identification.response import FINE_STEPS
 from harvester.identification.unknowns import BASE_FACTOR
+from harvester.results.view import Picture, ResultBase, View
 from harvester.scene.text import scene_text
 
 if TYPE_CHECKING:
-    from matplotlib.figure import Figure
-
     from harvester.identification.consistency import Misfit
     from harvester.identification.fitted_model import Fitted
     from harvester.identification.impedance_fit import FromImpedance
@@ -48,8 +48,8 @@ CAPTION = (
 POSTERIOR_CAPTION = "Draws of each value and of each pair; grey: the 95 % intervals of the table."
 
 
-@dataclass(frozen=True)
-class Identification:
+@dataclass(frozen=True, repr=False)
+class Identification(ResultBase):
     """A scene identified from records.
 
     Attributes
@@ -157,7 +157,17 @@ class Identification:
         _, _, outputs = responses.states(0, self.fitted.values, edges, start)
         return dict(zip(measurement.outputs, outputs.T, strict=True))
 
-    def table(self) -> tuple[list[str], list[list[str]]]:
+    def view(self) -> View:
+        """Table, findings and pictures."""
+        return View(
+            table=self._table(),
+            findings=self._findings(),
+            pictures=[Picture(draw, self)],
+            texts=self.texts,
+            page=self.page,
+        )
+
+    def _table(self) -> tuple[list[str], list[list[str]]]:
         """Header and rows as text: each value with its interval."""
         header = ["parameter", "state", "value", "95 % interval", "relative half-width"]
         rows = []
@@ -180,7 +190,7 @@ class Identification:
         # These are coefficients about x = 0, where the records have no motion.
         return "extrapolated" if self.visited and key in self.visited.values else "identified"
 
-    def sentences(self) -> list[str]:
+    def _findings(self) -> list[str]:
         """The verdict, what is not determined, the proof of each record, and the other models."""
         lines = [self.verdict.sentence]
         if self.impedance:
@@ -307,13 +317,6 @@ class Identification:
             }
         )
 
-    def figure(self) -> Figure:
-        """Measured and predicted: waveforms, spectra, densities, and the residuals' correlation."""
-        from harvester.identification.drawing import draw
-        from harvester.results import figures
-
-        return figures.drawn(draw, self)
-
     def scene_text(self, candidate: Candidate | None = None) -> str:
         """The scene as a TOML file with intervals in comments; that of another model on demand."""
         model = candidate.fitted if candidate else self.fitted
@@ -338,7 +341,7 @@ class Identification:
         from harvester.identification.drawing import draw, draw_posterior
         from harvester.results import figures, page
 
-        first, *others = self.sentences()
+        first, *others = self._findings()
         verdicts = [page.Verdict(first, self.verdict.good), *map(page.Verdict, others)]
         models = [
             (model.name, str(len(model.fitted.keys)), f"{model.fitted.nrmse:.2%}")
@@ -348,7 +351,7 @@ class Identification:
         proof = page.figure_of(figures.picture(draw, self), f"{name}: proof", CAPTION)
         sections = {
             "Verdict": page.verdict_list(verdicts),
-            "Values": page.wide(page.table_of(*self.table())) + page.facts(LEGEND),
+            "Values": page.wide(page.table_of(*self._table())) + page.facts(LEGEND),
             "Figures": proof,
         }
         if self.posterior:

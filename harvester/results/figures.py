@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import io
 from collections.abc import Callable
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -24,21 +25,32 @@ def save(draw: Callable, result: Any, path: str | Path) -> None:
     ------
     OutputError
     """
-    with whole_file(path) as file:
-        _render(draw, result, file, format=Path(path).suffix[1:])
+    write(drawn(draw, result), path)
 
 
 def picture(draw: Callable, result: Any, format: str = "svg") -> bytes:
     """Draw a result into bytes; see `save`."""
-    file = io.BytesIO()
-    _render(draw, result, file, format=format)
-    return file.getvalue()
+    return image(drawn(draw, result), format)
 
 
 def drawn(draw: Callable, result: Any) -> Any:
-    """Call `draw` on a result with the project's style, independent of matplotlib's settings."""
+    """Call `draw` on a result with the project's style, independent of matplotlib's settings.
+
+    A notebook shows the figure without `%matplotlib inline`.
+    """
     with figure_settings(STYLE):
-        return draw(result)
+        figure = draw(result)
+    if figure is not None:
+        figure._repr_png_ = partial(image, figure, "png")
+    return figure
+
+
+def image(figure: Figure, format: str = "svg") -> bytes:
+    """A figure as the content of a file."""
+    file = io.BytesIO()
+    with figure_settings(STYLE):
+        _print(figure, file, format=format)
+    return file.getvalue()
 
 
 def write(figure: Figure, path: str | Path) -> None:
@@ -50,11 +62,6 @@ def write(figure: Figure, path: str | Path) -> None:
     """
     with whole_file(path) as file, figure_settings(STYLE):
         _print(figure, file, format=Path(path).suffix[1:])
-
-
-def _render(draw, result, target, **options):
-    with figure_settings(STYLE):
-        _print(draw(result), target, **options)
 
 
 def _print(figure, target, **options):

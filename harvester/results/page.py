@@ -9,10 +9,13 @@ from collections.abc import Iterable, Sequence
 from datetime import datetime
 from importlib import resources
 from string import Template
-from typing import NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 from harvester.base.plain_text import one_line
 from harvester.version import __version__
+
+if TYPE_CHECKING:
+    from harvester.results.view import View
 
 # A picture narrower than this scrolls in its frame instead of becoming unreadable. A schematic does
 # so below this share of its own size, at which its values are 7 points high.
@@ -41,6 +44,12 @@ def page(title: str, about: str, sections: dict[str, str]) -> str:
         facts=_escaped(f"{date}; harvester {__version__}; {about}"),
         sections="\n".join(f"<h2>{_escaped(name)}</h2>\n{s}" for name, s in sections.items()),
     )
+
+
+def verdicts(view: View) -> list[Verdict]:
+    """The first sentences of a page: the headline of a result and its alarms."""
+    first = view.headline or next(iter(view.findings), "")
+    return [Verdict(first), *(Verdict(alarm, False) for alarm in view.alarms)]
 
 
 def verdict_list(verdicts: Iterable[Verdict]) -> str:

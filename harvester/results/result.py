@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Any, get_type_hints
 
 import numpy as np
@@ -12,11 +12,15 @@ import numpy as np
 from harvester.base.errors import HarvesterError, UnknownQuantity
 from harvester.base.formatting import count, is_share, prefixed, quantity, with_error
 from harvester.base.libraries import optional_library
-from harvester.base.plain_text import nearest, one_line, shown
+from harvester.base.plain_text import nearest, shown
 from harvester.base.serialising import NotAValue, plain, read
 from harvester.base.symbols import definitions
 from harvester.excitation.spectrum_fit import SpectrumFit
+from harvester.results import joint_drawing
+from harvester.results.drawing import axis_label, density_label, draw_density, draw_result
+from harvester.results.headline import headline
 from harvester.results.orbit import Attractor
+from harvester.results.view import Picture, ResultBase, View
 from harvester.results.waveform import Waveform
 from harvester.scene.described import device_line
 from harvester.scene.model import Scene
@@ -30,7 +34,6 @@ from harvester.statistics.units import SI_UNITS, unit_of
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
-    from matplotlib.figure import Figure
     from xarray import Dataset
 
 # Keys of a result in JSON, in this order. The fit of the spectrum and the scene follow them.
@@ -59,7 +62,7 @@ _IN_JSON = (
 
 
 @dataclass(frozen=True, repr=False)
-class Result:
+class Result(ResultBase):
     """Quantities of one scene by one engine or closure, with error bars and provenance.
 
     `result["mean_power"]` is an estimate in the scene's own units, as are all of `quantities`;
@@ -153,7 +156,8 @@ class Result:
                 f"{', '.join(self.scaled_quantities)}"
             )
         estimate = self.scaled_quantities[name]
-        return estimate.times(self.scales.of(estimate.dimension))
+        scaled = estimate.times(self.scales.of(estimate.dimension))
+        return replace(scaled, unit=self.unit(estimate.dimension))
 
     __getitem__ = quantity
 
@@ -226,7 +230,7 @@ class Result:
             reason = f"{type(error).__name__}: {error}"
         raise HarvesterError(f"no result: {reason}; give what Result.to_dict returned")
 
-    def to_xarray(self) -> Dataset:
+    def _dataset(self) -> Dataset:
         """All quantities and densities in the scene's units, each with its standard error or nan.
 
         Returns
@@ -284,7 +288,20 @@ class Result:
                 lines.append(f"{name},{centre * scale:.9g},{value:.9g},{error},{unit}")
         return "\n".join(lines) + "\n"
 
-    def table(self) -> tuple[list[str], list[list[str]]]:
+    def view(self) -> View:
+        """Quantities with their error bars, the evidence, densities."""
+        return View(
+            table=self._table(),
+            findings=self._findings(),
+            headline=headline(self),
+            pictures=[Picture(draw_result, self), Picture(joint_drawing.draw, [self], "joint")],
+            records=self._records,
+            dataset=self._dataset,
+            texts=lambda: {"-densities.csv": self.density_table()},
+            methods={self.engine: self},
+        )
+
+    def _table(self) -> tuple[list[str], list[list[str]]]:
         """Header and rows, as text: quantity, unit, value with error bar, effective samples.
 
         Behind mean squares stand their roots, behind what has no error bar the reason.
@@ -309,13 +326,28 @@ class Result:
         ]
         return header, rows
 
+    def _records(self):
+        """Header and a row for each quantity, in the scene's units."""
+        header = ["quantity", "estimate", "standard_error", "effective_sample_size", "unit", "note"]
+        return header, [
+            [
+                name,
+                estimate.estimate,
+                estimate.standard_error,
+                estimate.effective_sample_size,
+                self.unit(estimate.dimension),
+                estimate.note,
+            ]
+            for name, estimate in self.quantities.items()
+        ]
+
     def in_print(self, name: str, estimate: Estimate) -> tuple[float, str]:
         """Factor and unit with which a quantity is printed, such as 1e6 and "µW"."""
         if estimate.dimension == "1" and is_share(name):
             return 100.0, "%"
         return prefixed(estimate.estimate, self.unit(estimate.dimension))
 
-    def sentences(self) -> list[str]:
+    def _findings(self) -> list[str]:
         """How the numbers came about, and what to know before citing one."""
         return [
             *self.evidence(),
@@ -323,12 +355,6 @@ class Result:
             *definitions(self.scaled_quantities),
             *self.notes,
         ]
-
-    def headline(self) -> str:
-        """Power, load and conditions in one line."""
-        from harvester.results.headline import headline
-
-        return headline(self)
 
     def draw_density(self, axes: Axes, name: str, label: str | None = None, **style: Any) -> None:
         """Draw one density into axes of a figure of your own, in the scene's units.
@@ -343,8 +369,6 @@ class Result:
         **style
             `colour` and `line`, as matplotlib has them.
         """
-        from harvester.results.drawing import axis_label, density_label, draw_density
-
         if name not in self.densities:
             raise UnknownQuantity(
                 f"{self.scene.name}: no density of {shown(name)}{nearest(name, self.densities)}; "
@@ -353,23 +377,6 @@ class Result:
         colour = style.pop("colour", f"C{len(axes.lines)}")
         draw_density(axes, self, name, colour, style.pop("line", "-"), label or self.engine)
         axes.set(xlabel=axis_label(self, name), ylabel=density_label(self, name))
-
-    def results_by_method(self) -> dict[str, Result]:
-        """The result itself, by the name of its engine or closure."""
-        return {self.engine: self}
-
-    def figure(self) -> Figure | None:
-        """A figure of the densities and of the fit to a record, or None if there is neither."""
-        from harvester.results import figures
-        from harvester.results.drawing import draw_result
-
-        return figures.drawn(draw_result, self)
-
-    def joint_figure(self) -> Figure | None:
-        """A figure of the joint density of displacement and velocity, or None if there is none."""
-        from harvester.results import figures, joint_drawing
-
-        return figures.drawn(joint_drawing.draw, [self])
 
     def section(self) -> np.ndarray:
         """Displacement and velocity of all stroboscopic samples, in the scene's units.
@@ -380,19 +387,6 @@ class Result:
             raise HarvesterError(f"{self.scene.name}: no samples were kept: ask for stroboscope")
         units = [self.scales.of("displacement"), self.scales.of("velocity")]
         return self.stroboscope[:, :, :2] * units
-
-    def __repr__(self) -> str:
-        first = next(iter(self.quantities.items()), None)
-        unit = self.unit(first[1].dimension) if first else ""
-        says = f"{first[0]} = {with_error(first[1], unit)}, " if first else ""
-        summary = f"{says}{len(self.scaled_quantities)} quantities, {self.outcome}"
-        return one_line(f"<Result of {self.scene.name} by {self.engine}: {summary}>")
-
-    def _repr_html_(self) -> str:
-        from harvester.results.page import facts, table_of
-
-        title = facts(f"{self.scene.name}: {self.engine}")
-        return f"{title}{table_of(*self.table())}{facts('; '.join(self.sentences()))}"
 
     def evidence(self) -> list[str]:
         """Sentences on the runs and methods behind the numbers."""

@@ -17,6 +17,7 @@ from harvester.base.tables import require_xarray, write_csv, write_netcdf
 from harvester.device.record import Record
 from harvester.results.palette import CIRCUIT
 from harvester.results.panels import set_title
+from harvester.results.view import Picture
 from harvester.statistics.units import unit_of
 
 if TYPE_CHECKING:
@@ -104,9 +105,9 @@ class Waveform:
         header = ["time [s]", *(f"{name} [{self.units[name]}]" for name in self.columns)]
         return header, np.column_stack([self.time, *self.columns.values()]).tolist()
 
-    def to_pandas(self) -> DataFrame:
+    def to_dataframe(self) -> DataFrame:
         """A DataFrame over `time`; `attrs` has the units. Raises MissingLibrary without pandas."""
-        pandas = optional_library("pandas", "Waveform.to_pandas", "study")
+        pandas = optional_library("pandas", "Waveform.to_dataframe", "study")
         frame = pandas.DataFrame(self.columns, index=pandas.Index(self.time, name="time"))
         frame.attrs["units"] = {"time": "s", **self.units}
         return frame
@@ -121,11 +122,13 @@ class Waveform:
         coordinates = {"time": ("time", self.time, {"unit": "s"})}
         return require_xarray().Dataset(variables, coordinates, attributes)
 
-    def figure(self) -> Figure:
+    def picture(self) -> Picture:
         """A panel for each column over time."""
-        from harvester.results import figures
+        return Picture(_draw, self)
 
-        return figures.drawn(_draw, self)
+    def figure(self) -> Figure | None:
+        """The panels, drawn."""
+        return self.picture().figure()
 
     def save(self, path: str | Path) -> None:
         """Write it as CSV, NetCDF or a picture, as the path's ending says.
@@ -141,7 +144,7 @@ class Waveform:
         else:
             from harvester.results import figures
 
-            figures.write(self.figure(), path)
+            figures.write(figures.drawn(_draw, self), path)
 
     def __repr__(self) -> str:
         return f"<Waveform of {self.scene.name} by {self.engine}: {self.said()}>"

@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
 
-from harvester.base.serialising import plain
+from harvester.base.formatting import with_error
+from harvester.base.serialising import LEFT_OUT, plain
 
 NONE_SEEN = "none seen: no error bar tells how rare they are"
 NOTHING_PUT_IN = "nothing was put in"
@@ -23,7 +24,7 @@ NOT_SHARP = f"known no better than ± {SHARP_SHARE:.0%}"
 _IN_JSON = ("estimate", "standard_error", "effective_sample_size")
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class Estimate:
     """A mean with its evidence, in scaled units or in those of `dimension`'s scale.
 
@@ -37,6 +38,8 @@ class Estimate:
     dimension : "voltage^2", "power", "1", "rate", …
     note
         Why there is no error bar; empty otherwise.
+    unit
+        Unit of the estimate, for printing; empty in scaled units.
     """
 
     estimate: float
@@ -44,6 +47,14 @@ class Estimate:
     effective_sample_size: float | None
     dimension: str
     note: str = ""
+    unit: str = field(default="", compare=False, metadata=LEFT_OUT)
+
+    def __str__(self) -> str:
+        """ "2.074 ± 0.059 mW"."""
+        return with_error(self, self.unit)
+
+    def __repr__(self) -> str:
+        return f"<Estimate of {self.dimension}: {self}>"
 
     def times(self, factor: float) -> Estimate:
         """The estimate in a unit that is smaller by this factor."""
@@ -52,6 +63,7 @@ class Estimate:
             self,
             estimate=self.estimate * factor,
             standard_error=None if error is None else error * factor,
+            unit="",
         )
 
     def to_dict(self, unit: str | None = None) -> dict[str, Any]:

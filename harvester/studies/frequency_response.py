@@ -30,6 +30,7 @@ from harvester.excitation.sine import KNOTS_PER_PERIOD, Sine, SteppedSine
 from harvester.results.orbit import CHARGING, REASONS
 from harvester.results.palette import CIRCUIT, MONTE_CARLO
 from harvester.results.panels import Panel, Series, draw_panels, is_wide
+from harvester.results.view import Picture, ResultBase, View
 from harvester.scene.model import Scene
 from harvester.scene.paths import start_state
 from harvester.scene.prepared import prepared
@@ -41,7 +42,6 @@ from harvester.statistics.transient import transient_time
 from harvester.statistics.units import SI_UNITS
 
 if TYPE_CHECKING:
-    from matplotlib.figure import Figure
     from xarray import Dataset
 
 # The measurement at a frequency begins when the transient has fallen to this share.
@@ -111,8 +111,8 @@ class FrequencySweep:
     mean_output_power: np.ndarray
 
 
-@dataclass(frozen=True)
-class FrequencyResponse:
+@dataclass(frozen=True, repr=False)
+class FrequencyResponse(ResultBase):
     """The periodic response of one scene over frequency.
 
     Attributes
@@ -166,15 +166,26 @@ class FrequencyResponse:
         """Name of the power that counts: at the output where the load has one."""
         return "mean_output_power" if _has_output(self.scene) else "mean_power"
 
-    def table(self) -> tuple[list[str], list[list[str]]]:
+    def view(self) -> View:
+        """Table, findings and pictures."""
+        return View(
+            table=self._table(),
+            findings=self._findings(),
+            headline=self._headline(),
+            pictures=[Picture(_draw, self)],
+            records=self._records,
+            dataset=self._dataset,
+        )
+
+    def _table(self) -> tuple[list[str], list[list[str]]]:
         """Header and rows of the table, as text."""
-        header, rows = self.data()
+        header, rows = self._records()
         return [name.replace("_", " ") for name in header], [
             [direction, *(f"{value:.5g}" for value in values), f"{residual:.1e}"]
             for direction, *values, residual in rows
         ]
 
-    def data(self) -> tuple[list[str], list[list[Any]]]:
+    def _records(self) -> tuple[list[str], list[list[Any]]]:
         """Header and rows of numbers, in the scene's units."""
         header = ["sweep", "frequency [Hz]"]
         header += [f"{name} [{self.unit(QUANTITIES[name])}]" for name in self.shown]
@@ -184,7 +195,7 @@ class FrequencyResponse:
             rows += [[sweep.direction, *row] for row in zip(*columns, sweep.residual, strict=True)]
         return [*header, "residual"], rows
 
-    def to_xarray(self) -> Dataset:
+    def _dataset(self) -> Dataset:
         """An xarray Dataset over sweep and frequency, in the scene's units."""
         axes = ("sweep", "frequency")
         variables: dict[str, tuple] = {}
@@ -197,7 +208,7 @@ class FrequencyResponse:
         attributes = {"scene": json_text(self.scene.to_dict()), "method": self.engine}
         return require_xarray().Dataset(variables, coordinates, attributes)
 
-    def sentences(self) -> list[str]:
+    def _findings(self) -> list[str]:
         """Sentences on the findings, one line each."""
         lines = [
             f"{self.engine}: {self.engine_version}; {self.dwell:.4g} s at each frequency, "
@@ -232,7 +243,7 @@ class FrequencyResponse:
                 )
         return lines
 
-    def headline(self) -> str:
+    def _headline(self) -> str:
         """The most power, and where it is."""
         if np.isnan([sweep.mean_power for sweep in self.sweeps]).all():
             return f"{CHARGING}: {REASONS[CHARGING]}"
@@ -246,12 +257,6 @@ class FrequencyResponse:
             f"most {words}: {quantity(power, self.unit('power'))} at {frequency:.4g} Hz, sweep "
             f"{sweep.direction}, by {self.engine}"
         )
-
-    def figure(self) -> Figure:
-        """Amplitude, voltage and power over frequency."""
-        from harvester.results import figures
-
-        return figures.drawn(_draw, self)
 
     def to_dict(self) -> dict[str, Any]:
         """Plain values for JSON, in the scene's units."""

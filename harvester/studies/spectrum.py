@@ -14,10 +14,9 @@ from harvester.base import plain_text
 from harvester.base.arguments import usual_arithmetic
 from harvester.base.errors import HarvesterError
 from harvester.base.serialising import plain
+from harvester.results.view import Picture, ResultBase, View
 
 if TYPE_CHECKING:
-    from matplotlib.figure import Figure
-
     from harvester.scene.model import Scene
 
 # Segments of the density, unless the resolution is given: a 95 % band of about ±1.3 dB. Longer
@@ -277,8 +276,8 @@ def _powers(x, density):
     return fftconvolve(density * np.exp(x), response[::-1], mode="valid")
 
 
-@dataclass(frozen=True)
-class SpectrumAnalysis:
+@dataclass(frozen=True, repr=False)
+class SpectrumAnalysis(ResultBase):
     """Result of `harvester.spectrum`.
 
     Attributes
@@ -411,7 +410,16 @@ class SpectrumAnalysis:
         low, high = np.interp([centre - 0.5 * width, centre + 0.5 * width], edges, gathered)
         return centre, width, float(high - low)
 
-    def table(self) -> tuple[list[str], list[list[str]]]:
+    def view(self) -> View:
+        """Table, findings and pictures."""
+        return View(
+            table=self._table(),
+            findings=self._findings(),
+            pictures=[Picture(_draw, self)],
+            texts=self.texts,
+        )
+
+    def _table(self) -> tuple[list[str], list[list[str]]]:
         """Header and rows as text."""
         unit = "" if self.units == "scaled" else "m/s²"
         (kurtosis, error), (skewness, spread) = self.kurtosis(), self.skewness()
@@ -430,7 +438,7 @@ class SpectrumAnalysis:
             rows.append(["device's band", f"{centre:.4g} ± {0.5 * width:.2g} Hz: {share:.2%}"])
         return ["", "quantity", "value"], [["", *row] for row in rows]
 
-    def sentences(self) -> list[str]:
+    def _findings(self) -> list[str]:
         """How it was found, and what departs from stationary Gaussian noise."""
         low, high = (10.0 * math.log10(factor) for factor in self.confidence_band)
         frequency, share = self.departure
@@ -491,12 +499,6 @@ class SpectrumAnalysis:
                 "density": self.density.tolist(),
             }
         )
-
-    def figure(self) -> Figure:
-        """The density, its specification and the device's frequency."""
-        from harvester.results import figures
-
-        return figures.drawn(_draw, self)
 
 
 def _draw(analysis):

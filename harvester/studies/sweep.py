@@ -15,18 +15,18 @@ from harvester.base.errors import HarvesterError
 from harvester.base.formatting import is_share, number, prefixed, with_error
 from harvester.base.plain_text import json_text
 from harvester.base.serialising import plain
-from harvester.base.tables import Tabular, require_xarray
+from harvester.base.tables import require_xarray
 from harvester.engines.request import COMPLETE, OUT_OF_TIME, told
 from harvester.results.orbit import Attractor
 from harvester.results.palette import CIRCUIT, LINES, MONTE_CARLO, styles
 from harvester.results.panels import Panel, Series, draw_panels, is_wide
+from harvester.results.view import Picture, ResultBase, View
 from harvester.scene.model import Scene
 from harvester.scene.tables import key_column, key_label
 from harvester.statistics.estimate import Estimate
 from harvester.statistics.units import unit_of
 
 if TYPE_CHECKING:
-    from matplotlib.figure import Figure
     from xarray import Dataset
 
 # An error bar reaches so many standard errors to either side.
@@ -60,8 +60,8 @@ class Cell:
     orbits: tuple[Attractor, ...] = field(default=(), repr=False)
 
 
-@dataclass(frozen=True)
-class Sweep(Tabular):
+@dataclass(frozen=True, repr=False)
+class Sweep(ResultBase):
     """A scene at every place of a grid by every method.
 
     Attributes
@@ -97,7 +97,7 @@ class Sweep(Tabular):
             point = tuple(values[k] for values, k in zip(self.values.values(), where, strict=False))
             yield point, cells[where]
 
-    def data(self) -> tuple[list[str], list[list[Any]]]:
+    def _records(self) -> tuple[list[str], list[list[Any]]]:
         """Header and rows of the tidy table: one for each place, method and quantity."""
         header = [key_column(key, self.scene.units) for key in self.values]
         header += ["method", "quantity", "estimate", "standard_error", "unit"]
@@ -112,7 +112,7 @@ class Sweep(Tabular):
                 rows.append([*row, cell.realizations, outcome, "; ".join(notes)])
         return [*header, "realizations", "outcome", "notes"], rows
 
-    def to_xarray(self) -> Dataset:
+    def _dataset(self) -> Dataset:
         """Every quantity beside its `…_standard_error` over the keys and the method.
 
         Raises
@@ -126,7 +126,18 @@ class Sweep(Tabular):
         attributes = {"scene": json_text(self.scene.to_dict()), "notes": "\n".join(self.notes)}
         return require_xarray().Dataset(variables, coordinates, attributes)
 
-    def table(self) -> tuple[list[str], list[list[str]]]:
+    def view(self) -> View:
+        """Table, findings and pictures."""
+        return View(
+            table=self._table(),
+            findings=self._findings(),
+            headline=self._headline(),
+            pictures=[Picture(_draw, self)],
+            records=self._records,
+            dataset=self._dataset,
+        )
+
+    def _table(self) -> tuple[list[str], list[list[str]]]:
         """Header and rows as text: one for each place and method."""
         units = {
             name: unit_of(self.scene, cell.estimates[name].dimension)
@@ -147,7 +158,7 @@ class Sweep(Tabular):
             rows.append([*row, str(cell.realizations or ""), outcome_and_notes(cell)[0]])
         return [*header, "realizations", "outcome"], rows
 
-    def sentences(self) -> list[str]:
+    def _findings(self) -> list[str]:
         """How it came about, and what to know before citing a number."""
         run = self.scene.run
         ended = ["the time budget was spent: the same call goes on"] if self.out_of_time else []
@@ -164,7 +175,7 @@ class Sweep(Tabular):
             f"{self.seconds:.1f} s",
         ]
 
-    def headline(self) -> str:
+    def _headline(self) -> str:
         """Where the first quantity is highest, and by which method."""
         name = self.quantities[0]
         with_quantity = [pair for pair in self.places() if name in pair[1].estimates]
@@ -178,12 +189,6 @@ class Sweep(Tabular):
             f"highest {name.replace('_', ' ')}: "
             f"{with_error(best, unit_of(self.scene, best.dimension))} at {where}, by {cell.method}"
         )
-
-    def figure(self) -> Figure:
-        """Each quantity over the key with most values: engines with error bars, closures lines."""
-        from harvester.results import figures
-
-        return figures.drawn(_draw, self)
 
     def to_dict(self) -> dict[str, Any]:
         """Plain values for JSON: of every cell all its quantities."""

@@ -5,20 +5,19 @@ from __future__ import annotations
 import math
 from collections.abc import Iterable
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from harvester.base.formatting import NOT_KNOWN, share_with_error, with_error
 from harvester.base.serialising import plain
 from harvester.base.symbols import definitions
+from harvester.results import joint_drawing
 from harvester.results.headline import headline
 from harvester.results.page import Verdict
 from harvester.results.result import Result, with_roots
+from harvester.results.view import Picture, ResultBase, View
 from harvester.scene.described import device_line
 from harvester.scene.model import Scene
 from harvester.statistics.estimate import NOT_SHARP, SHARP_SHARE, Estimate
-
-if TYPE_CHECKING:
-    from matplotlib.figure import Figure
 
 COMPARED = (
     "mean_square_voltage",
@@ -55,8 +54,8 @@ LIMITS = {
 SHOWN_PERIODS = 20
 
 
-@dataclass(frozen=True)
-class Comparison:
+@dataclass(frozen=True, repr=False)
+class Comparison(ResultBase):
     """Results of one scene by several methods, and their differences.
 
     Attributes
@@ -150,7 +149,21 @@ class Comparison:
         error = reference.standard_error
         return share, (value - reference.estimate) / error if error else math.nan
 
-    def table(self) -> tuple[list[str], list[list[str]]]:
+    def view(self) -> View:
+        """Table, findings and pictures."""
+        from harvester.studies.comparison.report import draw_comparison
+
+        # p(X, X') of the stationary solver and of Monte Carlo, in the same places and colours.
+        joint = [*self.closures.values(), self.monte_carlo]
+        return View(
+            table=self._table(),
+            findings=self._findings(),
+            pictures=[Picture(draw_comparison, self), Picture(joint_drawing.draw, joint, "joint")],
+            methods=self.results_by_method(),
+            page=self.page,
+        )
+
+    def _table(self) -> tuple[list[str], list[list[str]]]:
         """Header and rows of the table, as text."""
         header = ["quantity", "unit", "circuit", "Monte Carlo", "difference", "paired bias"]
         header += [name for name in self.closures]
@@ -207,7 +220,7 @@ class Comparison:
         ]
         return [[of_root.replace("_", " "), unit, *engines, "", "", *closures]]
 
-    def sentences(self) -> list[str]:
+    def _findings(self) -> list[str]:
         """Sentences on the findings, one line each."""
         lines = [headline(self.circuit), self.verdict().text]
         lines += [f"{engine.engine}: {'; '.join(engine.evidence())}" for engine in self._engines()]
@@ -314,19 +327,6 @@ class Comparison:
     def results_by_method(self) -> dict[str, Result]:
         """The result of every method, by the name that the table has."""
         return {"circuit": self.circuit, "Monte Carlo": self.monte_carlo, **self.closures}
-
-    def figure(self) -> Figure:
-        """Densities by every method, and circuit and Monte Carlo on one path of noise."""
-        from harvester.results import figures
-        from harvester.studies.comparison.report import draw_comparison
-
-        return figures.drawn(draw_comparison, self)
-
-    def joint_figure(self) -> Figure | None:
-        """p(X, X') of the stationary solver and of Monte Carlo, in the same places and colours."""
-        from harvester.results import figures, joint_drawing
-
-        return figures.drawn(joint_drawing.draw, [*self.closures.values(), self.monte_carlo])
 
     def to_dict(self) -> dict[str, Any]:
         """Plain values for JSON."""

@@ -174,5 +174,5 @@ def _draw_waveform(axes, study, load, evaluation, colour):
     beside.set_ylabel("X [mm]" if in_metres else "X", color="0.5")
 
 
-# The figures of `harvester.studies.LOAD_STUDY_FILES`, in their order.
-FIGURES = (draw_power, draw_efficiency, draw_waveforms)
+# Names and figures of `harvester.studies.LOAD_STUDY_FILES`, in their order.
+FIGURES = {"power": draw_power, "efficiency": draw_efficiency, "waveforms": draw_waveforms}

@@ -19,7 +19,7 @@ from harvester.base.method import Method
 from harvester.base.plain_text import json_text
 from harvester.base.serialising import fields_of, plain
 from harvester.base.symbols import definitions
-from harvester.base.tables import Tabular, require_xarray, write_netcdf
+from harvester.base.tables import require_xarray, write_netcdf
 from harvester.base.writing import in_folder
 from harvester.device.record import Record
 from harvester.engines.folder import StudyFolder, held
@@ -27,6 +27,8 @@ from harvester.engines.methods import ENGINES, Circuit, Engine, engine_of, metho
 from harvester.engines.realizations import PERIODS
 from harvester.engines.request import COMPLETE
 from harvester.engines.runner import Runner
+from harvester.results import figures
+from harvester.results.view import Picture, ResultBase, View
 from harvester.scene.model import Scene
 from harvester.scene.tables import key_column, key_words
 from harvester.scene.units import require_resistor
@@ -34,6 +36,7 @@ from harvester.statistics.estimate import NOT_SHARP, Estimate
 from harvester.statistics.units import unit_of
 from harvester.studies import JUDGED, LOAD_STUDY_FILES
 from harvester.studies.grid import Grid
+from harvester.studies.loads import drawing
 from harvester.studies.loads.curves import Difference, optimum_of, rank
 from harvester.studies.loads.drawing import EFFICIENCIES
 from harvester.studies.loads.evaluation import WAVEFORM, Evaluation
@@ -48,7 +51,6 @@ from harvester.studies.sweep import (
 )
 
 if TYPE_CHECKING:
-    from matplotlib.figure import Figure
     from xarray import Dataset
 
 # Measured time of a realization over its settling time. A fifth of the run is then spent on
@@ -63,8 +65,8 @@ COLUMNS = (
 PROOF_SHARE = 0.2
 
 
-@dataclass(frozen=True)
-class LoadStudy(Tabular):
+@dataclass(frozen=True, repr=False)
+class LoadStudy(ResultBase):
     """A load study's points, how it ended, and what follows: optima, ranking, verdict.
 
     Attributes
@@ -189,7 +191,19 @@ class LoadStudy(Tabular):
             ]
             yield other, ", ".join(words)
 
-    def table(self) -> tuple[list[str], list[list[str]]]:
+    def view(self) -> View:
+        """Table, findings and pictures."""
+        return View(
+            table=self._table(),
+            findings=self._findings(),
+            headline=self._headline(),
+            alarms=self._alarms(),
+            pictures=[Picture(draw, self, name) for name, draw in drawing.FIGURES.items()],
+            records=self._records,
+            dataset=self._dataset,
+        )
+
+    def _table(self) -> tuple[list[str], list[list[str]]]:
         """Header and rows: each load's optimum."""
         key, others = self.curve_keys
         along = key_words(key, self.scene.units)[0] if key else "the scene"
@@ -252,7 +266,7 @@ class LoadStudy(Tabular):
         words, unit = key_words(key, self.scene.units)
         return f"{words} = {quantity(value, unit)}"
 
-    def sentences(self) -> list[str]:
+    def _findings(self) -> list[str]:
         """The ranking, what precision was reached, how it ended, what was run."""
         lines = [line for other, words in self.others() for line in self._ranking(other, words)]
         lines += self._failures()
@@ -278,7 +292,7 @@ class LoadStudy(Tabular):
         )
         return lines
 
-    def alarms(self) -> list[str]:
+    def _alarms(self) -> list[str]:
         """One line for each point at which the circuit's power disagrees."""
         return [f"DISAGREE: {self._proof(proof)}" for proof in self.proofs if proof.disagrees]
 
@@ -316,7 +330,7 @@ class LoadStudy(Tabular):
             words.append(f"not checked ({proof.trouble or NOT_SHARP})")
         return f"{where}: {'; '.join(words)}"
 
-    def headline(self) -> str:
+    def _headline(self) -> str:
         """The best load with its power, and where its optimum is."""
         best = [
             (where, point) for where in np.ndindex(self.optima.shape) if (point := self.best(where))
@@ -330,25 +344,11 @@ class LoadStudy(Tabular):
         power = with_error(top.estimates["output_power"], self.unit)
         return f"most power: {power} from {self.grid.loads[where[0]]}{at}"
 
-    def figures(self) -> list[Figure]:
-        """Power, efficiency and waveforms, as `save` draws them."""
-        from harvester.results import figures
-        from harvester.studies.loads import drawing
-
-        return [figures.drawn(draw, self) for draw in drawing.FIGURES]
-
-    def figure(self) -> Figure:
-        """Output power over the swept value."""
-        from harvester.results import figures
-        from harvester.studies.loads.drawing import draw_power
-
-        return figures.drawn(draw_power, self)
-
     def save(self, folder: str | Path | StudyFolder) -> None:
         """Write NetCDF, CSV and figures: see `harvester.save`."""
         save(self, folder)
 
-    def data(self) -> tuple[list[str], list[list[Any]]]:
+    def _records(self) -> tuple[list[str], list[list[Any]]]:
         """Header and a row for each point: load, swept values, all quantities with their errors.
 
         `sweep.data()` has a row for each quantity.
@@ -371,7 +371,7 @@ class LoadStudy(Tabular):
         ]
         return [*header, "realizations", "outcome", "notes"], rows
 
-    def to_xarray(self) -> Dataset:
+    def _dataset(self) -> Dataset:
         """The study as an xarray Dataset in the scene's units.
 
         Dimensions: load, one per sweep by its dotted key, and `better`, `worse` for paired
@@ -525,15 +525,12 @@ def save(study: LoadStudy, folder: str | Path | StudyFolder) -> list[str]:
     OutputError
         `FolderInUse` where another run is at work there.
     """
-    from harvester.results import figures
-    from harvester.studies.loads import drawing
-
     with held(folder) as directory:
         path = Path(directory)
         grid, table, *pictures = (in_folder(path, name) for name in LOAD_STUDY_FILES)
         write_netcdf(grid, study.to_xarray())
         study.to_csv(table)
-        for draw, picture in zip(drawing.FIGURES, pictures, strict=True):
+        for draw, picture in zip(drawing.FIGURES.values(), pictures, strict=True):
             figures.save(draw, study, picture)
     return list(LOAD_STUDY_FILES)
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 from functools import partial
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from harvester.base.formatting import NOT_KNOWN, prefixed, quantity, with_error
 from harvester.base.serialising import fields_of, plain
@@ -15,6 +15,7 @@ from harvester.engines.orbits import on_orbits, with_orbit
 from harvester.results.orbit import Attractor
 from harvester.results.palette import CIRCUIT, MONTE_CARLO
 from harvester.results.panels import Panel, Series, draw_panels
+from harvester.results.view import Picture, ResultBase, View
 from harvester.scene.model import Scene
 from harvester.scene.tables import key_label, key_words
 from harvester.statistics.estimate import Estimate
@@ -22,9 +23,6 @@ from harvester.studies.answers import is_noisy, missing_from
 from harvester.studies.optimum.axis import INTERVAL, NARROW, OptimalParameter
 from harvester.studies.optimum.flat_region import FLAT_SHARE
 from harvester.studies.sweep import orbits_of
-
-if TYPE_CHECKING:
-    from matplotlib.figure import Figure
 
 SEARCHED, MAXIMUM, OWN = "0.6", MONTE_CARLO, CIRCUIT
 
@@ -49,8 +47,8 @@ class Averaging:
     value_at_simulated_place: float | None
 
 
-@dataclass(frozen=True)
-class Optimum:
+@dataclass(frozen=True, repr=False)
+class Optimum(ResultBase):
     """Where a quantity is largest; in the scene's units.
 
     Over one parameter a curve is fitted to several places, and averaging stands beside it. Over
@@ -108,7 +106,16 @@ class Optimum:
         reach = INTERVAL * (math.nan if about.standard_error is None else about.standard_error)
         return about.estimate - reach, about.estimate + reach
 
-    def table(self) -> tuple[list[str], list[list[str]]]:
+    def view(self) -> View:
+        """Table, findings and pictures."""
+        return View(
+            table=self._table(),
+            findings=self._findings(),
+            headline=self._headline(),
+            pictures=[Picture(_draw, self)],
+        )
+
+    def _table(self) -> tuple[list[str], list[list[str]]]:
         """Header and rows of the table, as text."""
         if self.averaging is not None:
             return self._table_of_methods(self.averaging)
@@ -134,7 +141,7 @@ class Optimum:
             rows.insert(0, [f"averaging, {averaging.closure}", key, location, "", value])
         return header, rows
 
-    def headline(self) -> str:
+    def _headline(self) -> str:
         """The place, its value, and what it was looked for."""
         places = ", ".join(
             f"{parameter.axis.key} = {self._at(parameter.axis.key, parameter.place)}"
@@ -152,7 +159,7 @@ class Optimum:
         has_ends = not math.isnan(low + high)
         return f"{self._at(key, low)} … {self._at(key, high)}" if has_ends else NOT_KNOWN
 
-    def sentences(self) -> list[str]:
+    def _findings(self) -> list[str]:
         """Sentences on the intervals of place and value, and on the runs."""
         if self.averaging is None:
             return [*self._on_value(), *self._on_ranges(), *self._on_orbits(), self._on_runs()]
@@ -257,12 +264,6 @@ class Optimum:
             f"{self.method}: {self.evaluations} evaluations, {len(self.searched)} of them proposed"
             f"; {accuracy}, {self.seconds:.1f} s"
         )
-
-    def figure(self) -> Figure:
-        """Every place searched over each parameter, the maximum, and how far it is flat."""
-        from harvester.results import figures
-
-        return figures.drawn(_draw, self)
 
     def to_dict(self) -> dict[str, Any]:
         """Plain values for JSON; over one parameter averaging and simulation side by side."""

@@ -18,6 +18,7 @@ from harvester.base.tables import require_xarray
 from harvester.results.orbit import REASONS
 from harvester.results.panels import set_title
 from harvester.results.result import unit_of
+from harvester.results.view import Picture, ResultBase, View
 from harvester.scene.model import Scene
 from harvester.scene.prepared import prepared
 from harvester.scene.starts import energy_range
@@ -25,7 +26,6 @@ from harvester.statistics.attractors import QUANTITIES
 from harvester.studies.orbits.following import Orbit
 
 if TYPE_CHECKING:
-    from matplotlib.figure import Figure
     from xarray import Dataset
 
 # Most starts along one side of the grid; its square is `run.starts`' limit of a million.
@@ -41,8 +41,8 @@ NOT_FOLLOWED = "0.9"
 ALIKE_POWER = 0.01
 
 
-@dataclass(frozen=True)
-class Basins:
+@dataclass(frozen=True, repr=False)
+class Basins(ResultBase):
     """The steady motions of a driven device and where each is reached from, in the scene's units.
 
     Attributes
@@ -72,7 +72,17 @@ class Basins:
         """Unit of a dimension in this scene."""
         return unit_of(self.scene, dimension)
 
-    def table(self) -> tuple[list[str], list[list[str]]]:
+    def view(self) -> View:
+        """Table, findings and pictures."""
+        return View(
+            table=self._table(),
+            findings=self._findings(),
+            pictures=[Picture(_draw, self)],
+            records=self._records,
+            dataset=self._dataset,
+        )
+
+    def _table(self) -> tuple[list[str], list[list[str]]]:
         """Header and rows, as text: one row for each orbit."""
         header = ["orbit", "motion", "share of starts", "mean power", "rms voltage"]
         header += ["rms displacement", "displacement at the period's beginning"]
@@ -89,7 +99,7 @@ class Basins:
             for orbit in self.orbits
         ]
 
-    def data(self) -> tuple[list[str], list[list[Any]]]:
+    def _records(self) -> tuple[list[str], list[list[Any]]]:
         """Header and rows: each start and the orbit that it reaches."""
         header = [
             f"displacement [{self.unit('displacement')}]",
@@ -104,7 +114,7 @@ class Basins:
         ]
         return header, rows
 
-    def sentences(self) -> list[str]:
+    def _findings(self) -> list[str]:
         """Sentences on the findings, one line each."""
         count = int((self.orbit >= 0).sum())
         starts = "1 start" if count == 1 else f"{count} starts"
@@ -130,13 +140,7 @@ class Basins:
         ends = f"{quantity(values[0], unit)} to {quantity(values[-1], unit)}"
         return f"{values.size} values of the {name} from {ends}"
 
-    def figure(self) -> Figure | None:
-        """The basins in the plane of the starts, with the orbits' sections."""
-        from harvester.results import figures
-
-        return figures.drawn(_draw, self)
-
-    def to_xarray(self) -> Dataset:
+    def _dataset(self) -> Dataset:
         """Number of the orbit over velocity and displacement."""
         attributes = {"scene": json_text(self.scene.to_dict()), "method": self.method}
         return require_xarray().Dataset(

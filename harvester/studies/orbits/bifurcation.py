@@ -27,6 +27,7 @@ from harvester.results.orbit import NO_PERIOD, REASONS, UNSTEADY
 from harvester.results.palette import CIRCUIT, MONTE_CARLO
 from harvester.results.panels import Panel, Series, draw_panels
 from harvester.results.result import unit_of
+from harvester.results.view import Picture, ResultBase, View
 from harvester.scene.model import Scene
 from harvester.scene.paths import start_state
 from harvester.scene.prepared import prepared
@@ -39,7 +40,6 @@ from harvester.statistics.transient import memory_of
 from harvester.studies.orbits.following import LONGER, SAMPLES, motion_of, periods_of
 
 if TYPE_CHECKING:
-    from matplotlib.figure import Figure
     from xarray import Dataset
 
 # Number of values in one task: a killed run loses at most this many.
@@ -104,8 +104,8 @@ class Branch:
     errors: dict[str, np.ndarray]
 
 
-@dataclass(frozen=True)
-class Bifurcation:
+@dataclass(frozen=True, repr=False)
+class Bifurcation(ResultBase):
     """Sections of a driven device over one key.
 
     Attributes
@@ -134,9 +134,19 @@ class Bifurcation:
         """Unit of a dimension in this scene."""
         return unit_of(self.scene, dimension)
 
-    def table(self) -> tuple[list[str], list[list[str]]]:
+    def view(self) -> View:
+        """Table, findings and pictures."""
+        return View(
+            table=self._table(),
+            findings=self._findings(),
+            pictures=[Picture(_draw, self)],
+            records=self._records,
+            dataset=self._dataset,
+        )
+
+    def _table(self) -> tuple[list[str], list[list[str]]]:
         """Header and rows, as text; of many values some, and both sides of each jump."""
-        header, rows = self.data()
+        header, rows = self._records()
         ends = {(jump.direction, end) for jump in self.jumps for end in (jump.before, jump.after)}
         tabulated = {*self.values[:: self._every].tolist(), float(self.values[-1])}
         # Each quantity shares its column with its error.
@@ -156,7 +166,7 @@ class Bifurcation:
         """Stride of the table: it shows every n-th value."""
         return math.ceil(self.values.size / MOST_VALUES_SHOWN)
 
-    def data(self) -> tuple[list[str], list[list[Any]]]:
+    def _records(self) -> tuple[list[str], list[list[Any]]]:
         """Header and rows of numbers, in the scene's units."""
         header = ["direction", key_column(self.key, self.scene.units), "motion"]
         for name, dimension in QUANTITIES.items():
@@ -177,7 +187,7 @@ class Bifurcation:
                 )
         return header, rows
 
-    def sentences(self) -> list[str]:
+    def _findings(self) -> list[str]:
         """Sentences on the findings, one line each."""
         lines = [
             f"{self.method}: {self.engine_version}; at each of {self.values.size} values "
@@ -225,13 +235,7 @@ class Bifurcation:
             f"slowly than {SAMPLES} periods show; harvester basins there averages over many starts"
         ] * bool(where)
 
-    def figure(self) -> Figure:
-        """The section and the mean power over the key."""
-        from harvester.results import figures
-
-        return figures.drawn(_draw, self)
-
-    def to_xarray(self) -> Dataset:
+    def _dataset(self) -> Dataset:
         """An xarray Dataset over direction, value and sample, in the scene's units.
 
         Each mean stands next to its `…_standard_error`; the attribute `unit` is the unit.

@@ -23,6 +23,7 @@ from harvester.excitation.base import kernel_loss
 from harvester.results.palette import CIRCUIT, MONTE_CARLO
 from harvester.results.panels import Panel, Series, draw_panels, is_wide
 from harvester.results.result import unit_of
+from harvester.results.view import Picture, ResultBase, View
 from harvester.scene.model import Scene
 from harvester.scene.prepared import Prepared, prepared
 from harvester.scene.steps import knot_spacing
@@ -30,7 +31,6 @@ from harvester.scene.tables import key_column, key_label
 from harvester.statistics.batch_means import RAISED
 
 if TYPE_CHECKING:
-    from matplotlib.figure import Figure
     from xarray import Dataset
 
 # Fewest stays that give an error bar; with sixteen the mean has a relative error of a quarter.
@@ -93,8 +93,8 @@ class ResidenceTime:
     outcome: str = "complete"
 
 
-@dataclass(frozen=True)
-class Residence:
+@dataclass(frozen=True, repr=False)
+class Residence(ResultBase):
     """Mean times of residence in the wells of a device under noise.
 
     Attributes
@@ -112,7 +112,17 @@ class Residence:
     engine_version: str
     seconds: float
 
-    def table(self) -> tuple[list[str], list[list[str]]]:
+    def view(self) -> View:
+        """Table, findings and pictures."""
+        return View(
+            table=self._table(),
+            findings=self._findings(),
+            pictures=[Picture(_draw, self)] if self.key else [],
+            records=self._records,
+            dataset=self._dataset,
+        )
+
+    def _table(self) -> tuple[list[str], list[list[str]]]:
         """Header and rows, as text."""
         name = key_label(self.key, self.scene.units) if self.key else "scene"
         header = [name, f"well at [{unit_of(self.scene, 'displacement')}]"]
@@ -128,7 +138,7 @@ class Residence:
             for stay in self.stays
         ]
 
-    def data(self) -> tuple[list[str], list[list[Any]]]:
+    def _records(self) -> tuple[list[str], list[list[Any]]]:
         """Header and rows of numbers."""
         key = key_column(self.key, self.scene.units) if self.key else "scene"
         header = [key, f"well [{unit_of(self.scene, 'displacement')}]"]
@@ -138,7 +148,7 @@ class Residence:
             for stay in self.stays
         ]
 
-    def sentences(self) -> list[str]:
+    def _findings(self) -> list[str]:
         """Sentences on the meaning of the numbers and on how they were obtained."""
         lines = [
             f"{self.method}: {self.engine_version}; {self.seconds:.2f} s",
@@ -170,13 +180,7 @@ class Residence:
         wrong = dict.fromkeys(stay.outcome for stay in self.stays if stay.outcome != "complete")
         return lines + list(wrong)
 
-    def figure(self) -> Figure | None:
-        """Residence time over the key; None without one."""
-        from harvester.results import figures
-
-        return figures.drawn(_draw, self) if self.key else None
-
-    def to_xarray(self) -> Dataset:
+    def _dataset(self) -> Dataset:
         """An xarray Dataset over the stays."""
         variables = {}
         for name in ("value", "well", "time", "standard_error", "stays", "kramers"):

@@ -18,6 +18,7 @@ from harvester.engines.request import Request
 from harvester.engines.runner import Runner
 from harvester.results.palette import CIRCUIT, MONTE_CARLO
 from harvester.results.panels import legend_below, set_title
+from harvester.results.view import Picture, ResultBase, View
 from harvester.scene.model import Scene
 from harvester.scene.tables import key_column, key_words
 from harvester.statistics.estimate import Estimate
@@ -58,8 +59,8 @@ COLOURS = CIRCUIT, MONTE_CARLO
 BINS = 30
 
 
-@dataclass(frozen=True)
-class Sensitivity:
+@dataclass(frozen=True, repr=False)
+class Sensitivity(ResultBase):
     """How a quantity depends on what scatters from device to device; in the scene's units.
 
     Attributes
@@ -103,7 +104,18 @@ class Sensitivity:
         """Independent devices among those simulated."""
         return self.population.values.size
 
-    def table(self) -> tuple:
+    def view(self) -> View:
+        """Table, findings and pictures."""
+        return View(
+            table=self._table(),
+            findings=self._findings(),
+            pictures=[
+                Picture(draw_tornado, self, "tornado"),
+                Picture(draw_distribution, self, "distribution"),
+            ],
+        )
+
+    def _table(self) -> tuple:
         """Header and rows of the table, as text, the parameter that matters most first."""
         low, high = (f"effect at {end:.0%}" for end in ENDS)
         header = ["parameter", "values", "first-order index", "total index", low, high]
@@ -123,7 +135,7 @@ class Sensitivity:
             size = [index.estimate for index in self.indices.total]
         return sorted(range(len(self.tolerances)), key=lambda k: -size[k])
 
-    def sentences(self) -> list:
+    def _findings(self) -> list:
         """The distribution, the yield, and what was run."""
         name, p = self.quantity.replace("_", " "), self.population
         lines = [
@@ -210,12 +222,6 @@ class Sensitivity:
                 "seconds": self.seconds,
             }
         )
-
-    def figure(self) -> Figure:
-        """The tornado and the indices."""
-        from harvester.results import figures
-
-        return figures.drawn(draw_tornado, self)
 
     def save(self, folder: str | Path | StudyFolder) -> None:
         """Write JSON, the table of devices and both figures."""

@@ -8,7 +8,10 @@ import pytest
 from harvester.cli.command_line import main
 
 AVERAGE = ["average", "linear", "--method", "paper"]
-FILES = ["linear-paper-densities.csv", "linear-paper.json", "linear-paper.png"]
+FILES = [
+    "linear-paper-densities.csv", "linear-paper.csv", "linear-paper.json", "linear-paper.nc",
+    "linear-paper.png",
+]  # fmt: skip
 
 
 def shell(tmp_path, words, after, **variables):

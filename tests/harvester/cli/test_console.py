@@ -85,10 +85,11 @@ def test_a_short_run_says_nothing(monkeypatch, capsys):
     assert capsys.readouterr().err == ""
 
 
-def test_a_result_is_shown_by_its_table_and_its_sentences(capsys):
+def test_a_result_is_shown_by_its_table_and_its_sentences(capsys, monkeypatch):
     result = harvester.average("linear", method="consistent")
-    console.show_table(result, "power")
+    monkeypatch.setenv("COLUMNS", "220")
+    console.show_view(result.view(), "linear: power")
     shown = capsys.readouterr().out
     header, rows = result.table()
-    assert shown.startswith("linear: power ")
+    assert shown.startswith("linear: power\n")
     assert all(cell in shown for cell in [*header, *rows[0], *result.sentences()])

@@ -77,7 +77,7 @@ def test_files_and_tables(tmp_path):
         header, first, *_ = csv.reader(file)
     assert header[:4] == ["time [s]", "displacement [m]", "velocity [m/s]", "voltage [V]"]
     assert float(first[4]) == pytest.approx(float(first[3]) / 306e3)
-    frame = wave.to_pandas()
+    frame = wave.to_dataframe()
     assert frame.index.name == "time"
     assert frame["voltage"].to_numpy() == pytest.approx(wave.voltage)
     assert wave.to_xarray()["current"].attrs["unit"] == "A"

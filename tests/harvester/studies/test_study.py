@@ -15,7 +15,7 @@ from truths import flat, interpolated_linear_means
 from harvester.averaging.of_scene import average
 from harvester.base.errors import HarvesterError
 from harvester.cli.command_line import main
-from harvester.cli.console import show_table
+from harvester.cli.console import show_view
 from harvester.engines.methods import Circuit, MonteCarlo
 from harvester.engines.simulate import simulate
 from harvester.scene.model import Scene
@@ -126,7 +126,7 @@ def test_the_circuit_is_the_judge(linear, pool):
         assert abs(proof.difference) < 0.01
         assert proof.standard_error < 0.01
         assert not proof.disagrees
-    assert not study.alarms()
+    assert not study.view().alarms
     assert any("agrees at 2" in line for line in study.sentences())
     found = study.to_xarray()["circuit_difference"].values.ravel()
     assert np.isfinite(found).sum() == len(study.proofs)
@@ -155,12 +155,12 @@ def test_a_difference_is_named_and_red(study, capsys):
     proofs.append(Proof(0, False, 0.05, 0.1, early_difference=-0.02, early_standard_error=0.002))
     report = replace(study, proofs=proofs)
     assert [each.disagrees for each in proofs] == [True, False, False, True]
-    line, early = report.alarms()
+    line, early = report.view().alarms
     assert "DISAGREE: resistor at 0.5 (optimum): circuit over Monte Carlo" in line
     assert line.endswith("paired, +5.0 ± 1.0 % (5.0 σ) settled")
     assert "paired, -2.00 ± 0.20 % (10.0 σ) in the first 6 periods, +5 ± 10 % (0.5 σ)" in early
     assert any(line.endswith("DISAGREES at 2, agrees at 2") for line in report.sentences())
-    show_table(report, "load study", alarms=[line])
+    show_view(report.view(), "load study")
     assert line in capsys.readouterr().out
 
 

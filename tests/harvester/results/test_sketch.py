@@ -9,6 +9,7 @@ from scipy.stats import norm
 
 import harvester
 from harvester.cli import console
+from harvester.results import terminal
 from harvester.statistics.estimate import Density
 
 
@@ -29,11 +30,11 @@ def average():
 @pytest.mark.parametrize("points", [23, 400])
 def test_heights_are_the_areas_above_each_letter(points):
     centre = np.linspace(-5.0, 5.0, points)
-    line, axis = console.density_sketch({"exact": result_with(centre, norm.pdf(centre))})
-    shown = centre[norm.pdf(centre) >= console.VISIBLE_SHARE * norm.pdf(centre).max()]
-    edges = np.linspace(shown[0], shown[-1], console.LETTERS + 1)
+    line, axis = terminal.density_sketch({"exact": result_with(centre, norm.pdf(centre))})
+    shown = centre[norm.pdf(centre) >= terminal.VISIBLE_SHARE * norm.pdf(centre).max()]
+    edges = np.linspace(shown[0], shown[-1], terminal.LETTERS + 1)
     areas = np.diff(norm.cdf(edges))
-    heights = [console.HEIGHTS.index(letter) for letter in line[-console.LETTERS :]]
+    heights = [terminal.HEIGHTS.index(letter) for letter in line[-terminal.LETTERS :]]
     # Half a letter for rounding, and what straight lines between few points leave out.
     assert np.abs(heights - 8.0 * areas / areas.max()).max() < (0.51 if points > 100 else 0.8)
     assert heights == heights[::-1]
@@ -43,7 +44,7 @@ def test_heights_are_the_areas_above_each_letter(points):
 
 def test_methods_share_range_and_height():
     centre = np.linspace(-5.0, 5.0, 400)
-    lines = console.density_sketch(
+    lines = terminal.density_sketch(
         {
             "narrow": result_with(centre, norm.pdf(centre)),
             "wide one": result_with(centre, norm.pdf(centre, scale=2.0)),
@@ -51,11 +52,11 @@ def test_methods_share_range_and_height():
     )
     assert len({len(line) for line in lines}) == 1
     assert "█" in lines[0]
-    assert max(console.HEIGHTS.index(letter) for letter in lines[1][-console.LETTERS :]) == 4
+    assert max(terminal.HEIGHTS.index(letter) for letter in lines[1][-terminal.LETTERS :]) == 4
 
 
 def test_a_method_without_the_density_has_no_line():
-    assert console.density_sketch({"none": SimpleNamespace(densities={})}) == []
+    assert terminal.density_sketch({"none": SimpleNamespace(densities={})}) == []
 
 
 class Terminal(io.TextIOWrapper):
@@ -84,7 +85,7 @@ def test_a_sketch_is_for_terminals_that_show_it(
     monkeypatch.setenv("TERM", "xterm")
     stream = kind(io.BytesIO(), encoding=encoding, errors="replace")
     monkeypatch.setattr("sys.stdout", stream)
-    console.show_table(average, "power")
+    console.show_view(average.view(), "power")
     stream.flush()
     text = stream.buffer.getvalue().decode(encoding)
     assert "mean power" in text

@@ -1,0 +1,130 @@
+"""Results on a terminal: tables as wide as it is, footnotes for long texts, sketched densities."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from rich import box
+from rich.table import Table as RichTable
+
+from harvester.base.formatting import Number
+from harvester.base.plain_text import one_line
+from harvester.results.view import Table
+
+if TYPE_CHECKING:
+    from harvester.results.result import Result
+
+# A text longer than this is a footnote, so that a table of numbers stays narrow.
+LONGEST_CELL = 32
+# Characters between two columns, and at both ends of a line.
+GAP, MARGIN = 3, 1
+# A sketch of a density: bars in steps of an eighth of the height, letters of a line, samples of the
+# density within each, and the share of the peak below which its ends are left out.
+HEIGHTS = " ▁▂▃▄▅▆▇█"
+LETTERS, FINER, VISIBLE_SHARE = 56, 32, 0.01
+
+
+def laid_out(table: Table, width: int) -> tuple[list[RichTable], list[str]]:
+    """A table in blocks that fit into `width` characters, and its footnotes.
+
+    Columns that do not fit go to a further block, which repeats the columns that tell the rows
+    apart. A long text becomes a number in brackets; equal texts have the same number.
+    """
+    header = [one_line(name) for name in table.header]
+    keys = _key_columns(table.rows, len(header))
+    rows, footnotes = _with_footnotes(table.rows, keys)
+    widths = [
+        max([_longest_word(name), *(len(row[k]) for row in rows)]) for k, name in enumerate(header)
+    ]
+    # A key of long texts is broken between its words.
+    for k in range(keys):
+        widths[k] = min(widths[k], max(LONGEST_CELL, width // 2))
+    # A column that does not fit beside the keys is broken between its words too.
+    left = width - MARGIN - sum(widths[k] + GAP for k in range(keys)) - GAP
+    for k in range(keys, len(header)):
+        words = max((_longest_word(row[k]) for row in rows), default=1)
+        widths[k] = min(widths[k], max(left, words, _longest_word(header[k])))
+    blocks = []
+    for columns in _blocks(widths, keys, width):
+        block = RichTable(box=box.SIMPLE_HEAD)
+        for k in columns:
+            justify = "left" if any(row[k][:1].isalpha() for row in rows) else "right"
+            block.add_column(header[k], justify=justify, width=widths[k], overflow="fold")
+        for row in rows:
+            block.add_row(*(row[k] for k in columns))
+        blocks.append(block)
+    return blocks, footnotes
+
+
+def _key_columns(rows: Sequence[Sequence[Any]], columns: int) -> int:
+    """How many columns at the left tell the rows apart; one where none do."""
+    for count in range(1, columns):
+        if len({tuple(row[:count]) for row in rows}) == len(rows):
+            return count
+    return 1
+
+
+def _with_footnotes(rows, keys):
+    """The rows with numbers for long texts, and the texts."""
+    numbers: dict[str, int] = {}
+    shortened = []
+    for row in rows:
+        cells = [one_line(cell) for cell in row]
+        for k in range(keys, len(cells)):
+            if len(cells[k]) > LONGEST_CELL and not isinstance(row[k], Number):
+                cells[k] = f"[{numbers.setdefault(cells[k], len(numbers) + 1)}]"
+        shortened.append(cells)
+    return shortened, [f"[{number}] {text}" for text, number in numbers.items()]
+
+
+def _blocks(widths: Sequence[int], keys: int, width: int) -> Iterator[list[int]]:
+    """Numbers of the columns of each block."""
+    start = sum(widths[k] + GAP for k in range(keys)) + MARGIN
+    columns, taken = list(range(keys)), start
+    for k in range(keys, len(widths)):
+        if len(columns) > keys and taken + widths[k] + GAP > width:
+            yield columns
+            columns, taken = list(range(keys)), start
+        columns.append(k)
+        taken += widths[k] + GAP
+    yield columns
+
+
+def _longest_word(text):
+    return max(map(len, text.split()), default=1)
+
+
+def density_sketch(results: Mapping[str, Result]) -> list[str]:
+    """A line of letters for each method that knows the density of X, and one with the range.
+
+    All lines have the same range and the same height.
+    """
+    curves = {
+        name: result.densities["displacement"]
+        for name, result in results.items()
+        if "displacement" in result.densities
+    }
+    if not curves:
+        return []
+    visible = [c.centre[c.density >= VISIBLE_SHARE * c.density.max()] for c in curves.values()]
+    low, high = min(centre[0] for centre in visible), max(centre[-1] for centre in visible)
+    samples = low + (high - low) * (np.arange(LETTERS * FINER) + 0.5) / (LETTERS * FINER)
+    heights = {
+        name: np.interp(samples, c.centre, c.density).reshape(LETTERS, FINER).mean(axis=1)
+        for name, c in curves.items()
+    }
+    top = max(row.max() for row in heights.values())
+    names = max(map(len, heights))
+    first = results[next(iter(curves))]
+    scale, unit = first.scales.of("displacement"), first.unit("displacement")
+    ends = f"{low * scale:.3g}", f"{high * scale:.3g} {unit}"
+    middle = f"{'density of displacement':^{LETTERS - len(ends[0]) - len(ends[1])}}"
+    return [
+        *(
+            f"  {name:{names}}  {''.join(HEIGHTS[round(8 * share)] for share in row / top)}"
+            for name, row in heights.items()
+        ),
+        f"  {'':{names}}  {ends[0]}{middle}{ends[1]}",
+    ]

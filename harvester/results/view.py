@@ -1,0 +1,249 @@
+"""Results as data: a table, findings and pictures, from which everything that is shown follows.
+
+A result class defines `view` (and `to_dict` where its JSON is not its fields). Printing
+(`harvester.results.terminal`), files, pages, notebooks and data frames use the view alone.
+"""
+
+from __future__ import annotations
+
+import math
+import re
+from abc import ABC, abstractmethod
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+from harvester.base.formatting import Number
+from harvester.base.libraries import optional_library
+from harvester.base.plain_text import json_text, one_line
+from harvester.base.serialising import fields_of
+from harvester.base.tables import require_xarray, write_csv
+from harvester.results import figures
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+    from pandas import DataFrame
+    from xarray import Dataset
+
+    from harvester.scene.model import Scene
+
+# Most characters of a result's `repr`.
+LONGEST_REPR = 150
+# Most rows of a table in a notebook, and most sentences below it; `to_dataframe` has all rows.
+NOTEBOOK_ROWS, NOTEBOOK_FINDINGS = 60, 12
+
+
+class Table(NamedTuple):
+    """Names of columns, with their unit in brackets, and rows of numbers or text."""
+
+    header: Sequence[str]
+    rows: Sequence[Sequence[Any]]
+
+
+@dataclass(frozen=True)
+class Picture:
+    """A figure that is drawn when it is asked for.
+
+    Attributes
+    ----------
+    draw : callable
+        Given the content, returns a matplotlib Figure, or None if there is nothing to draw.
+    content : object
+    name : str
+        Part of the file's name; empty for the main figure.
+    """
+
+    draw: Callable[[Any], Figure | None]
+    content: Any
+    name: str = ""
+
+    def figure(self) -> Figure | None:
+        """The figure in the project's style."""
+        return figures.drawn(self.draw, self.content)
+
+
+@dataclass(frozen=True)
+class View:
+    """A result as data.
+
+    Attributes
+    ----------
+    table : Table
+        For people; its cells are text or `harvester.base.formatting.Number`.
+    findings : sequence of str
+        Sentences: what was found, how it was obtained, what to know before citing a number.
+    headline : str
+        The main finding; the first one if empty.
+    alarms : sequence of str
+        Findings that put the numbers in doubt.
+    pictures : sequence of Picture
+        The main figure first.
+    records : callable or None
+        Returns the Table of all numbers, one record a row, where `table` shows a selection.
+    dataset : callable or None
+        Returns the xarray Dataset on the result's own axes.
+    texts : callable or None
+        Returns other files of the result: the ending of each file's name, with its text.
+    page : callable or None
+        Returns the result's page of HTML, where that has sections of its own.
+    methods : mapping of str to Result
+        Results whose densities a terminal sketches, by the name of their method.
+    """
+
+    table: Table | tuple[Sequence[str], Sequence[Sequence[Any]]]
+    findings: Sequence[str]
+    headline: str = ""
+    alarms: Sequence[str] = ()
+    pictures: Sequence[Picture] = ()
+    records: Callable[[], Table | tuple] | None = None
+    dataset: Callable[[], Dataset] | None = None
+    texts: Callable[[], Mapping[str, str]] | None = None
+    page: Callable[[], str] | None = None
+    methods: Mapping[str, Any] = field(default_factory=dict)
+
+
+class ResultBase(ABC):
+    """Base of all results: what follows from their view."""
+
+    if TYPE_CHECKING:
+        # Of a dataclass it is a field, which must not find a default here.
+        @property
+        def scene(self) -> Scene | None:
+            """The scene of the result; None if it has many."""
+
+    @abstractmethod
+    def view(self) -> View:
+        """Table, findings and pictures of the result."""
+
+    def to_dict(self) -> dict[str, Any]:
+        """Plain values for JSON; NaN and missing errors become null."""
+        return fields_of(self)
+
+    def table(self) -> Table:
+        """Header and rows as text; the text of a number has `value`, `error` and `unit`."""
+        return Table(*self.view().table)
+
+    def sentences(self) -> list[str]:
+        """The findings, and how they were obtained."""
+        return list(self.view().findings)
+
+    def headline(self) -> str:
+        """The main finding in one line."""
+        view = self.view()
+        return view.headline or next(iter(view.findings), "")
+
+    def figure(self) -> Figure | None:
+        """The main figure; None if there is nothing to draw."""
+        picture = next(iter(self.view().pictures), None)
+        return picture and picture.figure()
+
+    def figures(self) -> list[Figure]:
+        """All figures of the result."""
+        drawn = (picture.figure() for picture in self.view().pictures)
+        return [figure for figure in drawn if figure is not None]
+
+    def data(self) -> Table:
+        """Header and rows of all numbers, without rounding; text stays text."""
+        view = self.view()
+        return Table(*view.records()) if view.records else _expanded(*view.table)
+
+    def to_csv(self, path: str | Path) -> None:
+        """Write the rows of `data`; an empty cell stands for a number that is not known.
+
+        Raises
+        ------
+        OutputError
+        """
+        write_csv(path, *self.data())
+
+    def to_dataframe(self) -> DataFrame:
+        """The rows of `data` as a pandas DataFrame.
+
+        Raises
+        ------
+        MissingLibrary
+            pandas, of the extra `study`.
+        """
+        header, rows = self.data()
+        name = f"{type(self).__name__}.to_dataframe"
+        return optional_library("pandas", name, "study").DataFrame(rows, columns=list(header))
+
+    def to_xarray(self) -> Dataset:
+        """The numbers as an xarray Dataset; the attribute `unit` of a variable is its unit.
+
+        Raises
+        ------
+        MissingLibrary
+            xarray, of the extra `study`.
+        """
+        view = self.view()
+        return view.dataset() if view.dataset else self._rows_as_dataset()
+
+    def _rows_as_dataset(self):
+        header, rows = self.data()
+        variables = {}
+        for column, name in enumerate(header):
+            words, unit = _name_and_unit(name)
+            values = [row[column] for row in rows]
+            if not all(isinstance(value, str) for value in values):
+                values = [math.nan if value in (None, "") else value for value in values]
+            variables[words] = ("row", values, {"unit": unit} if unit else {})
+        scene = {"scene": json_text(self.scene.to_dict())} if self.scene else {}
+        return require_xarray().Dataset(variables, attrs=scene)
+
+    def __repr__(self) -> str:
+        name = f" of {self.scene.name}" if self.scene else ""
+        text = one_line(f"<{type(self).__name__}{name}: {self.headline()}>")
+        return text if len(text) <= LONGEST_REPR else f"{text[: LONGEST_REPR - 2]}…>"
+
+    def _repr_html_(self) -> str:
+        """Table, figure and findings in a notebook."""
+        from harvester.results.page import facts, table_of, verdict_list, verdicts, wide
+
+        view = self.view()
+        header, rows = view.table
+        left = len(rows) - NOTEBOOK_ROWS
+        more = [f"{left} more rows: to_dataframe() has all"] if left > 0 else []
+        parts = [
+            verdict_list(verdicts(view)),
+            wide(table_of(header, rows[:NOTEBOOK_ROWS])),
+            *map(_inline, view.pictures),
+            *map(facts, [*more, *view.findings[:NOTEBOOK_FINDINGS]]),
+        ]
+        return "\n".join(parts)
+
+
+def _inline(picture):
+    from harvester.results.page import figure_of
+
+    figure = picture.figure()
+    return "" if figure is None else figure_of(figures.image(figure), picture.name or "figure", "")
+
+
+def _expanded(header: Sequence[str], rows: Sequence[Sequence[Any]]) -> Table:
+    """A table for people as one of values: a number's error gets a column of its own."""
+    names: list[str] = []
+    columns: list[list[Any]] = []
+    for column, name in enumerate(header):
+        cells = [row[column] for row in rows]
+        printed = [cell for cell in cells if isinstance(cell, Number)]
+        units = {cell.unit for cell in printed if cell.unit and math.isfinite(cell.value)}
+        bare, unit = _name_and_unit(name)
+        unit = unit or (units.pop() if len(units) == 1 else "")
+        suffix = f" [{unit}]" if unit and unit != "1" else ""
+        names.append(f"{bare}{suffix}")
+        columns.append([_value(cell) for cell in cells])
+        if any(cell.error is not None for cell in printed):
+            names.append(f"{bare} standard error{suffix}")
+            columns.append([getattr(cell, "error", None) for cell in cells])
+    return Table(names, [list(row) for row in zip(*columns, strict=True)])
+
+
+def _value(cell):
+    return cell.value if isinstance(cell, Number) else cell
+
+
+def _name_and_unit(name: str) -> tuple[str, str]:
+    match = re.fullmatch(r"(.*) \[([^\]]*)\]", name)
+    return (match[1], match[2]) if match else (name, "")

@@ -1,0 +1,104 @@
+"""What follows from a result's view: values, files, notebooks."""
+
+import importlib
+import inspect
+import pkgutil
+from dataclasses import dataclass
+
+import numpy as np
+import pytest
+
+import harvester
+from harvester.base.formatting import quantity, share_with_error, with_error
+from harvester.results.view import LONGEST_REPR, Picture, ResultBase, View
+from harvester.statistics.estimate import Estimate
+
+# What a result class leaves to its base.
+DERIVED = (
+    "table", "sentences", "headline", "figure", "figures", "data", "to_csv", "to_dataframe",
+    "to_xarray", "__repr__", "_repr_html_",
+)  # fmt: skip
+
+
+def result_classes():
+    for module in pkgutil.walk_packages(harvester.__path__, "harvester."):
+        if "numba" not in module.name and "__main__" not in module.name:
+            importlib.import_module(module.name)
+    classes, waiting = [], [ResultBase]
+    while waiting:
+        waiting += (subclasses := waiting.pop().__subclasses__())
+        classes += [kind for kind in subclasses if kind.__module__.startswith("harvester.")]
+    return classes
+
+
+def test_no_result_prints_draws_or_writes_itself():
+    classes = result_classes()
+    assert len(classes) >= 13
+    overridden = {
+        f"{kind.__name__}.{name}" for kind in classes for name in DERIVED if name in vars(kind)
+    }
+    assert not overridden
+    for kind in classes:
+        assert hasattr(kind, "scene") or "scene" in kind.__dataclass_fields__, kind
+        assert not inspect.isabstract(kind), kind
+
+
+@dataclass(frozen=True, repr=False)
+class Example(ResultBase):
+    """A result with one of each kind of cell."""
+
+    scene = None
+    power: float = 2.0744e-3
+
+    def view(self):
+        estimate = Estimate(self.power, 5.9e-5, 40.0, "power")
+        share = Estimate(0.1281, 0.0012, 40.0, "1")
+        rows = [
+            ["circuit", with_error(estimate, "W"), quantity(1e4, "Ω"), share_with_error(share)],
+            [
+                "theory",
+                with_error(Estimate(2e-3, None, None, "power"), "W"),
+                quantity(2e4, "Ω"),
+                "",
+            ],
+        ]
+        return View(
+            table=(["method", "mean power", "resistance", "efficiency"], rows),
+            findings=["the first finding " * 20],
+            pictures=[Picture(lambda content: None, self)],
+        )
+
+
+def test_a_table_for_people_has_the_values_with_their_errors_and_units():
+    header, rows = Example().data()
+    assert header == [
+        "method", "mean power [W]", "mean power standard error [W]", "resistance [Ω]", "efficiency",
+        "efficiency standard error",
+    ]  # fmt: skip
+    assert rows[0] == ["circuit", 2.0744e-3, 5.9e-5, 1e4, 0.1281, 0.0012]
+    assert rows[1][:4] == ["theory", 2e-3, None, 2e4]
+
+
+def test_a_csv_has_an_empty_cell_for_what_is_not_known(tmp_path):
+    Example().to_csv(tmp_path / "table.csv")
+    lines = (tmp_path / "table.csv").read_text().splitlines()
+    assert lines[2] == "theory,0.002,,20000,,"
+
+
+def test_a_dataset_has_the_units():
+    pytest.importorskip("xarray")
+    dataset = Example().to_xarray()
+    assert dataset["mean power"].attrs["unit"] == "W"
+    assert np.isnan(dataset["mean power standard error"].values[1])
+
+
+def test_a_notebook_shows_a_short_name_and_a_page():
+    assert len(repr(Example())) <= LONGEST_REPR
+    assert "Example" in repr(Example())
+    html = Example()._repr_html_()
+    assert "2.074 ± 0.059 mW" in html
+
+
+def test_a_figure_shows_itself_in_a_notebook():
+    figure = harvester.average("linear", method="consistent").figure()
+    assert figure._repr_png_().startswith(b"\x89PNG")
