@@ -16,7 +16,7 @@ import os
 import sys
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Annotated, Any, NamedTuple, TypedDict, get_args, get_origin
+from typing import Annotated, Any, Literal, NamedTuple, TypedDict, get_args, get_origin
 
 from harvester.base.errors import HarvesterError
 from harvester.base.method import Method
@@ -272,7 +272,8 @@ class RunnerOptions(TypedDict, total=False):
     executor : concurrent.futures.Executor, WorkerPool, ExecutorPool or None
     time_limit : float
         Wall-clock limit of one realization (s).
-    progress : callable or None
+    progress : callable or False or None
+        Given the share done, 0 … 1, and a few words. None shows a bar in a notebook, False none.
     runner : Runner or None
     """
 
@@ -284,7 +285,7 @@ class RunnerOptions(TypedDict, total=False):
     # Any.
     executor: Any
     time_limit: Seconds
-    progress: Callable[[float, str], object] | None
+    progress: Callable[[float, str], object] | Literal[False] | None
     runner: Any
 
 

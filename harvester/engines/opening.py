@@ -8,6 +8,7 @@ import os
 import time
 from collections.abc import Callable, Iterator
 from concurrent.futures import Executor
+from typing import Literal
 
 from harvester.base.errors import HarvesterError
 from harvester.base.libraries import optional_library
@@ -29,7 +30,7 @@ def open_runner(
     scheduler: str | None = None,
     time_budget: Seconds | None = None,
     time_limit: Seconds = TIME_LIMIT,
-    progress: Callable[[float, str], object] | None = None,
+    progress: Callable[[float, str], object] | Literal[False] | None = None,
     runner: Runner | None = None,
 ) -> Iterator[Runner]:
     """Open a runner for the duration of a `with` block.
@@ -50,7 +51,7 @@ def open_runner(
         exceeded by a twentieth.
     time_limit : float
         Wall-clock seconds of one realization.
-    progress : callable or None
+    progress : callable or False or None
         Given the share done, 0 … 1, and a few words.
     runner : Runner or None
         A runner that is open already; all other options must then be left out.

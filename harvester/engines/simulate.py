@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import replace
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Literal
 
 from harvester.base.arguments import check_name as check_name
 from harvester.base.errors import HarvesterError, SimulationError
@@ -45,7 +45,7 @@ def simulate(
     joint_density: bool = False,
     executor: Executor | None = None,
     runner: Workers | None = None,
-    progress: Callable[[float, str], object] | None = None,
+    progress: Callable[[float, str], object] | Literal[False] | None = None,
 ) -> Result:
     """Run one scene through one engine: its quantities with error bars.
 
@@ -103,8 +103,9 @@ def simulate(
         `client.get_executor()`, mpi4py's.
     runner : WorkerPool or what has one as its `pool`, or None
         Running processes to use again (`harvester.base.worker_pool`).
-    progress : callable or None
-        Given the share done, 0 … 1, and the method at work.
+    progress : callable or False or None
+        Given the share done, 0 … 1, and the method at work. None shows a bar in a notebook, False
+        none.
 
     Returns
     -------

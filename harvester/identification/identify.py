@@ -5,7 +5,7 @@ from __future__ import annotations
 import time
 from collections.abc import Callable, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 from harvester.base.arguments import listed
 from harvester.base.errors import IdentificationError
@@ -46,7 +46,7 @@ def identify(
     keep_aside: KeptRecords | None = None,
     compare: Annotated[bool, Kind(option="alone")] = True,
     posterior: bool = False,
-    progress: Callable[[float, str], None] | None = None,
+    progress: Callable[[float, str], object] | Literal[False] | None = None,
 ) -> Identification:
     """Fit a scene's numbers to measured records, with intervals and a proof on data kept aside.
 

@@ -2,14 +2,16 @@
 
 from __future__ import annotations
 
+import contextlib
 import functools
 import inspect
-from collections.abc import Callable
+from collections.abc import Callable, Container, Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Concatenate, ParamSpec, TypeAlias, TypeVar, Union
 
 from harvester.base.arguments import checked_options, usual_arithmetic
 from harvester.base.errors import UnknownOption
+from harvester.base.notebook import progress_bar
 from harvester.base.plain_text import nearest, shown
 from harvester.base.signatures import check_options, options_of
 
@@ -36,6 +38,20 @@ def scene_of(scene: SceneOrName) -> Scene:
     from harvester.scene.model import Scene
 
     return scene if isinstance(scene, Scene) else Scene.read(scene)
+
+
+@contextlib.contextmanager
+def shown_progress(
+    name: str, accepted: Container[str], options: dict[str, Any]
+) -> Iterator[dict[str, Any]]:
+    """The options of a call, in a notebook with a progress bar; `progress=False` leaves it out."""
+    if options.get("progress") is False:
+        yield {key: value for key, value in options.items() if key != "progress"}
+    elif "progress" not in accepted or options.get("progress") or options.get("runner"):
+        yield options
+    else:
+        with progress_bar(name) as bar:
+            yield {**options, "progress": bar} if bar else options
 
 
 def takes_scene(
@@ -71,7 +87,7 @@ def takes_scene(
                 )
                 hint = hint or f"; there are {', '.join([*accepted][1:])}"
                 raise UnknownOption(f"{name}: no option {option}{hint}")
-        with usual_arithmetic():
+        with usual_arithmetic(), shown_progress(name, accepted, options) as options:
             scene = scene_of(scene)
             check_options(function, options)
             return function(scene, *arguments, **checked_options(options))

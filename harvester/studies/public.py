@@ -11,7 +11,7 @@ import time
 from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, Unpack
+from typing import TYPE_CHECKING, Annotated, Any, Literal, Unpack
 
 from harvester.base.arguments import check_name, listed, table
 from harvester.base.errors import AveragingError, HarvesterError, LoadError
@@ -67,7 +67,7 @@ def validate(
     time_limit: Seconds = TIME_LIMIT,
     executor: Executor | None = None,
     runner: Workers | None = None,
-    progress: Callable[[float, str], object] | None = None,
+    progress: Callable[[float, str], object] | Literal[False] | None = None,
 ) -> Comparison:
     """Compare circuit, Monte Carlo and averaging on one scene.
 
@@ -86,8 +86,9 @@ def validate(
     ----------------
     executor, runner
         See `harvester.simulate`.
-    progress : callable or None
-        Given the share done, 0 … 1, and the method at work.
+    progress : callable or False or None
+        Given the share done, 0 … 1, and the method at work. None shows a bar in a notebook, False
+        none.
 
     Raises
     ------

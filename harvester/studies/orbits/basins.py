@@ -13,7 +13,6 @@ from harvester.base.arguments import listed
 from harvester.base.errors import HarvesterError
 from harvester.base.formatting import NOT_KNOWN, quantity, value_and_error
 from harvester.base.plain_text import json_text
-from harvester.base.serialising import plain
 from harvester.base.tables import require_xarray
 from harvester.results.orbit import REASONS
 from harvester.results.panels import set_title
@@ -147,22 +146,6 @@ class Basins(ResultBase):
             {"orbit": (("velocity", "displacement"), self.orbit)},
             {"displacement": self.displacements, "velocity": self.velocities},
             attributes,
-        )
-
-    def to_dict(self) -> dict[str, Any]:
-        """Plain values for JSON, in the scene's units."""
-        return plain(
-            {
-                "method": self.method,
-                "engine_version": self.engine_version,
-                "orbits": self.orbits,
-                "displacements": self.displacements,
-                "velocities": self.velocities,
-                "orbit": self.orbit,
-                "periods": self.periods,
-                "seconds": self.seconds,
-                "scene": self.scene,
-            }
         )
 
 

@@ -18,7 +18,6 @@ from harvester.base import formatting as numbers
 from harvester.base.errors import HarvesterError, SimulationError
 from harvester.base.formatting import prefixed, quantity, value_and_error, with_error
 from harvester.base.plain_text import json_text
-from harvester.base.serialising import plain
 from harvester.base.tables import require_xarray
 from harvester.engines.following import follow, forced
 from harvester.engines.methods import Engine
@@ -254,10 +253,6 @@ class Bifurcation(ResultBase):
         attributes = {"scene": json_text(self.scene.to_dict()), "method": self.method}
         coordinates = {"direction": directions, self.key: self.values}
         return require_xarray().Dataset(variables, coordinates, attributes)
-
-    def to_dict(self) -> dict[str, Any]:
-        """Plain values for JSON, in the scene's units."""
-        return plain({name: value for name, value in vars(self).items()})
 
 
 def climb(

@@ -12,7 +12,6 @@ import numpy as np
 from harvester.base.errors import HarvesterError
 from harvester.base.formatting import quantity, value_and_error
 from harvester.base.plain_text import json_text
-from harvester.base.serialising import plain
 from harvester.base.tables import require_xarray
 from harvester.device import timescales
 from harvester.device.system import potential
@@ -188,10 +187,6 @@ class Residence(ResultBase):
             variables[name] = (("stay",), [np.nan if v is None else v for v in column])
         attributes = {"scene": json_text(self.scene.to_dict()), "method": self.method}
         return require_xarray().Dataset(variables, attrs=attributes)
-
-    def to_dict(self) -> dict[str, Any]:
-        """Plain values for JSON."""
-        return plain(dict(vars(self)))
 
 
 def _time_text(stay):
