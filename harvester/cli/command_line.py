@@ -12,6 +12,7 @@ from harvester.base.plain_text import nearest
 from harvester.base.standard_streams import guarded_streams
 from harvester.cli.shown import print_error, quiet
 from harvester.cli.table import build_parser
+from harvester.scene.calling import AT_COMMAND_LINE
 
 # Former names of options, with the present ones.
 FORMER_OPTIONS = {
@@ -85,6 +86,7 @@ def _run(arguments):
         print(WELCOME)
         return 0
     options = _parsed(arguments)
+    token = AT_COMMAND_LINE.set(True)
     try:
         with quiet(options.quiet):
             return options.command.run(options) or 0
@@ -109,6 +111,8 @@ def _run(arguments):
             reason = "a thread cannot be started; raise the limit (ulimit -a shows it)"
         print_error(f"{type(error).__name__}: {reason}")
         return 1
+    finally:
+        AT_COMMAND_LINE.reset(token)
 
 
 def _parsed(arguments):

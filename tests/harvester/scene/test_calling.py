@@ -5,6 +5,7 @@ import inspect
 import pytest
 
 import harvester
+from harvester.cli.command_line import main
 from harvester.engines.opening import RunnerOptions
 from harvester.scene.calling import scene_of, takes_scene
 
@@ -78,3 +79,29 @@ def test_the_load_of_a_scene_is_its_table_and_the_class_reads_scenes():
     assert scene.load.decay_rate == scene.to_tables()["load"]["decay_rate"]
     with pytest.raises(AttributeError):
         scene.load = None
+
+
+@pytest.mark.parametrize(
+    ("call", "python", "command"),
+    [
+        (
+            lambda: harvester.sensitivity("paper", vary={"load.decay_rate": "±10%"}, rows=17),
+            "rows 17: must be a power of two",
+            ["sensitivity", "paper", "--vary", "load.decay_rate=±10%", "--rows", "17"],
+        ),
+        (
+            lambda: harvester.simulate("paper", window=(3.0, 1.0)),
+            "window 3:1: must be 0",
+            ["simulate", "paper", "--window", "3:1"],
+        ),
+    ],
+)
+def test_an_error_names_the_parameter_in_python_and_the_option_of_a_command(
+    call, python, command, capsys
+):
+    with pytest.raises(harvester.HarvesterError, match=f"^{python}"):
+        call()
+    assert main(command) == 2
+    assert f"harvester: --{python}" in capsys.readouterr().err
+    with pytest.raises(harvester.HarvesterError, match=f"^{python}"):
+        call()
