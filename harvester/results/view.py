@@ -14,9 +14,10 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
+from harvester.base.errors import HarvesterError
 from harvester.base.formatting import Number
 from harvester.base.libraries import optional_library
-from harvester.base.plain_text import json_text, one_line
+from harvester.base.plain_text import json_text, named, nearest, one_line
 from harvester.base.serialising import fields_of
 from harvester.base.tables import require_xarray, write_csv
 from harvester.results import figures
@@ -133,15 +134,23 @@ class ResultBase(ABC):
         view = self.view()
         return view.headline or next(iter(view.findings), "")
 
-    def figure(self) -> Figure | None:
-        """The main figure; None if there is nothing to draw."""
-        picture = next(iter(self.view().pictures), None)
-        return picture and picture.figure()
+    def figure(self, name: str = "") -> Figure | None:
+        """A figure by its name, the main one without a name; None if there is nothing to draw.
 
-    def figures(self) -> list[Figure]:
-        """All figures of the result."""
-        drawn = (picture.figure() for picture in self.view().pictures)
-        return [figure for figure in drawn if figure is not None]
+        Raises
+        ------
+        HarvesterError
+            The result has no figure of this name.
+        """
+        pictures = self.view().pictures
+        chosen = [picture for picture in pictures if name in ("", picture.name)]
+        if name and not chosen:
+            names = [picture.name for picture in pictures if picture.name]
+            raise HarvesterError(
+                f"figure {named(name)}: no such figure{nearest(name, names)}; there are "
+                f"{', '.join(names) or 'none with a name'}"
+            )
+        return chosen[0].figure() if chosen else None
 
     def data(self) -> Table:
         """Header and rows of all numbers, without rounding; text stays text."""

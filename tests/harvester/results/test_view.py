@@ -15,7 +15,7 @@ from harvester.statistics.estimate import Estimate
 
 # What a result class leaves to its base.
 DERIVED = (
-    "table", "sentences", "headline", "figure", "figures", "data", "to_csv", "to_dataframe",
+    "table", "sentences", "headline", "figure", "data", "to_csv", "to_dataframe",
     "to_xarray", "__repr__", "_repr_html_",
 )  # fmt: skip
 
