@@ -9,6 +9,7 @@ import math
 from typing import Protocol
 
 NOT_KNOWN = "—"
+NO_ERROR_BAR = " (no error bar)"
 # Most digits of a value. More would show rounding.
 MOST_DIGITS = 6
 PREFIXES = {-12: "p", -9: "n", -6: "µ", -3: "m", 0: "", 3: "k", 6: "M", 9: "G"}
@@ -57,7 +58,8 @@ def with_error(estimate: Estimated, unit: str = "") -> Number:
     value, error = estimate.estimate, estimate.standard_error
     factor, symbol = prefixed(value, unit)
     text = _value_and_error(factor * value, None if error is None else factor * error)
-    return Number(f"{text} {symbol}".rstrip(), value, error, unit)
+    bare = text.removesuffix(NO_ERROR_BAR)
+    return Number(f"{bare} {symbol}".rstrip() + text[len(bare) :], value, error, unit)
 
 
 def value_and_error(value: float, error: float | None) -> Number:
@@ -79,7 +81,7 @@ def _value_and_error(value, error):
     if value is None or not math.isfinite(value):
         return NOT_KNOWN
     if error is None or not math.isfinite(error):
-        return f"{_number(value, 3)} (no error bar)"
+        return f"{_number(value, 3)}{NO_ERROR_BAR}"
     if not value and not error:
         return "0 ± 0"
     size = abs(value) or error

@@ -7,6 +7,7 @@ import html
 import sys
 import time
 from collections.abc import Callable, Iterator
+from typing import Any
 
 # A call that is shorter (s) shows no bar, which would only flicker.
 SHOW_AFTER_SECONDS = 1.0
@@ -32,7 +33,7 @@ def progress_bar(label: str) -> Iterator[Callable[[float, str], None] | None]:
         return
     from IPython.display import HTML, display
 
-    handles = []
+    handles: list[Any] = []
     started = time.monotonic()
 
     def show(share: float, words: str = "") -> None:

@@ -2,87 +2,16 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from harvester.base.errors import SceneError
-from harvester.results.view import Picture, ResultBase, View
 
 if TYPE_CHECKING:
-    from harvester.device.beam.lumped import Beam
+    from harvester.results.beam_values import BeamValues
     from harvester.scene.model import Scene
 
 
-@dataclass(frozen=True, repr=False)
-class Drawing(ResultBase):
-    """A scene's beam with its lumped values, to be shown and written."""
-
-    scene: Scene
-    beam: Beam
-
-    def view(self) -> View:
-        """Lumped values; side view, first mode, and the spring of the magnets."""
-        from harvester.device.beam.summary import draw
-
-        return View(
-            table=self._table(),
-            findings=self._findings(),
-            pictures=[Picture(lambda beam: draw(beam, self.scene.magnets), self.beam)],
-        )
-
-    def _table(self) -> tuple[list[str], list[list[str]]]:
-        header = ["quantity", "equation", "value", "unit"]
-        return header, [
-            [name, equation, f"{value:.5g}", unit] for name, equation, value, unit in self._rows()
-        ]
-
-    def _findings(self) -> list[str]:
-        """The device with its magnets; where the theory holds only roughly; a polynomial."""
-        from harvester.device.beam.summary import remarks
-
-        return [*self._with_magnets(), *remarks(self.beam, self.scene.magnets)]
-
-    def _with_magnets(self):
-        """Sentences on the device with magnets: rest positions, barriers and frequency."""
-        if self.scene.magnets is None:
-            return []
-        from harvester.base.formatting import quantity
-        from harvester.device import timescales
-        from harvester.device.system import potential
-        from harvester.scene.described import device_line
-        from harvester.scene.prepared import prepared
-
-        model = prepared(self.scene)
-        system, length = model.system, model.scales.displacement
-        wells, saddles = timescales.wells(system), timescales.saddles(system)
-        places = ", ".join(quantity(length * well, "m") for well in sorted(wells))
-        sentences = [
-            "the table is of the beam without its magnets",
-            *(line.replace("device:", "with magnets:", 1) for line in device_line(self.scene)),
-            f"with magnets the tip rests at {places}",
-        ]
-        if saddles:
-            top = max(float(potential(system, saddle)) for saddle in saddles)
-            bottom = min(float(potential(system, well)) for well in wells)
-            mass: Any = self.scene.oscillator.mass
-            energy = mass * length**2 * (top - bottom)
-            sentences[-1] += (
-                f"; the highest barrier is {quantity(energy, 'J')} above the deepest well"
-            )
-        return sentences
-
-    def to_dict(self) -> dict[str, Any]:
-        keys = ("quantity", "equation", "value", "unit")
-        values = [dict(zip(keys, row, strict=True)) for row in self._rows()]
-        return {"scene": self.scene.to_dict(), "values": values, "notes": self._findings()}
-
-    def _rows(self):
-        from harvester.device.beam.summary import rows
-
-        return rows(self.beam)
-
-
-def beam(scene: Scene) -> Drawing:
+def beam(scene: Scene) -> BeamValues:
     """Show the lumped values of a scene's drawing: mass, spring, coupling, capacitance,
     frequencies.
 
@@ -96,4 +25,6 @@ def beam(scene: Scene) -> Drawing:
             f"{scene.name}: there is no table [beam] in it; docs/beams.md shows one, and so does "
             "harvester beam bimorph"
         )
-    return Drawing(scene, scene.beam)
+    from harvester.results.beam_values import BeamValues
+
+    return BeamValues(scene, scene.beam)

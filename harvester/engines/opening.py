@@ -73,7 +73,7 @@ def open_runner(
         held(output) if output else contextlib.nullcontext() as folder,
         _pool(workers, executor, scheduler) as pool,
     ):
-        yield Runner(pool, folder, deadline, time_limit, progress)
+        yield Runner(pool, folder, deadline, time_limit, progress or None)
 
 
 @contextlib.contextmanager

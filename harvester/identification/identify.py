@@ -178,7 +178,7 @@ def identify(
     if compare and any(record.acceleration is not None for record in measurements):
         models = candidates(base, measurements, sizes, scene, not unexplained)
 
-    def follow_last(text: str) -> Callable[[float], None]:
+    def follow_last(text: str) -> Callable[[float], object]:
         return lambda share: follow(POSTERIOR_BEGINS + (1.0 - POSTERIOR_BEGINS) * share, text)
 
     sampled, seed = None, scene.run.seed

@@ -68,7 +68,7 @@ class Posterior:
 
 
 def posterior(
-    found: Fitted, seed: int = 0, follow: Callable[[float], None] | None = None
+    found: Fitted, seed: int = 0, follow: Callable[[float], object] | None = None
 ) -> Posterior:
     """Sample the posterior of a fit.
 

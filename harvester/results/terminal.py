@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 from rich import box
@@ -18,6 +18,8 @@ if TYPE_CHECKING:
 
 # A text longer than this is a footnote, so that a table of numbers stays narrow.
 LONGEST_CELL = 32
+# Least width to which a column that tells rows apart is narrowed.
+NARROWEST_KEY = 12
 # Characters between two columns, and at both ends of a line.
 GAP, MARGIN = 3, 1
 # A sketch of a density: bars in steps of an eighth of the height, letters of a line, samples of the
@@ -38,9 +40,9 @@ def laid_out(table: Table, width: int) -> tuple[list[RichTable], list[str]]:
     widths = [
         max([_longest_word(name), *(len(row[k]) for row in rows)]) for k, name in enumerate(header)
     ]
-    # A key of long texts is broken between its words.
-    for k in range(keys):
-        widths[k] = min(widths[k], max(LONGEST_CELL, width // 2))
+    # Long keys are broken between their words: half of the width is left for numbers.
+    while keys * GAP + sum(widths[:keys]) > width // 2 and max(widths[:keys]) > NARROWEST_KEY:
+        widths[widths.index(max(widths[:keys]))] -= 1
     # A column that does not fit beside the keys is broken between its words too.
     left = width - MARGIN - sum(widths[k] + GAP for k in range(keys)) - GAP
     for k in range(keys, len(header)):
@@ -50,7 +52,8 @@ def laid_out(table: Table, width: int) -> tuple[list[RichTable], list[str]]:
     for columns in _blocks(widths, keys, width):
         block = RichTable(box=box.SIMPLE_HEAD)
         for k in columns:
-            justify = "left" if any(row[k][:1].isalpha() for row in rows) else "right"
+            words = any(row[k][:1].isalpha() for row in rows)
+            justify: Literal["left", "right"] = "left" if words else "right"
             block.add_column(header[k], justify=justify, width=widths[k], overflow="fold")
         for row in rows:
             block.add_row(*(row[k] for k in columns))

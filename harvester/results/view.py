@@ -217,17 +217,19 @@ class ResultBase(ABC):
         parts = [
             verdict_list(verdicts(view)),
             wide(table_of(header, rows[:NOTEBOOK_ROWS])),
-            *map(_inline, view.pictures),
+            *map(shown_in_notebook, view.pictures),
             *map(facts, [*more, *view.findings[:NOTEBOOK_FINDINGS]]),
         ]
         return "\n".join(parts)
 
 
-def _inline(picture):
+def shown_in_notebook(picture: Picture, caption: str = "") -> str:
+    """A picture as HTML; empty if there is nothing to draw."""
     from harvester.results.page import figure_of
 
     figure = picture.figure()
-    return "" if figure is None else figure_of(figures.image(figure), picture.name or "figure", "")
+    name = picture.name or "figure"
+    return "" if figure is None else figure_of(figures.image(figure), name, caption)
 
 
 def _expanded(header: Sequence[str], rows: Sequence[Sequence[Any]]) -> Table:

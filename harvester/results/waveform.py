@@ -17,7 +17,7 @@ from harvester.base.tables import require_xarray, write_csv, write_netcdf
 from harvester.device.record import Record
 from harvester.results.palette import CIRCUIT
 from harvester.results.panels import set_title
-from harvester.results.view import Picture
+from harvester.results.view import Picture, shown_in_notebook
 from harvester.statistics.units import unit_of
 
 if TYPE_CHECKING:
@@ -145,6 +145,9 @@ class Waveform:
             from harvester.results import figures
 
             figures.write(figures.drawn(_draw, self), path)
+
+    def _repr_html_(self) -> str:
+        return shown_in_notebook(self.picture(), repr(self))
 
     def __repr__(self) -> str:
         return f"<Waveform of {self.scene.name} by {self.engine}: {self.said()}>"

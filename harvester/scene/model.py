@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import hashlib
+import html
 import json
 import math
 from collections.abc import Iterable
@@ -223,6 +224,12 @@ class Scene(Table):
                 "a value or a file that it names has changed since"
             )
         return scene
+
+    def _repr_html_(self) -> str:
+        """The scene as TOML in a notebook."""
+        from harvester.scene.text import scene_text
+
+        return f"<pre>{html.escape(scene_text(self, {}, [self.name]))}</pre>"
 
     def digest(self) -> str:
         """SHA-256 of the scene's values: the same device and run give the same digest.

@@ -49,12 +49,8 @@ class Estimate:
     note: str = ""
     unit: str = field(default="", compare=False, metadata=LEFT_OUT)
 
-    def __str__(self) -> str:
-        """ "2.074 ± 0.059 mW"."""
-        return with_error(self, self.unit)
-
     def __repr__(self) -> str:
-        return f"<Estimate of {self.dimension}: {self}>"
+        return with_error(self, self.unit)
 
     def times(self, factor: float) -> Estimate:
         """The estimate in a unit that is smaller by this factor."""

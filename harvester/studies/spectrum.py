@@ -415,6 +415,8 @@ class SpectrumAnalysis(ResultBase):
         return View(
             table=self._table(),
             findings=self._findings(),
+            headline=f"{self.name}: rms {self.rms:.4g}{' m/s²' * (self.units == 'SI')}, greatest "
+            f"density at {self.frequencies[self.density.argmax()]:.4g} Hz",
             pictures=[Picture(_draw, self)],
             texts=self.texts,
         )

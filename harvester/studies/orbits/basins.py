@@ -76,6 +76,7 @@ class Basins(ResultBase):
         return View(
             table=self._table(),
             findings=self._findings(),
+            headline="; ".join(orbit_sentences(self.orbits, self.unit)[:2]),
             pictures=[Picture(_draw, self)],
             records=self._records,
             dataset=self._dataset,

@@ -138,6 +138,9 @@ class Bifurcation(ResultBase):
         return View(
             table=self._table(),
             findings=self._findings(),
+            headline="; ".join(
+                line for branch in self.branches for line in self._most_power(branch)
+            ),
             pictures=[Picture(_draw, self)],
             records=self._records,
             dataset=self._dataset,
@@ -194,15 +197,7 @@ class Bifurcation(ResultBase):
             f"{self.seconds:.2f} s"
         ]
         for branch in self.branches:
-            if np.isfinite(branch.mean_power).any():
-                best = int(np.nanargmax(branch.mean_power))
-                power, error = branch.mean_power[best], branch.errors["mean_power"][best]
-                most = with_error(Estimate(power, error, None, "power"), self.unit("power"))
-                lines.append(
-                    f"{branch.direction}: most power, {most}, at {self.key} = "
-                    f"{self.values[best]:.6g} "
-                    f"({branch.motion[best]})"
-                )
+            lines += self._most_power(branch)
             for kind, reason in REASONS.items():
                 where = self.values[[motion == kind for motion in branch.motion]]
                 if where.size:
@@ -224,6 +219,16 @@ class Bifurcation(ResultBase):
         lines += [line for branch in self.branches for line in self._of_chaos(branch)]
         lines += [f"{location}: {why}" for location, why in self.failures.items()]
         return lines
+
+    def _most_power(self, branch):
+        """Sentence on the place with the most power; none where no motion has a power."""
+        if not np.isfinite(branch.mean_power).any():
+            return []
+        best = int(np.nanargmax(branch.mean_power))
+        power, error = branch.mean_power[best], branch.errors["mean_power"][best]
+        most = with_error(Estimate(power, error, None, "power"), self.unit("power"))
+        where = f"{self.key} = {self.values[best]:.6g}"
+        return [f"{branch.direction}: most power, {most}, at {where} ({branch.motion[best]})"]
 
     def _of_chaos(self, branch):
         """Where a mean over the samples of a motion without a period has no error bar."""

@@ -116,6 +116,7 @@ class Residence(ResultBase):
         return View(
             table=self._table(),
             findings=self._findings(),
+            headline=self._headline(),
             pictures=[Picture(_draw, self)] if self.key else [],
             records=self._records,
             dataset=self._dataset,
@@ -136,6 +137,12 @@ class Residence(ResultBase):
             ]
             for stay in self.stays
         ]
+
+    def _headline(self):
+        stay = self.stays[0]
+        where = "" if stay.value is None else f" at {self.key} = {stay.value:.6g}"
+        place = quantity(stay.well, unit_of(self.scene, "displacement"))
+        return f"mean residence time {_time_text(stay)} s in the well at {place}{where}"
 
     def _records(self) -> tuple[list[str], list[list[Any]]]:
         """Header and rows of numbers."""

@@ -34,7 +34,7 @@ def estimate(value, error):
         (2.7e-7, 1e-9, "scaled power", "(2.700 ± 0.010)e-7 scaled power"),
         (1.0, 0.0, "V", "1.00000 ± 0 V"),
         (0.0, 0.0, "W", "0 ± 0 W"),
-        (4.0, None, "1/s", "4 (no error bar) 1/s"),
+        (4.0, None, "1/s", "4 1/s (no error bar)"),
         (math.nan, None, "W", "— W"),
     ],
 )

@@ -62,3 +62,17 @@ def test_rows_that_two_columns_tell_apart_keep_both():
     assert len(blocks) == 3
     assert all([str(c.header) for c in block.columns][:2] == ["load", "place"] for block in blocks)
     assert not footnotes
+
+
+def test_long_keys_leave_room_for_numbers():
+    rows = [
+        [
+            f"the strain of the layers per displacement of mode {k}",
+            "with all modes left out",
+            "-3.8638e-10",
+        ]
+        for k in range(3)
+    ]
+    _, lines, _ = lines_of(Table(["quantity", "equation", "value"], [*rows, *rows]), 80)
+    assert max(map(len, lines)) <= 80
+    assert "\n".join(lines).count("-3.8638e-10") == 6

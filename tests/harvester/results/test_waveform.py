@@ -173,5 +173,5 @@ def test_refusals(divided):
         simulate("device", nodes=["p"])
     with pytest.raises(HarvesterError, match="START < END"):
         simulate(divided, window=(2.0, 1.0))
-    with pytest.raises(HarvesterError, match=r"--window 1e\+06:2e\+06: the run ends at "):
+    with pytest.raises(HarvesterError, match=r"window 1e\+06:2e\+06: the run ends at "):
         simulate(divided, window=(1e6, 2e6))
