@@ -18,6 +18,10 @@ settings.register_profile("long", max_examples=20_000, **UNHURRIED)
 settings.load_profile("short")
 
 
+# Tests look for whole rows and texts; `results/test_terminal.py` tests the widths.
+os.environ["COLUMNS"] = "300"
+
+
 def pytest_configure(config):
     if kept.FOLDER not in os.environ:
         os.environ[kept.FOLDER] = config.truths = tempfile.mkdtemp(prefix="truths-")

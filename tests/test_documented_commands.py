@@ -80,7 +80,7 @@ def run(line, folder):
     done = subprocess.run(
         ["bash", "-c", line],
         cwd=folder,
-        env={**os.environ, "PATH": path, "COLUMNS": "200"},
+        env={**os.environ, "PATH": path},
         capture_output=True,
         text=True,
         timeout=HANGS,

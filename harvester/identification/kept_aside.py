@@ -137,7 +137,7 @@ def kept_aside(
     visited: Visited,
     misfits: Sequence[Misfit],
     seed: int,
-    report: Callable[[float], None] = lambda share: None,
+    report: Callable[[float], object] = lambda share: None,
 ) -> list[Kept]:
     """A fit's predictions of records that were not fitted.
 

@@ -40,8 +40,12 @@ def laid_out(table: Table, width: int) -> tuple[list[RichTable], list[str]]:
     widths = [
         max([_longest_word(name), *(len(row[k]) for row in rows)]) for k, name in enumerate(header)
     ]
-    # Long keys are broken between their words: half of the width is left for numbers.
-    while keys * GAP + sum(widths[:keys]) > width // 2 and max(widths[:keys]) > NARROWEST_KEY:
+    # Long keys are broken between their words until the table fits or they take half of the width.
+    while (
+        MARGIN + sum(widths) + GAP * len(widths) > width
+        and sum(widths[:keys]) + GAP * keys > width // 2
+        and max(widths[:keys]) > NARROWEST_KEY
+    ):
         widths[widths.index(max(widths[:keys]))] -= 1
     # A column that does not fit beside the keys is broken between its words too.
     left = width - MARGIN - sum(widths[k] + GAP for k in range(keys)) - GAP

@@ -120,8 +120,8 @@ def test_the_arithmetic_of_a_caller_is_not_ours():
     [
         ({"window": (0.0, 1.0, 2.0)}, "window = .*must be two times"),
         ({"window": ("a", "b")}, "window = .*must be two times"),
-        ({"step": np.array([0.1, 0.2])}, "--step .*must be default, fine, finest or"),
-        ({"step": [0.1]}, "--step"),
+        ({"step": np.array([0.1, 0.2])}, "step .*must be default, fine, finest or"),
+        ({"step": [0.1]}, "step"),
         ({"runner": object()}, "runner = .*give a WorkerPool or a Runner"),
         ({"runner": 5}, "runner = 5"),
     ],

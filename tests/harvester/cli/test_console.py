@@ -85,9 +85,8 @@ def test_a_short_run_says_nothing(monkeypatch, capsys):
     assert capsys.readouterr().err == ""
 
 
-def test_a_result_is_shown_by_its_table_and_its_sentences(capsys, monkeypatch):
+def test_a_result_is_shown_by_its_table_and_its_sentences(capsys):
     result = harvester.average("linear", method="consistent")
-    monkeypatch.setenv("COLUMNS", "220")
     console.show_view(result.view(), "linear: power")
     shown = capsys.readouterr().out
     header, rows = result.table()

@@ -113,9 +113,8 @@ def test_mistakes_are_named(over, options, words):
         harvester.sweep("linear", over, workers=1, **options)
 
 
-def test_any_key_and_words_make_a_grid_on_the_command_line(tmp_path, capsys, monkeypatch):
+def test_any_key_and_words_make_a_grid_on_the_command_line(tmp_path, capsys):
     """Closed form of a linear device: the density's variance goes with D, whatever the seed."""
-    monkeypatch.setenv("COLUMNS", "160")
     command = ["sweep", "linear", "--over", "excitation.intensity=0.1,200m", "--over"]
     command += ["run.seed=1,2", "--method", "consistent", "--quantity", "mean_square_voltage"]
     assert main([*command, "--output", str(tmp_path), "--report", str(tmp_path / "page.html")]) == 0
