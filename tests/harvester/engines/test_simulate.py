@@ -190,7 +190,7 @@ def test_an_energy_balance_that_does_not_close_is_an_error(pool):
     scene = Scene.read(
         "linear", ["oscillator.linear_stiffness=1e5", "run.realizations=2", "run.duration=400"]
     )
-    with pytest.raises(EnergyNotBalanced, match="--step"):
+    with pytest.raises(EnergyNotBalanced, match="step"):
         simulate(scene, method="monte-carlo", step=0.004, runner=pool)
 
 

@@ -322,7 +322,7 @@ def test_too_few_points_over_a_sharp_resonance_are_named():
 
 def test_what_an_impedance_alone_does_not_take(tmp_path, monkeypatch):
     measured = MeasuredImpedance(FREQUENCY, impedance())
-    with pytest.raises(IdentificationError, match="--free: an impedance alone determines"):
+    with pytest.raises(IdentificationError, match="free: an impedance alone determines"):
         identify(scene(), impedance=measured, free=["oscillator.damping"])
     coil = scene_of(MASS, 0.1, (0.0, 800.0), {"coil": {"coupling": 1.0, "resistance": 5.0}}, 1e3)
     with pytest.raises(SceneError, match=r"a table \[piezo\]"):

@@ -133,7 +133,7 @@ def test_the_posterior_of_a_nearly_linear_problem_is_as_wide_as_the_intervals(mo
     assert np.array_equal(once, twice)
     assert not np.array_equal(once, other)
     monkeypatch.setitem(sys.modules, "emcee", None)
-    with pytest.raises(HarvesterError, match=r"--posterior needs emcee: pip install"):
+    with pytest.raises(HarvesterError, match=r"posterior needs emcee: pip install"):
         sampling.posterior(found.fitted)
 
 
