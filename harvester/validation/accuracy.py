@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from dataclasses import dataclass
 from functools import cached_property
 from typing import TYPE_CHECKING, Any, Unpack
 
@@ -13,7 +14,7 @@ from harvester.base.formatting import share_with_error
 from harvester.base.serialising import fields_of, plain
 from harvester.base.symbols import SYMBOLS
 from harvester.engines.opening import RunnerOptions, open_runner
-from harvester.engines.request import relative_error
+from harvester.engines.request import Answer, relative_error
 from harvester.engines.simulate import require_noise
 from harvester.scene.calling import takes_scene
 from harvester.scene.model import Scene
@@ -21,8 +22,9 @@ from harvester.statistics.estimate import Estimate
 from harvester.validation import MEANS, SIGNIFICANT_SIGMAS, STATES, VOLTAGE
 from harvester.validation.accuracy_measurement import (
     LIMITS,
-    Measured,
     MethodRow,
+    Timed,
+    TotalError,
     is_reference,
     measure,
 )
@@ -41,8 +43,45 @@ LEAST_RATIO = 2.0
 UNITS = ((86400.0, "d"), (3600.0, "h"), (60.0, "min"), (1.0, "s"), (1e-3, "ms"))
 
 
-class Accuracy(Measured):
-    """Errors and run times of all methods on one scene."""
+@dataclass(frozen=True)
+class Accuracy:
+    """Errors and run times of all methods on one scene.
+
+    Attributes
+    ----------
+    reference : ComparedMethod
+        The method from whose runs biases are measured.
+    run : Timed
+        The reference's long run.
+    answer : Answer
+        The same with its evidence.
+    errors : dict of str to TotalError
+        Total errors of the reference, which hold no bias; of every quantity that is timed.
+    closures : dict of str to dict
+        For each closure that holds `quantities`, scaled, and `seconds`.
+    refused : dict of str to str
+        Closures that do not hold, with the reason.
+    exact_paths : str
+        Name of the solution from which strong errors are measured.
+    horizon : float
+        Length of the paths (s).
+    speeds : dict
+        `rows` of Throughput, none where the load is a netlist of more than a resistor, and the
+        `machine` of all times.
+    """
+
+    scene: Scene
+    rows: list[MethodRow]
+    reference: ComparedMethod
+    run: Timed
+    answer: Answer
+    errors: dict[str, TotalError]
+    closures: dict
+    refused: dict
+    exact_paths: str
+    horizon: float
+    paths: int
+    speeds: dict
 
     @cached_property
     def orders(self) -> dict[str, dict[str, float]]:
@@ -58,11 +97,6 @@ class Accuracy(Measured):
                 errors = np.log([row.strong[name] for row in ours])
                 orders[family][name] = float(np.polyfit(steps, errors, 1)[0])
         return orders
-
-    @property
-    def quantities(self) -> tuple[str, ...]:
-        """The quantities whose total errors are timed."""
-        return tuple(self.errors)
 
     def needed_time(self) -> float:
         """Simulated time to a standard error of 1 % of E[V²] (s); infinite without an error bar."""
@@ -96,14 +130,12 @@ class Accuracy(Measured):
         header = ["method", "setting", *(f"error {SYMBOLS[name]}" for name in STATES)]
         header += ["order of X (theory)", *(f"bias {SYMBOLS[name]}" for name in MEANS)]
         header += ["µs per unit"]
-        header += [
-            f"{SYMBOLS[name]} to {limit:.0%}" for name in self.quantities for limit in LIMITS
-        ]
+        header += [f"{SYMBOLS[name]} to {limit:.0%}" for name in self.errors for limit in LIMITS]
         rows = [self._cells(row) for row in self.rows]
         for closure, answer in self.closures.items():
             biases = [_percent(self.deviation(closure, name)) for name in MEANS]
             rows.append([f"averaging, {closure}", *5 * [""], *biases, ""])
-            for name in self.quantities:
+            for name in self.errors:
                 size = abs(self.total_deviation(closure, name).estimate)
                 seconds = duration(answer["seconds"])
                 rows[-1] += [seconds if size <= limit else "never" for limit in LIMITS]
@@ -111,10 +143,10 @@ class Accuracy(Measured):
 
     def _cells(self, row):
         order = self.orders[row.method.family]["displacement"]
-        errors = [row.errors.get(name) for name in self.quantities]
+        errors = [row.errors.get(name) for name in self.errors]
         return [
             row.method.family,
-            row.method.setting(self.scene),
+            row.method.setting(self.scene) + (" (brief run)" if row.method.brief else ""),
             *(_number(row.strong[name], ".1e") for name in STATES),
             f"{_number(order, '.2f')} ({row.method.order})",
             *(_percent(row.bias.get(name)) for name in MEANS),
@@ -133,8 +165,7 @@ class Accuracy(Measured):
             "where these follow the restarts of a PWL run",
             f"bias: against {self.reference.family} ({self.reference.step(answer.scene):g} s), on "
             f"the same noise, with the error of the paired difference; {answer.realizations} × "
-            f"{answer.simulated_time / answer.realizations:g} s, brief runs for "
-            f"{'; '.join(self._brief_settings())}",
+            f"{answer.simulated_time / answer.realizations:g} s, less in a brief run",
             "a brief run that saw no rare event, such as a jump between the wells, has too small "
             "an error bar",
             f"sampling error of the long run itself: {sampling}",
@@ -174,15 +205,6 @@ class Accuracy(Measured):
             "run.duration, or take --thorough",
         ]
 
-    def _brief_settings(self):
-        """Families with their settings that had a shorter run, and its length."""
-        families: dict[str, list[str]] = {}
-        for row in self.rows:
-            if row.method.brief:
-                name = f"{row.method.family} ({row.simulated_time:g} s)"
-                families.setdefault(name, []).append(row.method.setting(self.scene))
-        return [f"{name} at {', '.join(settings)}" for name, settings in families.items()]
-
     def figure(self) -> Figure:
         from harvester.results import figures
         from harvester.validation.accuracy_drawing import draw
@@ -190,42 +212,32 @@ class Accuracy(Measured):
         return figures.drawn(draw, self)
 
     def to_dict(self) -> dict[str, Any]:
-        """Plain values for JSON, by picture; NaN becomes null."""
-        speeds = self.speeds
-        work_precision = {
-            "scene": self.answer.scene.to_dict(),
-            "machine": speeds["machine"],
+        """Plain values for JSON; NaN becomes null."""
+        content = {
+            "scene": self.scene,
+            "machine": self.speeds["machine"],
             "strong": {"paths": self.paths, "duration": self.horizon, "orders": self.orders},
-            "reference": self.answer,
+            "reference": {
+                **self.answer.to_dict(),
+                "method": self.reference.family,
+                "errors": self.errors,
+                "wall_seconds_per_second": self.run.cost,
+            },
             "needed_time": self.needed_time(),
             "methods": [self._entry(row) for row in self.rows],
             "closures": {
                 closure: {
                     "seconds": answer["seconds"],
-                    "bias": {name: self.deviation(closure, name).to_dict("1") for name in MEANS},
+                    "bias": {name: self.deviation(closure, name) for name in MEANS},
+                    "deviation": {n: self.total_deviation(closure, n) for n in self.errors},
                 }
                 for closure, answer in self.closures.items()
             },
             "refused": self.refused,
             "verdicts": self.verdicts(),
-            "throughput": {"rows": speeds["rows"], "ratios": ratios(speeds["rows"])},
+            "throughput": {"rows": self.speeds["rows"], "ratios": ratios(self.speeds["rows"])},
         }
-        time_to_accuracy = {
-            "scene": self.scene,
-            "quantities": self.quantities,
-            "reference": _line(self.reference, self.errors, self.run),
-            "methods": [_line(row.method, row.errors, row.run, row.note) for row in self.rows],
-            "closures": [
-                {
-                    "closure": closure,
-                    "seconds": answer["seconds"],
-                    "deviation": {n: self.total_deviation(closure, n) for n in self.quantities},
-                }
-                for closure, answer in self.closures.items()
-            ],
-            "refused": self.refused,
-        }
-        return plain({"work_precision": work_precision, "time_to_accuracy": time_to_accuracy})
+        return plain(content)
 
     def _entry(self, row):
         return {
@@ -233,21 +245,11 @@ class Accuracy(Measured):
             **fields_of(row),
             "setting": row.method.setting(self.scene),
             "longest_step": row.method.step(self.scene),
-            "bias": {name: estimate.to_dict("1") for name, estimate in row.bias.items()},
             "simulated_time": row.simulated_time,
             "seconds_per_unit": row.seconds_per_unit,
             "seconds_to_one_percent": row.seconds_per_unit * self.needed_time(),
+            "wall_seconds_per_second": row.run.cost if row.run else math.nan,
         }
-
-
-def _line(method, errors, run, note=""):
-    return {
-        "method": method.family,
-        "errors": errors,
-        "simulated_time": run.measured_time if run else 0.0,
-        "wall_seconds_per_second": run.cost if run else 0.0,
-        "note": note,
-    }
 
 
 @takes_scene
@@ -280,7 +282,7 @@ def accuracy(
     """
     require_noise(scene, "accuracy")
     with open_runner(**running) as runner:
-        return Accuracy(**vars(measure(scene, runner, thorough, methods)))
+        return Accuracy(**measure(scene, runner, thorough, methods))
 
 
 def bias_verdict(row: MethodRow) -> str:

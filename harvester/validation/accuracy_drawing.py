@@ -45,8 +45,8 @@ def draw(study: Any) -> Figure:
         _draw_biases(axes, study, name, marks)
         axes.tick_params(labelbottom=name == MEANS[-1])
     _label_seconds(axes, study)
-    for number, name in enumerate(study.quantities):
-        last = number == len(study.quantities) - 1
+    for number, name in enumerate(study.errors):
+        last = number == len(study.errors) - 1
         axes = figure.add_subplot(grid[3 * number : 3 * number + 3, 2])
         _draw_total_errors(axes, study, name, marks)
         axes.set_xlabel("wall time of one core" if last else "")
