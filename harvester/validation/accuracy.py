@@ -189,7 +189,11 @@ class Accuracy:
             and row.method.scheme == "trapezoidal"
         ]
         default = [row for row in fixed if row.method.refinement == 1]
-        lines = [f"the circuit's default step: {bias_verdict(row)}" for row in default if row.bias]
+        lines = [
+            f"{row.method.family}: the circuit's default step: {bias_verdict(row)}"
+            for row in default
+            if row.bias
+        ]
         # A brief run misses rare events, such as jumps between wells, and so does its error bar.
         below = [
             row

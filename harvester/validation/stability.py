@@ -1,6 +1,6 @@
-"""`stability`: stiff and extreme cases of a scene, each judged by what was computed.
+"""`stability`: stiff and extreme cases of a scene, each with its verdict.
 
-Every case is run by every engine and every closure; `verdicts` says what judges them.
+Every case is run by every engine and every closure; `verdicts` compares their answers.
 """
 
 from __future__ import annotations
@@ -40,8 +40,8 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 LEGEND = (
-    "a cell names its references and how sharply each of them judges: path: a fine path on the same\n"
-    "noise; a method or a closed form: its E[V²]; grid: the coarser grid of a closure"
+    "a cell names what it agrees with, and how sharp the comparison is: path: a fine path on the\n"
+    "same noise; a method or a closed form: its E[V²]; grid: the coarser grid of a closure"
 )
 FACE = dict(zip(WORDS, ("#A8DDB5", "#D0D0D0", "#FEE8A0", "#FDAE6B", "#CB181D"), strict=True))
 INK = {WRONG: "white", REFUSED: "0.25"}
@@ -144,7 +144,7 @@ def stability(
     step: str | float = "default",
     **running: Unpack[RunnerOptions],
 ) -> StabilityMatrix:
-    """Run and judge the matrix of one scene, by every engine and closure.
+    """Run the matrix of one scene, with a verdict on each case, by every engine and closure.
 
     Parameters
     ----------

@@ -15,7 +15,7 @@ from harvester.studies.sensitivity.study import Sensitivity
 from harvester.studies.sweep import Sweep
 from harvester.validation import orbit_maps
 from harvester.validation.accuracy import Accuracy
-from harvester.validation.claims import Judgement
+from harvester.validation.claims import ReproducedStatements
 from harvester.validation.reproduce import Reproduction
 from harvester.validation.stability import StabilityMatrix
 from harvester.validation.verify import Verification
@@ -25,7 +25,7 @@ SHOWN = [
     Comparison,
     FrequencyResponse,
     Identification,
-    Judgement,
+    ReproducedStatements,
     Optimum,
     Reproduction,
     Result,
