@@ -19,6 +19,7 @@ from typing import Any
 import numpy as np
 from scipy.optimize import least_squares, nnls
 
+from harvester.base.errors import ProgramNotFound
 from harvester.device import timescales
 from harvester.engines.request import Request
 from harvester.engines.task import Task
@@ -44,8 +45,9 @@ class Truth:
     allowance : float
         How far off the simulated device may be because it is not quite that of the result
         (knots of the noise, diodes that are not ideal), in the unit of `exact`.
-    asked : dict of str to Request or Task
-        What to compute by each method; a task returns (value, standard error).
+    asked : dict of str to Request, Task or ProgramNotFound
+        What to compute by each method; a task returns (value, standard error). For a set that was
+        not downloaded: how to get it.
     quantity : str
         Quantity of an answer, in the scene's units.
     device : str
@@ -56,7 +58,7 @@ class Truth:
     source: str
     exact: float
     allowance: float
-    asked: dict[str, Request | Task]
+    asked: dict[str, Request | Task | ProgramNotFound]
     quantity: str = ""
     unit: str = "scaled"
     device: str = ""
@@ -189,15 +191,17 @@ def _set(entry):
     files = [place]
     if "files" in entry:
         files = sorted(place / file for file in getattr(tasks, entry["files"]).values())
-    exists = bool(name) and all(file.is_file() for file in files)
-    content = b"".join(file.read_bytes() for file in files) if exists else b""
-    call = {
-        "place": os.path.abspath(place) if exists else "",
-        "digest": hashlib.sha256(content).hexdigest(),
-        "scene": Scene.from_tables(entry["scene"], name=entry["variable"].lower()),
-        "missing": f"{entry['variable']} {entry['missing']}: {entry['cure']}",
-    }
-    function = getattr(tasks, entry["task"])
-    task = Task(function, call, label=entry["task"], time_limits=entry["time_limits"])
+    question: Any = ProgramNotFound(f"not downloaded: {entry['cure']}")
+    if name and all(file.is_file() for file in files):
+        content = b"".join(file.read_bytes() for file in files)
+        call = {
+            "place": os.path.abspath(place),
+            "digest": hashlib.sha256(content).hexdigest(),
+            "scene": Scene.from_tables(entry["scene"], name=entry["variable"].lower()),
+        }
+        limits = entry["time_limits"]
+        question = Task(getattr(tasks, entry["task"]), call, "", entry["task"], limits)
+    elif name:
+        question = ProgramNotFound(f"{entry['variable']} = {name}: not the set; {entry['cure']}")
     names = ("title", "source", "exact", "allowance", "unit", "device")
-    return Truth(asked={"identify": task}, **{name: entry[name] for name in names})
+    return Truth(asked={"identify": question}, **{name: entry[name] for name in names})

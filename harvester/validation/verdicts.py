@@ -7,7 +7,7 @@ least is known to 2 % or better; else it is *not judged*.
 """
 
 import math
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from typing import Any
 
 from harvester.base.errors import AveragingError, LoadError, SceneError, SimulatorTimeout
