@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any, Unpack
 
 import numpy as np
 
-from harvester.base.formatting import share_with_error
+from harvester.base.formatting import NOT_KNOWN, number, share_with_error
 from harvester.base.serialising import fields_of, plain
 from harvester.base.symbols import SYMBOLS
 from harvester.engines.opening import RunnerOptions, open_runner
@@ -23,7 +23,6 @@ from harvester.validation import MEANS, SIGNIFICANT_SIGMAS, STATES, VOLTAGE
 from harvester.validation.accuracy_measurement import (
     LIMITS,
     MethodRow,
-    Timed,
     TotalError,
     is_reference,
     measure,
@@ -51,10 +50,8 @@ class Accuracy:
     ----------
     reference : ComparedMethod
         The method from whose runs biases are measured.
-    run : Timed
-        The reference's long run.
     answer : Answer
-        The same with its evidence.
+        The reference's long run.
     errors : dict of str to TotalError
         Total errors of the reference, which hold no bias; of every quantity that is timed.
     closures : dict of str to dict
@@ -73,7 +70,6 @@ class Accuracy:
     scene: Scene
     rows: list[MethodRow]
     reference: ComparedMethod
-    run: Timed
     answer: Answer
     errors: dict[str, TotalError]
     closures: dict
@@ -111,20 +107,12 @@ class Accuracy:
         return row.seconds_per_unit * self.answer.simulated_time
 
     def deviation(self, closure: str, name: str) -> Estimate:
-        """A closure's deviation from the reference as a share, with the reference's error."""
-        value = self.closures[closure]["quantities"][name].estimate
-        mean, share = self.answer.quantities[name].estimate, self.sampling_error(name)
-        error = share * value / mean if math.isfinite(share) else None
-        return Estimate(value / mean - 1.0, error, None, "1")
-
-    def total_deviation(self, closure: str, name: str) -> Estimate:
-        """A closure's deviation from the reference, as a share with both errors."""
+        """A closure's deviation from the reference, as a share with the errors of both."""
         ours = self.closures[closure]["quantities"][name]
-        theirs = self.run.quantities()[name]
-        ratio = ours.estimate / theirs.estimate
-        errors = (ours.standard_error or 0.0), abs(ratio) * (theirs.standard_error or 0.0)
-        error = math.hypot(*(error / abs(theirs.estimate) for error in errors))
-        return Estimate(ratio - 1.0, error, None, "1")
+        ratio = ours.estimate / self.answer.quantities[name].estimate
+        errors = relative_error(ours), self.sampling_error(name)
+        error = abs(ratio) * math.hypot(*errors)
+        return Estimate(ratio - 1.0, error if math.isfinite(error) else None, None, "1")
 
     def table(self) -> tuple[list[str], list[list[str]]]:
         header = ["method", "setting", *(f"error {SYMBOLS[name]}" for name in STATES)]
@@ -136,7 +124,7 @@ class Accuracy:
             biases = [_percent(self.deviation(closure, name)) for name in MEANS]
             rows.append([f"averaging, {closure}", *5 * [""], *biases, ""])
             for name in self.errors:
-                size = abs(self.total_deviation(closure, name).estimate)
+                size = abs(self.deviation(closure, name).estimate)
                 seconds = duration(answer["seconds"])
                 rows[-1] += [seconds if size <= limit else "never" for limit in LIMITS]
         return header, rows
@@ -147,11 +135,15 @@ class Accuracy:
         return [
             row.method.family,
             row.method.setting(self.scene) + (" (brief run)" if row.method.brief else ""),
-            *(_number(row.strong[name], ".1e") for name in STATES),
-            f"{_number(order, '.2f')} ({row.method.order})",
+            *(number(row.strong[name], 2) for name in STATES),
+            f"{number(order, 3)} ({row.method.order})",
             *(_percent(row.bias.get(name)) for name in MEANS),
-            _number(1e6 * row.seconds_per_unit, ".3g"),
-            *(reached(error, limit) if error else "—" for error in errors for limit in LIMITS),
+            number(1e6 * row.seconds_per_unit, 3),
+            *(
+                reached(error, limit) if error else NOT_KNOWN
+                for error in errors
+                for limit in LIMITS
+            ),
         ]
 
     def sentences(self) -> list[str]:
@@ -181,28 +173,24 @@ class Accuracy:
 
     def verdicts(self) -> list[str]:
         """Whether the circuit's default step keeps every bias below 1 %, and which step does."""
-        fixed = [
+        rows = [
             row
             for row in self.rows
-            if row.method.engine == "circuit"
-            and row.method.source == "external"
-            and row.method.scheme == "trapezoidal"
+            if row.bias and (row.method.source, row.method.scheme) == ("external", "trapezoidal")
         ]
-        default = [row for row in fixed if row.method.refinement == 1]
         lines = [
             f"{row.method.family}: the circuit's default step: {bias_verdict(row)}"
-            for row in default
-            if row.bias
+            for row in rows
+            if row.method.refinement == 1
         ]
         # A brief run misses rare events, such as jumps between wells, and so does its error bar.
-        below = [
-            row
-            for row in fixed
-            if row.bias and not row.method.brief and set(_verdicts(row).values()) == {"below"}
+        steps = [
+            row.method.step(self.scene)
+            for row in rows
+            if not row.method.brief and {*map(_verdict, row.bias.values())} == {"below"}
         ]
-        if below:
-            step = max(row.method.step(self.scene) for row in below)
-            return [*lines, f"longest step with every bias shown to be below 1 %: {step:g} s"]
+        if steps:
+            return [*lines, f"longest step with every bias shown to be below 1 %: {max(steps):g} s"]
         return [
             *lines,
             "this run is too short to show that any step keeps every bias below 1 %: raise "
@@ -225,15 +213,13 @@ class Accuracy:
                 **self.answer.to_dict(),
                 "method": self.reference.family,
                 "errors": self.errors,
-                "wall_seconds_per_second": self.run.cost,
             },
             "needed_time": self.needed_time(),
             "methods": [self._entry(row) for row in self.rows],
             "closures": {
                 closure: {
                     "seconds": answer["seconds"],
-                    "bias": {name: self.deviation(closure, name) for name in MEANS},
-                    "deviation": {n: self.total_deviation(closure, n) for n in self.errors},
+                    "bias": {n: self.deviation(closure, n) for n in (*MEANS, *self.errors)},
                 }
                 for closure, answer in self.closures.items()
             },
@@ -252,7 +238,6 @@ class Accuracy:
             "simulated_time": row.simulated_time,
             "seconds_per_unit": row.seconds_per_unit,
             "seconds_to_one_percent": row.seconds_per_unit * self.needed_time(),
-            "wall_seconds_per_second": row.run.cost if row.run else math.nan,
         }
 
 
@@ -292,30 +277,24 @@ def accuracy(
 def bias_verdict(row: MethodRow) -> str:
     """Each bias of a row with its verdict against 1 %, as text."""
     return ", ".join(
-        f"{SYMBOLS[name]} {_percent(row.bias[name])} ({verdict})"
-        for name, verdict in _verdicts(row).items()
+        f"{SYMBOLS[name]} {_percent(bias)} ({_verdict(bias)})" for name, bias in row.bias.items()
     )
 
 
-def _verdicts(row):
-    """{mean: "below" or "above" 1 % beyond chance, or "not resolved"}."""
-    verdicts = {}
-    for name, bias in row.bias.items():
-        size, error = abs(bias.estimate), bias.standard_error
-        margin = math.inf if error is None else SIGNIFICANT_SIGMAS * error
-        verdicts[name] = "not resolved"
-        if size + margin <= WANTED_BIAS:
-            verdicts[name] = "below"
-        elif size - margin > WANTED_BIAS:
-            verdicts[name] = "above"
-    return verdicts
+def _verdict(bias):
+    """ "below" or "above" 1 % beyond chance, or "not resolved"."""
+    size, error = abs(bias.estimate), bias.standard_error
+    margin = math.inf if error is None else SIGNIFICANT_SIGMAS * error
+    if size + margin <= WANTED_BIAS:
+        return "below"
+    return "above" if size - margin > WANTED_BIAS else "not resolved"
 
 
 def reached(error: Any, limit: float) -> str:
-    """The wall time to a `TotalError`, as text."""
-    seconds = error.seconds_to(limit)
+    """The wall time to a `TotalError`, if there is one, as text."""
+    seconds = error.seconds_to(limit) if error else math.nan
     if not math.isfinite(seconds):
-        return "never" if math.isinf(seconds) else "—"
+        return "never" if math.isinf(seconds) else NOT_KNOWN
     return duration(seconds) + ("" if error.is_shown(limit) else " (?)")
 
 
@@ -327,13 +306,9 @@ def duration(seconds: float) -> str:
     return f"{float(f'{1e6 * seconds:.2g}'):g} µs"
 
 
-def _number(value, form):
-    return format(value, form) if math.isfinite(value) else "—"
-
-
 def _percent(estimate):
     if estimate is None or not math.isfinite(estimate.estimate):
-        return "—"
+        return NOT_KNOWN
     if is_reference(estimate):
         return "reference"
     if estimate.standard_error is None:

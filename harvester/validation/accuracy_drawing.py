@@ -27,6 +27,9 @@ NAME: dict[str, Any] = {"fontsize": 6.5, "zorder": 5, "textcoords": "offset poin
 NAME["bbox"] = {"facecolor": "white", "alpha": 0.6, "pad": 0.3, "lw": 0}
 
 
+SAMPLING: dict[str, Any] = {"label": "sampling error alone", "colour": "0.3", "line": "-."}
+
+
 def draw(study: Any) -> Figure:
     """Draw an `Accuracy`: strong error and bias over run time, total error over wall time."""
     marks = styles(row.method.group for row in study.rows)
@@ -121,12 +124,8 @@ def _biases(study, name, marks):
     series += [drawn for _, drawn in named]
     seconds = [drawn.x[0] for drawn in series] or [1.0]
     level = np.full(2, 100.0 * study.sampling_error(name))
-    series.append(_sampling(np.array([min(seconds), max(seconds)]), level))
+    series.append(Series(np.array([min(seconds), max(seconds)]), level, **SAMPLING))
     return _panel(series, _run_time(study), "|bias| [%]", f"bias of {SYMBOLS[name]}", named)
-
-
-def _sampling(x, y):
-    return Series(x, y, "sampling error alone", "0.3", "-.", width=0.9)
 
 
 def _defaults(rows):
@@ -146,7 +145,7 @@ def _total_errors(study, name, marks):
     times += [answer["seconds"] for answer in study.closures.values()]
     times = [seconds for seconds in times if math.isfinite(seconds) and seconds > 0.0] or [1.0]
     seconds = np.geomspace(min(times), max(times), POINTS)
-    named = _closures(study, lambda closure: study.total_deviation(closure, name))
+    named = _closures(study, lambda closure: study.deviation(closure, name))
     series = [drawn for _, drawn in named]
     for row in rows:
         error, colour = row.errors[name], marks[row.method.group][0]
@@ -161,6 +160,6 @@ def _total_errors(study, name, marks):
     # What is below the smallest limit is of no interest.
     sampling = 100.0 * study.errors[name].after(seconds)
     shown = sampling >= 100.0 * LIMITS[-1]
-    series.append(_sampling(seconds[shown], sampling[shown]))
+    series.append(Series(seconds[shown], sampling[shown], **SAMPLING))
     title = f"√(bias² + sampling variance) of {SYMBOLS[name]}"
     return _panel(series, "wall time of one core [s]", "total error [%]", title, named)

@@ -100,9 +100,7 @@ class Timed:
     """
 
     def __init__(self, scene: Scene, answers: Sequence[dict[str, Any]]) -> None:
-        self.moments: list[Moments] = [
-            moments for answer in answers for moments in answer["moments"]
-        ]
+        self.moments: list[Moments] = [m for answer in answers for m in answer["moments"]]
         self.measured_time = _measured_time(self.moments)
         self.simulated_time = sum(moments.time_reached for moments in self.moments)
         self.seconds = sum(answer["seconds"] for answer in answers)
@@ -152,12 +150,6 @@ class TotalError:
             return math.nan
         return math.sqrt(max(self.bias.estimate**2 - error**2, 0.0))
 
-    @property
-    def largest_bias(self) -> float:
-        """Upper bound of |bias|: two standard errors above it; infinite without an error bar."""
-        error = self.bias.standard_error
-        return math.inf if error is None else abs(self.bias.estimate) + BIAS_SIGMAS * error
-
     def after(self, seconds: float | np.ndarray) -> float | np.ndarray:
         """Total error after a wall time; `seconds` a float or an array of any shape."""
         return np.sqrt(self.resolved_bias**2 + self.scatter**2 * self.cost / seconds)
@@ -170,8 +162,9 @@ class TotalError:
         return self.scatter**2 * self.cost / left if left > 0.0 else math.inf
 
     def is_shown(self, limit: float) -> bool:
-        """Whether even the upper bound of the bias is within this error."""
-        return self.largest_bias <= limit
+        """Whether |bias| is within this error even `BIAS_SIGMAS` standard errors above it."""
+        error = self.bias.standard_error
+        return error is not None and abs(self.bias.estimate) + BIAS_SIGMAS * error <= limit
 
     def to_dict(self) -> dict[str, Any]:
         """Plain values for JSON, with what is read off at each of `LIMITS`."""
@@ -179,6 +172,7 @@ class TotalError:
             "bias": self.bias.estimate,
             "standard_error": self.bias.standard_error,
             "scatter": self.scatter,
+            "wall_seconds_per_second": self.cost,
             "seconds_to": {f"{limit:g}": self.seconds_to(limit) for limit in LIMITS},
             "shown": {f"{limit:g}": self.is_shown(limit) for limit in LIMITS},
         }
@@ -321,7 +315,6 @@ def measure(
         scene=scene,
         rows=rows,
         reference=reference,
-        run=exact,
         answer=answer,
         errors={name: TotalError(none, spread, exact.cost) for name, spread in scatter.items()},
         closures=averaged,

@@ -86,7 +86,6 @@ class Surfaces(_PaperMap):
         return [f"{self.name}: orbits of Eq. 13 up to H − U(0) = {HIGHEST:g}; no noise enters"]
 
     def figure(self) -> "Figure":
-        """Both surfaces, drawn as the paper draws them."""
         return drawn(_draw_surfaces, self)
 
 
@@ -152,7 +151,6 @@ class OrbitVoltages(_PaperMap):
         ]
 
     def figure(self) -> "Figure":
-        """Outlines of the voltages, drawn as the paper draws them."""
         return drawn(_draw_orbit_voltages, self)
 
 
@@ -229,14 +227,11 @@ def _solved(orbits, k):
     """(ω, lowest, highest V) of Eq. 4b along one orbit, harmonic by harmonic."""
     edge, frequency, added = orbits.edge, orbits.frequency[k], orbits.added[k]
     period = 2.0 * np.pi / frequency
-
-    def motion(t, state):
-        x, v = state
-        return [v, -edge.slope(x, added)]
-
-    times = period * np.arange(POINTS) / POINTS
-    start = [orbits.right[k], 0.0]
-    path = solve_ivp(motion, (0.0, period), start, t_eval=times, rtol=1e-9, atol=1e-10)
+    path = solve_ivp(
+        lambda _, state: [state[1], -edge.slope(state[0], added)],
+        (0.0, period), [orbits.right[k], 0.0],
+        t_eval=period * np.arange(POINTS) / POINTS, rtol=1e-9, atol=1e-10,
+    )  # fmt: skip
     # V_n = iω_n X_n/(λ + iω_n).
     rates = 2j * np.pi * np.fft.rfftfreq(POINTS, period / POINTS)
     shares = rates / (edge.system.transducer.decay_rate() + rates)

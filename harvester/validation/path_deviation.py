@@ -207,14 +207,13 @@ def _typical_start(scene):
     # A mass that is pressed against a stopper is never free: the last point is taken.
     free = np.flatnonzero((last.displacement > low) & (last.displacement < high))
     last_free = free[-1] if free.size else -1
-    start = {
-        "start.displacement": float(last.displacement[last_free] * scales.displacement),
-        "start.velocity": float(last.velocity[last_free] * scales.displacement),
-    }
     # A coil with inductance has a current, which no scene can start with.
-    if isinstance(scene.transducer, PiezoTable):
-        start["start.voltage"] = float(last.voltage[last_free] * scales.voltage)
-    return start
+    names = STATES if isinstance(scene.transducer, PiezoTable) else STATES[:2]
+    units = (scales.displacement, scales.displacement, scales.voltage)
+    return {
+        f"start.{name}": float(getattr(last, name)[last_free] * unit)
+        for name, unit in zip(names, units, strict=False)
+    }
 
 
 def _paths(scene, engine, step):

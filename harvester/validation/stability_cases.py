@@ -14,7 +14,7 @@ from typing import Any
 from harvester.averaging.closures import NOISE_CLOSURES, average
 from harvester.averaging.of_scene import averaged_device, estimates_of
 from harvester.base.errors import SceneError
-from harvester.base.serialising import fields_of, key
+from harvester.base.serialising import key
 from harvester.device import timescales
 from harvester.device.hertz import HERTZ_EXPONENT
 from harvester.device.piezo import PiezoTable
@@ -120,10 +120,9 @@ def _stoppers(scene, values):
             )
         values = {"stiffness": STIFFNESS, "gap_in_wells": GAP, "restitution": RESTITUTION, **values}
     length, mass = _units(scene)
-    tables = scene.to_tables().get("stoppers", {})
-    new = {name: values[name] for name in values if name != "gap_in_wells"}
-    if "gap_in_wells" in values:
-        new["gap"] = values["gap_in_wells"] * _reference_length(scene) * length
+    tables, new = scene.to_tables().get("stoppers", {}), dict(values)
+    if "gap_in_wells" in new:
+        new["gap"] = new.pop("gap_in_wells") * _reference_length(scene) * length
     changed_tables = []
     for table in tables if isinstance(tables, list) else [tables]:
         changed_tables.append({**table, **new})
@@ -237,10 +236,6 @@ class CaseAnswer:
     step: float | None = field(default=None, metadata=key("longest_step"))
     settled: bool = True
     path: PathDeviation | None = None
-
-    def to_dict(self) -> dict:
-        content = fields_of(self)
-        return {**content, "path": content["path"] or {}}
 
 
 def answer(scene: Scene, method: str, step: str | float, report: Callable) -> CaseAnswer:

@@ -254,12 +254,13 @@ def measured_page(rows: Sequence[TruthRow], date: str) -> str:
             parts.append(_listed([*remarks, f"Predicted: {summary(device_rows)}"]))
             parts.append(markdown_table(_points(device_rows)))
     cures = {entry["device"]: entry["cure"] for entry in known["set"]}
-    lines = [
-        [row.truth.device, row.truth.title, row.method, _expected(row.truth),
-         "" if row.reason else f"{row.value:.2%}", row.verdict]
-        for name in cures
-        for row in by_device.get(name, ())
-    ]  # fmt: skip
+    lines = []
+    for row in (row for name in cures for row in by_device.get(name, ())):
+        # An exact share, or no more than what others published.
+        exact, most = row.truth.exact, row.truth.allowance
+        expected = f"{exact:.0%}" if exact else f"{most:.2%} and below"
+        value = "" if row.reason else f"{row.value:.2%}"
+        lines.append([row.truth.device, row.truth.title, row.method, expected, value, row.verdict])
     if lines:
         head = ["set", "result", "by", "expected", "ours", "verdict"]
         parts += [
@@ -275,11 +276,6 @@ def measured_page(rows: Sequence[TruthRow], date: str) -> str:
         known["page"]["opening"],
         *parts,
     )
-
-
-def _expected(truth):
-    """An exact share, or no more than what others published."""
-    return f"{truth.exact:.0%}" if truth.exact else f"{truth.allowance:.2%} and below"
 
 
 def _points(rows):

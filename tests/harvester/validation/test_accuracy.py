@@ -346,17 +346,18 @@ def test_a_rectifier_is_timed_by_its_output_power(pool):
 
 @pytest.mark.slow
 def test_the_figure_has_few_entries_names_its_lines_and_ends_at_the_data(steady):
-    """All groups of methods, and averaging, make eight entries at most."""
+    """All groups of methods, and the sampling error, make eight entries at most."""
     groups = dict.fromkeys(each.group for each in (*METHODS, *COMPILED_METHODS))
     assert len(groups) + 1 <= 8
     with style.context(figures.STYLE):
         figure = draw(steady)
     labels = [text.get_text() for text in figure.legends[0].get_texts()]
-    assert labels == ["Monte Carlo, Heun", "the reference", "averaging"]
+    assert labels == ["Monte Carlo, Heun", "the reference", "sampling error alone"]
     strong, *panels = figure.axes
+    assert len(panels) == len(MEANS) + len(steady.errors)
+    for axes in panels:
+        assert axes.get_legend_handles_labels()[1] == ["sampling error alone"]
     texts = [text.get_text() for axes in panels for text in axes.texts]
-    assert texts.count("sampling error of the run") == len(MEANS)
-    assert texts.count("sampling error alone\n(reference)") == len(steady.errors)
     # Averaging is a point at its own run time, with its name.
     assert texts.count("consistent") == len(panels)
     errors = [row.strong["displacement"] for row in steady.rows]
